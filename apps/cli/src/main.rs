@@ -1,0 +1,2 @@
+//! The blindaug command line.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Relative inverse depth from the parallax of a moving camera.

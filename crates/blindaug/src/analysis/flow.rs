@@ -1,0 +1,1 @@
+//! Dense optical flow by dense inverse search and variational refinement.

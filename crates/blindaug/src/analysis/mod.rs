@@ -1,0 +1,4 @@
+//! What the frames themselves say of the scene: optical flow, and relative inverse depth from parallax.
+
+pub mod depth;
+pub mod flow;

@@ -1,0 +1,1 @@
+//! The virtual layer over the frame.

@@ -1,0 +1,164 @@
+use super::{Method, check};
+use crate::Result;
+use serde::{Deserialize, Serialize};
+
+/// What the inverse depths of a defocus model, or of a depth map, are measured in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthKind {
+    /// 1 / m along the view axis.
+    Metric,
+    /// Relative inverse depth: of unknown scale and offset, larger is nearer.
+    Relative,
+}
+
+/// The std of the Gaussian that is equivalent to the defocus blur, over inverse depth d.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "model", rename_all = "snake_case")]
+pub enum DefocusCurve {
+    /// `sigma_px_at_infinity * |1 - d / focus_inverse_depth|`.
+    ThinLens {
+        /// Blur at d = 0, px.
+        sigma_px_at_infinity: f32,
+        /// The inverse depth that is in focus, > 0.
+        focus_inverse_depth: f32,
+        /// 95 % confidence intervals of the two.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        interval: Option<ThinLensInterval>,
+    },
+    /// `max(a d^2 + b d + c, 0)`, the paper's model, px; constant outside the range it was fitted on.
+    Quadratic {
+        /// px per squared inverse depth.
+        a: f32,
+        /// px per inverse depth.
+        b: f32,
+        /// px.
+        c: f32,
+        /// The inverse depths that were seen, low and high.
+        inverse_depth_range: [f32; 2],
+    },
+}
+
+/// 95 % confidence intervals, low and high.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ThinLensInterval {
+    /// px.
+    pub sigma_px_at_infinity: [f32; 2],
+    /// In the model's inverse depth.
+    pub focus_inverse_depth: [f32; 2],
+}
+
+/// Defocus blur over inverse depth.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DefocusModel {
+    /// The curve.
+    #[serde(flatten)]
+    pub curve: DefocusCurve,
+    /// What its inverse depth is measured in.
+    pub depth_kind: DepthKind,
+    /// How it was estimated.
+    pub method: Method,
+    /// How many tiles (spectral) or pixels (removal) it rests on.
+    pub samples: u64,
+}
+
+impl DefocusModel {
+    /// The std of the equivalent Gaussian at inverse depth `d` (of [`DefocusModel::depth_kind`]), px of the capture's width.
+    #[inline]
+    pub fn sigma_px(&self, d: f32) -> f32 {
+        match self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } => {
+                sigma_px_at_infinity * (1.0 - d / focus_inverse_depth).abs()
+            }
+            DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] } => {
+                let d = d.clamp(lo, hi);
+                ((a * d + b) * d + c).max(0.0)
+            }
+        }
+    }
+
+    /// The same lens for frames `s` times as wide.
+    pub(super) fn scaled(mut self, s: f32) -> Self {
+        match &mut self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity, interval, .. } => {
+                *sigma_px_at_infinity *= s;
+                if let Some(i) = interval {
+                    i.sigma_px_at_infinity = i.sigma_px_at_infinity.map(|v| v * s);
+                }
+            }
+            DefocusCurve::Quadratic { a, b, c, .. } => [a, b, c].into_iter().for_each(|v| *v *= s),
+        }
+        self
+    }
+
+    /// The same lens over metric inverse depth, if relative inverse depth is `scale / Z + offset`.
+    ///
+    /// A focus that lies beyond infinity, as an offset can make it, is put very far away.
+    pub fn to_metric(mut self, scale: f32, offset: f32) -> Self {
+        match &mut self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval } => {
+                // k |f - (scale m + offset)| = k scale |(f - offset) / scale - m|
+                let k = *sigma_px_at_infinity / *focus_inverse_depth;
+                let focus = ((*focus_inverse_depth - offset) / scale).max(1e-6);
+                *focus_inverse_depth = focus;
+                *sigma_px_at_infinity = k * scale * focus;
+                *interval = None;
+            }
+            DefocusCurve::Quadratic { a, b, c, inverse_depth_range } => {
+                *c += *b * offset + *a * offset * offset;
+                *b = scale * (*b + 2.0 * *a * offset);
+                *a *= scale * scale;
+                *inverse_depth_range = inverse_depth_range.map(|d| (d - offset) / scale);
+            }
+        }
+        self.depth_kind = DepthKind::Metric;
+        self
+    }
+
+    pub(super) fn validate(&self) -> Result<()> {
+        match self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
+                check(s.is_finite() && s >= 0.0, "defocus.sigma_px_at_infinity must be a number >= 0")?;
+                check(f.is_finite() && f > 0.0, "defocus.focus_inverse_depth must be a number > 0")
+            }
+            DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] } => {
+                check([a, b, c].iter().all(|v| v.is_finite()), "defocus.a, b and c must be finite numbers")?;
+                check(
+                    lo.is_finite() && hi.is_finite() && lo <= hi,
+                    "defocus.inverse_depth_range must be two rising numbers",
+                )
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model(curve: DefocusCurve) -> DefocusModel {
+        DefocusModel { curve, depth_kind: DepthKind::Relative, method: Method::Given, samples: 0 }
+    }
+
+    #[test]
+    fn changing_units_leaves_the_blur_of_a_point_as_it_is() {
+        let (scale, offset) = (0.4, 0.05);
+        for curve in [
+            DefocusCurve::ThinLens { sigma_px_at_infinity: 3.0, focus_inverse_depth: 0.3, interval: None },
+            DefocusCurve::Quadratic { a: 9.0, b: -5.0, c: 2.0, inverse_depth_range: [0.06, 0.9] },
+        ] {
+            let (relative, metric) = (model(curve), model(curve).to_metric(scale, offset));
+            for z in [0.5, 1.0, 2.0, 5.0] {
+                let (want, got) = (relative.sigma_px(scale / z + offset), metric.sigma_px(1.0 / z));
+                assert!((want - got).abs() < 1e-4, "{curve:?} at {z} m: {want} {got}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_quadratic_is_not_extrapolated_and_not_negative() {
+        let m = model(DefocusCurve::Quadratic { a: 4.0, b: -4.0, c: 0.5, inverse_depth_range: [0.0, 1.0] });
+        assert_eq!(m.sigma_px(5.0), m.sigma_px(1.0));
+        assert_eq!(m.sigma_px(0.5), 0.0);
+    }
+}

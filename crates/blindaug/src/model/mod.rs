@@ -1,0 +1,287 @@
+//! The camera model: a small file that says how this camera distorts what it films.
+
+mod defocus;
+mod motion_blur;
+mod noise;
+
+pub use defocus::{DefocusCurve, DefocusModel, DepthKind, ThinLensInterval};
+pub use motion_blur::{ExposureFraction, MotionBlurModel};
+pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
+
+use crate::{Error, Result, Transfer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
+
+/// How a part of the model was estimated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Noise from motion-compensated differences of frames.
+    Temporal,
+    /// Noise from the flattest parts of single frames.
+    Spatial,
+    /// The Whittle likelihood of local spectra.
+    Spectral,
+    /// Comparison with clean frames, given or restored.
+    Removal,
+    /// Known beforehand, not estimated.
+    Given,
+}
+
+/// The values that blur acts on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BlurSpace {
+    /// Light, as in a real lens and shutter.
+    #[default]
+    Linear,
+    /// Encoded values, as in the paper and in many engines.
+    Encoded,
+}
+
+/// What was filmed, for which the numbers in px and in fractions of a frame hold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Capture {
+    /// Width in px.
+    pub width: usize,
+    /// Height in px.
+    pub height: usize,
+    /// Frames per second; `None` where it is not known (an image sequence).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fps: Option<f64>,
+    /// How many frames gave evidence.
+    pub frames_used: usize,
+}
+
+/// A part of the model: known, or unknown for a reason that can be read.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Estimate<T> {
+    /// The estimate.
+    Known(T),
+    /// Why the footage cannot tell.
+    Unknown(String),
+}
+
+impl<T> Estimate<T> {
+    /// The estimate, if it is known.
+    pub fn known(&self) -> Option<&T> {
+        match self {
+            Self::Known(t) => Some(t),
+            Self::Unknown(_) => None,
+        }
+    }
+
+    /// Why it is unknown, if it is.
+    pub fn why_unknown(&self) -> Option<&str> {
+        match self {
+            Self::Known(_) => None,
+            Self::Unknown(why) => Some(why),
+        }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+struct Unknown {
+    unknown: String,
+}
+
+impl<T: Serialize> Serialize for Estimate<T> {
+    fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
+        match self {
+            Self::Known(t) => t.serialize(s),
+            Self::Unknown(why) => Unknown { unknown: why.clone() }.serialize(s),
+        }
+    }
+}
+
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Estimate<T> {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> std::result::Result<Self, D::Error> {
+        // Not serde's `untagged`: its messages do not say which field is missing.
+        let value = serde_json::Value::deserialize(d)?;
+        let custom = |e: serde_json::Error| serde::de::Error::custom(e);
+        Ok(if value.get("unknown").is_some() {
+            Self::Unknown(serde_json::from_value::<Unknown>(value).map_err(custom)?.unknown)
+        } else {
+            Self::Known(serde_json::from_value(value).map_err(custom)?)
+        })
+    }
+}
+
+/// Everything that is known of a camera's noise, motion blur and defocus.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraModel {
+    format: Format,
+    version: Version,
+    /// What was filmed.
+    pub capture: Capture,
+    /// The curve between the light that blur acts on and the frame's values.
+    pub transfer: Transfer,
+    /// The values that blur acts on.
+    #[serde(default)]
+    pub blur_space: BlurSpace,
+    /// Noise of the encoded frame.
+    pub noise: Estimate<NoiseModel>,
+    /// Exposure.
+    pub motion_blur: Estimate<MotionBlurModel>,
+    /// Defocus blur over inverse depth.
+    pub defocus: Estimate<DefocusModel>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+enum Format {
+    #[serde(rename = "blindaug-camera")]
+    BlindaugCamera,
+}
+
+/// The version of the file's form that this crate reads and writes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Version(u32);
+
+const VERSION: u32 = 1;
+
+impl<'de> Deserialize<'de> for Version {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> std::result::Result<Self, D::Error> {
+        match u32::deserialize(d)? {
+            VERSION => Ok(Self(VERSION)),
+            v => Err(serde::de::Error::custom(format!(
+                "it has version {v}, this program reads version {VERSION}; use a newer blindaug, or estimate again"
+            ))),
+        }
+    }
+}
+
+impl CameraModel {
+    /// A model in which nothing is known yet.
+    pub fn unknown(capture: Capture, why: &str) -> Self {
+        Self {
+            format: Format::BlindaugCamera,
+            version: Version(VERSION),
+            capture,
+            transfer: Transfer::Srgb,
+            blur_space: BlurSpace::Linear,
+            noise: Estimate::Unknown(why.into()),
+            motion_blur: Estimate::Unknown(why.into()),
+            defocus: Estimate::Unknown(why.into()),
+        }
+    }
+
+    /// Reads camera.json.
+    ///
+    /// # Errors
+    /// If the text is no JSON, of another format or version, lacks a field, or holds a number out of its range.
+    pub fn from_json(text: &str) -> Result<Self> {
+        // The head first, so that a newer file is called newer rather than malformed.
+        #[derive(Deserialize)]
+        struct Head {
+            #[serde(rename = "format")]
+            _format: Format,
+            #[serde(rename = "version")]
+            _version: Version,
+        }
+        serde_json::from_str::<Head>(text)
+            .and_then(|_| serde_json::from_str::<Self>(text))
+            .map_err(|e| Error::new(format!("not a camera model of blindaug: {e}")))
+            .and_then(|m| m.validate().map(|()| m))
+    }
+
+    /// The text of camera.json.
+    pub fn to_json(&self) -> String {
+        let mut text =
+            serde_json::to_string_pretty(self).expect("a model has only string keys and finite numbers");
+        text.push('\n');
+        text
+    }
+
+    /// Checks every number's range.
+    ///
+    /// # Errors
+    /// Names the first field that is out of its range.
+    pub fn validate(&self) -> Result<()> {
+        let Capture { width, height, fps, .. } = self.capture;
+        check(width > 0 && height > 0, "capture.width and capture.height must be at least 1 px")?;
+        check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
+        self.noise.known().map_or(Ok(()), NoiseModel::validate)?;
+        self.motion_blur.known().map_or(Ok(()), MotionBlurModel::validate)?;
+        self.defocus.known().map_or(Ok(()), DefocusModel::validate)
+    }
+
+    /// The model for frames of another width: blur in px scales with it; noise and exposure stay.
+    ///
+    /// Noise is kept per pixel of the new size, as of a camera of the same sensor quality.
+    pub fn scaled_to(&self, width: usize, height: usize) -> Self {
+        let mut m = self.clone();
+        let s = width as f32 / self.capture.width as f32;
+        if let Estimate::Known(d) = &mut m.defocus {
+            *d = d.scaled(s);
+        }
+        m.capture.width = width;
+        m.capture.height = height;
+        m
+    }
+}
+
+fn check(holds: bool, sentence: &str) -> Result<()> {
+    if holds { Ok(()) } else { Err(Error::new(sentence)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SAMPLE: &str = r#"{ "format": "blindaug-camera", "version": 1,
+      "capture": { "width": 512, "height": 512, "fps": 30.0, "frames_used": 5 },
+      "transfer": "srgb",
+      "noise": { "levels": [ { "slope": [0.01,0.01,0.02], "intercept": [0.01,0.01,0.01] },
+        { "slope": [0.01,0.01,0.02], "intercept": [0.01,0.01,0.01] }, { "slope": [0.01,0.01,0.02], "intercept": [0.01,0.01,0.01] },
+        { "slope": [0.01,0.01,0.02], "intercept": [0.01,0.01,0.01] } ], "clip": 1.0, "method": "temporal", "samples": 12345 },
+      "motion_blur": { "exposure": 0.48, "interval": [0.45, 0.51], "method": "spectral", "samples": 210 },
+      "defocus": { "model": "thin_lens", "sigma_px_at_infinity": 4.3, "focus_inverse_depth": 0.167, "depth_kind": "metric",
+        "interval": { "sigma_px_at_infinity": [4.1, 4.5], "focus_inverse_depth": [0.16, 0.17] }, "method": "spectral", "samples": 280 } }"#;
+
+    #[test]
+    fn the_contract_s_sample_round_trips() {
+        let m = CameraModel::from_json(SAMPLE).unwrap();
+        assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
+        let (a, b): (serde_json::Value, serde_json::Value) =
+            (serde_json::from_str(SAMPLE).unwrap(), serde_json::from_str(&m.to_json()).unwrap());
+        for (k, v) in a.as_object().unwrap() {
+            if k == "transfer" || k == "format" || k == "version" {
+                assert_eq!(&b[k], v);
+            }
+        }
+        assert!(b["defocus"].get("model").is_some());
+    }
+
+    #[test]
+    fn unknown_parts_round_trip() {
+        let m =
+            CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 0 }, "nothing moves");
+        assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
+        assert_eq!(m.motion_blur.why_unknown(), Some("nothing moves"));
+    }
+
+    #[test]
+    fn bad_files_are_refused_with_the_field_s_name() {
+        for (from, to, says) in [
+            (r#""version": 1"#, r#""version": 2"#, "version 2"),
+            (r#""exposure": 0.48, "#, "", "exposure"),
+            (r#""exposure": 0.48"#, r#""exposure": -0.48"#, "exposure"),
+            (r#""exposure": 0.48"#, r#""exposure": NaN"#, "not a camera model"),
+            (r#""sigma_px_at_infinity": 4.3"#, r#""sigma_px_at_infinity": -4.3"#, "sigma_px_at_infinity"),
+            (r#""sigma_px_at_infinity": 4.3"#, r#""sigma_px_at_infinity": 1e999"#, "not a camera model"),
+            (r#""intercept": [0.01,0.01,0.01]"#, r#""intercept": [0.01,0.01]"#, "not a camera model"),
+            (r#""width": 512"#, r#""width": 0"#, "width"),
+            ("blindaug-camera", "other", "other"),
+        ] {
+            assert!(SAMPLE.contains(from), "{from}");
+            let e = CameraModel::from_json(&SAMPLE.replacen(from, to, 1)).unwrap_err().to_string();
+            assert!(e.contains(says), "{e}");
+        }
+    }
+
+    #[test]
+    fn defocus_scales_with_the_width() {
+        let m = CameraModel::from_json(SAMPLE).unwrap();
+        let (a, b) = (m.defocus.known().unwrap(), m.scaled_to(1024, 1024));
+        assert_eq!(b.defocus.known().unwrap().sigma_px(0.5), 2.0 * a.sigma_px(0.5));
+    }
+}

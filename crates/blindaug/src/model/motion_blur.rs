@@ -1,0 +1,40 @@
+use super::{Method, check};
+use crate::Result;
+use serde::{Deserialize, Serialize};
+
+/// The fraction of the frame interval that the shutter is open, in [0, 1]: the shutter angle over 360 degrees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
+pub struct ExposureFraction(pub f32);
+
+impl ExposureFraction {
+    /// The shutter angle in degrees.
+    pub fn shutter_angle(self) -> f32 {
+        360.0 * self.0
+    }
+
+    /// The exposure time in seconds at this frame rate.
+    pub fn seconds(self, fps: f64) -> f64 {
+        f64::from(self.0) / fps
+    }
+}
+
+/// How long the shutter is open.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MotionBlurModel {
+    /// The estimate.
+    pub exposure: ExposureFraction,
+    /// Its 95 % confidence interval.
+    pub interval: [f32; 2],
+    /// How it was estimated.
+    pub method: Method,
+    /// How many tiles (spectral) or pixels (removal) it rests on.
+    pub samples: u64,
+}
+
+impl MotionBlurModel {
+    pub(super) fn validate(&self) -> Result<()> {
+        check((0.0..=1.0).contains(&self.exposure.0), "motion_blur.exposure must lie in [0, 1]")?;
+        let [lo, hi] = self.interval;
+        check(0.0 <= lo && lo <= hi && hi.is_finite(), "motion_blur.interval must be two rising numbers >= 0")
+    }
+}

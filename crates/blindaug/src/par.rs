@@ -1,0 +1,24 @@
+//! Loops over rows or items: shared among rayon's threads with the feature `threads`, plain loops without it.
+//! Each item is computed by itself, so results do not depend on the number of threads.
+
+#[cfg(feature = "threads")]
+use rayon::prelude::*;
+
+/// Calls `f(y, row)` for each row of `width` elements of `data`.
+pub(crate) fn for_each_row<T: Send>(data: &mut [T], width: usize, f: impl Fn(usize, &mut [T]) + Sync + Send) {
+    if width == 0 {
+        return;
+    }
+    #[cfg(feature = "threads")]
+    data.par_chunks_mut(width).enumerate().for_each(|(y, row)| f(y, row));
+    #[cfg(not(feature = "threads"))]
+    data.chunks_mut(width).enumerate().for_each(|(y, row)| f(y, row));
+}
+
+/// `[f(0), f(1), .., f(n - 1)]`, in that order.
+pub(crate) fn map<R: Send>(n: usize, f: impl Fn(usize) -> R + Sync + Send) -> Vec<R> {
+    #[cfg(feature = "threads")]
+    return (0..n).into_par_iter().map(f).collect();
+    #[cfg(not(feature = "threads"))]
+    (0..n).map(f).collect()
+}

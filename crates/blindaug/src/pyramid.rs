@@ -1,0 +1,125 @@
+//! Gaussian and Laplacian pyramids (Burt & Adelson 1983), and pull-push filling (Gortler et al. 1996).
+
+use crate::{Pixel, Plane, Raster, filter};
+
+/// The right half of the binomial kernel [1 4 6 4 1] / 16.
+const BINOMIAL: [f32; 3] = [6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
+
+/// Half the size, rounded up: smoothed with the binomial kernel, every second pixel.
+pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
+    let smooth = filter::convolve(src, &BINOMIAL);
+    Raster::from_fn(src.width().div_ceil(2), src.height().div_ceil(2), |x, y| smooth.at(2 * x, 2 * y))
+}
+
+/// Twice the size, to exactly `width` x `height`, by the binomial kernel; `src` is `downsample`'s size of it.
+pub fn upsample<P: Pixel>(src: &Raster<P>, width: usize, height: usize) -> Raster<P> {
+    // Even pixels see (1 6 1) / 8 of the coarse ones, odd ones (1 1) / 2: first along rows, then along columns.
+    let mid = |a: P, b: P| P::lerp(a, b, 0.5);
+    let even = |l: P, c: P, r: P| P::lerp(c, mid(l, r), 0.25);
+    let wide = Raster::from_fn(width, src.height(), |x, y| {
+        let (row, i) = (src.row(y), x / 2);
+        let next = row[(i + 1).min(src.width() - 1)];
+        if x % 2 == 1 { mid(row[i], next) } else { even(row[i.saturating_sub(1)], row[i], next) }
+    });
+    Raster::from_fn(width, height, |x, y| {
+        let i = y / 2;
+        let next = wide.at(x, (i + 1).min(src.height() - 1));
+        let this = wide.at(x, i);
+        if y % 2 == 1 { mid(this, next) } else { even(wide.at(x, i.saturating_sub(1)), this, next) }
+    })
+}
+
+/// The `levels` band-pass levels of a Laplacian pyramid, finest first, and the low-pass that is left.
+pub fn laplacian<P: Pixel>(src: &Raster<P>, levels: usize) -> (Vec<Raster<P>>, Raster<P>) {
+    let mut bands = Vec::with_capacity(levels);
+    let mut current = src.clone();
+    for _ in 0..levels {
+        let low = downsample(&current);
+        let predicted = upsample(&low, current.width(), current.height());
+        for (v, p) in P::flat_mut(current.data_mut()).iter_mut().zip(P::flat(predicted.data())) {
+            *v -= p;
+        }
+        bands.push(current);
+        current = low;
+    }
+    (bands, current)
+}
+
+/// The image whose Laplacian pyramid has these band-pass levels (finest first) and this low-pass.
+pub fn collapse<P: Pixel>(bands: Vec<Raster<P>>, low: Raster<P>) -> Raster<P> {
+    bands.into_iter().rev().fold(low, |low, mut band| {
+        let predicted = upsample(&low, band.width(), band.height());
+        for (v, p) in P::flat_mut(band.data_mut()).iter_mut().zip(P::flat(predicted.data())) {
+            *v += p;
+        }
+        band
+    })
+}
+
+/// Fills the pixels of weight 0 from those around them, smoothly, at the scale of the hole; pixels of weight 1 keep
+/// their value, others are mixed with what their surroundings say. Where every weight is 0, the result is 0.
+pub fn pull_push<P: Pixel>(values: &Raster<P>, weight: &Plane) -> Raster<P> {
+    let (w, h) = values.size();
+    // Pull: weighted means at half the size, until everything is covered.
+    if weight.data().iter().all(|&a| a >= 1.0) || w * h <= 1 {
+        return values.clone();
+    }
+    let c = P::CHANNELS;
+    let mut weighted = values.clone();
+    for (i, v) in P::flat_mut(weighted.data_mut()).iter_mut().enumerate() {
+        let a = weight.data()[i / c];
+        *v = if a > 0.0 { *v * a } else { 0.0 };
+    }
+    let (mut mean, coverage) = (downsample(&weighted), downsample(weight));
+    for (i, v) in P::flat_mut(mean.data_mut()).iter_mut().enumerate() {
+        let a = coverage.data()[i / c];
+        *v = if a > 1e-6 { *v / a } else { 0.0 };
+    }
+    // A coarse pixel that saw a few fine ones knows its value; what it has not seen, the next level fills.
+    let confidence = coverage.map(|a| if a > 1e-6 { (4.0 * a).min(1.0) } else { 0.0 });
+    let filled = upsample(&pull_push(&mean, &confidence), w, h);
+    Raster::from_fn(w, h, |x, y| {
+        let a = weight.at(x, y).clamp(0.0, 1.0);
+        if a > 0.0 { P::lerp(filled.at(x, y), values.at(x, y), a) } else { filled.at(x, y) }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texture(w: usize, h: usize) -> Raster<[f32; 3]> {
+        Raster::from_fn(w, h, |x, y| [((x * 7 + y * 13) % 11) as f32, ((x * y) % 5) as f32, (x + y) as f32])
+    }
+
+    #[test]
+    fn collapse_inverts_laplacian_at_any_size() {
+        for (w, h) in [(64, 48), (37, 21), (5, 1), (1, 1), (2, 3)] {
+            let t = texture(w, h);
+            let (bands, low) = laplacian(&t, 4);
+            for (a, b) in collapse(bands, low).data().iter().flatten().zip(t.data().iter().flatten()) {
+                assert!((a - b).abs() < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn bands_of_a_constant_are_zero() {
+        let (bands, low) = laplacian(&Plane::filled(40, 30, 3.0), 4);
+        assert!(bands.iter().flat_map(|b| b.data()).all(|v| v.abs() < 1e-5));
+        assert!(low.data().iter().all(|v| (v - 3.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn pull_push_keeps_what_is_known_and_continues_it() {
+        let w = Plane::from_fn(40, 30, |x, _| if x < 12 { 1.0 } else { 0.0 });
+        let v = Plane::from_fn(40, 30, |x, y| if x < 12 { 5.0 + 0.1 * y as f32 } else { f32::NAN });
+        let f = pull_push(&v, &w);
+        for y in 0..30 {
+            assert_eq!(f.at(3, y), v.at(3, y));
+            assert!((5.0..=8.0).contains(&f.at(39, y)), "{}", f.at(39, y));
+        }
+        assert!((f.at(12, 15) - 6.5).abs() < 0.3);
+        assert!(pull_push(&v, &Plane::filled(40, 30, 0.0)).data().iter().all(|&v| v == 0.0));
+    }
+}

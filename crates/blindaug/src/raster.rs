@@ -1,0 +1,200 @@
+//! Rectangles of values: images, depth, flow.
+
+use crate::{Error, Result, par};
+
+/// A `width` x `height` rectangle of values, row by row from the top left; pixel centres are at integer coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Raster<T> {
+    width: usize,
+    height: usize,
+    data: Vec<T>,
+}
+
+/// One value per pixel.
+pub type Plane = Raster<f32>;
+
+/// Optical flow: displacement of each pixel to the next frame, px per frame interval, x right, y down.
+/// NaN where it is unknown (occluded, or the match failed).
+pub type Flow = Raster<[f32; 2]>;
+
+impl<T> Raster<T> {
+    /// Takes `width * height` values, row by row.
+    ///
+    /// # Errors
+    /// If their number is another one.
+    pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Result<Self> {
+        if data.len() != width * height {
+            return Err(Error::new(format!("{} values do not fill {width} x {height} pixels", data.len())));
+        }
+        Ok(Self { width, height, data })
+    }
+
+    /// Width in px.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height in px.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// (width, height) in px.
+    pub fn size(&self) -> (usize, usize) {
+        (self.width, self.height)
+    }
+
+    /// All values, row by row.
+    pub fn data(&self) -> &[T] {
+        &self.data
+    }
+
+    /// All values, row by row.
+    pub fn data_mut(&mut self) -> &mut [T] {
+        &mut self.data
+    }
+
+    /// The values, row by row.
+    pub fn into_vec(self) -> Vec<T> {
+        self.data
+    }
+
+    /// Row `y`.
+    pub fn row(&self, y: usize) -> &[T] {
+        &self.data[y * self.width..][..self.width]
+    }
+
+    /// Row `y`.
+    pub fn row_mut(&mut self, y: usize) -> &mut [T] {
+        &mut self.data[y * self.width..][..self.width]
+    }
+}
+
+impl<T: Copy + Send + Sync> Raster<T> {
+    /// `value` everywhere.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self { width, height, data: vec![value; width * height] }
+    }
+
+    /// `f(x, y)` for each pixel, rows in parallel.
+    pub fn from_fn(width: usize, height: usize, f: impl Fn(usize, usize) -> T + Sync) -> Self
+    where
+        T: Default,
+    {
+        let mut data = vec![T::default(); width * height];
+        par::for_each_row(&mut data, width, |y, row| {
+            for (x, v) in row.iter_mut().enumerate() {
+                *v = f(x, y);
+            }
+        });
+        Self { width, height, data }
+    }
+
+    /// The value at (x, y), which must lie inside.
+    #[inline]
+    pub fn at(&self, x: usize, y: usize) -> T {
+        self.data[y * self.width + x]
+    }
+
+    /// The value at the pixel inside that is nearest to (x, y).
+    #[inline]
+    pub fn at_clamped(&self, x: isize, y: isize) -> T {
+        let x = x.clamp(0, self.width as isize - 1) as usize;
+        let y = y.clamp(0, self.height as isize - 1) as usize;
+        self.data[y * self.width + x]
+    }
+
+    /// `f` of each value, rows in parallel.
+    pub fn map<U: Copy + Default + Send + Sync>(&self, f: impl Fn(T) -> U + Sync) -> Raster<U> {
+        let mut data = vec![U::default(); self.data.len()];
+        par::for_each_row(&mut data, self.width, |y, row| {
+            for (o, &v) in row.iter_mut().zip(self.row(y)) {
+                *o = f(v);
+            }
+        });
+        Raster { width: self.width, height: self.height, data }
+    }
+
+    /// The `width` x `height` rectangle whose top left corner is (x, y); must lie inside.
+    pub fn crop(&self, x: usize, y: usize, width: usize, height: usize) -> Self {
+        let data = (y..y + height).flat_map(|y| self.row(y)[x..x + width].iter().copied()).collect();
+        Self { width, height, data }
+    }
+}
+
+/// What can be filtered: a pixel of one or more f32 channels.
+pub trait Pixel: Copy + Default + Send + Sync + 'static {
+    /// How many channels it has.
+    const CHANNELS: usize;
+    /// The channels of all pixels, interleaved.
+    fn flat(pixels: &[Self]) -> &[f32];
+    /// The channels of all pixels, interleaved.
+    fn flat_mut(pixels: &mut [Self]) -> &mut [f32];
+    /// `a + t (b - a)`, channel by channel.
+    fn lerp(a: Self, b: Self, t: f32) -> Self;
+}
+
+impl Pixel for f32 {
+    const CHANNELS: usize = 1;
+    fn flat(pixels: &[f32]) -> &[f32] {
+        pixels
+    }
+    fn flat_mut(pixels: &mut [f32]) -> &mut [f32] {
+        pixels
+    }
+    #[inline]
+    fn lerp(a: f32, b: f32, t: f32) -> f32 {
+        a + t * (b - a)
+    }
+}
+
+impl<const N: usize> Pixel for [f32; N]
+where
+    [f32; N]: Default,
+{
+    const CHANNELS: usize = N;
+    fn flat(pixels: &[Self]) -> &[f32] {
+        pixels.as_flattened()
+    }
+    fn flat_mut(pixels: &mut [Self]) -> &mut [f32] {
+        pixels.as_flattened_mut()
+    }
+    #[inline]
+    fn lerp(a: Self, b: Self, t: f32) -> Self {
+        std::array::from_fn(|i| a[i] + t * (b[i] - a[i]))
+    }
+}
+
+impl<P: Pixel> Raster<P> {
+    /// Bilinear interpolation at (x, y), clamped to the edge pixels.
+    #[inline]
+    pub fn bilinear(&self, x: f32, y: f32) -> P {
+        let x = x.clamp(0.0, (self.width - 1) as f32);
+        let y = y.clamp(0.0, (self.height - 1) as f32);
+        let (x0, y0) = (x as usize, y as usize);
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let (x1, y1) = ((x0 + 1).min(self.width - 1), (y0 + 1).min(self.height - 1));
+        let (top, bottom) = (self.row(y0), self.row(y1));
+        P::lerp(P::lerp(top[x0], top[x1], fx), P::lerp(bottom[x0], bottom[x1], fx), fy)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_number_of_values_is_refused() {
+        assert!(Plane::from_vec(2, 2, vec![0.0; 3]).is_err());
+    }
+
+    #[test]
+    fn bilinear_interpolates_planes_and_pixels_alike() {
+        let p = Plane::from_fn(3, 2, |x, y| x as f32 + 10.0 * y as f32);
+        let q = p.map(|v| [v, -v]);
+        for (x, y, want) in [(0.0, 0.0, 0.0), (1.5, 0.5, 6.5), (2.0, 1.0, 12.0), (-3.0, 9.0, 10.0)] {
+            assert!((p.bilinear(x, y) - want).abs() < 1e-6);
+            assert_eq!(q.bilinear(x, y), [p.bilinear(x, y), -p.bilinear(x, y)]);
+        }
+    }
+}
