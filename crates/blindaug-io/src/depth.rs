@@ -1,0 +1,88 @@
+//! Inverse depth from depth maps.
+
+use crate::{
+    Error, Result, exr,
+    image::{decode, is_exr},
+};
+use blindaug::{Plane, Raster};
+use std::path::Path;
+
+/// What the numbers of a depth map mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DepthValues {
+    /// Depth along the view axis: EXR in metres, integers in units of [`DepthFormat::per_metre`]; 0: no reading.
+    #[default]
+    Metric,
+    /// Inverse depth: EXR in 1/m, integers divided by [`DepthFormat::per_metre`]; 0: infinitely far.
+    Inverse,
+    /// Inverse depth of unknown scale: EXR as it is, integers mapped to [0, 1]; 0: the farthest.
+    RelativeInverse,
+}
+
+/// How to read depth maps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthFormat {
+    /// What the numbers mean.
+    pub values: DepthValues,
+    /// Integer values per metre (or per 1/m), > 0; 1000 for millimetres. EXR is always in metres.
+    pub per_metre: f32,
+}
+
+impl Default for DepthFormat {
+    fn default() -> Self {
+        Self { values: DepthValues::Metric, per_metre: 1000.0 }
+    }
+}
+
+/// Reads a depth map as inverse depth, 1/m or relative ([`DepthValues`]); NaN: no reading. Metric depths that are
+/// zero, negative, infinite (from 1e9 m on) or NaN, and negative or invalid inverse depths, are no readings.
+///
+/// # Errors
+/// If the file is missing, damaged, too large, a colour picture, an EXR without `Z`, or without a single reading.
+pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Plane> {
+    let path = path.as_ref();
+    if !(format.per_metre.is_finite() && format.per_metre > 0.0) {
+        return Err(Error::new(path, "the depth scale must be a positive number of units per metre"));
+    }
+    // (values in m, 1/m or [0, 1]; the integer's largest value)
+    let (values, max) = if is_exr(path)? { (exr::read_depth(path)?, None) } else { integers(path)? };
+    let scale = match (max, format.values) {
+        (None, _) => 1.0,
+        (Some(max), DepthValues::RelativeInverse) => max.recip(),
+        (Some(_), _) => format.per_metre.recip(),
+    };
+    let inverse = match format.values {
+        DepthValues::Metric => values.map(|v| exr::inverse_of_metric(v * scale)),
+        _ => values.map(|v| if v >= 0.0 && v.is_finite() { v * scale } else { f32::NAN }),
+    };
+    if inverse.data().iter().all(|d| d.is_nan()) {
+        return Err(Error::new(
+            path,
+            "the depth map has no valid reading (all are zero, negative, infinite or NaN)",
+        ));
+    }
+    Ok(inverse)
+}
+
+/// The values of a grey integer image, and the largest value of its type.
+fn integers(path: &Path) -> Result<(Plane, Option<f32>)> {
+    // Not turned: depth maps belong to the pixels as they are stored.
+    let (image, _) = decode(path)?;
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let color = image.color();
+    let max: u16 = if color.bytes_per_pixel() > color.channel_count() { u16::MAX } else { u8::MAX.into() };
+    let data: Option<Vec<f32>> = match max {
+        u16::MAX => grey(image.into_rgb16().pixels().map(|p| p.0)),
+        _ => grey(image.into_rgb8().pixels().map(|p| p.0)),
+    };
+    let Some(data) = data else {
+        return Err(Error::new(path, "this is a colour picture, not a depth map of one channel"));
+    };
+    let plane = Raster::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))?;
+    Ok((plane, Some(max.into())))
+}
+
+/// The one value of pixels whose three channels are equal (many tools write depth so), else `None`.
+fn grey<T: Copy + PartialEq + Into<f32>>(pixels: impl Iterator<Item = [T; 3]>) -> Option<Vec<f32>> {
+    pixels.map(|[r, g, b]| (r == g && g == b).then_some(r.into())).collect()
+}

@@ -1,0 +1,68 @@
+//! The one error type of this crate.
+
+use std::{
+    io,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+};
+
+/// Which file, what is wrong with it, and what to do about it, in one sentence.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Error {
+    path: PathBuf,
+    sentence: String,
+}
+
+/// The result type of this crate.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// An error of a file. The sentence follows the file's name and has no full stop.
+    pub fn new(path: impl AsRef<Path>, sentence: impl Into<String>) -> Self {
+        Self { path: path.as_ref().into(), sentence: sentence.into() }
+    }
+
+    pub(crate) fn cannot_read(path: &Path, e: &io::Error) -> Self {
+        Self::new(
+            path,
+            match e.kind() {
+                io::ErrorKind::NotFound => "there is no such file or folder".into(),
+                io::ErrorKind::UnexpectedEof => "the file is cut short".into(),
+                _ => format!("cannot be read ({e})"),
+            },
+        )
+    }
+
+    pub(crate) fn damaged(path: &Path, e: impl std::fmt::Display) -> Self {
+        Self::new(path, format!("the file is damaged or cut short ({})", one_line(&e.to_string())))
+    }
+
+    /// The file or folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What is wrong, without the file's name.
+    pub fn sentence(&self) -> &str {
+        &self.sentence
+    }
+}
+
+impl std::fmt::Display for Error {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.path.display(), self.sentence)
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// The text without line breaks, so that a library's message fits into a sentence.
+pub(crate) fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// What a decoder returns; a panic of it becomes an error of the file.
+pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T>) -> Result<T> {
+    catch_unwind(AssertUnwindSafe(decode))
+        .unwrap_or_else(|_| Err(Error::damaged(path, "its decoder gave up on it")))
+}

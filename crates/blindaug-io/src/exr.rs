@@ -1,0 +1,355 @@
+//! Channels of EXR files, found by name whatever program wrote them.
+
+use crate::{
+    Error, Result,
+    error::{guarded, one_line},
+    flow::known_flow,
+    image::{check_size, is_exr},
+};
+use ::exr::{
+    block::{self, reader::ChunksReader},
+    math::Vec2,
+    meta::{BlockDescription, attribute::SampleType, header::Header},
+    prelude::f16,
+};
+use blindaug::{Flow, Linear, Plane, Premultiplied, Raster};
+use std::{fs::File, io::BufReader, path::Path};
+
+/// The largest finite half; brighter values are clamped to it, so that a renderer's firefly stays finite in sums.
+const BRIGHTEST: f32 = 65_504.0;
+
+/// Metric depths from here on mean "nothing there" (renderers write 1e10 for their background), m.
+const FARTHEST: f32 = 1e9;
+
+/// Which of the channels that blindaug reads an EXR file has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExrContents {
+    /// `R`, `G`, `B`.
+    pub colour: bool,
+    /// `Z`.
+    pub depth: bool,
+    /// `forward.u`, `forward.v`, or Blender's Vector pass.
+    pub flow: bool,
+}
+
+/// A rendered virtual layer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VirtualLayerFile {
+    /// Scene-linear, premultiplied.
+    pub color: Premultiplied,
+    /// Inverse depth, 1/m, NaN where there is nothing; `None` if the file has no `Z`.
+    pub inverse_depth: Option<Plane>,
+    /// Motion to the next frame, px; `None` if the file has none.
+    pub flow: Option<Flow>,
+}
+
+/// Looks into the head of an EXR file.
+///
+/// # Errors
+/// If the file is missing, damaged or no EXR.
+pub fn exr_contents(path: impl AsRef<Path>) -> Result<ExrContents> {
+    let file = open(path.as_ref())?;
+    Ok(ExrContents {
+        colour: file.colour().is_some(),
+        depth: file.depth().is_some(),
+        flow: file.flow().is_some(),
+    })
+}
+
+/// Reads a virtual layer: `R G B A` premultiplied and scene-linear, `Z` in metres, `forward.u` and `forward.v` in px
+/// (or Blender's names for these).
+///
+/// # Errors
+/// If the file is missing, damaged, too large, no EXR, or lacks `R`, `G`, `B` or `A`.
+pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
+    let path = path.as_ref();
+    if !is_exr(path)? {
+        return Err(Error::new(path, "a virtual layer must be an EXR file with channels R G B A and Z"));
+    }
+    let file = open(path)?;
+    let Some(rgb) = file.colour() else {
+        return Err(file.lacks("channels R, G and B"));
+    };
+    let Some(alpha) = file.alpha(&rgb) else {
+        return Err(file.lacks("a channel A; render the object on a transparent background"));
+    };
+    let (depth, flow) = (file.depth(), file.flow());
+    let mut picks = rgb.to_vec();
+    picks.push(alpha);
+    picks.extend(depth);
+    picks.extend(flow.iter().flat_map(|f| f.channels));
+    let planes = file.read(&picks)?;
+    let rest = &planes[4 + depth.iter().len()..];
+    let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
+        let a = planes[3].at(x, y);
+        [0, 1, 2, 3].map(|c| match c {
+            3 if a.is_nan() => 0.0,
+            3 => a.clamp(0.0, 1.0),
+            c => light(planes[c].at(x, y)),
+        })
+    });
+    Ok(VirtualLayerFile {
+        color: Premultiplied(color),
+        inverse_depth: depth.map(|_| planes[4].map(inverse_of_metric)),
+        flow: flow.map(|f| f.join(&rest[0], &rest[1])),
+    })
+}
+
+/// `R`, `G`, `B`.
+pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
+    let file = open(path)?;
+    let Some(rgb) = file.colour() else {
+        return Err(file.lacks("channels R, G and B"));
+    };
+    let p = file.read(&rgb)?;
+    let (width, height) = p[0].size();
+    Ok(Linear(Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(p[c].at(x, y))))))
+}
+
+/// The values of `Z`, or of the only channel, as they are stored.
+pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
+    let file = open(path)?;
+    let Some(z) = file.depth() else {
+        return Err(file.lacks("a channel Z"));
+    };
+    let mut planes = file.read(&[z])?;
+    Ok(planes.swap_remove(0))
+}
+
+/// Optical flow to the next frame, px.
+pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
+    let file = open(path)?;
+    let Some(flow) = file.flow() else {
+        return Err(file.lacks("channels forward.u and forward.v (or Blender's Vector pass)"));
+    };
+    let p = file.read(&flow.channels)?;
+    Ok(flow.join(&p[0], &p[1]))
+}
+
+/// 1/Z, NaN where Z means that there is nothing.
+pub(crate) fn inverse_of_metric(z: f32) -> f32 {
+    if z > 0.0 && z < FARTHEST { 1.0 / z } else { f32::NAN }
+}
+
+/// A light value without the negative and invalid ones.
+fn light(v: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(0.0, BRIGHTEST) }
+}
+
+/// A channel: which header, which of its channels, and the name with that of its layer in front.
+struct Channel {
+    header: usize,
+    index: usize,
+    name: String,
+}
+
+impl Channel {
+    /// All of the name before its last part.
+    fn prefix(&self) -> &str {
+        self.name.rsplit_once('.').map_or("", |(prefix, _)| prefix)
+    }
+
+    fn last(&self) -> &str {
+        self.name.rsplit_once('.').map_or(&self.name, |(_, last)| last)
+    }
+}
+
+/// Where optical flow is, and in which sign.
+struct FlowChannels {
+    channels: [usize; 2],
+    sign: [f32; 2],
+}
+
+impl FlowChannels {
+    fn join(&self, u: &Plane, v: &Plane) -> Flow {
+        Raster::from_fn(u.width(), u.height(), |x, y| {
+            known_flow([self.sign[0] * u.at(x, y), self.sign[1] * v.at(x, y)])
+        })
+    }
+}
+
+/// An EXR file whose head has been read and checked.
+struct ExrFile<'a> {
+    path: &'a Path,
+    reader: block::reader::Reader<BufReader<File>>,
+    channels: Vec<Channel>,
+    /// Of the display window.
+    size: (usize, usize),
+}
+
+fn open(path: &Path) -> Result<ExrFile<'_>> {
+    let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+    let reader = guarded(path, || block::read(BufReader::new(file), false).map_err(|e| exr_error(path, e)))?;
+    let Some(first) = reader.headers().first() else {
+        return Err(Error::damaged(path, "it has no layer"));
+    };
+    let Vec2(width, height) = first.shared_attributes.display_window.size;
+    let size = check_size(path, width as u64, height as u64)?;
+    let mut channels = Vec::new();
+    for (header, h) in reader.headers().iter().enumerate() {
+        let layer = h.own_attributes.layer_name.as_ref().map(|n| n.to_string()).filter(|n| !n.is_empty());
+        for (index, c) in h.channels.list.iter().enumerate() {
+            let name = c.name.to_string();
+            let name = layer.as_ref().map_or(name.clone(), |l| format!("{l}.{name}"));
+            channels.push(Channel { header, index, name });
+        }
+    }
+    Ok(ExrFile { path, reader, channels, size })
+}
+
+fn exr_error(path: &Path, e: ::exr::error::Error) -> Error {
+    match e {
+        ::exr::error::Error::NotSupported(what) => {
+            Error::new(path, format!("this kind of EXR cannot be read ({})", one_line(&what)))
+        }
+        e => Error::damaged(path, e),
+    }
+}
+
+impl ExrFile<'_> {
+    /// The channels with these last parts of their names in one layer with one prefix, of the prefix that ranks lowest.
+    fn find<const N: usize>(
+        &self,
+        names: [&str; N],
+        rank: impl Fn(&[usize], &str) -> Option<u32>,
+    ) -> Option<[usize; N]> {
+        let groups = self.channels.iter().filter(|c| c.last() == names[0]).filter_map(|first| {
+            let siblings: Vec<usize> = (0..self.channels.len())
+                .filter(|&i| {
+                    self.channels[i].header == first.header && self.channels[i].prefix() == first.prefix()
+                })
+                .collect();
+            let mut found = [0; N];
+            for (slot, name) in found.iter_mut().zip(names) {
+                *slot = *siblings.iter().find(|&&i| self.channels[i].last() == name)?;
+            }
+            let last = first.prefix().rsplit('.').next().unwrap_or("");
+            let depth = first.prefix().split('.').count();
+            Some(((rank(&siblings, last)?, depth), found))
+        });
+        groups.min_by_key(|(key, _)| *key).map(|(_, found)| found)
+    }
+
+    fn colour(&self) -> Option<[usize; 3]> {
+        self.find(["R", "G", "B"], |_, last| {
+            Some(u32::from(!last.is_empty()) + u32::from(last != "Combined"))
+        })
+    }
+
+    /// The alpha channel beside these.
+    fn alpha(&self, rgb: &[usize; 3]) -> Option<usize> {
+        let r = &self.channels[rgb[0]];
+        self.channels.iter().position(|c| c.last() == "A" && c.header == r.header && c.prefix() == r.prefix())
+    }
+
+    fn depth(&self) -> Option<usize> {
+        // A Z beside an X is a coordinate of a vector; Blender's Mist is called Z as well.
+        let z = self.find(["Z"], |siblings, last| {
+            let vector = siblings.iter().any(|&i| self.channels[i].last() == "X");
+            (!vector && last != "Mist").then_some(u32::from(!last.is_empty()) + u32::from(last != "Depth"))
+        });
+        let v = || self.find(["V"], |_, last| (last == "Depth").then_some(0));
+        let only = || (self.channels.len() == 1).then_some([0]);
+        z.or_else(v).or_else(only).map(|[z]| z)
+    }
+
+    fn flow(&self) -> Option<FlowChannels> {
+        let ours = self.find(["u", "v"], |_, last| (last == "forward").then_some(0));
+        // Blender's Vector is (-x, y up) of the motion from the previous frame, then the same to the next one.
+        let blender = || self.find(["Z", "W"], |_, last| (last == "Vector").then_some(0));
+        ours.map(|channels| FlowChannels { channels, sign: [1.0, 1.0] })
+            .or_else(|| blender().map(|channels| FlowChannels { channels, sign: [-1.0, 1.0] }))
+    }
+
+    /// "has no `what`", with the names that are there.
+    fn lacks(&self, what: &str) -> Error {
+        let names: Vec<_> = self.channels.iter().take(12).map(|c| c.name.as_str()).collect();
+        let more = if self.channels.len() > names.len() { ", ..." } else { "" };
+        let there = format!("its channels are {}{more}", one_line(&names.join(", ")));
+        Error::new(self.path, format!("the file has no {what} ({there})"))
+    }
+
+    /// These channels on the display window, 0 where there is no data.
+    fn read(self, picks: &[usize]) -> Result<Vec<Plane>> {
+        let Self { path, reader, channels, size } = self;
+        let picks: Vec<&Channel> = picks.iter().map(|&i| &channels[i]).collect();
+        for (i, h) in reader.headers().iter().enumerate() {
+            if picks.iter().any(|p| p.header == i) {
+                check_header(path, h)?;
+            }
+        }
+        guarded(path, || {
+            let mut planes = vec![Plane::filled(size.0, size.1, 0.0); picks.len()];
+            let fail = |e| exr_error(path, e);
+            let chunks = reader
+                .filter_chunks(false, |_, _, block| {
+                    block.level == Vec2(0, 0) && picks.iter().any(|p| p.header == block.layer)
+                })
+                .map_err(fail)?;
+            let mut blocks = chunks.sequential_decompressor(false);
+            while let Some(block) = blocks.next() {
+                let block = block.map_err(fail)?;
+                let Some(header) = blocks.meta_data().headers.get(block.index.layer) else { continue };
+                for line in block.lines(&header.channels) {
+                    for (plane, _) in planes
+                        .iter_mut()
+                        .zip(&picks)
+                        .filter(|(_, p)| p.header == line.location.layer && p.index == line.location.channel)
+                    {
+                        let sample_type = header.channels.list[line.location.channel].sample_type;
+                        let display = header.shared_attributes.display_window.position;
+                        let data = header.own_attributes.layer_position;
+                        let offset = |data: i32, display: i32, at: usize| {
+                            i64::from(data) - i64::from(display) + at as i64
+                        };
+                        let x = offset(data.x(), display.x(), line.location.position.x());
+                        let y = offset(data.y(), display.y(), line.location.position.y());
+                        if (0..size.1 as i64).contains(&y) {
+                            place_line(plane.row_mut(y as usize), x, sample_type, line.value);
+                        }
+                    }
+                }
+            }
+            Ok(planes)
+        })
+    }
+}
+
+/// Writes a line of samples into a row from `x` on (which may be negative), as far as it lies inside.
+fn place_line(row: &mut [f32], x: i64, sample_type: SampleType, bytes: &[u8]) {
+    let skip = (-x).max(0) as usize;
+    let start = (x.max(0) as usize).min(row.len());
+    let out = row[start..].iter_mut();
+    match sample_type {
+        SampleType::F16 => out
+            .zip(bytes.as_chunks::<2>().0.iter().skip(skip))
+            .for_each(|(o, &b)| *o = f16::from_ne_bytes(b).to_f32()),
+        SampleType::F32 => {
+            out.zip(bytes.as_chunks::<4>().0.iter().skip(skip))
+                .for_each(|(o, &b)| *o = f32::from_ne_bytes(b));
+        }
+        SampleType::U32 => out
+            .zip(bytes.as_chunks::<4>().0.iter().skip(skip))
+            .for_each(|(o, &b)| *o = u32::from_ne_bytes(b) as f32),
+    }
+}
+
+/// Checks what the decoder takes memory for, and what it cannot read.
+fn check_header(path: &Path, h: &Header) -> Result<()> {
+    let Vec2(width, height) = h.layer_size;
+    check_size(path, width as u64, height as u64)?;
+    if h.deep {
+        return Err(Error::new(path, "deep EXR data cannot be read; write flat images"));
+    }
+    if h.channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {
+        return Err(Error::new(path, "sub-sampled EXR channels cannot be read; write full resolution"));
+    }
+    let block_rows = match h.blocks {
+        BlockDescription::ScanLines => h.compression.scan_lines_per_block().min(height),
+        BlockDescription::Tiles(t) => t.tile_size.height().min(height),
+    };
+    if (width * block_rows) as u64 * h.channels.bytes_per_pixel as u64 > 1 << 31 {
+        return Err(Error::new(path, "the EXR file has too many channels in blocks too large"));
+    }
+    Ok(())
+}

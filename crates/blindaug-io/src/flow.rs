@@ -1,0 +1,73 @@
+//! Optical flow from Middlebury `.flo` files and EXR.
+
+use crate::{Error, Result, exr, image::check_size, image::is_exr};
+use blindaug::{Flow, Raster};
+use std::{
+    fs::File,
+    io::{BufReader, Read},
+    path::Path,
+};
+
+const FLO_MAGIC: &[u8; 4] = b"PIEH";
+
+/// Components at or above this are unknown (the `.flo` convention).
+const UNKNOWN: f32 = 1e9;
+
+/// Reads optical flow to the next frame (px, x right, y down; NaN where unknown) from a `.flo` file or from an EXR's
+/// `forward.u`, `forward.v` or Blender Vector pass.
+///
+/// # Errors
+/// If the file is missing, damaged, too large, or has no flow.
+pub fn read_flow(path: impl AsRef<Path>) -> Result<Flow> {
+    let path = path.as_ref();
+    if is_exr(path)? { exr::read_flow(path) } else { read_flo(path) }
+}
+
+fn read_flo(path: &Path) -> Result<Flow> {
+    let io = |e: std::io::Error| Error::cannot_read(path, &e);
+    let file = File::open(path).map_err(io)?;
+    let length = file.metadata().map_err(io)?.len();
+    let mut file = BufReader::new(file);
+    let mut head = [[0; 4]; 3];
+    file.read_exact(head.as_flattened_mut()).map_err(io)?;
+    let [magic, width, height] = head;
+    if &magic != FLO_MAGIC {
+        return Err(Error::new(path, "not a .flo file of optical flow (it does not start with PIEH)"));
+    }
+    let side =
+        |b| u64::try_from(i32::from_le_bytes(b)).map_err(|_| Error::damaged(path, "its size is negative"));
+    let (width, height) = check_size(path, side(width)?, side(height)?)?;
+    let want = 12 + 8 * (width * height) as u64;
+    if length < want {
+        return Err(Error::new(
+            path,
+            format!(
+                "the file is cut short ({length} bytes, but {width} x {height} pixels of flow take {want})"
+            ),
+        ));
+    }
+    let mut bytes = vec![0; 8 * width * height];
+    file.read_exact(&mut bytes).map_err(io)?;
+    let pairs = bytes.as_chunks::<4>().0.as_chunks::<2>().0.iter();
+    let data = pairs.map(|uv| known_flow(uv.map(f32::from_le_bytes)));
+    Raster::from_vec(width, height, data.collect()).map_err(|e| Error::new(path, e.to_string()))
+}
+
+/// The displacement, or NaN for both components if one of them is huge or invalid.
+pub(crate) fn known_flow(uv: [f32; 2]) -> [f32; 2] {
+    if uv.iter().all(|v| v.abs() < UNKNOWN) { uv } else { [f32::NAN; 2] }
+}
+
+/// Writes a `.flo` file; unknown (NaN) flow as 1e10.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_flo(path: impl AsRef<Path>, flow: &Flow) -> Result<()> {
+    let path = path.as_ref();
+    let mut bytes = FLO_MAGIC.to_vec();
+    bytes.extend((flow.width() as i32).to_le_bytes());
+    bytes.extend((flow.height() as i32).to_le_bytes());
+    let stored = flow.data().as_flattened().iter().map(|&v| if v.is_finite() { v } else { 1e10 });
+    bytes.extend(stored.flat_map(f32::to_le_bytes));
+    std::fs::write(path, bytes).map_err(|e| Error::new(path, format!("cannot be written ({e})")))
+}

@@ -1,0 +1,112 @@
+//! Frames from image files.
+
+use crate::{Error, Result, error::guarded, exr};
+use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use blindaug::{Encoded, Linear, Raster, Transfer};
+use std::{
+    fs::File,
+    io::{BufReader, Read},
+    path::Path,
+};
+
+/// The longest side of an image that is read, px.
+pub const MAX_SIDE: usize = 16_384;
+
+/// The largest area of an image that is read, px.
+pub const MAX_PIXELS: usize = 1 << 27;
+
+/// Checks a size that a file claims, before memory is taken for it.
+pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize)> {
+    if width == 0 || height == 0 {
+        return Err(Error::new(path, format!("the image is empty ({width} x {height} pixels)")));
+    }
+    if width.max(height) > MAX_SIDE as u64 || width * height > MAX_PIXELS as u64 {
+        return Err(Error::new(
+            path,
+            format!(
+                "the image is too large ({width} x {height} pixels; at most {MAX_SIDE} a side and {} megapixels are read)",
+                MAX_PIXELS / 1_000_000
+            ),
+        ));
+    }
+    Ok((width as usize, height as usize))
+}
+
+/// Reads a frame: integer images are taken as display-encoded and mapped to [0, 1], EXR is scene-linear and encoded
+/// here (it may exceed 1). Grey becomes RGB, alpha is left out, the orientation that a camera noted is applied.
+///
+/// # Errors
+/// If the file is missing, damaged, too large ([`MAX_SIDE`], [`MAX_PIXELS`]), or no image with colour.
+pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
+    let path = path.as_ref();
+    if is_exr(path)? {
+        return Ok(exr::read_colour(path)?.to_encoded(Transfer::Srgb));
+    }
+    let (image, orientation) = decode(path)?;
+    encoded_from_image(path, image, orientation)
+}
+
+/// Reads an image in linear light: EXR as it is (its negative and invalid values become 0), others decoded by the
+/// sRGB curve.
+///
+/// # Errors
+/// As [`read_frame`].
+pub fn read_linear(path: impl AsRef<Path>) -> Result<Linear> {
+    let path = path.as_ref();
+    if is_exr(path)? { exr::read_colour(path) } else { Ok(read_frame(path)?.to_linear(Transfer::Srgb)) }
+}
+
+/// Whether the file starts as an EXR does.
+pub(crate) fn is_exr(path: &Path) -> Result<bool> {
+    let mut magic = [0; 4];
+    let mut file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+    match file.read(&mut magic) {
+        Ok(n) => Ok(n == 4 && magic == [0x76, 0x2f, 0x31, 0x01]),
+        Err(e) => Err(Error::cannot_read(path, &e)),
+    }
+}
+
+/// The pixels as they are stored, and the orientation in which to show them.
+pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, ::image::metadata::Orientation)> {
+    guarded(path, || {
+        let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let mut reader = ImageReader::new(BufReader::new(file))
+            .with_guessed_format()
+            .map_err(|e| Error::cannot_read(path, &e))?;
+        if reader.format().is_none() {
+            return Err(Error::new(path, "not an image that can be read (PNG, JPEG, TIFF, BMP, PNM or EXR)"));
+        }
+        let mut limits = Limits::no_limits();
+        limits.max_alloc = Some(16 * MAX_PIXELS as u64);
+        reader.limits(limits);
+        let fail = |e| from_image_error(path, e);
+        let mut decoder = reader.into_decoder().map_err(fail)?;
+        let (width, height) = decoder.dimensions();
+        check_size(path, width.into(), height.into())?;
+        let orientation = decoder.orientation().unwrap_or(::image::metadata::Orientation::NoTransforms);
+        Ok((DynamicImage::from_decoder(decoder).map_err(fail)?, orientation))
+    })
+}
+
+fn from_image_error(path: &Path, e: ImageError) -> Error {
+    match e {
+        ImageError::Unsupported(e) => {
+            Error::new(path, format!("this variant of the format cannot be read ({e}); save it as PNG"))
+        }
+        ImageError::Limits(e) => Error::new(path, format!("the image is too large ({e})")),
+        e => Error::damaged(path, e),
+    }
+}
+
+fn encoded_from_image(
+    path: &Path,
+    mut image: DynamicImage,
+    orientation: ::image::metadata::Orientation,
+) -> Result<Encoded> {
+    image.apply_orientation(orientation);
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    // Float images may hold anything; integer ones lie in [0, 1] already.
+    let finite = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
+    let data = image.into_rgb32f().pixels().map(|p| p.0.map(finite)).collect();
+    Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
+}
