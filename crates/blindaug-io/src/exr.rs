@@ -95,6 +95,11 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     })
 }
 
+/// Width and height of the display window, px.
+pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
+    Ok(open(path)?.size)
+}
+
 /// `R`, `G`, `B`.
 pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
     let file = open(path)?;

@@ -1,6 +1,10 @@
 //! Optical flow from Middlebury `.flo` files and EXR.
 
-use crate::{Error, Result, exr, image::check_size, image::is_exr};
+use crate::{
+    Error, Result, exr,
+    files::write_atomically,
+    image::{check_size, is_exr},
+};
 use blindaug::{Flow, Raster};
 use std::{
     fs::File,
@@ -63,11 +67,10 @@ pub(crate) fn known_flow(uv: [f32; 2]) -> [f32; 2] {
 /// # Errors
 /// If the file cannot be written.
 pub fn write_flo(path: impl AsRef<Path>, flow: &Flow) -> Result<()> {
-    let path = path.as_ref();
     let mut bytes = FLO_MAGIC.to_vec();
     bytes.extend((flow.width() as i32).to_le_bytes());
     bytes.extend((flow.height() as i32).to_le_bytes());
     let stored = flow.data().as_flattened().iter().map(|&v| if v.is_finite() { v } else { 1e10 });
     bytes.extend(stored.flat_map(f32::to_le_bytes));
-    std::fs::write(path, bytes).map_err(|e| Error::new(path, format!("cannot be written ({e})")))
+    write_atomically(path, |partial| std::fs::write(partial, bytes))
 }

@@ -1,11 +1,14 @@
 //! Frames from image files.
 
-use crate::{Error, Result, error::guarded, exr};
-use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use crate::{Error, Result, error::guarded, exr, write_atomically};
+use ::image::{
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader, Limits,
+    codecs::png::PngEncoder, metadata::Orientation,
+};
 use blindaug::{Encoded, Linear, Raster, Transfer};
 use std::{
     fs::File,
-    io::{BufReader, Read},
+    io::{BufReader, BufWriter, Read, Write},
     path::Path,
 };
 
@@ -66,8 +69,32 @@ pub(crate) fn is_exr(path: &Path) -> Result<bool> {
     }
 }
 
+/// Width and height of a frame, px, from the head of its file.
+pub(crate) fn frame_size(path: &Path) -> Result<(usize, usize)> {
+    if is_exr(path)? {
+        return exr::size(path);
+    }
+    with_decoder(path, |decoder, orientation| {
+        let (w, h) = decoder.dimensions();
+        use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+        let turned = matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH);
+        Ok(if turned { (h as usize, w as usize) } else { (w as usize, h as usize) })
+    })
+}
+
 /// The pixels as they are stored, and the orientation in which to show them.
-pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, ::image::metadata::Orientation)> {
+pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation)> {
+    with_decoder(path, |decoder, orientation| {
+        let image = DynamicImage::from_decoder(decoder).map_err(|e| from_image_error(path, e))?;
+        Ok((image, orientation))
+    })
+}
+
+/// What `read` makes of an image whose head has been read and checked, and of its orientation.
+fn with_decoder<T>(
+    path: &Path,
+    read: impl FnOnce(Box<dyn ImageDecoder>, Orientation) -> Result<T>,
+) -> Result<T> {
     guarded(path, || {
         let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
         let mut reader = ImageReader::new(BufReader::new(file))
@@ -79,12 +106,11 @@ pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, ::image::metadata::Or
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(16 * MAX_PIXELS as u64);
         reader.limits(limits);
-        let fail = |e| from_image_error(path, e);
-        let mut decoder = reader.into_decoder().map_err(fail)?;
+        let mut decoder = reader.into_decoder().map_err(|e| from_image_error(path, e))?;
         let (width, height) = decoder.dimensions();
         check_size(path, width.into(), height.into())?;
-        let orientation = decoder.orientation().unwrap_or(::image::metadata::Orientation::NoTransforms);
-        Ok((DynamicImage::from_decoder(decoder).map_err(fail)?, orientation))
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+        read(Box::new(decoder), orientation)
     })
 }
 
@@ -98,15 +124,36 @@ fn from_image_error(path: &Path, e: ImageError) -> Error {
     }
 }
 
-fn encoded_from_image(
-    path: &Path,
-    mut image: DynamicImage,
-    orientation: ::image::metadata::Orientation,
-) -> Result<Encoded> {
+fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orientation) -> Result<Encoded> {
     image.apply_orientation(orientation);
     let (width, height) = (image.width() as usize, image.height() as usize);
     // Float images may hold anything; integer ones lie in [0, 1] already.
     let finite = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let data = image.into_rgb32f().pixels().map(|p| p.0.map(finite)).collect();
     Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
+}
+
+/// Writes a PNG of 8 bits per value, rounded to the nearest and clipped to [0, 1].
+///
+/// # Errors
+/// If the file cannot be written; then nothing is left of it.
+pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
+    let bytes: Vec<u8> = frame.0.data().iter().flatten().map(|&v| byte_from_encoded(v)).collect();
+    let (width, height) = (frame.0.width() as u32, frame.0.height() as u32);
+    write_atomically(path, |partial| {
+        let mut file = BufWriter::new(File::create(partial)?);
+        PngEncoder::new(&mut file).write_image(&bytes, width, height, ExtendedColorType::Rgb8).map_err(
+            |e| match e {
+                ImageError::IoError(e) => e,
+                e => std::io::Error::other(e),
+            },
+        )?;
+        file.flush()
+    })
+}
+
+/// The 8-bit value that is nearest to an encoded one.
+pub(crate) fn byte_from_encoded(v: f32) -> u8 {
+    // A cast saturates, and takes NaN to 0.
+    (255.0 * v + 0.5) as u8
 }

@@ -5,19 +5,39 @@
 //!
 //! | what | from | functions |
 //! |---|---|---|
+//! | camera.json | | [`read_camera`], [`write_camera`] |
 //! | frames | PNG, JPEG, TIFF, BMP, PNM, EXR | [`read_frame`], [`read_linear`] |
 //! | virtual layers | EXR | [`read_virtual_layer`] |
 //! | depth | EXR, PNG, PGM, TIFF | [`read_inverse_depth`] |
+//! | frames in order | folders, single images, videos | [`FrameSource`] |
+//! | what belongs to them | folders, by number | [`SideFolder`], [`PaperScene`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
+//! | frames out | PNG | [`write_png`] |
+//! | videos out | | [`VideoWriter`] |
+//!
+//! Videos are decoded by the `ffmpeg` program, or without one by a built-in decoder of H.264 in MP4. The environment
+//! variable `BLINDAUG_FFMPEG` names another program; `none` forbids it.
 
+mod camera;
 mod depth;
 mod error;
 mod exr;
+mod ffmpeg;
+mod files;
 mod flow;
 mod image;
+mod mp4;
+mod sequence;
+mod side;
+mod video;
 
+pub use camera::{read_camera, write_camera};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
+pub use ffmpeg::VideoWriter;
+pub use files::write_atomically;
 pub use flow::{read_flow, write_flo};
-pub use image::{MAX_PIXELS, MAX_SIDE, read_frame, read_linear};
+pub use image::{MAX_PIXELS, MAX_SIDE, read_frame, read_linear, write_png};
+pub use sequence::{Frame, FrameRange, FrameSource, Frames};
+pub use side::{PaperScene, SideFolder};

@@ -1,0 +1,475 @@
+//! The `ffmpeg` program through pipes: frames of any video in, H.264 out.
+
+use crate::{
+    Error, Result,
+    error::one_line,
+    files::PartialFile,
+    image::check_size,
+    sequence::has_extension,
+    video::{VideoHead, VideoImage},
+};
+use blindaug::Encoded;
+use std::{
+    ffi::OsString,
+    io::{BufRead, BufReader, Read, Write},
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    thread::JoinHandle,
+};
+
+/// Names the ffmpeg program to use; `none`: never use one.
+const VARIABLE: &str = "BLINDAUG_FFMPEG";
+
+/// The ffmpeg program, if there is one.
+pub(crate) fn find() -> Option<OsString> {
+    let program = std::env::var_os(VARIABLE).unwrap_or_else(|| "ffmpeg".into());
+    if program == "none" {
+        return None;
+    }
+    let run = Command::new(&program).arg("-version").stdin(Stdio::null()).output();
+    run.is_ok_and(|o| o.status.success()).then_some(program)
+}
+
+/// How to decode one video with ffmpeg.
+#[derive(Debug)]
+pub(crate) struct Ffmpeg {
+    program: OsString,
+    /// More than 8 bits per value.
+    deep: bool,
+    /// The YCbCr matrix to assume, if the video does not say.
+    matrix: Option<&'static str>,
+    /// To get each frame once, whatever its time; older programs know another name for it.
+    each_frame_once: [&'static str; 2],
+}
+
+impl Ffmpeg {
+    /// Asks ffmpeg what the video is.
+    pub(crate) fn open(program: OsString, path: &Path) -> Result<(Self, VideoHead)> {
+        let output = Command::new(&program)
+            .args(["-nostdin", "-hide_banner", "-i"])
+            .arg(file_url(path))
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|e| Error::new(path, format!("ffmpeg cannot be started ({e})")))?;
+        // Without an output ffmpeg always "fails", after it has described its input.
+        let text = String::from_utf8_lossy(&output.stderr);
+        let Some(stream) = VideoStream::parse(&text) else {
+            let why = last_words(&text);
+            return Err(Error::new(
+                path,
+                format!("not an image or a video that can be read (ffmpeg: {why})"),
+            ));
+        };
+        let head = VideoHead { fps: stream.fps, frames: stream.frames, notes: stream.notes };
+        let each_frame_once = ["-fps_mode", "passthrough"];
+        let mut ffmpeg = Self { program, deep: stream.deep, matrix: stream.assumed_matrix, each_frame_once };
+        if let Err(e) = ffmpeg.frames(path).and_then(|mut f| f.next_frame())
+            && e.sentence().contains("fps_mode")
+        {
+            ffmpeg.each_frame_once = ["-vsync", "0"];
+        }
+        Ok((ffmpeg, head))
+    }
+
+    /// Starts to decode.
+    pub(crate) fn frames(&self, path: &Path) -> Result<FfmpegFrames> {
+        let matrix = self.matrix.map_or(String::new(), |m| format!(":in_color_matrix={m}"));
+        let mut child = Command::new(&self.program)
+            .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-xerror", "-i"])
+            .arg(file_url(path))
+            .args(["-map", "0:v:0", "-vf"])
+            .arg(format!("scale=flags=bilinear+accurate_rnd+full_chroma_int{matrix}"))
+            .args(self.each_frame_once)
+            .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt"])
+            .args([if self.deep { "rgb48be" } else { "rgb24" }, "-"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|e| Error::new(path, format!("ffmpeg cannot be started ({e})")))?;
+        let (Some(stdout), Some(stderr)) = (child.stdout.take(), child.stderr.take()) else {
+            return Err(Error::new(path, "ffmpeg has no output"));
+        };
+        Ok(FfmpegFrames {
+            path: path.into(),
+            program: Running { child, words: Some(listen(stderr)) },
+            frames: BufReader::with_capacity(1 << 20, stdout),
+            decoded: 0,
+        })
+    }
+}
+
+/// A running ffmpeg program; ended when this is dropped.
+struct Running {
+    child: Child,
+    /// What it says.
+    words: Option<JoinHandle<String>>,
+}
+
+impl Running {
+    /// Waits for its end; whether it succeeded, and what it said.
+    fn wait(&mut self) -> (bool, String) {
+        let success = self.child.wait().is_ok_and(|s| s.success());
+        (success, self.words.take().and_then(|w| w.join().ok()).unwrap_or_default())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Collects what a program says, without letting it wait, or memory grow.
+fn listen(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
+    std::thread::spawn(move || {
+        const KEPT: usize = 1 << 14;
+        let mut text = String::new();
+        let mut lines = BufReader::new(stderr);
+        let mut line = Vec::new();
+        // A line at most as long as what is kept.
+        while let Ok(n) = (&mut lines).take(KEPT as u64).read_until(b'\n', &mut line) {
+            if n == 0 {
+                break;
+            }
+            if text.len() < KEPT {
+                text.push_str(&String::from_utf8_lossy(&line));
+            }
+            line.clear();
+        }
+        text
+    })
+}
+
+/// The last thing that ffmpeg said.
+fn last_words(text: &str) -> String {
+    let line = text.lines().map(str::trim).rfind(|l| !l.is_empty()).unwrap_or("it said nothing");
+    one_line(line)
+}
+
+/// A file name that ffmpeg takes neither for an option nor for a protocol.
+fn file_url(path: &Path) -> OsString {
+    let mut url = OsString::from("file:");
+    url.push(path);
+    url
+}
+
+/// Frames as they come out of ffmpeg.
+pub(crate) struct FfmpegFrames {
+    path: PathBuf,
+    program: Running,
+    frames: BufReader<ChildStdout>,
+    decoded: usize,
+}
+
+impl FfmpegFrames {
+    /// The next frame; `None` at the end.
+    pub(crate) fn next_frame(&mut self) -> Result<Option<VideoImage>> {
+        let broken = |e: std::io::Error| Error::cannot_read(&self.path, &e);
+        let ended = match self.frames.fill_buf() {
+            Ok(buffer) => buffer.is_empty(),
+            Err(e) => return Err(broken(e)),
+        };
+        if ended {
+            return self.end().map(|()| None);
+        }
+        match read_ppm(&self.path, &mut self.frames) {
+            Ok(image) => {
+                self.decoded += 1;
+                Ok(Some(image))
+            }
+            // Cut off: the program itself knows why.
+            Err(e) => self.end().and(Err(e)),
+        }
+    }
+
+    /// After the last frame: was it the last one of the video?
+    fn end(&mut self) -> Result<()> {
+        let (success, words) = self.program.wait();
+        let repair = "try to repair it with ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4, or use fewer frames with --frames";
+        if !success {
+            let (next, why) = (self.decoded + 1, last_words(&words));
+            let what = match self.decoded {
+                0 => format!("the video cannot be decoded (ffmpeg: {why})"),
+                _ => format!("the video is damaged or cut short at frame {next} (ffmpeg: {why}); {repair}"),
+            };
+            return Err(Error::new(&self.path, what));
+        }
+        // Frames that ffmpeg patched up are not what a camera recorded.
+        let damage = ["error while decoding", "corrupt", "partial file", "Invalid NAL"];
+        match words.lines().find(|l| damage.iter().any(|d| l.contains(d))) {
+            Some(line) => Err(Error::new(
+                &self.path,
+                format!("some frames of the video are damaged (ffmpeg: {}); {repair}", one_line(line)),
+            )),
+            None => Ok(()),
+        }
+    }
+}
+
+/// One binary PPM image of a stream of them.
+fn read_ppm(path: &Path, stream: &mut impl BufRead) -> Result<VideoImage> {
+    let mut number = |first: &str| {
+        let mut token = Vec::new();
+        for byte in stream.by_ref().bytes() {
+            match byte.map_err(|e| Error::cannot_read(path, &e))? {
+                b if b.is_ascii_whitespace() => break,
+                b if token.len() < 10 => token.push(b),
+                _ => return Err(Error::damaged(path, "a frame from ffmpeg has a strange head")),
+            }
+        }
+        let token = String::from_utf8_lossy(&token).into_owned();
+        if token == first { Ok(0) } else { token.parse::<u64>().map_err(|e| Error::damaged(path, e)) }
+    };
+    number("P6")?;
+    let (width, height) = (number("")?, number("")?);
+    let two_bytes = number("")? > 255;
+    let size = check_size(path, width, height)?;
+    let mut data = vec![0; size.0 * size.1 * if two_bytes { 6 } else { 3 }];
+    stream.read_exact(&mut data).map_err(|e| Error::cannot_read(path, &e))?;
+    Ok(VideoImage::Packed { size, two_bytes, data })
+}
+
+/// What ffmpeg says of the first video stream of its input.
+#[derive(Debug, Default, PartialEq)]
+struct VideoStream {
+    fps: Option<f64>,
+    frames: Option<usize>,
+    deep: bool,
+    assumed_matrix: Option<&'static str>,
+    notes: Vec<String>,
+}
+
+impl VideoStream {
+    /// Reads a line like
+    /// `Stream #0:0(und): Video: h264 (High) (avc1 / 0x31), yuv420p(tv, bt709), 640x272 [SAR 1:1], 404 kb/s, 25 fps, 25 tbr`.
+    fn parse(text: &str) -> Option<Self> {
+        let line = text.lines().find(|l| {
+            l.trim_start().starts_with("Stream #") && l.contains(": Video: ") && !l.contains("attached pic")
+        })?;
+        let fields = split_outside_brackets(line.split_once(": Video: ")?.1);
+        let fps = fields.iter().find_map(|f| f.strip_suffix(" fps")).and_then(|f| f.trim().parse().ok());
+        let fps = fps.filter(|f: &f64| f.is_finite() && *f > 0.0).map(exact_fps);
+        let height = fields.iter().find_map(|f| size_of(f)).map_or(0, |(_, h)| h);
+        let format = fields.get(1).map_or("", |f| f.trim());
+        let (pixels, colour) = format.split_once('(').unwrap_or((format, ""));
+        let bits = ["9", "10", "12", "14", "16", "48", "64"];
+        let deep = pixels.strip_suffix("le").or(pixels.strip_suffix("be"));
+        let deep = deep.is_some_and(|p| bits.iter().any(|b| p.ends_with(b)));
+        // "bt709", or "matrix/primaries/curve" where these differ; "unknown/.." or nothing where it does not say.
+        let names = colour.trim_end_matches(')').split([',']).map(str::trim);
+        let known = |n: &str| {
+            let matrix = n.split('/').next().unwrap_or("");
+            ["bt", "smpte", "gbr", "fcc", "ycgco", "ictcp", "chroma"].iter().any(|k| matrix.starts_with(k))
+        };
+        let says = names.clone().any(known) || pixels.contains("rgb") || pixels.contains("gbr");
+        let mut notes = Vec::new();
+        if colour.contains("arib-std-b67") || colour.contains("smpte2084") {
+            notes.push("the video is HDR; its values are taken as they are, as if they were sRGB".into());
+        }
+        Some(Self {
+            fps,
+            frames: fps.and_then(|fps| Some((duration(text)? * fps).round() as usize)).filter(|&n| n > 0),
+            deep,
+            assumed_matrix: (!says && height >= 720).then_some("bt709"),
+            notes,
+        })
+    }
+}
+
+/// The parts between the commas that are not in brackets.
+fn split_outside_brackets(text: &str) -> Vec<&str> {
+    let mut depth = 0;
+    let comma = |c: char| {
+        depth += i32::from(c == '(' || c == '[') - i32::from(c == ')' || c == ']');
+        c == ',' && depth == 0
+    };
+    text.split(comma).map(str::trim).collect()
+}
+
+/// `640x272 [SAR 1:1 DAR 40:17]`.
+fn size_of(field: &str) -> Option<(u32, u32)> {
+    let (w, h) = field.split_whitespace().next()?.split_once('x')?;
+    Some((w.parse().ok()?, h.parse().ok()?))
+}
+
+/// `Duration: 00:00:10.00, start: ...`, s.
+fn duration(text: &str) -> Option<f64> {
+    let clock = text.split_once("Duration: ")?.1.split(',').next()?;
+    clock.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
+}
+
+/// 30000/1001 for what ffmpeg rounds to 29.97.
+fn exact_fps(fps: f64) -> f64 {
+    let ntsc = fps.ceil() * 1000.0 / 1001.0;
+    if (fps - ntsc).abs() < 0.006 { ntsc } else { fps }
+}
+
+/// Writes a video through ffmpeg (H.264, 4:2:0, constant quality). It has its name only once it is complete.
+pub struct VideoWriter {
+    file: PartialFile,
+    size: (usize, usize),
+    program: Running,
+    /// `None` once everything is written.
+    frames: Option<ChildStdin>,
+    row: Vec<u8>,
+}
+
+impl VideoWriter {
+    /// Whether a path has the extension of a video that can be written.
+    pub fn is_video(path: impl AsRef<Path>) -> bool {
+        has_extension(path.as_ref(), &["mp4", "m4v", "mov", "mkv", "avi"])
+    }
+
+    /// Starts a video of frames of this size. An odd width or height grows by a pixel, a copy of the edge, since
+    /// 4:2:0 has only even ones.
+    ///
+    /// # Errors
+    /// If there is no ffmpeg program, or the frame rate is no positive number.
+    pub fn create(path: impl AsRef<Path>, size: (usize, usize), fps: f64) -> Result<Self> {
+        let path = path.as_ref();
+        if !(fps.is_finite() && fps > 0.0) {
+            return Err(Error::new(path, format!("a video needs a positive frame rate, not {fps}")));
+        }
+        check_size(path, size.0 as u64, size.1 as u64)?;
+        let Some(program) = find() else {
+            return Err(Error::new(
+                path,
+                "no ffmpeg program found: give a folder as output, or install ffmpeg",
+            ));
+        };
+        let file = PartialFile::beside(path)?;
+        let even = |n: usize| n + n % 2;
+        let mut child = Command::new(program)
+            .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-y"])
+            .args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-s"])
+            .arg(format!("{}x{}", even(size.0), even(size.1)))
+            .arg("-r")
+            .arg(fps.to_string())
+            .args([
+                "-i",
+                "-",
+                "-vf",
+                "scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix=bt709",
+            ])
+            .args(["-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p", "-color_range", "tv"])
+            .args(["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"])
+            .args(["-movflags", "+faststart"])
+            .arg(file_url(file.path()))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|e| Error::new(path, format!("ffmpeg cannot be started ({e})")))?;
+        let (Some(stdin), Some(stderr)) = (child.stdin.take(), child.stderr.take()) else {
+            return Err(Error::new(path, "ffmpeg has no input"));
+        };
+        let program = Running { child, words: Some(listen(stderr)) };
+        Ok(Self { file, size, program, frames: Some(stdin), row: Vec::new() })
+    }
+
+    /// Appends a frame.
+    ///
+    /// # Errors
+    /// If it has another size, or ffmpeg fails (a full disk, say).
+    pub fn write(&mut self, frame: &Encoded) -> Result<()> {
+        let path = self.file.target();
+        let (width, height) = frame.0.size();
+        if (width, height) != self.size {
+            let (w, h) = self.size;
+            return Err(Error::new(
+                path,
+                format!("a frame is {width} x {height} pixels, the video {w} x {h}"),
+            ));
+        }
+        let Some(pipe) = &mut self.frames else {
+            return Err(Error::new(path, "the video has been finished or has failed"));
+        };
+        let mut written = Ok(());
+        for y in 0..height + height % 2 {
+            self.row.clear();
+            let pixels = frame.0.row(y.min(height - 1));
+            self.row.extend(pixels.iter().flatten().map(|&v| crate::image::byte_from_encoded(v)));
+            if width % 2 == 1 {
+                self.row.extend_from_within(3 * (width - 1)..);
+            }
+            written = written.and_then(|()| pipe.write_all(&self.row));
+        }
+        written.map_err(|e| {
+            self.frames = None;
+            let (_, words) = self.program.wait();
+            let why = if words.is_empty() { e.to_string() } else { last_words(&words) };
+            Error::new(self.file.target(), format!("the video cannot be written (ffmpeg: {why})"))
+        })
+    }
+
+    /// Completes the video and gives it its name.
+    ///
+    /// # Errors
+    /// If ffmpeg or the renaming fails.
+    pub fn finish(mut self) -> Result<()> {
+        self.frames = None;
+        let (success, words) = self.program.wait();
+        if !success {
+            let why = last_words(&words);
+            return Err(Error::new(
+                self.file.target(),
+                format!("the video cannot be written (ffmpeg: {why})"),
+            ));
+        }
+        self.file.complete()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(stream: &str) -> VideoStream {
+        VideoStream::parse(&format!("  Duration: 00:01:10.50, start: 0.0\n  Stream #0:0: Video: {stream}\n"))
+            .unwrap()
+    }
+
+    #[test]
+    fn ffmpeg_s_description_is_understood() {
+        let s = parse(
+            "h264 (High) (avc1 / 0x31637661), yuv420p(progressive), 640x272 [SAR 1:1 DAR 40:17], 404 kb/s, 25 fps, 25 tbr, 12800 tbn (default)",
+        );
+        assert_eq!(s, VideoStream { fps: Some(25.0), frames: Some(1763), ..VideoStream::default() });
+        let s = parse(
+            "hevc (Main 10) (hvc1 / 0x31637668), yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67), 1920x1080, 29.97 fps, 29.97 tbr",
+        );
+        assert!(s.deep && s.notes[0].contains("HDR") && s.assumed_matrix.is_none());
+        assert!((s.fps.unwrap() - 30000.0 / 1001.0).abs() < 1e-9);
+        let s = parse("h264 (Main), yuv420p(tv, progressive), 1280x720, 23.98 fps, 23.98 tbr");
+        assert_eq!(s.assumed_matrix, Some("bt709"));
+        assert!((s.fps.unwrap() - 24000.0 / 1001.0).abs() < 1e-9);
+        let s = parse("h264 (Main), yuv420p(tv, unknown/bt709/bt709), 1280x720, 60 fps");
+        assert_eq!((s.assumed_matrix, s.fps, s.deep), (Some("bt709"), Some(60.0), false));
+        let s = parse("rawvideo (RGB[24] / 0x18424752), rgb24, 1920x1080, 24 fps");
+        assert_eq!((s.assumed_matrix, s.deep), (None, false));
+        assert!(parse("ffv1, p010le, 64x64, 1k tbn").deep);
+        assert!(VideoStream::parse("  Stream #0:1: Audio: aac, 44100 Hz").is_none());
+        assert!(
+            VideoStream::parse("  Stream #0:1: Video: png, rgb24, 9x9, 90k tbr (attached pic)").is_none()
+        );
+    }
+
+    #[test]
+    fn a_stream_of_ppm_images() {
+        let mut stream = &b"P6\n2 1\n255\nabcdefP6\n1 1\n65535\nABCDEFP6\n1 1\n255\nab"[..];
+        let path = Path::new("v.mp4");
+        let image = read_ppm(path, &mut stream).unwrap().encoded(path).unwrap();
+        assert_eq!(image.0.size(), (2, 1));
+        assert_eq!(image.0.at(1, 0)[2], f32::from(b'f') / 255.0);
+        assert_eq!(
+            read_ppm(path, &mut stream).unwrap().encoded(path).unwrap().0.at(0, 0)[0],
+            f32::from(u16::from_be_bytes(*b"AB")) / 65535.0
+        );
+        assert!(read_ppm(path, &mut stream).is_err());
+        assert!(read_ppm(path, &mut &b"P6\n999999 999999\n255\n"[..]).is_err());
+        assert!(read_ppm(path, &mut &b"P6\n9999999999999999 1\n"[..]).is_err());
+    }
+}

@@ -1,0 +1,390 @@
+//! The built-in video decoder: H.264 in MP4 or MOV, 4:2:0, 8 bit, with nothing installed.
+
+use crate::{
+    Error, Result,
+    error::guarded,
+    image::check_size,
+    video::{VideoHead, VideoImage},
+};
+use blindaug::{Encoded, Raster};
+use openh264::{
+    decoder::{DecodeOptions, DecodedYUV, Decoder, Flush},
+    formats::YUVSource,
+};
+use re_mp4::{StsdBoxContent, TrackKind};
+use std::{
+    collections::VecDeque,
+    fs::File,
+    io::{BufReader, Read, Seek, SeekFrom},
+    path::{Path, PathBuf},
+};
+
+const START_CODE: [u8; 4] = [0, 0, 0, 1];
+
+/// The largest compressed frame that is read, bytes.
+const MAX_SAMPLE: u64 = 1 << 28;
+
+/// Where the frames of a file are, and how they are coded.
+#[derive(Clone, Debug)]
+pub(crate) struct Mp4 {
+    /// Offset and size of each coded frame, in decoding order, bytes.
+    samples: Vec<(u64, u64)>,
+    /// Bytes of the length in front of each NAL unit.
+    length_size: usize,
+    /// The parameter sets, as a byte stream.
+    parameter_sets: Vec<u8>,
+    colour: Colour,
+    /// Quarter turns clockwise to show a frame upright.
+    quarter_turns: u8,
+}
+
+impl Mp4 {
+    /// Reads the head of the file.
+    pub(crate) fn open(path: &Path) -> Result<(Self, VideoHead)> {
+        let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let length = file.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
+        let other = "install ffmpeg, or give the frames as a folder of images";
+        guarded(path, || {
+            let mp4 = re_mp4::Mp4::read(BufReader::new(file), length).map_err(|e| {
+                let what =
+                    "not an image, nor a complete MP4 video, which is all that can be read without ffmpeg";
+                Error::new(path, format!("{what} ({e}); {other}"))
+            })?;
+            let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
+                return Err(Error::new(path, "there is no video in this file"));
+            };
+            let trak = track.trak(&mp4);
+            let StsdBoxContent::Avc1(avc1) = &trak.mdia.minf.stbl.stsd.contents else {
+                let codec = track.codec_string(&mp4).unwrap_or("an unknown format".into());
+                let what =
+                    format!("the video is coded as {codec}, but without ffmpeg only H.264 can be read");
+                return Err(Error::new(path, format!("{what}; {other}")));
+            };
+            check_size(path, avc1.width.into(), avc1.height.into())?;
+            let avcc = &avc1.avcc;
+            let mut parameter_sets = Vec::new();
+            for unit in avcc.sequence_parameter_sets.iter().chain(&avcc.picture_parameter_sets) {
+                parameter_sets.extend(START_CODE);
+                parameter_sets.extend(&unit.bytes);
+            }
+            let sps = avcc.sequence_parameter_sets.first().map_or(&[][..], |s| &s.bytes);
+            let sps = Sps::parse(sps).ok_or_else(|| Error::damaged(path, "its parameters cannot be read"))?;
+            if sps.chroma_format != 1 || sps.bit_depth != 8 {
+                let what = "the video has more than 8 bits or is not 4:2:0, which only ffmpeg can read";
+                return Err(Error::new(path, format!("{what}; {other}")));
+            }
+            let samples: Vec<_> = track.samples.iter().map(|s| (s.offset, s.size)).collect();
+            let seconds = track.duration as f64 / track.timescale as f64;
+            let fps = Some(samples.len() as f64 / seconds).filter(|f| f.is_finite() && *f > 0.0);
+            let m = &trak.tkhd.matrix;
+            let quarter_turns = match (m.a.signum(), m.b.signum(), m.c.signum(), m.d.signum()) {
+                (0, 1, -1, 0) => 1,
+                (-1, 0, 0, -1) => 2,
+                (0, -1, 1, 0) => 3,
+                _ => 0,
+            };
+            let head = VideoHead { fps, frames: Some(samples.len()), notes: Vec::new() };
+            Ok((
+                Self {
+                    samples,
+                    length_size: usize::from(avcc.length_size_minus_one & 3) + 1,
+                    parameter_sets,
+                    colour: Colour::new(&sps, avc1.height.into()),
+                    quarter_turns,
+                },
+                head,
+            ))
+        })
+    }
+
+    /// Starts to decode.
+    pub(crate) fn frames(&self, path: &Path) -> Result<Mp4Frames> {
+        let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let decoder = Decoder::new().map_err(|e| Error::new(path, format!("no H.264 decoder ({e})")))?;
+        Ok(Mp4Frames {
+            path: path.into(),
+            mp4: self.clone(),
+            file: BufReader::new(file),
+            decoder,
+            next: 0,
+            shown: 0,
+            ready: VecDeque::new(),
+            flushed: false,
+        })
+    }
+}
+
+/// Frames as they come out of the decoder.
+pub(crate) struct Mp4Frames {
+    path: PathBuf,
+    mp4: Mp4,
+    file: BufReader<File>,
+    decoder: Decoder,
+    /// Index of the next sample to decode.
+    next: usize,
+    shown: usize,
+    /// What was left in the decoder at the end.
+    ready: VecDeque<Encoded>,
+    flushed: bool,
+}
+
+impl Mp4Frames {
+    /// The next frame in the order in which they are shown; `None` at the end.
+    pub(crate) fn next_frame(&mut self, wanted: bool) -> Result<Option<VideoImage>> {
+        let image = self.decode(wanted);
+        self.shown += usize::from(matches!(image, Ok(Some(_))));
+        image
+    }
+
+    fn decode(&mut self, wanted: bool) -> Result<Option<VideoImage>> {
+        let Self { path, mp4, decoder, .. } = self;
+        let number = self.shown + 1;
+        let broken = |e: &dyn std::fmt::Display| {
+            let e = crate::error::one_line(&e.to_string());
+            Error::new(&*path, format!("the video is damaged or cut short at frame {number} ({e})"))
+        };
+        while let Some(&(offset, size)) = mp4.samples.get(self.next) {
+            if size > MAX_SAMPLE {
+                return Err(broken(&"a coded frame of absurd size"));
+            }
+            let mut sample = Vec::new();
+            self.file.seek(SeekFrom::Start(offset)).map_err(|e| broken(&e))?;
+            (&mut self.file).take(size).read_to_end(&mut sample).map_err(|e| broken(&e))?;
+            if (sample.len() as u64) < size {
+                return Err(broken(&"the file ends"));
+            }
+            let mut stream = if self.next == 0 { mp4.parameter_sets.clone() } else { Vec::new() };
+            byte_stream_from_sample(&sample, mp4.length_size, &mut stream)
+                .ok_or_else(|| broken(&"a unit is longer than its frame"))?;
+            self.next += 1;
+            // The decoder puts frames into the order of showing, as long as it is not flushed in between.
+            let options = DecodeOptions::new().flush_after_decode(Flush::NoFlush);
+            if let Some(yuv) = decoder.decode_with_options(&stream, options).map_err(|e| broken(&e))? {
+                return Ok(Some(if wanted {
+                    VideoImage::Converted(upright(encoded_from_yuv(&yuv, mp4.colour), mp4.quarter_turns))
+                } else {
+                    VideoImage::Skipped
+                }));
+            }
+        }
+        if !self.flushed {
+            self.flushed = true;
+            let rest = decoder.flush_remaining().map_err(|e| broken(&e))?;
+            let rest = rest.iter().map(|yuv| upright(encoded_from_yuv(yuv, mp4.colour), mp4.quarter_turns));
+            self.ready.extend(rest);
+        }
+        Ok(self.ready.pop_front().map(VideoImage::Converted))
+    }
+}
+
+/// Units with their lengths in front, as in MP4, to units with start codes between. `None` if a length is wrong.
+fn byte_stream_from_sample(mut sample: &[u8], length_size: usize, stream: &mut Vec<u8>) -> Option<()> {
+    while !sample.is_empty() {
+        let (length, rest) = sample.split_at_checked(length_size)?;
+        let length = length.iter().fold(0, |n, &b| n << 8 | usize::from(b));
+        let (unit, rest) = rest.split_at_checked(length)?;
+        stream.extend(START_CODE);
+        stream.extend(unit);
+        sample = rest;
+    }
+    Some(())
+}
+
+/// How YCbCr codes RGB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Colour {
+    /// Weights of red and blue in luma.
+    kr: f32,
+    kb: f32,
+    full_range: bool,
+}
+
+impl Colour {
+    /// What the stream says, else Rec. 709 for HD and Rec. 601 for less.
+    fn new(sps: &Sps, height: u32) -> Self {
+        // Table E-5 of Rec. ITU-T H.264.
+        let (kr, kb) = match sps.matrix_coefficients {
+            1 => (0.2126, 0.0722),
+            4 => (0.30, 0.11),
+            5 | 6 => (0.299, 0.114),
+            7 => (0.212, 0.087),
+            9 | 10 => (0.2627, 0.0593),
+            _ if height >= 720 => (0.2126, 0.0722),
+            _ => (0.299, 0.114),
+        };
+        Self { kr, kb, full_range: sps.full_range }
+    }
+
+    /// RGB in [0, 1] of 8-bit code values (which may lie between integers).
+    fn rgb(self, y: f32, cb: f32, cr: f32) -> [f32; 3] {
+        let Self { kr, kb, full_range } = self;
+        let (y, chroma) = if full_range { (y / 255.0, 255.0) } else { ((y - 16.0) / 219.0, 224.0) };
+        let (cb, cr) = ((cb - 128.0) / chroma, (cr - 128.0) / chroma);
+        let (r, b) = (y + 2.0 * (1.0 - kr) * cr, y + 2.0 * (1.0 - kb) * cb);
+        let g = (y - kr * r - kb * b) / (1.0 - kr - kb);
+        [r, g, b].map(|v| v.clamp(0.0, 1.0))
+    }
+}
+
+/// RGB of a 4:2:0 frame; chroma is interpolated linearly from where MPEG puts it (between rows, on even columns).
+fn encoded_from_yuv(yuv: &DecodedYUV, colour: Colour) -> Encoded {
+    let (width, height) = yuv.dimensions();
+    let (luma_stride, chroma_stride, _) = yuv.strides();
+    let (luma, cb, cr) = (yuv.y(), yuv.u(), yuv.v());
+    let (chroma_width, chroma_height) = (width.div_ceil(2), height.div_ceil(2));
+    Encoded(Raster::from_fn(width, height, |x, y| {
+        let near = y / 2;
+        let far = if y % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(chroma_height - 1) };
+        let (left, right) = (x / 2, if x % 2 == 0 { x / 2 } else { (x / 2 + 1).min(chroma_width - 1) });
+        let chroma = |plane: &[u8]| {
+            let at = |x: usize, y: usize| f32::from(plane[y * chroma_stride + x]);
+            0.375 * (at(left, near) + at(right, near)) + 0.125 * (at(left, far) + at(right, far))
+        };
+        colour.rgb(f32::from(luma[y * luma_stride + x]), chroma(cb), chroma(cr))
+    }))
+}
+
+/// The frame turned clockwise.
+fn upright(image: Encoded, quarter_turns: u8) -> Encoded {
+    let i = &image.0;
+    let (w, h) = i.size();
+    Encoded(match quarter_turns {
+        1 => Raster::from_fn(h, w, |x, y| i.at(y, h - 1 - x)),
+        2 => Raster::from_fn(w, h, |x, y| i.at(w - 1 - x, h - 1 - y)),
+        3 => Raster::from_fn(h, w, |x, y| i.at(w - 1 - y, x)),
+        _ => return image,
+    })
+}
+
+/// What matters here of a sequence parameter set (section 7.3.2.1.1 and annex E of Rec. ITU-T H.264).
+#[derive(Debug, PartialEq)]
+struct Sps {
+    /// 1: 4:2:0.
+    chroma_format: u32,
+    bit_depth: u32,
+    full_range: bool,
+    /// 2: not said.
+    matrix_coefficients: u32,
+}
+
+impl Sps {
+    /// `None` if it ends too early.
+    fn parse(unit: &[u8]) -> Option<Self> {
+        // A zero byte pair is followed by a 3 that is no data.
+        let mut bytes = Vec::with_capacity(unit.len());
+        for &b in unit {
+            if !(b == 3 && bytes.ends_with(&[0, 0])) {
+                bytes.push(b);
+            }
+        }
+        let mut r = Bits { bytes: &bytes, at: 8 };
+        let profile = r.bits(8)?;
+        r.bits(16)?;
+        r.golomb()?;
+        let (mut chroma_format, mut bit_depth) = (1, 8);
+        if [100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135].contains(&profile) {
+            chroma_format = r.golomb()?;
+            if chroma_format == 3 {
+                r.bits(1)?;
+            }
+            bit_depth = 8 + r.golomb()?.max(r.golomb()?);
+            r.bits(1)?;
+            if r.bits(1)? == 1 {
+                for list in 0..if chroma_format == 3 { 12 } else { 8 } {
+                    if r.bits(1)? == 1 {
+                        r.scaling_list(if list < 6 { 16 } else { 64 })?;
+                    }
+                }
+            }
+        }
+        r.golomb()?;
+        match r.golomb()? {
+            0 => {
+                r.golomb()?;
+            }
+            1 => {
+                r.bits(1)?;
+                r.golomb()?;
+                r.golomb()?;
+                for _ in 0..r.golomb()?.min(255) {
+                    r.golomb()?;
+                }
+            }
+            _ => {}
+        }
+        r.golomb()?;
+        r.bits(1)?;
+        r.golomb()?;
+        r.golomb()?;
+        if r.bits(1)? == 0 {
+            r.bits(1)?;
+        }
+        r.bits(1)?;
+        if r.bits(1)? == 1 {
+            for _ in 0..4 {
+                r.golomb()?;
+            }
+        }
+        let mut sps = Self { chroma_format, bit_depth, full_range: false, matrix_coefficients: 2 };
+        if r.bits(1)? == 1 {
+            if r.bits(1)? == 1 && r.bits(8)? == 255 {
+                r.bits(32)?;
+            }
+            if r.bits(1)? == 1 {
+                r.bits(1)?;
+            }
+            if r.bits(1)? == 1 {
+                r.bits(3)?;
+                sps.full_range = r.bits(1)? == 1;
+                if r.bits(1)? == 1 {
+                    r.bits(16)?;
+                    sps.matrix_coefficients = r.bits(8)?;
+                }
+            }
+        }
+        Some(sps)
+    }
+}
+
+/// Reads bits, the highest first.
+struct Bits<'a> {
+    bytes: &'a [u8],
+    at: usize,
+}
+
+impl Bits<'_> {
+    fn bits(&mut self, n: u32) -> Option<u32> {
+        (0..n).try_fold(0, |value, _| {
+            let byte = self.bytes.get(self.at / 8)?;
+            let bit = byte >> (7 - self.at % 8) & 1;
+            self.at += 1;
+            Some(value << 1 | u32::from(bit))
+        })
+    }
+
+    /// An unsigned Exp-Golomb code.
+    fn golomb(&mut self) -> Option<u32> {
+        let mut zeros = 0;
+        while self.bits(1)? == 0 {
+            zeros += 1;
+            if zeros > 31 {
+                return None;
+            }
+        }
+        Some((1 << zeros) - 1 + self.bits(zeros)?)
+    }
+
+    /// Skips a scaling list.
+    fn scaling_list(&mut self, size: usize) -> Option<()> {
+        let (mut last, mut next) = (8i64, 8i64);
+        for _ in 0..size {
+            if next != 0 {
+                let code = i64::from(self.golomb()?);
+                let delta = if code % 2 == 1 { (code + 1) / 2 } else { -code / 2 };
+                next = (last + delta).rem_euclid(256);
+            }
+            last = if next == 0 { last } else { next };
+        }
+        Some(())
+    }
+}

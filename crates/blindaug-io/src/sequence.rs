@@ -1,0 +1,454 @@
+//! Frames in order: a folder of numbered images, one image, or a video.
+
+use crate::{
+    Error, Result, exr,
+    image::{frame_size, is_exr, read_frame},
+    video::{Video, VideoFrames},
+};
+use blindaug::Encoded;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
+
+/// Extensions of images that can be frames; EXR can be one too, if it has colour.
+const IMAGE_EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "ppm"];
+
+/// A frame and its number: the last number in its file's name, or from 1 on in a video.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// The number.
+    pub number: u64,
+    /// The frame.
+    pub image: Encoded,
+}
+
+/// Which frames, by their numbers, both ends included.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameRange {
+    /// The first number; `None`: from the start.
+    pub first: Option<u64>,
+    /// The last number; `None`: to the end.
+    pub last: Option<u64>,
+}
+
+impl FrameRange {
+    /// Whether the frame of this number is wanted.
+    pub fn contains(&self, number: u64) -> bool {
+        self.first.is_none_or(|f| f <= number) && self.last.is_none_or(|l| number <= l)
+    }
+}
+
+impl FromStr for FrameRange {
+    type Err = blindaug::Error;
+
+    /// Reads `FIRST..LAST`, where either may be left out.
+    fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
+        let fail = || {
+            let form = "frames are given as FIRST..LAST, by number, both included (3..7, 3.. or ..7)";
+            blindaug::Error::new(format!("\"{text}\": {form}"))
+        };
+        let number = |t: &str| match t.trim() {
+            "" => Ok(None),
+            t => t.parse().map(Some).map_err(|_| fail()),
+        };
+        let (first, last) = text.split_once("..").ok_or_else(fail)?;
+        let range = Self { first: number(first)?, last: number(last)? };
+        match range {
+            Self { first: Some(f), last: Some(l) } if f > l => Err(fail()),
+            range => Ok(range),
+        }
+    }
+}
+
+impl std::fmt::Display for FrameRange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let text = |n: Option<u64>| n.map_or(String::new(), |n| n.to_string());
+        write!(f, "{}..{}", text(self.first), text(self.last))
+    }
+}
+
+/// The frames of an input, not yet read.
+#[derive(Debug)]
+pub struct FrameSource {
+    path: PathBuf,
+    range: FrameRange,
+    size: (usize, usize),
+    kind: Kind,
+    notes: Vec<String>,
+}
+
+#[derive(Debug)]
+enum Kind {
+    /// In order of the number.
+    Images(Vec<(u64, PathBuf)>),
+    Video(Video),
+}
+
+impl FrameSource {
+    /// Opens a folder of numbered images, one image, or a video, of which the frames in `range` are used.
+    ///
+    /// In a folder that holds several kinds side by side, the frames are the images with colour (an EXR with `R G B`
+    /// counts where no other image has its number).
+    ///
+    /// # Errors
+    /// If there is nothing there, no frame (in the range), two frames of one number, or the first frame is damaged.
+    pub fn open(path: impl AsRef<Path>, range: FrameRange) -> Result<Self> {
+        let path = path.as_ref();
+        let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
+        let mut notes = Vec::new();
+        let (kind, size) = if metadata.is_dir() {
+            let mut files = frame_files(path, &mut notes)?;
+            let (low, high) = (files.first().map(|f| f.0), files.last().map(|f| f.0));
+            files.retain(|(number, _)| range.contains(*number));
+            let Some((_, first)) = files.first() else {
+                let (low, high) = (low.unwrap_or(0), high.unwrap_or(0));
+                return Err(Error::new(
+                    path,
+                    format!("no frame in {range} (its frames are {low} to {high})"),
+                ));
+            };
+            notes.extend(missing_numbers(files.iter().map(|f| f.0)));
+            let size = frame_size(first)?;
+            (Kind::Images(files), size)
+        } else if has_extension(path, &IMAGE_EXTENSIONS)
+            || has_extension(path, &["pgm", "pnm"])
+            || is_exr(path)?
+        {
+            let number = number_of(path).unwrap_or(1);
+            if !range.contains(number) {
+                return Err(Error::new(
+                    path,
+                    format!("no frame in {range} (this one image is number {number})"),
+                ));
+            }
+            (Kind::Images(vec![(number, path.into())]), frame_size(path)?)
+        } else {
+            let video = Video::open(path)?;
+            let size = video.size();
+            notes.extend(video.notes().iter().cloned());
+            (Kind::Video(video), size)
+        };
+        Ok(Self { path: path.into(), range, size, kind, notes })
+    }
+
+    /// The file or folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Width and height of every frame, px.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// Frames per second, where the input says it (a video).
+    pub fn fps(&self) -> Option<f64> {
+        match &self.kind {
+            Kind::Images(_) => None,
+            Kind::Video(v) => v.fps(),
+        }
+    }
+
+    /// How many frames there are; of a video what it says of itself, if anything.
+    pub fn len_hint(&self) -> Option<usize> {
+        match &self.kind {
+            Kind::Images(files) => Some(files.len()),
+            Kind::Video(v) => v.len_hint().map(|n| {
+                let last = self.range.last.unwrap_or(u64::MAX).min(n as u64);
+                (last + 1).saturating_sub(self.range.first.unwrap_or(1).max(1)) as usize
+            }),
+        }
+    }
+
+    /// What a person should know about the input (missing numbers, which of two kinds was taken), a sentence each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The frames from the first one on, each read when it is asked for. Can be called again for another pass.
+    pub fn frames(&self) -> Frames<'_> {
+        self.frames_if(|_| true)
+    }
+
+    /// Those of the frames whose number is wanted; the others are not read from image files.
+    pub fn frames_if<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
+        Frames { source: self, wanted: Box::new(wanted), next: 0, video: None, ended: false }
+    }
+}
+
+/// The frames of a [`FrameSource`], in order. After an error there are no more of them.
+pub struct Frames<'a> {
+    source: &'a FrameSource,
+    wanted: Box<dyn Fn(u64) -> bool + Send + 'a>,
+    /// Index of the next file, or number of frames decoded from the video.
+    next: usize,
+    video: Option<VideoFrames>,
+    ended: bool,
+}
+
+impl Iterator for Frames<'_> {
+    type Item = Result<Frame>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ended {
+            return None;
+        }
+        let frame = match &self.source.kind {
+            Kind::Images(files) => self.next_image(files),
+            Kind::Video(video) => self.next_video_frame(video),
+        };
+        self.ended = !matches!(frame, Some(Ok(_)));
+        frame
+    }
+}
+
+impl Frames<'_> {
+    fn next_image(&mut self, files: &[(u64, PathBuf)]) -> Option<Result<Frame>> {
+        let (number, path) = loop {
+            let (number, path) = files.get(self.next)?;
+            self.next += 1;
+            if (self.wanted)(*number) {
+                break (*number, path);
+            }
+        };
+        Some(read_frame(path).and_then(|image| self.checked(path, number, image)))
+    }
+
+    fn next_video_frame(&mut self, video: &Video) -> Option<Result<Frame>> {
+        loop {
+            let number = self.next as u64 + 1;
+            if self.source.range.last.is_some_and(|last| number > last) {
+                return None;
+            }
+            if self.video.is_none() {
+                match video.frames() {
+                    Ok(frames) => self.video = Some(frames),
+                    Err(e) => return Some(Err(e)),
+                }
+            }
+            let wanted = self.source.range.contains(number) && (self.wanted)(number);
+            let next = self.video.as_mut()?.next_frame(wanted);
+            self.next += 1;
+            match next {
+                Ok(None) => {
+                    // Only now is it known how long the video is.
+                    let first = self.source.range.first.unwrap_or(1);
+                    let range = self.source.range;
+                    return (number <= first && !self.source.range.contains(number - 1)).then(|| {
+                        let have = format!("the video has {} frames", number - 1);
+                        Err(Error::new(&self.source.path, format!("no frame in {range} ({have})")))
+                    });
+                }
+                Ok(Some(image)) if wanted => {
+                    let image = image.encoded(&self.source.path);
+                    return Some(image.and_then(|image| self.checked(&self.source.path, number, image)));
+                }
+                Ok(Some(_)) => {}
+                Err(e) => return Some(Err(e)),
+            }
+        }
+    }
+
+    fn checked(&self, path: &Path, number: u64, image: Encoded) -> Result<Frame> {
+        let ((w, h), (first_w, first_h)) = (image.0.size(), self.source.size);
+        if (w, h) != (first_w, first_h) {
+            return Err(Error::new(
+                path,
+                format!(
+                    "frame {number} is {w} x {h} pixels, but the first frame is {first_w} x {first_h}; all must have one size"
+                ),
+            ));
+        }
+        Ok(Frame { number, image })
+    }
+}
+
+/// The last number in the file's name, without its extension.
+pub(crate) fn number_of(path: &Path) -> Option<u64> {
+    let stem = path.file_stem()?.to_str()?;
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let start = stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |i| {
+        // The character before may be longer than a byte.
+        i + stem[i..].chars().next().map_or(1, char::len_utf8)
+    });
+    stem[start..end].parse().ok()
+}
+
+/// Whether the file's extension is one of these, in any case.
+pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension()
+        .and_then(|e| e.to_str())
+        .is_some_and(|e| extensions.iter().any(|x| x.eq_ignore_ascii_case(e)))
+}
+
+/// The files of a folder with one of these extensions, by number. Hidden files are left out; files without a number
+/// too, with a note, unless there is only one file (which then is number 1).
+///
+/// # Errors
+/// If the folder cannot be read, two of the files have one number, or there are several and none has a number.
+pub(crate) fn numbered_files(
+    folder: &Path,
+    extensions: &[&str],
+    notes: &mut Vec<String>,
+) -> Result<BTreeMap<u64, PathBuf>> {
+    let fail = |e: std::io::Error| Error::cannot_read(folder, &e);
+    let mut files = Vec::new();
+    for entry in folder.read_dir().map_err(fail)? {
+        let path = entry.map_err(fail)?.path();
+        let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
+        if !hidden && has_extension(&path, extensions) && path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort();
+    if let [only] = &files[..] {
+        return Ok([(number_of(only).unwrap_or(1), only.clone())].into());
+    }
+    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut numbered = BTreeMap::<u64, PathBuf>::new();
+    let mut unnumbered = Vec::new();
+    for path in files {
+        let Some(number) = number_of(&path) else {
+            unnumbered.push(path);
+            continue;
+        };
+        if let Some(other) = numbered.get(&number) {
+            let (a, b) = (name(other), name(&path));
+            return Err(Error::new(
+                folder,
+                format!(
+                    "{a} and {b} both have the number {number}; the last number in a name must be the frame's own"
+                ),
+            ));
+        }
+        numbered.insert(number, path);
+    }
+    match (unnumbered.first(), numbered.is_empty()) {
+        (Some(first), true) => {
+            let what = "its files have no numbers in their names";
+            return Err(Error::new(
+                folder,
+                format!("{what} ({} and others); name them 0001.png and so on", name(first)),
+            ));
+        }
+        (Some(first), false) => {
+            let others = match unnumbered.len() - 1 {
+                0 => String::new(),
+                n => format!(" (and {n} more)"),
+            };
+            notes.push(format!("{}{others} has no number in its name and is left out", name(first)));
+        }
+        (None, _) => {}
+    }
+    Ok(numbered)
+}
+
+/// The images with colour of a folder, in the order of their numbers.
+///
+/// # Errors
+/// As [`numbered_files`], or if there are none.
+pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<(u64, PathBuf)>> {
+    let mut frames = numbered_files(folder, &IMAGE_EXTENSIONS, notes)?;
+    let exrs = numbered_files(folder, &["exr"], notes)?;
+    let mut without_colour = 0;
+    let mut both_seen = false;
+    for (number, path) in exrs {
+        if !frames.contains_key(&number) {
+            if exr::exr_contents(&path)?.colour {
+                frames.insert(number, path);
+            } else {
+                without_colour += 1;
+            }
+        } else if !both_seen {
+            // One look is enough: the files of a clip are alike.
+            both_seen = true;
+            if exr::exr_contents(&path)?.colour {
+                notes.push(format!(
+                    "frame {number} is there as EXR as well; the {} is used where there are both",
+                    frames[&number].extension().unwrap_or_default().to_string_lossy()
+                ));
+            }
+        }
+    }
+    if frames.is_empty() {
+        let exr = match without_colour {
+            0 => String::new(),
+            n => format!("; its {n} EXR files have no channels R, G and B"),
+        };
+        let kinds = "PNG, JPEG, TIFF, BMP, PPM or EXR";
+        return Err(Error::new(folder, format!("the folder has no images ({kinds}){exr}")));
+    }
+    Ok(frames.into_iter().collect())
+}
+
+/// A sentence about the gaps between numbers that ascend.
+fn missing_numbers(numbers: impl Iterator<Item = u64>) -> Option<String> {
+    const LISTED: usize = 5;
+    let (mut gaps, mut missing, mut last) = (Vec::new(), 0, None::<u64>);
+    for n in numbers {
+        if let Some(l) = last.filter(|l| n - l > 1) {
+            gaps.push((l + 1, n - 1));
+            missing += n - l - 1;
+        }
+        last = Some(n);
+    }
+    let listed: Vec<String> = gaps
+        .iter()
+        .take(LISTED)
+        .map(|(a, b)| if a == b { a.to_string() } else { format!("{a} to {b}") })
+        .collect();
+    let more = if gaps.len() > LISTED { format!(", ... ({missing} in all)") } else { String::new() };
+    match missing {
+        0 => None,
+        1 => Some(format!("frame {} is missing", listed[0])),
+        _ => Some(format!("frames {}{more} are missing", listed.join(", "))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_last_in_names() {
+        for (name, number) in [
+            ("0001.png", Some(1)),
+            ("IMG_2024_0012.jpg", Some(12)),
+            ("take2_10b.png", Some(10)),
+            ("größe7é.png", Some(7)),
+            ("é12.png", Some(12)),
+            ("frame.png", None),
+            ("99999999999999999999999.png", None),
+            ("shot.0042.exr", Some(42)),
+        ] {
+            assert_eq!(number_of(Path::new(name)), number, "{name}");
+        }
+    }
+
+    #[test]
+    fn gaps_are_told() {
+        let told = |n: &[u64]| missing_numbers(n.iter().copied());
+        assert_eq!(told(&[1, 2, 3]), None);
+        assert_eq!(told(&[]), None);
+        assert_eq!(told(&[1, 3]).unwrap(), "frame 2 is missing");
+        assert_eq!(told(&[3, 5, 6, 10]).unwrap(), "frames 4, 7 to 9 are missing");
+        assert_eq!(
+            told(&[0, 2, 4, 6, 8, 10, 12]).unwrap(),
+            "frames 1, 3, 5, 7, 9, ... (6 in all) are missing"
+        );
+    }
+
+    #[test]
+    fn ranges_are_parsed() {
+        let parse = |t: &str| t.parse::<FrameRange>();
+        assert_eq!(parse("3..7").unwrap(), FrameRange { first: Some(3), last: Some(7) });
+        assert_eq!(parse("..7").unwrap(), FrameRange { first: None, last: Some(7) });
+        assert_eq!(parse("..").unwrap(), FrameRange::default());
+        assert!(parse("3..7").unwrap().contains(7) && !parse("3..7").unwrap().contains(8));
+        for bad in ["", "5", "7..3", "a..b", "-1..3", "1...3", "1..99999999999999999999"] {
+            assert!(parse(bad).unwrap_err().to_string().contains("FIRST..LAST"), "{bad}");
+        }
+    }
+}

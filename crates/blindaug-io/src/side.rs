@@ -1,0 +1,252 @@
+//! Side folders: what belongs to frames, matched by number.
+
+use crate::{
+    DepthFormat, DepthValues, Error, Result, VirtualLayerFile, exr_contents, read_flow, read_frame,
+    read_inverse_depth, read_virtual_layer,
+    sequence::{frame_files, numbered_files},
+};
+use blindaug::{Encoded, Flow, Plane};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// A folder with something that belongs to frames, matched to them by the last number in the files' names. One file
+/// in its place belongs to every frame.
+pub struct SideFolder<T> {
+    path: PathBuf,
+    kind: SideKind<T>,
+    files: Files,
+    read: Box<dyn Fn(&Path) -> Result<T> + Send + Sync>,
+    notes: Vec<String>,
+}
+
+/// What a side folder is to hold.
+struct SideKind<T> {
+    /// In words.
+    what: &'static str,
+    /// The files in which it may come.
+    accepted: &'static str,
+    size_of: fn(&T) -> (usize, usize),
+}
+
+enum Files {
+    Numbered(BTreeMap<u64, PathBuf>),
+    One(PathBuf),
+}
+
+impl SideFolder<Encoded> {
+    /// Frames of another kind (`what`: "the clean frames", say, for messages).
+    ///
+    /// # Errors
+    /// If there is no such folder or no frame in it, or two have one number.
+    pub fn frames(path: impl AsRef<Path>, what: &'static str) -> Result<Self> {
+        let files =
+            |path: &Path, notes: &mut Vec<String>| Ok(frame_files(path, notes)?.into_iter().collect());
+        let kind = SideKind { what, accepted: "images", size_of: |i: &Encoded| i.0.size() };
+        Self::open(path.as_ref(), kind, files, Box::new(|p| read_frame(p)), "display-encoded")
+    }
+}
+
+impl SideFolder<Plane> {
+    /// Depth maps: EXR with `Z`, else PGM, else PNG or TIFF. Their values are inverse depth, NaN: no reading.
+    ///
+    /// # Errors
+    /// If there is no such folder or no depth in it, or two have one number.
+    pub fn depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Self> {
+        let per_metre = format.per_metre;
+        let unit = match format.values {
+            DepthValues::Metric => format!("depth in metres ({per_metre} units per metre in integer files)"),
+            DepthValues::Inverse => format!("inverse depth in 1/m (integers divided by {per_metre})"),
+            DepthValues::RelativeInverse => "relative inverse depth".into(),
+        };
+        let files = |path: &Path, notes: &mut Vec<String>| {
+            let exr = numbered_files(path, &["exr"], notes)?;
+            let has_z = match exr.values().next() {
+                Some(first) => exr_contents(first)?.depth,
+                None => false,
+            };
+            let kinds: [&[&str]; 3] = [&["pgm"], &["png"], &["tif", "tiff"]];
+            let mut files = if has_z { exr } else { BTreeMap::new() };
+            for kind in kinds {
+                if files.is_empty() {
+                    files = numbered_files(path, kind, notes)?;
+                }
+            }
+            Ok(files)
+        };
+        let accepted = "EXR with a channel Z, PGM, PNG or TIFF";
+        let kind = SideKind { what: "depth", accepted, size_of: Plane::size };
+        Self::open(path.as_ref(), kind, files, Box::new(move |p| read_inverse_depth(p, format)), &unit)
+    }
+}
+
+impl SideFolder<Flow> {
+    /// Optical flow: EXR with `forward.u`, `forward.v`, else `.flo`.
+    ///
+    /// # Errors
+    /// If there is no such folder or no flow in it, or two have one number.
+    pub fn flow(path: impl AsRef<Path>) -> Result<Self> {
+        let files = |path: &Path, notes: &mut Vec<String>| {
+            let exr = numbered_files(path, &["exr"], notes)?;
+            match exr.values().next() {
+                Some(first) if exr_contents(first)?.flow => Ok(exr),
+                _ => numbered_files(path, &["flo"], notes),
+            }
+        };
+        let unit = "px to the next frame";
+        let accepted = ".flo, or EXR with channels forward.u and forward.v";
+        let kind = SideKind { what: "flow", accepted, size_of: Flow::size };
+        Self::open(path.as_ref(), kind, files, Box::new(|p| read_flow(p)), unit)
+    }
+}
+
+impl SideFolder<VirtualLayerFile> {
+    /// Rendered virtual layers, one EXR per frame.
+    ///
+    /// # Errors
+    /// If there is no such folder or no EXR in it, or two have one number.
+    pub fn virtual_layers(path: impl AsRef<Path>) -> Result<Self> {
+        let files = |path: &Path, notes: &mut Vec<String>| numbered_files(path, &["exr"], notes);
+        let accepted = "EXR with channels R G B A";
+        let kind =
+            SideKind { what: "virtual layers", accepted, size_of: |v: &VirtualLayerFile| v.color.0.size() };
+        Self::open(
+            path.as_ref(),
+            kind,
+            files,
+            Box::new(|p| read_virtual_layer(p)),
+            "premultiplied, scene-linear",
+        )
+    }
+}
+
+impl<T> SideFolder<T> {
+    fn open(
+        path: &Path,
+        kind: SideKind<T>,
+        list: impl FnOnce(&Path, &mut Vec<String>) -> Result<BTreeMap<u64, PathBuf>>,
+        read: Box<dyn Fn(&Path) -> Result<T> + Send + Sync>,
+        unit: &str,
+    ) -> Result<Self> {
+        let what = kind.what;
+        let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
+        let mut notes = Vec::new();
+        let files = if metadata.is_dir() {
+            let files = list(path, &mut notes)?;
+            if files.is_empty() {
+                return Err(Error::new(
+                    path,
+                    format!("the folder has no files with {what} ({})", kind.accepted),
+                ));
+            }
+            Files::Numbered(files)
+        } else {
+            Files::One(path.into())
+        };
+        let said = match &files {
+            Files::Numbered(files) => {
+                let extension =
+                    |p: &PathBuf| p.extension().unwrap_or_default().to_string_lossy().to_uppercase();
+                let mut kinds = BTreeMap::new();
+                for p in files.values() {
+                    *kinds.entry(extension(p)).or_insert(0) += 1;
+                }
+                let kinds: Vec<_> = kinds.iter().map(|(k, n)| format!("{n} {k}")).collect();
+                format!("{} {}", kinds.join(" and "), if files.len() == 1 { "file" } else { "files" })
+            }
+            Files::One(_) => "one file, for every frame".into(),
+        };
+        notes.insert(0, format!("{what}: {said}, {unit}"));
+        Ok(Self { path: path.into(), kind, files, read, notes })
+    }
+
+    /// The folder (or file).
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What was found, and what a person should know about it, a sentence each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Whether there is a file for this frame.
+    pub fn has(&self, number: u64) -> bool {
+        self.file(number).is_some()
+    }
+
+    /// What belongs to this frame; `None` if nothing does.
+    ///
+    /// # Errors
+    /// If its file is damaged or of another kind, or its size is not `size`, that of the frames.
+    pub fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>> {
+        let Some(path) = self.file(number) else { return Ok(None) };
+        let value = (self.read)(path)?;
+        let (width, height) = (self.kind.size_of)(&value);
+        if (width, height) != size {
+            let frames = format!("the frames are {} x {}", size.0, size.1);
+            return Err(Error::new(
+                path,
+                format!(
+                    "{} of frame {number}: {width} x {height} pixels, but {frames}; bring both to one size",
+                    self.kind.what
+                ),
+            ));
+        }
+        Ok(Some(value))
+    }
+
+    fn file(&self, number: u64) -> Option<&Path> {
+        match &self.files {
+            Files::Numbered(files) => files.get(&number).map(PathBuf::as_path),
+            Files::One(path) => Some(path),
+        }
+    }
+}
+
+/// A scene in the layout of the paper's released data: a folder for each kind of evidence. What is missing is `None`.
+pub struct PaperScene {
+    /// The recorded frames.
+    pub original: PathBuf,
+    /// Without noise.
+    pub denoised: Option<SideFolder<Encoded>>,
+    /// Without noise and motion blur.
+    pub de_motion_blurred: Option<SideFolder<Encoded>>,
+    /// Without noise, motion blur and defocus.
+    pub de_focus_blurred: Option<SideFolder<Encoded>>,
+    /// Relative inverse depth.
+    pub depth: Option<SideFolder<Plane>>,
+    /// Flow to the next frame.
+    pub flow: Option<SideFolder<Flow>>,
+}
+
+impl PaperScene {
+    /// Opens `dir/original/scene`, `dir/denoised/scene` and so on, or `dir/scene/original` and so on.
+    ///
+    /// # Errors
+    /// If there is no folder of original frames, or one of the folders holds something else.
+    pub fn open(dir: impl AsRef<Path>, scene: &str) -> Result<Self> {
+        let dir = dir.as_ref();
+        let folder = |kind: &str| {
+            let places = [dir.join(kind).join(scene), dir.join(scene).join(kind)];
+            places.into_iter().find(|p| p.is_dir())
+        };
+        let Some(original) = folder("original") else {
+            return Err(Error::new(
+                dir,
+                format!("no scene \"{scene}\": there is neither original/{scene} nor {scene}/original in it"),
+            ));
+        };
+        let frames = |kind: &'static str| folder(kind).map(|p| SideFolder::frames(p, kind)).transpose();
+        let relative = DepthFormat { values: DepthValues::RelativeInverse, ..DepthFormat::default() };
+        Ok(Self {
+            original,
+            denoised: frames("denoised")?,
+            de_motion_blurred: frames("de_motion_blurred")?,
+            de_focus_blurred: frames("de_focus_blurred")?,
+            depth: folder("depth").map(|p| SideFolder::depth(p, relative)).transpose()?,
+            flow: folder("flow").map(SideFolder::flow).transpose()?,
+        })
+    }
+}
