@@ -51,16 +51,12 @@ pub fn sample<P: Pixel>(
     let mut i = 0.5;
     while i < taps {
         let t = i / taps - 0.5;
-        let tap = src.bilinear(x as f32 + t * dx, y as f32 + t * dy);
-        for (s, v) in P::flat_mut(std::slice::from_mut(&mut sum)).iter_mut().zip(P::flat(&[tap])) {
-            *s += v;
-        }
+        sum.add_scaled(src.bilinear(x as f32 + t * dx, y as f32 + t * dy), 1.0);
         i += 1.0;
     }
-    for s in P::flat_mut(std::slice::from_mut(&mut sum)) {
-        *s /= taps;
-    }
-    sum
+    let mut mean = P::default();
+    mean.add_scaled(sum, 1.0 / taps);
+    mean
 }
 
 #[cfg(test)]
