@@ -70,6 +70,42 @@ pub fn convolve<P: Pixel>(src: &Raster<P>, half: &[f32]) -> Raster<P> {
     out
 }
 
+/// [`convolve`] of the `w` x `h` rectangle at (x, y) alone, which may reach outside the image; on this thread.
+pub(crate) fn convolve_rectangle<P: Pixel>(
+    src: &Raster<P>,
+    half: &[f32],
+    (x, y): (isize, isize),
+    (w, h): (usize, usize),
+) -> Raster<P> {
+    let c = P::CHANNELS;
+    let r = half.len() - 1;
+    let mut rows = Raster::filled(w, h + 2 * r, P::default());
+    let mut padded: Vec<P> = Vec::with_capacity(w + 2 * r);
+    for j in 0..h + 2 * r {
+        let line = src.row((y + j as isize - r as isize).clamp(0, src.height() as isize - 1) as usize);
+        let inside = |i: isize| i.clamp(0, line.len() as isize) as usize;
+        let (first, last) = (x - r as isize, x + (w + r) as isize);
+        padded.clear();
+        padded.resize((-first).clamp(0, last - first) as usize, line[0]);
+        padded.extend_from_slice(&line[inside(first)..inside(last)]);
+        padded.resize(w + 2 * r, line[line.len() - 1]);
+        let padded = P::flat(&padded);
+        for (b, block) in P::flat_mut(rows.row_mut(j)).chunks_mut(BLOCK).enumerate() {
+            let at = b * BLOCK + r * c;
+            accumulate(block, half, |j, side| &padded[if side { at + j * c } else { at - j * c }..]);
+        }
+    }
+    let mut out = Raster::filled(w, h, P::default());
+    for y in 0..h {
+        for (b, block) in P::flat_mut(out.row_mut(y)).chunks_mut(BLOCK).enumerate() {
+            accumulate(block, half, |j, side| {
+                &P::flat(rows.row(if side { y + r + j } else { y + r - j }))[b * BLOCK..]
+            });
+        }
+    }
+    out
+}
+
 /// Accumulators that stay in registers.
 const BLOCK: usize = 64;
 
@@ -136,6 +172,29 @@ mod tests {
         assert!((q.data().iter().sum::<f32>() - 1.0).abs() < 1e-4);
         assert!((q.at(17, 22) - q.at(23, 18)).abs() < 1e-9);
         assert!((q.at(17, 22) - q.at(22, 17)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_rectangle_is_convolved_as_the_whole_is() {
+        let p = Raster::from_fn(70, 41, |x, y| [((x * 37 + y * 91) % 17) as f32, (x * y % 7) as f32, 1.0]);
+        let kernel = gaussian_kernel(2.0);
+        let whole = convolve(&p, &kernel);
+        for (x0, y0, w, h) in
+            [(0, 0, 70, 41), (5, 7, 33, 12), (60, 30, 10, 11), (-3, -2, 5, 6), (66, 38, 9, 9)]
+        {
+            let part = convolve_rectangle(&p, &kernel, (x0, y0), (w, h));
+            for y in 0..h {
+                for x in 0..w {
+                    let (fx, fy) = (x0 + x as isize, y0 + y as isize);
+                    if (0..70).contains(&fx) && (0..41).contains(&fy) {
+                        assert_eq!(part.at(x, y), whole.at(fx as usize, fy as usize));
+                    }
+                }
+            }
+        }
+        // Far outside it is the corner pixel, repeated.
+        let far = convolve_rectangle(&p, &kernel, (200, -90), (2, 2));
+        assert!((far.at(1, 1)[0] - p.at(69, 0)[0]).abs() < 1e-4);
     }
 
     #[test]

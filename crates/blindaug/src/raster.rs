@@ -132,6 +132,13 @@ pub trait Pixel: Copy + Default + Send + Sync + 'static {
     fn flat_mut(pixels: &mut [Self]) -> &mut [f32];
     /// `a + t (b - a)`, channel by channel.
     fn lerp(a: Self, b: Self, t: f32) -> Self;
+    /// Adds `k v`, channel by channel.
+    #[inline]
+    fn add_scaled(&mut self, v: Self, k: f32) {
+        for (a, v) in Self::flat_mut(std::slice::from_mut(self)).iter_mut().zip(Self::flat(&[v])) {
+            *a += k * v;
+        }
+    }
 }
 
 impl Pixel for f32 {

@@ -1,1 +1,254 @@
-//! Synthesis.
+//! Noise: white normal noise, shaped level by level of a Laplacian pyramid (the paper, after Walton et al. 2021).
+
+use crate::model::{NOISE_LEVELS, NoiseModel};
+use crate::{Plane, Raster, filter, pyramid};
+
+/// The band-pass levels of a noise of local std 1, finest first.
+pub type NoiseBands = [Raster<[f32; 3]>; NOISE_LEVELS];
+
+/// Noise of mean 0 for content of this luma (Y of the noise-free encoded content); add it to the encoded frame.
+///
+/// The same for the same `seed` and `frame` at any number of threads; independent between frames and between seeds.
+/// Clipping is the caller's: see [`NoiseModel::clip`].
+pub fn noise(model: &NoiseModel, luma: &Plane, seed: u64, frame: u64) -> Raster<[f32; 3]> {
+    let mut luma = luma.clone();
+    modulated(unit_bands(luma.width(), luma.height(), seed, frame), |level| {
+        if level > 0 {
+            luma = pyramid::downsample(&luma);
+        }
+        luma.map(|y| model.levels[level].sigma(y))
+    })
+}
+
+/// The noise whose level `l` is the unit band times the std map `std(l)`, asked for from the finest level on.
+///
+/// A map must have its band's size: `pyramid::downsample`'s sizes of the image. The low-pass that is left is 0.
+pub fn modulated(mut bands: NoiseBands, mut std: impl FnMut(usize) -> Raster<[f32; 3]>) -> Raster<[f32; 3]> {
+    for (level, band) in bands.iter_mut().enumerate() {
+        let std = std(level);
+        assert_eq!(std.size(), band.size(), "the std map of level {level} must have the level's size");
+        for (b, s) in band.data_mut().as_flattened_mut().iter_mut().zip(std.data().as_flattened()) {
+            *b *= s;
+        }
+    }
+    let (w, h) = bands[NOISE_LEVELS - 1].size();
+    pyramid::collapse(bands.into(), Raster::filled(w.div_ceil(2), h.div_ceil(2), [0.0; 3]))
+}
+
+/// A normal number over its own window's std has a std slightly below 1: what it takes to make it 1, per level.
+const WINDOW_GAIN: [f32; NOISE_LEVELS] = [1.0047, 1.0063, 1.0086, 1.0120];
+
+/// The Laplacian pyramid of white normal noise, each level divided by its own local std.
+pub fn unit_bands(width: usize, height: usize, seed: u64, frame: u64) -> NoiseBands {
+    let (bands, _) = pyramid::laplacian(&white_noise(width, height, seed, frame), NOISE_LEVELS);
+    let mut bands = bands.into_iter();
+    let usual_std = white_band_std();
+    std::array::from_fn(|level| {
+        let mut band = bands.next().unwrap_or_else(|| Raster::filled(0, 0, [0.0; 3]));
+        // A window with next to nothing in it (an image of a few pixels) must not be blown up.
+        let floor = 0.2 * usual_std[level];
+        let std = local_std(&band);
+        for (b, s) in band.data_mut().as_flattened_mut().iter_mut().zip(std.data().as_flattened()) {
+            *b *= WINDOW_GAIN[level] / s.max(floor);
+        }
+        band
+    })
+}
+
+/// sqrt(E[x^2] - E[x]^2) in a 9 x 9 window, a Gaussian of std 4 px.
+fn local_std(band: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
+    let gaussian: Vec<f32> = (0..5).map(|i| (-(i * i) as f32 / 32.0).exp()).collect();
+    let sum = 2.0 * gaussian.iter().sum::<f32>() - gaussian[0];
+    let window: Vec<f32> = gaussian.iter().map(|g| g / sum).collect();
+    let both = band.map(|[r, g, b]| [r, g, b, r * r, g * g, b * b]);
+    filter::convolve(&both, &window)
+        .map(|v| std::array::from_fn(|c| (v[c + 3] - v[c] * v[c]).max(0.0).sqrt()))
+}
+
+/// White normal noise of std 1 in each channel.
+fn white_noise(width: usize, height: usize, seed: u64, frame: u64) -> Raster<[f32; 3]> {
+    let key = pcg4d([seed as u32, (seed >> 32) as u32, frame as u32, (frame >> 32) as u32]);
+    Raster::from_fn(width, height, |x, y| {
+        let bits = pcg4d([x as u32 ^ key[0], y as u32 ^ key[1], key[2], key[3]]);
+        // 24 bits, at the middle of their interval: never 0. Pairs of uniform numbers to normal ones (Box & Muller 1958).
+        let [a, b, c, d] = bits.map(|v| ((v >> 8) as f32 + 0.5) / 16_777_216.0);
+        let (first, second) = ((-2.0 * a.ln()).sqrt(), (-2.0 * c.ln()).sqrt());
+        let (sin, cos) = (std::f32::consts::TAU * b).sin_cos();
+        [first * cos, first * sin, second * (std::f32::consts::TAU * d).cos()]
+    })
+}
+
+/// Four counters to four random numbers (Jarzynski & Olano 2020); as short in a shader.
+fn pcg4d(counters: [u32; 4]) -> [u32; 4] {
+    let mix = |[mut x, mut y, mut z, mut w]: [u32; 4]| {
+        x = x.wrapping_add(y.wrapping_mul(w));
+        y = y.wrapping_add(z.wrapping_mul(x));
+        z = z.wrapping_add(x.wrapping_mul(y));
+        w = w.wrapping_add(y.wrapping_mul(z));
+        [x, y, z, w]
+    };
+    let spread = counters.map(|v| v.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+    mix(mix(spread).map(|v| v ^ (v >> 16)))
+}
+
+/// The std of each level of the Laplacian pyramid of white noise of std 1, from the pyramid's kernels.
+pub fn white_band_std() -> [f32; NOISE_LEVELS] {
+    // Along a line, level l is A x - B x, with A halving l times, and B also halving and doubling once more; in the image
+    // it is (A A' - B B') x. The mean over pixels of the squared weights takes only the sums of A A, A B and B B along a line,
+    // over one period of the inputs.
+    const PERIOD: usize = 2 << (NOISE_LEVELS - 1);
+    let mut sums = [[0.0f32; 3]; NOISE_LEVELS];
+    for input in 0..PERIOD {
+        let mut a = Plane::filled(16 * PERIOD, 1, 0.0);
+        a.data_mut()[8 * PERIOD + input] = 1.0;
+        for sums in &mut sums {
+            let low = pyramid::downsample(&a);
+            let b = pyramid::upsample(&low, a.width(), 1);
+            for (a, b) in a.data().iter().zip(b.data()) {
+                sums[0] += a * a;
+                sums[1] += a * b;
+                sums[2] += b * b;
+            }
+            a = low;
+        }
+    }
+    std::array::from_fn(|level| {
+        let outputs = (PERIOD >> level) as f32;
+        let [aa, ab, bb] = sums[level].map(|s| s / outputs);
+        (aa * aa - 2.0 * ab * ab + bb * bb).sqrt()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Method, NoiseLevel};
+
+    /// (mean, std) of one channel.
+    fn statistics(n: &Raster<[f32; 3]>, c: usize) -> (f64, f64) {
+        let count = n.data().len() as f64;
+        let mean = n.data().iter().map(|v| f64::from(v[c])).sum::<f64>() / count;
+        (mean, (n.data().iter().map(|v| (f64::from(v[c]) - mean).powi(2)).sum::<f64>() / count).sqrt())
+    }
+
+    fn model(levels: [NoiseLevel; NOISE_LEVELS]) -> NoiseModel {
+        NoiseModel { levels, interval: None, clip: 1.0, method: Method::Given, samples: 0 }
+    }
+
+    /// White noise whose std is `slope[c]` Y + `intercept[c]`.
+    fn white_model(slope: [f32; 3], intercept: [f32; 3]) -> NoiseModel {
+        model(
+            white_band_std()
+                .map(|s| NoiseLevel { slope: slope.map(|v| v * s), intercept: intercept.map(|v| v * s) }),
+        )
+    }
+
+    #[test]
+    fn the_generator_is_normal_and_white_and_its_channels_are_independent() {
+        let n = white_noise(400, 300, 7, 3);
+        for c in 0..3 {
+            let (mean, std) = statistics(&n, c);
+            assert!(mean.abs() < 0.01 && (std - 1.0).abs() < 0.01, "{mean} {std}");
+            let fourth = n.data().iter().map(|v| f64::from(v[c]).powi(4)).sum::<f64>() / 120_000.0;
+            assert!((fourth - 3.0).abs() < 0.1, "{fourth}");
+            let beyond = n.data().iter().filter(|v| v[c].abs() > 1.96).count() as f64 / 120_000.0;
+            assert!((beyond - 0.05).abs() < 0.003, "{beyond}");
+        }
+        let correlation = |of: &dyn Fn(usize, usize) -> f32| {
+            let pixels = (0..299).flat_map(|y| (0..399).map(move |x| (x, y)));
+            pixels.map(|(x, y)| f64::from(of(x, y))).sum::<f64>() / (299.0 * 399.0)
+        };
+        for (a, b) in [(0, 1), (0, 2), (1, 2)] {
+            assert!(correlation(&|x, y| n.at(x, y)[a] * n.at(x, y)[b]).abs() < 0.012);
+        }
+        for (dx, dy) in [(1, 0), (0, 1), (1, 1)] {
+            assert!(correlation(&|x, y| n.at(x, y)[0] * n.at(x + dx, y + dy)[0]).abs() < 0.012);
+        }
+    }
+
+    #[test]
+    fn the_std_of_the_levels_of_white_noise_agrees_with_simulation() {
+        let (bands, _) = pyramid::laplacian(&white_noise(1024, 768, 1, 1), NOISE_LEVELS);
+        for ((band, want), tolerance) in bands.iter().zip(white_band_std()).zip([0.003, 0.005, 0.01, 0.02]) {
+            // Near the edge, whose pixels are repeated, it is larger.
+            let band = band.crop(8, 8, band.width() - 16, band.height() - 16);
+            let got = (0..3).map(|c| statistics(&band, c).1.powi(2)).sum::<f64>().sqrt() as f32 / 3f32.sqrt();
+            assert!((got / want - 1.0).abs() < tolerance, "{got} {want}");
+        }
+    }
+
+    #[test]
+    fn unit_bands_have_mean_0_and_std_1() {
+        for (band, tolerance) in unit_bands(1024, 768, 5, 9).iter().zip([0.003, 0.003, 0.005, 0.01]) {
+            for c in 0..3 {
+                let (mean, std) = statistics(band, c);
+                assert!(mean.abs() < 0.005 && (std - 1.0).abs() < tolerance, "{mean} {std}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_white_model_gives_white_noise_of_the_right_std_at_each_luminance() {
+        let luma = Plane::from_fn(512, 384, |x, _| if x < 256 { 0.2 } else { 0.9 });
+        let n = noise(&white_model([0.05, 0.0, 0.1], [0.01, 0.02, 0.0]), &luma, 11, 0);
+        for (x0, y) in [(16, 0.2f32), (272, 0.9)] {
+            let part = n.crop(x0, 0, 224, 384);
+            for (c, want) in [0.05 * y + 0.01, 0.02, 0.1 * y].into_iter().enumerate() {
+                let (mean, std) = statistics(&part, c);
+                assert!(mean.abs() < 0.02 * f64::from(want), "{mean}");
+                assert!((std as f32 / want - 1.0).abs() < 0.02, "{std} {want}");
+                for (dx, dy) in [(1, 0), (0, 1), (1, 1), (2, 0), (0, 3)] {
+                    let mut sum = 0.0;
+                    for y in 0..380 {
+                        for x in 0..220 {
+                            sum += f64::from(part.at(x, y)[c] * part.at(x + dx, y + dy)[c]);
+                        }
+                    }
+                    let correlation = sum / (380.0 * 220.0) / (std * std);
+                    assert!(correlation.abs() < 0.02, "lag {dx} {dy}: {correlation}");
+                }
+            }
+        }
+        // Coarse noise is not white, and is seen not to be.
+        let coarse = model(std::array::from_fn(|l| NoiseLevel {
+            slope: [0.0; 3],
+            intercept: [if l == 1 { 0.1 } else { 0.0 }; 3],
+        }));
+        let n = noise(&coarse, &luma, 11, 0);
+        let lag = n.data().windows(2).map(|p| p[0][0] * p[1][0]).sum::<f32>();
+        assert!(lag > 0.3 * n.data().iter().map(|p| p[0] * p[0]).sum::<f32>());
+    }
+
+    #[test]
+    fn it_depends_on_seed_and_frame_and_on_nothing_else() {
+        let luma = Plane::from_fn(120, 90, |x, y| ((x + y) % 50) as f32 / 50.0);
+        let m = white_model([0.05; 3], [0.01; 3]);
+        let one = noise(&m, &luma, 3, 4);
+        assert_eq!(one, noise(&m, &luma, 3, 4));
+        #[cfg(feature = "threads")]
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            assert_eq!(one, pool.install(|| noise(&m, &luma, 3, 4)));
+        }
+        let power: f32 = one.data().iter().flatten().map(|v| v * v).sum();
+        for (seed, frame) in [(3, 5), (4, 4), (4, 3), (3 + (1 << 40), 4), (3, 4 + (1 << 40))] {
+            let other = noise(&m, &luma, seed, frame);
+            let both: f32 =
+                one.data().iter().flatten().zip(other.data().iter().flatten()).map(|(a, b)| a * b).sum();
+            assert!(both.abs() < 0.03 * power, "{seed} {frame}: {}", both / power);
+        }
+    }
+
+    #[test]
+    fn no_noise_in_the_model_gives_none_and_any_size_ends() {
+        for (w, h) in [(0, 0), (1, 1), (1, 40), (3, 2), (65, 33)] {
+            let luma = Plane::filled(w, h, 0.5);
+            assert!(
+                noise(&white_model([0.0; 3], [0.0; 3]), &luma, 1, 1).data().iter().all(|v| *v == [0.0; 3])
+            );
+            let n = noise(&white_model([0.0; 3], [0.01; 3]), &luma, 1, 1);
+            assert_eq!(n.size(), (w, h));
+            assert!(n.data().iter().flatten().all(|v| v.abs() < 0.2));
+        }
+    }
+}
