@@ -1,1 +1,298 @@
-//! Fit.
+//! Defocus over inverse depth from a frame and its version without defocus: the paper's per-pixel search and quadratic,
+//! and all pixels at once for a thin lens.
+
+use super::{BlurPoint, Samples};
+use crate::model::ExposureFraction;
+use crate::{Flow, Plane, Raster, filter, par, synth};
+
+/// A thin lens as it is fitted: `sigma = slope |d - focus|`, px.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// px per unit of inverse depth, >= 0.
+    pub slope: f32,
+    /// The inverse depth in focus, > 0.
+    pub focus: f32,
+}
+
+impl Lens {
+    /// The std of the blur at inverse depth `d`, px.
+    #[inline]
+    pub fn sigma_px(self, d: f32) -> f32 {
+        self.slope * (d - self.focus).abs()
+    }
+
+    /// The std at inverse depth 0, px.
+    pub fn sigma_px_at_infinity(self) -> f32 {
+        self.slope * self.focus
+    }
+}
+
+/// 5 % and 95 % of the inverse depths.
+pub(super) fn seen_range(inverse_depths: impl Iterator<Item = f32>) -> (f32, f32) {
+    let mut d: Vec<f32> = inverse_depths.collect();
+    d.sort_by(f32::total_cmp);
+    (d[d.len() / 20], d[d.len() * 19 / 20])
+}
+
+/// The lens that maximises an objective, for scenes in the range of inverse depths `(lo, hi)`: a grid over the focus and
+/// the largest blur in the scene, then [`refined_lens`].
+pub(super) fn best_lens((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Lens {
+    const FOCI: usize = 48;
+    let (near, far) = (3.0 * hi.max(1e-6), 0.3 * lo.max(0.02 * hi).max(1e-6));
+    let best = par::map(FOCI, |i| {
+        let focus = far * (near / far).powf(i as f32 / (FOCI - 1) as f32);
+        let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
+        let lens = |j: usize| Lens { slope: 0.08 * 125f32.powf(j as f32 / 39.0) / reach, focus };
+        (0..40).map(|j| (objective(lens(j)), lens(j))).fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
+    });
+    let best = best.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
+    refined_lens(best.map_or(Lens { slope: 0.0, focus: near }, |b| b.1), objective)
+}
+
+/// The maximum next to `start`, by steps along the two coordinates that shrink.
+pub(super) fn refined_lens(start: Lens, objective: impl Fn(Lens) -> f32) -> Lens {
+    let mut best = (objective(start), start);
+    let mut step = 0.12;
+    while step > 1e-3 {
+        let mut improved = false;
+        let Lens { slope, focus } = best.1;
+        // Turning the lens around the blur at infinity or keeping the focus: the two directions that scenes tell apart.
+        let moves = [
+            Lens { slope: slope * (1.0 + step), focus },
+            Lens { slope: slope * (1.0 - step), focus },
+            Lens { slope, focus: focus * (1.0 + 0.7 * step) },
+            Lens { slope, focus: focus * (1.0 - 0.7 * step) },
+            Lens { slope: slope / (1.0 + step), focus: focus * (1.0 + step) },
+            Lens { slope: slope * (1.0 + step), focus: focus / (1.0 + step) },
+        ];
+        for lens in moves {
+            let value = objective(lens);
+            if value > best.0 {
+                (best, improved) = ((value, lens), true);
+            }
+        }
+        if !improved {
+            step *= 0.5;
+        }
+    }
+    best.1
+}
+
+/// Stds of the stack of blurred images, px.
+const STACK: [f32; 23] = [
+    0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.35, 2.7, 3.1, 3.5, 4.0, 4.5, 5.0, 5.7, 6.5, 7.3, 8.2, 9.1, 10.0,
+];
+
+/// A lens from one frame, with the covariance of (slope, focus).
+#[derive(Clone, Debug)]
+pub struct LensFit {
+    /// The estimate.
+    pub lens: Lens,
+    /// Covariance of (slope, focus), blocks of the image taken as independent.
+    pub covariance: [[f64; 2]; 2],
+    /// Pixels that it rests on.
+    pub samples: usize,
+    /// The inverse depths that were seen, 5 and 95 %.
+    pub range: (f32, f32),
+}
+
+/// The thin lens for which `sharp`, blurred by it (and by the shutter, if something is known of it), is closest to
+/// `target`. Both are luma in the light that is blurred; `weight` is the inverse std of the target's noise.
+///
+/// `None` if nothing has texture and depth. All images must have one size.
+pub fn fit_lens(
+    target: &Plane,
+    weight: &Plane,
+    sharp: &Plane,
+    inverse_depth: &Plane,
+    shutter: Option<(&Flow, ExposureFraction)>,
+) -> Option<LensFit> {
+    let (w, h) = sharp.size();
+    // Places where depth is known and even: next to a step, what is there belongs to two depths.
+    let even = |x: usize, y: usize| {
+        let d = inverse_depth.at(x, y);
+        let near = |dx: isize, dy: isize| inverse_depth.at_clamped(x as isize + dx, y as isize + dy);
+        let around = [(-8, 0), (8, 0), (0, -8), (0, 8), (-4, -4), (4, 4), (-4, 4), (4, -4)];
+        d.is_finite() && around.iter().all(|&(dx, dy)| (near(dx, dy) - d).abs() < 0.12 * d.abs() + 1e-6)
+    };
+    let mild = filter::gaussian_blur(sharp, 2.0);
+    let contrast = |x: usize, y: usize| (sharp.at(x, y) - mild.at(x, y)).abs() * weight.at(x, y);
+    let places = super::places_of_contrast(w, h, 10, even, contrast);
+    if places.len() < 200 {
+        return None;
+    }
+    // What each place would be at each std: one stack, each level from the one before it.
+    let mut level = sharp.clone();
+    let mut predicted = vec![[0.0f32; STACK.len()]; places.len()];
+    for k in 0..STACK.len() {
+        if k > 0 {
+            level = filter::gaussian_blur(&level, (STACK[k] * STACK[k] - STACK[k - 1] * STACK[k - 1]).sqrt());
+        }
+        let values = par::map(places.len(), |i| {
+            let (x, y) = places[i];
+            match shutter {
+                Some((flow, exposure)) => synth::motion_blur::sample(&level, x, y, flow.at(x, y), exposure),
+                None => level.at(x, y),
+            }
+        });
+        predicted.iter_mut().zip(values).for_each(|(p, v)| p[k] = v);
+    }
+    let at = |sigma: f32, p: &[f32; STACK.len()]| {
+        // Between two levels, a blurred image changes in proportion to the variance.
+        let k = STACK.partition_point(|&s| s <= sigma).clamp(1, STACK.len() - 1);
+        let (a, b) = (STACK[k - 1] * STACK[k - 1], STACK[k] * STACK[k]);
+        let t = ((sigma * sigma - a) / (b - a)).clamp(0.0, 1.0);
+        p[k - 1] + t * (p[k] - p[k - 1])
+    };
+    let depth: Vec<f32> = places.iter().map(|&(x, y)| inverse_depth.at(x, y)).collect();
+    let samples = Samples::new(&places, |x, y| (target.at(x, y), weight.at(x, y)));
+    let model = |lens: Lens, i: usize| at(lens.sigma_px(depth[i]), &predicted[i]);
+    let range = seen_range(depth.iter().copied());
+    // First with a generous scale, then with the one that the residuals show.
+    let mut lens = best_lens(range, |l| samples.every(8).score(1.0, |i| model(l, i)));
+    for _ in 0..2 {
+        let scale = samples.scale(|i| model(lens, i));
+        lens = refined_lens(lens, |l| samples.score(scale, |i| model(l, i)));
+    }
+    let scale = samples.scale(|i| model(lens, i));
+    let steps = [Lens { slope: lens.slope * 1.02 + 1e-6, ..lens }, Lens { focus: lens.focus * 1.02 + 1e-6, ..lens }];
+    let widths = [steps[0].slope - lens.slope, steps[1].focus - lens.focus];
+    let covariance = samples.covariance(scale, |i| model(lens, i), |i, k| {
+        (model(steps[k], i) - model(lens, i)) / widths[k]
+    });
+    Some(LensFit { lens, covariance, samples: places.len(), range })
+}
+
+/// The paper's search: per pixel, the std in [0, 10] px (100 steps) whose blur of `sharp` is closest to `target`, the
+/// error pooled over 9x9 px, at every 4th pixel; flat regions are left out.
+pub fn pooled_search(target: &Plane, sharp: &Plane, inverse_depth: &Plane) -> Vec<BlurPoint> {
+    const STEPS: usize = 100;
+    const STRIDE: usize = 4;
+    let (w, h) = sharp.size();
+    let (columns, rows) = (w / STRIDE, h / STRIDE);
+    let mut best = vec![(f32::MAX, 0.0f32); columns * rows];
+    let mut worst = vec![0.0f32; columns * rows];
+    let mut level = sharp.clone();
+    for step in 0..=STEPS {
+        let sigma = 10.0 * step as f32 / STEPS as f32;
+        if step > 0 {
+            let before = 10.0 * (step - 1) as f32 / STEPS as f32;
+            level = filter::gaussian_blur(&level, (sigma * sigma - before * before).sqrt());
+        }
+        let error = Raster::from_fn(w, h, |x, y| (target.at(x, y) - level.at(x, y)).powi(2));
+        // Sums over 9 rows, then over 9 columns of those.
+        let pooled = par::map(rows, |r| {
+            let y = r * STRIDE;
+            let mut column = vec![0.0f32; w];
+            for y in y.saturating_sub(4)..(y + 5).min(h) {
+                column.iter_mut().zip(error.row(y)).for_each(|(c, e)| *c += e);
+            }
+            (0..columns)
+                .map(|c| column[(c * STRIDE).saturating_sub(4)..(c * STRIDE + 5).min(w)].iter().sum::<f32>())
+                .collect::<Vec<f32>>()
+        });
+        for (i, &e) in pooled.iter().flatten().enumerate() {
+            worst[i] = worst[i].max(e);
+            if e < best[i].0 {
+                best[i] = (e, sigma);
+            }
+        }
+    }
+    let mut contrast = worst.clone();
+    contrast.sort_by(f32::total_cmp);
+    let textured = contrast.get(contrast.len() / 2).copied().unwrap_or(0.0).max(1e-4);
+    (0..best.len())
+        .filter(|&i| worst[i] > textured && worst[i] > 3.0 * best[i].0)
+        .map(|i| BlurPoint {
+            inverse_depth: inverse_depth.at(i % columns * STRIDE, i / columns * STRIDE),
+            sigma_px: best[i].1,
+            weight: 1.0 - best[i].0 / worst[i],
+        })
+        .filter(|p| p.inverse_depth.is_finite())
+        .collect()
+}
+
+/// `a d^2 + b d + c` through points of local blur, by robust weighted least squares (the minimum that the paper's L-BFGS
+/// descends to, in closed form, repeated with Huber weights); coefficients and the range of inverse depths (5 to 95 %).
+///
+/// `None` if there are too few points or they all have one depth.
+pub fn quadratic(points: &[BlurPoint]) -> Option<([f32; 3], (f32, f32))> {
+    if points.len() < 8 {
+        return None;
+    }
+    let range = seen_range(points.iter().map(|p| p.inverse_depth));
+    let (middle, half) = (0.5 * (range.0 + range.1), 0.5 * (range.1 - range.0));
+    if half < 1e-6 {
+        return None;
+    }
+    // In t = (d - middle) / half, for its condition.
+    let mut fit = [0.0f64; 3];
+    for round in 0..8 {
+        let (mut m, mut v) = ([[0.0f64; 3]; 3], [0.0f64; 3]);
+        for p in points {
+            let t = f64::from((p.inverse_depth - middle) / half);
+            let basis = [t * t, t, 1.0];
+            let r = f64::from(p.sigma_px) - basis.iter().zip(fit).map(|(b, f)| b * f).sum::<f64>();
+            let huber = if round == 0 { 1.0 } else { (0.5 / r.abs().max(1e-9)).min(1.0) };
+            let w = f64::from(p.weight) * huber;
+            for i in 0..3 {
+                v[i] += w * basis[i] * f64::from(p.sigma_px);
+                (0..3).for_each(|j| m[i][j] += w * basis[i] * basis[j]);
+            }
+        }
+        fit = solve3(m, v)?;
+    }
+    let (m, h) = (f64::from(middle), f64::from(half));
+    let a = fit[0] / (h * h);
+    let b = fit[1] / h - 2.0 * a * m;
+    let c = fit[2] - fit[1] * m / h + a * m * m;
+    Some(([a as f32, b as f32, c as f32], range))
+}
+
+/// Gaussian elimination with pivoting; `None` if singular.
+fn solve3(mut m: [[f64; 3]; 3], mut v: [f64; 3]) -> Option<[f64; 3]> {
+    for i in 0..3 {
+        let pivot = (i..3).max_by(|&a, &b| m[a][i].abs().total_cmp(&m[b][i].abs()))?;
+        m.swap(i, pivot);
+        v.swap(i, pivot);
+        if m[i][i].abs() < 1e-12 {
+            return None;
+        }
+        for j in 0..3 {
+            if j != i {
+                let f = m[j][i] / m[i][i];
+                let row = m[i];
+                m[j].iter_mut().zip(row).for_each(|(a, b)| *a -= f * b);
+                v[j] -= f * v[i];
+            }
+        }
+    }
+    Some(std::array::from_fn(|i| v[i] / m[i][i]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_quadratic_through_exact_points_is_found() {
+        let points: Vec<BlurPoint> = (0..40)
+            .map(|i| {
+                let d = 0.1 + 0.02 * i as f32;
+                BlurPoint { inverse_depth: d, sigma_px: 6.0 * d * d - 3.0 * d + 1.5, weight: 1.0 }
+            })
+            .collect();
+        let ([a, b, c], _) = quadratic(&points).unwrap();
+        assert!((a - 6.0).abs() < 0.01 && (b + 3.0).abs() < 0.01 && (c - 1.5).abs() < 0.01, "{a} {b} {c}");
+        assert!(quadratic(&points[..3]).is_none());
+        assert!(quadratic(&vec![points[0]; 20]).is_none());
+    }
+
+    #[test]
+    fn the_best_lens_of_a_smooth_objective_is_found() {
+        let truth = Lens { slope: 5.0, focus: 0.4 };
+        let score = |l: Lens| -(0..20).map(|i| 0.1 + 0.04 * i as f32).map(|d| (l.sigma_px(d) - truth.sigma_px(d)).powi(2)).sum::<f32>();
+        let found = best_lens((0.1, 0.9), score);
+        assert!((found.slope - 5.0).abs() < 0.05 && (found.focus - 0.4).abs() < 0.01, "{found:?}");
+    }
+}

@@ -9,8 +9,14 @@ pub mod motion_blur;
 pub mod noise;
 pub mod spectral;
 
-use crate::model::{CameraModel, DepthKind};
-use crate::{Encoded, Flow, Plane, Result};
+use crate::model::{
+    BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    MotionBlurModel, NOISE_LEVELS, ThinLensInterval,
+};
+use crate::synth::{self, defocus::Bokeh};
+use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, par};
+use analysis::depth::ParallaxTracker;
+use noise::{LumaNoise, NoiseEvidence, NoiseFit};
 
 /// Which family of estimators answers for blur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +48,7 @@ pub struct Options {
     /// The curve of defocus over inverse depth.
     pub curve: Curve,
     /// Whether the shutter and the lens are taken to act on light or on encoded values.
-    pub blur_space: crate::model::BlurSpace,
+    pub blur_space: BlurSpace,
     /// Frames per second, if known; only copied into the model.
     pub fps: Option<f64>,
 }
@@ -114,7 +120,38 @@ pub struct BlurPoint {
 /// are thinned out evenly once there are more than [`Estimator::MAX_FRAMES`].
 pub struct Estimator {
     options: Options,
+    size: Option<(usize, usize)>,
+    /// Frames given so far, and the distance of those that are used.
+    given: usize,
+    stride: usize,
+    frames: Vec<FrameEvidence>,
+    parallax: ParallaxTracker,
+    /// Of the last frame whose depth could not be told from parallax, why.
+    why_no_depth: String,
+    depth_kind: Option<DepthKind>,
+    cuts: usize,
 }
+
+/// What one frame told.
+struct FrameEvidence {
+    index: usize,
+    temporal: NoiseEvidence,
+    spatial: NoiseEvidence,
+    denoised: NoiseEvidence,
+    tiles: Vec<spectral::Tile>,
+    has_motion: bool,
+    has_depth: bool,
+    exposure: Option<motion_blur::ExposureFit>,
+    lens: Option<defocus::LensFit>,
+    /// Local blur by the paper's search, for the quadratic.
+    search: Vec<BlurPoint>,
+}
+
+/// Less than this share of confirmed matches between two frames is a cut, or nothing to rely on.
+const MIN_CONFIRMED: f32 = 0.4;
+/// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
+const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
+const REMOVAL_LENS_FLOOR: f32 = 0.04;
 
 impl Estimator {
     /// At most this many frames are used at once.
@@ -122,13 +159,23 @@ impl Estimator {
 
     /// An estimator that has seen nothing yet.
     pub fn new(options: Options) -> Self {
-        Self { options }
+        Self {
+            options,
+            size: None,
+            given: 0,
+            stride: 1,
+            frames: vec![],
+            parallax: ParallaxTracker::default(),
+            why_no_depth: "no depth was given and there is only one frame".into(),
+            depth_kind: None,
+            cuts: 0,
+        }
     }
 
     /// Whether the next frame given to [`Estimator::add`] will be looked at, or left out as one of too many: saves the
     /// caller reading the evidence.
     pub fn wants_next(&self) -> bool {
-        true
+        self.given.is_multiple_of(self.stride)
     }
 
     /// Adds a frame, in the order of time. Says whether it was used.
@@ -136,8 +183,191 @@ impl Estimator {
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
     pub fn add(&mut self, observation: &Observation) -> Result<bool> {
-        let _ = (observation, &self.options);
+        let Observation { frame, next, previous, evidence } = *observation;
+        self.check_sizes(observation)?;
+        let index = self.given;
+        self.given += 1;
+        if !index.is_multiple_of(self.stride) {
+            return Ok(false);
+        }
+        let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
+        let mut estimated = None;
+        if let (None, Some((other, sign))) = (evidence.flow, neighbour) {
+            let pair = analysis::flow::flow_with_occlusion(&frame.luma(), &other.luma())?;
+            if pair.confirmed() < MIN_CONFIRMED {
+                self.cuts += 1;
+            } else {
+                estimated = Some((pair.known_forward(), sign));
+            }
+        }
+        // To the neighbour that there is; and to the next frame, which the last frame's motion continues to.
+        let to_neighbour = match (&estimated, evidence.flow) {
+            (Some((f, _)), _) => Some(f.clone()),
+            (None, Some(f)) if next.is_some() => Some(f.clone()),
+            _ => None,
+        };
+        let to_next = match estimated {
+            Some((f, sign)) => Some(f.map(|v| v.map(|c| c * sign))),
+            None => evidence.flow.cloned(),
+        };
+        let depth = match evidence.inverse_depth {
+            Some((d, kind)) => {
+                self.depth_kind = Some(kind);
+                Some(d.clone())
+            }
+            None => to_next.as_ref().and_then(|flow| match self.parallax.add(flow) {
+                Ok(d) => {
+                    self.depth_kind.get_or_insert(DepthKind::Relative);
+                    Some(d)
+                }
+                Err(why) => {
+                    self.why_no_depth = format!("no depth was given, and parallax gives none: {why}");
+                    None
+                }
+            }),
+        };
+        let mut kept = FrameEvidence {
+            index,
+            temporal: NoiseEvidence::new(Method::Temporal),
+            spatial: NoiseEvidence::new(Method::Spatial),
+            denoised: NoiseEvidence::new(Method::Removal),
+            tiles: vec![],
+            has_motion: to_next.is_some(),
+            has_depth: depth.is_some(),
+            exposure: None,
+            lens: None,
+            search: vec![],
+        };
+        if let (Some(flow), Some((other, _))) = (&to_neighbour, neighbour) {
+            kept.temporal.add_pair(frame, other, flow)?;
+        }
+        kept.spatial.add_single(frame);
+        if self.options.family != Family::Removal {
+            kept.tiles = spectral::tiles(frame, to_next.as_ref(), depth.as_ref(), self.options.blur_space)?;
+        }
+        if self.options.family != Family::Spectral {
+            self.compare_with_clean(&mut kept, frame, &evidence, to_next.as_ref(), depth.as_ref())?;
+        }
+        self.frames.push(kept);
+        if self.frames.len() > Self::MAX_FRAMES {
+            let mut keep = false;
+            self.frames.retain(|_| {
+                keep = !keep;
+                keep
+            });
+            self.stride *= 2;
+        }
         Ok(true)
+    }
+
+    fn check_sizes(&mut self, observation: &Observation) -> Result<()> {
+        let Observation { frame, next, previous, evidence } = observation;
+        let size = frame.0.size();
+        if size.0 == 0 || size.1 == 0 {
+            return Err(Error::new("the frame has no pixels"));
+        }
+        let first = *self.size.get_or_insert(size);
+        let images = [*next, *previous, evidence.denoised, evidence.motion_deblurred, evidence.clean];
+        let others = images.iter().flatten().map(|i| i.0.size());
+        let others = others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
+        for s in others.chain([first]) {
+            if s != size {
+                return Err(Error::new(format!(
+                    "a frame or its evidence has {} x {} px, another {} x {}: all must have one size",
+                    s.0, s.1, size.0, size.1
+                )));
+            }
+        }
+        if frame.0.data().iter().flatten().any(|v| !v.is_finite()) {
+            return Err(Error::new("the frame holds values that are not finite numbers: export it again without NaN or infinity"));
+        }
+        Ok(())
+    }
+
+    /// The paper's fits, of whatever clean frames there are.
+    fn compare_with_clean(
+        &self,
+        kept: &mut FrameEvidence,
+        frame: &Encoded,
+        evidence: &Evidence,
+        flow: Option<&Flow>,
+        depth: Option<&Plane>,
+    ) -> Result<()> {
+        let light = |image: &Encoded| light_of(image, self.options.blur_space);
+        // Chain as in the paper: each step between the two images on either side of its removal, or else from the
+        // frame to the clean one, with the other distortion applied to it.
+        let target = light(evidence.denoised.unwrap_or(frame));
+        let weight = self.noise_weight(frame);
+        let clean = evidence.clean.map(light);
+        let exposure_alone = |sharp: &Plane| flow.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
+        let lens_alone = |target: &Plane, sharp: &Plane| depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None));
+        if let Some(deblurred) = evidence.motion_deblurred {
+            let deblurred = light(deblurred);
+            kept.exposure = exposure_alone(&deblurred);
+            if let Some(clean) = &clean {
+                kept.lens = lens_alone(&deblurred, clean);
+                if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
+                    kept.search = defocus::pooled_search(&deblurred, clean, d);
+                }
+            }
+        } else if let Some(clean) = &clean {
+            kept.exposure = exposure_alone(clean);
+            kept.lens = lens_alone(&target, clean);
+            if let (Some(flow), Some(depth), Some(_), Some(_)) = (flow, depth, &kept.exposure, &kept.lens) {
+                for _ in 0..3 {
+                    let lens = kept.lens.as_ref().map(|l| l.lens);
+                    let defocused = match lens {
+                        Some(l) => synth::defocus::defocus(clean, &depth.map(|d| l.sigma_px(d)), Bokeh::Gaussian)?,
+                        None => clean.clone(),
+                    };
+                    kept.exposure = exposure_alone(&defocused);
+                    let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
+                    kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((flow, exposure)));
+                }
+            }
+            if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
+                let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
+                let still = flow.map_or(Ok(clean.clone()), |f| synth::motion_blur::motion_blur(clean, f, exposure))?;
+                kept.search = defocus::pooled_search(&target, &still, d);
+            }
+        }
+        match (evidence.denoised, evidence.clean) {
+            (Some(denoised), _) => kept.denoised.add_denoised(frame, denoised)?,
+            (None, Some(clean)) => {
+                let blurred = self.reblurred(clean, kept, flow, depth)?;
+                kept.denoised.add_denoised(frame, &blurred)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// The clean frame with the blur that was found in this frame.
+    fn reblurred(
+        &self,
+        clean: &Encoded,
+        found: &FrameEvidence,
+        flow: Option<&Flow>,
+        depth: Option<&Plane>,
+    ) -> Result<Encoded> {
+        let transfer = Transfer::Srgb;
+        let linear = self.options.blur_space == BlurSpace::Linear;
+        let mut image = if linear { clean.to_linear(transfer).0 } else { clean.0.clone() };
+        if let (Some(l), Some(d)) = (&found.lens, depth) {
+            image = synth::defocus::defocus(&image, &d.map(|d| l.lens.sigma_px(d)), Bokeh::Gaussian)?;
+        }
+        if let (Some(e), Some(f)) = (&found.exposure, flow) {
+            image = synth::motion_blur::motion_blur(&image, f, e.exposure)?;
+        }
+        Ok(if linear { Linear(image).to_encoded(transfer) } else { Encoded(image) })
+    }
+
+    /// The inverse std of the frame's noise in the light that is blurred, up to a constant: noise is nearly even in
+    /// encoded values, so it grows with the transfer curve's inverse slope.
+    fn noise_weight(&self, frame: &Encoded) -> Plane {
+        let linear = self.options.blur_space == BlurSpace::Linear;
+        let smooth = filter::gaussian_blur(&frame.luma(), 1.5);
+        smooth.map(|v| if linear { Transfer::Srgb.slope(Transfer::Srgb.decode(v.clamp(0.02, 1.0))) } else { 1.0 } * 100.0)
     }
 
     /// The model that the frames so far give.
@@ -145,6 +375,337 @@ impl Estimator {
     /// # Errors
     /// If there was no frame.
     pub fn estimate(&self) -> Result<Estimation> {
-        Err(crate::Error::new("no frame was given"))
+        let Some((width, height)) = self.size else { return Err(Error::new("no frame was given")) };
+        let capture = Capture { width, height, fps: self.options.fps, frames_used: self.frames.len() };
+        let mut model = CameraModel::unknown(capture, "not looked at");
+        model.blur_space = self.options.blur_space;
+        let mut diagnostics = Diagnostics::default();
+        if self.cuts > 0 {
+            diagnostics.notes.push(format!(
+                "{} of {} frames could not be followed to their neighbour (a cut, or too much changed)",
+                self.cuts,
+                self.frames.len()
+            ));
+        }
+        let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
+        self.fit_exposure(&mut model, &mut diagnostics, &luma_noise);
+        self.fit_defocus(&mut model, &mut diagnostics, &luma_noise);
+        model.validate()?;
+        Ok(Estimation { model, diagnostics })
+    }
+
+    fn fit_noise(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics) -> [LumaNoise; NOISE_LEVELS] {
+        let merged = |method: Method, of: &dyn Fn(&FrameEvidence) -> &NoiseEvidence| {
+            let mut all = NoiseEvidence::new(method);
+            self.frames.iter().for_each(|f| all.merge(of(f)));
+            all.fit()
+        };
+        // Between frames nothing of the image's own structure is left, so that comes first; a clean frame next.
+        let temporal = || merged(Method::Temporal, &|f| &f.temporal);
+        let denoised = || merged(Method::Removal, &|f| &f.denoised);
+        let spatial = || merged(Method::Spatial, &|f| &f.spatial);
+        let order: [&dyn Fn() -> NoiseFit; 3] = match self.options.family {
+            Family::Removal => [&denoised, &temporal, &spatial],
+            _ => [&temporal, &denoised, &spatial],
+        };
+        let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        if fit.model.known().is_some_and(|m| m.method == Method::Spatial) {
+            diagnostics.notes.push(
+                "noise was measured in single frames: coarse noise cannot be told from structure there and is taken to be white"
+                    .into(),
+            );
+        }
+        diagnostics.noise_points = fit.points;
+        model.noise = fit.model;
+        fit.luma.unwrap_or_default()
+    }
+
+    fn fit_exposure(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &[LumaNoise; NOISE_LEVELS]) {
+        let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
+        let tiles: Vec<&[spectral::Tile]> = moving.iter().map(|f| f.tiles.as_slice()).collect();
+        let why = if self.given < 2 {
+            "a single image says nothing about the exposure".to_owned()
+        } else {
+            "no frame could be followed to the next".to_owned()
+        };
+        let blind = match self.options.family {
+            Family::Removal => Err(why),
+            _ if moving.is_empty() => Err(why),
+            _ => spectral::fit_exposure(&tiles, noise),
+        };
+        let compared = self.aggregate_exposure();
+        let width = |i: [f32; 2]| i[1] - i[0];
+        let (known, curve, per_frame) = match (blind, compared) {
+            (Ok(b), Some(c)) if width(b.interval) <= width(c.0.interval) => (blind_model(&b), b.curve, b.per_frame),
+            (_, Some((m, curve, per_frame))) => (m, curve, per_frame),
+            (Ok(b), None) => (blind_model(&b), b.curve, b.per_frame),
+            (Err(why), None) => {
+                model.motion_blur = Estimate::Unknown(why);
+                return;
+            }
+        };
+        model.motion_blur = Estimate::Known(known);
+        diagnostics.exposure_curve = curve;
+        // Per frame: numbered as they were given.
+        diagnostics.exposure_per_frame =
+            per_frame.into_iter().map(|(i, v)| (if known.method == Method::Spectral { moving[i].index } else { i }, v)).collect();
+    }
+
+    /// Weighted median over the frames that were compared with clean ones.
+    fn aggregate_exposure(&self) -> Option<(MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>)> {
+        let fits: Vec<(usize, &motion_blur::ExposureFit)> =
+            self.frames.iter().filter_map(|f| f.exposure.as_ref().map(|e| (f.index, e))).collect();
+        let values: Vec<(f32, f64)> = fits.iter().map(|(_, e)| (e.exposure.0, e.variance)).collect();
+        let (value, interval) = aggregate(&values, REMOVAL_EXPOSURE_FLOOR)?;
+        let typical = fits.iter().min_by(|a, b| (a.1.exposure.0 - value).abs().total_cmp(&(b.1.exposure.0 - value).abs()))?;
+        let model = MotionBlurModel {
+            exposure: ExposureFraction(value.min(1.0)),
+            interval: interval.map(|v| v.min(1.0)),
+            method: Method::Removal,
+            samples: fits.iter().map(|(_, e)| e.samples as u64).sum(),
+        };
+        (interval[1] - interval[0] <= 0.7)
+            .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
+    }
+
+    fn fit_defocus(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &[LumaNoise; NOISE_LEVELS]) {
+        let Some(depth_kind) = self.depth_kind else {
+            model.defocus = Estimate::Unknown(self.why_no_depth.clone());
+            return;
+        };
+        // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
+        let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
+        let tiles: Vec<&[spectral::Tile]> =
+            self.frames.iter().filter(|f| f.has_depth).map(|f| f.tiles.as_slice()).collect();
+        let blind = match self.options.family {
+            Family::Removal => Err("no clean frame with depth was given".to_owned()),
+            _ => spectral::fit_lens(&tiles, noise, exposure),
+        };
+        let compared = self.aggregate_lens();
+        let width = |i: [f32; 2]| i[1] - i[0];
+        let (lens, sigma, focus, method, samples) = match (&blind, compared) {
+            (Ok(b), Some(c)) if width(b.sigma_px_at_infinity) <= width(c.1) => {
+                (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples)
+            }
+            (_, Some((lens, sigma, focus, samples))) => (lens, sigma, focus, Method::Removal, samples),
+            (Ok(b), None) => (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples),
+            (Err(why), None) => {
+                model.defocus = Estimate::Unknown(why.clone());
+                return;
+            }
+        };
+        let searched: Vec<BlurPoint> = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
+        let points = match (&blind, method) {
+            (Ok(b), Method::Spectral) => b.points.clone(),
+            _ => searched,
+        };
+        let thin = DefocusCurve::ThinLens {
+            sigma_px_at_infinity: lens.sigma_px_at_infinity(),
+            focus_inverse_depth: lens.focus,
+            interval: Some(ThinLensInterval { sigma_px_at_infinity: sigma, focus_inverse_depth: focus }),
+        };
+        let curve = match (self.options.curve, defocus::quadratic(&points)) {
+            (Curve::ThinLens, _) => thin,
+            (Curve::Quadratic, Some(([a, b, c], (lo, hi)))) => DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] },
+            (Curve::Quadratic, None) => {
+                diagnostics.notes.push("too few points for a quadratic: the thin lens is given instead".into());
+                thin
+            }
+        };
+        diagnostics.blur_points = points;
+        model.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method, samples: samples as u64 });
+    }
+
+    fn aggregate_lens(&self) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
+        let fits: Vec<&defocus::LensFit> = self.frames.iter().filter_map(|f| f.lens.as_ref()).collect();
+        let of = |value: &dyn Fn(defocus::Lens) -> f32, variance: &dyn Fn(&defocus::LensFit) -> f64| {
+            let values: Vec<(f32, f64)> = fits.iter().map(|f| (value(f.lens), variance(f))).collect();
+            let middle = median(values.iter().map(|v| v.0).collect())?;
+            aggregate(&values, REMOVAL_LENS_FLOOR * middle)
+        };
+        let infinity = |f: &defocus::LensFit| {
+            let g = [f64::from(f.lens.focus), f64::from(f.lens.slope)];
+            (0..2).flat_map(|i| (0..2).map(move |j| (i, j))).map(|(i, j)| g[i] * f.covariance[i][j] * g[j]).sum::<f64>()
+        };
+        let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity)?;
+        let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1])?;
+        let lens = defocus::Lens { slope: sigma / focus.max(1e-9), focus: focus.max(1e-9) };
+        let sure = sigma_interval[1] - sigma_interval[0] <= 2.0 * sigma.max(0.5);
+        sure.then(|| (lens, sigma_interval, focus_interval, fits.iter().map(|f| f.samples).sum()))
+    }
+}
+
+fn blind_model(fit: &spectral::ExposureFit) -> MotionBlurModel {
+    MotionBlurModel {
+        exposure: fit.exposure,
+        interval: fit.interval,
+        method: Method::Spectral,
+        samples: fit.samples as u64,
+    }
+}
+
+/// Luma in the light that is blurred.
+fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
+    match space {
+        BlurSpace::Linear => image.0.map(|p| {
+            let [r, g, b] = p.map(|v| Transfer::Srgb.decode(v));
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        }),
+        BlurSpace::Encoded => image.luma(),
+    }
+}
+
+/// Weighted median of (value, variance) over frames, and its 95 % interval: the scatter within and between frames, and a
+/// floor for what the model leaves out.
+fn aggregate(values: &[(f32, f64)], floor: f32) -> Option<(f32, [f32; 2])> {
+    let mut sorted: Vec<(f32, f64)> = values.iter().filter(|v| v.0.is_finite() && v.1.is_finite()).copied().collect();
+    sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let weight = |v: f64| 1.0 / (v.max(0.0) + f64::from(floor * floor) + 1e-12);
+    let total: f64 = sorted.iter().map(|v| weight(v.1)).sum();
+    let mut sum = 0.0;
+    let middle = sorted.iter().find(|v| {
+        sum += weight(v.1);
+        sum >= 0.5 * total
+    })?;
+    let n = sorted.len() as f64;
+    let between = 1.4826 * median(sorted.iter().map(|v| (v.0 - middle.0).abs()).collect())?;
+    let within: f64 = 1.0 / sorted.iter().map(|v| 1.0 / v.1.max(1e-12)).sum::<f64>();
+    let variance = within.max(f64::from(between * between) / n) + f64::from(floor * floor);
+    let half = 1.96 * variance.sqrt() as f32;
+    Some((middle.0, [(middle.0 - half).max(0.0), middle.0 + half]))
+}
+
+fn median(mut v: Vec<f32>) -> Option<f32> {
+    if v.is_empty() {
+        return None;
+    }
+    let middle = v.len() / 2;
+    Some(*v.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// A uniform number in [0, 1) that depends on nothing but the two (splitmix64, Steele et al. 2014).
+fn uniform(a: u64, b: u64) -> f32 {
+    let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(b.wrapping_mul(0xd1b5_4a32_d192_ed03));
+    for k in [0xbf58_476d_1ce4_e5b9u64, 0x94d0_49bb_1331_11eb] {
+        z = (z ^ (z >> 30)).wrapping_mul(k);
+    }
+    ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
+}
+
+/// In each cell of a few px, the place of most contrast (in stds of the noise) among those that are eligible.
+fn places_of_contrast(
+    width: usize,
+    height: usize,
+    margin: usize,
+    eligible: impl Fn(usize, usize) -> bool + Sync + Send,
+    contrast: impl Fn(usize, usize) -> f32 + Sync + Send,
+) -> Vec<(usize, usize)> {
+    const MAX_PLACES: f32 = 8000.0;
+    const MIN_CONTRAST: f32 = 1.0;
+    if width <= 2 * margin || height <= 2 * margin {
+        return vec![];
+    }
+    let cell = ((width * height) as f32 / MAX_PLACES).sqrt().ceil().max(2.0) as usize;
+    let (columns, rows) = ((width - 2 * margin) / cell, (height - 2 * margin) / cell);
+    // Looking at every second pixel each way is enough to find one of contrast.
+    let found = par::map(rows * columns, |i| {
+        let (x0, y0) = (margin + i % columns * cell, margin + i / columns * cell);
+        let inside = (y0..y0 + cell).step_by(2).flat_map(|y| (x0..x0 + cell).step_by(2).map(move |x| (x, y)));
+        inside
+            .map(|(x, y)| (contrast(x, y), (x, y)))
+            .filter(|(c, _)| *c > MIN_CONTRAST)
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(_, (x, y))| eligible(*x, *y))
+            .map(|(_, at)| at)
+    });
+    found.into_iter().flatten().collect()
+}
+
+/// Observed values at some places, to be explained by a model: the robust score and its curvature.
+struct Samples {
+    observed: Vec<f32>,
+    weight: Vec<f32>,
+    /// The block of the image that each lies in: neighbours err alike.
+    block: Vec<u32>,
+    step: usize,
+}
+
+impl Samples {
+    fn new(places: &[(usize, usize)], at: impl Fn(usize, usize) -> (f32, f32)) -> Self {
+        const BLOCK: usize = 48;
+        let values: Vec<(f32, f32)> = places.iter().map(|&(x, y)| at(x, y)).collect();
+        Self {
+            observed: values.iter().map(|v| v.0).collect(),
+            weight: values.iter().map(|v| v.1).collect(),
+            block: places.iter().map(|&(x, y)| (y / BLOCK * 1000 + x / BLOCK) as u32).collect(),
+            step: 1,
+        }
+    }
+
+    /// One of every `n`.
+    fn every(&self, n: usize) -> Self {
+        Self { observed: self.observed.clone(), weight: self.weight.clone(), block: self.block.clone(), step: n }
+    }
+
+    fn residual(&self, i: usize, model: f32) -> f32 {
+        (self.observed[i] - model) * self.weight[i]
+    }
+
+    /// Minus half the sum of Huber's function (quadratic to 1.5) of residual over scale.
+    fn score(&self, scale: f32, model: impl Fn(usize) -> f32) -> f32 {
+        let huber = |r: f32| {
+            let r = r.abs() / scale;
+            if r < 1.5 { 0.5 * r * r } else { 1.5 * r - 1.125 }
+        };
+        -(0..self.observed.len()).step_by(self.step).map(|i| huber(self.residual(i, model(i)))).sum::<f32>()
+    }
+
+    /// The residuals' std, robustly.
+    fn scale(&self, model: impl Fn(usize) -> f32) -> f32 {
+        let r = (0..self.observed.len()).step_by(self.step).map(|i| self.residual(i, model(i)).abs()).collect();
+        1.4826 * median(r).unwrap_or(0.0).max(1e-4)
+    }
+
+    /// Covariance of up to two parameters: `H^-1 (sum over blocks of g g') H^-1`, the sandwich that holds when neighbours
+    /// err alike. `derivative(i, k)` is that of the model by parameter k.
+    fn covariance(
+        &self,
+        scale: f32,
+        model: impl Fn(usize) -> f32,
+        derivative: impl Fn(usize, usize) -> f32,
+    ) -> [[f64; 2]; 2] {
+        let mut hessian = [[0.0f64; 2]; 2];
+        let mut gradients = std::collections::BTreeMap::<u32, [f64; 2]>::new();
+        for i in 0..self.observed.len() {
+            let r = self.residual(i, model(i)) / scale;
+            let huber = (1.5 / r.abs().max(1e-9)).min(1.0);
+            let j = [0, 1].map(|k| f64::from(derivative(i, k) * self.weight[i] / scale));
+            let g = gradients.entry(self.block[i]).or_default();
+            for a in 0..2 {
+                g[a] += f64::from(huber * r) * j[a];
+                (0..2).for_each(|b| hessian[a][b] += f64::from(huber) * j[a] * j[b]);
+            }
+        }
+        let mut meat = [[0.0f64; 2]; 2];
+        for g in gradients.values() {
+            (0..2).for_each(|a| (0..2).for_each(|b| meat[a][b] += g[a] * g[b]));
+        }
+        // A parameter without influence has no row.
+        let single = hessian[1][1] <= 0.0;
+        let determinant = if single { hessian[0][0] } else { hessian[0][0] * hessian[1][1] - hessian[0][1] * hessian[1][0] };
+        if determinant <= 1e-30 {
+            return [[f64::INFINITY; 2]; 2];
+        }
+        if single {
+            return [[meat[0][0] / (determinant * determinant), 0.0], [0.0, 0.0]];
+        }
+        let inverse = [
+            [hessian[1][1] / determinant, -hessian[0][1] / determinant],
+            [-hessian[1][0] / determinant, hessian[0][0] / determinant],
+        ];
+        let times = |a: [[f64; 2]; 2], b: [[f64; 2]; 2]| {
+            [0, 1].map(|i| [0, 1].map(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j]))
+        };
+        times(times(inverse, meat), inverse)
     }
 }

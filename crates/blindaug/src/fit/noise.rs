@@ -246,14 +246,13 @@ impl NoiseEvidence {
         Ok(())
     }
 
-    /// Keeps every second sample: bounds the memory of a long clip.
-    pub fn thin(&mut self) {
-        for level in &mut self.levels {
-            let mut i = 0;
-            level.retain(|_| {
-                i += 1;
-                i % 2 == 0
-            });
+    /// Adds what another collection of the same method holds.
+    pub fn merge(&mut self, other: &Self) {
+        for (a, b) in self.levels.iter_mut().zip(&other.levels) {
+            a.extend_from_slice(b);
+        }
+        for (a, b) in self.brightest.iter_mut().zip(other.brightest.iter()) {
+            *a += b;
         }
     }
 
