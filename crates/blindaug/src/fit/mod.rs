@@ -197,7 +197,7 @@ impl Estimator {
             if pair.confirmed() < MIN_CONFIRMED {
                 self.cuts += 1;
             } else {
-                estimated = Some((pair.known_forward(), sign));
+                estimated = Some((known_flow(&pair), sign));
             }
         }
         // To the neighbour that there is; and to the next frame, which the last frame's motion continues to.
@@ -533,6 +533,12 @@ impl Estimator {
         let sure = sigma_interval[1] - sigma_interval[0] <= 2.0 * sigma.max(0.5);
         sure.then(|| (lens, sigma_interval, focus_interval, fits.iter().map(|f| f.samples).sum()))
     }
+}
+
+/// The forward flow, NaN where the backward flow does not confirm it.
+fn known_flow(pair: &analysis::flow::FlowPair) -> Flow {
+    let (w, h) = pair.forward.size();
+    Flow::from_fn(w, h, |x, y| if pair.occluded.at(x, y) { [f32::NAN; 2] } else { pair.forward.at(x, y) })
 }
 
 fn blind_model(fit: &spectral::ExposureFit) -> MotionBlurModel {

@@ -1,0 +1,25 @@
+# The project's commands; each is plain cargo, so that `just` is a convenience only.
+
+# The main job on the built-in clip.
+demo:
+    cargo run --release -- demo
+
+# All tests.
+test:
+    cargo test --workspace
+
+# What CI runs.
+ci:
+    .ci/run
+
+# Accuracy on the rendered clips of known truth: the tables of docs/accuracy.md.
+bench-accuracy *ARGS:
+    cargo bench -p blindaug-cli --bench accuracy -- {{ARGS}}
+
+# Kernels: synthesis, analysis and fits.
+bench:
+    cargo bench -p blindaug
+
+# The core crate for the web.
+wasm:
+    tools/check-wasm.sh
