@@ -358,10 +358,8 @@ impl Template {
             }
             best = Match { at, cost };
             let [bx, by] = [0, 1].map(|k| gradient[k] + PRIOR * (at[k] - start[k]));
-            let step = [
-                self.inverse[0] * bx + self.inverse[1] * by,
-                self.inverse[1] * bx + self.inverse[2] * by,
-            ];
+            let step =
+                [self.inverse[0] * bx + self.inverse[1] * by, self.inverse[1] * bx + self.inverse[2] * by];
             at = [at[0] - step[0], at[1] - step[1]];
             let square = |a: f32, b: f32| a * a + b * b;
             if square(at[0] - start[0], at[1] - start[1]) > AREA || square(step[0], step[1]) < 1e-4 {

@@ -95,7 +95,9 @@ impl Refiner {
             for _ in 0..UPDATES {
                 for_each_row(smoothness, w, |y, out| smoothness_weights(from, uv, y, out));
                 for_each_row(edges, 2 * n, |y, out| edge_weights(smoothness, (w, h), y, out));
-                for_each_row(system, 10 * n, |y, out| normal_equations(terms, smoothness, uv, (w, h), y, out));
+                for_each_row(system, 10 * n, |y, out| {
+                    normal_equations(terms, smoothness, uv, (w, h), y, out)
+                });
                 for sweep in 0..2 * SWEEPS {
                     let c = sweep % 2;
                     let [red, black] = &mut *unknown;

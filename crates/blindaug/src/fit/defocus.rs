@@ -3,7 +3,8 @@
 
 use super::{BlurPoint, Samples};
 use crate::model::ExposureFraction;
-use crate::{Flow, Plane, Raster, filter, par, synth};
+use crate::synth::{self, defocus::Bokeh};
+use crate::{Flow, Plane, Raster, filter, par};
 
 /// A thin lens as it is fitted: `sigma = slope |d - focus|`, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +44,9 @@ pub(super) fn best_lens((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + 
         let focus = far * (near / far).powf(i as f32 / (FOCI - 1) as f32);
         let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
         let lens = |j: usize| Lens { slope: 0.08 * 125f32.powf(j as f32 / 39.0) / reach, focus };
-        (0..40).map(|j| (objective(lens(j)), lens(j))).fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
+        (0..40)
+            .map(|j| (objective(lens(j)), lens(j)))
+            .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
     });
     let best = best.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
     refined_lens(best.map_or(Lens { slope: 0.0, focus: near }, |b| b.1), objective)
@@ -80,7 +83,8 @@ pub(super) fn refined_lens(start: Lens, objective: impl Fn(Lens) -> f32) -> Lens
 
 /// Stds of the stack of blurred images, px.
 const STACK: [f32; 23] = [
-    0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.35, 2.7, 3.1, 3.5, 4.0, 4.5, 5.0, 5.7, 6.5, 7.3, 8.2, 9.1, 10.0,
+    0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.35, 2.7, 3.1, 3.5, 4.0, 4.5, 5.0, 5.7, 6.5, 7.3,
+    8.2, 9.1, 10.0,
 ];
 
 /// A lens from one frame, with the covariance of (slope, focus).
@@ -106,6 +110,7 @@ pub fn fit_lens(
     sharp: &Plane,
     inverse_depth: &Plane,
     shutter: Option<(&Flow, ExposureFraction)>,
+    bokeh: Bokeh,
 ) -> Option<LensFit> {
     let (w, h) = sharp.size();
     // Places where depth is known and even: next to a step, what is there belongs to two depths.
@@ -121,17 +126,16 @@ pub fn fit_lens(
     if places.len() < 200 {
         return None;
     }
-    // What each place would be at each std: one stack, each level from the one before it.
-    let mut level = sharp.clone();
+    // What each place would be at each std.
     let mut predicted = vec![[0.0f32; STACK.len()]; places.len()];
     for k in 0..STACK.len() {
-        if k > 0 {
-            level = filter::gaussian_blur(&level, (STACK[k] * STACK[k] - STACK[k - 1] * STACK[k - 1]).sqrt());
-        }
+        let level = synth::defocus::defocus(sharp, &Plane::filled(w, h, STACK[k]), bokeh).ok()?;
         let values = par::map(places.len(), |i| {
             let (x, y) = places[i];
             match shutter {
-                Some((flow, exposure)) => synth::motion_blur::sample(&level, x, y, flow.at(x, y), exposure),
+                Some((flow, exposure)) => {
+                    super::motion_blur::mean_along(&level, x, y, flow.at(x, y), exposure.0)
+                }
                 None => level.at(x, y),
             }
         });
@@ -155,11 +159,14 @@ pub fn fit_lens(
         lens = refined_lens(lens, |l| samples.score(scale, |i| model(l, i)));
     }
     let scale = samples.scale(|i| model(lens, i));
-    let steps = [Lens { slope: lens.slope * 1.02 + 1e-6, ..lens }, Lens { focus: lens.focus * 1.02 + 1e-6, ..lens }];
+    let steps =
+        [Lens { slope: lens.slope * 1.02 + 1e-6, ..lens }, Lens { focus: lens.focus * 1.02 + 1e-6, ..lens }];
     let widths = [steps[0].slope - lens.slope, steps[1].focus - lens.focus];
-    let covariance = samples.covariance(scale, |i| model(lens, i), |i, k| {
-        (model(steps[k], i) - model(lens, i)) / widths[k]
-    });
+    let covariance = samples.covariance(
+        scale,
+        |i| model(lens, i),
+        |i, k| (model(steps[k], i) - model(lens, i)) / widths[k],
+    );
     Some(LensFit { lens, covariance, samples: places.len(), range })
 }
 
@@ -291,7 +298,12 @@ mod tests {
     #[test]
     fn the_best_lens_of_a_smooth_objective_is_found() {
         let truth = Lens { slope: 5.0, focus: 0.4 };
-        let score = |l: Lens| -(0..20).map(|i| 0.1 + 0.04 * i as f32).map(|d| (l.sigma_px(d) - truth.sigma_px(d)).powi(2)).sum::<f32>();
+        let score = |l: Lens| {
+            -(0..20)
+                .map(|i| 0.1 + 0.04 * i as f32)
+                .map(|d| (l.sigma_px(d) - truth.sigma_px(d)).powi(2))
+                .sum::<f32>()
+        };
         let found = best_lens((0.1, 0.9), score);
         assert!((found.slope - 5.0).abs() < 0.05 && (found.focus - 0.4).abs() < 0.01, "{found:?}");
     }

@@ -10,8 +10,8 @@ pub mod noise;
 pub mod spectral;
 
 use crate::model::{
-    BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel, NOISE_LEVELS, ThinLensInterval,
+    BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
+    Method, MotionBlurModel, NOISE_LEVELS, ThinLensInterval,
 };
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, par};
@@ -147,6 +147,8 @@ struct FrameEvidence {
     search: Vec<BlurPoint>,
 }
 
+/// The shape of a real lens's blur: a Gaussian of the same std fits a disk only when it is a fifth too wide.
+const BOKEH: Bokeh = Bokeh::Disk;
 /// Less than this share of confirmed matches between two frames is a cut, or nothing to rely on.
 const MIN_CONFIRMED: f32 = 0.4;
 /// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
@@ -269,7 +271,8 @@ impl Estimator {
         let first = *self.size.get_or_insert(size);
         let images = [*next, *previous, evidence.denoised, evidence.motion_deblurred, evidence.clean];
         let others = images.iter().flatten().map(|i| i.0.size());
-        let others = others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
+        let others =
+            others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
         for s in others.chain([first]) {
             if s != size {
                 return Err(Error::new(format!(
@@ -279,7 +282,9 @@ impl Estimator {
             }
         }
         if frame.0.data().iter().flatten().any(|v| !v.is_finite()) {
-            return Err(Error::new("the frame holds values that are not finite numbers: export it again without NaN or infinity"));
+            return Err(Error::new(
+                "the frame holds values that are not finite numbers: export it again without NaN or infinity",
+            ));
         }
         Ok(())
     }
@@ -299,8 +304,11 @@ impl Estimator {
         let target = light(evidence.denoised.unwrap_or(frame));
         let weight = self.noise_weight(frame);
         let clean = evidence.clean.map(light);
-        let exposure_alone = |sharp: &Plane| flow.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
-        let lens_alone = |target: &Plane, sharp: &Plane| depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None));
+        let exposure_alone =
+            |sharp: &Plane| flow.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
+        let lens_alone = |target: &Plane, sharp: &Plane| {
+            depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None, BOKEH))
+        };
         if let Some(deblurred) = evidence.motion_deblurred {
             let deblurred = light(deblurred);
             kept.exposure = exposure_alone(&deblurred);
@@ -317,17 +325,19 @@ impl Estimator {
                 for _ in 0..3 {
                     let lens = kept.lens.as_ref().map(|l| l.lens);
                     let defocused = match lens {
-                        Some(l) => synth::defocus::defocus(clean, &depth.map(|d| l.sigma_px(d)), Bokeh::Gaussian)?,
+                        Some(l) => synth::defocus::defocus(clean, &depth.map(|d| l.sigma_px(d)), BOKEH)?,
                         None => clean.clone(),
                     };
                     kept.exposure = exposure_alone(&defocused);
                     let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
-                    kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((flow, exposure)));
+                    kept.lens =
+                        defocus::fit_lens(&target, &weight, clean, depth, Some((flow, exposure)), BOKEH);
                 }
             }
             if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
                 let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
-                let still = flow.map_or(Ok(clean.clone()), |f| synth::motion_blur::motion_blur(clean, f, exposure))?;
+                let still =
+                    flow.map_or(Ok(clean.clone()), |f| synth::motion_blur::motion_blur(clean, f, exposure))?;
                 kept.search = defocus::pooled_search(&target, &still, d);
             }
         }
@@ -335,7 +345,7 @@ impl Estimator {
             (Some(denoised), _) => kept.denoised.add_denoised(frame, denoised)?,
             (None, Some(clean)) => {
                 let blurred = self.reblurred(clean, kept, flow, depth)?;
-                kept.denoised.add_denoised(frame, &blurred)?;
+                kept.denoised.add_residual(frame, &blurred)?;
             }
             _ => {}
         }
@@ -354,7 +364,7 @@ impl Estimator {
         let linear = self.options.blur_space == BlurSpace::Linear;
         let mut image = if linear { clean.to_linear(transfer).0 } else { clean.0.clone() };
         if let (Some(l), Some(d)) = (&found.lens, depth) {
-            image = synth::defocus::defocus(&image, &d.map(|d| l.lens.sigma_px(d)), Bokeh::Gaussian)?;
+            image = synth::defocus::defocus(&image, &d.map(|d| l.lens.sigma_px(d)), BOKEH)?;
         }
         if let (Some(e), Some(f)) = (&found.exposure, flow) {
             image = synth::motion_blur::motion_blur(&image, f, e.exposure)?;
@@ -420,7 +430,12 @@ impl Estimator {
         fit.luma.unwrap_or_default()
     }
 
-    fn fit_exposure(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &[LumaNoise; NOISE_LEVELS]) {
+    fn fit_exposure(
+        &self,
+        model: &mut CameraModel,
+        diagnostics: &mut Diagnostics,
+        noise: &[LumaNoise; NOISE_LEVELS],
+    ) {
         let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
         let tiles: Vec<&[spectral::Tile]> = moving.iter().map(|f| f.tiles.as_slice()).collect();
         let why = if self.given < 2 {
@@ -436,7 +451,9 @@ impl Estimator {
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];
         let (known, curve, per_frame) = match (blind, compared) {
-            (Ok(b), Some(c)) if width(b.interval) <= width(c.0.interval) => (blind_model(&b), b.curve, b.per_frame),
+            (Ok(b), Some(c)) if width(b.interval) <= width(c.0.interval) => {
+                (blind_model(&b), b.curve, b.per_frame)
+            }
             (_, Some((m, curve, per_frame))) => (m, curve, per_frame),
             (Ok(b), None) => (blind_model(&b), b.curve, b.per_frame),
             (Err(why), None) => {
@@ -447,8 +464,10 @@ impl Estimator {
         model.motion_blur = Estimate::Known(known);
         diagnostics.exposure_curve = curve;
         // Per frame: numbered as they were given.
-        diagnostics.exposure_per_frame =
-            per_frame.into_iter().map(|(i, v)| (if known.method == Method::Spectral { moving[i].index } else { i }, v)).collect();
+        diagnostics.exposure_per_frame = per_frame
+            .into_iter()
+            .map(|(i, v)| (if known.method == Method::Spectral { moving[i].index } else { i }, v))
+            .collect();
     }
 
     /// Weighted median over the frames that were compared with clean ones.
@@ -457,7 +476,9 @@ impl Estimator {
             self.frames.iter().filter_map(|f| f.exposure.as_ref().map(|e| (f.index, e))).collect();
         let values: Vec<(f32, f64)> = fits.iter().map(|(_, e)| (e.exposure.0, e.variance)).collect();
         let (value, interval) = aggregate(&values, REMOVAL_EXPOSURE_FLOOR)?;
-        let typical = fits.iter().min_by(|a, b| (a.1.exposure.0 - value).abs().total_cmp(&(b.1.exposure.0 - value).abs()))?;
+        let typical = fits
+            .iter()
+            .min_by(|a, b| (a.1.exposure.0 - value).abs().total_cmp(&(b.1.exposure.0 - value).abs()))?;
         let model = MotionBlurModel {
             exposure: ExposureFraction(value.min(1.0)),
             interval: interval.map(|v| v.min(1.0)),
@@ -468,7 +489,12 @@ impl Estimator {
             .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
     }
 
-    fn fit_defocus(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &[LumaNoise; NOISE_LEVELS]) {
+    fn fit_defocus(
+        &self,
+        model: &mut CameraModel,
+        diagnostics: &mut Diagnostics,
+        noise: &[LumaNoise; NOISE_LEVELS],
+    ) {
         let Some(depth_kind) = self.depth_kind else {
             model.defocus = Estimate::Unknown(self.why_no_depth.clone());
             return;
@@ -488,7 +514,9 @@ impl Estimator {
                 (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples)
             }
             (_, Some((lens, sigma, focus, samples))) => (lens, sigma, focus, Method::Removal, samples),
-            (Ok(b), None) => (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples),
+            (Ok(b), None) => {
+                (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples)
+            }
             (Err(why), None) => {
                 model.defocus = Estimate::Unknown(why.clone());
                 return;
@@ -506,9 +534,13 @@ impl Estimator {
         };
         let curve = match (self.options.curve, defocus::quadratic(&points)) {
             (Curve::ThinLens, _) => thin,
-            (Curve::Quadratic, Some(([a, b, c], (lo, hi)))) => DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] },
+            (Curve::Quadratic, Some(([a, b, c], (lo, hi)))) => {
+                DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] }
+            }
             (Curve::Quadratic, None) => {
-                diagnostics.notes.push("too few points for a quadratic: the thin lens is given instead".into());
+                diagnostics
+                    .notes
+                    .push("too few points for a quadratic: the thin lens is given instead".into());
                 thin
             }
         };
@@ -525,7 +557,10 @@ impl Estimator {
         };
         let infinity = |f: &defocus::LensFit| {
             let g = [f64::from(f.lens.focus), f64::from(f.lens.slope)];
-            (0..2).flat_map(|i| (0..2).map(move |j| (i, j))).map(|(i, j)| g[i] * f.covariance[i][j] * g[j]).sum::<f64>()
+            (0..2)
+                .flat_map(|i| (0..2).map(move |j| (i, j)))
+                .map(|(i, j)| g[i] * f.covariance[i][j] * g[j])
+                .sum::<f64>()
         };
         let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity)?;
         let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1])?;
@@ -564,7 +599,8 @@ fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
 /// Weighted median of (value, variance) over frames, and its 95 % interval: the scatter within and between frames, and a
 /// floor for what the model leaves out.
 fn aggregate(values: &[(f32, f64)], floor: f32) -> Option<(f32, [f32; 2])> {
-    let mut sorted: Vec<(f32, f64)> = values.iter().filter(|v| v.0.is_finite() && v.1.is_finite()).copied().collect();
+    let mut sorted: Vec<(f32, f64)> =
+        values.iter().filter(|v| v.0.is_finite() && v.1.is_finite()).copied().collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let weight = |v: f64| 1.0 / (v.max(0.0) + f64::from(floor * floor) + 1e-12);
     let total: f64 = sorted.iter().map(|v| weight(v.1)).sum();
@@ -650,7 +686,12 @@ impl Samples {
 
     /// One of every `n`.
     fn every(&self, n: usize) -> Self {
-        Self { observed: self.observed.clone(), weight: self.weight.clone(), block: self.block.clone(), step: n }
+        Self {
+            observed: self.observed.clone(),
+            weight: self.weight.clone(),
+            block: self.block.clone(),
+            step: n,
+        }
     }
 
     fn residual(&self, i: usize, model: f32) -> f32 {
@@ -668,7 +709,8 @@ impl Samples {
 
     /// The residuals' std, robustly.
     fn scale(&self, model: impl Fn(usize) -> f32) -> f32 {
-        let r = (0..self.observed.len()).step_by(self.step).map(|i| self.residual(i, model(i)).abs()).collect();
+        let r =
+            (0..self.observed.len()).step_by(self.step).map(|i| self.residual(i, model(i)).abs()).collect();
         1.4826 * median(r).unwrap_or(0.0).max(1e-4)
     }
 
@@ -698,7 +740,11 @@ impl Samples {
         }
         // A parameter without influence has no row.
         let single = hessian[1][1] <= 0.0;
-        let determinant = if single { hessian[0][0] } else { hessian[0][0] * hessian[1][1] - hessian[0][1] * hessian[1][0] };
+        let determinant = if single {
+            hessian[0][0]
+        } else {
+            hessian[0][0] * hessian[1][1] - hessian[0][1] * hessian[1][0]
+        };
         if determinant <= 1e-30 {
             return [[f64::INFINITY; 2]; 2];
         }

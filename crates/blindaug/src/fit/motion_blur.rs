@@ -2,7 +2,7 @@
 
 use super::Samples;
 use crate::model::ExposureFraction;
-use crate::{Flow, Plane, par, synth};
+use crate::{Flow, Plane, par};
 
 /// Exposure fractions that are tried, 0 to 1; between them, predictions are interpolated.
 const STEPS: usize = 21;
@@ -20,15 +20,29 @@ pub struct ExposureFit {
     pub curve: Vec<[f32; 2]>,
 }
 
+/// The mean along the path of pixel (x, y), as [`crate::synth::motion_blur`] takes it, but with cubic taps: the bilinear
+/// ones of the synthesis blur by 1/6 px^2 themselves, which the estimate would take for a shorter exposure.
+pub(super) fn mean_along(image: &Plane, x: usize, y: usize, [u, v]: [f32; 2], lambda: f32) -> f32 {
+    let (dx, dy) = (lambda * u, lambda * v);
+    let length = dx.hypot(dy);
+    if !(length > 0.0 && length < 1000.0) {
+        return image.at(x, y);
+    }
+    let taps = length.ceil() as usize + 1;
+    let at = |i: usize| {
+        let t = (i as f32 + 0.5) / taps as f32 - 0.5;
+        image.cubic(x as f32 + t * dx, y as f32 + t * dy)
+    };
+    (0..taps).map(at).sum::<f32>() / taps as f32
+}
+
 /// The exposure for which `sharp`, blurred along the flow, is closest to `target`. Both are luma in the light that is
 /// blurred; `weight` is the inverse std of the target's noise.
 ///
 /// `None` if nothing with texture moves. All images must have one size.
 pub fn fit_exposure(target: &Plane, weight: &Plane, sharp: &Plane, flow: &Flow) -> Option<ExposureFit> {
     let (w, h) = sharp.size();
-    let blurred = |x: usize, y: usize, lambda: f32| {
-        synth::motion_blur::sample(sharp, x, y, flow.at(x, y), ExposureFraction(lambda))
-    };
+    let blurred = |x: usize, y: usize, lambda: f32| mean_along(sharp, x, y, flow.at(x, y), lambda);
     let moves = |x: usize, y: usize| {
         let [u, v] = flow.at(x, y);
         let speed = u.hypot(v);
@@ -36,7 +50,9 @@ pub fn fit_exposure(target: &Plane, weight: &Plane, sharp: &Plane, flow: &Flow) 
         let near = |dx: isize, dy: isize| flow.at_clamped(x as isize + dx, y as isize + dy);
         let around = [(-8, 0), (8, 0), (0, -8), (0, 8)];
         (1.0..100.0).contains(&speed)
-            && around.iter().all(|&(dx, dy)| (near(dx, dy)[0] - u).hypot(near(dx, dy)[1] - v) < 0.15 * speed + 0.3)
+            && around
+                .iter()
+                .all(|&(dx, dy)| (near(dx, dy)[0] - u).hypot(near(dx, dy)[1] - v) < 0.15 * speed + 0.3)
     };
     let contrast = |x: usize, y: usize| (sharp.at(x, y) - blurred(x, y, 0.7)).abs() * weight.at(x, y);
     let places = super::places_of_contrast(w, h, 10, moves, contrast);
@@ -69,11 +85,16 @@ pub fn fit_exposure(target: &Plane, weight: &Plane, sharp: &Plane, flow: &Flow) 
     }
     let scale = samples.scale(|i| model(lambda, i));
     let (below, above) = ((lambda - 0.05).max(0.0), (lambda + 0.05).min(1.0));
-    let covariance = samples.covariance(scale, |i| model(lambda, i), |i, k| {
-        if k == 0 { (model(above, i) - model(below, i)) / (above - below) } else { 0.0 }
-    });
+    let covariance = samples.covariance(
+        scale,
+        |i| model(lambda, i),
+        |i, k| {
+            if k == 0 { (model(above, i) - model(below, i)) / (above - below) } else { 0.0 }
+        },
+    );
     let max = samples.score(scale, |i| model(lambda, i));
-    let curve = (0..=50).map(|i| i as f32 / 50.0).map(|l| [l, samples.score(scale, |i| model(l, i)) - max]).collect();
+    let curve =
+        (0..=50).map(|i| i as f32 / 50.0).map(|l| [l, samples.score(scale, |i| model(l, i)) - max]).collect();
     Some(ExposureFit {
         exposure: ExposureFraction(lambda),
         variance: covariance[0][0],

@@ -9,12 +9,13 @@ use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::sync::OnceLock;
 
-/// Side of the blocks in which variances are taken, px of the full image.
-const BLOCK: usize = 32;
+/// Side of the blocks in which variances are taken, px of the full image, per level: small ones are more often free of
+/// structure, but the coarse levels need a few values.
+const BLOCK: [usize; NOISE_LEVELS] = [16, 16, 32, 32];
 
 /// Mean of the lower half of the variances of such blocks over their mean, for pure noise, per level: few values scatter
 /// widely. Measured by a test.
-const LOWER_HALF: [f32; NOISE_LEVELS] = [0.963, 0.917, 0.821, 0.658];
+const LOWER_HALF: [f32; NOISE_LEVELS] = [0.93, 0.84, 0.821, 0.658];
 
 /// Encoded values this near to 0 or to the clip level have lost a part of their noise.
 const CLIP_MARGIN: f32 = 0.02;
@@ -69,6 +70,8 @@ pub struct LumaNoise {
 #[derive(Clone, Debug)]
 pub struct NoiseEvidence {
     method: Method,
+    /// Whether the variances are those of the paper's windows, to be taken as they are.
+    windowed: bool,
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// Histogram of the brightest channel's 8-bit value.
     brightest: Box<[u64; 256]>,
@@ -77,7 +80,7 @@ pub struct NoiseEvidence {
 impl NoiseEvidence {
     /// No evidence yet; `method` is [`Method::Temporal`], [`Method::Spatial`] or [`Method::Removal`].
     pub fn new(method: Method) -> Self {
-        Self { method, levels: Default::default(), brightest: Box::new([0; 256]) }
+        Self { method, windowed: false, levels: Default::default(), brightest: Box::new([0; 256]) }
     }
 
     /// How many local variances there are.
@@ -125,7 +128,7 @@ impl NoiseEvidence {
             let [tx, ty] = target(x, y);
             1.0 + bilinear_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
-        self.add_residual(&residual, &mean, &valid, gain);
+        self.add_blocks(&residual, &mean, &valid, gain);
         Ok(())
     }
 
@@ -135,7 +138,20 @@ impl NoiseEvidence {
         self.count_brightest(frame);
         let residual = frame.0.map(|p| [p[0], p[1], p[2], luma(p)]);
         let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
-        self.add_residual(&residual, &frame.luma(), &valid, |_, _, _| 1.0);
+        self.add_blocks(&residual, &frame.luma(), &valid, |_, _, _| 1.0);
+    }
+
+    /// Adds the difference between a frame and a prediction of it without noise, where the prediction is good.
+    ///
+    /// # Errors
+    /// If the sizes differ.
+    pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded) -> Result<()> {
+        let (w, h) = frame.0.size();
+        let residual = residual(frame, predicted)?;
+        self.count_brightest(frame);
+        let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
+        self.add_blocks(&residual, &predicted.luma(), &valid, |_, _, _| 1.0);
+        Ok(())
     }
 
     fn count_brightest(&mut self, frame: &Encoded) {
@@ -145,7 +161,7 @@ impl NoiseEvidence {
         }
     }
 
-    fn add_residual(
+    fn add_blocks(
         &mut self,
         residual: &Raster<[f32; 4]>,
         mean: &Plane,
@@ -153,29 +169,28 @@ impl NoiseEvidence {
         gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
     ) {
         let (w, h) = residual.size();
-        let (columns, rows) = (w / BLOCK, h / BLOCK);
         let smooth = filter::gaussian_blur(mean, 1.5);
+        let gradient = Plane::from_fn(w, h, |x, y| {
+            let at = |dx: isize, dy: isize| smooth.at_clamped(x as isize + dx, y as isize + dy);
+            0.25 * ((at(1, 0) - at(-1, 0)).powi(2) + (at(0, 1) - at(0, -1)).powi(2))
+        });
         let (bands, _) = pyramid::laplacian(residual, NOISE_LEVELS);
-        let per_block = par::map(columns * rows, |i| {
-            let (x0, y0) = (i % columns * BLOCK, i / columns * BLOCK);
-            // The coarser bands' filters reach outside; what is there must be valid as well.
-            let whole = (y0.saturating_sub(4)..(y0 + BLOCK + 4).min(h))
-                .all(|y| valid.row(y)[x0.saturating_sub(4)..(x0 + BLOCK + 4).min(w)].iter().all(|&v| v));
-            if !whole {
-                return None;
-            }
-            let (mut y_sum, mut structure) = (0.0, 0.0);
-            for y in y0..y0 + BLOCK {
-                for x in x0..x0 + BLOCK {
-                    y_sum += mean.at(x, y);
-                    let at = |dx: isize, dy: isize| smooth.at_clamped(x as isize + dx, y as isize + dy);
-                    let (gx, gy) = (at(1, 0) - at(-1, 0), at(0, 1) - at(0, -1));
-                    structure += 0.25 * (gx * gx + gy * gy);
+        for (level, found) in self.levels.iter_mut().enumerate() {
+            let block = BLOCK[level];
+            let (columns, rows) = (w / block, h / block);
+            let of_block = |i: usize| {
+                let (x0, y0) = (i % columns * block, i / columns * block);
+                // The coarser bands' filters reach outside; what is there must be valid as well.
+                let whole = (y0.saturating_sub(4)..(y0 + block + 4).min(h))
+                    .all(|y| valid.row(y)[x0.saturating_sub(4)..(x0 + block + 4).min(w)].iter().all(|&v| v));
+                if !whole {
+                    return None;
                 }
-            }
-            let n = (BLOCK * BLOCK) as f32;
-            Some(std::array::from_fn::<_, NOISE_LEVELS, _>(|level| {
-                let side = BLOCK >> level;
+                let mean_of = |p: &Plane| {
+                    (y0..y0 + block).map(|y| p.row(y)[x0..x0 + block].iter().sum::<f32>()).sum::<f32>()
+                        / (block * block) as f32
+                };
+                let side = block >> level;
                 let (mut sum, mut gains) = ([0.0; 4], 0.0);
                 for y in (y0 >> level)..(y0 >> level) + side {
                     for x in (x0 >> level)..(x0 >> level) + side {
@@ -184,18 +199,14 @@ impl NoiseEvidence {
                         gains += gain((x << level).min(w - 1), (y << level).min(h - 1), level);
                     }
                 }
-                LocalVariance {
-                    y: y_sum / n,
+                Some(LocalVariance {
+                    y: mean_of(mean),
                     variance: sum.map(|s| s / gains),
-                    structure: structure / n,
+                    structure: mean_of(&gradient),
                     count: (side * side) as f32,
-                }
-            }))
-        });
-        for block in per_block.into_iter().flatten() {
-            for (level, v) in self.levels.iter_mut().zip(block) {
-                level.push(v);
-            }
+                })
+            };
+            found.extend(par::map(columns * rows, of_block).into_iter().flatten());
         }
     }
 
@@ -206,15 +217,9 @@ impl NoiseEvidence {
     /// If the sizes differ.
     pub fn add_denoised(&mut self, frame: &Encoded, denoised: &Encoded) -> Result<()> {
         let (w, h) = frame.0.size();
-        if denoised.0.size() != (w, h) {
-            return Err(Error::new("the frame and its denoised version must have one size"));
-        }
+        let residual = residual(frame, denoised)?;
         self.count_brightest(frame);
-        let residual = Raster::from_fn(w, h, |x, y| {
-            let (a, b) = (frame.0.at(x, y), denoised.0.at(x, y));
-            let d: [f32; 3] = std::array::from_fn(|c| a[c] - b[c]);
-            [d[0], d[1], d[2], luma(d)]
-        });
+        self.windowed = true;
         let (bands, _) = pyramid::laplacian(&residual, NOISE_LEVELS);
         let mut y = denoised.luma();
         for (level, band) in bands.iter().enumerate() {
@@ -252,6 +257,7 @@ impl NoiseEvidence {
 
     /// Adds what another collection of the same method holds.
     pub fn merge(&mut self, other: &Self) {
+        self.windowed |= other.windowed;
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
             a.extend_from_slice(b);
         }
@@ -262,7 +268,8 @@ impl NoiseEvidence {
 
     /// The model that the collected variances give.
     pub fn fit(&self) -> NoiseFit {
-        let unknown = |why: &str| NoiseFit { model: Estimate::Unknown(why.into()), luma: None, points: vec![] };
+        let unknown =
+            |why: &str| NoiseFit { model: Estimate::Unknown(why.into()), luma: None, points: vec![] };
         if self.levels[0].len() < 8 {
             return unknown(match self.method {
                 Method::Temporal => "no part of the frames could be followed from one to the next",
@@ -295,8 +302,10 @@ impl NoiseEvidence {
                 levels[level].slope[c] = l.slope;
                 levels[level].intercept[c] = l.intercept;
                 interval[level].slope[c] = [l.slope - 1.96 * l.slope_error, l.slope + 1.96 * l.slope_error];
-                interval[level].intercept[c] =
-                    [(l.intercept - 1.96 * l.intercept_error).max(0.0), l.intercept + 1.96 * l.intercept_error];
+                interval[level].intercept[c] = [
+                    (l.intercept - 1.96 * l.intercept_error).max(0.0),
+                    l.intercept + 1.96 * l.intercept_error,
+                ];
             }
             points.extend(bins.iter().map(|b| NoisePoint {
                 level,
@@ -325,9 +334,9 @@ impl NoiseEvidence {
         // Of the blocks with the least structure the lower half: what is not noise only ever adds. The windows of a
         // denoiser's residual are taken as they are, as the paper does.
         let (keep, lower_half) = match self.method {
-            Method::Temporal => (0.5, true),
-            Method::Spatial => (0.12, true),
-            _ => (1.0, false),
+            _ if self.windowed => (1.0, false),
+            Method::Spatial => (0.1, true),
+            _ => (0.4, true),
         };
         by_luminance
             .into_iter()
@@ -363,11 +372,27 @@ impl NoiseEvidence {
     /// The brightest encoded value that occurs, if values pile up there; else 1.
     fn clip_level(&self) -> f32 {
         let total: u64 = self.brightest.iter().sum();
-        let Some(top) = (0..256).rev().find(|&i| self.brightest[i] as f64 > 1e-4 * total as f64) else { return 1.0 };
+        let Some(top) = (0..256).rev().find(|&i| self.brightest[i] as f64 > 1e-4 * total as f64) else {
+            return 1.0;
+        };
         let below: u64 = self.brightest[top.saturating_sub(6)..top.saturating_sub(1)].iter().sum();
-        let piles_up = self.brightest[top] as f64 > 0.8 * below as f64 && self.brightest[top] as f64 > 1e-3 * total as f64;
+        let piles_up = self.brightest[top] as f64 > 0.8 * below as f64
+            && self.brightest[top] as f64 > 1e-3 * total as f64;
         if piles_up && top > 128 { top as f32 / 255.0 } else { 1.0 }
     }
+}
+
+/// R, G, B and luma of `frame - prediction`.
+fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
+    let (w, h) = frame.0.size();
+    if prediction.0.size() != (w, h) {
+        return Err(Error::new("the frame and its version without noise must have one size"));
+    }
+    Ok(Raster::from_fn(w, h, |x, y| {
+        let (a, b) = (frame.0.at(x, y), prediction.0.at(x, y));
+        let d: [f32; 3] = std::array::from_fn(|c| a[c] - b[c]);
+        [d[0], d[1], d[2], luma(d)]
+    }))
 }
 
 /// How much of luma's bias a channel takes over, its share of luma's variance if the channels are independent.
@@ -408,7 +433,8 @@ fn line(bins: &[Bin], channel: usize) -> Line {
         .map(|b| {
             // The std of a std is s / sqrt(2 n); a floor keeps a bin that happens to be still from owning the fit, and
             // a cap one crowded bin from drowning the others, since the line itself is an approximation.
-            f64::from(b.freedom.min(4000.0)) / f64::from(b.variance[channel].max(0.1 * mean_variance).max(1e-10))
+            f64::from(b.freedom.min(4000.0))
+                / f64::from(b.variance[channel].max(0.1 * mean_variance).max(1e-10))
         })
         .collect();
     let base = weights.clone();
@@ -500,7 +526,12 @@ mod tests {
     /// White normal noise (a sum of twelve uniforms), made without the project's own synthesis.
     fn white(width: usize, height: usize, seed: u64) -> Raster<[f32; 3]> {
         Raster::from_fn(width, height, |x, y| {
-            let at = |c: u64| (0..12).map(|k| crate::fit::uniform(seed * 36 + 12 * c + k, (y * width + x) as u64)).sum::<f32>() - 6.0;
+            let at = |c: u64| {
+                (0..12)
+                    .map(|k| crate::fit::uniform(seed * 36 + 12 * c + k, (y * width + x) as u64))
+                    .sum::<f32>()
+                    - 6.0
+            };
             [at(0), at(1), at(2)]
         })
     }
@@ -520,10 +551,32 @@ mod tests {
         let mut worst = 0.0f32;
         for (level, white) in model.levels.iter().zip(white_band_std()) {
             for y in [0.25, 0.45, 0.65] {
-                worst = level.sigma(y).iter().map(|s| (s / (sigma * white) - 1.0).abs()).fold(worst, f32::max);
+                worst =
+                    level.sigma(y).iter().map(|s| (s / (sigma * white) - 1.0).abs()).fold(worst, f32::max);
             }
         }
         worst
+    }
+
+    #[test]
+    fn lower_half_constants() {
+        let mut e = NoiseEvidence::new(Method::Temporal);
+        for seed in 0..4 {
+            e.add_pair(
+                &noisy(512, 512, seed, 0.02),
+                &noisy(512, 512, seed + 10, 0.02),
+                &Flow::filled(512, 512, [0.0; 2]),
+            )
+            .unwrap();
+        }
+        for (level, constant) in LOWER_HALF.into_iter().enumerate() {
+            let mut v: Vec<f32> = e.levels[level].iter().map(|v| v.variance[3]).collect();
+            v.sort_by(f32::total_cmp);
+            let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
+            let ratio = mean(&v[..v.len() / 2]) / mean(&v);
+            println!("{level} {ratio}");
+            assert!((ratio - constant).abs() < 0.02, "level {level}: {ratio}");
+        }
     }
 
     #[test]

@@ -116,7 +116,12 @@ pub struct LensFit {
 ///
 /// # Errors
 /// If the sizes differ.
-pub fn tiles(frame: &Encoded, flow: Option<&Flow>, inverse_depth: Option<&Plane>, space: BlurSpace) -> Result<Vec<Tile>> {
+pub fn tiles(
+    frame: &Encoded,
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    space: BlurSpace,
+) -> Result<Vec<Tile>> {
     let (w, h) = frame.0.size();
     if flow.is_some_and(|f| f.size() != (w, h)) || inverse_depth.is_some_and(|d| d.size() != (w, h)) {
         return Err(Error::new("flow and depth must have the frame's size"));
@@ -171,19 +176,24 @@ pub fn tiles(frame: &Encoded, flow: Option<&Flow>, inverse_depth: Option<&Plane>
 }
 
 /// The pixels of the tile at a corner.
-fn square<T: Copy + Send + Sync>(raster: &Raster<T>, (x0, y0): (usize, usize)) -> impl Iterator<Item = T> + '_ {
+fn square<T: Copy + Send + Sync>(
+    raster: &Raster<T>,
+    (x0, y0): (usize, usize),
+) -> impl Iterator<Item = T> + '_ {
     (y0..y0 + TILE).flat_map(move |y| raster.row(y)[x0..x0 + TILE].iter().copied())
 }
 
 /// Speed and motion of a tile; `None` if its parts move differently, too fast, or unknown.
 fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])> {
-    let known: Vec<[f32; 2]> = square(flow, corner).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
+    let known: Vec<[f32; 2]> =
+        square(flow, corner).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
     if known.len() < TILE * TILE / 2 {
         return None;
     }
     let motion = [0, 1].map(|c| median(known.iter().map(|f| f[c]).collect()));
     let speed = motion[0].hypot(motion[1]);
-    let deviation = known.iter().map(|f| (f[0] - motion[0]).hypot(f[1] - motion[1])).sum::<f32>() / known.len() as f32;
+    let deviation =
+        known.iter().map(|f| (f[0] - motion[0]).hypot(f[1] - motion[1])).sum::<f32>() / known.len() as f32;
     (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion))
 }
 
@@ -210,7 +220,8 @@ fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, corner: (usize, usize)) -
     let mean = sum / weights;
     let mut a: Vec<Complex<f32>> =
         square(light, corner).enumerate().map(|(i, v)| Complex::new((v - mean) * weight(i), 0.0)).collect();
-    let transposed = |a: &[Complex<f32>]| (0..TILE * TILE).map(|i| a[i % TILE * TILE + i / TILE]).collect::<Vec<_>>();
+    let transposed =
+        |a: &[Complex<f32>]| (0..TILE * TILE).map(|i| a[i % TILE * TILE + i / TILE]).collect::<Vec<_>>();
     fft.process(&mut a);
     let mut b = transposed(&a);
     fft.process(&mut b);
@@ -232,7 +243,8 @@ fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec
                 continue;
             }
             let along = if moves { (wx * motion[0] + wy * motion[1]).abs() / speed } else { 0.0 };
-            let bin = &mut bins[(along * TILE as f32) as usize + (modulus * TILE as f32) as usize * along_bins];
+            let bin =
+                &mut bins[(along * TILE as f32) as usize + (modulus * TILE as f32) as usize * along_bins];
             // The half plane stands for the whole; its first and last column stand for themselves.
             let weight = if i == 0 || i == TILE / 2 { 0.5 } else { 1.0 };
             bin.weight += weight;
@@ -274,7 +286,8 @@ impl<'a> Prepared<'a> {
         // Spectral density of the noise in each level: that of the white noise which has the level's variance.
         let density: [f32; NOISE_LEVELS] = std::array::from_fn(|l| {
             let LumaNoise { slope, intercept } = noise[l];
-            let variance = slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
+            let variance =
+                slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
             variance.max(0.0) / (white[l] * white[l])
         });
         let at = |modulus: f32| {
@@ -284,7 +297,8 @@ impl<'a> Prepared<'a> {
             (density[i] + (level - i as f32) * (density[i + 1] - density[i])).max(1e-9)
         };
         let column = |f: &dyn Fn(&Bin) -> f32| tile.bins.iter().map(f).collect::<Vec<f32>>();
-        let (power, weight, noise) = (column(&|b| b.power), column(&|b| b.weight), column(&|b| at(b.modulus)));
+        let (power, weight, noise) =
+            (column(&|b| b.power), column(&|b| b.weight), column(&|b| at(b.modulus)));
         let mean = |v: &[f32]| v.iter().zip(&weight).map(|(v, w)| v * w).sum::<f32>();
         (mean(&power) > MIN_CONTRAST * mean(&noise)).then_some(Self { tile, frame, power, weight, noise })
     }
@@ -330,7 +344,8 @@ impl<'a> Prepared<'a> {
                 let deviation = 0.8 * (k as f32 - 0.5 * (ALPHAS - 1) as f32);
                 let alpha = ALPHA.0 + ALPHA.1 * deviation;
                 let spectrum = |b: &Bin| {
-                    (b.modulus / 0.2).powf(-alpha) * (-(std::f32::consts::TAU * PIXEL_RESPONSE * b.modulus).powi(2)).exp()
+                    (b.modulus / 0.2).powf(-alpha)
+                        * (-(std::f32::consts::TAU * PIXEL_RESPONSE * b.modulus).powi(2)).exp()
                 };
                 let gain = self.tile.bins.iter().zip(&shutter).map(|(b, s)| s * spectrum(b)).collect();
                 (-0.5 * deviation * deviation, gain)
@@ -358,8 +373,12 @@ impl<'a> Prepared<'a> {
 ///
 /// # Errors
 /// The reason why they cannot tell.
-pub fn fit_exposure(frames: &[&[Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> std::result::Result<ExposureFit, String> {
-    let prepared: Vec<Prepared> = prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
+pub fn fit_exposure(
+    frames: &[&[Tile]],
+    noise: &[LumaNoise; NOISE_LEVELS],
+) -> std::result::Result<ExposureFit, String> {
+    let prepared: Vec<Prepared> =
+        prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
     if prepared.len() < 6 {
         return Err("too little in the frames moves, or what moves has no texture".into());
     }
@@ -381,9 +400,8 @@ pub fn fit_exposure(frames: &[&[Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> st
         (lambda(at), sum)
     };
     let (estimate, sum) = best(&|_| 1.0);
-    let replicas: Vec<f32> = (0..BOOTSTRAPS)
-        .map(|r| best(&|i| resampled(r, prepared[i].tile.place)).0)
-        .collect();
+    let replicas: Vec<f32> =
+        (0..BOOTSTRAPS).map(|r| best(&|i| resampled(r, prepared[i].tile.place)).0).collect();
     let interval = interval(estimate, &replicas, EXPOSURE_FLOOR).map(|v| v.min(1.25));
     if interval[1] - interval[0] > 0.7 {
         return Err(format!(
@@ -436,10 +454,14 @@ pub fn fit_lens(
         let s: Vec<f32> = replicas.iter().map(|l| l.sigma_px(d)).collect();
         std_of(&s)
     };
-    let mean = |f: &dyn Fn(f32) -> f32| (0..tables.len()).map(|i| f(depth(i))).sum::<f32>() / tables.len() as f32;
+    let mean =
+        |f: &dyn Fn(f32) -> f32| (0..tables.len()).map(|i| f(depth(i))).sum::<f32>() / tables.len() as f32;
     let (scatter, typical) = (mean(&spread), mean(&|d| lens.sigma_px(d)));
     if scatter > (0.6 * typical).max(0.4) {
-        return Err(format!("the textures at hand fit many lenses: blur of {typical:.1} px give or take {:.1}", 2.0 * scatter));
+        return Err(format!(
+            "the textures at hand fit many lenses: blur of {typical:.1} px give or take {:.1}",
+            2.0 * scatter
+        ));
     }
     let of = |f: &dyn Fn(&Lens) -> f32, floor: f32| {
         interval(f(&lens), &replicas.iter().map(f).collect::<Vec<f32>>(), floor * f(&lens))
