@@ -64,7 +64,7 @@ impl Ffmpeg {
         let format = YuvFormat { size, chroma_shift: pixels.chroma_shift, bits: pixels.bits };
         let mut ffmpeg = Self { program, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
         if let Err(e) = ffmpeg.frames(path).and_then(|mut f| f.next_frame())
-            && e.sentence().contains("fps_mode")
+            && e.sentence().contains("Option not found")
         {
             ffmpeg.each_frame_once = ["-vsync", "0"];
         }
@@ -159,7 +159,8 @@ fn listen(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
 /// The last thing that ffmpeg said.
 fn last_words(text: &str) -> String {
     let line = text.lines().map(str::trim).rfind(|l| !l.is_empty()).unwrap_or("it said nothing");
-    one_line(line)
+    // Without the file's name, which the error has already.
+    one_line(if line.starts_with("file:") { line.rsplit(": ").next().unwrap_or(line) } else { line })
 }
 
 /// A file name that ffmpeg takes neither for an option nor for a protocol.

@@ -11,11 +11,12 @@ use openh264::{
     decoder::{DecodeOptions, DecodedYUV, Decoder, Flush},
     formats::YUVSource,
 };
-use re_mp4::{StsdBoxContent, TrackKind};
+use re_mp4::{StsdBoxContent, Track, TrackKind};
 use std::{
     collections::VecDeque,
     fs::File,
-    io::{BufReader, Read, Seek, SeekFrom},
+    io::{BufRead, BufReader, Read, Seek, SeekFrom},
+    ops::Range,
     path::{Path, PathBuf},
 };
 
@@ -29,6 +30,8 @@ const MAX_SAMPLE: u64 = 1 << 28;
 pub(crate) struct Mp4 {
     /// Offset and size of each coded frame, in decoding order, bytes.
     samples: Vec<(u64, u64)>,
+    /// Which of the frames, in the order of showing, are shown (a phone trims a video by saying so in its head).
+    shown: Range<usize>,
     /// Bytes of the length in front of each NAL unit.
     length_size: usize,
     /// The parameter sets, as a byte stream.
@@ -42,11 +45,13 @@ impl Mp4 {
         let length = file.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
         let other = "install ffmpeg, or give the frames as a folder of images";
         guarded(path, || {
-            let mp4 = re_mp4::Mp4::read(BufReader::new(file), length).map_err(|e| {
-                let what =
-                    "not an image, nor a complete MP4 video, which is all that can be read without ffmpeg";
-                Error::new(path, format!("{what} ({e}); {other}"))
-            })?;
+            let mut file = BufReader::new(file);
+            let is_mp4 = file.fill_buf().is_ok_and(|head| head.get(4..8) == Some(b"ftyp"));
+            if !is_mp4 {
+                let what = "not an image, nor an MP4 video, which is all that can be read without ffmpeg";
+                return Err(Error::new(path, format!("{what}; {other}")));
+            }
+            let mp4 = re_mp4::Mp4::read(file, length).map_err(|e| Error::damaged(path, e))?;
             let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
                 return Err(Error::new(path, "there is no video in this file"));
             };
@@ -72,6 +77,7 @@ impl Mp4 {
             }
             let samples: Vec<_> = track.samples.iter().map(|s| (s.offset, s.size)).collect();
             let seconds = track.duration as f64 / track.timescale as f64;
+            let shown = shown_frames(&mp4, track);
             let fps = Some(samples.len() as f64 / seconds).filter(|f| f.is_finite() && *f > 0.0);
             let m = &trak.tkhd.matrix;
             let quarter_turns = match (m.a.signum(), m.b.signum(), m.c.signum(), m.d.signum()) {
@@ -82,7 +88,7 @@ impl Mp4 {
             };
             let head = VideoHead {
                 fps,
-                frames: Some(samples.len()),
+                frames: Some(shown.len()),
                 colour: Colour::new(sps.matrix_coefficients, avc1.height.into(), sps.full_range, false),
                 quarter_turns,
                 notes: Vec::new(),
@@ -90,6 +96,7 @@ impl Mp4 {
             Ok((
                 Self {
                     samples,
+                    shown,
                     length_size: usize::from(avcc.length_size_minus_one & 3) + 1,
                     parameter_sets,
                 },
@@ -108,7 +115,7 @@ impl Mp4 {
             file: BufReader::new(file),
             decoder,
             next: 0,
-            shown: 0,
+            decoded: 0,
             rest: VecDeque::new(),
             flushed: false,
         })
@@ -123,7 +130,7 @@ pub(crate) struct Mp4Frames {
     decoder: Decoder,
     /// Index of the next sample to decode.
     next: usize,
-    shown: usize,
+    decoded: usize,
     /// What was left in the decoder at the end.
     rest: VecDeque<YuvFrame>,
     flushed: bool,
@@ -132,13 +139,21 @@ pub(crate) struct Mp4Frames {
 impl Mp4Frames {
     /// The next frame in the order in which they are shown; `None` at the end.
     pub(crate) fn next_frame(&mut self) -> Result<Option<YuvFrame>> {
-        let frame = self.decode().map_err(|e| {
-            let number = self.shown + 1;
-            let e = one_line(&e);
-            Error::new(&self.path, format!("the video is damaged or cut short at frame {number} ({e})"))
-        })?;
-        self.shown += usize::from(frame.is_some());
-        Ok(frame)
+        while self.decoded < self.mp4.shown.end {
+            let path = self.path.clone();
+            let number = (self.decoded + 1).saturating_sub(self.mp4.shown.start).max(1);
+            let frame = guarded(&path, || {
+                self.decode().map_err(|e| {
+                    let e = one_line(&e);
+                    Error::new(&path, format!("the video is damaged or cut short at frame {number} ({e})"))
+                })
+            })?;
+            self.decoded += 1;
+            if frame.is_none() || self.decoded > self.mp4.shown.start {
+                return Ok(frame);
+            }
+        }
+        Ok(None)
     }
 
     fn decode(&mut self) -> std::result::Result<Option<YuvFrame>, String> {
@@ -158,14 +173,16 @@ impl Mp4Frames {
             self.next += 1;
             // The decoder puts frames into the order of showing, as long as it is not flushed in between.
             let options = DecodeOptions::new().flush_after_decode(Flush::NoFlush);
-            let decoded = self.decoder.decode_with_options(&stream, options).map_err(|e| e.to_string())?;
+            // The decoder's own messages are numbers.
+            let wrong = |_| "its coded picture is wrong".to_string();
+            let decoded = self.decoder.decode_with_options(&stream, options).map_err(wrong)?;
             if let Some(yuv) = decoded {
                 return Ok(Some(packed(&yuv)));
             }
         }
         if !self.flushed {
             self.flushed = true;
-            let rest = self.decoder.flush_remaining().map_err(|e| e.to_string())?;
+            let rest = self.decoder.flush_remaining().map_err(|_| "its coded picture is wrong")?;
             self.rest.extend(rest.iter().map(packed));
         }
         Ok(self.rest.pop_front())
@@ -184,6 +201,31 @@ fn packed(yuv: &DecodedYUV) -> YuvFrame {
         plane.chunks(stride).take(height).for_each(|row| data.extend(&row[..width]));
     }
     YuvFrame { format, data }
+}
+
+/// The frames within the edit list, in the order of showing; all of them if it is not of one piece.
+fn shown_frames(mp4: &re_mp4::Mp4, track: &Track) -> Range<usize> {
+    let all = 0..track.samples.len();
+    let trak = track.trak(mp4);
+    let Some(edits) = trak.edts.as_ref().and_then(|e| e.elst.as_ref()) else { return all };
+    // A media time of -1 is a pause.
+    let mut pieces = edits.entries.iter().filter(|e| e.media_time < u32::MAX.into());
+    let (Some(piece), None, Some(first)) = (pieces.next(), pieces.next(), track.samples.first()) else {
+        return all;
+    };
+    // The parser has moved all times so that the first frame is shown at 0: where was it?
+    let offsets = trak.mdia.minf.stbl.ctts.as_ref().map_or(&[][..], |c| &c.entries);
+    let lowest = offsets.iter().map(|o| i64::from(o.sample_offset)).min().unwrap_or(0).min(0);
+    let moved = lowest.saturating_sub(first.decode_timestamp);
+    let start = (piece.media_time as i64).saturating_sub(moved);
+    let ratio = track.timescale as f64 / f64::from(mp4.moov.mvhd.timescale.max(1));
+    let end = match piece.segment_duration {
+        0 => i64::MAX,
+        duration => start.saturating_add((duration as f64 * ratio).ceil() as i64),
+    };
+    let before = |time: i64| track.samples.iter().filter(|s| s.composition_timestamp < time).count();
+    let shown = before(start)..before(end);
+    if shown.is_empty() { all } else { shown }
 }
 
 /// Units with their lengths in front, as in MP4, to units with start codes between. `None` if a length is wrong.

@@ -83,7 +83,7 @@ pub struct FrameSource {
 enum Kind {
     /// In order of the number.
     Images(Vec<(u64, PathBuf)>),
-    Video(Video),
+    Video(Box<Video>),
 }
 
 impl FrameSource {
@@ -128,7 +128,7 @@ impl FrameSource {
             let video = Video::open(path)?;
             let size = video.size();
             notes.extend(video.notes().iter().cloned());
-            (Kind::Video(video), size)
+            (Kind::Video(Box::new(video)), size)
         };
         Ok(Self { path: path.into(), range, size, kind, notes })
     }
