@@ -57,7 +57,7 @@ impl Ffmpeg {
             let why = last_words(&text);
             return Err(Error::new(
                 path,
-                format!("not an image or a video that can be read (ffmpeg: {why})"),
+                format!("not an image or a video that can be read, or a damaged one (ffmpeg: {why})"),
             ));
         };
         let size = check_size(path, width, height)?;

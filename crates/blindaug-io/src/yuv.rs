@@ -72,19 +72,10 @@ impl Colour {
 impl YuvFrame {
     /// RGB in [0, 1]; chroma is interpolated linearly.
     pub(crate) fn to_encoded(&self, colour: Colour) -> Encoded {
-        if self.format.bits > 8 {
-            let pairs = self.data.as_chunks::<2>().0;
-            self.convert(colour, |i| f32::from(u16::from_le_bytes(pairs[i])))
-        } else {
-            self.convert(colour, |i| f32::from(self.data[i]))
-        }
-    }
-
-    fn convert(&self, colour: Colour, sample: impl Fn(usize) -> f32 + Sync) -> Encoded {
         let YuvFormat { size: (width, height), chroma_shift, bits } = self.format;
         let (chroma_width, chroma_height) = self.format.chroma_size();
         let cb_start = width * height;
-        let cr_start = cb_start + chroma_width * chroma_height;
+        let planes = [cb_start, cb_start + chroma_width * chroma_height];
         let step = (1u32 << (bits - 8)) as f32;
         let largest = ((1u32 << bits) - 1) as f32;
         let (black, luma_range, chroma_range) = if colour.full_range {
@@ -92,37 +83,70 @@ impl YuvFrame {
         } else {
             (16.0 * step, 219.0 * step, 224.0 * step)
         };
-        let zero = 128.0 * step;
         let Colour { kr, kb, .. } = colour;
-        Encoded(Raster::from_fn(width, height, |x, y| {
-            let (left, right, fx) = taps(x, chroma_shift.0, colour.centred_chroma, chroma_width);
-            let (top, bottom, fy) = taps(y, chroma_shift.1, true, chroma_height);
-            let chroma = |start: usize| {
-                let row = |y: usize| {
-                    let at = |x: usize| sample(start + y * chroma_width + x);
-                    (1.0 - fx) * at(left) + fx * at(right)
-                };
-                ((1.0 - fy) * row(top) + fy * row(bottom) - zero) / chroma_range
-            };
-            let luma = (sample(y * width + x) - black) / luma_range;
-            let red = luma + 2.0 * (1.0 - kr) * chroma(cr_start);
-            let blue = luma + 2.0 * (1.0 - kb) * chroma(cb_start);
-            let green = (luma - kr * red - kb * blue) / (1.0 - kr - kb);
-            [red, green, blue].map(|v| v.clamp(0.0, 1.0))
-        }))
+        let (red, blue) = (2.0 * (1.0 - kr) / chroma_range, 2.0 * (1.0 - kb) / chroma_range);
+        let (green_cr, green_cb) = (kr * red / (1.0 - kr - kb), kb * blue / (1.0 - kr - kb));
+
+        let mut out = Raster::filled(width, height, [0.0; 3]);
+        let mut luma = vec![0.0; width];
+        let (mut upper, mut lower) = (vec![0.0; chroma_width], vec![0.0; chroma_width]);
+        let mut chroma = [vec![0.0; width], vec![0.0; width]];
+        for y in 0..height {
+            self.samples(y * width, &mut luma);
+            let (top, bottom, weight) = rows_around(y, chroma_shift.1, chroma_height);
+            for (start, row) in planes.iter().zip(&mut chroma) {
+                self.samples(start + top * chroma_width, &mut upper);
+                self.samples(start + bottom * chroma_width, &mut lower);
+                for (u, l) in upper.iter_mut().zip(&lower) {
+                    *u += weight * (l - *u) - 128.0 * step;
+                }
+                widen(&upper, chroma_shift.0, colour.centred_chroma, row);
+            }
+            let [cb, cr] = &chroma;
+            for (((rgb, &l), &cb), &cr) in out.row_mut(y).iter_mut().zip(&luma).zip(cb).zip(cr) {
+                let l = (l - black) / luma_range;
+                let [r, g, b] = [l + red * cr, l - green_cr * cr - green_cb * cb, l + blue * cb];
+                *rgb = [r.clamp(0.0, 1.0), g.clamp(0.0, 1.0), b.clamp(0.0, 1.0)];
+            }
+        }
+        Encoded(out)
+    }
+
+    /// The samples from the one with this index on.
+    fn samples(&self, start: usize, out: &mut [f32]) {
+        if self.format.bits > 8 {
+            let stored = &self.data.as_chunks::<2>().0[start..];
+            out.iter_mut().zip(stored).for_each(|(o, &s)| *o = f32::from(u16::from_le_bytes(s)));
+        } else {
+            out.iter_mut().zip(&self.data[start..]).for_each(|(o, &s)| *o = f32::from(s));
+        }
     }
 }
 
-/// The two chroma samples around a luma position, and the weight of the second one.
-fn taps(at: usize, shift: u32, centred: bool, n: usize) -> (usize, usize, f32) {
-    let half = at / 2;
-    let next = (half + 1).min(n - 1);
-    match (shift, centred, at % 2) {
-        (0, _, _) => (at, at, 0.0),
-        (_, false, 0) => (half, half, 0.0),
-        (_, false, _) => (half, next, 0.5),
-        (_, true, 0) => (half.saturating_sub(1), half, 0.75),
-        (_, true, _) => (half, next, 0.25),
+/// The two chroma rows around a luma row, and the weight of the second one. Chroma rows lie between luma rows.
+fn rows_around(y: usize, shift: u32, rows: usize) -> (usize, usize, f32) {
+    match (shift, y % 2) {
+        (0, _) => (y, y, 0.0),
+        (_, 0) => ((y / 2).saturating_sub(1), y / 2, 0.75),
+        (_, _) => (y / 2, (y / 2 + 1).min(rows - 1), 0.25),
+    }
+}
+
+/// Interpolates a row of chroma samples to all luma columns.
+fn widen(chroma: &[f32], shift: u32, centred: bool, out: &mut [f32]) {
+    if shift == 0 {
+        out.copy_from_slice(chroma);
+        return;
+    }
+    let last = chroma.len() - 1;
+    for (i, pair) in out.chunks_mut(2).enumerate() {
+        let (before, here, after) = (chroma[i.saturating_sub(1)], chroma[i], chroma[(i + 1).min(last)]);
+        let values = if centred {
+            [0.75 * here + 0.25 * before, 0.75 * here + 0.25 * after]
+        } else {
+            [here, 0.5 * (here + after)]
+        };
+        pair.copy_from_slice(&values[..pair.len()]);
     }
 }
 
