@@ -6,7 +6,8 @@ use crate::{
     files::PartialFile,
     image::check_size,
     sequence::has_extension,
-    video::{VideoHead, VideoImage},
+    video::VideoHead,
+    yuv::{Colour, YuvFormat, YuvFrame},
 };
 use blindaug::Encoded;
 use std::{
@@ -34,10 +35,9 @@ pub(crate) fn find() -> Option<OsString> {
 #[derive(Debug)]
 pub(crate) struct Ffmpeg {
     program: OsString,
-    /// More than 8 bits per value.
-    deep: bool,
-    /// The YCbCr matrix to assume, if the video does not say.
-    matrix: Option<&'static str>,
+    /// What to ask for: what the video has, if possible, so that ffmpeg converts nothing.
+    pixels: Pixels,
+    format: YuvFormat,
     /// To get each frame once, whatever its time; older programs know another name for it.
     each_frame_once: [&'static str; 2],
 }
@@ -53,18 +53,18 @@ impl Ffmpeg {
             .map_err(|e| Error::new(path, format!("ffmpeg cannot be started ({e})")))?;
         // Without an output ffmpeg always "fails", after it has described its input.
         let text = String::from_utf8_lossy(&output.stderr);
-        let Some(stream) = VideoStream::parse(&text) else {
+        let Some(VideoStream { size: (width, height), pixels, head }) = VideoStream::parse(&text) else {
             let why = last_words(&text);
             return Err(Error::new(
                 path,
-                format!("not an image or a video that can be read (ffmpeg: {why})"),
+                format!("not an image or a video that can be read, or a damaged one (ffmpeg: {why})"),
             ));
         };
-        let head = VideoHead { fps: stream.fps, frames: stream.frames, notes: stream.notes };
-        let each_frame_once = ["-fps_mode", "passthrough"];
-        let mut ffmpeg = Self { program, deep: stream.deep, matrix: stream.assumed_matrix, each_frame_once };
+        let size = check_size(path, width, height)?;
+        let format = YuvFormat { size, chroma_shift: pixels.chroma_shift, bits: pixels.bits };
+        let mut ffmpeg = Self { program, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
         if let Err(e) = ffmpeg.frames(path).and_then(|mut f| f.next_frame())
-            && e.sentence().contains("fps_mode")
+            && e.sentence().contains("Option not found")
         {
             ffmpeg.each_frame_once = ["-vsync", "0"];
         }
@@ -73,15 +73,27 @@ impl Ffmpeg {
 
     /// Starts to decode.
     pub(crate) fn frames(&self, path: &Path) -> Result<FfmpegFrames> {
-        let matrix = self.matrix.map_or(String::new(), |m| format!(":in_color_matrix={m}"));
-        let mut child = Command::new(&self.program)
-            .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-xerror", "-i"])
+        let (width, height) = self.format.size;
+        let mut command = Command::new(&self.program);
+        command
+            .args([
+                "-nostdin",
+                "-hide_banner",
+                "-nostats",
+                "-loglevel",
+                "error",
+                "-xerror",
+                "-noautorotate",
+                "-i",
+            ])
             .arg(file_url(path))
-            .args(["-map", "0:v:0", "-vf"])
-            .arg(format!("scale=flags=bilinear+accurate_rnd+full_chroma_int{matrix}"))
+            .args(["-map", "0:v:0"]);
+        if self.pixels.converted {
+            command.args(["-vf", "scale=flags=accurate_rnd:out_color_matrix=bt709:out_range=full"]);
+        }
+        let mut child = command
             .args(self.each_frame_once)
-            .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt"])
-            .args([if self.deep { "rgb48be" } else { "rgb24" }, "-"])
+            .args(["-f", "rawvideo", "-pix_fmt", &self.pixels.name, "-s", &format!("{width}x{height}"), "-"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -92,8 +104,9 @@ impl Ffmpeg {
         };
         Ok(FfmpegFrames {
             path: path.into(),
+            format: self.format,
             program: Running { child, words: Some(listen(stderr)) },
-            frames: BufReader::with_capacity(1 << 20, stdout),
+            frames: stdout,
             decoded: 0,
         })
     }
@@ -146,7 +159,8 @@ fn listen(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
 /// The last thing that ffmpeg said.
 fn last_words(text: &str) -> String {
     let line = text.lines().map(str::trim).rfind(|l| !l.is_empty()).unwrap_or("it said nothing");
-    one_line(line)
+    // Without the file's name, which the error has already.
+    one_line(if line.starts_with("file:") { line.rsplit(": ").next().unwrap_or(line) } else { line })
 }
 
 /// A file name that ffmpeg takes neither for an option nor for a protocol.
@@ -159,30 +173,28 @@ fn file_url(path: &Path) -> OsString {
 /// Frames as they come out of ffmpeg.
 pub(crate) struct FfmpegFrames {
     path: PathBuf,
+    format: YuvFormat,
     program: Running,
-    frames: BufReader<ChildStdout>,
+    frames: ChildStdout,
     decoded: usize,
 }
 
 impl FfmpegFrames {
     /// The next frame; `None` at the end.
-    pub(crate) fn next_frame(&mut self) -> Result<Option<VideoImage>> {
-        let broken = |e: std::io::Error| Error::cannot_read(&self.path, &e);
-        let ended = match self.frames.fill_buf() {
-            Ok(buffer) => buffer.is_empty(),
-            Err(e) => return Err(broken(e)),
-        };
-        if ended {
-            return self.end().map(|()| None);
+    pub(crate) fn next_frame(&mut self) -> Result<Option<YuvFrame>> {
+        let bytes = self.format.bytes();
+        let mut data = Vec::with_capacity(bytes);
+        (&mut self.frames)
+            .take(bytes as u64)
+            .read_to_end(&mut data)
+            .map_err(|e| Error::cannot_read(&self.path, &e))?;
+        if data.len() == bytes {
+            self.decoded += 1;
+            return Ok(Some(YuvFrame { format: self.format, data }));
         }
-        match read_ppm(&self.path, &mut self.frames) {
-            Ok(image) => {
-                self.decoded += 1;
-                Ok(Some(image))
-            }
-            // Cut off: the program itself knows why.
-            Err(e) => self.end().and(Err(e)),
-        }
+        let whole = data.is_empty();
+        self.end()?;
+        if whole { Ok(None) } else { Err(Error::new(&self.path, "ffmpeg ended in the middle of a frame")) }
     }
 
     /// After the last frame: was it the last one of the video?
@@ -209,73 +221,94 @@ impl FfmpegFrames {
     }
 }
 
-/// One binary PPM image of a stream of them.
-fn read_ppm(path: &Path, stream: &mut impl BufRead) -> Result<VideoImage> {
-    let mut number = |first: &str| {
-        let mut token = Vec::new();
-        for byte in stream.by_ref().bytes() {
-            match byte.map_err(|e| Error::cannot_read(path, &e))? {
-                b if b.is_ascii_whitespace() => break,
-                b if token.len() < 10 => token.push(b),
-                _ => return Err(Error::damaged(path, "a frame from ffmpeg has a strange head")),
+/// A pixel format of ffmpeg.
+#[derive(Clone, Debug, PartialEq)]
+struct Pixels {
+    name: String,
+    chroma_shift: (u32, u32),
+    bits: u32,
+    /// The video has another one.
+    converted: bool,
+}
+
+impl Pixels {
+    /// The planar YCbCr format that holds what `name` holds.
+    fn new(name: &str) -> Self {
+        let own = match name {
+            "nv12" => "yuv420p",
+            "p010le" | "p010be" => "yuv420p10le",
+            name => name,
+        };
+        let converted = Self { name: "yuv444p16le".into(), chroma_shift: (0, 0), bits: 16, converted: true };
+        let Some(rest) = own.strip_prefix("yuvj").or(own.strip_prefix("yuv")) else { return converted };
+        let Some((sampling, depth)) = rest.split_once('p') else { return converted };
+        let chroma_shift = match sampling {
+            "420" => (1, 1),
+            "422" => (1, 0),
+            "444" => (0, 0),
+            _ => return converted,
+        };
+        let digits = depth.trim_end_matches("le").trim_end_matches("be");
+        match (digits, digits.parse()) {
+            ("", _) => Self { name: own.into(), chroma_shift, bits: 8, converted: false },
+            (_, Ok(bits @ 9..=16)) => {
+                Self { name: own.replace("be", "le"), chroma_shift, bits, converted: false }
             }
+            _ => converted,
         }
-        let token = String::from_utf8_lossy(&token).into_owned();
-        if token == first { Ok(0) } else { token.parse::<u64>().map_err(|e| Error::damaged(path, e)) }
-    };
-    number("P6")?;
-    let (width, height) = (number("")?, number("")?);
-    let two_bytes = number("")? > 255;
-    let size = check_size(path, width, height)?;
-    let mut data = vec![0; size.0 * size.1 * if two_bytes { 6 } else { 3 }];
-    stream.read_exact(&mut data).map_err(|e| Error::cannot_read(path, &e))?;
-    Ok(VideoImage::Packed { size, two_bytes, data })
+    }
 }
 
 /// What ffmpeg says of the first video stream of its input.
-#[derive(Debug, Default, PartialEq)]
 struct VideoStream {
-    fps: Option<f64>,
-    frames: Option<usize>,
-    deep: bool,
-    assumed_matrix: Option<&'static str>,
-    notes: Vec<String>,
+    size: (u64, u64),
+    pixels: Pixels,
+    head: VideoHead,
 }
 
 impl VideoStream {
     /// Reads a line like
     /// `Stream #0:0(und): Video: h264 (High) (avc1 / 0x31), yuv420p(tv, bt709), 640x272 [SAR 1:1], 404 kb/s, 25 fps, 25 tbr`.
     fn parse(text: &str) -> Option<Self> {
-        let line = text.lines().find(|l| {
-            l.trim_start().starts_with("Stream #") && l.contains(": Video: ") && !l.contains("attached pic")
-        })?;
-        let fields = split_outside_brackets(line.split_once(": Video: ")?.1);
+        let mut lines = text.lines().skip_while(|l| {
+            !l.trim_start().starts_with("Stream #") || !l.contains(": Video: ") || l.contains("attached pic")
+        });
+        let fields = split_outside_brackets(lines.next()?.split_once(": Video: ")?.1);
+        let size = fields.iter().find_map(|f| size_of(f))?;
         let fps = fields.iter().find_map(|f| f.strip_suffix(" fps")).and_then(|f| f.trim().parse().ok());
         let fps = fps.filter(|f: &f64| f.is_finite() && *f > 0.0).map(exact_fps);
-        let height = fields.iter().find_map(|f| size_of(f)).map_or(0, |(_, h)| h);
-        let format = fields.get(1).map_or("", |f| f.trim());
-        let (pixels, colour) = format.split_once('(').unwrap_or((format, ""));
-        let bits = ["9", "10", "12", "14", "16", "48", "64"];
-        let deep = pixels.strip_suffix("le").or(pixels.strip_suffix("be"));
-        let deep = deep.is_some_and(|p| bits.iter().any(|b| p.ends_with(b)));
-        // "bt709", or "matrix/primaries/curve" where these differ; "unknown/.." or nothing where it does not say.
-        let names = colour.trim_end_matches(')').split([',']).map(str::trim);
-        let known = |n: &str| {
-            let matrix = n.split('/').next().unwrap_or("");
-            ["bt", "smpte", "gbr", "fcc", "ycgco", "ictcp", "chroma"].iter().any(|k| matrix.starts_with(k))
+        let frames = fps.and_then(|fps| Some((duration(text)? * fps).round() as usize)).filter(|&n| n > 0);
+        let (name, colour) = fields.get(1)?.split_once('(').unwrap_or((fields[1], ""));
+        let pixels = Pixels::new(name);
+        // "bt709", or "matrix/primaries/curve" where these differ.
+        let words: Vec<&str> = colour.trim_end_matches(')').split(',').map(str::trim).collect();
+        let matrix = words.iter().find_map(|w| match w.split('/').next().unwrap_or("") {
+            "bt709" => Some(1),
+            "fcc" => Some(4),
+            "bt470bg" => Some(5),
+            "smpte170m" => Some(6),
+            "smpte240m" => Some(7),
+            "bt2020nc" => Some(9),
+            "bt2020c" => Some(10),
+            _ => None,
+        });
+        let colour = if pixels.converted {
+            Colour::new(1, 0, true, false)
+        } else {
+            let full_range = words.contains(&"pc") || name.starts_with("yuvj");
+            let centred = ["mjpeg", "mpeg1video"].iter().any(|c| fields[0].starts_with(c));
+            Colour::new(matrix.unwrap_or(2), size.1 as usize, full_range, centred)
         };
-        let says = names.clone().any(known) || pixels.contains("rgb") || pixels.contains("gbr");
+        // Until the next stream, a line like `displaymatrix: rotation of -90.00 degrees`, counter-clockwise.
+        let rotation = lines
+            .take_while(|l| !l.trim_start().starts_with("Stream #"))
+            .find_map(|l| l.split_once("rotation of ")?.1.split_whitespace().next()?.parse::<f64>().ok());
+        let quarter_turns = rotation.map_or(0, |degrees| (-degrees / 90.0).round().rem_euclid(4.0) as u8);
         let mut notes = Vec::new();
-        if colour.contains("arib-std-b67") || colour.contains("smpte2084") {
+        if words.iter().any(|w| w.contains("arib-std-b67") || w.contains("smpte2084")) {
             notes.push("the video is HDR; its values are taken as they are, as if they were sRGB".into());
         }
-        Some(Self {
-            fps,
-            frames: fps.and_then(|fps| Some((duration(text)? * fps).round() as usize)).filter(|&n| n > 0),
-            deep,
-            assumed_matrix: (!says && height >= 720).then_some("bt709"),
-            notes,
-        })
+        Some(Self { size, pixels, head: VideoHead { fps, frames, colour, quarter_turns, notes } })
     }
 }
 
@@ -290,7 +323,7 @@ fn split_outside_brackets(text: &str) -> Vec<&str> {
 }
 
 /// `640x272 [SAR 1:1 DAR 40:17]`.
-fn size_of(field: &str) -> Option<(u32, u32)> {
+fn size_of(field: &str) -> Option<(u64, u64)> {
     let (w, h) = field.split_whitespace().next()?.split_once('x')?;
     Some((w.parse().ok()?, h.parse().ok()?))
 }
@@ -437,20 +470,28 @@ mod tests {
         let s = parse(
             "h264 (High) (avc1 / 0x31637661), yuv420p(progressive), 640x272 [SAR 1:1 DAR 40:17], 404 kb/s, 25 fps, 25 tbr, 12800 tbn (default)",
         );
-        assert_eq!(s, VideoStream { fps: Some(25.0), frames: Some(1763), ..VideoStream::default() });
+        assert_eq!((s.size, s.head.fps, s.head.frames), ((640, 272), Some(25.0), Some(1763)));
+        assert_eq!(s.head.colour, Colour::new(6, 272, false, false));
+        assert_eq!(s.pixels.name, "yuv420p");
         let s = parse(
             "hevc (Main 10) (hvc1 / 0x31637668), yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67), 1920x1080, 29.97 fps, 29.97 tbr",
         );
-        assert!(s.deep && s.notes[0].contains("HDR") && s.assumed_matrix.is_none());
-        assert!((s.fps.unwrap() - 30000.0 / 1001.0).abs() < 1e-9);
+        assert!(s.pixels.bits == 10 && s.head.notes[0].contains("HDR"));
+        assert_eq!(s.head.colour, Colour::new(9, 0, false, false));
+        assert!((s.head.fps.unwrap() - 30000.0 / 1001.0).abs() < 1e-9);
         let s = parse("h264 (Main), yuv420p(tv, progressive), 1280x720, 23.98 fps, 23.98 tbr");
-        assert_eq!(s.assumed_matrix, Some("bt709"));
-        assert!((s.fps.unwrap() - 24000.0 / 1001.0).abs() < 1e-9);
-        let s = parse("h264 (Main), yuv420p(tv, unknown/bt709/bt709), 1280x720, 60 fps");
-        assert_eq!((s.assumed_matrix, s.fps, s.deep), (Some("bt709"), Some(60.0), false));
+        assert_eq!(s.head.colour, Colour::new(1, 0, false, false));
+        assert!((s.head.fps.unwrap() - 24000.0 / 1001.0).abs() < 1e-9);
+        let s = parse(
+            "h264 (Main), yuv420p(tv, unknown/bt709/bt709), 640x480, 60 fps\n    displaymatrix: rotation of -90.00 degrees",
+        );
+        assert_eq!(s.head.colour, Colour::new(6, 0, false, false));
+        assert_eq!((s.head.quarter_turns, s.head.fps), (1, Some(60.0)));
+        let s = parse("mjpeg (Baseline), yuvj422p(pc, bt470bg/unknown/unknown), 64x64, 1k tbn");
+        assert_eq!((s.head.colour, s.pixels.chroma_shift), (Colour::new(5, 0, true, true), (1, 0)));
+        assert_eq!((s.head.fps, s.head.frames), (None, None));
         let s = parse("rawvideo (RGB[24] / 0x18424752), rgb24, 1920x1080, 24 fps");
-        assert_eq!((s.assumed_matrix, s.deep), (None, false));
-        assert!(parse("ffv1, p010le, 64x64, 1k tbn").deep);
+        assert!(s.pixels.converted && s.pixels.name == "yuv444p16le");
         assert!(VideoStream::parse("  Stream #0:1: Audio: aac, 44100 Hz").is_none());
         assert!(
             VideoStream::parse("  Stream #0:1: Video: png, rgb24, 9x9, 90k tbr (attached pic)").is_none()
@@ -458,18 +499,20 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_of_ppm_images() {
-        let mut stream = &b"P6\n2 1\n255\nabcdefP6\n1 1\n65535\nABCDEFP6\n1 1\n255\nab"[..];
-        let path = Path::new("v.mp4");
-        let image = read_ppm(path, &mut stream).unwrap().encoded(path).unwrap();
-        assert_eq!(image.0.size(), (2, 1));
-        assert_eq!(image.0.at(1, 0)[2], f32::from(b'f') / 255.0);
-        assert_eq!(
-            read_ppm(path, &mut stream).unwrap().encoded(path).unwrap().0.at(0, 0)[0],
-            f32::from(u16::from_be_bytes(*b"AB")) / 65535.0
-        );
-        assert!(read_ppm(path, &mut stream).is_err());
-        assert!(read_ppm(path, &mut &b"P6\n999999 999999\n255\n"[..]).is_err());
-        assert!(read_ppm(path, &mut &b"P6\n9999999999999999 1\n"[..]).is_err());
+    fn pixel_formats_are_kept_where_possible() {
+        for (name, asked, bits) in [
+            ("yuv422p10be", "yuv422p10le", 10),
+            ("p010le", "yuv420p10le", 10),
+            ("nv12", "yuv420p", 8),
+            ("yuvj420p", "yuvj420p", 8),
+            ("yuv444p", "yuv444p", 8),
+            ("yuva420p", "yuv444p16le", 16),
+            ("yuv440p", "yuv444p16le", 16),
+            ("gray", "yuv444p16le", 16),
+            ("", "yuv444p16le", 16),
+        ] {
+            let p = Pixels::new(name);
+            assert_eq!((p.name.as_str(), p.bits), (asked, bits), "{name}");
+        }
     }
 }

@@ -2,8 +2,8 @@
 
 use crate::{Error, Result, error::guarded, exr, write_atomically};
 use ::image::{
-    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageReader, Limits,
-    codecs::png::PngEncoder, metadata::Orientation,
+    DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader,
+    Limits, codecs::png::PngEncoder, metadata::Orientation,
 };
 use blindaug::{Encoded, Linear, Raster, Transfer};
 use std::{
@@ -103,6 +103,9 @@ fn with_decoder<T>(
         if reader.format().is_none() {
             return Err(Error::new(path, "not an image that can be read (PNG, JPEG, TIFF, BMP, PNM or EXR)"));
         }
+        if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_whole(path)? {
+            return Err(Error::new(path, "the file is cut short"));
+        }
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(16 * MAX_PIXELS as u64);
         reader.limits(limits);
@@ -112,6 +115,24 @@ fn with_decoder<T>(
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         read(Box::new(decoder), orientation)
     })
+}
+
+/// Whether the picture of a JPEG file ends with its end mark. The decoder would fill up what is missing with grey.
+fn jpeg_is_whole(path: &Path) -> Result<bool> {
+    let bytes = std::fs::read(path).map_err(|e| Error::cannot_read(path, &e))?;
+    // Segments of a mark and a length, up to the coded picture, in which marks are unique.
+    let mut rest = bytes.get(2..).unwrap_or(&[]);
+    loop {
+        match rest {
+            [0xff, 0xda, picture @ ..] => return Ok(picture.windows(2).any(|mark| mark == [0xff, 0xd9])),
+            [0xff, rest_of_fill @ ..] if rest_of_fill.first() == Some(&0xff) => rest = rest_of_fill,
+            [0xff, _, high, low, ..] => {
+                let length = usize::from(u16::from_be_bytes([*high, *low]));
+                rest = rest.get(2 + length..).unwrap_or(&[]);
+            }
+            _ => return Ok(false),
+        }
+    }
 }
 
 fn from_image_error(path: &Path, e: ImageError) -> Error {

@@ -30,6 +30,7 @@ mod mp4;
 mod sequence;
 mod side;
 mod video;
+mod yuv;
 
 pub use camera::{read_camera, write_camera};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};

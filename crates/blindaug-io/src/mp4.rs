@@ -2,20 +2,21 @@
 
 use crate::{
     Error, Result,
-    error::guarded,
+    error::{guarded, one_line},
     image::check_size,
-    video::{VideoHead, VideoImage},
+    video::VideoHead,
+    yuv::{Colour, YuvFormat, YuvFrame},
 };
-use blindaug::{Encoded, Raster};
 use openh264::{
     decoder::{DecodeOptions, DecodedYUV, Decoder, Flush},
     formats::YUVSource,
 };
-use re_mp4::{StsdBoxContent, TrackKind};
+use re_mp4::{StsdBoxContent, Track, TrackKind};
 use std::{
     collections::VecDeque,
     fs::File,
-    io::{BufReader, Read, Seek, SeekFrom},
+    io::{BufRead, BufReader, Read, Seek, SeekFrom},
+    ops::Range,
     path::{Path, PathBuf},
 };
 
@@ -29,13 +30,12 @@ const MAX_SAMPLE: u64 = 1 << 28;
 pub(crate) struct Mp4 {
     /// Offset and size of each coded frame, in decoding order, bytes.
     samples: Vec<(u64, u64)>,
+    /// Which of the frames, in the order of showing, are shown (a phone trims a video by saying so in its head).
+    shown: Range<usize>,
     /// Bytes of the length in front of each NAL unit.
     length_size: usize,
     /// The parameter sets, as a byte stream.
     parameter_sets: Vec<u8>,
-    colour: Colour,
-    /// Quarter turns clockwise to show a frame upright.
-    quarter_turns: u8,
 }
 
 impl Mp4 {
@@ -45,11 +45,13 @@ impl Mp4 {
         let length = file.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
         let other = "install ffmpeg, or give the frames as a folder of images";
         guarded(path, || {
-            let mp4 = re_mp4::Mp4::read(BufReader::new(file), length).map_err(|e| {
-                let what =
-                    "not an image, nor a complete MP4 video, which is all that can be read without ffmpeg";
-                Error::new(path, format!("{what} ({e}); {other}"))
-            })?;
+            let mut file = BufReader::new(file);
+            let is_mp4 = file.fill_buf().is_ok_and(|head| head.get(4..8) == Some(b"ftyp"));
+            if !is_mp4 {
+                let what = "not an image, nor an MP4 video, which is all that can be read without ffmpeg";
+                return Err(Error::new(path, format!("{what}; {other}")));
+            }
+            let mp4 = re_mp4::Mp4::read(file, length).map_err(|e| Error::damaged(path, e))?;
             let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
                 return Err(Error::new(path, "there is no video in this file"));
             };
@@ -75,6 +77,7 @@ impl Mp4 {
             }
             let samples: Vec<_> = track.samples.iter().map(|s| (s.offset, s.size)).collect();
             let seconds = track.duration as f64 / track.timescale as f64;
+            let shown = shown_frames(&mp4, track);
             let fps = Some(samples.len() as f64 / seconds).filter(|f| f.is_finite() && *f > 0.0);
             let m = &trak.tkhd.matrix;
             let quarter_turns = match (m.a.signum(), m.b.signum(), m.c.signum(), m.d.signum()) {
@@ -83,14 +86,19 @@ impl Mp4 {
                 (0, -1, 1, 0) => 3,
                 _ => 0,
             };
-            let head = VideoHead { fps, frames: Some(samples.len()), notes: Vec::new() };
+            let head = VideoHead {
+                fps,
+                frames: Some(shown.len()),
+                colour: Colour::new(sps.matrix_coefficients, avc1.height.into(), sps.full_range, false),
+                quarter_turns,
+                notes: Vec::new(),
+            };
             Ok((
                 Self {
                     samples,
+                    shown,
                     length_size: usize::from(avcc.length_size_minus_one & 3) + 1,
                     parameter_sets,
-                    colour: Colour::new(&sps, avc1.height.into()),
-                    quarter_turns,
                 },
                 head,
             ))
@@ -107,8 +115,8 @@ impl Mp4 {
             file: BufReader::new(file),
             decoder,
             next: 0,
-            shown: 0,
-            ready: VecDeque::new(),
+            decoded: 0,
+            rest: VecDeque::new(),
             flushed: false,
         })
     }
@@ -122,59 +130,102 @@ pub(crate) struct Mp4Frames {
     decoder: Decoder,
     /// Index of the next sample to decode.
     next: usize,
-    shown: usize,
+    decoded: usize,
     /// What was left in the decoder at the end.
-    ready: VecDeque<Encoded>,
+    rest: VecDeque<YuvFrame>,
     flushed: bool,
 }
 
 impl Mp4Frames {
     /// The next frame in the order in which they are shown; `None` at the end.
-    pub(crate) fn next_frame(&mut self, wanted: bool) -> Result<Option<VideoImage>> {
-        let image = self.decode(wanted);
-        self.shown += usize::from(matches!(image, Ok(Some(_))));
-        image
+    pub(crate) fn next_frame(&mut self) -> Result<Option<YuvFrame>> {
+        while self.decoded < self.mp4.shown.end {
+            let path = self.path.clone();
+            let number = (self.decoded + 1).saturating_sub(self.mp4.shown.start).max(1);
+            let frame = guarded(&path, || {
+                self.decode().map_err(|e| {
+                    let e = one_line(&e);
+                    Error::new(&path, format!("the video is damaged or cut short at frame {number} ({e})"))
+                })
+            })?;
+            self.decoded += 1;
+            if frame.is_none() || self.decoded > self.mp4.shown.start {
+                return Ok(frame);
+            }
+        }
+        Ok(None)
     }
 
-    fn decode(&mut self, wanted: bool) -> Result<Option<VideoImage>> {
-        let Self { path, mp4, decoder, .. } = self;
-        let number = self.shown + 1;
-        let broken = |e: &dyn std::fmt::Display| {
-            let e = crate::error::one_line(&e.to_string());
-            Error::new(&*path, format!("the video is damaged or cut short at frame {number} ({e})"))
-        };
-        while let Some(&(offset, size)) = mp4.samples.get(self.next) {
+    fn decode(&mut self) -> std::result::Result<Option<YuvFrame>, String> {
+        while let Some(&(offset, size)) = self.mp4.samples.get(self.next) {
             if size > MAX_SAMPLE {
-                return Err(broken(&"a coded frame of absurd size"));
+                return Err("a coded frame of absurd size".into());
             }
             let mut sample = Vec::new();
-            self.file.seek(SeekFrom::Start(offset)).map_err(|e| broken(&e))?;
-            (&mut self.file).take(size).read_to_end(&mut sample).map_err(|e| broken(&e))?;
+            self.file.seek(SeekFrom::Start(offset)).map_err(|e| e.to_string())?;
+            (&mut self.file).take(size).read_to_end(&mut sample).map_err(|e| e.to_string())?;
             if (sample.len() as u64) < size {
-                return Err(broken(&"the file ends"));
+                return Err("the file ends".into());
             }
-            let mut stream = if self.next == 0 { mp4.parameter_sets.clone() } else { Vec::new() };
-            byte_stream_from_sample(&sample, mp4.length_size, &mut stream)
-                .ok_or_else(|| broken(&"a unit is longer than its frame"))?;
+            let mut stream = if self.next == 0 { self.mp4.parameter_sets.clone() } else { Vec::new() };
+            byte_stream_from_sample(&sample, self.mp4.length_size, &mut stream)
+                .ok_or("a unit is longer than its frame")?;
             self.next += 1;
             // The decoder puts frames into the order of showing, as long as it is not flushed in between.
             let options = DecodeOptions::new().flush_after_decode(Flush::NoFlush);
-            if let Some(yuv) = decoder.decode_with_options(&stream, options).map_err(|e| broken(&e))? {
-                return Ok(Some(if wanted {
-                    VideoImage::Converted(upright(encoded_from_yuv(&yuv, mp4.colour), mp4.quarter_turns))
-                } else {
-                    VideoImage::Skipped
-                }));
+            // The decoder's own messages are numbers.
+            let wrong = |_| "its coded picture is wrong".to_string();
+            let decoded = self.decoder.decode_with_options(&stream, options).map_err(wrong)?;
+            if let Some(yuv) = decoded {
+                return Ok(Some(packed(&yuv)));
             }
         }
         if !self.flushed {
             self.flushed = true;
-            let rest = decoder.flush_remaining().map_err(|e| broken(&e))?;
-            let rest = rest.iter().map(|yuv| upright(encoded_from_yuv(yuv, mp4.colour), mp4.quarter_turns));
-            self.ready.extend(rest);
+            let rest = self.decoder.flush_remaining().map_err(|_| "its coded picture is wrong")?;
+            self.rest.extend(rest.iter().map(packed));
         }
-        Ok(self.ready.pop_front().map(VideoImage::Converted))
+        Ok(self.rest.pop_front())
     }
+}
+
+/// A copy of the decoder's planes without the padding of their rows.
+fn packed(yuv: &DecodedYUV) -> YuvFrame {
+    let format = YuvFormat { size: yuv.dimensions(), chroma_shift: (1, 1), bits: 8 };
+    let (luma, chroma) = (format.size, format.chroma_size());
+    let (luma_stride, chroma_stride, _) = yuv.strides();
+    let mut data = Vec::with_capacity(format.bytes());
+    for (plane, stride, (width, height)) in
+        [(yuv.y(), luma_stride, luma), (yuv.u(), chroma_stride, chroma), (yuv.v(), chroma_stride, chroma)]
+    {
+        plane.chunks(stride).take(height).for_each(|row| data.extend(&row[..width]));
+    }
+    YuvFrame { format, data }
+}
+
+/// The frames within the edit list, in the order of showing; all of them if it is not of one piece.
+fn shown_frames(mp4: &re_mp4::Mp4, track: &Track) -> Range<usize> {
+    let all = 0..track.samples.len();
+    let trak = track.trak(mp4);
+    let Some(edits) = trak.edts.as_ref().and_then(|e| e.elst.as_ref()) else { return all };
+    // A media time of -1 is a pause.
+    let mut pieces = edits.entries.iter().filter(|e| e.media_time < u32::MAX.into());
+    let (Some(piece), None, Some(first)) = (pieces.next(), pieces.next(), track.samples.first()) else {
+        return all;
+    };
+    // The parser has moved all times so that the first frame is shown at 0: where was it?
+    let offsets = trak.mdia.minf.stbl.ctts.as_ref().map_or(&[][..], |c| &c.entries);
+    let lowest = offsets.iter().map(|o| i64::from(o.sample_offset)).min().unwrap_or(0).min(0);
+    let moved = lowest.saturating_sub(first.decode_timestamp);
+    let start = (piece.media_time as i64).saturating_sub(moved);
+    let ratio = track.timescale as f64 / f64::from(mp4.moov.mvhd.timescale.max(1));
+    let end = match piece.segment_duration {
+        0 => i64::MAX,
+        duration => start.saturating_add((duration as f64 * ratio).ceil() as i64),
+    };
+    let before = |time: i64| track.samples.iter().filter(|s| s.composition_timestamp < time).count();
+    let shown = before(start)..before(end);
+    if shown.is_empty() { all } else { shown }
 }
 
 /// Units with their lengths in front, as in MP4, to units with start codes between. `None` if a length is wrong.
@@ -188,72 +239,6 @@ fn byte_stream_from_sample(mut sample: &[u8], length_size: usize, stream: &mut V
         sample = rest;
     }
     Some(())
-}
-
-/// How YCbCr codes RGB.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Colour {
-    /// Weights of red and blue in luma.
-    kr: f32,
-    kb: f32,
-    full_range: bool,
-}
-
-impl Colour {
-    /// What the stream says, else Rec. 709 for HD and Rec. 601 for less.
-    fn new(sps: &Sps, height: u32) -> Self {
-        // Table E-5 of Rec. ITU-T H.264.
-        let (kr, kb) = match sps.matrix_coefficients {
-            1 => (0.2126, 0.0722),
-            4 => (0.30, 0.11),
-            5 | 6 => (0.299, 0.114),
-            7 => (0.212, 0.087),
-            9 | 10 => (0.2627, 0.0593),
-            _ if height >= 720 => (0.2126, 0.0722),
-            _ => (0.299, 0.114),
-        };
-        Self { kr, kb, full_range: sps.full_range }
-    }
-
-    /// RGB in [0, 1] of 8-bit code values (which may lie between integers).
-    fn rgb(self, y: f32, cb: f32, cr: f32) -> [f32; 3] {
-        let Self { kr, kb, full_range } = self;
-        let (y, chroma) = if full_range { (y / 255.0, 255.0) } else { ((y - 16.0) / 219.0, 224.0) };
-        let (cb, cr) = ((cb - 128.0) / chroma, (cr - 128.0) / chroma);
-        let (r, b) = (y + 2.0 * (1.0 - kr) * cr, y + 2.0 * (1.0 - kb) * cb);
-        let g = (y - kr * r - kb * b) / (1.0 - kr - kb);
-        [r, g, b].map(|v| v.clamp(0.0, 1.0))
-    }
-}
-
-/// RGB of a 4:2:0 frame; chroma is interpolated linearly from where MPEG puts it (between rows, on even columns).
-fn encoded_from_yuv(yuv: &DecodedYUV, colour: Colour) -> Encoded {
-    let (width, height) = yuv.dimensions();
-    let (luma_stride, chroma_stride, _) = yuv.strides();
-    let (luma, cb, cr) = (yuv.y(), yuv.u(), yuv.v());
-    let (chroma_width, chroma_height) = (width.div_ceil(2), height.div_ceil(2));
-    Encoded(Raster::from_fn(width, height, |x, y| {
-        let near = y / 2;
-        let far = if y % 2 == 0 { near.saturating_sub(1) } else { (near + 1).min(chroma_height - 1) };
-        let (left, right) = (x / 2, if x % 2 == 0 { x / 2 } else { (x / 2 + 1).min(chroma_width - 1) });
-        let chroma = |plane: &[u8]| {
-            let at = |x: usize, y: usize| f32::from(plane[y * chroma_stride + x]);
-            0.375 * (at(left, near) + at(right, near)) + 0.125 * (at(left, far) + at(right, far))
-        };
-        colour.rgb(f32::from(luma[y * luma_stride + x]), chroma(cb), chroma(cr))
-    }))
-}
-
-/// The frame turned clockwise.
-fn upright(image: Encoded, quarter_turns: u8) -> Encoded {
-    let i = &image.0;
-    let (w, h) = i.size();
-    Encoded(match quarter_turns {
-        1 => Raster::from_fn(h, w, |x, y| i.at(y, h - 1 - x)),
-        2 => Raster::from_fn(w, h, |x, y| i.at(w - 1 - x, h - 1 - y)),
-        3 => Raster::from_fn(h, w, |x, y| i.at(w - 1 - y, x)),
-        _ => return image,
-    })
 }
 
 /// What matters here of a sequence parameter set (section 7.3.2.1.1 and annex E of Rec. ITU-T H.264).

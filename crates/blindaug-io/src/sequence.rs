@@ -83,7 +83,7 @@ pub struct FrameSource {
 enum Kind {
     /// In order of the number.
     Images(Vec<(u64, PathBuf)>),
-    Video(Video),
+    Video(Box<Video>),
 }
 
 impl FrameSource {
@@ -128,7 +128,7 @@ impl FrameSource {
             let video = Video::open(path)?;
             let size = video.size();
             notes.extend(video.notes().iter().cloned());
-            (Kind::Video(video), size)
+            (Kind::Video(Box::new(video)), size)
         };
         Ok(Self { path: path.into(), range, size, kind, notes })
     }
@@ -228,8 +228,7 @@ impl Frames<'_> {
                     Err(e) => return Some(Err(e)),
                 }
             }
-            let wanted = self.source.range.contains(number) && (self.wanted)(number);
-            let next = self.video.as_mut()?.next_frame(wanted);
+            let next = self.video.as_mut()?.next_frame();
             self.next += 1;
             match next {
                 Ok(None) => {
@@ -241,9 +240,8 @@ impl Frames<'_> {
                         Err(Error::new(&self.source.path, format!("no frame in {range} ({have})")))
                     });
                 }
-                Ok(Some(image)) if wanted => {
-                    let image = image.encoded(&self.source.path);
-                    return Some(image.and_then(|image| self.checked(&self.source.path, number, image)));
+                Ok(Some(frame)) if self.source.range.contains(number) && (self.wanted)(number) => {
+                    return Some(self.checked(&self.source.path, number, video.encoded(&frame)));
                 }
                 Ok(Some(_)) => {}
                 Err(e) => return Some(Err(e)),
@@ -355,20 +353,21 @@ pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<
     let mut without_colour = 0;
     let mut both_seen = false;
     for (number, path) in exrs {
-        if !frames.contains_key(&number) {
-            if exr::exr_contents(&path)?.colour {
+        match frames.get(&number) {
+            None if exr::exr_contents(&path)?.colour => {
                 frames.insert(number, path);
-            } else {
-                without_colour += 1;
             }
-        } else if !both_seen {
+            None => without_colour += 1,
             // One look is enough: the files of a clip are alike.
-            both_seen = true;
-            if exr::exr_contents(&path)?.colour {
-                notes.push(format!(
-                    "frame {number} is there as EXR as well; the {} is used where there are both",
-                    frames[&number].extension().unwrap_or_default().to_string_lossy()
-                ));
+            Some(_) if both_seen => {}
+            Some(frame) => {
+                both_seen = true;
+                if exr::exr_contents(&path)?.colour {
+                    let used = frame.extension().unwrap_or_default().to_string_lossy().to_uppercase();
+                    notes.push(format!(
+                        "frame {number} is there as EXR as well; the {used} is used where there are both"
+                    ));
+                }
             }
         }
     }

@@ -17,9 +17,11 @@ pub struct SideFolder<T> {
     path: PathBuf,
     kind: SideKind<T>,
     files: Files,
-    read: Box<dyn Fn(&Path) -> Result<T> + Send + Sync>,
+    read: Reader<T>,
     notes: Vec<String>,
 }
+
+type Reader<T> = Box<dyn Fn(&Path) -> Result<T> + Send + Sync>;
 
 /// What a side folder is to hold.
 struct SideKind<T> {
@@ -126,7 +128,7 @@ impl<T> SideFolder<T> {
         path: &Path,
         kind: SideKind<T>,
         list: impl FnOnce(&Path, &mut Vec<String>) -> Result<BTreeMap<u64, PathBuf>>,
-        read: Box<dyn Fn(&Path) -> Result<T> + Send + Sync>,
+        read: Reader<T>,
         unit: &str,
     ) -> Result<Self> {
         let what = kind.what;

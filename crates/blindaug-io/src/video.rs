@@ -4,8 +4,9 @@ use crate::{
     Error, Result, ffmpeg,
     ffmpeg::Ffmpeg,
     mp4::{Mp4, Mp4Frames},
+    yuv::{Colour, YuvFrame, turned},
 };
-use blindaug::{Encoded, Raster};
+use blindaug::Encoded;
 use std::path::{Path, PathBuf};
 
 /// A video whose head has been read.
@@ -24,12 +25,15 @@ enum Decoder {
 }
 
 /// What a video says of itself.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct VideoHead {
     /// Frames per second.
     pub fps: Option<f64>,
     /// Number of frames, nearly.
     pub frames: Option<usize>,
+    pub colour: Colour,
+    /// Quarter turns clockwise to show a frame upright.
+    pub quarter_turns: u8,
     /// Sentences for a person.
     pub notes: Vec<String>,
 }
@@ -53,14 +57,19 @@ impl Video {
         Self::with_first_frame(path, Decoder::BuiltIn(mp4), head)
     }
 
-    /// Decodes the first frame, which alone knows the size that frames have when they are shown.
+    /// Decodes the first frame, so that a video that cannot be decoded is known at once.
     fn with_first_frame(path: &Path, decoder: Decoder, head: VideoHead) -> Result<Self> {
         let mut video = Self { path: path.into(), decoder, size: (0, 0), head };
-        let Some(first) = video.frames()?.next_frame(true)? else {
+        let Some(first) = video.frames()?.next_frame()? else {
             return Err(Error::new(path, "the video has no frames"));
         };
-        video.size = first.encoded(path)?.0.size();
+        video.size = video.encoded(&first).0.size();
         Ok(video)
+    }
+
+    /// The frame as it is shown.
+    pub(crate) fn encoded(&self, frame: &YuvFrame) -> Encoded {
+        turned(frame.to_encoded(self.head.colour), self.head.quarter_turns)
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {
@@ -83,7 +92,7 @@ impl Video {
     pub(crate) fn frames(&self) -> Result<VideoFrames> {
         Ok(match &self.decoder {
             Decoder::Ffmpeg(f) => VideoFrames::Ffmpeg(f.frames(&self.path)?),
-            Decoder::BuiltIn(m) => VideoFrames::BuiltIn(m.frames(&self.path)?),
+            Decoder::BuiltIn(m) => VideoFrames::BuiltIn(Box::new(m.frames(&self.path)?)),
         })
     }
 }
@@ -91,49 +100,331 @@ impl Video {
 /// A video that is being decoded.
 pub(crate) enum VideoFrames {
     Ffmpeg(ffmpeg::FfmpegFrames),
-    BuiltIn(Mp4Frames),
+    BuiltIn(Box<Mp4Frames>),
 }
 
 impl VideoFrames {
-    /// The next frame, or `None` at the end. What is not wanted need not be converted.
-    pub(crate) fn next_frame(&mut self, wanted: bool) -> Result<Option<VideoImage>> {
+    /// The next frame, or `None` at the end.
+    pub(crate) fn next_frame(&mut self) -> Result<Option<YuvFrame>> {
         match self {
             Self::Ffmpeg(f) => f.next_frame(),
-            Self::BuiltIn(m) => m.next_frame(wanted),
+            Self::BuiltIn(m) => m.next_frame(),
         }
     }
 }
 
-/// A decoded frame.
-pub(crate) enum VideoImage {
-    /// RGB, of one byte per value or of two (big-endian), row by row.
-    Packed {
-        size: (usize, usize),
-        two_bytes: bool,
-        data: Vec<u8>,
-    },
-    Converted(Encoded),
-    /// Decoded, but not wanted.
-    Skipped,
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::VideoWriter;
+    use std::process::Command;
 
-impl VideoImage {
-    /// The frame with values in [0, 1].
-    pub(crate) fn encoded(self, path: &Path) -> Result<Encoded> {
-        let fail = |e: blindaug::Error| Error::new(path, e.to_string());
-        match self {
-            Self::Packed { size: (w, h), two_bytes: false, data } => {
-                let pixels = data.as_chunks::<3>().0.iter();
-                let data = pixels.map(|p| p.map(|v| f32::from(v) / 255.0)).collect();
-                Raster::from_vec(w, h, data).map(Encoded).map_err(fail)
+    fn bikes() -> Option<PathBuf> {
+        let shared = std::env::var_os("BLINDAUG_SHARED").map_or_else(
+            || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")),
+            PathBuf::from,
+        );
+        let path = shared.join("data/video/bikes.mp4");
+        if path.is_file() {
+            return Some(path);
+        }
+        eprintln!("NOT TESTED: no video at {} (set BLINDAUG_SHARED)", path.display());
+        None
+    }
+
+    fn program() -> Option<std::ffi::OsString> {
+        let program = ffmpeg::find();
+        if program.is_none() {
+            eprintln!("NOT TESTED: there is no ffmpeg program");
+        }
+        program
+    }
+
+    /// Mean squared difference of luma.
+    fn luma_error(a: &Encoded, b: &Encoded) -> f64 {
+        assert_eq!(a.0.size(), b.0.size());
+        let (a, b) = (a.luma(), b.luma());
+        let sum: f64 = a.data().iter().zip(b.data()).map(|(a, b)| f64::from(a - b).powi(2)).sum();
+        sum / a.data().len() as f64
+    }
+
+    fn psnr(error: f64) -> f64 {
+        -10.0 * error.log10()
+    }
+
+    fn all_frames(video: &Video) -> Vec<Encoded> {
+        let mut frames = video.frames().unwrap();
+        std::iter::from_fn(|| frames.next_frame().unwrap().map(|f| video.encoded(&f))).collect()
+    }
+
+    /// A short clip of ffmpeg's own test picture.
+    fn encode(folder: &Path, name: &str, options: &[&str]) -> PathBuf {
+        let path = folder.join(name);
+        let run = Command::new(program().unwrap())
+            .args(["-nostdin", "-v", "error", "-y", "-f", "lavfi", "-i", "testsrc2=s=96x64:r=30000/1001:d=1"])
+            .args(options)
+            .arg(&path)
+            .output()
+            .unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        path
+    }
+
+    #[test]
+    fn the_built_in_decoder_reads_real_footage() {
+        let Some(path) = bikes() else { return };
+        let video = Video::open_built_in(&path).unwrap();
+        assert_eq!((video.size(), video.fps(), video.len_hint()), ((640, 272), Some(25.0), Some(250)));
+        let mut frames = video.frames().unwrap();
+        let number = std::iter::from_fn(|| frames.next_frame().unwrap()).count();
+        assert_eq!(number, 250);
+    }
+
+    #[test]
+    fn both_decoders_agree_on_real_footage() {
+        let (Some(path), Some(program)) = (bikes(), program()) else { return };
+        let built_in = Video::open_built_in(&path).unwrap();
+        let ffmpeg = Video::open_with_ffmpeg(&path, program).unwrap();
+        assert_eq!(
+            (built_in.size(), built_in.fps(), built_in.len_hint()),
+            (ffmpeg.size(), ffmpeg.fps(), ffmpeg.len_hint())
+        );
+        let (mut a, mut b) = (built_in.frames().unwrap(), ffmpeg.frames().unwrap());
+        let mut number = 0;
+        let mut worst = f64::INFINITY;
+        let mut last: Option<Encoded> = None;
+        while let Some(frame) = a.next_frame().unwrap() {
+            number += 1;
+            let frame = built_in.encoded(&frame);
+            let other = ffmpeg.encoded(&b.next_frame().unwrap().unwrap());
+            worst = worst.min(psnr(luma_error(&frame, &other)));
+            // Negative control: the frame before is another picture.
+            if number == 20 {
+                assert!(psnr(luma_error(&frame, last.as_ref().unwrap())) < 40.0);
             }
-            Self::Packed { size: (w, h), two_bytes: true, data } => {
-                let pixels = data.as_chunks::<2>().0.as_chunks::<3>().0.iter();
-                let data = pixels.map(|p| p.map(|v| f32::from(u16::from_be_bytes(v)) / 65535.0)).collect();
-                Raster::from_vec(w, h, data).map(Encoded).map_err(fail)
+            last = Some(frame);
+        }
+        assert!(b.next_frame().unwrap().is_none());
+        assert_eq!(number, 250);
+        assert!(worst > 45.0, "worst frame: {worst:.1} dB");
+        eprintln!("worst frame: {worst:.1} dB");
+    }
+
+    #[test]
+    fn colour_order_and_rotation_agree_with_ffmpeg() {
+        let Some(program) = program() else { return };
+        let dir = tempfile::tempdir().unwrap();
+        let h264 = ["-c:v", "libx264", "-crf", "4", "-pix_fmt", "yuv420p", "-bf", "3", "-b_strategy", "0"];
+        let full = [&h264[..], &["-color_range", "pc", "-vf", "scale=out_range=pc"]].concat();
+        let rec_709 = [&h264[..], &["-colorspace", "bt709", "-vf", "scale=out_color_matrix=bt709"]].concat();
+        let hd = [&h264[..], &["-vf", "scale=1280:720:out_color_matrix=bt709", "-frames:v", "3"]].concat();
+        let plain = encode(dir.path(), "plain.mp4", &h264);
+        let turned = ["90", "180", "270"].map(|turn| {
+            let path = dir.path().join(format!("turned{turn}.mp4"));
+            let run = Command::new(&program)
+                .args(["-nostdin", "-v", "error", "-y", "-i"])
+                .arg(&plain)
+                .args(["-c", "copy", "-metadata:s:v:0", &format!("rotate={turn}")])
+                .arg(&path)
+                .status();
+            assert!(run.unwrap().success());
+            path
+        });
+        // How ffmpeg itself shows these (its chroma is coarser than ours, so only luma is compared).
+        for path in [&plain].into_iter().chain(&turned) {
+            let still = dir.path().join("still.png");
+            let run = Command::new(&program)
+                .args(["-nostdin", "-v", "error", "-y", "-i"])
+                .arg(path)
+                .args(["-frames:v", "1"])
+                .arg(&still)
+                .status();
+            assert!(run.unwrap().success());
+            let shown = crate::read_frame(&still).unwrap();
+            let frame = all_frames(&Video::open_built_in(path).unwrap()).swap_remove(0);
+            let psnr = psnr(luma_error(&frame, &shown));
+            assert!(psnr > 30.0, "{}: {psnr:.1} dB", path.display());
+        }
+        let mut clips = vec![
+            plain,
+            encode(dir.path(), "full.mp4", &full),
+            encode(dir.path(), "709.mp4", &rec_709),
+            encode(dir.path(), "hd.mp4", &hd),
+        ];
+        clips.extend(turned);
+        // Trimmed as a phone does it: the frames before the start are there, but not shown.
+        let trimmed = dir.path().join("trimmed.mp4");
+        let run = Command::new(&program)
+            .args(["-nostdin", "-v", "error", "-y", "-ss", "0.3", "-t", "0.4", "-i"])
+            .args([clips[0].as_os_str(), "-c".as_ref(), "copy".as_ref(), trimmed.as_os_str()])
+            .status();
+        assert!(run.unwrap().success());
+        clips.push(trimmed);
+        for path in clips {
+            let built_in = all_frames(&Video::open_built_in(&path).unwrap());
+            let video = Video::open_with_ffmpeg(&path, program.clone()).unwrap();
+            let ffmpeg = all_frames(&video);
+            assert!((video.fps().unwrap() - 30000.0 / 1001.0).abs() < 1e-6);
+            assert_eq!(built_in.len(), ffmpeg.len(), "{}", path.display());
+            assert_eq!((10..20).contains(&ffmpeg.len()), path.ends_with("trimmed.mp4"));
+            for (i, (a, b)) in built_in.iter().zip(&ffmpeg).enumerate() {
+                let largest = a.0.data().as_flattened().iter().zip(b.0.data().as_flattened());
+                let largest = largest.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(largest < 0.01, "{} frame {}: {largest}", path.display(), i + 1);
             }
-            Self::Converted(image) => Ok(image),
-            Self::Skipped => Err(Error::new(path, "a frame that was left out was asked for")),
+            // Negative control: frames of another time are not the same.
+            assert!(ffmpeg.len() < 10 || psnr(luma_error(&built_in[0], &ffmpeg[9])) < 30.0);
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn an_older_ffmpeg_will_do() {
+        use std::os::unix::fs::PermissionsExt;
+        let Some(program) = program() else { return };
+        let dir = tempfile::tempdir().unwrap();
+        let clip = encode(dir.path(), "a.mp4", &["-c:v", "libx264", "-frames:v", "3"]);
+        // What ffmpeg 4 says to an option that it does not know.
+        let script = format!(
+            "#!/bin/sh\ncase \"$*\" in *fps_mode*) echo \"Unrecognized option 'fps_mode'.\" >&2\n\
+             echo 'Error splitting the argument list: Option not found' >&2; exit 1;; esac\nexec '{}' \"$@\"\n",
+            program.to_str().unwrap()
+        );
+        let old = dir.path().join("old");
+        std::fs::write(&old, script).unwrap();
+        std::fs::set_permissions(&old, PermissionsExt::from_mode(0o755)).unwrap();
+        let video = Video::open_with_ffmpeg(&clip, old.into()).unwrap();
+        assert_eq!(all_frames(&video).len(), 3);
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let Some(program) = program() else { return };
+        let dir = tempfile::tempdir().unwrap();
+        // Odd sizes grow by one pixel.
+        for (size, read_size, name) in [((64, 48), (64, 48), "a.mp4"), ((63, 47), (64, 48), "odd.mkv")] {
+            let path = dir.path().join(name);
+            let frame = |t: usize| {
+                Encoded(blindaug::Raster::from_fn(size.0, size.1, move |x, y| {
+                    [0.2 + 0.01 * (x + t) as f32, 0.3 + 0.01 * y as f32, 0.5]
+                }))
+            };
+            let mut writer = VideoWriter::create(&path, size, 30000.0 / 1001.0).unwrap();
+            for t in 0..5 {
+                writer.write(&frame(t)).unwrap();
+            }
+            assert!(!path.exists());
+            assert!(writer.write(&Encoded(blindaug::Raster::filled(8, 8, [0.0; 3]))).is_err());
+            writer.finish().unwrap();
+            let video = Video::open_with_ffmpeg(&path, program.clone()).unwrap();
+            assert_eq!((video.size(), video.len_hint()), (read_size, Some(5)));
+            assert!((video.fps().unwrap() - 30000.0 / 1001.0).abs() < 1e-3);
+            let frames = all_frames(&video);
+            assert_eq!(frames.len(), 5);
+            for (t, read) in frames.iter().enumerate() {
+                let read = Encoded(read.0.crop(0, 0, size.0, size.1));
+                assert!(psnr(luma_error(&read, &frame(t))) > 45.0, "{name} frame {t}");
+            }
+            assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+            std::fs::remove_file(path).unwrap();
+        }
+        // What is not finished leaves nothing behind.
+        let path = dir.path().join("b.mp4");
+        let mut writer = VideoWriter::create(&path, (16, 16), 25.0).unwrap();
+        writer.write(&Encoded(blindaug::Raster::filled(16, 16, [0.5; 3]))).unwrap();
+        drop(writer);
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+        let e = VideoWriter::create(dir.path().join("no/where.mp4"), (16, 16), 25.0).err().unwrap();
+        assert!(e.to_string().contains("no folder"), "{e}");
+        // An encoder that cannot start its work is a sentence, not a hang.
+        let mut writer = VideoWriter::create(dir.path().join("c.mp4"), (2, 2), 1e-30).unwrap();
+        let written = writer.write(&Encoded(blindaug::Raster::filled(2, 2, [0.5; 3])));
+        assert!(written.and_then(|()| writer.finish()).is_err());
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+    }
+
+    /// How many of the first 10 frames there are, or what went wrong.
+    fn first_frames(video: Result<Video>) -> Result<usize> {
+        let mut frames = video?.frames()?;
+        for number in 0..10 {
+            if frames.next_frame()?.is_none() {
+                return Ok(number);
+            }
+        }
+        Ok(10)
+    }
+
+    #[test]
+    fn damaged_videos_end_in_a_sentence() {
+        let Some(original) = bikes() else { return };
+        let bytes = std::fs::read(&original).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("hurt.mp4");
+        let program = program();
+        let check = |bytes: &[u8], with_ffmpeg: bool, must_fail: bool| {
+            std::fs::write(&path, bytes).unwrap();
+            let built_in = first_frames(Video::open_built_in(&path));
+            let ffmpeg = program
+                .clone()
+                .filter(|_| with_ffmpeg)
+                .map(|p| first_frames(Video::open_with_ffmpeg(&path, p)));
+            for result in [Some(built_in), ffmpeg].into_iter().flatten() {
+                match result {
+                    Err(e) => {
+                        let e = e.to_string();
+                        assert!(e.contains("hurt.mp4: ") && !e.contains('\n'), "{e}");
+                    }
+                    Ok(_) => assert!(!must_fail),
+                }
+            }
+        };
+        // The index is at the end of this file, so that any cut loses it.
+        for i in 0..40 {
+            check(&bytes[..bytes.len() * i / 40], i % 10 == 1, true);
+        }
+        let index = bytes.len() - 3700..bytes.len();
+        let mut random = 1u32;
+        let mut next = |range: std::ops::Range<usize>| {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            range.start + (random >> 8) as usize % range.len()
+        };
+        for i in 0..40 {
+            let mut hurt = bytes.clone();
+            let at = next(if i % 2 == 0 { index.clone() } else { 48..30_000 });
+            hurt[at] ^= next(1..256) as u8;
+            check(&hurt, i % 20 == 0, false);
+        }
+        // Broken in the middle: the frames before, then an error with the number of the first one that is lost.
+        let mut hurt = bytes.clone();
+        hurt[300_000..300_400].iter_mut().for_each(|b| *b ^= 0x5a);
+        std::fs::write(&path, &hurt).unwrap();
+        let mut hurt = vec![Video::open_built_in(&path)];
+        if let Some(program) = program {
+            hurt.push(Video::open_with_ffmpeg(&path, program.clone()));
+            // Cut short, with the index at the start (the built-in parser refuses it at once).
+            let (whole, cut) = (dir.path().join("whole.mp4"), dir.path().join("cut.mp4"));
+            let run = Command::new(&program)
+                .args(["-nostdin", "-v", "error", "-i"])
+                .args([original.as_os_str(), "-c".as_ref(), "copy".as_ref()])
+                .args(["-movflags".as_ref(), "+faststart".as_ref(), whole.as_os_str()])
+                .status();
+            assert!(run.unwrap().success());
+            std::fs::write(&cut, &std::fs::read(whole).unwrap()[..300_000]).unwrap();
+            assert!(Video::open_built_in(&cut).unwrap_err().to_string().contains("damaged or cut short"));
+            hurt.push(Video::open_with_ffmpeg(&cut, program));
+        }
+        for video in hurt {
+            let mut frames = video.unwrap().frames().unwrap();
+            let mut count = 0;
+            let e = loop {
+                match frames.next_frame() {
+                    Ok(Some(_)) => count += 1,
+                    Ok(None) => panic!("{count} frames without an error"),
+                    Err(e) => break e,
+                }
+            };
+            assert!(count > 100 && e.to_string().contains("damaged"), "{count} frames, {e}");
+            eprintln!("{count} frames, then: {e}");
         }
     }
 }
