@@ -470,3 +470,331 @@ fn missing_noise(
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{
+        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
+        NoiseLevel,
+    };
+
+    const W: usize = 160;
+    const H: usize = 120;
+
+    fn camera() -> CameraModel {
+        let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
+        let mut model = CameraModel::unknown(capture, "not needed");
+        model.motion_blur = Estimate::Known(MotionBlurModel {
+            exposure: ExposureFraction(0.5),
+            interval: [0.5, 0.5],
+            method: Method::Given,
+            samples: 0,
+        });
+        // Sharp at 1 m, 3 px at infinity.
+        let curve =
+            DefocusCurve::ThinLens { sigma_px_at_infinity: 3.0, focus_inverse_depth: 1.0, interval: None };
+        model.defocus = Estimate::Known(DefocusModel {
+            curve,
+            depth_kind: DepthKind::Metric,
+            method: Method::Given,
+            samples: 0,
+        });
+        model
+    }
+
+    fn with_noise(mut model: CameraModel, slope: f32, intercept: f32, clip: f32) -> CameraModel {
+        let levels = noise::white_band_std()
+            .map(|s| NoiseLevel { slope: [slope * s; 3], intercept: [intercept * s; 3] });
+        model.noise =
+            Estimate::Known(NoiseModel { levels, interval: None, clip, method: Method::Given, samples: 0 });
+        model
+    }
+
+    fn background() -> Encoded {
+        Encoded(Raster::from_fn(W, H, |x, y| [0.2 + 0.1 * ((x / 5) % 2) as f32, 0.3, 0.1 + 0.004 * y as f32]))
+    }
+
+    /// A square of one colour from (50, 40) to (99, 79).
+    fn square(colour: [f32; 3], alpha: f32, inverse_depth: f32, flow: [f32; 2]) -> VirtualLayer {
+        let inside = |x: usize, y: usize| (50..100).contains(&x) && (40..80).contains(&y);
+        let [r, g, b] = colour.map(|v| v * alpha);
+        VirtualLayer {
+            color: Premultiplied(Raster::from_fn(W, H, |x, y| {
+                if inside(x, y) { [r, g, b, alpha] } else { [0.0; 4] }
+            })),
+            inverse_depth: Some(Plane::from_fn(
+                W,
+                H,
+                |x, y| if inside(x, y) { inverse_depth } else { f32::NAN },
+            )),
+            flow: Some(Flow::filled(W, H, flow)),
+        }
+    }
+
+    fn shot(frame: &Encoded) -> Shot<'_> {
+        Shot { frame, number: 7, inverse_depth: None, flow: None, with_and_without: None }
+    }
+
+    fn close(a: [f32; 3], b: [f32; 3], tolerance: f32) -> bool {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance)
+    }
+
+    const GREY: [f32; 3] = [0.214_041_14; 3]; // encoded: 0.5
+
+    #[test]
+    fn without_blur_and_noise_it_is_plain_over() {
+        let frame = background();
+        let layer = square([0.5, 0.2, 0.1], 0.25, 1.0, [0.0; 2]);
+        let naive = Options { naive: true, ..Options::default() };
+        let model = with_noise(camera(), 0.1, 0.1, 1.0);
+        let out = composite(&shot(&frame), &layer, &model, &naive).unwrap();
+        // In focus and at rest, the camera's blur does nothing either.
+        let silent = Options { no_noise: true, ..Options::default() };
+        assert_eq!(out, composite(&shot(&frame), &layer, &model, &silent).unwrap());
+        let t = Transfer::Srgb;
+        let (f, l) = (frame.0.at(70, 60), layer.color.0.at(70, 60));
+        let want = std::array::from_fn(|c| t.encode(l[c] + 0.75 * t.decode(f[c])));
+        assert!(close(out.0.at(70, 60), want, 1e-5));
+        assert_eq!(out.0.at(49, 60), frame.0.at(49, 60));
+    }
+
+    #[test]
+    fn the_frame_is_untouched_bit_by_bit_where_nothing_virtual_is_seen() {
+        let frame = background();
+        let model = with_noise(camera(), 0.05, 0.02, 1.0);
+        for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
+            let options = Options { bokeh, ..Options::default() };
+            // 3 px of defocus, 12 px of path.
+            let out =
+                composite(&shot(&frame), &square(GREY, 1.0, 2.0, [24.0, 0.0]), &model, &options).unwrap();
+            for y in 0..H {
+                for x in 0..W {
+                    if !(50 - 22..100 + 22).contains(&x) || !(40 - 16..80 + 16).contains(&y) {
+                        assert_eq!(out.0.at(x, y), frame.0.at(x, y), "{x} {y}");
+                    }
+                }
+            }
+            assert_ne!(out.0.at(46, 60), frame.0.at(46, 60));
+        }
+        let empty = square(GREY, 0.0, 2.0, [24.0, 0.0]);
+        assert_eq!(composite(&shot(&frame), &empty, &model, &Options::default()).unwrap(), frame);
+    }
+
+    #[test]
+    fn the_silhouette_is_blurred_beyond_itself_and_mixes_light() {
+        let frame = Encoded(Raster::filled(W, H, [0.0; 3]));
+        let out = composite(
+            &shot(&frame),
+            &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]),
+            &camera(),
+            &Options::default(),
+        );
+        let light = out.unwrap().to_linear(Transfer::Srgb).0;
+        // A ramp of light over 12 px, centred on the edge at x = 49.5.
+        for (x, want) in [(42, 0.0), (46, 2.5 / 12.0), (49, 5.5 / 12.0), (50, 6.5 / 12.0), (57, 1.0)] {
+            assert!((light.at(x, 60)[0] - want).abs() < 0.02, "{x}: {:?}", light.at(x, 60));
+        }
+        // On request it is encoded values that are mixed.
+        let mut model = camera();
+        model.blur_space = BlurSpace::Encoded;
+        let out =
+            composite(&shot(&frame), &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]), &model, &Options::default());
+        assert!((out.unwrap().0.at(49, 60)[0] - 5.5 / 12.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn unknown_parts_and_missing_evidence_are_left_out() {
+        let frame = background();
+        let plain = Options { naive: true, ..Options::default() };
+        let moving = square(GREY, 1.0, 3.0, [24.0, 0.0]);
+        let naive = composite(&shot(&frame), &moving, &camera(), &plain).unwrap();
+        let nothing = CameraModel::unknown(camera().capture, "a wall");
+        assert_eq!(composite(&shot(&frame), &moving, &nothing, &Options::default()).unwrap(), naive);
+        let bare = VirtualLayer { inverse_depth: None, flow: None, ..moving };
+        assert_eq!(composite(&shot(&frame), &bare, &camera(), &Options::default()).unwrap(), naive);
+    }
+
+    #[test]
+    fn real_things_in_front_hide_the_object_whether_it_was_cut_or_not() {
+        let frame = background();
+        // A post at 0.4 m, in front of the object at 1 m; a wall at 4 m; unknown below y = 70.
+        let real = Plane::from_fn(W, H, |x, y| match (x, y) {
+            (_, 70..) => f32::NAN,
+            (70..80, _) => 2.5,
+            _ => 0.25,
+        });
+        let uncut = square(GREY, 1.0, 1.0, [0.0; 2]);
+        let mut cut = uncut.clone();
+        for y in 0..70 {
+            cut.color.0.row_mut(y)[70..80].fill([0.0; 4]);
+        }
+        let with_depth = Shot { inverse_depth: Some(&real), ..shot(&frame) };
+        let naive = Options { naive: true, ..Options::default() };
+        for layer in [&uncut, &cut] {
+            let out = composite(&with_depth, layer, &camera(), &naive).unwrap();
+            assert_eq!(out.0.at(75, 60), frame.0.at(75, 60));
+            assert!(close(out.0.at(60, 60), [0.5; 3], 1e-4) && close(out.0.at(90, 60), [0.5; 3], 1e-4));
+        }
+        assert!(close(
+            composite(&with_depth, &uncut, &camera(), &naive).unwrap().0.at(75, 75),
+            [0.5; 3],
+            1e-4
+        ));
+    }
+
+    #[test]
+    fn a_blurred_thing_in_front_mixes_with_the_object_instead_of_the_background() {
+        // The true image: a white post, blurred, over a black wall; then over the grey object that fills the view behind it.
+        let t = Transfer::Srgb;
+        let sharp = Plane::from_fn(W, H, |x, _| if (70..90).contains(&x) { 1.0 } else { 0.0 });
+        let blur = Blur::new(&camera(), W, Bokeh::Gaussian).unwrap();
+        let post = blur.of(&sharp, Some(&Plane::filled(W, H, 2.5)), None).unwrap(); // 4.5 px
+        let frame = Encoded(post.map(|a| [t.encode(a); 3]));
+        let truth = Encoded(post.map(|a| [t.encode(a + (1.0 - a) * GREY[0]); 3]));
+        let real = sharp.map(|a| if a > 0.0 { 2.5 } else { 0.1 });
+        let layer = VirtualLayer {
+            color: Premultiplied(Raster::from_fn(W, H, |x, _| {
+                if sharp.at(x, 0) > 0.0 { [0.0; 4] } else { [GREY[0], GREY[0], GREY[0], 1.0] }
+            })),
+            inverse_depth: Some(Plane::filled(W, H, 1.0)),
+            flow: None,
+        };
+        let shot = Shot { inverse_depth: Some(&real), ..shot(&frame) };
+        let out = composite(&shot, &layer, &camera(), &Options::default()).unwrap();
+        let worst = |a: &Encoded| {
+            (40..120).map(|x| (a.0.at(x, 60)[0] - truth.0.at(x, 60)[0]).abs()).fold(0.0, f32::max)
+        };
+        assert!(worst(&out) < 0.03, "{}", worst(&out));
+        // Plain over by the mask alone is seen to be wrong.
+        let naive = Options { naive: true, ..Options::default() };
+        assert!(worst(&composite(&shot, &layer, &camera(), &naive).unwrap()) > 0.1);
+    }
+
+    #[test]
+    fn shadows_fall_on_the_frame_and_continue_under_the_soft_edge() {
+        let t = Transfer::Srgb;
+        let frame = Encoded(Raster::filled(W, H, [0.6; 3]));
+        let layer = square(GREY, 1.0, 2.0, [0.0; 2]);
+        // A shadow that halves the light right of x = 30, seen in both renders; these are darker than the frame.
+        let without = Linear(Raster::filled(W, H, [0.2; 3]));
+        let with = Linear(Raster::from_fn(W, H, |x, y| match layer.color.0.at(x, y) {
+            [r, g, b, a] if a > 0.0 => [r, g, b],
+            _ if x >= 30 => [0.1; 3],
+            _ => [0.2; 3],
+        }));
+        let shot = Shot { with_and_without: Some((&with, &without)), ..shot(&frame) };
+        let out = composite(&shot, &layer, &camera(), &Options::default()).unwrap();
+        let shadow = t.decode(0.6) - 0.1;
+        assert_eq!(out.0.at(10, 60), frame.0.at(10, 60));
+        assert!(close(out.0.at(140, 60), [t.encode(shadow); 3], 1e-4));
+        // Halfway over the edge: half object, half shadowed frame.
+        let edge = 0.5 * (t.decode(out.0.at(49, 60)[0]) + t.decode(out.0.at(50, 60)[0]));
+        assert!((edge - 0.5 * (GREY[0] + shadow)).abs() < 0.01, "{edge}");
+    }
+
+    /// Std of the red channel over the middle of the square, against a composite without noise.
+    fn noise_std(
+        frame: impl Fn(u64) -> Encoded,
+        layer: &VirtualLayer,
+        model: &CameraModel,
+        clean: f32,
+    ) -> f32 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for number in 0..6 {
+            let frame = frame(number);
+            let shot = Shot { number, ..shot(&frame) };
+            let out = composite(&shot, layer, model, &Options::default()).unwrap();
+            for y in 46..74 {
+                for x in 56..94 {
+                    sum += (out.0.at(x, y)[0] - clean).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        (sum / count as f32).sqrt()
+    }
+
+    #[test]
+    fn noise_ends_at_the_model_s_variance_at_any_alpha() {
+        let model = with_noise(camera(), 0.04, 0.01, 1.0);
+        let t = Transfer::Srgb;
+        // A frame of 0.6 with the camera's own noise.
+        let noisy = |number: u64| {
+            let n = noise::noise(model.noise.known().unwrap(), &Plane::filled(W, H, 0.6), 99, number);
+            Encoded(n.map(|n| n.map(|v| v + 0.6)))
+        };
+        for alpha in [0.1, 0.3, 0.5, 0.8, 1.0] {
+            let clean = t.encode(alpha * GREY[0] + (1.0 - alpha) * t.decode(0.6));
+            let layer = square(GREY, alpha, 1.0, [0.0; 2]);
+            let (got, want) = (noise_std(noisy, &layer, &model, clean), 0.04 * clean + 0.01);
+            assert!((got / want - 1.0).abs() < 0.05, "alpha {alpha}: {got}, want {want}");
+            // On a frame that has none of its own, it is seen to be too little.
+            let quiet = noise_std(|_| Encoded(Raster::filled(W, H, [0.6; 3])), &layer, &model, clean);
+            assert!(alpha > 0.9 || quiet < 0.97 * want, "alpha {alpha}: {quiet}, want {want}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_noisy_or_brighter_past_the_clip() {
+        let model = with_noise(camera(), 0.04, 0.01, 0.9);
+        let frame = background();
+        let bright =
+            composite(&shot(&frame), &square([3.0; 3], 1.0, 1.0, [0.0; 2]), &model, &Options::default());
+        assert_eq!(bright.unwrap().0.at(70, 60), [0.9; 3]);
+        let below =
+            composite(&shot(&frame), &square([0.75; 3], 1.0, 1.0, [0.0; 2]), &model, &Options::default());
+        let below = below.unwrap();
+        assert!(below.0.crop(55, 45, 40, 30).data().iter().flatten().all(|&v| (0.7..=0.9).contains(&v)));
+        assert_ne!(below.0.at(70, 60), below.0.at(71, 60));
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_an_error_that_says_so() {
+        let frame = background();
+        let layer = square(GREY, 1.0, 1.0, [0.0; 2]);
+        let fails = |shot: &Shot, layer: &VirtualLayer, model: &CameraModel, says: &str| {
+            let e = composite(shot, layer, model, &Options::default()).unwrap_err().to_string();
+            assert!(e.contains(says), "{e}");
+        };
+        let small = Plane::filled(3, 3, 1.0);
+        fails(
+            &Shot { inverse_depth: Some(&small), ..shot(&frame) },
+            &layer,
+            &camera(),
+            "the real depth has 3 x 3",
+        );
+        let other = VirtualLayer { flow: Some(Flow::filled(2, 2, [0.0; 2])), ..layer.clone() };
+        fails(&shot(&frame), &other, &camera(), "flow has 2 x 2");
+        fails(&shot(&frame), &layer, &camera().scaled_to(2 * W, 2 * H), "320");
+        let mut relative = camera();
+        if let Estimate::Known(d) = &mut relative.defocus {
+            d.depth_kind = DepthKind::Relative;
+        }
+        fails(&shot(&frame), &layer, &relative, "relative inverse depth");
+    }
+
+    #[test]
+    fn broken_values_do_not_spread() {
+        let frame = background();
+        let mut layer = square(GREY, 1.0, 2.0, [9.0, 3.0]);
+        layer.color.0.row_mut(60)[70] = [f32::NAN, 0.0, f32::INFINITY, 1.0];
+        if let (Some(d), Some(f)) = (&mut layer.inverse_depth, &mut layer.flow) {
+            d.row_mut(61)[71] = f32::INFINITY;
+            f.row_mut(62)[72] = [f32::NAN, f32::INFINITY];
+        }
+        let real = Plane::from_fn(W, H, |x, y| [f32::NAN, f32::INFINITY, -1.0, 0.0, 5.0][(x + y) % 5]);
+        let flow = Flow::filled(W, H, [f32::NAN, 1.0]);
+        let with = Linear(Raster::from_fn(W, H, |x, y| [if (x + y) % 7 == 0 { f32::NAN } else { 0.3 }; 3]));
+        let without = Linear(Raster::filled(W, H, [0.4; 3]));
+        let model = with_noise(camera(), 0.04, 0.01, 1.0);
+        let shot = Shot {
+            inverse_depth: Some(&real),
+            flow: Some(&flow),
+            with_and_without: Some((&with, &without)),
+            ..shot(&frame)
+        };
+        let out = composite(&shot, &layer, &model, &Options::default()).unwrap();
+        assert!(out.0.data().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
+    }
+}
