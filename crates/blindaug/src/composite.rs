@@ -1,1 +1,800 @@
-//! The virtual layer over the frame.
+//! The virtual layer over the frame, as if the camera had filmed it.
+//!
+//! With F the frame, L and A the colour and alpha of the blurred layer, V how much of it the blurred real things in front
+//! let through, B what of the background these let through, and D the blurred shadows and reflections, the result is
+//!
+//! ```text
+//! F + D (1 - A V) + V L - A B,      where B = F if nothing is in front
+//! ```
+//!
+//! and last comes the noise that is missing.
+
+use crate::model::{BlurSpace, CameraModel, NoiseModel};
+use crate::synth::{Blur, defocus::Bokeh, noise};
+use crate::{
+    Encoded, Error, Flow, Linear, Pixel, Plane, Premultiplied, Raster, Result, Transfer, filter, luma,
+    pyramid,
+};
+
+/// A rendered object, sharp.
+#[derive(Clone, Debug)]
+pub struct VirtualLayer {
+    /// Colour, premultiplied. What real things hide may be cut out or not.
+    pub color: Premultiplied,
+    /// Inverse depth in 1/m, NaN where there is none. Without it, there is no defocus and no occlusion.
+    pub inverse_depth: Option<Plane>,
+    /// Flow of the object. Without it, there is no motion blur.
+    pub flow: Option<Flow>,
+}
+
+/// A frame of the camera and what is known of the scene in it.
+#[derive(Clone, Copy, Debug)]
+pub struct Shot<'a> {
+    /// The frame as it was filmed.
+    pub frame: &'a Encoded,
+    /// The frame's number, so that each has its own noise.
+    pub number: u64,
+    /// Inverse depth in 1/m of what was filmed, NaN where unknown (which hides nothing).
+    pub inverse_depth: Option<&'a Plane>,
+    /// Flow of what was filmed.
+    pub flow: Option<&'a Flow>,
+    /// Sharp renders of the local scene with and without the object, for its shadows and reflections (Debevec 1998).
+    pub with_and_without: Option<(&'a Linear, &'a Linear)>,
+}
+
+/// How to composite.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Leave out what the camera does: no blur, no noise.
+    pub naive: bool,
+    /// Leave out the noise.
+    pub no_noise: bool,
+    /// The shape of out-of-focus points.
+    pub bokeh: Bokeh,
+    /// The noise is a function of this and the frame's number.
+    pub seed: u64,
+}
+
+/// Composites the layer over the frame. Where nothing virtual is seen, the result is the frame, bit by bit.
+///
+/// Parts of the model that are unknown are not applied; nor are those without the evidence for it (depth, flow). The model's
+/// [`BlurSpace`] is also that of the compositing.
+///
+/// # Errors
+/// If sizes differ, or the model is for another width or in relative inverse depth.
+pub fn composite(
+    shot: &Shot,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+    options: &Options,
+) -> Result<Encoded> {
+    check_sizes(shot, layer)?;
+    let space = Space { blur: model.blur_space, transfer: model.transfer };
+    let blur =
+        if options.naive { Blur::default() } else { Blur::new(model, shot.frame.0.width(), options.bokeh)? };
+    let shadows = Shadows::new(shot, layer, &space, &blur)?;
+    let object = Object::new(shot, layer, &space, &blur)?;
+    let changed = match (&shadows, &object) {
+        (None, None) => return Ok(shot.frame.clone()),
+        (Some(s), Some(o)) => s.place.union(o.place),
+        (Some(s), None) => s.place,
+        (None, Some(o)) => o.place,
+    };
+    let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
+    let frame = changed.crop(&shot.frame.0);
+    let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
+        let f = space.from_encoded(frame.at(x, y));
+        let at = (x + changed.x, y + changed.y);
+        let d = shadows.as_ref().and_then(|s| s.place.at(&s.difference, at)).unwrap_or_default();
+        let o = object.as_ref().and_then(|o| o.place.at(&o.pixels, at)).unwrap_or_default();
+        let light: [f32; 3] = std::array::from_fn(|c| (f[c] + d[c] * (1.0 - o.cover) + o.added[c]).max(0.0));
+        Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
+    });
+    let clean = pixels.map(|p| space.to_encoded(p.light));
+    let noise =
+        noise_model.map(|m| missing_noise(m, &frame, &clean, &pixels, &space, options.seed, shot.number));
+    let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
+    let mut out = shot.frame.clone();
+    for y in 0..changed.h {
+        for (x, out) in out.0.row_mut(changed.y + y)[changed.x..][..changed.w].iter_mut().enumerate() {
+            if !pixels.at(x, y).untouched {
+                let (v, n) = (clean.at(x, y), noise.as_ref().map_or([0.0; 3], |n| n.at(x, y)));
+                *out =
+                    std::array::from_fn(|c| if v[c] >= clip { clip } else { (v[c] + n[c]).clamp(0.0, clip) });
+            }
+        }
+    }
+    Ok(out)
+}
+
+fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {
+    let (w, h) = shot.frame.0.size();
+    let check = |name: &str, size: Option<(usize, usize)>| match size {
+        Some((a, b)) if (a, b) != (w, h) => Err(Error::new(format!(
+            "{name} has {a} x {b} pixels but the frame {w} x {h}; render or scale it to the frame's size"
+        ))),
+        _ => Ok(()),
+    };
+    check("the virtual layer", Some(layer.color.0.size()))?;
+    check("the virtual layer's depth", layer.inverse_depth.as_ref().map(|d| d.size()))?;
+    check("the virtual layer's flow", layer.flow.as_ref().map(|f| f.size()))?;
+    check("the real depth", shot.inverse_depth.map(|d| d.size()))?;
+    check("the real flow", shot.flow.map(|f| f.size()))?;
+    check("the render with the object", shot.with_and_without.map(|(w, _)| w.0.size()))?;
+    check("the render without the object", shot.with_and_without.map(|(_, w)| w.0.size()))
+}
+
+/// The values that are blurred and mixed: light, or encoded values.
+struct Space {
+    blur: BlurSpace,
+    transfer: Transfer,
+}
+
+impl Space {
+    fn from_encoded(&self, v: [f32; 3]) -> [f32; 3] {
+        match self.blur {
+            BlurSpace::Linear => v.map(|v| self.transfer.decode(v)),
+            BlurSpace::Encoded => v,
+        }
+    }
+
+    fn to_encoded(&self, v: [f32; 3]) -> [f32; 3] {
+        match self.blur {
+            BlurSpace::Linear => v.map(|v| self.transfer.encode(v)),
+            BlurSpace::Encoded => v,
+        }
+    }
+
+    fn from_linear(&self, v: [f32; 3]) -> [f32; 3] {
+        match self.blur {
+            BlurSpace::Linear => v,
+            BlurSpace::Encoded => v.map(|v| self.transfer.encode(v)),
+        }
+    }
+
+    /// Premultiplied in this space; broken pixels (NaN, infinite) are empty.
+    fn from_premultiplied(&self, v: [f32; 4]) -> [f32; 4] {
+        let [r, g, b, a] = v;
+        if !v.iter().all(|v| v.is_finite()) || a < 0.0 {
+            return [0.0; 4];
+        }
+        let a = a.min(1.0);
+        match self.blur {
+            BlurSpace::Encoded if a > 0.0 => {
+                let [r, g, b] = self.from_linear([r / a, g / a, b / a]);
+                [r * a, g * a, b * a, a]
+            }
+            _ => [r, g, b, a],
+        }
+    }
+
+    /// d encoded / d value at the value that is encoded as `v`.
+    fn slope(&self, v: f32) -> f32 {
+        match self.blur {
+            BlurSpace::Linear => self.transfer.slope(self.transfer.decode(v)),
+            BlurSpace::Encoded => 1.0,
+        }
+    }
+}
+
+/// A part of the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Place {
+    x: usize,
+    y: usize,
+    w: usize,
+    h: usize,
+}
+
+impl Place {
+    /// The smallest one around the pixels that `holds` is true of, and `margin` px around them.
+    fn around(
+        (w, h): (usize, usize),
+        margin: f32,
+        holds: impl Fn(usize, usize) -> bool + Sync,
+    ) -> Option<Self> {
+        // Per row: first and last.
+        let spans = Raster::from_fn(1, h, |_, y| {
+            (0..w)
+                .find(|&x| holds(x, y))
+                .map(|first| (first, (first..w).rfind(|&x| holds(x, y)).unwrap_or(first)))
+        });
+        let rows = || spans.data().iter().enumerate().filter_map(|(y, s)| s.map(|s| (y, s)));
+        let margin = margin.ceil() as usize;
+        let (top, bottom) = (rows().next()?.0, rows().next_back()?.0);
+        let left = rows().map(|(_, s)| s.0).min()?.saturating_sub(margin);
+        let right = (rows().map(|(_, s)| s.1).max()? + margin).min(w - 1);
+        let (y, bottom) = (top.saturating_sub(margin), (bottom + margin).min(h - 1));
+        Some(Self { x: left, y, w: right + 1 - left, h: bottom + 1 - y })
+    }
+
+    fn union(self, b: Self) -> Self {
+        let (x, y) = (self.x.min(b.x), self.y.min(b.y));
+        let (right, bottom) = ((self.x + self.w).max(b.x + b.w), (self.y + self.h).max(b.y + b.h));
+        Self { x, y, w: right - x, h: bottom - y }
+    }
+
+    fn crop<T: Copy + Send + Sync>(self, image: &Raster<T>) -> Raster<T> {
+        image.crop(self.x, self.y, self.w, self.h)
+    }
+
+    /// The value of an image of this place at a position in the frame.
+    fn at<T: Copy + Send + Sync>(self, image: &Raster<T>, (x, y): (usize, usize)) -> Option<T> {
+        let (x, y) = (x.checked_sub(self.x)?, y.checked_sub(self.y)?);
+        (x < self.w && y < self.h).then(|| image.at(x, y))
+    }
+}
+
+/// Values continued into where `weight` is 0 or they are unknown.
+fn extended<P: Pixel>(values: &Raster<P>, weight: impl Fn(usize, usize) -> f32 + Sync) -> Raster<P> {
+    let weight = Plane::from_fn(values.width(), values.height(), |x, y| {
+        if P::flat(&[values.at(x, y)]).iter().all(|v| v.is_finite()) { weight(x, y) } else { 0.0 }
+    });
+    pyramid::pull_push(values, &weight)
+}
+
+/// The shadows and reflections that the object adds to what was filmed, blurred as that is.
+struct Shadows {
+    place: Place,
+    difference: Raster<[f32; 3]>,
+}
+
+/// Layer alpha above which the background's change is not seen in the renders.
+const OPAQUE: f32 = 0.01;
+
+impl Shadows {
+    fn new(shot: &Shot, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Option<Self>> {
+        let Some((with, without)) = shot.with_and_without else { return Ok(None) };
+        // Where a render clips or the object is in front, the difference is not that of the background.
+        let clipped = |v: [f32; 3]| v.iter().any(|v| (0.996..=1.0).contains(v) || !v.is_finite());
+        let seen = |x, y| {
+            layer.color.0.at(x, y)[3] <= OPAQUE && !clipped(with.0.at(x, y)) && !clipped(without.0.at(x, y))
+        };
+        let reach = Raster::from_fn(1, with.0.height(), |_, y| {
+            (0..with.0.width())
+                .map(|x| {
+                    blur.reach_px(
+                        shot.inverse_depth.map_or(f32::NAN, |d| d.at(x, y)),
+                        shot.flow.map_or([0.0; 2], |f| f.at(x, y)),
+                    )
+                })
+                .fold(0.0, f32::max)
+        });
+        let reach = reach.data().iter().copied().fold(0.0, f32::max);
+        let differs = |x, y| with.0.at(x, y) != without.0.at(x, y);
+        let Some(place) = Place::around(with.0.size(), reach + 1.0, differs) else { return Ok(None) };
+        let sharp = Raster::from_fn(place.w, place.h, |x, y| {
+            let at = (place.x + x, place.y + y);
+            let [a, b] = [with, without].map(|i| space.from_linear(i.0.at(at.0, at.1)));
+            std::array::from_fn(|c| a[c] - b[c])
+        });
+        // Continued under the object, so that it is there under the object's soft edge.
+        let sharp = extended(&sharp, |x, y| if seen(place.x + x, place.y + y) { 1.0 } else { 0.0 });
+        let difference = blur.of(
+            &sharp,
+            shot.inverse_depth.map(|d| place.crop(d)).as_ref(),
+            shot.flow.map(|f| place.crop(f)).as_ref(),
+        )?;
+        Ok(Some(Self { place, difference }))
+    }
+}
+
+/// What the object does to a pixel of the frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct ObjectPixel {
+    /// What is added: `V L - A B`.
+    added: [f32; 3],
+    /// How much of the background's light the object hides: `A V`.
+    cover: f32,
+    /// How much of the frame's own value, and so of its noise, is lost.
+    lost: f32,
+}
+
+/// The object, blurred, and hidden by what is in front of it.
+struct Object {
+    place: Place,
+    pixels: Raster<ObjectPixel>,
+}
+
+/// A real surface hides a virtual one if its inverse depth is larger by this factor: the tolerance of both depths.
+const IN_FRONT: f32 = 1.02;
+
+impl Object {
+    fn new(shot: &Shot, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Option<Self>> {
+        let alpha = |x, y| layer.color.0.at(x, y)[3];
+        let size = layer.color.0.size();
+        let Some(tight) = Place::around(size, 0.0, |x, y| alpha(x, y) > 0.0) else { return Ok(None) };
+        let mut reach = 0.0f32;
+        for y in tight.y..tight.y + tight.h {
+            for x in (tight.x..tight.x + tight.w).filter(|&x| alpha(x, y) > 0.0) {
+                let d = layer.inverse_depth.as_ref().map_or(f32::NAN, |d| d.at(x, y));
+                let flow = layer.flow.as_ref().map_or([0.0; 2], |f| f.at(x, y));
+                reach = reach.max(blur.reach_px(d, flow));
+            }
+        }
+        let Some(place) = Place::around(size, reach + 1.0, |x, y| alpha(x, y) > 0.0) else { return Ok(None) };
+        let color = place.crop(&layer.color.0).map(|v| space.from_premultiplied(v));
+        // Depth and flow of a pixel that the object covers in part may be those of what is behind: the fully covered ones speak.
+        let most = color.data().iter().map(|c| c[3]).fold(0.0, f32::max).max(1e-6);
+        let weight = |x: usize, y: usize| (color.at(x, y)[3] / most).powi(8);
+        let depth = layer.inverse_depth.as_ref().map(|d| extended(&place.crop(d), weight));
+        let flow = layer.flow.as_ref().map(|f| extended(&place.crop(f), weight));
+        let front = match (&depth, shot.inverse_depth) {
+            (Some(depth), Some(real)) => Front::new(shot, place, depth, &place.crop(real), space, blur)?,
+            _ => None,
+        };
+        let color = match &front {
+            Some(front) => front.uncut(&color),
+            None => color,
+        };
+        let blurred = blur.of(&color, depth.as_ref(), flow.as_ref())?;
+        let pixels = Raster::from_fn(place.w, place.h, |x, y| {
+            let [r, g, b, a] = blurred.at(x, y);
+            if a <= 0.0 {
+                return ObjectPixel::default();
+            }
+            match &front {
+                None => {
+                    let f = space.from_encoded(shot.frame.0.at(place.x + x, place.y + y));
+                    ObjectPixel { added: [r - a * f[0], g - a * f[1], b - a * f[2]], cover: a, lost: a }
+                }
+                Some(front) => {
+                    let (v, [p, q, s]) = (1.0 - front.coverage.at(x, y), front.behind.at(x, y));
+                    ObjectPixel {
+                        added: [v * r - a * p, v * g - a * q, v * b - a * s],
+                        cover: a * v,
+                        lost: a * front.share_behind.at(x, y),
+                    }
+                }
+            }
+        });
+        Ok(Some(Self { place, pixels }))
+    }
+}
+
+/// Real things in front of the object.
+struct Front {
+    /// Where they are, sharp: 1 or 0.
+    mask: Plane,
+    /// How much of the pixel they cover, blurred.
+    coverage: Plane,
+    /// What is seen of the background beside them: `B`.
+    behind: Raster<[f32; 3]>,
+    /// The share of a change of the frame's value that is the background's.
+    share_behind: Plane,
+}
+
+impl Front {
+    /// `None` if nothing is in front of a surface of this inverse depth.
+    fn new(
+        shot: &Shot,
+        place: Place,
+        virtual_depth: &Plane,
+        real_depth: &Plane,
+        space: &Space,
+        blur: &Blur,
+    ) -> Result<Option<Self>> {
+        let (w, h) = virtual_depth.size();
+        let mask = Plane::from_fn(w, h, |x, y| {
+            if real_depth.at(x, y) > IN_FRONT * virtual_depth.at(x, y) { 1.0 } else { 0.0 }
+        });
+        if mask.data().iter().all(|&m| m == 0.0) {
+            return Ok(None);
+        }
+        let depth = extended(real_depth, |x, y| mask.at(x, y));
+        let flow = shot.flow.map(|f| extended(&place.crop(f), |x, y| mask.at(x, y)));
+        let render = shot.with_and_without.map(|(_, without)| place.crop(&without.0));
+        let sharp = Raster::from_fn(w, h, |x, y| {
+            let m = mask.at(x, y);
+            let [r, g, b] = render.as_ref().map_or([0.0; 3], |r| space.from_linear(r.at(x, y)));
+            if m > 0.0 { [r, g, b, m] } else { [0.0; 4] }
+        });
+        let blurred = blur.of(&sharp, Some(&depth), flow.as_ref())?;
+        let coverage = blurred.map(|v| v[3].clamp(0.0, 1.0));
+        // The frame is c C + (1 - c) B0: what is in front and what is behind. First guesses: the frame's own colours where only one
+        // of them is seen, continued; for what is in front the render, if there is one. Then the rest is shared out, more to
+        // the less certain of them (least squares).
+        let frame = place.crop(&shot.frame.0).map(|v| space.from_encoded(v));
+        let only_front = extended(&frame, |x, y| if coverage.at(x, y) > 0.9 { 1.0 } else { 0.0 });
+        let only_behind = extended(&frame, |x, y| if coverage.at(x, y) < 0.1 { 1.0 } else { 0.0 });
+        let uncertainty = if render.is_some() { 16.0 } else { 2.0 };
+        let share_behind = coverage.map(|c| {
+            let (front, behind) = (c * c, uncertainty * (1.0 - c) * (1.0 - c));
+            behind / (front + behind)
+        });
+        let behind = Raster::from_fn(w, h, |x, y| {
+            let (c, f, b) = (coverage.at(x, y), frame.at(x, y), only_behind.at(x, y));
+            let front: [f32; 3] = match render {
+                Some(_) => std::array::from_fn(|i| blurred.at(x, y)[i]),
+                None => only_front.at(x, y).map(|v| c * v),
+            };
+            std::array::from_fn(|i| {
+                let guess = (1.0 - c) * b[i];
+                (guess + share_behind.at(x, y) * (f[i] - front[i] - guess)).clamp(0.0, f[i].max(0.0))
+            })
+        });
+        Ok(Some(Self { mask, coverage, behind, share_behind }))
+    }
+
+    /// The layer continued under what hides it, whether or not that was cut out: else the cut's edge would be blurred.
+    fn uncut(&self, color: &Raster<[f32; 4]>) -> Raster<[f32; 4]> {
+        let near = filter::convolve(&self.mask, &[0.5, 0.25]);
+        extended(color, |x, y| if near.at(x, y) > 0.0 && color.at(x, y)[3] < 0.98 { 0.0 } else { 1.0 })
+    }
+}
+
+/// A pixel of the result before noise.
+#[derive(Clone, Copy, Debug, Default)]
+struct Composited {
+    light: [f32; 3],
+    /// d light / d frame: how much of the frame's noise is still there.
+    kept: f32,
+    untouched: bool,
+}
+
+/// The noise that lifts what is left of the frame's own to the model's variance at the result's luminance.
+fn missing_noise(
+    model: &NoiseModel,
+    frame: &Raster<[f32; 3]>,
+    clean: &Raster<[f32; 3]>,
+    pixels: &Raster<Composited>,
+    space: &Space,
+    seed: u64,
+    number: u64,
+) -> Raster<[f32; 3]> {
+    let (w, h) = frame.size();
+    // Noise depends on the luminance without noise. In `clean`, the part of the frame that is left brings its noise along.
+    let smooth = filter::gaussian_blur(frame, 1.5);
+    let gain = Raster::from_fn(w, h, |x, y| {
+        let (s, v, k) = (smooth.at(x, y), clean.at(x, y), pixels.at(x, y).kept);
+        let gain = |c: usize| (k * space.slope(v[c]) / space.slope(s[c])).clamp(0.0, 1.5);
+        std::array::from_fn::<f32, 3, _>(|c| if s[c] >= model.clip { 0.0 } else { gain(c) })
+    });
+    let mut frame_luma = smooth.map(luma);
+    let mut luma = Plane::from_fn(w, h, |x, y| {
+        let (f, s, v, g) = (frame.at(x, y), smooth.at(x, y), clean.at(x, y), gain.at(x, y));
+        luma(std::array::from_fn(|c| v[c] - g[c] * (f[c] - s[c])))
+    });
+    let mut kept_variance = gain.map(|g| g.map(|g| g * g));
+    noise::modulated(noise::unit_bands(w, h, seed, number), |level| {
+        if level > 0 {
+            luma = pyramid::downsample(&luma);
+            frame_luma = pyramid::downsample(&frame_luma);
+            kept_variance = pyramid::downsample(&kept_variance);
+        }
+        let model = model.levels[level];
+        Raster::from_fn(luma.width(), luma.height(), |x, y| {
+            let (want, there) = (model.sigma(luma.at(x, y)), model.sigma(frame_luma.at(x, y)));
+            let kept = kept_variance.at(x, y);
+            std::array::from_fn(|c| (want[c] * want[c] - kept[c] * there[c] * there[c]).max(0.0).sqrt())
+        })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{
+        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
+        NoiseLevel,
+    };
+
+    const W: usize = 160;
+    const H: usize = 120;
+
+    fn camera() -> CameraModel {
+        let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
+        let mut model = CameraModel::unknown(capture, "not needed");
+        model.motion_blur = Estimate::Known(MotionBlurModel {
+            exposure: ExposureFraction(0.5),
+            interval: [0.5, 0.5],
+            method: Method::Given,
+            samples: 0,
+        });
+        // Sharp at 1 m, 3 px at infinity.
+        let curve =
+            DefocusCurve::ThinLens { sigma_px_at_infinity: 3.0, focus_inverse_depth: 1.0, interval: None };
+        model.defocus = Estimate::Known(DefocusModel {
+            curve,
+            depth_kind: DepthKind::Metric,
+            method: Method::Given,
+            samples: 0,
+        });
+        model
+    }
+
+    fn with_noise(mut model: CameraModel, slope: f32, intercept: f32, clip: f32) -> CameraModel {
+        let levels = noise::white_band_std()
+            .map(|s| NoiseLevel { slope: [slope * s; 3], intercept: [intercept * s; 3] });
+        model.noise =
+            Estimate::Known(NoiseModel { levels, interval: None, clip, method: Method::Given, samples: 0 });
+        model
+    }
+
+    fn background() -> Encoded {
+        Encoded(Raster::from_fn(W, H, |x, y| [0.2 + 0.1 * ((x / 5) % 2) as f32, 0.3, 0.1 + 0.004 * y as f32]))
+    }
+
+    /// A square of one colour from (50, 40) to (99, 79).
+    fn square(colour: [f32; 3], alpha: f32, inverse_depth: f32, flow: [f32; 2]) -> VirtualLayer {
+        let inside = |x: usize, y: usize| (50..100).contains(&x) && (40..80).contains(&y);
+        let [r, g, b] = colour.map(|v| v * alpha);
+        VirtualLayer {
+            color: Premultiplied(Raster::from_fn(W, H, |x, y| {
+                if inside(x, y) { [r, g, b, alpha] } else { [0.0; 4] }
+            })),
+            inverse_depth: Some(Plane::from_fn(
+                W,
+                H,
+                |x, y| if inside(x, y) { inverse_depth } else { f32::NAN },
+            )),
+            flow: Some(Flow::filled(W, H, flow)),
+        }
+    }
+
+    fn shot(frame: &Encoded) -> Shot<'_> {
+        Shot { frame, number: 7, inverse_depth: None, flow: None, with_and_without: None }
+    }
+
+    fn close(a: [f32; 3], b: [f32; 3], tolerance: f32) -> bool {
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() < tolerance)
+    }
+
+    const GREY: [f32; 3] = [0.214_041_14; 3]; // encoded: 0.5
+
+    #[test]
+    fn without_blur_and_noise_it_is_plain_over() {
+        let frame = background();
+        let layer = square([0.5, 0.2, 0.1], 0.25, 1.0, [0.0; 2]);
+        let naive = Options { naive: true, ..Options::default() };
+        let model = with_noise(camera(), 0.1, 0.1, 1.0);
+        let out = composite(&shot(&frame), &layer, &model, &naive).unwrap();
+        // In focus and at rest, the camera's blur does nothing either.
+        let silent = Options { no_noise: true, ..Options::default() };
+        assert_eq!(out, composite(&shot(&frame), &layer, &model, &silent).unwrap());
+        let t = Transfer::Srgb;
+        let (f, l) = (frame.0.at(70, 60), layer.color.0.at(70, 60));
+        let want = std::array::from_fn(|c| t.encode(l[c] + 0.75 * t.decode(f[c])));
+        assert!(close(out.0.at(70, 60), want, 1e-5));
+        assert_eq!(out.0.at(49, 60), frame.0.at(49, 60));
+    }
+
+    #[test]
+    fn the_frame_is_untouched_bit_by_bit_where_nothing_virtual_is_seen() {
+        let frame = background();
+        let model = with_noise(camera(), 0.05, 0.02, 1.0);
+        for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
+            let options = Options { bokeh, ..Options::default() };
+            // 3 px of defocus, 12 px of path.
+            let out =
+                composite(&shot(&frame), &square(GREY, 1.0, 2.0, [24.0, 0.0]), &model, &options).unwrap();
+            for y in 0..H {
+                for x in 0..W {
+                    if !(50 - 22..100 + 22).contains(&x) || !(40 - 16..80 + 16).contains(&y) {
+                        assert_eq!(out.0.at(x, y), frame.0.at(x, y), "{x} {y}");
+                    }
+                }
+            }
+            assert_ne!(out.0.at(46, 60), frame.0.at(46, 60));
+        }
+        let empty = square(GREY, 0.0, 2.0, [24.0, 0.0]);
+        assert_eq!(composite(&shot(&frame), &empty, &model, &Options::default()).unwrap(), frame);
+    }
+
+    #[test]
+    fn the_silhouette_is_blurred_beyond_itself_and_mixes_light() {
+        let frame = Encoded(Raster::filled(W, H, [0.0; 3]));
+        let out = composite(
+            &shot(&frame),
+            &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]),
+            &camera(),
+            &Options::default(),
+        );
+        let light = out.unwrap().to_linear(Transfer::Srgb).0;
+        // A ramp of light over 12 px, centred on the edge at x = 49.5.
+        for (x, want) in [(42, 0.0), (46, 2.5 / 12.0), (49, 5.5 / 12.0), (50, 6.5 / 12.0), (57, 1.0)] {
+            assert!((light.at(x, 60)[0] - want).abs() < 0.02, "{x}: {:?}", light.at(x, 60));
+        }
+        // On request it is encoded values that are mixed.
+        let mut model = camera();
+        model.blur_space = BlurSpace::Encoded;
+        let out =
+            composite(&shot(&frame), &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]), &model, &Options::default());
+        assert!((out.unwrap().0.at(49, 60)[0] - 5.5 / 12.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn unknown_parts_and_missing_evidence_are_left_out() {
+        let frame = background();
+        let plain = Options { naive: true, ..Options::default() };
+        let moving = square(GREY, 1.0, 3.0, [24.0, 0.0]);
+        let naive = composite(&shot(&frame), &moving, &camera(), &plain).unwrap();
+        let nothing = CameraModel::unknown(camera().capture, "a wall");
+        assert_eq!(composite(&shot(&frame), &moving, &nothing, &Options::default()).unwrap(), naive);
+        let bare = VirtualLayer { inverse_depth: None, flow: None, ..moving };
+        assert_eq!(composite(&shot(&frame), &bare, &camera(), &Options::default()).unwrap(), naive);
+    }
+
+    #[test]
+    fn real_things_in_front_hide_the_object_whether_it_was_cut_or_not() {
+        let frame = background();
+        // A post at 0.4 m, in front of the object at 1 m; a wall at 4 m; unknown below y = 70.
+        let real = Plane::from_fn(W, H, |x, y| match (x, y) {
+            (_, 70..) => f32::NAN,
+            (70..80, _) => 2.5,
+            _ => 0.25,
+        });
+        let uncut = square(GREY, 1.0, 1.0, [0.0; 2]);
+        let mut cut = uncut.clone();
+        for y in 0..70 {
+            cut.color.0.row_mut(y)[70..80].fill([0.0; 4]);
+        }
+        let with_depth = Shot { inverse_depth: Some(&real), ..shot(&frame) };
+        let naive = Options { naive: true, ..Options::default() };
+        for layer in [&uncut, &cut] {
+            let out = composite(&with_depth, layer, &camera(), &naive).unwrap();
+            assert_eq!(out.0.at(75, 60), frame.0.at(75, 60));
+            assert!(close(out.0.at(60, 60), [0.5; 3], 1e-4) && close(out.0.at(90, 60), [0.5; 3], 1e-4));
+        }
+        assert!(close(
+            composite(&with_depth, &uncut, &camera(), &naive).unwrap().0.at(75, 75),
+            [0.5; 3],
+            1e-4
+        ));
+    }
+
+    #[test]
+    fn a_blurred_thing_in_front_mixes_with_the_object_instead_of_the_background() {
+        // The true image: a white post, blurred, over a black wall; then over the grey object that fills the view behind it.
+        let t = Transfer::Srgb;
+        let sharp = Plane::from_fn(W, H, |x, _| if (70..90).contains(&x) { 1.0 } else { 0.0 });
+        let blur = Blur::new(&camera(), W, Bokeh::Gaussian).unwrap();
+        let post = blur.of(&sharp, Some(&Plane::filled(W, H, 2.5)), None).unwrap(); // 4.5 px
+        let frame = Encoded(post.map(|a| [t.encode(a); 3]));
+        let truth = Encoded(post.map(|a| [t.encode(a + (1.0 - a) * GREY[0]); 3]));
+        let real = sharp.map(|a| if a > 0.0 { 2.5 } else { 0.1 });
+        let layer = VirtualLayer {
+            color: Premultiplied(Raster::from_fn(W, H, |x, _| {
+                if sharp.at(x, 0) > 0.0 { [0.0; 4] } else { [GREY[0], GREY[0], GREY[0], 1.0] }
+            })),
+            inverse_depth: Some(Plane::filled(W, H, 1.0)),
+            flow: None,
+        };
+        let shot = Shot { inverse_depth: Some(&real), ..shot(&frame) };
+        let out = composite(&shot, &layer, &camera(), &Options::default()).unwrap();
+        let worst = |a: &Encoded| {
+            (40..120).map(|x| (a.0.at(x, 60)[0] - truth.0.at(x, 60)[0]).abs()).fold(0.0, f32::max)
+        };
+        assert!(worst(&out) < 0.03, "{}", worst(&out));
+        // Plain over by the mask alone is seen to be wrong.
+        let naive = Options { naive: true, ..Options::default() };
+        assert!(worst(&composite(&shot, &layer, &camera(), &naive).unwrap()) > 0.1);
+    }
+
+    #[test]
+    fn shadows_fall_on_the_frame_and_continue_under_the_soft_edge() {
+        let t = Transfer::Srgb;
+        let frame = Encoded(Raster::filled(W, H, [0.6; 3]));
+        let layer = square(GREY, 1.0, 2.0, [0.0; 2]);
+        // A shadow that halves the light right of x = 30, seen in both renders; these are darker than the frame.
+        let without = Linear(Raster::filled(W, H, [0.2; 3]));
+        let with = Linear(Raster::from_fn(W, H, |x, y| match layer.color.0.at(x, y) {
+            [r, g, b, a] if a > 0.0 => [r, g, b],
+            _ if x >= 30 => [0.1; 3],
+            _ => [0.2; 3],
+        }));
+        let shot = Shot { with_and_without: Some((&with, &without)), ..shot(&frame) };
+        let out = composite(&shot, &layer, &camera(), &Options::default()).unwrap();
+        let shadow = t.decode(0.6) - 0.1;
+        assert_eq!(out.0.at(10, 60), frame.0.at(10, 60));
+        assert!(close(out.0.at(140, 60), [t.encode(shadow); 3], 1e-4));
+        // Halfway over the edge: half object, half shadowed frame.
+        let edge = 0.5 * (t.decode(out.0.at(49, 60)[0]) + t.decode(out.0.at(50, 60)[0]));
+        assert!((edge - 0.5 * (GREY[0] + shadow)).abs() < 0.01, "{edge}");
+    }
+
+    /// Std of the red channel over the middle of the square, against a composite without noise.
+    fn noise_std(
+        frame: impl Fn(u64) -> Encoded,
+        layer: &VirtualLayer,
+        model: &CameraModel,
+        clean: f32,
+    ) -> f32 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for number in 0..6 {
+            let frame = frame(number);
+            let shot = Shot { number, ..shot(&frame) };
+            let out = composite(&shot, layer, model, &Options::default()).unwrap();
+            for y in 46..74 {
+                for x in 56..94 {
+                    sum += (out.0.at(x, y)[0] - clean).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        (sum / count as f32).sqrt()
+    }
+
+    #[test]
+    fn noise_ends_at_the_model_s_variance_at_any_alpha() {
+        let model = with_noise(camera(), 0.04, 0.01, 1.0);
+        let t = Transfer::Srgb;
+        // A frame of 0.6 with the camera's own noise.
+        let noisy = |number: u64| {
+            let n = noise::noise(model.noise.known().unwrap(), &Plane::filled(W, H, 0.6), 99, number);
+            Encoded(n.map(|n| n.map(|v| v + 0.6)))
+        };
+        for alpha in [0.1, 0.3, 0.5, 0.8, 1.0] {
+            let clean = t.encode(alpha * GREY[0] + (1.0 - alpha) * t.decode(0.6));
+            let layer = square(GREY, alpha, 1.0, [0.0; 2]);
+            let (got, want) = (noise_std(noisy, &layer, &model, clean), 0.04 * clean + 0.01);
+            assert!((got / want - 1.0).abs() < 0.05, "alpha {alpha}: {got}, want {want}");
+            // On a frame that has none of its own, it is seen to be too little.
+            let quiet = noise_std(|_| Encoded(Raster::filled(W, H, [0.6; 3])), &layer, &model, clean);
+            assert!(alpha > 0.9 || quiet < 0.97 * want, "alpha {alpha}: {quiet}, want {want}");
+        }
+    }
+
+    #[test]
+    fn nothing_is_noisy_or_brighter_past_the_clip() {
+        let model = with_noise(camera(), 0.04, 0.01, 0.9);
+        let frame = background();
+        let bright =
+            composite(&shot(&frame), &square([3.0; 3], 1.0, 1.0, [0.0; 2]), &model, &Options::default());
+        assert_eq!(bright.unwrap().0.at(70, 60), [0.9; 3]);
+        let below =
+            composite(&shot(&frame), &square([0.75; 3], 1.0, 1.0, [0.0; 2]), &model, &Options::default());
+        let below = below.unwrap();
+        assert!(below.0.crop(55, 45, 40, 30).data().iter().flatten().all(|&v| (0.7..=0.9).contains(&v)));
+        assert_ne!(below.0.at(70, 60), below.0.at(71, 60));
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_an_error_that_says_so() {
+        let frame = background();
+        let layer = square(GREY, 1.0, 1.0, [0.0; 2]);
+        let fails = |shot: &Shot, layer: &VirtualLayer, model: &CameraModel, says: &str| {
+            let e = composite(shot, layer, model, &Options::default()).unwrap_err().to_string();
+            assert!(e.contains(says), "{e}");
+        };
+        let small = Plane::filled(3, 3, 1.0);
+        fails(
+            &Shot { inverse_depth: Some(&small), ..shot(&frame) },
+            &layer,
+            &camera(),
+            "the real depth has 3 x 3",
+        );
+        let other = VirtualLayer { flow: Some(Flow::filled(2, 2, [0.0; 2])), ..layer.clone() };
+        fails(&shot(&frame), &other, &camera(), "flow has 2 x 2");
+        fails(&shot(&frame), &layer, &camera().scaled_to(2 * W, 2 * H), "320");
+        let mut relative = camera();
+        if let Estimate::Known(d) = &mut relative.defocus {
+            d.depth_kind = DepthKind::Relative;
+        }
+        fails(&shot(&frame), &layer, &relative, "relative inverse depth");
+    }
+
+    #[test]
+    fn broken_values_do_not_spread() {
+        let frame = background();
+        let mut layer = square(GREY, 1.0, 2.0, [9.0, 3.0]);
+        layer.color.0.row_mut(60)[70] = [f32::NAN, 0.0, f32::INFINITY, 1.0];
+        if let (Some(d), Some(f)) = (&mut layer.inverse_depth, &mut layer.flow) {
+            d.row_mut(61)[71] = f32::INFINITY;
+            f.row_mut(62)[72] = [f32::NAN, f32::INFINITY];
+        }
+        let real = Plane::from_fn(W, H, |x, y| [f32::NAN, f32::INFINITY, -1.0, 0.0, 5.0][(x + y) % 5]);
+        let flow = Flow::filled(W, H, [f32::NAN, 1.0]);
+        let with = Linear(Raster::from_fn(W, H, |x, y| [if (x + y) % 7 == 0 { f32::NAN } else { 0.3 }; 3]));
+        let without = Linear(Raster::filled(W, H, [0.4; 3]));
+        let model = with_noise(camera(), 0.04, 0.01, 1.0);
+        let shot = Shot {
+            inverse_depth: Some(&real),
+            flow: Some(&flow),
+            with_and_without: Some((&with, &without)),
+            ..shot(&frame)
+        };
+        let out = composite(&shot, &layer, &model, &Options::default()).unwrap();
+        assert!(out.0.data().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
+    }
+}
