@@ -245,7 +245,7 @@ pub fn exposure_per_frame(
         x_name: "frame, in the order of reading",
         y_name: "exposure, %",
         x_tick: &whole,
-        x_ticks: ((last - first) as usize + 1).min(12),
+        x_ticks: (last - first).min(11.0) as usize + 1,
     };
     svg(400, &format!("Exposure of each of {} frames", points.len()), |area| {
         let mut chart = axes.chart(area)?;

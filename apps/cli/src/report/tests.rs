@@ -331,7 +331,7 @@ fn odd_models_give_a_report() {
         method: Method::Given,
         samples: 0,
     });
-    models.push((wild, "clips at 230 of 255"));
+    models.push((wild, "clips at 229 of 255"));
     for (model, says) in models {
         let html = written(&ReportInput {
             title: "odd".into(),
