@@ -1,2 +1,6 @@
 //! The blindaug command line.
+
+#[allow(dead_code)]
+mod report;
+
 fn main() {}

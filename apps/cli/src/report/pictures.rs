@@ -1,0 +1,324 @@
+//! The pictures of a report: PNG as data URIs, and what they are made of.
+
+use super::Sample;
+use base64::{Engine, engine::general_purpose::STANDARD};
+use blindaug::model::{BlurSpace, Estimate, NoiseModel};
+use blindaug::synth::{defocus, motion_blur, noise};
+use blindaug::{CameraModel, Encoded, Flow, Plane, Raster, Result, filter, luma, pyramid};
+use image::{ExtendedColorType, ImageEncoder, RgbImage, codecs::png::PngEncoder, imageops};
+use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
+
+/// A picture ready for a page.
+pub struct Shown {
+    /// `data:image/png;base64,...`
+    pub uri: String,
+    /// px of the file.
+    pub width: u32,
+    /// px of the file.
+    pub height: u32,
+    /// How many px of the original make one.
+    pub reduced: f32,
+}
+
+/// At most this wide, px.
+const WIDEST: usize = 640;
+
+/// All full pictures of a page together, px: noise hardly compresses, so 1 px takes about 3 bytes as base64.
+const BUDGET: usize = 1_500_000;
+
+/// The most pixels that each of `n` full pictures may have.
+pub fn share_of_budget(n: usize) -> usize {
+    (BUDGET / n.max(1)).clamp(10_000, WIDEST * WIDEST)
+}
+
+/// The frame, reduced to at most `most_pixels`; `None` if it is empty.
+pub fn shown(frame: &Encoded, most_pixels: usize) -> Option<Shown> {
+    let (w, h) = frame.0.size();
+    // A cast saturates, and takes NaN to 0.
+    let bytes: Vec<u8> = frame.0.data().iter().flatten().map(|v| (255.0 * v + 0.5) as u8).collect();
+    let picture = RgbImage::from_raw(w as u32, h as u32, bytes)?;
+    let reduced = (w as f32 / WIDEST as f32).max(((w * h) as f32 / most_pixels.max(1) as f32).sqrt());
+    // A little too large is better than resampled for a little.
+    if reduced <= 1.2 {
+        return encoded_png(&picture, 1.0);
+    }
+    let side = |n: usize| ((n as f32 / reduced).round() as u32).max(1);
+    encoded_png(&imageops::resize(&picture, side(w), side(h), imageops::FilterType::Triangle), reduced)
+}
+
+fn encoded_png(picture: &RgbImage, reduced: f32) -> Option<Shown> {
+    let (width, height) = picture.dimensions();
+    let mut png = Vec::new();
+    PngEncoder::new(&mut png).write_image(picture, width, height, ExtendedColorType::Rgb8).ok()?;
+    Some(Shown { uri: format!("data:image/png;base64,{}", STANDARD.encode(png)), width, height, reduced })
+}
+
+/// Small pictures of flow and depth have at most this many px.
+const SMALL: usize = 320 * 240;
+
+/// Grey: nothing is known here.
+const NO_VALUE: [f32; 3] = [0.45; 3];
+
+/// Flow as colour (hue: direction, saturation: speed), and the speed at full saturation in px per frame.
+pub fn flow(flow: &Flow) -> Option<(Shown, f32)> {
+    let mut speeds: Vec<f32> =
+        flow.data().iter().map(|[u, v]| u.hypot(*v)).filter(|s| s.is_finite()).collect();
+    speeds.sort_unstable_by(f32::total_cmp);
+    let full = speeds.get(speeds.len().saturating_sub(1) * 98 / 100).copied().unwrap_or(0.0).max(0.5);
+    Some((shown(&Encoded(flow.map(|f| flow_colour(f, full))), SMALL)?, full))
+}
+
+/// Which colour stands for which direction.
+pub fn flow_wheel() -> Option<Shown> {
+    const RADIUS: usize = 30;
+    let r = RADIUS as f32;
+    let wheel = Raster::from_fn(2 * RADIUS + 1, 2 * RADIUS + 1, |x, y| {
+        let (u, v) = (x as f32 - r, y as f32 - r);
+        if u.hypot(v) > r { [1.0; 3] } else { flow_colour([u, v], r) }
+    });
+    shown(&Encoded(wheel), SMALL)
+}
+
+fn flow_colour([u, v]: [f32; 2], full: f32) -> [f32; 3] {
+    if !(u.is_finite() && v.is_finite()) {
+        return NO_VALUE;
+    }
+    let saturation = (u.hypot(v) / full).min(1.0);
+    let angle = v.atan2(u);
+    std::array::from_fn(|c| {
+        let hue = 0.5 + 0.5 * (angle - c as f32 * std::f32::consts::TAU / 3.0).cos();
+        1.0 - saturation * (1.0 - hue)
+    })
+}
+
+/// Inverse depth from dark (far) to bright (near), and the two ends of the scale.
+pub fn inverse_depth(depth: &Plane) -> Option<(Shown, [f32; 2])> {
+    let mut values: Vec<f32> = depth.data().iter().copied().filter(|d| d.is_finite()).collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let at = |percent: usize| values.get(values.len().saturating_sub(1) * percent / 100).copied();
+    let (low, high) = (at(1)?, at(99)?);
+    let span = (high - low).max(1e-9);
+    let picture = depth.map(|d| {
+        if !d.is_finite() {
+            return NO_VALUE;
+        }
+        let c = ViridisRGB.get_color(((d - low) / span).clamp(0.0, 1.0));
+        [c.0, c.1, c.2].map(|v| f32::from(v) / 255.0)
+    });
+    Some((shown(&Encoded(picture), SMALL)?, [low, high]))
+}
+
+/// The clean frame as this camera would have filmed it: defocus, motion blur, noise. Effects whose estimate or evidence
+/// is missing are left out, and named.
+///
+/// # Errors
+/// If flow or depth has another size than the clean frame.
+pub fn resynthesised(
+    clean: &Encoded,
+    sample: &Sample,
+    model: &CameraModel,
+) -> Result<(Encoded, Vec<&'static str>)> {
+    let model = model.scaled_to(clean.0.width(), clean.0.height());
+    let mut missing = vec![];
+    let mut image = match model.blur_space {
+        BlurSpace::Linear => clean.to_linear(model.transfer).0,
+        BlurSpace::Encoded => clean.0.clone(),
+    };
+    match (&model.defocus, &sample.inverse_depth) {
+        (Estimate::Known(lens), Some(depth)) => {
+            let known = depth.map(|d| if d.is_finite() { 1.0 } else { 0.0 });
+            let depth = pyramid::pull_push(depth, &known);
+            image = defocus::defocus(&image, &depth.map(|d| lens.sigma_px(d)), defocus::Bokeh::Gaussian)?;
+        }
+        _ => missing.push("defocus"),
+    }
+    match (&model.motion_blur, &sample.flow) {
+        (Estimate::Known(shutter), Some(flow)) => {
+            image = motion_blur::motion_blur(&image, flow, shutter.exposure)?;
+        }
+        _ => missing.push("motion blur"),
+    }
+    let mut image = match model.blur_space {
+        BlurSpace::Linear => blindaug::Linear(image).to_encoded(model.transfer),
+        BlurSpace::Encoded => Encoded(image),
+    };
+    match &model.noise {
+        Estimate::Known(m) => image = with_noise(&image, m, sample.number),
+        Estimate::Unknown(_) => missing.push("noise"),
+    }
+    Ok((image, missing))
+}
+
+fn with_noise(image: &Encoded, model: &NoiseModel, number: u64) -> Encoded {
+    let grain = noise::noise(model, &image.luma(), 1, number);
+    let mut out = image.clone();
+    for (v, n) in out.0.data_mut().as_flattened_mut().iter_mut().zip(grain.data().as_flattened()) {
+        // The sensor clips: no noise there, and none that reaches beyond.
+        if *v < model.clip {
+            *v = (*v + n).min(model.clip);
+        }
+    }
+    out
+}
+
+/// Side of the crop that shows blur, px.
+const DETAIL: usize = 96;
+
+/// Where blur matters most: the square in which the frame differs most from the clean one, noise apart. `None` if the
+/// frames are too small or have different sizes.
+pub fn detail(frame: &Encoded, clean: &Encoded) -> Option<[usize; 4]> {
+    let (w, h) = frame.0.size();
+    if clean.0.size() != (w, h) || w < DETAIL || h < DETAIL {
+        return None;
+    }
+    let difference = Plane::from_fn(w, h, |x, y| luma(frame.0.at(x, y)) - luma(clean.0.at(x, y)));
+    let difference = filter::gaussian_blur(&difference, 1.5);
+    squares(w, h, DETAIL)
+        .map(|[x, y]| {
+            let square = difference.crop(x, y, DETAIL, DETAIL);
+            ([x, y], square.data().iter().filter(|v| v.is_finite()).map(|v| v.abs()).sum::<f32>())
+        })
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|([x, y], _)| [x, y, DETAIL, DETAIL])
+}
+
+/// A part of a frame, as it is.
+pub fn crop(frame: &Encoded, [x, y, w, h]: [usize; 4]) -> Option<Shown> {
+    shown(&Encoded(frame.0.crop(x, y, w, h)), usize::MAX)
+}
+
+/// Top left corners of squares that overlap by half.
+fn squares(w: usize, h: usize, side: usize) -> impl Iterator<Item = [usize; 2]> {
+    let step = (side / 2).max(1);
+    (0..=h - side).step_by(step).flat_map(move |y| (0..=w - side).step_by(step).map(move |x| [x, y]))
+}
+
+/// Side of a patch of noise, px.
+const PATCH: usize = 48;
+
+/// A flat part of a frame beside a synthetic one of the same brightness, contrast raised alike.
+pub struct NoisePatch {
+    /// The frame's number.
+    pub number: u64,
+    /// Mean luminance.
+    pub y: f32,
+    /// Mean encoded colour.
+    pub colour: [f32; 3],
+    /// From the frame.
+    pub real: Shown,
+    /// From the model.
+    pub synthetic: Shown,
+    /// Std of the luminance of the two.
+    pub sigma: [f32; 2],
+    /// How much contrast was raised.
+    pub gain: f32,
+}
+
+/// The flattest patch among dark, middle and bright parts of the frames, as far as there are any.
+pub fn noise_patches(samples: &[Sample], model: &NoiseModel) -> Vec<NoisePatch> {
+    let mut flattest: [Option<(f32, &Sample, [usize; 2])>; 3] = [None; 3];
+    for sample in samples {
+        let (w, h) = sample.frame.0.size();
+        if w < PATCH || h < PATCH {
+            continue;
+        }
+        let y = sample.frame.luma();
+        // What is left after smoothing is not noise, or only its coarsest part.
+        let smooth = filter::gaussian_blur(&y, 2.0);
+        for at in squares(w, h, PATCH) {
+            let [x0, y0] = at;
+            let patch = sample.frame.0.crop(x0, y0, PATCH, PATCH);
+            let clips = |v: &f32| !(*v > 0.02 && *v < model.clip - 0.02);
+            if patch.data().as_flattened().iter().any(clips) {
+                continue;
+            }
+            let rough = deviation(&y.crop(x0, y0, PATCH, PATCH));
+            let structure = deviation(&smooth.crop(x0, y0, PATCH, PATCH));
+            let mean = patch.data().iter().map(|p| luma(*p)).sum::<f32>() / (PATCH * PATCH) as f32;
+            let third = ((3.0 * mean) as usize).min(2);
+            let flatter = flattest[third].is_none_or(|(best, ..)| structure < best);
+            if flatter && structure <= 0.5 * rough {
+                flattest[third] = Some((structure, sample, at));
+            }
+        }
+    }
+    flattest.into_iter().flatten().filter_map(|(_, sample, at)| noise_patch(sample, at, model)).collect()
+}
+
+fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Option<NoisePatch> {
+    let real = sample.frame.0.crop(x0, y0, PATCH, PATCH);
+    let planes: [[f32; 3]; 3] = std::array::from_fn(|c| plane_fit(&real.map(|p| p[c])));
+    let shading = Raster::from_fn(PATCH, PATCH, |x, y| planes.map(|p| at_plane(p, x, y)));
+    let shading = Encoded(shading);
+    let grain = noise::noise(model, &shading.luma(), 1, sample.number);
+    let residual = Raster::from_fn(PATCH, PATCH, |x, y| {
+        let (v, s) = (real.at(x, y), shading.0.at(x, y));
+        std::array::from_fn::<f32, 3, _>(|c| v[c] - s[c])
+    });
+    let std = |r: &Raster<[f32; 3]>| deviation(&r.map(luma));
+    let sigma = [std(&residual), std(&grain)];
+    let gain = (0.1 / sigma[0].max(sigma[1]).max(1e-4)).clamp(1.0, 24.0);
+    let stretched = |r: &Raster<[f32; 3]>| shown(&Encoded(r.map(|p| p.map(|v| 0.5 + gain * v))), usize::MAX);
+    let colour = planes.map(|p| p[0]);
+    Some(NoisePatch {
+        number: sample.number,
+        y: luma(colour),
+        colour,
+        real: stretched(&residual)?,
+        synthetic: stretched(&grain)?,
+        sigma,
+        gain,
+    })
+}
+
+/// Std around the best plane, so that shading does not count.
+fn deviation(p: &Plane) -> f32 {
+    let plane = plane_fit(p);
+    let (w, h) = p.size();
+    let mut sum = 0.0;
+    for y in 0..h {
+        for x in 0..w {
+            sum += (p.at(x, y) - at_plane(plane, x, y)).powi(2);
+        }
+    }
+    (sum / (w * h) as f32).sqrt()
+}
+
+/// Least squares: value at the middle of a patch, slope along x, slope along y.
+fn plane_fit(p: &Plane) -> [f32; 3] {
+    let (mut sums, mut square) = ([0.0; 3], 0.0);
+    for (y, row) in p.data().chunks_exact(PATCH).enumerate() {
+        for (x, v) in row.iter().enumerate() {
+            let (dx, dy) = (from_middle(x), from_middle(y));
+            sums[0] += v;
+            sums[1] += v * dx;
+            sums[2] += v * dy;
+            square += dx * dx;
+        }
+    }
+    [sums[0] / (PATCH * PATCH) as f32, sums[1] / square, sums[2] / square]
+}
+
+fn at_plane([middle, sx, sy]: [f32; 3], x: usize, y: usize) -> f32 {
+    middle + sx * from_middle(x) + sy * from_middle(y)
+}
+
+fn from_middle(x: usize) -> f32 {
+    x as f32 - 0.5 * (PATCH - 1) as f32
+}
+
+/// The std of the whole noise (all bands together) per channel for even content of luminance `y`, as synthesis makes it, if
+/// the std of each band were `band_std(level, channel)`.
+pub fn total_std(model: &NoiseModel, band_std: impl Fn(usize, usize) -> f32) -> [f32; 3] {
+    const SIDE: usize = 192;
+    let mut even = model.clone();
+    for (level, l) in even.levels.iter_mut().enumerate() {
+        l.slope = [0.0; 3];
+        l.intercept = std::array::from_fn(|c| band_std(level, c));
+    }
+    let grain = noise::noise(&even, &Plane::filled(SIDE, SIDE, 0.5), 1, 1);
+    std::array::from_fn(|c| {
+        let squares: f64 = grain.data().iter().map(|p| f64::from(p[c]).powi(2)).sum();
+        (squares / (SIDE * SIDE) as f64).sqrt() as f32
+    })
+}

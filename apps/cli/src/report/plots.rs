@@ -1,0 +1,439 @@
+//! The plots of a report, as SVG. Each is `None` where there is nothing to draw.
+
+use super::words::{distance, tick};
+use blindaug::fit::{BlurPoint, noise::NoisePoint};
+use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, MotionBlurModel, NOISE_LEVELS, NoiseModel};
+use maud::{Markup, PreEscaped, html};
+use plotters::coord::{Shift, types::RangedCoordf64};
+use plotters::prelude::*;
+use std::ops::Range;
+
+/// The std below which blur is not seen, px.
+pub const VISIBLE_PX: f32 = 0.5;
+
+/// Colours that are told apart by eyes that see no red or no green.
+pub const ESTIMATE: RGBColor = RGBColor(0xc2, 0x41, 0x0c);
+pub const POINTS: RGBColor = RGBColor(0x1d, 0x4e, 0xd8);
+pub const CHANNELS: [RGBColor; 3] =
+    [RGBColor(0xd0, 0x3a, 0x2f), RGBColor(0x0f, 0x8a, 0x4c), RGBColor(0x2f, 0x5f, 0xd0)];
+const INK: RGBColor = RGBColor(0x33, 0x33, 0x33);
+const GRID: RGBColor = RGBColor(0xe4, 0xe4, 0xe4);
+
+/// Width of a plot in units of its own. SVG coordinates are whole numbers here: twice as fine as the page's pixels.
+const WIDTH: u32 = 1440;
+/// Size of text in the same units; the library makes it 1 / 1.24 of that.
+const FONT: u32 = 31;
+
+/// More points than this are not told apart, and make the file large.
+const MOST_POINTS: usize = 1500;
+
+pub type PlotError = DrawingAreaErrorKind<std::io::Error>;
+type Result<T> = std::result::Result<T, PlotError>;
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+fn svg(height: u32, label: &str, draw: impl FnOnce(&Area) -> Result<()>) -> Result<Markup> {
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, (WIDTH, height)).into_drawing_area();
+        draw(&area)?;
+        area.present()?;
+    }
+    // Within a page the root element needs a name for those who cannot see it, and no size and name space.
+    let inner = text.split_once('>').map_or("", |(_, inner)| inner);
+    let inner = inner.trim_end().strip_suffix("</svg>").unwrap_or(inner);
+    Ok(html! {
+        svg viewBox=(format!("0 0 {WIDTH} {height}")) role="img" aria-label=(label) { (PreEscaped(inner)) }
+    })
+}
+
+struct Axes<'a> {
+    title: &'a str,
+    x: Range<f64>,
+    y: Range<f64>,
+    x_name: &'a str,
+    y_name: &'a str,
+    x_tick: &'a dyn Fn(f64) -> String,
+    x_ticks: usize,
+}
+
+impl<'a> Axes<'a> {
+    fn chart<'b, 'c>(&self, area: &'c Area<'b>) -> Result<Chart<'c, 'b>> {
+        let mut builder = ChartBuilder::on(area);
+        builder
+            .margin(12)
+            .margin_right(36)
+            .x_label_area_size(if self.x_name.is_empty() { 48 } else { 92 })
+            .y_label_area_size(if self.y_name.is_empty() { 84 } else { 124 });
+        if !self.title.is_empty() {
+            builder.caption(self.title, ("sans-serif", FONT + 2).into_font().color(&INK));
+        }
+        let mut chart = builder.build_cartesian_2d(self.x.clone(), self.y.clone())?;
+        chart
+            .configure_mesh()
+            .x_desc(self.x_name)
+            .y_desc(self.y_name)
+            .x_labels(self.x_ticks)
+            .y_labels(6)
+            .x_label_formatter(&|v| (self.x_tick)(*v))
+            .y_label_formatter(&|v| tick(*v))
+            .max_light_lines(0)
+            .bold_line_style(GRID)
+            .axis_style(INK.mix(0.6))
+            .label_style(("sans-serif", FONT).into_font().color(&INK))
+            .axis_desc_style(("sans-serif", FONT).into_font().color(&INK))
+            .draw()?;
+        Ok(chart)
+    }
+
+    /// A line; what lies outside is moved to the border.
+    fn line(
+        &self,
+        chart: &mut Chart,
+        points: impl IntoIterator<Item = [f64; 2]>,
+        style: ShapeStyle,
+    ) -> Result<()> {
+        let points: Vec<_> = points.into_iter().filter_map(|p| self.inside(p)).collect();
+        chart.draw_series(LineSeries::new(points, style)).map(drop)
+    }
+
+    /// The area between two curves over the same places: `[x, low, high]`.
+    fn band(&self, chart: &mut Chart, curves: &[[f64; 3]], colour: RGBColor) -> Result<()> {
+        let low = curves.iter().filter_map(|&[x, low, _]| self.inside([x, low]));
+        let high = curves.iter().rev().filter_map(|&[x, _, high]| self.inside([x, high]));
+        let outline: Vec<_> = low.chain(high).collect();
+        if outline.len() < 3 {
+            return Ok(());
+        }
+        chart.draw_series([Polygon::new(outline, colour.mix(0.16).filled())]).map(drop)
+    }
+
+    fn horizontal(&self, chart: &mut Chart, y: f64) -> Result<()> {
+        if !self.y.contains(&y) {
+            return Ok(());
+        }
+        let ends = [(self.x.start, y), (self.x.end, y)];
+        chart.draw_series(DashedLineSeries::new(ends, 14, 10, INK.mix(0.7).stroke_width(2))).map(drop)
+    }
+
+    /// An estimate on the x axis with its interval.
+    fn mark(&self, chart: &mut Chart, x: f64, [low, high]: [f64; 2]) -> Result<()> {
+        let (bottom, top) = (self.y.start, self.y.end);
+        self.band(chart, &[[low, bottom, top], [high, bottom, top]], ESTIMATE)?;
+        self.line(chart, [[x, bottom], [x, top]], ESTIMATE.stroke_width(4))
+    }
+
+    fn inside(&self, [x, y]: [f64; 2]) -> Option<(f64, f64)> {
+        let finite = x.is_finite() && !y.is_nan();
+        finite.then(|| (x.clamp(self.x.start, self.x.end), y.clamp(self.y.start, self.y.end)))
+    }
+}
+
+/// From the least to the largest finite value; `None` if there is none.
+fn extent(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+    values
+        .into_iter()
+        .filter(|v| v.is_finite())
+        .fold(None, |e: Option<[f64; 2]>, v| Some(e.map_or([v, v], |[low, high]| [low.min(v), high.max(v)])))
+}
+
+/// The extent with a margin on both sides, never empty.
+fn padded([low, high]: [f64; 2], margin: f64) -> Range<f64> {
+    let size = if high > low { high - low } else { low.abs().max(1.0) };
+    low - margin * size..high + margin * size
+}
+
+/// How well each exposure explains the frames.
+pub fn exposure(curve: &[[f32; 2]], model: Option<&MotionBlurModel>) -> Result<Option<Markup>> {
+    let mut curve: Vec<[f64; 2]> =
+        curve.iter().filter(|p| p.iter().all(|v| v.is_finite())).map(|p| p.map(f64::from)).collect();
+    curve.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let (Some(x), Some(y)) = (extent(curve.iter().map(|p| p[0])), extent(curve.iter().map(|p| p[1]))) else {
+        return Ok(None);
+    };
+    if x[0] == x[1] {
+        return Ok(None);
+    }
+    let percent = |v: f64| format!("{} %", tick(100.0 * v));
+    let whole = Axes {
+        title: "All exposures",
+        x: x[0].min(0.0)..x[1].max(1.0),
+        y: padded(y, 0.05),
+        x_name: "exposure, % of the frame interval",
+        y_name: "log-likelihood",
+        x_tick: &percent,
+        x_ticks: 6,
+    };
+    let interval = model.map(|m| m.interval.map(f64::from)).filter(|i| i.iter().all(|v| v.is_finite()));
+    // A sharp peak is a spike on the whole range: show it from near as well.
+    let near = model.zip(interval).and_then(|(m, [low, high])| {
+        let at = f64::from(m.exposure.0);
+        let reach = 2.0 * (high - low).max(0.02);
+        let (from, to) = ((at - reach).max(x[0]), (at + reach).min(x[1]));
+        let within = |p: &&[f64; 2]| (from..=to).contains(&p[0]);
+        if reach > 0.25 || curve.iter().filter(within).count() < 3 {
+            return None;
+        }
+        let mut part = vec![[from, interpolated(&curve, from)?]];
+        part.extend(curve.iter().filter(within));
+        part.push([to, interpolated(&curve, to)?]);
+        let y = extent(part.iter().map(|p| p[1]))?;
+        let axes = Axes {
+            title: "Near the estimate",
+            x: from..to,
+            y: padded(y, 0.08),
+            y_name: "",
+            ..whole_copy(&whole)
+        };
+        Some((axes, part))
+    });
+    let panel = |area: &Area, axes: &Axes, points: &[[f64; 2]]| -> Result<()> {
+        let mut chart = axes.chart(area)?;
+        if let Some((m, interval)) = model.zip(interval) {
+            axes.mark(&mut chart, f64::from(m.exposure.0), interval)?;
+        }
+        axes.line(&mut chart, points.iter().copied(), POINTS.stroke_width(4))
+    };
+    let label = match model {
+        Some(m) => format!("Log-likelihood over exposure, largest at {}", percent(f64::from(m.exposure.0))),
+        None => "Log-likelihood over exposure".into(),
+    };
+    svg(560, &label, |area| match &near {
+        Some((axes, part)) => {
+            let (left, right) = area.split_horizontally(WIDTH * 11 / 20);
+            panel(&left, &whole, &curve)?;
+            panel(&right, axes, part)
+        }
+        None => panel(area, &Axes { title: "", ..whole_copy(&whole) }, &curve),
+    })
+    .map(Some)
+}
+
+fn whole_copy<'a>(a: &Axes<'a>) -> Axes<'a> {
+    Axes { x: a.x.clone(), y: a.y.clone(), ..*a }
+}
+
+/// The value at `x` of points in rising order.
+fn interpolated(points: &[[f64; 2]], x: f64) -> Option<f64> {
+    let after = points.partition_point(|p| p[0] < x);
+    let b = points.get(after)?;
+    if b[0] == x || after == 0 {
+        return Some(b[1]);
+    }
+    let a = points[after - 1];
+    Some(a[1] + (x - a[0]) / (b[0] - a[0]) * (b[1] - a[1]))
+}
+
+/// The exposure that each frame alone gives.
+pub fn exposure_per_frame(
+    frames: &[(usize, f32)],
+    model: Option<&MotionBlurModel>,
+) -> Result<Option<Markup>> {
+    let points: Vec<(f64, f64)> = frames
+        .iter()
+        .filter(|f| f.1.is_finite())
+        .map(|&(i, v)| (i as f64, f64::from(v).clamp(0.0, 1.0)))
+        .collect();
+    let Some([first, last]) = extent(points.iter().map(|p| p.0)).filter(|_| points.len() > 1) else {
+        return Ok(None);
+    };
+    let whole = |v: f64| if v.fract() == 0.0 { format!("{v}") } else { String::new() };
+    let axes = Axes {
+        title: "",
+        x: first - 0.5..last + 0.5,
+        y: 0.0..100.0,
+        x_name: "frame, in the order of reading",
+        y_name: "exposure, %",
+        x_tick: &whole,
+        x_ticks: (last - first).min(11.0) as usize + 1,
+    };
+    svg(400, &format!("Exposure of each of {} frames", points.len()), |area| {
+        let mut chart = axes.chart(area)?;
+        if let Some(m) = model {
+            let [low, high] = m.interval.map(|v| 100.0 * f64::from(v));
+            let (left, right, at) = (axes.x.start, axes.x.end, 100.0 * f64::from(m.exposure.0));
+            axes.band(&mut chart, &[[left, low, high], [right, low, high]], ESTIMATE)?;
+            axes.line(&mut chart, [[left, at], [right, at]], ESTIMATE.stroke_width(4))?;
+        }
+        chart
+            .draw_series(
+                points.iter().map(|&(i, v)| Circle::new((i, 100.0 * v), 7, POINTS.mix(0.8).filled())),
+            )
+            .map(drop)
+    })
+    .map(Some)
+}
+
+/// Blur over inverse depth: the points and the curve with its interval.
+pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Option<Markup>> {
+    let mut points: Vec<BlurPoint> = points
+        .iter()
+        .copied()
+        .filter(|p| p.inverse_depth.is_finite() && p.sigma_px.is_finite() && p.weight > 0.0)
+        .collect();
+    points.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    points.truncate(MOST_POINTS);
+    let seen = extent(points.iter().map(|p| f64::from(p.inverse_depth)));
+    let Some([near_zero, largest]) =
+        extent(seen.into_iter().flatten().chain(model.into_iter().flat_map(|m| match m.curve {
+            // The focus is worth showing, unless it is far from all that was seen.
+            DefocusCurve::ThinLens { focus_inverse_depth: f, .. } => {
+                let f = f64::from(f);
+                let reach = seen.map_or(2.0 * f, |s| 1.5 * s[1]);
+                [0.0, f.min(reach) * 1.15]
+            }
+            DefocusCurve::Quadratic { inverse_depth_range, .. } => inverse_depth_range.map(f64::from),
+        })))
+    else {
+        return Ok(None);
+    };
+    let metric = model.is_some_and(|m| m.depth_kind == DepthKind::Metric);
+    let x = padded([near_zero, largest], 0.03);
+    let x = x.start.max(near_zero.min(0.0))..x.end;
+    const STEPS: usize = 240;
+    let places: Vec<f64> =
+        (0..=STEPS).map(|i| x.start + (x.end - x.start) * i as f64 / STEPS as f64).collect();
+    let curve: Vec<[f64; 2]> =
+        model.iter().flat_map(|m| places.iter().map(|&d| [d, f64::from(m.sigma_px(d as f32))])).collect();
+    let curve_top = extent(curve.iter().map(|p| p[1])).map_or(0.0, |e| e[1]);
+    // A few points that went wrong must not press the rest to the bottom.
+    let mut sigmas: Vec<f32> = points.iter().map(|p| p.sigma_px).collect();
+    sigmas.sort_by(f32::total_cmp);
+    let points_top = sigmas.get(sigmas.len().saturating_sub(1) * 98 / 100).map_or(0.0, |&s| f64::from(s));
+    let top =
+        points_top.max(curve_top.min(if points.is_empty() { f64::MAX } else { 3.0 * points_top + 1.0 }));
+    let with_distance = |v: f64| {
+        if v < -1e-9 {
+            String::new()
+        } else {
+            format!("{} ({} m)", tick(v), tick(distance(if v < 1e-9 { 0.0 } else { v })))
+        }
+    };
+    let x_tick: &dyn Fn(f64) -> String = if metric { &with_distance } else { &tick };
+    let axes = Axes {
+        title: "",
+        x,
+        y: 0.0..1.08 * top.max(1.0),
+        x_name: if metric {
+            "inverse depth in 1/m (distance)"
+        } else {
+            "relative inverse depth (larger is nearer)"
+        },
+        y_name: "blur std, px",
+        x_tick,
+        x_ticks: if metric { 6 } else { 9 },
+    };
+    let band: Vec<[f64; 3]> = model.map_or(vec![], |m| {
+        places.iter().filter_map(|&d| defocus_interval(m, d).map(|[low, high]| [d, low, high])).collect()
+    });
+    let heaviest = points.first().map_or(1.0, |p| p.weight.min(1.0));
+    svg(
+        680,
+        &format!("Blur over inverse depth: {} measured places and the fitted curve", points.len()),
+        |area| {
+            let mut chart = axes.chart(area)?;
+            axes.band(&mut chart, &band, ESTIMATE)?;
+            chart.draw_series(points.iter().filter_map(|p| {
+                let opacity = 0.06 + 0.64 * f64::from((p.weight / heaviest).min(1.0));
+                let at = axes.inside([f64::from(p.inverse_depth), f64::from(p.sigma_px)])?;
+                Some(Circle::new(at, 6, POINTS.mix(opacity).filled()))
+            }))?;
+            axes.horizontal(&mut chart, f64::from(VISIBLE_PX))?;
+            axes.line(&mut chart, curve, ESTIMATE.stroke_width(5))
+        },
+    )
+    .map(Some)
+}
+
+/// The least and the largest blur at inverse depth `d` if each number of a thin lens may lie anywhere in its interval.
+pub fn defocus_interval(model: &DefocusModel, d: f64) -> Option<[f64; 2]> {
+    let DefocusCurve::ThinLens { interval: Some(interval), .. } = model.curve else { return None };
+    let [low, high] = interval.focus_inverse_depth.map(|f| f64::from(f).max(1e-9));
+    let sigma = |f: f64| (1.0 - d / f).abs();
+    // |1 - d / f| falls towards f = d and rises beyond.
+    let least = if (low..=high).contains(&d) { 0.0 } else { sigma(low).min(sigma(high)) };
+    let [s_low, s_high] = interval.sigma_px_at_infinity.map(|s| f64::from(s).max(0.0));
+    let both = [s_low * least, s_high * sigma(low).max(sigma(high))];
+    both.iter().all(|v| v.is_finite()).then_some(both)
+}
+
+/// Std over luminance per band and channel, in 8-bit steps.
+pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option<Markup>> {
+    let points: Vec<&NoisePoint> = points
+        .iter()
+        .filter(|p| p.level < NOISE_LEVELS && p.y.is_finite() && p.sigma.iter().all(|s| s.is_finite()))
+        .collect();
+    if points.is_empty() && model.is_none() {
+        return Ok(None);
+    }
+    const LUMINANCES: [f32; 11] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0];
+    let steps = |v: f32| 255.0 * f64::from(v);
+    let panel = |area: &Area, level: usize| -> Result<()> {
+        let points: Vec<_> = points.iter().filter(|p| p.level == level).collect();
+        let lines: Vec<[[f64; 2]; 11]> = (0..3)
+            .filter_map(|c| {
+                Some(LUMINANCES.map(|y| [f64::from(y), 0.0])).zip(model).map(|(mut l, m)| {
+                    l.iter_mut().zip(LUMINANCES).for_each(|(p, y)| p[1] = steps(m.levels[level].sigma(y)[c]));
+                    l
+                })
+            })
+            .collect();
+        let all = points.iter().flat_map(|p| p.sigma.map(steps)).chain(lines.iter().flatten().map(|p| p[1]));
+        let top = extent(all).map_or(1.0, |e| e[1]).max(0.05);
+        let title = format!("Band {}: {}", level + 1, band_name(level));
+        let axes = Axes {
+            title: &title,
+            x: 0.0..1.0,
+            y: 0.0..1.12 * top,
+            x_name: if level >= 2 { "luminance Y" } else { "" },
+            y_name: if level % 2 == 0 { "std, 8-bit steps" } else { "" },
+            x_tick: &tick,
+            x_ticks: 6,
+        };
+        let mut chart = axes.chart(area)?;
+        if let Some(m) = model {
+            for (c, colour) in CHANNELS.into_iter().enumerate() {
+                let band = LUMINANCES.map(|y| {
+                    let (middle, half) = (m.levels[level].sigma(y)[c], noise_half_width(m, level, c, y));
+                    [f64::from(y), steps((middle - half).max(0.0)), steps(middle + half)]
+                });
+                axes.band(&mut chart, &band, colour)?;
+            }
+        }
+        for (line, colour) in lines.into_iter().zip(CHANNELS) {
+            axes.line(&mut chart, line, colour.stroke_width(4))?;
+        }
+        for (c, colour) in CHANNELS.into_iter().enumerate() {
+            chart.draw_series(points.iter().filter_map(|p| {
+                let at = axes.inside([f64::from(p.y), steps(p.sigma[c])])?;
+                Some(Circle::new(at, 6, colour.mix(0.75).filled()))
+            }))?;
+        }
+        Ok(())
+    };
+    svg(980, "Noise over luminance: four pyramid bands, three channels", |area| {
+        for (level, area) in area.split_evenly((2, 2)).iter().enumerate() {
+            panel(area, level)?;
+        }
+        Ok(())
+    })
+    .map(Some)
+}
+
+/// What a pyramid band holds.
+pub fn band_name(level: usize) -> String {
+    match level {
+        0 => "finest grain".into(),
+        _ => format!("grain of about {} px", 2 << level),
+    }
+}
+
+/// Half the 95 % interval of a band's std, from those of its slope and intercept. The two errors are taken as
+/// independent; since they are in fact opposed, this is on the wide side.
+pub fn noise_half_width(model: &NoiseModel, level: usize, channel: usize, y: f32) -> f32 {
+    let Some(interval) = &model.interval else { return 0.0 };
+    let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
+    let (slope, intercept) = (half(interval[level].slope[channel]), half(interval[level].intercept[channel]));
+    let half = intercept.hypot(y * slope);
+    if half.is_finite() { half } else { 0.0 }
+}

@@ -1,0 +1,456 @@
+use super::*;
+use blindaug::Raster;
+use blindaug::fit::{BlurPoint, noise::NoisePoint};
+use blindaug::model::{Capture, NOISE_LEVELS, NoiseInterval, NoiseLevel, ThinLensInterval};
+use blindaug::synth::noise::noise;
+use std::path::PathBuf;
+
+const SECTIONS: [&str; 5] =
+    ["Motion blur: the shutter", "Depth of field: the lens", "Noise: the sensor", "Frames", "Notes"];
+
+fn noise_model() -> NoiseModel {
+    let levels = std::array::from_fn(|l| {
+        let s = 0.5f32.powi(l as i32);
+        NoiseLevel { slope: [0.012 * s, 0.009 * s, 0.015 * s], intercept: [0.008 * s, 0.006 * s, 0.01 * s] }
+    });
+    let around = |v: [f32; 3]| v.map(|v| [0.85 * v, 1.15 * v]);
+    let interval =
+        levels.map(|l: NoiseLevel| NoiseInterval { slope: around(l.slope), intercept: around(l.intercept) });
+    NoiseModel { levels, interval: Some(interval), clip: 1.0, method: Method::Temporal, samples: 12_345 }
+}
+
+fn capture_of(width: usize, height: usize) -> Capture {
+    Capture { width, height, fps: Some(30.0), frames_used: 5 }
+}
+
+fn known_model(width: usize, height: usize) -> CameraModel {
+    let mut m = CameraModel::unknown(capture_of(width, height), "");
+    m.noise = Estimate::Known(noise_model());
+    m.motion_blur = Estimate::Known(MotionBlurModel {
+        exposure: ExposureFraction(0.48),
+        interval: [0.45, 0.51],
+        method: Method::Spectral,
+        samples: 2105,
+    });
+    m.defocus = Estimate::Known(DefocusModel {
+        curve: DefocusCurve::ThinLens {
+            sigma_px_at_infinity: 3.5,
+            focus_inverse_depth: 0.77,
+            interval: Some(ThinLensInterval {
+                sigma_px_at_infinity: [3.3, 3.7],
+                focus_inverse_depth: [0.75, 0.79],
+            }),
+        },
+        depth_kind: DepthKind::Metric,
+        method: Method::Spectral,
+        samples: 2805,
+    });
+    m
+}
+
+fn diagnostics(model: &CameraModel) -> Diagnostics {
+    let jitter = |i: usize| ((i * 7919 % 101) as f32 / 50.0 - 1.0) * ((i * 104_729 % 97) as f32 / 97.0);
+    Diagnostics {
+        notes: vec![
+            "Exposure: the spectral estimate, since its interval is tighter <than> \"the other\" & so on"
+                .into(),
+        ],
+        noise_points: (0..NOISE_LEVELS)
+            .flat_map(|level| (1..15).map(move |i| (level, i)))
+            .map(|(level, i)| {
+                let y = i as f32 / 16.0;
+                let sigma =
+                    noise_model().levels[level].sigma(y).map(|s| s * (1.0 + 0.1 * jitter(i + 31 * level)));
+                NoisePoint { level, y, sigma, samples: 40 }
+            })
+            .collect(),
+        exposure_curve: (0..=50)
+            .map(|i| [i as f32 / 50.0, -900.0 * (i as f32 / 50.0 - 0.48f32).powi(2)])
+            .collect(),
+        blur_points: (0..400)
+            .map(|i| {
+                let d = 0.1 + 1.1 * i as f32 / 400.0;
+                let s = model.defocus.known().map_or(1.0, |m| m.sigma_px(d));
+                BlurPoint {
+                    inverse_depth: d,
+                    sigma_px: (s + 0.5 * jitter(i)).max(0.0),
+                    weight: (i % 10) as f32 / 9.0,
+                }
+            })
+            .collect(),
+        exposure_per_frame: vec![(0, 0.46), (1, 0.5), (2, 0.47), (3, 0.52), (4, 0.48)],
+    }
+}
+
+/// A frame of flat parts and of edges, with noise.
+fn frame(w: usize, h: usize) -> Encoded {
+    let clean = clean_frame(w, h);
+    let grain = noise(&noise_model(), &clean.luma(), 7, 7);
+    Encoded(Raster::from_fn(w, h, |x, y| std::array::from_fn(|c| clean.0.at(x, y)[c] + grain.at(x, y)[c])))
+}
+
+fn clean_frame(w: usize, h: usize) -> Encoded {
+    Encoded(Raster::from_fn(w, h, |x, y| {
+        if x * 2 < w {
+            [0.2 + 0.6 * (y * 3 / h.max(1)) as f32 / 2.0; 3]
+        } else {
+            [if (x / 9 + y / 9) % 2 == 0 { 0.3 } else { 0.7 }; 3]
+        }
+    }))
+}
+
+fn full_sample(w: usize, h: usize) -> Sample {
+    Sample {
+        number: 3,
+        frame: frame(w, h),
+        flow: Some(Raster::from_fn(w, h, |x, y| if x == 0 { [f32::NAN; 2] } else { [6.0, y as f32 / 40.0] })),
+        inverse_depth: Some(Raster::from_fn(
+            w,
+            h,
+            |x, y| if y == 0 { f32::NAN } else { 0.2 + x as f32 / w as f32 },
+        )),
+        clean: Some(clean_frame(w, h)),
+    }
+}
+
+fn written(input: &ReportInput) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("report.html");
+    write(&path, input).unwrap();
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "only the report is left");
+    std::fs::read_to_string(path).unwrap()
+}
+
+/// Elements that have no end.
+const VOID: [&str; 4] = ["meta", "img", "br", "link"];
+
+/// What is wrong with the nesting of the tags, if anything.
+fn unbalanced(html: &str) -> Option<String> {
+    let mut open = vec![];
+    let mut rest = html;
+    while let Some(at) = rest.find('<') {
+        rest = &rest[at + 1..];
+        // No attribute of ours holds a '>' that is not escaped.
+        let Some(end) = rest.find('>') else { return Some("a tag without an end".into()) };
+        let tag = &rest[..end];
+        rest = &rest[end + 1..];
+        let name: String =
+            tag.trim_start_matches('/').chars().take_while(char::is_ascii_alphanumeric).collect();
+        if tag.starts_with('!') || tag.ends_with('/') || VOID.contains(&name.as_str()) {
+            continue;
+        }
+        if name.is_empty() {
+            return Some(format!("'<{tag}>' is no tag"));
+        }
+        if !tag.starts_with('/') {
+            open.push(name);
+        } else if open.pop().as_ref() != Some(&name) {
+            return Some(format!("</{name}> closes something else"));
+        }
+    }
+    open.pop().map(|name| format!("<{name}> is not closed"))
+}
+
+/// What a report must never hold.
+fn check(html: &str) {
+    assert_eq!(unbalanced(html), None);
+    assert!(
+        !html.contains("://") && !html.contains("<script") && !html.contains("<link"),
+        "an outside resource"
+    );
+    for section in SECTIONS {
+        assert!(html.contains(&format!("<h2>{section}</h2>")), "{section}");
+    }
+    for svg in html.split("<svg").skip(1) {
+        let svg = svg.split("</svg>").next().unwrap();
+        assert!(svg.contains("aria-label"));
+        for value in svg.split('"').skip(1).step_by(2) {
+            assert!(!value.split([' ', ',']).any(|v| ["NaN", "inf", "-inf"].contains(&v)), "{value}");
+            // Saturated casts of values that are not finite.
+            assert!(!value.contains("2147483"), "{value}");
+        }
+    }
+    for img in html.split("<img").skip(1) {
+        let img = &img[..img.find('>').unwrap()];
+        assert!(
+            img.contains("alt=\"")
+                && !img.contains("alt=\"\"")
+                && img.contains("src=\"data:image/png;base64,")
+        );
+    }
+}
+
+#[test]
+fn the_checks_find_what_is_wrong() {
+    assert_eq!(unbalanced("<!DOCTYPE html><p>a<br><b>c</b></p><line x=\"1\"/>"), None);
+    for bad in ["<p>", "<p><b></p></b>", "</p>", "a < b", "<p"] {
+        assert!(unbalanced(bad).is_some(), "{bad}");
+    }
+}
+
+#[test]
+fn a_full_report_has_every_part() {
+    let model = known_model(200, 150);
+    let diagnostics = diagnostics(&model);
+    let html = written(&ReportInput {
+        title: "<clip> & \"co\"".into(),
+        model: &model,
+        diagnostics: &diagnostics,
+        samples: vec![full_sample(200, 150)],
+        comparison: vec![TruthRow {
+            name: "Exposure".into(),
+            estimated: "0.48".into(),
+            truth: "0.50".into(),
+        }],
+        pictures: vec![Picture { title: "Composite".into(), image: frame(80, 60) }],
+    });
+    check(&html);
+    for part in [
+        "&lt;clip&gt; &amp; &quot;co&quot;",
+        "173°",
+        "162 to 184°",
+        "16.0 ms (1/63 s)",
+        "15.0 to 17.0 ms",
+        "1.30 m",
+        "from 1.14 to 1.52 m",
+        "14.0 px across",
+        "2\u{202f}105 image tiles",
+        "95 % interval",
+        "Estimated beside true values",
+        "Composite",
+        "Re-synthesised",
+        "left real, right synthetic",
+        "Motion to the next frame",
+        "Depth: dark is far",
+        "&lt;than&gt;",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    assert_eq!(html.matches("<svg").count(), 4);
+    assert!(!html.contains("Unknown"));
+}
+
+#[test]
+fn what_is_unknown_is_said() {
+    let model = CameraModel::unknown(Capture { fps: None, ..capture_of(8, 8) }, "nothing <moves>");
+    let diagnostics = Diagnostics::default();
+    let input = |samples| ReportInput {
+        title: String::new(),
+        model: &model,
+        diagnostics: &diagnostics,
+        samples,
+        comparison: vec![],
+        pictures: vec![],
+    };
+    let html = written(&input(vec![]));
+    check(&html);
+    assert_eq!(html.matches("nothing &lt;moves&gt;").count(), 3);
+    assert_eq!(html.matches("<svg").count(), 0);
+    assert!(html.contains("No frames were kept"));
+    let html = written(&input(vec![full_sample(120, 120)]));
+    check(&html);
+    assert!(html.contains("without defocus, motion blur, noise"));
+}
+
+#[test]
+fn odd_frames_and_numbers_give_a_report() {
+    let nan = f32::NAN;
+    for (w, h) in [(0, 0), (1, 1), (1, 300), (47, 48), (300, 7)] {
+        let model = known_model(w.max(1), h.max(1));
+        let mut odd = full_sample(w, h);
+        odd.clean = None;
+        let mut mismatched = full_sample(w, h);
+        mismatched.flow = Some(Raster::filled(w + 1, h, [1.0; 2]));
+        let mut not_finite = full_sample(w, h);
+        not_finite.frame = Encoded(Raster::filled(w, h, [nan; 3]));
+        not_finite.flow = Some(Raster::filled(w, h, [f32::INFINITY, nan]));
+        not_finite.inverse_depth = Some(Plane::filled(w, h, nan));
+        let diagnostics = Diagnostics {
+            noise_points: vec![NoisePoint { level: 9, y: nan, sigma: [f32::INFINITY; 3], samples: 0 }; 3],
+            exposure_curve: vec![[nan, 0.0], [0.2, f32::NEG_INFINITY], [0.5, 0.0]],
+            blur_points: vec![
+                BlurPoint { inverse_depth: nan, sigma_px: 1.0, weight: 1.0 },
+                BlurPoint { inverse_depth: 0.5, sigma_px: f32::INFINITY, weight: nan },
+                BlurPoint { inverse_depth: -0.5, sigma_px: 1e30, weight: 1e-30 },
+            ],
+            exposure_per_frame: vec![(0, nan), (1, 7.0), (usize::MAX, -1.0)],
+            ..Diagnostics::default()
+        };
+        let html = written(&ReportInput {
+            title: "odd".into(),
+            model: &model,
+            diagnostics: &diagnostics,
+            samples: vec![full_sample(w, h), odd, mismatched, not_finite],
+            comparison: vec![],
+            pictures: vec![Picture { title: "none".into(), image: Encoded(Raster::filled(w, h, [nan; 3])) }],
+        });
+        check(&html);
+    }
+}
+
+#[test]
+fn odd_models_give_a_report() {
+    let base = known_model(64, 64);
+    let lens = |curve, depth_kind| {
+        let mut m = base.clone();
+        m.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method: Method::Removal, samples: 1 });
+        m
+    };
+    let thin = |s: f32, f: f32, interval| DefocusCurve::ThinLens {
+        sigma_px_at_infinity: s,
+        focus_inverse_depth: f,
+        interval,
+    };
+    let quadratic = |a, b, c, range| DefocusCurve::Quadratic { a, b, c, inverse_depth_range: range };
+    let wild = ThinLensInterval {
+        sigma_px_at_infinity: [f32::NEG_INFINITY, f32::INFINITY],
+        focus_inverse_depth: [-3.0, f32::NAN],
+    };
+    let wide = ThinLensInterval { sigma_px_at_infinity: [0.0, 9.0], focus_inverse_depth: [-0.1, 2.0] };
+    let mut models = vec![
+        (lens(thin(0.0, 0.5, None), DepthKind::Metric), "at every distance"),
+        (lens(thin(0.4, 0.5, None), DepthKind::Metric), "from 0.889 m on"),
+        (lens(thin(3.0, 1e-6, Some(wild)), DepthKind::Metric), "Blur at infinity"),
+        (lens(thin(3.0, 0.5, Some(wide)), DepthKind::Relative), "relative inverse depth"),
+        (lens(quadratic(4.0, -4.0, 1.0, [0.0, 1.0]), DepthKind::Relative), "0.147 to 0.853"),
+        (lens(quadratic(0.0, 0.0, 0.0, [0.3, 0.3]), DepthKind::Metric), "No blur seen"),
+        (lens(quadratic(0.0, 0.0, 5.0, [-1.0, 1e30]), DepthKind::Metric), "nowhere"),
+    ];
+    let mut wild = base.clone();
+    wild.motion_blur = Estimate::Known(MotionBlurModel {
+        exposure: ExposureFraction(0.0),
+        interval: [0.0, f32::INFINITY],
+        method: Method::Removal,
+        samples: 0,
+    });
+    let still = NoiseLevel::default();
+    wild.noise = Estimate::Known(NoiseModel {
+        levels: [still; NOISE_LEVELS],
+        interval: None,
+        clip: 0.9,
+        method: Method::Given,
+        samples: 0,
+    });
+    models.push((wild, "clips at 229 of 255"));
+    for (model, says) in models {
+        let html = written(&ReportInput {
+            title: "odd".into(),
+            model: &model,
+            diagnostics: &diagnostics(&base),
+            samples: vec![full_sample(64, 64)],
+            comparison: vec![],
+            pictures: vec![],
+        });
+        check(&html);
+        assert!(html.contains(says), "{says}");
+    }
+}
+
+#[test]
+fn large_noisy_frames_do_not_make_a_large_file() {
+    let model = known_model(1920, 1080);
+    let sample =
+        || Sample { number: 1, frame: frame(1920, 1080), flow: None, inverse_depth: None, clean: None };
+    let html = written(&ReportInput {
+        title: "large".into(),
+        model: &model,
+        diagnostics: &Diagnostics::default(),
+        samples: (0..4).map(|_| sample()).collect(),
+        comparison: vec![],
+        pictures: vec![Picture { title: "a".into(), image: frame(1920, 1080) }],
+    });
+    check(&html);
+    assert!(html.len() < 6_000_000, "{}", html.len());
+}
+
+#[test]
+fn a_place_that_cannot_be_written_is_named() {
+    let model = known_model(8, 8);
+    let input = ReportInput {
+        title: String::new(),
+        model: &model,
+        diagnostics: &Diagnostics::default(),
+        samples: vec![],
+        comparison: vec![],
+        pictures: vec![],
+    };
+    let path = PathBuf::from("no such folder/report.html");
+    assert!(write(&path, &input).unwrap_err().to_string().contains("no such folder"));
+}
+
+#[test]
+fn the_noise_of_even_content_is_that_of_its_bands() {
+    let m = noise_model();
+    // White noise of std 0.02 has these bands, so all of them together have nearly its std.
+    let band = blindaug::synth::noise::white_band_std();
+    for std in pictures::total_std(&m, |level, _| 0.02 * band[level]) {
+        assert!((std / 0.02 - 1.0).abs() < 0.03, "{std}");
+    }
+}
+
+/// `cargo test -p blindaug-cli -- --ignored look` writes a page to look at.
+#[test]
+#[ignore = "writes a page to look at"]
+fn look() {
+    let shared = std::env::var("BLINDAUG_SHARED").map_or_else(
+        |_| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")),
+        PathBuf::from,
+    );
+    let clips = shared.join("data/clips/shelf3");
+    let (first, clean) = (clips.join("full_without"), clips.join("clean"));
+    let mut frames: Vec<_> = std::fs::read_dir(&first).unwrap().map(|e| e.unwrap().path()).collect();
+    frames.sort();
+    let mut model = known_model(512, 512);
+    if let Estimate::Known(m) = &mut model.noise {
+        m.levels.iter_mut().for_each(|l| {
+            *l = NoiseLevel { slope: [0.03; 3].map(|v| v * l.intercept[1] / 0.006), intercept: l.intercept }
+        });
+    }
+    let samples = frames
+        .iter()
+        .take(2)
+        .map(|path| {
+            let clean = clean.join(path.file_name().unwrap());
+            Sample {
+                number: path.file_stem().unwrap().to_str().unwrap().parse().unwrap(),
+                frame: blindaug_io::read_frame(path).unwrap(),
+                flow: Some(blindaug_io::read_flow(clean.with_extension("exr")).unwrap()),
+                inverse_depth: Some(
+                    blindaug_io::read_inverse_depth(
+                        clean.with_extension("exr"),
+                        blindaug_io::DepthFormat::default(),
+                    )
+                    .unwrap(),
+                ),
+                clean: Some(blindaug_io::read_frame(clean).unwrap()),
+            }
+        })
+        .collect();
+    let path = std::env::temp_dir().join("blindaug-report.html");
+    let diagnostics = diagnostics(&model);
+    let comparison = [
+        ("Exposure, fraction of the frame interval", "0.48 (0.45 to 0.51)", "0.50"),
+        ("Focus distance, m", "1.30", "1.32"),
+    ]
+    .map(|(name, estimated, truth)| TruthRow {
+        name: name.into(),
+        estimated: estimated.into(),
+        truth: truth.into(),
+    })
+    .into();
+    let pictures =
+        ["Naive", "Composite"].map(|title| Picture { title: title.into(), image: frame(512, 512) }).into();
+    write(
+        &path,
+        &ReportInput {
+            title: "shelf3/full_without".into(),
+            model: &model,
+            diagnostics: &diagnostics,
+            samples,
+            comparison,
+            pictures,
+        },
+    )
+    .unwrap();
+    println!("{}", path.display());
+}

@@ -1,0 +1,77 @@
+//! Numbers as people read them.
+
+/// Three significant figures, without an exponent.
+pub fn number(v: f64) -> String {
+    if v.is_nan() {
+        return "unknown".into();
+    }
+    if v.is_infinite() {
+        return if v > 0.0 { "∞".into() } else { "−∞".into() };
+    }
+    // The rounded value decides: 9.996 has as many figures as 10.0.
+    let order = |v: f64| if v == 0.0 { 0 } else { v.abs().log10().floor() as i32 };
+    let decimals = |order: i32| (2 - order).clamp(0, 5) as usize;
+    let rounded: f64 = format!("{:.*}", decimals(order(v)), v).parse().unwrap_or(v);
+    if rounded == 0.0 {
+        return "0".into();
+    }
+    format!("{:.*}", decimals(order(rounded)), rounded).replace('-', "−")
+}
+
+/// As [`number`], without zeros at the end: for axes.
+pub fn tick(v: f64) -> String {
+    let text = number(v);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+}
+
+/// "low to high unit", in rising order.
+pub fn interval([a, b]: [f64; 2], unit: &str) -> String {
+    format!("{} to {}{unit}", number(a.min(b)), number(a.max(b)))
+}
+
+/// A whole number with its digits in groups of three.
+pub fn count(n: u64) -> String {
+    let digits = n.to_string();
+    let mut text = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 {
+            text.push('\u{202f}');
+        }
+        text.push(c);
+    }
+    text
+}
+
+/// A distance in m of an inverse depth in 1/m; what lies at or beyond infinity is infinitely far.
+pub fn distance(inverse_depth: f64) -> f64 {
+    if inverse_depth > 0.0 { 1.0 / inverse_depth } else { f64::INFINITY }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_three_figures() {
+        for (v, want) in [
+            (0.0, "0"),
+            (-0.0, "0"),
+            (1e-9, "0"),
+            (0.012_345, "0.0123"),
+            (9.996, "10.0"),
+            (172.8, "173"),
+            (1234.5, "1234"),
+            (-2.5, "−2.50"),
+            (f64::NAN, "unknown"),
+            (f64::INFINITY, "∞"),
+        ] {
+            assert_eq!(number(v), want);
+        }
+        assert_eq!(tick(0.5), "0.5");
+        assert_eq!(tick(100.0), "100");
+        assert_eq!(interval([2.0, 1.0], " m"), "1.00 to 2.00 m");
+        assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
+        assert_eq!(count(123), "123");
+        assert_eq!(distance(-0.1), f64::INFINITY);
+    }
+}
