@@ -6,7 +6,7 @@ use crate::{
     report::{self, ReportInput, Sample},
 };
 use blindaug::{
-    Encoded, Flow, Plane,
+    Encoded, Flow, Plane, analysis,
     fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options},
     model::{BlurSpace, DepthKind},
 };
@@ -14,7 +14,11 @@ use blindaug_io::{
     DepthFormat, DepthValues, Frame, FrameRange, FrameSource, PaperScene, SideFolder, write_camera,
 };
 use clap::ValueEnum;
-use std::{fmt::Write, path::PathBuf};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 /// Estimate a camera's noise, motion blur and defocus from its footage
 #[derive(clap::Args)]
@@ -75,9 +79,9 @@ pub struct DepthArgs {
 
 impl DepthArgs {
     /// Depth files in a folder, in metres.
-    pub fn metric(folder: PathBuf) -> Self {
+    pub fn metric(folder: &Path) -> Self {
         let DepthFormat { per_metre, .. } = DepthFormat::default();
-        Self { depth: Some(folder), depth_scale: per_metre, depth_kind: DepthKindArg::Metric }
+        Self { depth: Some(folder.into()), depth_scale: per_metre, depth_kind: DepthKindArg::Metric }
     }
 
     /// The folder.
@@ -208,7 +212,7 @@ pub fn opened<T>(folder: SideFolder<T>) -> SideFolder<T> {
 }
 
 /// Opens an input and says what there is to say about it.
-pub fn open_source(path: &std::path::Path, range: Option<FrameRange>) -> Result<FrameSource> {
+pub fn open_source(path: &Path, range: Option<FrameRange>) -> Result<FrameSource> {
     let source = FrameSource::open(path, range.unwrap_or_default())?;
     for sentence in source.notes() {
         note(format_args!("{}: {sentence}", path.display()));
@@ -218,9 +222,9 @@ pub fn open_source(path: &std::path::Path, range: Option<FrameRange>) -> Result<
 
 impl Footage {
     /// Frames with known depth in metres.
-    pub fn with_depth(frames: PathBuf, depth: PathBuf) -> Result<Self> {
+    pub fn with_depth(frames: &Path, depth: &Path) -> Result<Self> {
         let depth = DepthArgs::metric(depth).open()?;
-        let source = open_source(&frames, None)?;
+        let source = open_source(frames, None)?;
         Ok(Self { source, depth, flow: None, denoised: None, motion_deblurred: None, clean: None })
     }
 
@@ -293,19 +297,38 @@ impl<'a, T> Side<'a, T> {
         Ok(if wanted { side.folder.get(number, size)? } else { None })
     }
 
-    fn check(side: Option<Self>, what: &str, frames: u64, (first, last): (u64, u64)) -> Result<()> {
-        match side {
-            Some(Self { folder, matched: 0 }) => Err(failure(
-                folder.path(),
-                format_args!("none of its numbers is a frame's (frames are {first} to {last}); rename its files"),
-            )),
-            Some(Self { matched, .. }) if matched < frames => {
-                note(format_args!("{what}: {matched} of {frames} frames have it"));
-                Ok(())
-            }
-            _ => Ok(()),
+    /// Says so if it was not there for all frames.
+    fn report(side: Option<Self>, what: &str, frames: u64) {
+        if let Some(Self { matched, .. }) = side
+            && matched < frames
+        {
+            note(format_args!("{what}: {matched} of {frames} frames have it"));
         }
     }
+}
+
+/// Fails if a folder has nothing for any of the frames.
+pub fn check_match<T>(source: &FrameSource, folder: Option<&SideFolder<T>>) -> Result<()> {
+    let Some(folder) = folder else { return Ok(()) };
+    // Not so for a video, whose frames are numbered from 1 on and slow to count.
+    let matches = if source.fps().is_none() {
+        let found = AtomicBool::new(false);
+        // Reads none of the images.
+        let mut none = source.frames_if(|n| {
+            found.fetch_or(folder.has(n), Ordering::Relaxed);
+            false
+        });
+        none.next().transpose()?;
+        drop(none);
+        found.into_inner()
+    } else {
+        source.len_hint().is_none_or(|n| (1..=n as u64).any(|n| folder.has(n)))
+    };
+    if matches {
+        return Ok(());
+    }
+    let sentence = "none of the numbers in its files' names is a frame's; rename them";
+    Err(failure(folder.path(), format_args!("{sentence} (the frames: {})", source.path().display())))
 }
 
 /// Estimates the model of a clip, with a window of three frames in memory.
@@ -322,6 +345,12 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
     let mut denoised = Side::new(&footage.denoised);
     let mut motion_deblurred = Side::new(&footage.motion_deblurred);
     let mut clean = Side::new(&footage.clean);
+
+    check_match(source, depth.as_ref().map(|s| s.folder))?;
+    check_match(source, flow.as_ref().map(|s| s.folder))?;
+    for side in [&denoised, &motion_deblurred, &clean] {
+        check_match(source, side.as_ref().map(|s| s.folder))?;
+    }
 
     // Spread over the clip where its length is known, else the first ones.
     let spread = |i: usize| match source.len_hint() {
@@ -362,6 +391,12 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
         let observation = Observation { frame: &frame.image, next: after, previous: before, evidence };
         estimator.add(&observation).map_err(|e| of_frame(number, e))?;
         if sampled {
+            let flow = match (flow, after) {
+                (None, Some(after)) => Some(
+                    analysis::flow::flow(&frame.image.luma(), &after.luma()).map_err(|e| of_frame(number, e))?,
+                ),
+                (flow, _) => flow,
+            };
             samples.push(Sample { number, frame: frame.image.clone(), flow, inverse_depth, clean });
         }
         first = if seen == 0 { number } else { first };
@@ -376,12 +411,12 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
         }
     }
     drop(progress);
-    let (frames, ends) = (seen as u64, (first, last));
-    Side::check(depth, "depth", frames, ends)?;
-    Side::check(flow, "flow", frames, ends)?;
-    Side::check(denoised, "denoised frames", frames, ends)?;
-    Side::check(motion_deblurred, "motion-deblurred frames", frames, ends)?;
-    Side::check(clean, "clean frames", frames, ends)?;
+    let frames = seen as u64;
+    Side::report(depth, "depth", frames);
+    Side::report(flow, "flow", frames);
+    Side::report(denoised, "denoised frames", frames);
+    Side::report(motion_deblurred, "motion-deblurred frames", frames);
+    Side::report(clean, "clean frames", frames);
     if seen > 1 && !consecutive {
         warn("no two frames have successive numbers, so there is no motion to see");
     }
