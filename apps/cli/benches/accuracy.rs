@@ -20,7 +20,19 @@ fn main() {
         if what != "all" && !title.starts_with(&what) {
             continue;
         }
-        println!("\n{title}\n{:<10} {:<14} {:>6} {:>6} {:>15} {:>18} {:>12} {:>14} {:>20} {:>6}", "clip", "condition", "true", "lambda", "95 %", "sigma_inf, focus m", "true", "delta error px", "noise err/level %", "s");
+        println!(
+            "\n{title}\n{:<10} {:<14} {:>6} {:>6} {:>15} {:>18} {:>12} {:>14} {:>20} {:>6}",
+            "clip",
+            "condition",
+            "true",
+            "lambda",
+            "95 %",
+            "sigma_inf, focus m",
+            "true",
+            "delta error px",
+            "noise err/level %",
+            "s"
+        );
         let (mut exposures, mut deltas) = (vec![], vec![]);
         for name in &names {
             let clip = folder.join(name);
@@ -45,13 +57,19 @@ fn main() {
                         text(exposure.map(|(l, _)| format!("{l:.3}"))),
                         text(exposure.map(|(_, [a, b])| format!("[{a:.3}, {b:.3}]"))),
                         text(e.model.defocus.known().map(|m| match m.curve {
-                            blindaug::model::DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } =>
-                                format!("{sigma_px_at_infinity:.2}, {:.2}", 1.0 / focus_inverse_depth),
+                            blindaug::model::DefocusCurve::ThinLens {
+                                sigma_px_at_infinity,
+                                focus_inverse_depth,
+                                ..
+                            } => format!("{sigma_px_at_infinity:.2}, {:.2}", 1.0 / focus_inverse_depth),
                             _ => "quadratic".into(),
                         })),
                         text(truth.lens.map(|(s, f)| format!("{s:.2}, {f:.2}"))),
                         text(delta.map(|(d, mean)| format!("{d:.3} of {mean:.2}"))),
-                        text(clips::noise_error(&e, &truth).map(|v| v.iter().map(|e| format!("{:.0} ", 100.0 * e)).collect())),
+                        text(
+                            clips::noise_error(&e, &truth)
+                                .map(|v| v.iter().map(|e| format!("{:.0} ", 100.0 * e)).collect())
+                        ),
                     );
                 }
             }

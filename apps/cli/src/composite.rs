@@ -2,7 +2,7 @@
 
 use crate::{
     console::{self, Failure, Progress, Result, failure, note, warn},
-    estimate::{DepthArgs, open_source, opened, check_match},
+    estimate::{DepthArgs, check_match, open_source, opened},
     inspect::count,
 };
 use blindaug::{
@@ -254,7 +254,9 @@ pub fn composite(
     }
     // Metric inverse depth from the depth files'.
     let metric_from = match (depth, scale) {
-        (Some((_, DepthKind::Relative)), Some(s)) => SceneScale { scale: s.scale.recip(), offset: -s.offset / s.scale },
+        (Some((_, DepthKind::Relative)), Some(s)) => {
+            SceneScale { scale: s.scale.recip(), offset: -s.offset / s.scale }
+        }
         (Some((folder, DepthKind::Relative)), None) => {
             return Err(failure(
                 folder.path(),
@@ -276,14 +278,26 @@ pub fn composite(
             return Ok(frame.image.clone());
         };
         let has_depth = layer.inverse_depth.is_some();
-        missing.check(moving && layer.flow.is_none(), number, "its virtual layer has no flow", "gets no motion blur");
+        missing.check(
+            moving && layer.flow.is_none(),
+            number,
+            "its virtual layer has no flow",
+            "gets no motion blur",
+        );
         missing.check(defocused && !has_depth, number, "its virtual layer has no Z", "gets no defocus");
         missing.check(depth.is_some() && !has_depth, number, "its virtual layer has no Z", "is not occluded");
         let real_inverse_depth = match depth {
-            Some((folder, _)) => folder.get(number, size)?.map(|d| d.map(|d| metric_from.scale * d + metric_from.offset)),
+            Some((folder, _)) => {
+                folder.get(number, size)?.map(|d| d.map(|d| metric_from.scale * d + metric_from.offset))
+            }
             None => None,
         };
-        missing.check(depth.is_some() && real_inverse_depth.is_none(), number, "no real depth", "is not occluded");
+        missing.check(
+            depth.is_some() && real_inverse_depth.is_none(),
+            number,
+            "no real depth",
+            "is not occluded",
+        );
         let local = match renders {
             Some([with, without]) => with.get(number, size)?.zip(without.get(number, size)?),
             None => None,
@@ -322,15 +336,25 @@ impl Missing {
 ///
 /// # Errors
 /// If it cannot be read, or is in relative inverse depth where depths are `metric` and there is no scale.
-fn open_camera(path: &Path, source: &FrameSource, scale: Option<SceneScale>, metric: bool) -> Result<CameraModel> {
+fn open_camera(
+    path: &Path,
+    source: &FrameSource,
+    scale: Option<SceneScale>,
+    metric: bool,
+) -> Result<CameraModel> {
     let model = read_camera(path)?;
     let (width, height) = source.size();
     let (w, h) = (model.capture.width, model.capture.height);
     if (w, h) != (width, height) {
-        note(format_args!("{}: of frames of {w} x {h}; its blur is scaled to {width} x {height}", path.display()));
+        note(format_args!(
+            "{}: of frames of {w} x {h}; its blur is scaled to {width} x {height}",
+            path.display()
+        ));
         let shape = (width * h) as f64 / (height * w) as f64;
         if (shape - 1.0).abs() > 0.01 {
-            warn("the shapes of the two differ: blur is scaled by the widths, which is right only for a crop in height");
+            warn(
+                "the shapes of the two differ: blur is scaled by the widths, which is right only for a crop in height",
+            );
         }
     }
     let mut model = model.scaled_to(width, height);
@@ -344,7 +368,9 @@ fn open_camera(path: &Path, source: &FrameSource, scale: Option<SceneScale>, met
     unknown("defocus", model.defocus.why_unknown());
     if let Estimate::Known(defocus) = &mut model.defocus {
         match (defocus.depth_kind, scale) {
-            (DepthKind::Relative, Some(SceneScale { scale, offset })) if metric => *defocus = defocus.to_metric(scale, offset),
+            (DepthKind::Relative, Some(SceneScale { scale, offset })) if metric => {
+                *defocus = defocus.to_metric(scale, offset)
+            }
             (DepthKind::Relative, None) if metric => {
                 return Err(failure(
                     path,
@@ -448,7 +474,9 @@ impl Output {
             None => Ok(()),
             Some((last, next)) if is_video => Err(failure(
                 &self.path,
-                format_args!("stopped after frame {last}; for the others, run it again with --frames {next}.. and another -o"),
+                format_args!(
+                    "stopped after frame {last}; for the others, run it again with --frames {next}.. and another -o"
+                ),
             )),
             Some((last, next)) => Err(failure(
                 &self.path,
@@ -464,7 +492,8 @@ fn png_name(number: u64) -> String {
 
 /// The numbers of the frames that have been written to a folder.
 fn numbers_of_pngs(folder: &Path) -> Result<BTreeSet<u64>> {
-    let entries = folder.read_dir().map_err(|e| failure(folder, format_args!("the folder cannot be read ({e})")))?;
+    let entries =
+        folder.read_dir().map_err(|e| failure(folder, format_args!("the folder cannot be read ({e})")))?;
     let number = |name: &str| name.strip_suffix(".png")?.parse().ok().filter(|&n| png_name(n) == name);
     Ok(entries.filter_map(|e| number(e.ok()?.file_name().to_str()?)).collect())
 }

@@ -179,7 +179,11 @@ pub fn run(args: &Demo) -> Result<()> {
         }
     }
 
-    let fidelity = Fidelity::measure(&clip, &scene, [&naive, &made(model, false)?, &made(&truth.model(model.capture), false)?])?;
+    let fidelity = Fidelity::measure(
+        &clip,
+        &scene,
+        [&naive, &made(model, false)?, &made(&truth.model(model.capture), false)?],
+    )?;
     let rows = comparison(model, &truth);
     console::print(&table(&rows, &fidelity))?;
 
@@ -244,7 +248,8 @@ impl Fidelity {
         // Squared error and number of pixels.
         let mut sums = [(0.0, 0); 3];
         for &number in composites[0].keys() {
-            let (Some(truth), Some(layer)) = (truth.get(number, size)?, scene.layers.get(number, size)?) else {
+            let (Some(truth), Some(layer)) = (truth.get(number, size)?, scene.layers.get(number, size)?)
+            else {
                 continue;
             };
             let area = grown(&layer.color.0.map(|p| p[3]), GROWN_BY);
@@ -255,7 +260,8 @@ impl Fidelity {
                 }
             }
         }
-        let [naive, estimated, oracle] = sums.map(|(error, n)| (-10.0 * (error / f64::from(n.max(1))).log10()) as f32);
+        let [naive, estimated, oracle] =
+            sums.map(|(error, n)| (-10.0 * (error / f64::from(n.max(1))).log10()) as f32);
         Ok(Self { naive, estimated, oracle })
     }
 }
@@ -360,7 +366,8 @@ fn side_by_side(images: &[&Encoded]) -> Encoded {
 fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMap<u64, Encoded>) {
     const FPS: f64 = 10.0;
     const TURNS: usize = 4;
-    let frames: Vec<Encoded> = naive.values().zip(composites.values()).map(|(a, b)| side_by_side(&[a, b])).collect();
+    let frames: Vec<Encoded> =
+        naive.values().zip(composites.values()).map(|(a, b)| side_by_side(&[a, b])).collect();
     let Some(first) = frames.first() else { return };
     let to_and_fro = || frames.iter().chain(frames.iter().rev().skip(1).take(frames.len().saturating_sub(2)));
     let written = VideoWriter::create(path, first.0.size(), FPS).and_then(|mut video| {

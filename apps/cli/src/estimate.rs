@@ -150,7 +150,9 @@ pub fn run(args: &Estimate) -> Result<()> {
         fps: args.fps,
     };
     if options.family == Family::Removal && args.clean.is_none() && args.evidence.is_none() {
-        return Err(Failure("--method removal compares with clean frames: give them with --clean DIR".into()));
+        return Err(Failure(
+            "--method removal compares with clean frames: give them with --clean DIR".into(),
+        ));
     }
     console::check_writable(&args.output)?;
     if let Some(report) = &args.report {
@@ -393,7 +395,8 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
         if sampled {
             let flow = match (flow, after) {
                 (None, Some(after)) => Some(
-                    analysis::flow::flow(&frame.image.luma(), &after.luma()).map_err(|e| of_frame(number, e))?,
+                    analysis::flow::flow(&frame.image.luma(), &after.luma())
+                        .map_err(|e| of_frame(number, e))?,
                 ),
                 (flow, _) => flow,
             };

@@ -63,7 +63,11 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
         let [r, g, b] = std.map(|v| 255.0 * v);
         writeln!(text, "             at luminance {y}: {r:.2}, {g:.2}, {b:.2}")?;
     }
-    writeln!(text, "           none from the encoded value {} up, where the sensor clips", short(noise.clip.into()))?;
+    writeln!(
+        text,
+        "           none from the encoded value {} up, where the sensor clips",
+        short(noise.clip.into())
+    )?;
     writeln!(text, "           {}", origin(noise.method, noise.samples, "local measurements"))
 }
 
@@ -81,8 +85,7 @@ fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result
     )?;
     if let Some(fps) = model.capture.fps {
         let seconds = blur.exposure.seconds(fps);
-        let fraction =
-            if seconds > 0.0 { format!(", 1/{:.0} s", seconds.recip()) } else { String::new() };
+        let fraction = if seconds > 0.0 { format!(", 1/{:.0} s", seconds.recip()) } else { String::new() };
         writeln!(text, "           {:.1} ms at {} frames a second{fraction}", 1e3 * seconds, short(fps))?;
     }
     writeln!(text, "           {}", origin(blur.method, blur.samples, unit_of_samples(blur.method)))
@@ -156,7 +159,8 @@ impl DefocusFacts {
                 const STEPS: u16 = 1000;
                 let at = |i: u16| lo + (hi - lo) * f32::from(i) / f32::from(STEPS);
                 let mut sharp = (0..=STEPS).map(at).filter(|&d| model.sigma_px(d) <= VISIBLE_PX);
-                let focus = (0..=STEPS).map(at).min_by(|&a, &b| model.sigma_px(a).total_cmp(&model.sigma_px(b)));
+                let focus =
+                    (0..=STEPS).map(at).min_by(|&a, &b| model.sigma_px(a).total_cmp(&model.sigma_px(b)));
                 let near = sharp.next();
                 Self {
                     focus: focus.filter(|_| near.is_some()),
@@ -209,7 +213,10 @@ fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
         // Null: infinitely far.
         let metres = |d: f32| (d > 0.0).then(|| d.recip());
         put("focus_distance_m", json!(facts.focus.and_then(metres)));
-        put("depth_m_with_sigma_below_half_px", json!(facts.sharp.map(|[far, near]| [near, far].map(metres))));
+        put(
+            "depth_m_with_sigma_below_half_px",
+            json!(facts.sharp.map(|[far, near]| [near, far].map(metres))),
+        );
     }
     let at: Vec<_> = at_depth
         .iter()
@@ -285,7 +292,14 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        for (v, text) in [(0.48, "0.48"), (30.0, "30"), (29.97, "29.97"), (0.0123, "0.0123"), (0.0, "0"), (1234.56, "1234.6")] {
+        for (v, text) in [
+            (0.48, "0.48"),
+            (30.0, "30"),
+            (29.97, "29.97"),
+            (0.0123, "0.0123"),
+            (0.0, "0"),
+            (1234.56, "1234.6"),
+        ] {
             assert_eq!(short(v), text);
         }
     }
@@ -305,7 +319,11 @@ mod tests {
     #[test]
     fn blur_starts_to_show_where_the_curve_says() {
         let lens = |s| DefocusModel {
-            curve: DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: 0.25, interval: None },
+            curve: DefocusCurve::ThinLens {
+                sigma_px_at_infinity: s,
+                focus_inverse_depth: 0.25,
+                interval: None,
+            },
             depth_kind: DepthKind::Metric,
             method: Method::Given,
             samples: 0,

@@ -179,7 +179,10 @@ fn inputs_that_are_not_there_or_empty_are_named() {
         ("estimate f -o c2.json --method removal", "--clean"),
         ("estimate -o c2.json --evidence empty --scene x", "no scene \"x\""),
         ("composite none --virtual f --camera c.json -o out", "none: there is no such file"),
-        ("composite f --virtual empty --camera c.json -o out", "empty: the folder has no files with virtual layers"),
+        (
+            "composite f --virtual empty --camera c.json -o out",
+            "empty: the folder has no files with virtual layers",
+        ),
         ("apply f --camera none.json -o out", "none.json: there is no such file"),
         ("apply f --camera c.json -o f", "the folder of the input"),
         ("inspect none.json", "none.json: there is no such file"),
@@ -220,7 +223,9 @@ fn a_camera_is_told_in_words_and_as_json() {
     let dir = TempDir::new().unwrap();
     write_camera(dir.path().join("c.json"), &camera(640, 480, DepthKind::Metric)).unwrap();
     let words = succeeds(dir.path(), "inspect c.json --at-depth 1,4");
-    for says in ["640 x 480", "180 degrees", "20.0 ms", "in focus at 2 m", "at 1 m: 2.00 px", "at 4 m: 1.00 px"] {
+    for says in
+        ["640 x 480", "180 degrees", "20.0 ms", "in focus at 2 m", "at 1 m: 2.00 px", "at 4 m: 1.00 px"]
+    {
         assert!(words.contains(says), "{says} in {words}");
     }
     let json = succeeds(dir.path(), "inspect c.json --at-depth 1 --json");
@@ -235,7 +240,8 @@ fn a_camera_is_told_in_words_and_as_json() {
     near("/defocus/depth_m_with_sigma_below_half_px/0", 1.6);
     near("/defocus/depth_m_with_sigma_below_half_px/1", 1.0 / 0.375);
     near("/defocus/at/0/sigma_px", 2.0);
-    let unknown = CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 1 }, "nothing moves");
+    let unknown =
+        CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 1 }, "nothing moves");
     write_camera(dir.path().join("c.json"), &unknown).unwrap();
     let words = succeeds(dir.path(), "inspect c.json --at-depth 1");
     assert_eq!(words.matches("unknown: nothing moves").count(), 3, "{words}");
@@ -247,7 +253,8 @@ fn a_full_disk_and_a_closed_pipe_are_no_panic() {
     let dir = TempDir::new().unwrap();
     write_camera(dir.path().join("c.json"), &camera(8, 8, DepthKind::Metric)).unwrap();
     let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let output = blindaug().current_dir(dir.path()).args(["inspect", "c.json"]).stdout(full).output().unwrap();
+    let output =
+        blindaug().current_dir(dir.path()).args(["inspect", "c.json"]).stdout(full).output().unwrap();
     assert!(sentence_of(&output, "inspect").contains("standard output"));
 
     // Files that may not grow stand for a disk without room.
@@ -403,7 +410,8 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
         command.current_dir(d).args(arguments.split_whitespace());
         command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     };
-    let interrupt = |id: u32| assert!(Command::new("kill").args(["-INT", &id.to_string()]).status().unwrap().success());
+    let interrupt =
+        |id: u32| assert!(Command::new("kill").args(["-INT", &id.to_string()]).status().unwrap().success());
 
     let child = started("apply f --camera c.json -o out");
     let start = Instant::now();
@@ -448,7 +456,8 @@ fn composites_take_the_layer_s_frames_and_leave_the_others() {
     succeeds(d, &format!("composite {frames} --virtual v --camera c.json -o out --frames 1..3"));
     assert_eq!(files_in(&d.join("out")), ["0001.png", "0002.png", "0003.png"]);
     let same = |n: u32| {
-        read_frame(d.join(format!("out/000{n}.png"))).unwrap() == read_frame(asset(&format!("frames/000{n}.png"))).unwrap()
+        read_frame(d.join(format!("out/000{n}.png"))).unwrap()
+            == read_frame(asset(&format!("frames/000{n}.png"))).unwrap()
     };
     assert!(same(1) && !same(2) && same(3));
     // Naive needs no camera.
@@ -491,7 +500,13 @@ fn a_model_in_relative_depth_needs_a_scale() {
     succeeds(d, &arguments("relative.json", "b", "--scene-scale 0.4,0.1"));
     succeeds(d, &arguments("metric.json", "c", ""));
     let (b, c) = (read_frame(d.join("b/0003.png")).unwrap(), read_frame(d.join("c/0003.png")).unwrap());
-    let differ = b.0.data().iter().flatten().zip(c.0.data().iter().flatten()).map(|(b, c)| (b - c).abs()).fold(0.0, f32::max);
+    let differ =
+        b.0.data()
+            .iter()
+            .flatten()
+            .zip(c.0.data().iter().flatten())
+            .map(|(b, c)| (b - c).abs())
+            .fold(0.0, f32::max);
     assert!(differ < 1.5 / 255.0, "{differ}");
     succeeds(d, &arguments("relative.json", "n", "--naive"));
 }
@@ -500,7 +515,9 @@ fn a_model_in_relative_depth_needs_a_scale() {
 fn numbers_after(text: &str, label: &str) -> Vec<f32> {
     let line = text.lines().find(|l| l.contains(label)).unwrap_or_else(|| panic!("{label} in {text}"));
     let rest = &line[line.find(label).unwrap() + label.len()..];
-    rest.split(|c: char| !(c.is_ascii_digit() || c == '.')).filter_map(|t| t.trim_end_matches('.').parse().ok()).collect()
+    rest.split(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .filter_map(|t| t.trim_end_matches('.').parse().ok())
+        .collect()
 }
 
 #[test]

@@ -80,7 +80,8 @@ pub fn flow(clip: &Path, number: u64) -> Flow {
 }
 
 pub fn inverse_depth(clip: &Path, number: u64) -> Plane {
-    blindaug_io::read_inverse_depth(clip.join(format!("clean/{number:04}.exr")), Default::default()).expect("depth")
+    blindaug_io::read_inverse_depth(clip.join(format!("clean/{number:04}.exr")), Default::default())
+        .expect("depth")
 }
 
 /// What is given beside the frames.
@@ -152,7 +153,8 @@ pub fn noise_error(e: &Estimation, truth: &Truth) -> Option<Vec<f32>> {
             .map(|(level, white)| {
                 let error = |y: f32| {
                     // 8-bit rounding adds a variance of 1/12 step.
-                    let std = ((readout + shot * y.sqrt()).powi(2) + (1.0 / 255.0f32).powi(2) / 12.0).sqrt() * white;
+                    let std = ((readout + shot * y.sqrt()).powi(2) + (1.0 / 255.0f32).powi(2) / 12.0).sqrt()
+                        * white;
                     level.sigma(y).iter().map(|s| (s / std - 1.0).abs()).sum::<f32>() / 3.0
                 };
                 luminances.iter().map(|&y| error(y)).sum::<f32>() / luminances.len() as f32
