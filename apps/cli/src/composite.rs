@@ -556,18 +556,23 @@ fn for_each_frame(
     let mut current = frames.next().transpose()?;
     while let Some(frame) = current.take() {
         let number = frame.number;
-        let next = frames.next().transpose()?;
+        let mut next = frames.next();
+        if let (true, Some(Err(_))) = (neighbours, &next) {
+            // Without it this frame's motion would be another; else this frame is still made.
+            next.take().transpose()?;
+        }
+        let after = next.as_ref().and_then(|n| n.as_ref().ok());
         if !done.contains(&number) {
             let around = Neighbours {
                 previous: previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image),
-                next: next.as_ref().filter(|n| n.number == number + 1).map(|n| &n.image),
+                next: after.filter(|n| n.number == number + 1).map(|n| &n.image),
             };
             let made = make(&frame, &around)?;
             output.write(number, made)?;
             progress.step();
         }
         previous = Some(frame);
-        current = next;
+        current = next.transpose()?;
         if let (true, Some(next)) = (console::interrupted(), &current) {
             output.stopped = Some((number, next.number));
             break;
