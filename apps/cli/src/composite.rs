@@ -7,8 +7,9 @@ use crate::{
 };
 use blindaug::{
     CameraModel, Encoded, Flow, Linear, Plane, Transfer, analysis,
-    model::{Capture, DepthKind, Estimate},
-    synth::defocus::Bokeh,
+    composite::{Options, Shot, VirtualLayer},
+    model::{BlurSpace, Capture, DefocusModel, DepthKind, Estimate},
+    synth::{Blur, defocus::Bokeh, noise::noise},
 };
 use blindaug_io::{
     Frame, FrameRange, FrameSource, SideFolder, VideoWriter, VirtualLayerFile, read_camera, write_png,
@@ -108,21 +109,11 @@ enum BokehArg {
     Disk,
 }
 
-/// How the distortions are applied.
-#[derive(Clone, Copy, Default)]
-pub struct Settings {
-    /// Whether noise is.
-    pub noise: bool,
-    /// The shape of an out-of-focus point.
-    pub bokeh: Bokeh,
-    /// Which noise.
-    pub seed: u64,
-}
-
 impl Look {
-    fn settings(&self) -> Settings {
-        Settings {
-            noise: !self.no_noise,
+    fn options(&self) -> Options {
+        Options {
+            naive: false,
+            no_noise: self.no_noise,
             bokeh: match self.bokeh {
                 BokehArg::Gaussian => Bokeh::Gaussian,
                 BokehArg::Disk => Bokeh::Disk,
@@ -169,13 +160,16 @@ pub fn run(args: &Composite) -> Result<()> {
         ]),
         _ => None,
     };
-    let scene = Scene { footage, layers, depth: args.depth.open()?, flow, renders };
+    let scale = args.look.scene_scale;
+    let depth = args.depth.open()?.map(|d| DepthMaps::in_metres(d, scale)).transpose()?;
+    let scene = Scene { footage, layers, depth, flow, renders };
+    scene.check()?;
     let model = match &args.camera {
-        Some(path) if !args.naive => open_camera(path, &scene.footage, args.look.scene_scale, true)?,
+        Some(path) if !args.naive => in_metres(open_camera(path, &scene.footage)?, path, scale)?,
         _ => naive(scene.footage.size()),
     };
     let mut output = Output::open(&args.output, &scene.footage)?;
-    composite(&scene, &model, args.look.scene_scale, &args.look.settings(), &mut output)?;
+    composite(&scene, &model, &args.look.options(), &mut output)?;
     output.finish()
 }
 
@@ -188,17 +182,32 @@ pub fn run_apply(args: &Apply) -> Result<()> {
         (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
         _ => None,
     };
-    let metric = depth.as_ref().is_some_and(|d| d.1 == DepthKind::Metric);
-    let model = open_camera(&args.camera, &clip, args.look.scene_scale, metric)?;
-    let settings = args.look.settings();
     check_match(&clip, depth.as_ref().map(|d| &d.0))?;
     check_match(&clip, flow.as_ref())?;
+    let mut model = open_camera(&args.camera, &clip)?;
+    let kind = |d: &(SideFolder<Plane>, DepthKind)| d.1;
+    let depth = match (depth, model.defocus.known().map(|d| d.depth_kind)) {
+        (Some(depth), Some(DepthKind::Relative)) if kind(&depth) == DepthKind::Relative => {
+            // Depth and model are in the same unit, whatever it is.
+            model = map_defocus(model, |d| d.to_metric(1.0, 0.0));
+            Some(DepthMaps::as_they_are(depth.0))
+        }
+        (Some(depth), _) => {
+            model = in_metres(model, &args.camera, args.look.scene_scale)?;
+            Some(DepthMaps::in_metres(depth, args.look.scene_scale)?)
+        }
+        (None, known) => {
+            if known.is_some() {
+                warn("without --depth nothing is defocused");
+            }
+            model.defocus = Estimate::Unknown("there is no depth".into());
+            None
+        }
+    };
+    let options = args.look.options();
     let mut output = Output::open(&args.output, &clip)?;
     let mut missing = Missing::default();
     let moving = model.motion_blur.known().is_some();
-    if depth.is_none() && model.defocus.known().is_some() {
-        warn("without --depth nothing is defocused");
-    }
     for_each_frame("applying", &clip, &mut output, moving && flow.is_none(), |frame, neighbours| {
         let (number, size) = (frame.number, clip.size());
         let flow = match &flow {
@@ -208,11 +217,11 @@ pub fn run_apply(args: &Apply) -> Result<()> {
         };
         missing.check(moving && flow.is_none(), number, "no flow", "is not motion-blurred");
         let inverse_depth = match &depth {
-            Some((folder, _)) => folder.get(number, size)?,
+            Some(maps) => maps.get(number, size)?,
             None => None,
         };
         missing.check(depth.is_some() && inverse_depth.is_none(), number, "no depth", "is not defocused");
-        applied(frame, inverse_depth, flow, &model, &settings)
+        applied(frame, inverse_depth, flow, &model, &options)
             .map_err(|e| failure(clip.path(), format_args!("frame {number}: {e}")))
     })?;
     output.finish()
@@ -230,41 +239,65 @@ pub struct Scene {
     /// The virtual object.
     pub layers: SideFolder<VirtualLayerFile>,
     /// Real depth.
-    pub depth: Option<(SideFolder<Plane>, DepthKind)>,
+    pub depth: Option<DepthMaps>,
     /// The footage's optical flow, which blurs the renders' difference.
     pub flow: Option<SideFolder<Flow>>,
     /// Renders of the local scene with and without the object.
     pub renders: Option<[SideFolder<Encoded>; 2]>,
 }
 
-/// Composites every frame of a scene.
-pub fn composite(
-    scene: &Scene,
-    model: &CameraModel,
-    scale: Option<SceneScale>,
-    settings: &Settings,
-    output: &mut Output,
-) -> Result<()> {
-    let Scene { footage, layers, depth, flow, renders } = scene;
-    check_match(footage, Some(layers))?;
-    check_match(footage, depth.as_ref().map(|d| &d.0))?;
-    check_match(footage, flow.as_ref())?;
-    for folder in renders.iter().flatten() {
-        check_match(footage, Some(folder))?;
+impl Scene {
+    /// Fails if one of the folders has nothing for any of the frames.
+    fn check(&self) -> Result<()> {
+        let Self { footage, layers, depth, flow, renders } = self;
+        check_match(footage, Some(layers))?;
+        check_match(footage, depth.as_ref().map(|d| &d.folder))?;
+        check_match(footage, flow.as_ref())?;
+        renders.iter().flatten().try_for_each(|folder| check_match(footage, Some(folder)))
     }
-    // Metric inverse depth from the depth files'.
-    let metric_from = match (depth, scale) {
-        (Some((_, DepthKind::Relative)), Some(s)) => {
-            SceneScale { scale: s.scale.recip(), offset: -s.offset / s.scale }
-        }
-        (Some((folder, DepthKind::Relative)), None) => {
-            return Err(failure(
+}
+
+/// Depth maps, in the unit that they are needed in.
+pub struct DepthMaps {
+    folder: SideFolder<Plane>,
+    /// Wanted inverse depth = slope * read + offset.
+    slope: f32,
+    offset: f32,
+}
+
+impl DepthMaps {
+    fn as_they_are(folder: SideFolder<Plane>) -> Self {
+        Self { folder, slope: 1.0, offset: 0.0 }
+    }
+
+    /// In 1/m.
+    ///
+    /// # Errors
+    /// If they are relative and there is no scale.
+    pub fn in_metres(
+        (folder, kind): (SideFolder<Plane>, DepthKind),
+        scale: Option<SceneScale>,
+    ) -> Result<Self> {
+        match (kind, scale) {
+            (DepthKind::Metric, _) => Ok(Self::as_they_are(folder)),
+            (DepthKind::Relative, Some(SceneScale { scale, offset })) => {
+                Ok(Self { folder, slope: scale.recip(), offset: -offset / scale })
+            }
+            (DepthKind::Relative, None) => Err(failure(
                 folder.path(),
-                "relative depth cannot be compared with the virtual object's metres: give --scene-scale S[,O], where relative inverse depth is S / Z + O, or depth in metres",
-            ));
+                "relative depth must be brought to metres: give --scene-scale S[,O], where relative inverse depth is S / Z + O",
+            )),
         }
-        _ => SceneScale { scale: 1.0, offset: 0.0 },
-    };
+    }
+
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
+        Ok(self.folder.get(number, size)?.map(|d| d.map(|d| self.slope * d + self.offset)))
+    }
+}
+
+/// Composites every frame of a scene.
+pub fn composite(scene: &Scene, model: &CameraModel, options: &Options, output: &mut Output) -> Result<()> {
+    let Scene { footage, layers, depth, flow, renders } = scene;
     let moving = model.motion_blur.known().is_some();
     let defocused = model.defocus.known().is_some();
     let mut missing = Missing::default();
@@ -287,9 +320,7 @@ pub fn composite(
         missing.check(defocused && !has_depth, number, "its virtual layer has no Z", "gets no defocus");
         missing.check(depth.is_some() && !has_depth, number, "its virtual layer has no Z", "is not occluded");
         let real_inverse_depth = match depth {
-            Some((folder, _)) => {
-                folder.get(number, size)?.map(|d| d.map(|d| metric_from.scale * d + metric_from.offset))
-            }
+            Some(maps) => maps.get(number, size)?,
             None => None,
         };
         missing.check(
@@ -310,8 +341,15 @@ pub fn composite(
             None if estimates_flow && local.is_some() => neighbours.flow(frame)?,
             None => None,
         };
-        let real = Real { inverse_depth: real_inverse_depth, flow: real_flow, renders: local };
-        composited(frame, layer, real, model, settings)
+        let shot = Shot {
+            frame: &frame.image,
+            number,
+            inverse_depth: real_inverse_depth.as_ref(),
+            flow: real_flow.as_ref(),
+            with_and_without: local.as_ref().map(|[with, without]| (with, without)),
+        };
+        let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
+        blindaug::composite::composite(&shot, &layer, model, options)
             .map_err(|e| failure(footage.path(), format_args!("frame {number}: {e}")))
     })?;
     if without_layer > 0 {
@@ -333,55 +371,55 @@ impl Missing {
 }
 
 /// Reads a camera model for frames of this size, and says what of it is not applied.
-///
-/// # Errors
-/// If it cannot be read, or is in relative inverse depth where depths are `metric` and there is no scale.
-fn open_camera(
-    path: &Path,
-    source: &FrameSource,
-    scale: Option<SceneScale>,
-    metric: bool,
-) -> Result<CameraModel> {
+fn open_camera(path: &Path, source: &FrameSource) -> Result<CameraModel> {
     let model = read_camera(path)?;
     let (width, height) = source.size();
     let (w, h) = (model.capture.width, model.capture.height);
     if (w, h) != (width, height) {
+        let path = path.display();
         note(format_args!(
-            "{}: of frames of {w} x {h}; its blur is scaled to {width} x {height}",
-            path.display()
+            "{path}: for frames of {w} x {h}; its blur is scaled by the width to {width} x {height}"
         ));
         let shape = (width * h) as f64 / (height * w) as f64;
         if (shape - 1.0).abs() > 0.01 {
             warn(
-                "the shapes of the two differ: blur is scaled by the widths, which is right only for a crop in height",
+                "these frames have another shape than the camera's; that is right only if they were cropped in height",
             );
         }
     }
-    let mut model = model.scaled_to(width, height);
-    let unknown = |what: &str, why: Option<&str>| {
+    let model = model.scaled_to(width, height);
+    for (what, why) in [
+        ("noise", model.noise.why_unknown()),
+        ("motion blur", model.motion_blur.why_unknown()),
+        ("defocus", model.defocus.why_unknown()),
+    ] {
         if let Some(why) = why {
             warn(format_args!("{what} is unknown and not applied: {why}"));
         }
-    };
-    unknown("noise", model.noise.why_unknown());
-    unknown("motion blur", model.motion_blur.why_unknown());
-    unknown("defocus", model.defocus.why_unknown());
-    if let Estimate::Known(defocus) = &mut model.defocus {
-        match (defocus.depth_kind, scale) {
-            (DepthKind::Relative, Some(SceneScale { scale, offset })) if metric => {
-                *defocus = defocus.to_metric(scale, offset)
-            }
-            (DepthKind::Relative, None) if metric => {
-                return Err(failure(
-                    path,
-                    "its defocus is over relative inverse depth, but the layers are in metres: give --scene-scale S[,O] so that relative inverse depth is S / Z + O, or estimate again with --depth in metres",
-                ));
-            }
-            (DepthKind::Metric, Some(_)) => note("--scene-scale is not needed: the model is in metres"),
-            _ => {}
-        }
     }
     Ok(model)
+}
+
+/// The model over metric inverse depth.
+///
+/// # Errors
+/// If it is over relative inverse depth and there is no scale.
+fn in_metres(model: CameraModel, path: &Path, scale: Option<SceneScale>) -> Result<CameraModel> {
+    match (model.defocus.known().map(|d| d.depth_kind), scale) {
+        (Some(DepthKind::Relative), Some(s)) => Ok(map_defocus(model, |d| d.to_metric(s.scale, s.offset))),
+        (Some(DepthKind::Relative), None) => Err(failure(
+            path,
+            "its defocus is over relative inverse depth, but the layers are in metres: give --scene-scale S[,O], where relative inverse depth is S / Z + O, or estimate again with --depth in metres",
+        )),
+        _ => Ok(model),
+    }
+}
+
+fn map_defocus(mut model: CameraModel, f: impl FnOnce(DefocusModel) -> DefocusModel) -> CameraModel {
+    if let Estimate::Known(defocus) = &mut model.defocus {
+        *defocus = f(*defocus);
+    }
+    model
 }
 
 /// Where frames go.
@@ -581,35 +619,25 @@ fn for_each_frame(
     Ok(())
 }
 
-/// What is known of the real scene in a frame.
-struct Real {
-    /// 1/m.
-    inverse_depth: Option<Plane>,
-    flow: Option<Flow>,
-    /// The local scene rendered with and without the object.
-    renders: Option<[Linear; 2]>,
-}
-
-/// The frame with the object in it.
-fn composited(
-    frame: &Frame,
-    layer: VirtualLayerFile,
-    real: Real,
-    model: &CameraModel,
-    settings: &Settings,
-) -> blindaug::Result<Encoded> {
-    let _ = (layer, real, model, settings);
-    Ok(frame.image.clone())
-}
-
-/// The frame with the camera's distortions.
+/// The whole frame as the camera would film it.
 fn applied(
     frame: &Frame,
     inverse_depth: Option<Plane>,
     flow: Option<Flow>,
     model: &CameraModel,
-    settings: &Settings,
+    options: &Options,
 ) -> blindaug::Result<Encoded> {
-    let _ = (inverse_depth, flow, model, settings);
-    Ok(frame.image.clone())
+    let blur = Blur::new(model, frame.image.0.width(), options.bokeh)?;
+    let of = |image: &_| blur.of(image, inverse_depth.as_ref(), flow.as_ref());
+    let mut image = match model.blur_space {
+        BlurSpace::Encoded => Encoded(of(&frame.image.0)?),
+        BlurSpace::Linear => Linear(of(&frame.image.to_linear(model.transfer).0)?).to_encoded(model.transfer),
+    };
+    if let (Some(noise_model), false) = (model.noise.known(), options.no_noise) {
+        let noise = noise(noise_model, &image.luma(), options.seed, frame.number);
+        for (v, n) in image.0.data_mut().iter_mut().flatten().zip(noise.data().iter().flatten()) {
+            *v = if *v >= noise_model.clip { noise_model.clip } else { *v + n };
+        }
+    }
+    Ok(image)
 }

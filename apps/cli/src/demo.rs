@@ -1,7 +1,7 @@
 //! `blindaug demo`: the main job on a built-in clip of known truth.
 
 use crate::{
-    composite::{self, Output, Scene, Settings},
+    composite::{self, DepthMaps, Output, Scene},
     console::{self, Failure, Result, note},
     estimate::{self, DepthArgs, Footage, open_source},
     inspect,
@@ -9,7 +9,8 @@ use crate::{
 };
 use blindaug::{
     CameraModel, Encoded, Plane, Raster,
-    fit::Options,
+    composite::Options,
+    fit,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
         NOISE_LEVELS,
@@ -146,7 +147,7 @@ pub fn run(args: &Demo) -> Result<()> {
     let truth = Truth::read()?;
 
     let footage = Footage::with_depth(&clip.join("frames"), &clip.join("scene"))?;
-    let options = Options { fps: Some(truth.fps), ..Options::default() };
+    let options = fit::Options { fps: Some(truth.fps), ..fit::Options::default() };
     let fitted = estimate::fit(&footage, options, true)?;
     let model = &fitted.estimation.model;
     let camera = out.join("camera.json");
@@ -155,7 +156,10 @@ pub fn run(args: &Demo) -> Result<()> {
     let scene = Scene {
         footage: open_source(&clip.join("frames"), None)?,
         layers: SideFolder::virtual_layers(clip.join("virtual"))?,
-        depth: DepthArgs::metric(&clip.join("scene")).open()?,
+        depth: DepthArgs::metric(&clip.join("scene"))
+            .open()?
+            .map(|d| DepthMaps::in_metres(d, None))
+            .transpose()?,
         flow: None,
         renders: Some([
             SideFolder::frames(clip.join("with"), "renders with the object")?,
@@ -165,7 +169,12 @@ pub fn run(args: &Demo) -> Result<()> {
     let size = scene.footage.size();
     let made = |model: &CameraModel, noise: bool| {
         let mut output = Output::memory();
-        composite::composite(&scene, model, None, &Settings { noise, ..Settings::default() }, &mut output)?;
+        composite::composite(
+            &scene,
+            model,
+            &Options { no_noise: !noise, ..Options::default() },
+            &mut output,
+        )?;
         stop_if_interrupted(out)?;
         Ok::<_, Failure>(output.into_frames())
     };
