@@ -1,6 +1,76 @@
-//! The blindaug command line.
+//! The blindaug command line: estimates a camera's noise, motion blur and defocus from its footage, and composites virtual objects
+//! so that they look filmed by it.
 
-#[allow(dead_code)]
+mod composite;
+mod console;
+mod demo;
+mod estimate;
+mod inspect;
 mod report;
 
-fn main() {}
+use clap::Parser;
+use console::Failure;
+use std::{io::Write, process::ExitCode};
+
+/// Makes rendered objects look filmed: estimates a camera's noise, motion blur and defocus from its footage alone, and
+/// gives virtual layers the same.
+#[derive(Parser)]
+#[command(name = "blindaug", version, max_term_width = 110, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    Demo(demo::Demo),
+    Estimate(Box<estimate::Estimate>),
+    Composite(Box<composite::Composite>),
+    Apply(Box<composite::Apply>),
+    Inspect(inspect::Inspect),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    console::catch_interrupt();
+    let result = match &cli.command {
+        Command::Demo(args) => demo::run(args),
+        Command::Estimate(args) => estimate::run(args),
+        Command::Composite(args) => composite::run(args),
+        Command::Apply(args) => composite::run_apply(args),
+        Command::Inspect(args) => inspect::run(args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure(sentence)) => {
+            // Standard error may be closed; there is nobody else to tell.
+            let _ = writeln!(std::io::stderr(), "blindaug: {sentence}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Parses a number > 0.
+fn positive(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err("it must be a number greater than 0".into()),
+    }
+}
+
+/// Parses a frame rate.
+fn frame_rate(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err("frames per second must be a number greater than 0".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_arguments_are_consistent() {
+        use clap::CommandFactory;
+        super::Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,643 @@
+//! `blindaug composite` and `blindaug apply`: a camera's distortions on virtual layers over frames, and on whole frames.
+
+use crate::{
+    console::{self, Failure, Progress, Result, failure, note, warn},
+    estimate::{DepthArgs, check_match, open_source, opened},
+    inspect::count,
+};
+use blindaug::{
+    CameraModel, Encoded, Flow, Linear, Plane, Transfer, analysis,
+    composite::{Options, Shot, VirtualLayer},
+    model::{BlurSpace, Capture, DefocusModel, DepthKind, Estimate},
+    synth::{Blur, defocus::Bokeh, noise::noise},
+};
+use blindaug_io::{
+    Frame, FrameRange, FrameSource, SideFolder, VideoWriter, VirtualLayerFile, read_camera, write_png,
+};
+use clap::ValueEnum;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+    str::FromStr,
+};
+
+/// Composite a rendered object into footage so that it looks filmed by the same camera
+#[derive(clap::Args)]
+pub struct Composite {
+    /// The footage: a video, one image, or a folder of images in the order of the numbers in their names
+    input: PathBuf,
+    /// The rendered object, one EXR per frame: R G B A premultiplied and scene-linear, Z in metres, forward.u, forward.v
+    #[arg(long = "virtual", value_name = "DIR")]
+    layers: PathBuf,
+    /// The camera model, as written by estimate
+    #[arg(long, value_name = "camera.json", required_unless_present = "naive")]
+    camera: Option<PathBuf>,
+    #[command(flatten)]
+    output: OutputArgs,
+    #[command(flatten)]
+    depth: DepthArgs,
+    /// Renders of the local scene with the object, for its shadows and reflections (frame + with - without)
+    #[arg(long, value_name = "DIR", requires = "without")]
+    with: Option<PathBuf>,
+    /// Renders of the local scene without the object
+    #[arg(long, value_name = "DIR", requires = "with")]
+    without: Option<PathBuf>,
+    /// The footage's optical flow to the next frame, which blurs shadows and reflections [default: estimated]
+    #[arg(long, value_name = "DIR")]
+    flow: Option<PathBuf>,
+    /// Paste the object as it is, without noise and blur
+    #[arg(long)]
+    naive: bool,
+    #[command(flatten)]
+    look: Look,
+}
+
+/// Apply a camera's blur and noise to a whole rendered clip
+#[derive(clap::Args)]
+pub struct Apply {
+    /// The clip: a video, one image, or a folder of images in the order of the numbers in their names
+    input: PathBuf,
+    /// The camera model, as written by estimate
+    #[arg(long, value_name = "camera.json")]
+    camera: PathBuf,
+    #[command(flatten)]
+    output: OutputArgs,
+    #[command(flatten)]
+    depth: DepthArgs,
+    /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
+    #[arg(long, value_name = "DIR")]
+    flow: Option<PathBuf>,
+    #[command(flatten)]
+    look: Look,
+}
+
+#[derive(clap::Args)]
+struct OutputArgs {
+    /// A folder, which gets a PNG per frame, or a video by its extension
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Make frames anew that are there already
+    #[arg(long)]
+    overwrite: bool,
+    /// Only these frames, by number, both ends included
+    #[arg(long, value_name = "FIRST..LAST")]
+    frames: Option<FrameRange>,
+    /// Frames per second of a video, where the input does not say it
+    #[arg(long, value_name = "N", value_parser = crate::frame_rate)]
+    fps: Option<f64>,
+}
+
+#[derive(clap::Args)]
+struct Look {
+    /// Relates a model in relative inverse depth d to metres: d = S / Z + O
+    #[arg(long, value_name = "S[,O]")]
+    scene_scale: Option<SceneScale>,
+    /// Leave the noise out
+    #[arg(long)]
+    no_noise: bool,
+    /// The shape of an out-of-focus point
+    #[arg(long, value_enum, default_value = "gaussian")]
+    bokeh: BokehArg,
+    /// Which noise: the same seed gives the same noise
+    #[arg(long, value_name = "N", default_value = "0")]
+    seed: u64,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BokehArg {
+    Gaussian,
+    Disk,
+}
+
+impl Look {
+    fn options(&self) -> Options {
+        Options {
+            naive: false,
+            no_noise: self.no_noise,
+            bokeh: match self.bokeh {
+                BokehArg::Gaussian => Bokeh::Gaussian,
+                BokehArg::Disk => Bokeh::Disk,
+            },
+            seed: self.seed,
+        }
+    }
+}
+
+/// d = scale / Z + offset.
+#[derive(Clone, Copy)]
+pub struct SceneScale {
+    scale: f32,
+    offset: f32,
+}
+
+impl FromStr for SceneScale {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let number = |t: &str| t.trim().parse::<f32>().ok().filter(|v| v.is_finite());
+        let (scale, offset) = text.split_once(',').unwrap_or((text, "0"));
+        match (number(scale), number(offset)) {
+            (Some(scale), Some(offset)) if scale > 0.0 => Ok(Self { scale, offset }),
+            _ => Err("give S or S,O with S > 0, so that the relative inverse depth is S / Z + O".into()),
+        }
+    }
+}
+
+/// Runs `composite`.
+pub fn run(args: &Composite) -> Result<()> {
+    let footage = open_source(&args.input, args.output.frames)?;
+    let layers = opened(SideFolder::virtual_layers(&args.layers)?);
+    let flow = match (&args.flow, &args.with, args.depth.folder()) {
+        (Some(path), _, _) => Some(opened(SideFolder::flow(path)?)),
+        // A renderer writes depth and motion into one file.
+        (None, Some(_), Some(depth)) => SideFolder::flow(depth).ok().map(opened),
+        _ => None,
+    };
+    let renders = match (&args.with, &args.without) {
+        (Some(with), Some(without)) => Some([
+            opened(SideFolder::frames(with, "renders with the object")?),
+            opened(SideFolder::frames(without, "renders without the object")?),
+        ]),
+        _ => None,
+    };
+    let scale = args.look.scene_scale;
+    let depth = args.depth.open()?.map(|d| DepthMaps::in_metres(d, scale)).transpose()?;
+    let scene = Scene { footage, layers, depth, flow, renders };
+    scene.check()?;
+    let model = match &args.camera {
+        Some(path) if !args.naive => in_metres(open_camera(path, &scene.footage)?, path, scale)?,
+        _ => naive(scene.footage.size()),
+    };
+    let mut output = Output::open(&args.output, &scene.footage)?;
+    composite(&scene, &model, &args.look.options(), &mut output)?;
+    output.finish()
+}
+
+/// Runs `apply`.
+pub fn run_apply(args: &Apply) -> Result<()> {
+    let clip = open_source(&args.input, args.output.frames)?;
+    let depth = args.depth.open()?;
+    let flow = match (&args.flow, args.depth.folder()) {
+        (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
+        (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
+        _ => None,
+    };
+    check_match(&clip, depth.as_ref().map(|d| &d.0))?;
+    check_match(&clip, flow.as_ref())?;
+    let mut model = open_camera(&args.camera, &clip)?;
+    let kind = |d: &(SideFolder<Plane>, DepthKind)| d.1;
+    let depth = match (depth, model.defocus.known().map(|d| d.depth_kind)) {
+        (Some(depth), Some(DepthKind::Relative)) if kind(&depth) == DepthKind::Relative => {
+            // Depth and model are in the same unit, whatever it is.
+            model = map_defocus(model, |d| d.to_metric(1.0, 0.0));
+            Some(DepthMaps::as_they_are(depth.0))
+        }
+        (Some(depth), _) => {
+            model = in_metres(model, &args.camera, args.look.scene_scale)?;
+            Some(DepthMaps::in_metres(depth, args.look.scene_scale)?)
+        }
+        (None, known) => {
+            if known.is_some() {
+                warn("without --depth nothing is defocused");
+            }
+            model.defocus = Estimate::Unknown("there is no depth".into());
+            None
+        }
+    };
+    let options = args.look.options();
+    let mut output = Output::open(&args.output, &clip)?;
+    let mut missing = Missing::default();
+    let moving = model.motion_blur.known().is_some();
+    for_each_frame("applying", &clip, &mut output, moving && flow.is_none(), |frame, neighbours| {
+        let (number, size) = (frame.number, clip.size());
+        let flow = match &flow {
+            Some(folder) => folder.get(number, size)?,
+            None if moving => neighbours.flow(frame)?,
+            None => None,
+        };
+        missing.check(moving && flow.is_none(), number, "no flow", "is not motion-blurred");
+        let inverse_depth = match &depth {
+            Some(maps) => maps.get(number, size)?,
+            None => None,
+        };
+        missing.check(depth.is_some() && inverse_depth.is_none(), number, "no depth", "is not defocused");
+        applied(frame, inverse_depth, flow, &model, &options)
+            .map_err(|e| failure(clip.path(), format_args!("frame {number}: {e}")))
+    })?;
+    output.finish()
+}
+
+/// A camera that distorts nothing.
+pub fn naive((width, height): (usize, usize)) -> CameraModel {
+    CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0 }, "naive")
+}
+
+/// What a composite is made of.
+pub struct Scene {
+    /// The footage.
+    pub footage: FrameSource,
+    /// The virtual object.
+    pub layers: SideFolder<VirtualLayerFile>,
+    /// Real depth.
+    pub depth: Option<DepthMaps>,
+    /// The footage's optical flow, which blurs the renders' difference.
+    pub flow: Option<SideFolder<Flow>>,
+    /// Renders of the local scene with and without the object.
+    pub renders: Option<[SideFolder<Encoded>; 2]>,
+}
+
+impl Scene {
+    /// Fails if one of the folders has nothing for any of the frames.
+    fn check(&self) -> Result<()> {
+        let Self { footage, layers, depth, flow, renders } = self;
+        check_match(footage, Some(layers))?;
+        check_match(footage, depth.as_ref().map(|d| &d.folder))?;
+        check_match(footage, flow.as_ref())?;
+        renders.iter().flatten().try_for_each(|folder| check_match(footage, Some(folder)))
+    }
+}
+
+/// Depth maps, in the unit that they are needed in.
+pub struct DepthMaps {
+    folder: SideFolder<Plane>,
+    /// Wanted inverse depth = slope * read + offset.
+    slope: f32,
+    offset: f32,
+}
+
+impl DepthMaps {
+    fn as_they_are(folder: SideFolder<Plane>) -> Self {
+        Self { folder, slope: 1.0, offset: 0.0 }
+    }
+
+    /// In 1/m.
+    ///
+    /// # Errors
+    /// If they are relative and there is no scale.
+    pub fn in_metres(
+        (folder, kind): (SideFolder<Plane>, DepthKind),
+        scale: Option<SceneScale>,
+    ) -> Result<Self> {
+        match (kind, scale) {
+            (DepthKind::Metric, _) => Ok(Self::as_they_are(folder)),
+            (DepthKind::Relative, Some(SceneScale { scale, offset })) => {
+                Ok(Self { folder, slope: scale.recip(), offset: -offset / scale })
+            }
+            (DepthKind::Relative, None) => Err(failure(
+                folder.path(),
+                "relative depth must be brought to metres: give --scene-scale S[,O], where relative inverse depth is S / Z + O",
+            )),
+        }
+    }
+
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
+        Ok(self.folder.get(number, size)?.map(|d| d.map(|d| self.slope * d + self.offset)))
+    }
+}
+
+/// Composites every frame of a scene.
+pub fn composite(scene: &Scene, model: &CameraModel, options: &Options, output: &mut Output) -> Result<()> {
+    let Scene { footage, layers, depth, flow, renders } = scene;
+    let moving = model.motion_blur.known().is_some();
+    let defocused = model.defocus.known().is_some();
+    let mut missing = Missing::default();
+    let mut without_layer = 0;
+    let estimates_flow = moving && renders.is_some() && flow.is_none();
+    let size = footage.size();
+    for_each_frame("compositing", footage, output, estimates_flow, |frame, neighbours| {
+        let number = frame.number;
+        let Some(layer) = layers.get(number, size)? else {
+            without_layer += 1;
+            return Ok(frame.image.clone());
+        };
+        let has_depth = layer.inverse_depth.is_some();
+        missing.check(
+            moving && layer.flow.is_none(),
+            number,
+            "its virtual layer has no flow",
+            "gets no motion blur",
+        );
+        missing.check(defocused && !has_depth, number, "its virtual layer has no Z", "gets no defocus");
+        missing.check(depth.is_some() && !has_depth, number, "its virtual layer has no Z", "is not occluded");
+        let real_inverse_depth = match depth {
+            Some(maps) => maps.get(number, size)?,
+            None => None,
+        };
+        missing.check(
+            depth.is_some() && real_inverse_depth.is_none(),
+            number,
+            "no real depth",
+            "is not occluded",
+        );
+        let local = match renders {
+            Some([with, without]) => with.get(number, size)?.zip(without.get(number, size)?),
+            None => None,
+        };
+        let local = local.map(|(a, b)| [a, b].map(|r| r.to_linear(Transfer::Srgb)));
+        let what = "no renders with and without it";
+        missing.check(renders.is_some() && local.is_none(), number, what, "casts no shadows");
+        let real_flow = match flow {
+            Some(folder) => folder.get(number, size)?,
+            None if estimates_flow && local.is_some() => neighbours.flow(frame)?,
+            None => None,
+        };
+        let shot = Shot {
+            frame: &frame.image,
+            number,
+            inverse_depth: real_inverse_depth.as_ref(),
+            flow: real_flow.as_ref(),
+            with_and_without: local.as_ref().map(|[with, without]| (with, without)),
+        };
+        let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
+        blindaug::composite::composite(&shot, &layer, model, options)
+            .map_err(|e| failure(footage.path(), format_args!("frame {number}: {e}")))
+    })?;
+    if without_layer > 0 {
+        note(format_args!("{} without a virtual layer left as they are", count(without_layer, "frame")));
+    }
+    Ok(())
+}
+
+/// Warns once per thing that is missing.
+#[derive(Default)]
+struct Missing(BTreeSet<&'static str>);
+
+impl Missing {
+    fn check(&mut self, is_missing: bool, number: u64, what: &str, effect: &'static str) {
+        if is_missing && self.0.insert(effect) {
+            warn(format_args!("frame {number}: {what}, so the object {effect} (said once)"));
+        }
+    }
+}
+
+/// Reads a camera model for frames of this size, and says what of it is not applied.
+fn open_camera(path: &Path, source: &FrameSource) -> Result<CameraModel> {
+    let model = read_camera(path)?;
+    let (width, height) = source.size();
+    let (w, h) = (model.capture.width, model.capture.height);
+    if (w, h) != (width, height) {
+        let path = path.display();
+        note(format_args!(
+            "{path}: for frames of {w} x {h}; its blur is scaled by the width to {width} x {height}"
+        ));
+        let shape = (width * h) as f64 / (height * w) as f64;
+        if (shape - 1.0).abs() > 0.01 {
+            warn(
+                "these frames have another shape than the camera's; that is right only if they were cropped in height",
+            );
+        }
+    }
+    let model = model.scaled_to(width, height);
+    for (what, why) in [
+        ("noise", model.noise.why_unknown()),
+        ("motion blur", model.motion_blur.why_unknown()),
+        ("defocus", model.defocus.why_unknown()),
+    ] {
+        if let Some(why) = why {
+            warn(format_args!("{what} is unknown and not applied: {why}"));
+        }
+    }
+    Ok(model)
+}
+
+/// The model over metric inverse depth.
+///
+/// # Errors
+/// If it is over relative inverse depth and there is no scale.
+fn in_metres(model: CameraModel, path: &Path, scale: Option<SceneScale>) -> Result<CameraModel> {
+    match (model.defocus.known().map(|d| d.depth_kind), scale) {
+        (Some(DepthKind::Relative), Some(s)) => Ok(map_defocus(model, |d| d.to_metric(s.scale, s.offset))),
+        (Some(DepthKind::Relative), None) => Err(failure(
+            path,
+            "its defocus is over relative inverse depth, but the layers are in metres: give --scene-scale S[,O], where relative inverse depth is S / Z + O, or estimate again with --depth in metres",
+        )),
+        _ => Ok(model),
+    }
+}
+
+fn map_defocus(mut model: CameraModel, f: impl FnOnce(DefocusModel) -> DefocusModel) -> CameraModel {
+    if let Estimate::Known(defocus) = &mut model.defocus {
+        *defocus = f(*defocus);
+    }
+    model
+}
+
+/// Where frames go.
+pub struct Output {
+    path: PathBuf,
+    sink: Sink,
+    written: u64,
+    /// The last frame that was made and the next one that was not, after Ctrl-C.
+    stopped: Option<(u64, u64)>,
+}
+
+enum Sink {
+    /// PNG by number; these are there already.
+    Folder(BTreeSet<u64>),
+    Video(VideoWriter),
+    Memory(BTreeMap<u64, Encoded>),
+}
+
+impl Output {
+    fn open(args: &OutputArgs, source: &FrameSource) -> Result<Self> {
+        let path = &args.output;
+        if !VideoWriter::is_video(path) {
+            return Self::folder(path, source, args.overwrite);
+        }
+        console::check_writable(path)?;
+        if same_file(path, source.path()) {
+            return Err(failure(path, "this is the input itself; give another name"));
+        }
+        if path.exists() && !args.overwrite {
+            return Err(failure(path, "this video is there already; add --overwrite, or give another name"));
+        }
+        let fps = args.fps.or(source.fps()).unwrap_or_else(|| {
+            note(format_args!(
+                "{}: at {DEFAULT_FPS} frames a second, since the input does not say; --fps N for another",
+                path.display()
+            ));
+            DEFAULT_FPS
+        });
+        let video = VideoWriter::create(path, source.size(), fps)?;
+        Ok(Self { path: path.clone(), sink: Sink::Video(video), written: 0, stopped: None })
+    }
+
+    /// A folder of PNG, which is made if it is not there. Those that are in it are left, unless they are to be overwritten.
+    pub fn folder(path: &Path, source: &FrameSource, overwrite: bool) -> Result<Self> {
+        if path.is_file() {
+            return Err(failure(path, "this is a file; give a folder, or a video by its extension (mp4)"));
+        }
+        console::make_folder(path)?;
+        if same_file(path, source.path()) {
+            return Err(failure(path, "this is the folder of the input; give another one"));
+        }
+        let done = if overwrite { BTreeSet::new() } else { numbers_of_pngs(path)? };
+        Ok(Self { path: path.into(), sink: Sink::Folder(done), written: 0, stopped: None })
+    }
+
+    /// Keeps the frames.
+    pub fn memory() -> Self {
+        Self { path: PathBuf::new(), sink: Sink::Memory(BTreeMap::new()), written: 0, stopped: None }
+    }
+
+    /// The frames of [`Output::memory`], by number.
+    pub fn into_frames(self) -> BTreeMap<u64, Encoded> {
+        match self.sink {
+            Sink::Memory(frames) => frames,
+            _ => BTreeMap::new(),
+        }
+    }
+
+    fn write(&mut self, number: u64, frame: Encoded) -> Result<()> {
+        match &mut self.sink {
+            Sink::Folder(_) => write_png(self.path.join(png_name(number)), &frame)?,
+            Sink::Video(video) => video.write(&frame)?,
+            Sink::Memory(frames) => drop(frames.insert(number, frame)),
+        }
+        self.written += 1;
+        Ok(())
+    }
+
+    /// Completes the output and says what was written.
+    ///
+    /// # Errors
+    /// If it cannot be completed, or Ctrl-C stopped it: then with how to go on.
+    pub fn finish(self) -> Result<()> {
+        let is_video = matches!(self.sink, Sink::Video(_));
+        if let Sink::Video(video) = self.sink {
+            video.finish()?;
+        }
+        note(format_args!("{}: {} written", self.path.display(), count(self.written, "frame")));
+        match self.stopped {
+            None => Ok(()),
+            Some((last, next)) if is_video => Err(failure(
+                &self.path,
+                format_args!(
+                    "stopped after frame {last}; for the others, run it again with --frames {next}.. and another -o"
+                ),
+            )),
+            Some((last, next)) => Err(failure(
+                &self.path,
+                format_args!("stopped after frame {last}; the same command goes on with frame {next}"),
+            )),
+        }
+    }
+}
+
+fn png_name(number: u64) -> String {
+    format!("{number:04}.png")
+}
+
+/// The numbers of the frames that have been written to a folder.
+fn numbers_of_pngs(folder: &Path) -> Result<BTreeSet<u64>> {
+    let entries =
+        folder.read_dir().map_err(|e| failure(folder, format_args!("the folder cannot be read ({e})")))?;
+    let number = |name: &str| name.strip_suffix(".png")?.parse().ok().filter(|&n| png_name(n) == name);
+    Ok(entries.filter_map(|e| number(e.ok()?.file_name().to_str()?)).collect())
+}
+
+/// Of a video that is made from images.
+const DEFAULT_FPS: f64 = 30.0;
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// The frames before and after a frame, if they are at hand.
+struct Neighbours<'a> {
+    previous: Option<&'a Encoded>,
+    next: Option<&'a Encoded>,
+}
+
+impl Neighbours<'_> {
+    /// Flow to the next frame, estimated; for the last frame that from the previous one, taken to go on.
+    fn flow(&self, frame: &Frame) -> Result<Option<Flow>> {
+        let (other, sign) = match (self.next, self.previous) {
+            (Some(next), _) => (next, 1.0),
+            (None, Some(previous)) => (previous, -1.0),
+            (None, None) => return Ok(None),
+        };
+        let flow = analysis::flow::flow(&frame.image.luma(), &other.luma())
+            .map_err(|e| Failure(format!("frame {}: {e}", frame.number)))?;
+        Ok(Some(flow.map(|v| v.map(|c| sign * c))))
+    }
+}
+
+/// Calls `make` for each frame that is not done, and writes what it returns. Only with `neighbours` are the frames before and
+/// after it at hand.
+fn for_each_frame(
+    what: &'static str,
+    source: &FrameSource,
+    output: &mut Output,
+    neighbours: bool,
+    mut make: impl FnMut(&Frame, &Neighbours) -> Result<Encoded>,
+) -> Result<()> {
+    let done = match &mut output.sink {
+        Sink::Folder(done) => std::mem::take(done),
+        _ => BTreeSet::new(),
+    };
+    let needed = |n: u64| {
+        let beside = |n: u64| neighbours && !done.contains(&n);
+        !done.contains(&n) || beside(n + 1) || beside(n.saturating_sub(1))
+    };
+    if !done.is_empty() {
+        note(format_args!(
+            "{}: {} there already and left as they are (--overwrite makes them anew)",
+            output.path.display(),
+            count(done.len() as u64, "frame")
+        ));
+    }
+    let total = source.len_hint().map(|n| n.saturating_sub(done.len()));
+    let mut progress = Progress::new(what, total);
+    let mut frames = source.frames_if(needed);
+    let mut previous: Option<Frame> = None;
+    let mut current = frames.next().transpose()?;
+    while let Some(frame) = current.take() {
+        let number = frame.number;
+        let mut next = frames.next();
+        if let (true, Some(Err(_))) = (neighbours, &next) {
+            // Without it this frame's motion would be another; else this frame is still made.
+            next.take().transpose()?;
+        }
+        let after = next.as_ref().and_then(|n| n.as_ref().ok());
+        if !done.contains(&number) {
+            let around = Neighbours {
+                previous: previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image),
+                next: after.filter(|n| n.number == number + 1).map(|n| &n.image),
+            };
+            let made = make(&frame, &around)?;
+            output.write(number, made)?;
+            progress.step();
+        }
+        previous = Some(frame);
+        current = next.transpose()?;
+        if let (true, Some(next)) = (console::interrupted(), &current) {
+            output.stopped = Some((number, next.number));
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// The whole frame as the camera would film it.
+fn applied(
+    frame: &Frame,
+    inverse_depth: Option<Plane>,
+    flow: Option<Flow>,
+    model: &CameraModel,
+    options: &Options,
+) -> blindaug::Result<Encoded> {
+    let blur = Blur::new(model, frame.image.0.width(), options.bokeh)?;
+    let of = |image: &_| blur.of(image, inverse_depth.as_ref(), flow.as_ref());
+    let mut image = match model.blur_space {
+        BlurSpace::Encoded => Encoded(of(&frame.image.0)?),
+        BlurSpace::Linear => Linear(of(&frame.image.to_linear(model.transfer).0)?).to_encoded(model.transfer),
+    };
+    if let (Some(noise_model), false) = (model.noise.known(), options.no_noise) {
+        let noise = noise(noise_model, &image.luma(), options.seed, frame.number);
+        for (v, n) in image.0.data_mut().iter_mut().flatten().zip(noise.data().iter().flatten()) {
+            *v = if *v >= noise_model.clip { noise_model.clip } else { *v + n };
+        }
+    }
+    Ok(image)
+}

@@ -1,0 +1,428 @@
+//! `blindaug estimate`: a camera model from footage.
+
+use crate::{
+    console::{self, Failure, Progress, Result, failure, note, warn},
+    inspect,
+    report::{self, ReportInput, Sample},
+};
+use blindaug::{
+    Encoded, Flow, Plane, analysis,
+    fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options},
+    model::{BlurSpace, DepthKind},
+};
+use blindaug_io::{
+    DepthFormat, DepthValues, Frame, FrameRange, FrameSource, PaperScene, SideFolder, write_camera,
+};
+use clap::ValueEnum;
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+/// Estimate a camera's noise, motion blur and defocus from its footage
+#[derive(clap::Args)]
+pub struct Estimate {
+    /// A video, one image, or a folder of images in the order of the numbers in their names
+    #[arg(required_unless_present = "evidence")]
+    input: Option<PathBuf>,
+    /// Where to write the camera model
+    #[arg(short, long, value_name = "camera.json")]
+    output: PathBuf,
+    #[command(flatten)]
+    depth: DepthArgs,
+    /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
+    #[arg(long, value_name = "DIR")]
+    flow: Option<PathBuf>,
+    /// The frames without noise and blur, as far as they are known
+    #[arg(long, value_name = "DIR")]
+    clean: Option<PathBuf>,
+    /// A folder in the layout of the paper's data (original, denoised, .., flow, each with a folder per scene)
+    #[arg(long, value_name = "DIR", requires = "scene")]
+    evidence: Option<PathBuf>,
+    /// The scene in the folder of --evidence
+    #[arg(long, value_name = "NAME", requires = "evidence")]
+    scene: Option<String>,
+    /// How blur is estimated: from local spectra, or by comparison with clean frames; auto takes what is surer
+    #[arg(long, value_enum, default_value = "auto")]
+    method: MethodArg,
+    /// Use only these frames, by number, both ends included
+    #[arg(long, value_name = "FIRST..LAST")]
+    frames: Option<FrameRange>,
+    /// Frames per second, where the input does not say it
+    #[arg(long, value_name = "N", value_parser = crate::frame_rate)]
+    fps: Option<f64>,
+    /// The curve of defocus over inverse depth
+    #[arg(long, value_enum, default_value = "thin-lens")]
+    curve: CurveArg,
+    /// What shutter and lens act on: light, as real ones do, or encoded values, as in the paper
+    #[arg(long, value_enum, default_value = "linear")]
+    blur_in: BlurIn,
+    /// Also write a report: one HTML file with what the estimate rests on
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// Depth and how to read it.
+#[derive(clap::Args)]
+pub struct DepthArgs {
+    /// Depth: EXR with Z in metres, or PNG or PGM of 16 bit in millimetres
+    #[arg(long, value_name = "DIR")]
+    depth: Option<PathBuf>,
+    /// Units per metre in integer depth files
+    #[arg(long, value_name = "N", default_value = "1000", value_parser = crate::positive, requires = "depth")]
+    depth_scale: f32,
+    /// What the depth's numbers are
+    #[arg(long, value_enum, default_value = "metric", requires = "depth")]
+    depth_kind: DepthKindArg,
+}
+
+impl DepthArgs {
+    /// Depth files in a folder, in metres.
+    pub fn metric(folder: &Path) -> Self {
+        let DepthFormat { per_metre, .. } = DepthFormat::default();
+        Self { depth: Some(folder.into()), depth_scale: per_metre, depth_kind: DepthKindArg::Metric }
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> Option<&PathBuf> {
+        self.depth.as_ref()
+    }
+
+    /// The depth maps, and what they are in.
+    pub fn open(&self) -> Result<Option<(SideFolder<Plane>, DepthKind)>> {
+        let (values, kind) = match self.depth_kind {
+            DepthKindArg::Metric => (DepthValues::Metric, DepthKind::Metric),
+            DepthKindArg::Inverse => (DepthValues::Inverse, DepthKind::Metric),
+            DepthKindArg::RelativeInverse => (DepthValues::RelativeInverse, DepthKind::Relative),
+        };
+        let Some(path) = &self.depth else { return Ok(None) };
+        let format = DepthFormat { values, per_metre: self.depth_scale };
+        Ok(Some((opened(SideFolder::depth(path, format)?), kind)))
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum MethodArg {
+    Auto,
+    Spectral,
+    Removal,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum CurveArg {
+    ThinLens,
+    Quadratic,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BlurIn {
+    Linear,
+    Encoded,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum DepthKindArg {
+    /// Depth along the view axis
+    Metric,
+    /// Inverse depth, 1/m
+    Inverse,
+    /// Inverse depth of unknown scale, larger is nearer
+    RelativeInverse,
+}
+
+/// Runs the command.
+pub fn run(args: &Estimate) -> Result<()> {
+    let options = Options {
+        family: match args.method {
+            MethodArg::Auto => Family::Auto,
+            MethodArg::Spectral => Family::Spectral,
+            MethodArg::Removal => Family::Removal,
+        },
+        curve: match args.curve {
+            CurveArg::ThinLens => Curve::ThinLens,
+            CurveArg::Quadratic => Curve::Quadratic,
+        },
+        blur_space: match args.blur_in {
+            BlurIn::Linear => BlurSpace::Linear,
+            BlurIn::Encoded => BlurSpace::Encoded,
+        },
+        fps: args.fps,
+    };
+    if options.family == Family::Removal && args.clean.is_none() && args.evidence.is_none() {
+        return Err(Failure(
+            "--method removal compares with clean frames: give them with --clean DIR".into(),
+        ));
+    }
+    console::check_writable(&args.output)?;
+    if let Some(report) = &args.report {
+        console::check_writable(report)?;
+    }
+    let footage = Footage::open(args)?;
+    let fitted = fit(&footage, options, args.report.is_some())?;
+    let Estimation { model, diagnostics } = &fitted.estimation;
+    write_camera(&args.output, model)?;
+    let mut text = inspect::words(model, &[]);
+    for sentence in &diagnostics.notes {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "Note       {sentence}");
+    }
+    console::print(&text)?;
+    note(format_args!("written: {}", args.output.display()));
+    if let Some(path) = &args.report {
+        let input = footage.source.path();
+        let name = input.file_name().unwrap_or(input.as_os_str()).to_string_lossy();
+        report::write(
+            path,
+            &ReportInput {
+                title: format!("The camera of {name}"),
+                model,
+                diagnostics,
+                samples: fitted.samples,
+                comparison: Vec::new(),
+                pictures: Vec::new(),
+            },
+        )?;
+        note(format_args!("written: {}", path.display()));
+    }
+    if fitted.interrupted {
+        let (first, last) = (fitted.first, fitted.last);
+        note(format_args!(
+            "stopped: the model rests on frames {first} to {last}; for the others, run it again with --frames {}..",
+            last + 1
+        ));
+    }
+    Ok(())
+}
+
+/// Frames and what is known of them.
+pub struct Footage {
+    source: FrameSource,
+    depth: Option<(SideFolder<Plane>, DepthKind)>,
+    flow: Option<SideFolder<Flow>>,
+    denoised: Option<SideFolder<Encoded>>,
+    motion_deblurred: Option<SideFolder<Encoded>>,
+    clean: Option<SideFolder<Encoded>>,
+}
+
+/// Says what was found in a folder.
+pub fn opened<T>(folder: SideFolder<T>) -> SideFolder<T> {
+    for sentence in folder.notes() {
+        note(format_args!("{}: {sentence}", folder.path().display()));
+    }
+    folder
+}
+
+/// Opens an input and says what there is to say about it.
+pub fn open_source(path: &Path, range: Option<FrameRange>) -> Result<FrameSource> {
+    let source = FrameSource::open(path, range.unwrap_or_default())?;
+    for sentence in source.notes() {
+        note(format_args!("{}: {sentence}", path.display()));
+    }
+    Ok(source)
+}
+
+impl Footage {
+    /// Frames with known depth in metres.
+    pub fn with_depth(frames: &Path, depth: &Path) -> Result<Self> {
+        let depth = DepthArgs::metric(depth).open()?;
+        let source = open_source(frames, None)?;
+        Ok(Self { source, depth, flow: None, denoised: None, motion_deblurred: None, clean: None })
+    }
+
+    fn open(args: &Estimate) -> Result<Self> {
+        let paper = match (&args.evidence, &args.scene) {
+            (Some(dir), Some(scene)) => Some(PaperScene::open(dir, scene)?),
+            _ => None,
+        };
+        let Some(input) = args.input.as_ref().or(paper.as_ref().map(|p| &p.original)) else {
+            return Err(Failure("no input was given".into()));
+        };
+        let source = open_source(input, args.frames)?;
+        let mut footage =
+            Self { source, depth: None, flow: None, denoised: None, motion_deblurred: None, clean: None };
+        if let Some(paper) = paper {
+            footage.depth = paper.depth.map(|d| (opened(d), DepthKind::Relative));
+            footage.flow = paper.flow.map(opened);
+            footage.denoised = paper.denoised.map(opened);
+            footage.motion_deblurred = paper.de_motion_blurred.map(opened);
+            footage.clean = paper.de_focus_blurred.map(opened);
+        }
+        if let Some(depth) = args.depth.open()? {
+            footage.depth = Some(depth);
+        }
+        if let Some(path) = &args.flow {
+            footage.flow = Some(opened(SideFolder::flow(path)?));
+        }
+        if let Some(path) = &args.clean {
+            footage.clean = Some(opened(SideFolder::frames(path, "clean frames")?));
+        }
+        Ok(footage)
+    }
+}
+
+/// An estimate and which frames it rests on.
+pub struct Fitted {
+    /// The estimate.
+    pub estimation: Estimation,
+    /// A few frames for a report, if they were asked for.
+    pub samples: Vec<Sample>,
+    /// The first frame's number.
+    pub first: u64,
+    /// The last frame's number.
+    pub last: u64,
+    /// Whether Ctrl-C ended it.
+    pub interrupted: bool,
+}
+
+/// At most this many frames are kept for a report.
+const SAMPLES: usize = 3;
+
+/// What belongs to a frame, from a folder; counts the frames that have it.
+struct Side<'a, T> {
+    folder: &'a SideFolder<T>,
+    matched: u64,
+}
+
+impl<'a, T> Side<'a, T> {
+    fn new(folder: &'a Option<SideFolder<T>>) -> Option<Self> {
+        folder.as_ref().map(|folder| Self { folder, matched: 0 })
+    }
+
+    /// Counts the frame, and reads what belongs to it if it is wanted.
+    fn get(side: &mut Option<Self>, number: u64, size: (usize, usize), wanted: bool) -> Result<Option<T>> {
+        let Some(side) = side else { return Ok(None) };
+        if !side.folder.has(number) {
+            return Ok(None);
+        }
+        side.matched += 1;
+        Ok(if wanted { side.folder.get(number, size)? } else { None })
+    }
+
+    /// Says so if it was not there for all frames.
+    fn report(side: Option<Self>, what: &str, frames: u64) {
+        if let Some(Self { matched, .. }) = side
+            && matched < frames
+        {
+            note(format_args!("{what}: {matched} of {frames} frames have it"));
+        }
+    }
+}
+
+/// Fails if a folder has nothing for any of the frames.
+pub fn check_match<T>(source: &FrameSource, folder: Option<&SideFolder<T>>) -> Result<()> {
+    let Some(folder) = folder else { return Ok(()) };
+    // Not so for a video, whose frames are numbered from 1 on and slow to count.
+    let matches = if source.fps().is_none() {
+        let found = AtomicBool::new(false);
+        // Reads none of the images.
+        let mut none = source.frames_if(|n| {
+            found.fetch_or(folder.has(n), Ordering::Relaxed);
+            false
+        });
+        none.next().transpose()?;
+        drop(none);
+        found.into_inner()
+    } else {
+        source.len_hint().is_none_or(|n| (1..=n as u64).any(|n| folder.has(n)))
+    };
+    if matches {
+        return Ok(());
+    }
+    let sentence = "none of the numbers in its files' names is a frame's; rename them";
+    Err(failure(folder.path(), format_args!("{sentence} (the frames: {})", source.path().display())))
+}
+
+/// Estimates the model of a clip, with a window of three frames in memory.
+pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Result<Fitted> {
+    let source = &footage.source;
+    let size = source.size();
+    options.fps = options.fps.or(source.fps());
+    let mut estimator = Estimator::new(options);
+    let of_frame = |n: u64, e: blindaug::Error| failure(source.path(), format_args!("frame {n}: {e}"));
+
+    let depth_kind = footage.depth.as_ref().map(|d| d.1);
+    let mut depth = footage.depth.as_ref().map(|d| Side { folder: &d.0, matched: 0 });
+    let mut flow = Side::new(&footage.flow);
+    let mut denoised = Side::new(&footage.denoised);
+    let mut motion_deblurred = Side::new(&footage.motion_deblurred);
+    let mut clean = Side::new(&footage.clean);
+
+    check_match(source, depth.as_ref().map(|s| s.folder))?;
+    check_match(source, flow.as_ref().map(|s| s.folder))?;
+    for side in [&denoised, &motion_deblurred, &clean] {
+        check_match(source, side.as_ref().map(|s| s.folder))?;
+    }
+
+    // Spread over the clip where its length is known, else the first ones.
+    let spread = |i: usize| match source.len_hint() {
+        Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
+        _ => i,
+    };
+    let mut samples: Vec<Sample> = Vec::new();
+
+    let mut progress = Progress::new("estimating", source.len_hint());
+    let mut frames = source.frames();
+    let mut previous: Option<Frame> = None;
+    let mut current = frames.next().transpose()?;
+    let mut seen = 0;
+    let (mut first, mut last) = (0, 0);
+    let mut consecutive = false;
+    let mut interrupted = false;
+    while let Some(frame) = current.take() {
+        let number = frame.number;
+        let next = frames.next().transpose()?;
+        // A gap in the numbers is a gap in time.
+        let after = next.as_ref().filter(|n| n.number == number + 1).map(|n| &n.image);
+        let before = previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image);
+        consecutive |= after.is_some();
+        let sampled = keep_samples && samples.len() < SAMPLES && seen >= spread(samples.len());
+        let wanted = estimator.wants_next() || sampled;
+        let flow = Side::get(&mut flow, number, size, wanted)?;
+        let inverse_depth = Side::get(&mut depth, number, size, wanted)?;
+        let denoised = Side::get(&mut denoised, number, size, wanted)?;
+        let motion_deblurred = Side::get(&mut motion_deblurred, number, size, wanted)?;
+        let clean = Side::get(&mut clean, number, size, wanted)?;
+        let evidence = Evidence {
+            flow: flow.as_ref(),
+            inverse_depth: inverse_depth.as_ref().zip(depth_kind),
+            denoised: denoised.as_ref(),
+            motion_deblurred: motion_deblurred.as_ref(),
+            clean: clean.as_ref(),
+        };
+        let observation = Observation { frame: &frame.image, next: after, previous: before, evidence };
+        estimator.add(&observation).map_err(|e| of_frame(number, e))?;
+        if sampled {
+            let flow = match (flow, after) {
+                (None, Some(after)) => Some(
+                    analysis::flow::flow(&frame.image.luma(), &after.luma())
+                        .map_err(|e| of_frame(number, e))?,
+                ),
+                (flow, _) => flow,
+            };
+            samples.push(Sample { number, frame: frame.image.clone(), flow, inverse_depth, clean });
+        }
+        first = if seen == 0 { number } else { first };
+        last = number;
+        seen += 1;
+        progress.step();
+        previous = Some(frame);
+        current = next;
+        interrupted = console::interrupted() && current.is_some();
+        if interrupted {
+            break;
+        }
+    }
+    drop(progress);
+    let frames = seen as u64;
+    Side::report(depth, "depth", frames);
+    Side::report(flow, "flow", frames);
+    Side::report(denoised, "denoised frames", frames);
+    Side::report(motion_deblurred, "motion-deblurred frames", frames);
+    Side::report(clean, "clean frames", frames);
+    if seen > 1 && !consecutive {
+        warn("no two frames have successive numbers, so there is no motion to see");
+    }
+    let estimation = estimator.estimate().map_err(|e| failure(source.path(), e))?;
+    Ok(Fitted { estimation, samples, first, last, interrupted })
+}

@@ -1,0 +1,345 @@
+//! `blindaug inspect`: a camera model in words and units.
+
+use crate::console::{Result, print};
+use blindaug::{
+    CameraModel, Plane,
+    model::{Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, NoiseModel},
+    synth::noise::noise,
+};
+use serde_json::{Map, Value, json};
+use std::{fmt::Write, path::PathBuf};
+
+/// Show a camera model in words and units
+#[derive(clap::Args)]
+pub struct Inspect {
+    /// The camera model
+    camera: PathBuf,
+    /// Also say the blur at these depths, in metres (in relative inverse depth, if that is what the model has)
+    #[arg(long, value_name = "DEPTHS", value_delimiter = ',', value_parser = crate::positive)]
+    at_depth: Vec<f32>,
+    /// Print the derived values as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Inspect) -> Result<()> {
+    let model = blindaug_io::read_camera(&args.camera)?;
+    if args.json {
+        let mut text = serde_json::to_string_pretty(&derived(&model, &args.at_depth)).unwrap_or_default();
+        text.push('\n');
+        print(&text)
+    } else {
+        print(&words(&model, &args.at_depth))
+    }
+}
+
+/// Luminances at which the noise is told.
+const LUMINANCES: [f32; 3] = [0.1, 0.5, 0.9];
+
+/// Blur that starts to show: the std of the equivalent Gaussian, px.
+const VISIBLE_PX: f32 = 0.5;
+
+/// The model in words, a line per fact.
+pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
+    let Capture { width, height, fps, frames_used } = model.capture;
+    let rate = fps.map_or("at an unknown frame rate".into(), |f| format!("at {} frames a second", short(f)));
+    let frames = count(frames_used as u64, "frame");
+    let mut text = format!("Camera     {width} x {height} px {rate}; estimated from {frames}\n");
+    // Writing to a String cannot fail.
+    let _ = noise_words(&mut text, &model.noise);
+    let _ = motion_blur_words(&mut text, model);
+    let _ = defocus_words(&mut text, &model.defocus, at_depth);
+    text
+}
+
+fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Result {
+    let noise = match noise {
+        Estimate::Known(noise) => noise,
+        Estimate::Unknown(why) => return writeln!(text, "Noise      unknown: {why}"),
+    };
+    writeln!(text, "Noise      std in R, G, B, in steps of 8 bit (1/255):")?;
+    for (y, std) in LUMINANCES.iter().zip(noise_std(noise, LUMINANCES)) {
+        let [r, g, b] = std.map(|v| 255.0 * v);
+        writeln!(text, "             at luminance {y}: {r:.2}, {g:.2}, {b:.2}")?;
+    }
+    writeln!(
+        text,
+        "           none from the encoded value {} up, where the sensor clips",
+        short(noise.clip.into())
+    )?;
+    writeln!(text, "           {}", origin(noise.method, noise.samples, "local measurements"))
+}
+
+fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result {
+    let blur = match &model.motion_blur {
+        Estimate::Known(blur) => blur,
+        Estimate::Unknown(why) => return writeln!(text, "Exposure   unknown: {why}"),
+    };
+    let angle = blur.exposure.shutter_angle();
+    writeln!(
+        text,
+        "Exposure   {} of the frame interval ({}): a shutter angle of {angle:.0} degrees",
+        short(blur.exposure.0.into()),
+        interval(blur.interval)
+    )?;
+    if let Some(fps) = model.capture.fps {
+        let seconds = blur.exposure.seconds(fps);
+        let fraction = if seconds > 0.0 { format!(", 1/{:.0} s", seconds.recip()) } else { String::new() };
+        writeln!(text, "           {:.1} ms at {} frames a second{fraction}", 1e3 * seconds, short(fps))?;
+    }
+    writeln!(text, "           {}", origin(blur.method, blur.samples, unit_of_samples(blur.method)))
+}
+
+fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: &[f32]) -> std::fmt::Result {
+    let defocus = match defocus {
+        Estimate::Known(defocus) => defocus,
+        Estimate::Unknown(why) => return writeln!(text, "Defocus    unknown: {why}"),
+    };
+    let metric = defocus.depth_kind == DepthKind::Metric;
+    let facts = DefocusFacts::of(defocus);
+    let place = |d: f32| if metric { depth(d) } else { format!("relative inverse depth {d:.3}") };
+    let known_to = |i: Option<[f32; 2]>, text: &dyn Fn(f32) -> String| {
+        i.map_or(String::new(), |[lo, hi]| format!(" ({} to {})", text(lo), text(hi)))
+    };
+    match facts.focus {
+        Some(d) => {
+            // The far end of the interval of inverse depth is the larger depth.
+            let i = facts.focus_interval.map(|[lo, hi]| if metric { [hi, lo] } else { [lo, hi] });
+            writeln!(text, "Defocus    in focus at {}{}", place(d), known_to(i, &place))?;
+        }
+        None => writeln!(text, "Defocus    nothing in its range is in focus")?,
+    }
+    if let Some(s) = facts.sigma_at_infinity {
+        let of = if metric { "at infinity" } else { "at relative inverse depth 0" };
+        let i = known_to(facts.sigma_interval, &|v| format!("{v:.2}"));
+        writeln!(text, "           blur {of}: {s:.2} px{i}, the std of the equivalent Gaussian")?;
+    }
+    match facts.sharp {
+        Some(sharp) => {
+            let [near, far] = if metric { [sharp[1], sharp[0]] } else { sharp };
+            let (near, far) = (place(near), place(far));
+            writeln!(text, "           blur starts to show (over {VISIBLE_PX} px) outside {near} to {far}")?;
+        }
+        None => writeln!(text, "           blur shows (over {VISIBLE_PX} px) everywhere")?,
+    }
+    for &at in at_depth {
+        let d = if metric { at.recip() } else { at };
+        let what = if metric { format!("{at} m") } else { format!("relative inverse depth {at}") };
+        writeln!(text, "           at {what}: {:.2} px", defocus.sigma_px(d))?;
+    }
+    writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
+}
+
+/// What follows from a defocus model, in its inverse depth and px.
+struct DefocusFacts {
+    /// `None`: the curve has no point below [`VISIBLE_PX`].
+    focus: Option<f32>,
+    focus_interval: Option<[f32; 2]>,
+    sigma_at_infinity: Option<f32>,
+    sigma_interval: Option<[f32; 2]>,
+    /// The inverse depths, low and high, between which blur stays below [`VISIBLE_PX`]; 0 is infinitely far.
+    sharp: Option<[f32; 2]>,
+}
+
+impl DefocusFacts {
+    fn of(model: &DefocusModel) -> Self {
+        match model.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
+                let reach = VISIBLE_PX / s;
+                Self {
+                    focus: Some(f),
+                    focus_interval: interval.map(|i| i.focus_inverse_depth),
+                    sigma_at_infinity: Some(s),
+                    sigma_interval: interval.map(|i| i.sigma_px_at_infinity),
+                    sharp: Some([f * (1.0 - reach).max(0.0), f * (1.0 + reach)]),
+                }
+            }
+            DefocusCurve::Quadratic { inverse_depth_range: [lo, hi], .. } => {
+                const STEPS: u16 = 1000;
+                let at = |i: u16| lo + (hi - lo) * f32::from(i) / f32::from(STEPS);
+                let mut sharp = (0..=STEPS).map(at).filter(|&d| model.sigma_px(d) <= VISIBLE_PX);
+                let focus =
+                    (0..=STEPS).map(at).min_by(|&a, &b| model.sigma_px(a).total_cmp(&model.sigma_px(b)));
+                let near = sharp.next();
+                Self {
+                    focus: focus.filter(|_| near.is_some()),
+                    focus_interval: None,
+                    sigma_at_infinity: None,
+                    sigma_interval: None,
+                    sharp: near.map(|first| [first, sharp.last().unwrap_or(first)]),
+                }
+            }
+        }
+    }
+}
+
+/// The derived values, for programs.
+fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
+    let noise = match &model.noise {
+        Estimate::Known(n) => {
+            let std = LUMINANCES.iter().zip(noise_std(n, LUMINANCES));
+            let std: Vec<_> = std.map(|(y, std)| json!({ "luminance": y, "std": std })).collect();
+            json!({ "std_of_encoded_rgb": std, "clip": n.clip, "method": n.method, "samples": n.samples })
+        }
+        Estimate::Unknown(why) => json!({ "unknown": why }),
+    };
+    let motion_blur = match &model.motion_blur {
+        Estimate::Known(m) => json!({
+            "exposure": m.exposure, "interval": m.interval,
+            "shutter_angle_degrees": m.exposure.shutter_angle(),
+            "exposure_time_s": model.capture.fps.map(|f| m.exposure.seconds(f)),
+            "method": m.method, "samples": m.samples
+        }),
+        Estimate::Unknown(why) => json!({ "unknown": why }),
+    };
+    let defocus = match &model.defocus {
+        Estimate::Known(d) => defocus_derived(d, at_depth),
+        Estimate::Unknown(why) => json!({ "unknown": why }),
+    };
+    json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus })
+}
+
+fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
+    let facts = DefocusFacts::of(model);
+    let mut values = Map::new();
+    let mut put = |key: &str, value: Value| values.insert(key.into(), value);
+    put("depth_kind", json!(model.depth_kind));
+    put("sigma_px_at_infinity", json!(facts.sigma_at_infinity));
+    put("focus_inverse_depth", json!(facts.focus));
+    put("inverse_depth_with_sigma_below_half_px", json!(facts.sharp));
+    let metric = model.depth_kind == DepthKind::Metric;
+    if metric {
+        // Null: infinitely far.
+        let metres = |d: f32| (d > 0.0).then(|| d.recip());
+        put("focus_distance_m", json!(facts.focus.and_then(metres)));
+        put(
+            "depth_m_with_sigma_below_half_px",
+            json!(facts.sharp.map(|[far, near]| [near, far].map(metres))),
+        );
+    }
+    let at: Vec<_> = at_depth
+        .iter()
+        .map(|&z| {
+            let (key, d) = if metric { ("depth_m", z.recip()) } else { ("relative_inverse_depth", z) };
+            json!({ key: z, "sigma_px": model.sigma_px(d) })
+        })
+        .collect();
+    put("at", json!(at));
+    put("method", json!(model.method));
+    put("samples", json!(model.samples));
+    Value::Object(values)
+}
+
+/// Std of the noise in R, G and B at these luminances, encoded: measured on noise made by the model, since its bands overlap.
+pub fn noise_std<const N: usize>(model: &NoiseModel, luminances: [f32; N]) -> [[f32; 3]; N] {
+    const SIDE: usize = 256;
+    luminances.map(|y| {
+        let noise = noise(model, &Plane::filled(SIDE, SIDE, y), 0, 0);
+        [0, 1, 2].map(|c| {
+            let squares: f64 = noise.data().iter().map(|p| f64::from(p[c]).powi(2)).sum();
+            (squares / (SIDE * SIDE) as f64).sqrt() as f32
+        })
+    })
+}
+
+/// A depth in words, from inverse depth in 1/m.
+fn depth(d: f32) -> String {
+    if d > 1e-4 { format!("{} m", short(d.recip().into())) } else { "infinity".into() }
+}
+
+/// "0.45 to 0.51, 95 % sure".
+fn interval([lo, hi]: [f32; 2]) -> String {
+    format!("{} to {}, 95 % sure", short(lo.into()), short(hi.into()))
+}
+
+fn origin(method: Method, samples: u64, unit: &str) -> String {
+    let how = match method {
+        Method::Temporal => "from differences of successive frames",
+        Method::Spatial => "from the flattest parts of single frames",
+        Method::Spectral => "from local spectra",
+        Method::Removal => "by comparison with clean frames",
+        Method::Given => return "given, not estimated".into(),
+    };
+    format!("{how} ({samples} {unit})")
+}
+
+fn unit_of_samples(method: Method) -> &'static str {
+    if method == Method::Spectral { "tiles" } else { "pixels" }
+}
+
+/// Three significant digits or so, without zeros at the end.
+pub fn short(v: f64) -> String {
+    let decimals = match v.abs() {
+        a if a >= 100.0 => 1,
+        a if a >= 0.1 => 2,
+        _ => 4,
+    };
+    let text = format!("{v:.decimals$}");
+    text.trim_end_matches('0').trim_end_matches('.').into()
+}
+
+/// "1 frame", "5 frames".
+pub fn count(n: u64, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::model::{NOISE_LEVELS, NoiseLevel};
+    use blindaug::synth::noise::white_band_std;
+
+    #[test]
+    fn numbers_are_short() {
+        for (v, text) in [
+            (0.48, "0.48"),
+            (30.0, "30"),
+            (29.97, "29.97"),
+            (0.0123, "0.0123"),
+            (0.0, "0"),
+            (1234.56, "1234.6"),
+        ] {
+            assert_eq!(short(v), text);
+        }
+    }
+
+    #[test]
+    fn the_std_of_white_noise_is_told_as_it_is() {
+        let bands = white_band_std();
+        let levels: [NoiseLevel; NOISE_LEVELS] =
+            std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [0.05 * bands[l]; 3] });
+        let model = NoiseModel { levels, interval: None, clip: 1.0, method: Method::Given, samples: 0 };
+        // The low-pass below the four bands is all that is missing.
+        for std in noise_std(&model, [0.2])[0] {
+            assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
+        }
+    }
+
+    #[test]
+    fn blur_starts_to_show_where_the_curve_says() {
+        let lens = |s| DefocusModel {
+            curve: DefocusCurve::ThinLens {
+                sigma_px_at_infinity: s,
+                focus_inverse_depth: 0.25,
+                interval: None,
+            },
+            depth_kind: DepthKind::Metric,
+            method: Method::Given,
+            samples: 0,
+        };
+        let [far, near] = DefocusFacts::of(&lens(2.0)).sharp.unwrap();
+        assert!((lens(2.0).sigma_px(far) - VISIBLE_PX).abs() < 1e-5);
+        assert!((lens(2.0).sigma_px(near) - VISIBLE_PX).abs() < 1e-5);
+        assert!(far < 0.25 && near > 0.25);
+        assert_eq!(DefocusFacts::of(&lens(0.3)).sharp.unwrap()[0], 0.0);
+        let bowl = DefocusModel {
+            curve: DefocusCurve::Quadratic { a: 4.0, b: -4.0, c: 1.2, inverse_depth_range: [0.0, 1.0] },
+            ..lens(1.0)
+        };
+        let facts = DefocusFacts::of(&bowl);
+        let [lo, hi] = facts.sharp.unwrap();
+        assert!((facts.focus.unwrap() - 0.5).abs() < 2e-3 && (lo + hi - 1.0).abs() < 4e-3);
+        assert!((bowl.sigma_px(lo) - VISIBLE_PX).abs() < 0.01);
+    }
+}

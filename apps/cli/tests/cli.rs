@@ -1,0 +1,555 @@
+//! The binary as a person meets it: every command, what it says, and what it leaves behind when something is wrong.
+
+use blindaug::{
+    CameraModel, Encoded, Raster,
+    model::{
+        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
+        NOISE_LEVELS, NoiseLevel, NoiseModel,
+    },
+};
+use blindaug_io::{read_frame, write_camera, write_png};
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+    time::{Duration, Instant},
+};
+use tempfile::TempDir;
+
+fn blindaug() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_blindaug"));
+    command.stdin(Stdio::null());
+    command
+}
+
+/// Runs the binary with these arguments, separated by spaces, in a folder.
+fn run(folder: &Path, arguments: &str) -> Output {
+    blindaug().current_dir(folder).args(arguments.split_whitespace()).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// What the binary prints to standard output when all is well.
+fn succeeds(folder: &Path, arguments: &str) -> String {
+    let output = run(folder, arguments);
+    assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+/// The sentence with which the binary gives up: exit status 1, the last line of standard error.
+fn fails(folder: &Path, arguments: &str) -> String {
+    sentence_of(&run(folder, arguments), arguments)
+}
+
+fn sentence_of(output: &Output, arguments: &str) -> String {
+    let errors = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{arguments}: {errors}");
+    assert!(!errors.contains("panicked"), "{arguments}: {errors}");
+    let said: Vec<&str> = errors.lines().filter(|l| l.starts_with("blindaug: ")).collect();
+    assert_eq!(said.len(), 1, "{arguments}: {errors}");
+    assert_eq!(errors.lines().last(), Some(said[0]), "{arguments}: {errors}");
+    said[0].into()
+}
+
+/// Everything in a folder, hidden files too, by path from it.
+fn files_in(folder: &Path) -> Vec<String> {
+    fn visit(folder: &Path, root: &Path, found: &mut Vec<String>) {
+        for entry in folder.read_dir().unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => visit(&path, root, found),
+                false => found.push(path.strip_prefix(root).unwrap().to_string_lossy().into_owned()),
+            }
+        }
+    }
+    let mut found = Vec::new();
+    visit(folder, folder, &mut found);
+    found.sort();
+    found
+}
+
+/// A textured picture, moved by (2 t, t) px.
+fn picture(width: usize, height: usize, t: usize) -> Encoded {
+    Encoded(Raster::from_fn(width, height, |x, y| {
+        let (x, y) = ((x + 2 * t) as f32, (y + t) as f32);
+        let wave = |a: f32, b: f32| 0.5 + 0.25 * (a * x + b * y).sin() + 0.2 * (b * x - a * y).sin();
+        [wave(0.31, 0.17), wave(0.13, 0.57), wave(0.77, 0.05)]
+    }))
+}
+
+fn write_frames(folder: &Path, numbers: impl IntoIterator<Item = usize>, (width, height): (usize, usize)) {
+    std::fs::create_dir_all(folder).unwrap();
+    for n in numbers {
+        write_png(folder.join(format!("{n:04}.png")), &picture(width, height, n)).unwrap();
+    }
+}
+
+/// A camera of known parameters.
+fn camera(width: usize, height: usize, depth_kind: DepthKind) -> CameraModel {
+    let capture = Capture { width, height, fps: Some(25.0), frames_used: 3 };
+    let mut model = CameraModel::unknown(capture, "");
+    model.noise = Estimate::Known(NoiseModel {
+        levels: [NoiseLevel { slope: [0.01; 3], intercept: [0.01; 3] }; NOISE_LEVELS],
+        interval: None,
+        clip: 1.0,
+        method: Method::Temporal,
+        samples: 1000,
+    });
+    model.motion_blur = Estimate::Known(MotionBlurModel {
+        exposure: ExposureFraction(0.5),
+        interval: [0.45, 0.55],
+        method: Method::Spectral,
+        samples: 100,
+    });
+    model.defocus = Estimate::Known(DefocusModel {
+        curve: DefocusCurve::ThinLens { sigma_px_at_infinity: 2.0, focus_inverse_depth: 0.5, interval: None },
+        depth_kind,
+        method: Method::Spectral,
+        samples: 100,
+    });
+    model
+}
+
+/// The demo's clip.
+fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/demo").join(name)
+}
+
+fn demo_arguments() -> String {
+    let path = |name| asset(name).display().to_string();
+    format!("{} --virtual {} --depth {}", path("frames"), path("virtual"), path("scene"))
+}
+
+#[test]
+fn help_and_version_are_there() {
+    let dir = TempDir::new().unwrap();
+    let help = succeeds(dir.path(), "--help");
+    for command in ["demo", "estimate", "composite", "apply", "inspect"] {
+        assert!(help.contains(command), "{command}");
+        assert!(succeeds(dir.path(), &format!("{command} --help")).contains("Usage"));
+    }
+    assert!(succeeds(dir.path(), "--version").starts_with("blindaug "));
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    let dir = TempDir::new().unwrap();
+    for arguments in [
+        "",
+        "paint",
+        "estimate",
+        "estimate a.png",
+        "estimate -o c.json",
+        "estimate a.png -o c.json --frames 5",
+        "estimate a.png -o c.json --method magic",
+        "estimate a.png -o c.json --evidence d",
+        "estimate a.png -o c.json --fps 0",
+        "estimate a.png -o c.json --depth d --depth-scale -1",
+        "composite a.png --virtual v -o out",
+        "composite a.png --virtual v --camera c.json -o out --with w",
+        "composite a.png --virtual v --camera c.json -o out --without w",
+        "composite a.png --virtual v --camera c.json -o out --scene-scale 0",
+        "composite a.png --virtual v --camera c.json -o out --seed -1",
+        "inspect",
+        "inspect c.json --at-depth 1,nan",
+    ] {
+        let output = run(dir.path(), arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {}", text(&output.stderr));
+        assert!(!output.stderr.is_empty());
+    }
+    assert!(files_in(dir.path()).is_empty());
+}
+
+#[test]
+fn inputs_that_are_not_there_or_empty_are_named() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    std::fs::create_dir(d.join("empty")).unwrap();
+    std::fs::write(d.join("notes.txt"), "no video").unwrap();
+    write_camera(d.join("c.json"), &camera(8, 8, DepthKind::Metric)).unwrap();
+    write_frames(&d.join("f"), 1..3, (8, 8));
+    for (arguments, says) in [
+        ("estimate none.mp4 -o c2.json", "none.mp4: there is no such file"),
+        ("estimate empty -o c2.json", "empty: the folder has no images"),
+        ("estimate notes.txt -o c2.json", "notes.txt: "),
+        ("estimate f -o c2.json --frames 7..9", "no frame in 7..9"),
+        ("estimate f -o c2.json --depth none", "none: there is no such file"),
+        ("estimate f -o c2.json --depth empty", "empty: the folder has no files with depth"),
+        ("estimate f -o c2.json --method removal", "--clean"),
+        ("estimate -o c2.json --evidence empty --scene x", "no scene \"x\""),
+        ("composite none --virtual f --camera c.json -o out", "none: there is no such file"),
+        (
+            "composite f --virtual empty --camera c.json -o out",
+            "empty: the folder has no files with virtual layers",
+        ),
+        ("apply f --camera none.json -o out", "none.json: there is no such file"),
+        ("apply f --camera c.json -o f", "the folder of the input"),
+        ("inspect none.json", "none.json: there is no such file"),
+    ] {
+        let said = fails(d, arguments);
+        assert!(said.contains(says), "{arguments}: {said}");
+    }
+    assert!(!d.join("c2.json").exists());
+    assert_eq!(files_in(&d.join("f")).len(), 2);
+}
+
+#[test]
+fn bad_camera_files_are_refused_with_the_reason() {
+    let dir = TempDir::new().unwrap();
+    let good = camera(8, 8, DepthKind::Metric).to_json();
+    for (from, to, says) in [
+        ("\"version\": 1", "\"version\": 2", "version 2"),
+        ("\"version\": 1,", "", "version"),
+        ("\"exposure\": 0.5", "\"exposures\": 0.5", "exposure"),
+        ("\"exposure\": 0.5", "\"exposure\": NaN", "not a camera model"),
+        ("\"exposure\": 0.5", "\"exposure\": -0.5", "exposure"),
+        ("\"sigma_px_at_infinity\": 2.0", "\"sigma_px_at_infinity\": -2.0", "sigma_px_at_infinity"),
+        ("\"width\": 8", "\"width\": 0", "width"),
+        ("blindaug-camera", "something-else", "something-else"),
+        ("}", "", "not a camera model"),
+    ] {
+        assert!(good.contains(from), "{from} in {good}");
+        std::fs::write(dir.path().join("c.json"), good.replacen(from, to, 1)).unwrap();
+        let said = fails(dir.path(), "inspect c.json");
+        assert!(said.contains("c.json: ") && said.contains(says), "{said}");
+    }
+    std::fs::write(dir.path().join("c.json"), [0xff, 0xfe, 0]).unwrap();
+    fails(dir.path(), "inspect c.json");
+}
+
+#[test]
+fn a_camera_is_told_in_words_and_as_json() {
+    let dir = TempDir::new().unwrap();
+    write_camera(dir.path().join("c.json"), &camera(640, 480, DepthKind::Metric)).unwrap();
+    let words = succeeds(dir.path(), "inspect c.json --at-depth 1,4");
+    for says in
+        ["640 x 480", "180 degrees", "20.0 ms", "in focus at 2 m", "at 1 m: 2.00 px", "at 4 m: 1.00 px"]
+    {
+        assert!(words.contains(says), "{says} in {words}");
+    }
+    let json = succeeds(dir.path(), "inspect c.json --at-depth 1 --json");
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let near = |path: &str, want: f64| {
+        let got = json.pointer(path).and_then(|v| v.as_f64()).unwrap_or_else(|| panic!("{path} in {json}"));
+        assert!((got - want).abs() < 1e-4, "{path}: {got}");
+    };
+    near("/motion_blur/shutter_angle_degrees", 180.0);
+    near("/motion_blur/exposure_time_s", 0.02);
+    near("/defocus/focus_distance_m", 2.0);
+    near("/defocus/depth_m_with_sigma_below_half_px/0", 1.6);
+    near("/defocus/depth_m_with_sigma_below_half_px/1", 1.0 / 0.375);
+    near("/defocus/at/0/sigma_px", 2.0);
+    let unknown =
+        CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 1 }, "nothing moves");
+    write_camera(dir.path().join("c.json"), &unknown).unwrap();
+    let words = succeeds(dir.path(), "inspect c.json --at-depth 1");
+    assert_eq!(words.matches("unknown: nothing moves").count(), 3, "{words}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_and_a_closed_pipe_are_no_panic() {
+    let dir = TempDir::new().unwrap();
+    write_camera(dir.path().join("c.json"), &camera(8, 8, DepthKind::Metric)).unwrap();
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output =
+        blindaug().current_dir(dir.path()).args(["inspect", "c.json"]).stdout(full).output().unwrap();
+    assert!(sentence_of(&output, "inspect").contains("standard output"));
+
+    // Files that may not grow stand for a disk without room.
+    write_frames(&dir.path().join("f"), 1..3, (64, 64));
+    let before = files_in(dir.path());
+    for arguments in ["estimate f -o new.json", "apply f --camera c.json -o ."] {
+        let binary = env!("CARGO_BIN_EXE_blindaug");
+        let output = Command::new("sh")
+            .args(["-c", &format!("trap '' XFSZ; ulimit -f 0; exec {binary} {arguments}")])
+            .current_dir(dir.path())
+            .output()
+            .unwrap();
+        sentence_of(&output, arguments);
+        assert_eq!(files_in(dir.path()), before, "{arguments}");
+    }
+
+    let mut child = blindaug()
+        .current_dir(dir.path())
+        .args(["inspect", "c.json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
+}
+
+#[test]
+fn outputs_that_cannot_be_written_are_known_before_the_work_starts() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    std::fs::write(d.join("file"), "").unwrap();
+    write_frames(&d.join("f"), 1..3, (8, 8));
+    write_camera(d.join("c.json"), &camera(8, 8, DepthKind::Metric)).unwrap();
+    let before = files_in(d);
+    for (arguments, says) in [
+        ("estimate f -o none/c.json", "there is no folder none"),
+        ("estimate f -o file/c.json", "there is no folder file"),
+        ("estimate f -o f", "f: this is a folder"),
+        ("estimate f -o new.json --report none/r.html", "there is no folder none"),
+        ("apply f --camera c.json -o file", "file: this is a file"),
+        ("apply f --camera c.json -o file/out", "file/out: the folder cannot be made"),
+        ("apply f --camera c.json -o none/out.mp4", "there is no folder none"),
+        ("demo -o file", "file: the folder cannot be made"),
+    ] {
+        let said = fails(d, arguments);
+        assert!(said.contains(says), "{arguments}: {said}");
+        assert_eq!(files_in(d), before, "{arguments}");
+    }
+}
+
+#[test]
+fn damaged_and_mixed_frames_end_in_a_sentence_with_the_file_s_name() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    // Without motion blur no frame needs the next one.
+    let mut still = camera(32, 32, DepthKind::Metric);
+    still.motion_blur = Estimate::Unknown("nothing moves".into());
+    write_camera(d.join("c.json"), &still).unwrap();
+    write_frames(&d.join("mixed"), 1..3, (32, 32));
+    write_frames(&d.join("mixed"), 3..4, (31, 32));
+    write_frames(&d.join("cut"), 1..4, (32, 32));
+    let png = std::fs::read(d.join("cut/0003.png")).unwrap();
+    std::fs::write(d.join("cut/0003.png"), &png[..png.len() / 2]).unwrap();
+    write_frames(&d.join("twice"), 1..2, (32, 32));
+    write_frames(&d.join("twice"), [10], (32, 32));
+    std::fs::rename(d.join("twice/0010.png"), d.join("twice/a1.png")).unwrap();
+    write_frames(&d.join("other"), 100..102, (32, 32));
+    write_frames(&d.join("good"), 1..3, (32, 32));
+    write_frames(&d.join("small"), 1..3, (16, 16));
+    for (arguments, says) in [
+        ("estimate mixed -o new.json", "0003.png: frame 3 is 31 x 32"),
+        ("estimate cut -o new.json", "0003.png: the file is damaged or cut short"),
+        ("estimate twice -o new.json", "both have the number 1"),
+        ("estimate good -o new.json --clean other", "other: none of the numbers"),
+        ("estimate good -o new.json --clean small", "small/0001.png"),
+        ("estimate good -o new.json --depth good", "colour picture"),
+        ("estimate good -o new.json --flow good", "no files with flow"),
+    ] {
+        let said = fails(d, arguments);
+        assert!(said.contains(says), "{arguments}: {said}");
+        assert!(!d.join("new.json").exists());
+    }
+    // What was made before the damaged frame is whole, and stays.
+    let said = fails(d, "apply cut --camera c.json -o out");
+    assert!(said.contains("0003.png"), "{said}");
+    assert_eq!(files_in(&d.join("out")), ["0001.png", "0002.png"]);
+    read_frame(d.join("out/0002.png")).unwrap();
+}
+
+#[test]
+fn a_single_image_says_nothing_about_the_exposure() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_frames(d, 1..2, (64, 64));
+    let words = succeeds(d, "estimate 0001.png -o c.json");
+    assert!(words.contains("Exposure   unknown"), "{words}");
+    let model = blindaug_io::read_camera(d.join("c.json")).unwrap();
+    assert!(model.motion_blur.why_unknown().is_some());
+    assert_eq!(model.capture.frames_used, 1);
+}
+
+#[test]
+fn images_of_one_pixel_are_no_panic() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_frames(&d.join("f"), 1..4, (1, 1));
+    succeeds(d, "estimate f -o c.json");
+    let model = blindaug_io::read_camera(d.join("c.json")).unwrap();
+    assert!(model.motion_blur.why_unknown().is_some() && model.defocus.why_unknown().is_some());
+    write_camera(d.join("c.json"), &camera(1, 1, DepthKind::Metric)).unwrap();
+    succeeds(d, "apply f --camera c.json -o out");
+    assert_eq!(files_in(&d.join("out")).len(), 3);
+}
+
+#[test]
+fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_frames(&d.join("f"), 8..12, (48, 40));
+    write_camera(d.join("c.json"), &camera(48, 40, DepthKind::Metric)).unwrap();
+    let bytes = |name: &str| std::fs::read(d.join(name)).unwrap();
+    succeeds(d, "apply f --camera c.json -o a --seed 7");
+    assert_eq!(files_in(&d.join("a")), ["0008.png", "0009.png", "0010.png", "0011.png"]);
+    assert_ne!(bytes("a/0009.png"), bytes("f/0009.png"));
+    // Made in two runs, it is the same.
+    succeeds(d, "apply f --camera c.json -o b --seed 7 --frames 8..9");
+    assert_eq!(files_in(&d.join("b")).len(), 2);
+    let marked = bytes("f/0008.png");
+    std::fs::remove_file(d.join("b/0009.png")).unwrap();
+    std::fs::write(d.join("b/0008.png"), &marked).unwrap();
+    succeeds(d, "apply f --camera c.json -o b --seed 7");
+    assert_eq!(bytes("b/0008.png"), marked, "what is done is left as it is");
+    for name in ["0009.png", "0010.png", "0011.png"] {
+        assert_eq!(bytes(&format!("a/{name}")), bytes(&format!("b/{name}")), "{name}");
+    }
+    succeeds(d, "apply f --camera c.json -o b --seed 7 --overwrite");
+    assert_eq!(bytes("a/0008.png"), bytes("b/0008.png"));
+    succeeds(d, "apply f --camera c.json -o b --seed 8 --overwrite");
+    assert_ne!(bytes("a/0008.png"), bytes("b/0008.png"));
+    let said = text(&run(d, "apply f --camera c.json -o small --no-noise").stderr);
+    assert!(said.contains("without --depth nothing is defocused"), "{said}");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    const FRAMES: usize = 60;
+    write_frames(&d.join("f"), 1..FRAMES + 1, (320, 240));
+    write_camera(d.join("c.json"), &camera(320, 240, DepthKind::Metric)).unwrap();
+    let started = |arguments: &str| {
+        let mut command = blindaug();
+        command.current_dir(d).args(arguments.split_whitespace());
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let interrupt =
+        |id: u32| assert!(Command::new("kill").args(["-INT", &id.to_string()]).status().unwrap().success());
+
+    let child = started("apply f --camera c.json -o out");
+    let start = Instant::now();
+    while !d.join("out/0002.png").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    interrupt(child.id());
+    let said = sentence_of(&child.wait_with_output().unwrap(), "apply");
+    let made = files_in(&d.join("out"));
+    assert!(made.len() < FRAMES, "it was not stopped");
+    let next = made.len() + 1;
+    assert!(said.contains(&format!("goes on with frame {next}")), "{said}");
+    for name in &made {
+        read_frame(d.join("out").join(name)).unwrap();
+    }
+    succeeds(d, "apply f --camera c.json -o out");
+    assert_eq!(files_in(&d.join("out")).len(), FRAMES);
+
+    // An estimate of the frames so far is written, and says which they are.
+    let child = started("estimate f -o e.json");
+    std::thread::sleep(Duration::from_millis(500));
+    interrupt(child.id());
+    let output = child.wait_with_output().unwrap();
+    let said = text(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let model = blindaug_io::read_camera(d.join("e.json")).unwrap();
+    assert!(said.contains("--frames") && model.capture.frames_used < FRAMES, "{said}");
+}
+
+#[test]
+fn composites_take_the_layer_s_frames_and_leave_the_others() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let model = camera(272, 272, DepthKind::Metric);
+    write_camera(d.join("c.json"), &model).unwrap();
+    // A layer for frame 2 alone.
+    std::fs::create_dir(d.join("v")).unwrap();
+    std::fs::copy(asset("virtual/0002.exr"), d.join("v/0002.exr")).unwrap();
+    let frames = asset("frames");
+    let frames = frames.display();
+    succeeds(d, &format!("composite {frames} --virtual v --camera c.json -o out --frames 1..3"));
+    assert_eq!(files_in(&d.join("out")), ["0001.png", "0002.png", "0003.png"]);
+    let same = |n: u32| {
+        read_frame(d.join(format!("out/000{n}.png"))).unwrap()
+            == read_frame(asset(&format!("frames/000{n}.png"))).unwrap()
+    };
+    assert!(same(1) && !same(2) && same(3));
+    // Naive needs no camera.
+    succeeds(d, &format!("composite {frames} --virtual v -o naive --naive --frames 2..2"));
+    assert_eq!(files_in(&d.join("naive")), ["0002.png"]);
+    // None of the layers is a frame's.
+    std::fs::rename(d.join("v/0002.exr"), d.join("v/0999.exr")).unwrap();
+    std::fs::copy(d.join("v/0999.exr"), d.join("v/0998.exr")).unwrap();
+    let said = fails(d, &format!("composite {frames} --virtual v --camera c.json -o out2"));
+    assert!(said.contains("v: none of the numbers"), "{said}");
+    assert!(!d.join("out2").exists());
+}
+
+#[test]
+fn a_model_in_relative_depth_needs_a_scale() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let metric = camera(272, 272, DepthKind::Metric);
+    write_camera(d.join("metric.json"), &metric).unwrap();
+    // Relative inverse depth d = 0.4 / Z + 0.1.
+    let mut relative = metric;
+    if let Estimate::Known(DefocusModel {
+        curve: DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. },
+        depth_kind,
+        ..
+    }) = &mut relative.defocus
+    {
+        *depth_kind = DepthKind::Relative;
+        let focus = 0.4 * *focus_inverse_depth + 0.1;
+        *sigma_px_at_infinity *= focus / (focus - 0.1);
+        *focus_inverse_depth = focus;
+    }
+    write_camera(d.join("relative.json"), &relative).unwrap();
+    let arguments = |camera: &str, out: &str, more: &str| {
+        format!("composite {} --camera {camera} -o {out} --frames 3..3 {more}", demo_arguments())
+    };
+    let said = fails(d, &arguments("relative.json", "a", ""));
+    assert!(said.contains("relative.json: ") && said.contains("--scene-scale"), "{said}");
+    assert!(!d.join("a").exists());
+    succeeds(d, &arguments("relative.json", "b", "--scene-scale 0.4,0.1"));
+    succeeds(d, &arguments("metric.json", "c", ""));
+    let (b, c) = (read_frame(d.join("b/0003.png")).unwrap(), read_frame(d.join("c/0003.png")).unwrap());
+    let differ =
+        b.0.data()
+            .iter()
+            .flatten()
+            .zip(c.0.data().iter().flatten())
+            .map(|(b, c)| (b - c).abs())
+            .fold(0.0, f32::max);
+    assert!(differ < 1.5 / 255.0, "{differ}");
+    succeeds(d, &arguments("relative.json", "n", "--naive"));
+}
+
+/// The numbers in a line of the demo's table or of its last line, after `label`.
+fn numbers_after(text: &str, label: &str) -> Vec<f32> {
+    let line = text.lines().find(|l| l.contains(label)).unwrap_or_else(|| panic!("{label} in {text}"));
+    let rest = &line[line.find(label).unwrap() + label.len()..];
+    rest.split(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .filter_map(|t| t.trim_end_matches('.').parse().ok())
+        .collect()
+}
+
+#[test]
+fn the_demo_finds_the_truth_and_beats_the_naive_composite() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let table = succeeds(d, "demo -o out");
+    let close = |label: &str, within: f32| {
+        let numbers = numbers_after(&table, label);
+        let (estimated, truth) = (numbers[0], numbers[numbers.len() - 1]);
+        assert!((estimated - truth).abs() < within, "{label}: {estimated}, true {truth}\n{table}");
+    };
+    close("exposure, fraction of the frame interval", 0.1);
+    close("blur at infinity, px", 0.5);
+    close("focus distance, m", 0.5);
+    for y in [0.2, 0.5, 0.8] {
+        close(&format!("noise std at luminance {y}, steps of 8 bit"), 1.5);
+    }
+    let fidelity = numbers_after(&table, "PSNR over the object's area:");
+    let [naive, estimated, oracle] = fidelity[..] else { panic!("{fidelity:?}") };
+    assert!(estimated > naive + 5.0 && oracle > naive + 5.0, "{fidelity:?}");
+    let made = files_in(&d.join("out"));
+    for name in ["camera.json", "comparison.png", "report.html", "naive/0003.png", "composite/0005.png"] {
+        assert!(made.iter().any(|m| m == name), "{name} in {made:?}");
+    }
+    assert!(made.iter().all(|m| !m.contains(".partial")));
+    // What it prints to do by hand does the same.
+    let by_hand = table.lines().find(|l| l.contains("blindaug composite")).unwrap();
+    succeeds(d, by_hand.trim().trim_start_matches("blindaug "));
+    let bytes = |name: &str| std::fs::read(d.join("out").join(name)).unwrap();
+    assert_eq!(bytes("by-hand/0003.png"), bytes("composite/0003.png"));
+}
