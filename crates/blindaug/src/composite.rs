@@ -9,12 +9,9 @@
 //!
 //! and last comes the noise that is missing.
 
-use crate::model::{BlurSpace, CameraModel, NoiseModel};
-use crate::synth::{Blur, defocus::Bokeh, noise};
-use crate::{
-    Encoded, Error, Flow, Linear, Pixel, Plane, Premultiplied, Raster, Result, Transfer, filter, luma,
-    pyramid,
-};
+use crate::model::{CameraModel, NoiseModel};
+use crate::synth::{Blur, Space, defocus::Bokeh, extended, noise};
+use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, luma, pyramid};
 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
@@ -58,7 +55,7 @@ pub struct Options {
 /// Composites the layer over the frame. Where nothing virtual is seen, the result is the frame, bit by bit.
 ///
 /// Parts of the model that are unknown are not applied; nor are those without the evidence for it (depth, flow). The model's
-/// [`BlurSpace`] is also that of the compositing.
+/// [`crate::model::BlurSpace`] is also that of the compositing.
 ///
 /// # Errors
 /// If sizes differ, or the model is for another width or in relative inverse depth.
@@ -69,7 +66,7 @@ pub fn composite(
     options: &Options,
 ) -> Result<Encoded> {
     check_sizes(shot, layer)?;
-    let space = Space { blur: model.blur_space, transfer: model.transfer };
+    let space = Space::new(model);
     let blur =
         if options.naive { Blur::default() } else { Blur::new(model, shot.frame.0.width(), options.bokeh)? };
     let shadows = Shadows::new(shot, layer, &space, &blur)?;
@@ -83,14 +80,14 @@ pub fn composite(
     let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
     let frame = changed.crop(&shot.frame.0);
     let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
-        let f = space.from_encoded(frame.at(x, y));
+        let f = space.of_encoded(frame.at(x, y));
         let at = (x + changed.x, y + changed.y);
         let d = shadows.as_ref().and_then(|s| s.place.at(&s.difference, at)).unwrap_or_default();
         let o = object.as_ref().and_then(|o| o.place.at(&o.pixels, at)).unwrap_or_default();
         let light: [f32; 3] = std::array::from_fn(|c| (f[c] + d[c] * (1.0 - o.cover) + o.added[c]).max(0.0));
         Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
     });
-    let clean = pixels.map(|p| space.to_encoded(p.light));
+    let clean = pixels.map(|p| space.encoded(p.light));
     let noise =
         noise_model.map(|m| missing_noise(m, &frame, &clean, &pixels, &space, options.seed, shot.number));
     let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
@@ -122,59 +119,6 @@ fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {
     check("the real flow", shot.flow.map(|f| f.size()))?;
     check("the render with the object", shot.with_and_without.map(|(w, _)| w.0.size()))?;
     check("the render without the object", shot.with_and_without.map(|(_, w)| w.0.size()))
-}
-
-/// The values that are blurred and mixed: light, or encoded values.
-struct Space {
-    blur: BlurSpace,
-    transfer: Transfer,
-}
-
-impl Space {
-    fn from_encoded(&self, v: [f32; 3]) -> [f32; 3] {
-        match self.blur {
-            BlurSpace::Linear => v.map(|v| self.transfer.decode(v)),
-            BlurSpace::Encoded => v,
-        }
-    }
-
-    fn to_encoded(&self, v: [f32; 3]) -> [f32; 3] {
-        match self.blur {
-            BlurSpace::Linear => v.map(|v| self.transfer.encode(v)),
-            BlurSpace::Encoded => v,
-        }
-    }
-
-    fn from_linear(&self, v: [f32; 3]) -> [f32; 3] {
-        match self.blur {
-            BlurSpace::Linear => v,
-            BlurSpace::Encoded => v.map(|v| self.transfer.encode(v)),
-        }
-    }
-
-    /// Premultiplied in this space; broken pixels (NaN, infinite) are empty.
-    fn from_premultiplied(&self, v: [f32; 4]) -> [f32; 4] {
-        let [r, g, b, a] = v;
-        if !v.iter().all(|v| v.is_finite()) || a < 0.0 {
-            return [0.0; 4];
-        }
-        let a = a.min(1.0);
-        match self.blur {
-            BlurSpace::Encoded if a > 0.0 => {
-                let [r, g, b] = self.from_linear([r / a, g / a, b / a]);
-                [r * a, g * a, b * a, a]
-            }
-            _ => [r, g, b, a],
-        }
-    }
-
-    /// d encoded / d value at the value that is encoded as `v`.
-    fn slope(&self, v: f32) -> f32 {
-        match self.blur {
-            BlurSpace::Linear => self.transfer.slope(self.transfer.decode(v)),
-            BlurSpace::Encoded => 1.0,
-        }
-    }
 }
 
 /// A part of the frame.
@@ -225,14 +169,6 @@ impl Place {
     }
 }
 
-/// Values continued into where `weight` is 0 or they are unknown.
-fn extended<P: Pixel>(values: &Raster<P>, weight: impl Fn(usize, usize) -> f32 + Sync) -> Raster<P> {
-    let weight = Plane::from_fn(values.width(), values.height(), |x, y| {
-        if P::flat(&[values.at(x, y)]).iter().all(|v| v.is_finite()) { weight(x, y) } else { 0.0 }
-    });
-    pyramid::pull_push(values, &weight)
-}
-
 /// The shadows and reflections that the object adds to what was filmed, blurred as that is.
 struct Shadows {
     place: Place,
@@ -265,7 +201,7 @@ impl Shadows {
         let Some(place) = Place::around(with.0.size(), reach + 1.0, differs) else { return Ok(None) };
         let sharp = Raster::from_fn(place.w, place.h, |x, y| {
             let at = (place.x + x, place.y + y);
-            let [a, b] = [with, without].map(|i| space.from_linear(i.0.at(at.0, at.1)));
+            let [a, b] = [with, without].map(|i| space.of_linear(i.0.at(at.0, at.1)));
             std::array::from_fn(|c| a[c] - b[c])
         });
         // Continued under the object, so that it is there under the object's soft edge.
@@ -313,7 +249,7 @@ impl Object {
             }
         }
         let Some(place) = Place::around(size, reach + 1.0, |x, y| alpha(x, y) > 0.0) else { return Ok(None) };
-        let color = place.crop(&layer.color.0).map(|v| space.from_premultiplied(v));
+        let color = place.crop(&layer.color.0).map(|v| space.of_premultiplied(v));
         // Depth and flow of a pixel that the object covers in part may be those of what is behind: the fully covered ones speak.
         let most = color.data().iter().map(|c| c[3]).fold(0.0, f32::max).max(1e-6);
         let weight = |x: usize, y: usize| (color.at(x, y)[3] / most).powi(8);
@@ -335,7 +271,7 @@ impl Object {
             }
             match &front {
                 None => {
-                    let f = space.from_encoded(shot.frame.0.at(place.x + x, place.y + y));
+                    let f = space.of_encoded(shot.frame.0.at(place.x + x, place.y + y));
                     ObjectPixel { added: [r - a * f[0], g - a * f[1], b - a * f[2]], cover: a, lost: a }
                 }
                 Some(front) => {
@@ -386,7 +322,7 @@ impl Front {
         let render = shot.with_and_without.map(|(_, without)| place.crop(&without.0));
         let sharp = Raster::from_fn(w, h, |x, y| {
             let m = mask.at(x, y);
-            let [r, g, b] = render.as_ref().map_or([0.0; 3], |r| space.from_linear(r.at(x, y)));
+            let [r, g, b] = render.as_ref().map_or([0.0; 3], |r| space.of_linear(r.at(x, y)));
             if m > 0.0 { [r, g, b, m] } else { [0.0; 4] }
         });
         let blurred = blur.of(&sharp, Some(&depth), flow.as_ref())?;
@@ -394,7 +330,7 @@ impl Front {
         // The frame is c C + (1 - c) B0: what is in front and what is behind. First guesses: the frame's own colours where only one
         // of them is seen, continued; for what is in front the render, if there is one. Then the rest is shared out, more to
         // the less certain of them (least squares).
-        let frame = place.crop(&shot.frame.0).map(|v| space.from_encoded(v));
+        let frame = place.crop(&shot.frame.0).map(|v| space.of_encoded(v));
         let only_front = extended(&frame, |x, y| if coverage.at(x, y) > 0.9 { 1.0 } else { 0.0 });
         let only_behind = extended(&frame, |x, y| if coverage.at(x, y) < 0.1 { 1.0 } else { 0.0 });
         let uncertainty = if render.is_some() { 16.0 } else { 2.0 };
@@ -474,9 +410,10 @@ fn missing_noise(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Transfer;
     use crate::model::{
-        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NoiseLevel,
+        BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+        MotionBlurModel, NoiseLevel,
     };
 
     const W: usize = 160;

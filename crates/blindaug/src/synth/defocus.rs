@@ -315,7 +315,7 @@ mod tests {
         Raster::from_fn(w, h, |x, y| {
             let hash = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
             let hash = (hash ^ (hash >> 15)).wrapping_mul(0x2C1B_3C6D);
-            let edge = if (3 * x / (4 * blob) + y / blob) % 2 == 0 { 1.0 } else { 0.0 };
+            let edge = if (3 * x / (4 * blob) + y / blob).is_multiple_of(2) { 1.0 } else { 0.0 };
             [(hash >> 16) as f32 / 65535.0, edge, 0.5 + 0.5 * (0.11 * x as f32 + 0.17 * y as f32).sin()]
         })
     }
