@@ -60,8 +60,9 @@ const SHOWN: u64 = 3;
 /// Luminances at which noise is compared.
 const LUMINANCES: [f32; 3] = [0.2, 0.5, 0.8];
 
-/// The object's area reaches this far past its silhouette, px.
-const GROWN_BY: usize = 20;
+/// The object's area reaches this far past its silhouette, px: its soft edge, and little of the frame, whose own noise the truth
+/// does not have.
+const GROWN_BY: usize = 4;
 
 /// The camera that rendered the clip.
 struct Truth {

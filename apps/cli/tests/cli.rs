@@ -9,6 +9,7 @@ use blindaug::{
 };
 use blindaug_io::{read_frame, write_camera, write_png};
 use std::{
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
     process::{Command, Output, Stdio},
     time::{Duration, Instant},
@@ -434,13 +435,16 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     succeeds(d, "apply f --camera c.json -o out");
     assert_eq!(files_in(&d.join("out")).len(), FRAMES);
 
-    // An estimate of the frames so far is written, and says which they are.
-    let child = started("estimate f -o e.json");
-    std::thread::sleep(Duration::from_millis(500));
+    // An estimate of the frames so far is written, and says which they are. The missing frame is told before the work starts.
+    std::fs::remove_file(d.join("f/0050.png")).unwrap();
+    let mut child = started("estimate f -o e.json");
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    errors.read_line(&mut said).unwrap();
+    assert!(said.contains("frame 50 is missing"), "{said}");
     interrupt(child.id());
-    let output = child.wait_with_output().unwrap();
-    let said = text(&output.stderr);
-    assert!(output.status.success(), "{said}");
+    errors.read_to_string(&mut said).unwrap();
+    assert!(child.wait().unwrap().success(), "{said}");
     let model = blindaug_io::read_camera(d.join("e.json")).unwrap();
     assert!(said.contains("--frames") && model.capture.frames_used < FRAMES, "{said}");
 }
