@@ -22,3 +22,11 @@ pub(crate) fn map<R: Send>(n: usize, f: impl Fn(usize) -> R + Sync + Send) -> Ve
     #[cfg(not(feature = "threads"))]
     (0..n).map(f).collect()
 }
+
+/// Runs `f` on one of the pool's threads: many short loops in it then start without a change of thread.
+pub(crate) fn within<R: Send>(f: impl FnOnce() -> R + Send) -> R {
+    #[cfg(feature = "threads")]
+    return rayon::join(f, || ()).0;
+    #[cfg(not(feature = "threads"))]
+    f()
+}

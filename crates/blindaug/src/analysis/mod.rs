@@ -2,3 +2,4 @@
 
 pub mod depth;
 pub mod flow;
+mod variational;
