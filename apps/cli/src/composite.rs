@@ -6,10 +6,10 @@ use crate::{
     inspect::count,
 };
 use blindaug::{
-    CameraModel, Encoded, Flow, Linear, Plane, Transfer, analysis,
+    CameraModel, Encoded, Flow, Plane, Transfer, analysis,
     composite::{Options, Shot, VirtualLayer},
-    model::{BlurSpace, Capture, DefocusModel, DepthKind, Estimate},
-    synth::{Blur, defocus::Bokeh, noise::noise},
+    model::{Capture, DefocusModel, DepthKind, Estimate},
+    synth::{self, defocus::Bokeh, distort_frame},
 };
 use blindaug_io::{
     Frame, FrameRange, FrameSource, SideFolder, VideoWriter, VirtualLayerFile, read_camera, write_png,
@@ -204,7 +204,8 @@ pub fn run_apply(args: &Apply) -> Result<()> {
             None
         }
     };
-    let options = args.look.options();
+    let Options { no_noise, bokeh, seed, .. } = args.look.options();
+    let options = synth::Options { bokeh, no_noise, seed };
     let mut output = Output::open(&args.output, &clip)?;
     let mut missing = Missing::default();
     let moving = model.motion_blur.known().is_some();
@@ -221,7 +222,8 @@ pub fn run_apply(args: &Apply) -> Result<()> {
             None => None,
         };
         missing.check(depth.is_some() && inverse_depth.is_none(), number, "no depth", "is not defocused");
-        applied(frame, inverse_depth, flow, &model, &options)
+        let light = frame.image.to_linear(model.transfer);
+        distort_frame(&light, &model, inverse_depth.as_ref(), flow.as_ref(), &options, number)
             .map_err(|e| failure(clip.path(), format_args!("frame {number}: {e}")))
     })?;
     output.finish()
@@ -617,27 +619,4 @@ fn for_each_frame(
         }
     }
     Ok(())
-}
-
-/// The whole frame as the camera would film it.
-fn applied(
-    frame: &Frame,
-    inverse_depth: Option<Plane>,
-    flow: Option<Flow>,
-    model: &CameraModel,
-    options: &Options,
-) -> blindaug::Result<Encoded> {
-    let blur = Blur::new(model, frame.image.0.width(), options.bokeh)?;
-    let of = |image: &_| blur.of(image, inverse_depth.as_ref(), flow.as_ref());
-    let mut image = match model.blur_space {
-        BlurSpace::Encoded => Encoded(of(&frame.image.0)?),
-        BlurSpace::Linear => Linear(of(&frame.image.to_linear(model.transfer).0)?).to_encoded(model.transfer),
-    };
-    if let (Some(noise_model), false) = (model.noise.known(), options.no_noise) {
-        let noise = noise(noise_model, &image.luma(), options.seed, frame.number);
-        for (v, n) in image.0.data_mut().iter_mut().flatten().zip(noise.data().iter().flatten()) {
-            *v = if *v >= noise_model.clip { noise_model.clip } else { *v + n };
-        }
-    }
-    Ok(image)
 }

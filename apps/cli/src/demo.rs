@@ -8,9 +8,10 @@ use crate::{
     report::{self, Picture, ReportInput, TruthRow},
 };
 use blindaug::{
-    CameraModel, Encoded, Plane, Raster,
+    CameraModel, Encoded, Raster,
     composite::Options,
     fit,
+    metrics::{object_area, psnr},
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
         NOISE_LEVELS,
@@ -210,7 +211,7 @@ pub fn run(args: &Demo) -> Result<()> {
     .collect();
     let images: Vec<&Encoded> = pictures.iter().map(|p| &p.image).collect();
     write_png(out.join("comparison.png"), &side_by_side(&images))?;
-    write_video(&out.join("comparison.mp4"), &naive, &composites);
+    let video = write_video(&out.join("comparison.mp4"), &naive, &composites);
     report::write(
         &out.join("report.html"),
         &ReportInput {
@@ -222,7 +223,7 @@ pub fn run(args: &Demo) -> Result<()> {
             pictures,
         },
     )?;
-    console::print(&next_steps(out, &clip, &camera))
+    console::print(&next_steps(out, &clip, &camera, video))
 }
 
 fn write_clip(clip: &Path) -> Result<()> {
@@ -244,58 +245,36 @@ fn stop_if_interrupted(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// PSNR over the object's area, against the render in which the object really was in front of the camera, both without noise of their own, dB.
+/// Mean PSNR over the object's area, against the render in which the object really was in front of the camera, dB.
 struct Fidelity {
-    naive: f32,
-    estimated: f32,
-    oracle: f32,
+    naive: f64,
+    estimated: f64,
+    oracle: f64,
 }
 
 impl Fidelity {
+    /// Of composites without noise of their own, since the truth has none.
     fn measure(clip: &Path, scene: &Scene, composites: [&BTreeMap<u64, Encoded>; 3]) -> Result<Self> {
         let truth = SideFolder::frames(clip.join("truth_with"), "the truth")?;
         let size = scene.footage.size();
-        // Squared error and number of pixels.
-        let mut sums = [(0.0, 0); 3];
+        let mut sums = [0.0; 3];
+        let mut compared = 0.0;
         for &number in composites[0].keys() {
             let (Some(truth), Some(layer)) = (truth.get(number, size)?, scene.layers.get(number, size)?)
             else {
                 continue;
             };
-            let area = grown(&layer.color.0.map(|p| p[3]), GROWN_BY);
+            let area = object_area(&layer.color.0.map(|p| p[3]), GROWN_BY);
             for (sum, frames) in sums.iter_mut().zip(composites) {
-                if let Some(frame) = frames.get(&number) {
-                    let (error, n) = squared_error(&frame, &truth, &area);
-                    *sum = (sum.0 + error, sum.1 + n);
-                }
+                let Some(frame) = frames.get(&number) else { continue };
+                *sum += psnr(frame, &truth, Some(&area))
+                    .map_err(|e| console::failure(clip, format_args!("frame {number}: {e}")))?;
             }
+            compared += 1.0;
         }
-        let [naive, estimated, oracle] =
-            sums.map(|(error, n)| (-10.0 * (error / f64::from(n.max(1))).log10()) as f32);
+        let [naive, estimated, oracle] = sums.map(|sum| sum / compared);
         Ok(Self { naive, estimated, oracle })
     }
-}
-
-/// The pixels within `by` px (in x and in y) of one with alpha.
-fn grown(alpha: &Plane, by: usize) -> Raster<bool> {
-    let along = |seen: &Raster<bool>, dx: isize, dy: isize| {
-        let by = by as isize;
-        Raster::from_fn(seen.width(), seen.height(), |x, y| {
-            (-by..=by).any(|i| seen.at_clamped(x as isize + i * dx, y as isize + i * dy))
-        })
-    };
-    along(&along(&alpha.map(|a| a > 0.0), 1, 0), 0, 1)
-}
-
-/// Sum of squared differences over an area, as files of 8 bit would have them, and the number of values.
-fn squared_error(a: &Encoded, b: &Encoded, area: &Raster<bool>) -> (f64, u32) {
-    let mut sum = (0.0, 0);
-    for ((a, b), _) in a.0.data().iter().zip(b.0.data()).zip(area.data()).filter(|&(_, &inside)| inside) {
-        for (a, b) in a.iter().zip(b) {
-            sum = (sum.0 + f64::from(a.clamp(0.0, 1.0) - b).powi(2), sum.1 + 1);
-        }
-    }
-    sum
 }
 
 /// The parameters, estimated beside true.
@@ -372,13 +351,14 @@ fn side_by_side(images: &[&Encoded]) -> Encoded {
     Encoded(Raster::from_fn(width, height, |x, y| row[y * width + x]))
 }
 
-/// The naive composite beside the other, to and fro; says so where there is no encoder.
-fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMap<u64, Encoded>) {
+/// The naive composite beside the other, to and fro; says so where there is no encoder. Returns
+/// whether it was written.
+fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMap<u64, Encoded>) -> bool {
     const FPS: f64 = 10.0;
     const TURNS: usize = 4;
     let frames: Vec<Encoded> =
         naive.values().zip(composites.values()).map(|(a, b)| side_by_side(&[a, b])).collect();
-    let Some(first) = frames.first() else { return };
+    let Some(first) = frames.first() else { return false };
     let to_and_fro = || frames.iter().chain(frames.iter().rev().skip(1).take(frames.len().saturating_sub(2)));
     let written = VideoWriter::create(path, first.0.size(), FPS).and_then(|mut video| {
         for _ in 0..TURNS {
@@ -388,15 +368,17 @@ fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMa
         }
         video.finish()
     });
-    if let Err(e) = written {
+    if let Err(e) = &written {
         note(format_args!("no video: {e}"));
     }
+    written.is_ok()
 }
 
-fn next_steps(out: &Path, clip: &Path, camera: &Path) -> String {
+fn next_steps(out: &Path, clip: &Path, camera: &Path, video: bool) -> String {
+    let video = if video { ", comparison.mp4 (naive beside the estimated camera)" } else { "" };
     let (out, clip, camera) = (out.display(), clip.display(), camera.display());
     format!(
-        "\nwritten to {out}: comparison.png (frame, naive, estimated camera, truth), naive/, composite/, camera.json, report.html\n\
+        "\nwritten to {out}: comparison.png (frame, naive, estimated camera, truth){video}, naive/, composite/, camera.json, report.html\n\
          the same by hand, with the clip that is in {clip}:\n  \
          blindaug estimate {clip}/frames --depth {clip}/scene -o {camera}\n  \
          blindaug composite {clip}/frames --virtual {clip}/virtual --camera {camera} --depth {clip}/scene \
@@ -407,16 +389,6 @@ fn next_steps(out: &Path, clip: &Path, camera: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn an_area_grows_by_so_many_pixels_on_all_sides() {
-        let alpha = Plane::from_fn(20, 10, |x, y| if (x, y) == (8, 5) { 0.1 } else { 0.0 });
-        let area = grown(&alpha, 3);
-        for (x, y, inside) in [(8, 5, true), (11, 8, true), (5, 2, true), (12, 5, false), (8, 9, false)] {
-            assert_eq!(area.at(x, y), inside, "{x} {y}");
-        }
-        assert_eq!(area.data().iter().filter(|&&a| a).count(), 49);
-    }
 
     #[test]
     fn images_stand_side_by_side() {

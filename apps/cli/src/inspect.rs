@@ -167,7 +167,7 @@ impl DefocusFacts {
                     focus_interval: None,
                     sigma_at_infinity: None,
                     sigma_interval: None,
-                    sharp: near.map(|first| [first, sharp.last().unwrap_or(first)]),
+                    sharp: near.map(|first| [first, sharp.next_back().unwrap_or(first)]),
                 }
             }
         }
