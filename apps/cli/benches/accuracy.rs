@@ -12,6 +12,31 @@ fn main() {
     let what = std::env::args().skip(1).find(|a| !a.starts_with('-')).unwrap_or_else(|| "all".into());
     let Some(folder) = clips::folder() else { std::process::exit(1) };
     let names = clips::names(&folder);
+    if what == "all" || what == "composite" {
+        println!("\ncomposites against the truth, PSNR in dB over the object's area grown by 20 px");
+        println!("{:<10} {:<8} {:>8} {:>22} {:>12} {:>12}", "clip", "lens", "naive", "blind, depth given", "clean given", "true camera");
+        for name in &names {
+            let clip = folder.join(name);
+            for prefix in ["full", "full2"] {
+                let condition = format!("{prefix}_without");
+                if !clip.join(&condition).is_dir() || !clip.join("virtual").is_dir() {
+                    continue;
+                }
+                let given = Given { depth: true, ..Given::default() };
+                let blind = clips::estimate(&clip, &condition, given).model;
+                let clean = clips::estimate(&clip, &condition, Given { clean: true, flow: true, ..given }).model;
+                let truth = clips::true_model(&blind, &Truth::of(&clip, &condition));
+                let of = |model, naive| clips::composite_psnr(&clip, prefix, model, naive);
+                println!(
+                    "{name:<10} {prefix:<8} {:>8.1} {:>22.1} {:>12.1} {:>12.1}",
+                    of(&blind, true),
+                    of(&blind, false),
+                    of(&clean, false),
+                    of(&truth, false)
+                );
+            }
+        }
+    }
     for (title, given) in [
         ("blind, depth and flow given", Given { flow: true, depth: true, ..Given::default() }),
         ("blind, depth given", Given { depth: true, ..Given::default() }),
