@@ -224,10 +224,11 @@ pub fn open_source(path: &Path, range: Option<FrameRange>) -> Result<FrameSource
 
 impl Footage {
     /// Frames with known depth in metres.
-    pub fn with_depth(frames: &Path, depth: &Path) -> Result<Self> {
+    pub fn with_depth(frames: &Path, depth: &Path, clean: Option<&Path>) -> Result<Self> {
         let depth = DepthArgs::metric(depth).open()?;
         let source = open_source(frames, None)?;
-        Ok(Self { source, depth, flow: None, denoised: None, motion_deblurred: None, clean: None })
+        let clean = clean.map(|c| SideFolder::frames(c, "clean frames").map(opened)).transpose()?;
+        Ok(Self { source, depth, flow: None, denoised: None, motion_deblurred: None, clean })
     }
 
     fn open(args: &Estimate) -> Result<Self> {
