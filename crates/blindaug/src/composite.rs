@@ -488,7 +488,7 @@ mod tests {
         let out = composite(&shot(&frame), &layer, &model, &naive).unwrap();
         // In focus and at rest, the camera's blur does nothing either.
         let silent = Options { no_noise: true, ..Options::default() };
-        assert_eq!(out, composite(&shot(&frame), &layer, &model, &silent).unwrap());
+        assert!(out == composite(&shot(&frame), &layer, &model, &silent).unwrap());
         let t = Transfer::Srgb;
         let (f, l) = (frame.0.at(70, 60), layer.color.0.at(70, 60));
         let want = std::array::from_fn(|c| t.encode(l[c] + 0.75 * t.decode(f[c])));
@@ -515,7 +515,7 @@ mod tests {
             assert_ne!(out.0.at(46, 60), frame.0.at(46, 60));
         }
         let empty = square(GREY, 0.0, 2.0, [24.0, 0.0]);
-        assert_eq!(composite(&shot(&frame), &empty, &model, &Options::default()).unwrap(), frame);
+        assert!(composite(&shot(&frame), &empty, &model, &Options::default()).unwrap() == frame);
     }
 
     #[test]
@@ -547,9 +547,9 @@ mod tests {
         let moving = square(GREY, 1.0, 3.0, [24.0, 0.0]);
         let naive = composite(&shot(&frame), &moving, &camera(), &plain).unwrap();
         let nothing = CameraModel::unknown(camera().capture, "a wall");
-        assert_eq!(composite(&shot(&frame), &moving, &nothing, &Options::default()).unwrap(), naive);
+        assert!(composite(&shot(&frame), &moving, &nothing, &Options::default()).unwrap() == naive);
         let bare = VirtualLayer { inverse_depth: None, flow: None, ..moving };
-        assert_eq!(composite(&shot(&frame), &bare, &camera(), &Options::default()).unwrap(), naive);
+        assert!(composite(&shot(&frame), &bare, &camera(), &Options::default()).unwrap() == naive);
     }
 
     #[test]

@@ -1,14 +1,33 @@
 //! Gaussian and Laplacian pyramids (Burt & Adelson 1983), and pull-push filling (Gortler et al. 1996).
 
-use crate::{Pixel, Plane, Raster, filter};
+use crate::{Pixel, Plane, Raster, par};
 
-/// The right half of the binomial kernel [1 4 6 4 1] / 16.
-const BINOMIAL: [f32; 3] = [6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
-
-/// Half the size, rounded up: smoothed with the binomial kernel, every second pixel.
+/// Half the size, rounded up: smoothed with the binomial kernel [1 4 6 4 1] / 16, every second pixel.
 pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
-    let smooth = filter::convolve(src, &BINOMIAL);
-    Raster::from_fn(src.width().div_ceil(2), src.height().div_ceil(2), |x, y| smooth.at(2 * x, 2 * y))
+    let (w, h) = src.size();
+    // Only the rows and then the columns that are kept.
+    let mut rows = Raster::filled(w, h.div_ceil(2), P::default());
+    par::for_each_row(rows.data_mut(), w, |y, out| {
+        let row = |dy: isize| P::flat(src.row((2 * y as isize + dy).clamp(0, h as isize - 1) as usize));
+        let [a, b, c, d, e] = [row(-2), row(-1), row(0), row(1), row(2)];
+        for (i, out) in P::flat_mut(out).iter_mut().enumerate() {
+            *out = 0.375 * c[i] + 0.25 * (b[i] + d[i]) + 0.0625 * (a[i] + e[i]);
+        }
+    });
+    Raster::from_fn(w.div_ceil(2), h.div_ceil(2), |x, y| {
+        let (row, x) = (rows.row(y), 2 * x);
+        let mut sum = P::default();
+        for (x, k) in [
+            (x.saturating_sub(2), 0.0625),
+            (x.saturating_sub(1), 0.25),
+            (x, 0.375),
+            ((x + 1).min(w - 1), 0.25),
+            ((x + 2).min(w - 1), 0.0625),
+        ] {
+            sum.add_scaled(row[x], k);
+        }
+        sum
+    })
 }
 
 /// Twice the size, to exactly `width` x `height`, by the binomial kernel; `src` is `downsample`'s size of it.
@@ -64,17 +83,20 @@ pub fn pull_push<P: Pixel>(values: &Raster<P>, weight: &Plane) -> Raster<P> {
     if weight.data().iter().all(|&a| a >= 1.0) || w * h <= 1 {
         return values.clone();
     }
-    let c = P::CHANNELS;
-    let mut weighted = values.clone();
-    for (i, v) in P::flat_mut(weighted.data_mut()).iter_mut().enumerate() {
-        let a = weight.data()[i / c];
-        *v = if a > 0.0 { *v * a } else { 0.0 };
-    }
-    let (mut mean, coverage) = (downsample(&weighted), downsample(weight));
-    for (i, v) in P::flat_mut(mean.data_mut()).iter_mut().enumerate() {
-        let a = coverage.data()[i / c];
-        *v = if a > 1e-6 { *v / a } else { 0.0 };
-    }
+    // `v` times `a`; values of weight 0 may be anything, NaN too.
+    let times = |v: P, a: f32| {
+        let mut product = P::default();
+        if a > 0.0 {
+            product.add_scaled(v, a);
+        }
+        product
+    };
+    let weighted = Raster::from_fn(w, h, |x, y| times(values.at(x, y), weight.at(x, y)));
+    let (sum, coverage) = (downsample(&weighted), downsample(weight));
+    let mean = Raster::from_fn(sum.width(), sum.height(), |x, y| {
+        let a = coverage.at(x, y);
+        times(sum.at(x, y), if a > 1e-6 { 1.0 / a } else { 0.0 })
+    });
     // A coarse pixel that saw a few fine ones knows its value; what it has not seen, the next level fills.
     let confidence = coverage.map(|a| if a > 1e-6 { (4.0 * a).min(1.0) } else { 0.0 });
     let filled = upsample(&pull_push(&mean, &confidence), w, h);

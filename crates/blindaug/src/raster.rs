@@ -180,9 +180,10 @@ impl<P: Pixel> Raster<P> {
         let y = y.clamp(0.0, (self.height - 1) as f32);
         let (x0, y0) = (x as usize, y as usize);
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-        let (x1, y1) = ((x0 + 1).min(self.width - 1), (y0 + 1).min(self.height - 1));
-        let (top, bottom) = (self.row(y0), self.row(y1));
-        P::lerp(P::lerp(top[x0], top[x1], fx), P::lerp(bottom[x0], bottom[x1], fx), fy)
+        let right = usize::from(x0 + 1 < self.width);
+        let below = if y0 + 1 < self.height { self.width } else { 0 };
+        let (d, i) = (&self.data, y0 * self.width + x0);
+        P::lerp(P::lerp(d[i], d[i + right], fx), P::lerp(d[i + below], d[i + below + right], fx), fy)
     }
 }
 
