@@ -17,7 +17,7 @@ use pictures::Shown;
 use plots::{CHANNELS, ESTIMATE, POINTS, PlotError, VISIBLE_PX};
 use plotters::style::RGBColor;
 use std::path::Path;
-use words::{count, distance, interval, number};
+use words::{count, distance, interval, metres, number};
 
 /// What a report shows.
 pub struct ReportInput<'a> {
@@ -213,7 +213,7 @@ fn summary(model: &CameraModel) -> Markup {
     let lens = model.defocus.known().map(|m| match (focus(m), m.depth_kind) {
         (None, _) => ("No blur seen".into(), "everything that was seen is sharp".into()),
         (Some(d), DepthKind::Metric) => (
-            format!("Focus at {} m", number(distance(d))),
+            format!("Focus at {}", metres(d)),
             sharp_ranges(m)
                 .first()
                 .map_or("no distance is quite sharp".into(), |r| format!("sharp {}", metric_range(*r))),
@@ -456,7 +456,7 @@ fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
                         @if matches!(m.curve, DefocusCurve::ThinLens { interval: Some(_), .. }) { " with both of its numbers anywhere in their 95 % intervals" }
                         "; "
                     }
-                    "dashed: " (number(VISIBLE_PX.into())) " px, where blur starts to show."
+                    "dashed: " (words::tick(VISIBLE_PX.into())) " px, where blur starts to show."
                     @if points == 0 { " No measured places were kept." }
                 } },
                 None => @if known.is_some() { p.soft { "There is nothing to plot for this estimate." } },
@@ -467,7 +467,7 @@ fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
 
 fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
     let metric = m.depth_kind == DepthKind::Metric;
-    let place = |d: f64| if metric { format!("{} m", number(distance(d))) } else { number(d) };
+    let place = |d: f64| if metric { metres(d) } else { number(d) };
     let place_interval = |[a, b]: [f64; 2]| {
         if metric { interval([distance(a), distance(b)], " m") } else { interval([a, b], "") }
     };
@@ -499,7 +499,7 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
                     [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
                 };
                 let (far, near) = (place_interval(extreme(0)), place_interval(extreme(1)));
-                format!("near end {near}, far end {far}")
+                format!("near end {near}\nfar end {far}")
             });
             vec![
                 Parameter {
@@ -581,7 +581,7 @@ fn noise_section(model: &CameraModel, diagnostics: &Diagnostics, samples: &[Samp
                 Estimate::Known(m) => {
                     p { "The std of the noise, in steps of an 8-bit image (1/255 of full range), all bands together. Luminance Y runs from 0 (black) to 1 (white)." }
                     (noise_table(m))
-                    (basis(m.samples, "local stds", m.method))
+                    (basis(m.samples, "local measurements of the std", m.method))
                     p.soft {
                         @if m.clip < 1.0 { "The sensor clips at " (steps(m.clip)) " of 255: no noise is added there." }
                         @else { "No noise is added where the picture is clipped (255 of 255)." }
@@ -675,6 +675,7 @@ fn patches(samples: &[Sample], m: &NoiseModel) -> Markup {
                     (swatch(rgb(p.colour))) br;
                     "std of luminance " (steps(p.sigma[0])) " and " (steps(p.sigma[1])) " of 255" br;
                     "contrast × " (number(p.gain.into()))
+                    @if !p.flat { br; "no part is flat: this one has texture of the scene" }
                 }
             } } }
         }
@@ -695,7 +696,7 @@ fn sample_section(model: &CameraModel, samples: &[Sample], share: usize) -> Mark
             @if samples.iter().any(|s| s.flow.is_some()) {
                 @if let Some(wheel) = pictures::flow_wheel() {
                     figure {
-                        (picture(&wheel, "Colour wheel: each direction of motion has its hue", ""))
+                        (picture(&wheel, "Colour wheel: each direction of motion has its hue", "wheel"))
                         figcaption { "Colours of the motion: hue is the direction, saturation the speed; grey is unknown." }
                     }
                 }
@@ -754,11 +755,7 @@ fn sample(model: &CameraModel, s: &Sample, share: usize) -> Markup {
 fn depth_scale(model: &CameraModel, low: f64, high: f64) -> String {
     match model.defocus.known().map(|m| m.depth_kind) {
         Some(DepthKind::Metric) => {
-            format!(
-                "Depth: dark is far ({} m), bright is near ({} m)",
-                number(distance(low)),
-                number(distance(high))
-            )
+            format!("Depth: dark is far ({}), bright is near ({})", metres(low), metres(high))
         }
         _ => format!("Inverse depth: dark is far ({}), bright is near ({})", number(low), number(high)),
     }

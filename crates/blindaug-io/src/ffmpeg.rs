@@ -370,12 +370,15 @@ impl VideoWriter {
     /// # Errors
     /// If there is no ffmpeg program, or the frame rate is no positive number.
     pub fn create(path: impl AsRef<Path>, size: (usize, usize), fps: f64) -> Result<Self> {
-        let path = path.as_ref();
+        Self::create_with(find(), path.as_ref(), size, fps)
+    }
+
+    fn create_with(program: Option<OsString>, path: &Path, size: (usize, usize), fps: f64) -> Result<Self> {
         if !(fps.is_finite() && fps > 0.0) {
             return Err(Error::new(path, format!("a video needs a positive frame rate, not {fps}")));
         }
         check_size(path, size.0 as u64, size.1 as u64)?;
-        let Some(program) = find() else {
+        let Some(program) = program else {
             return Err(Error::new(
                 path,
                 "no ffmpeg program found: give a folder as output, or install ffmpeg",
@@ -503,6 +506,22 @@ mod tests {
         assert!(VideoStream::parse("  Stream #0:1: Audio: aac, 44100 Hz").is_none());
         assert!(
             VideoStream::parse("  Stream #0:1: Video: png, rgb24, 9x9, 90k tbr (attached pic)").is_none()
+        );
+    }
+
+    #[test]
+    fn a_video_cannot_be_written_without_ffmpeg() {
+        let create = |program: Option<&str>, fps| {
+            let path = std::env::temp_dir().join("blindaug_not_written.mp4");
+            VideoWriter::create_with(program.map(Into::into), &path, (4, 4), fps).err().unwrap().to_string()
+        };
+        assert!(create(None, 25.0).contains("give a folder as output, or install ffmpeg"));
+        assert!(create(Some("/no/such/program"), 25.0).contains("cannot be started"));
+        assert!(create(Some("ffmpeg"), f64::NAN).contains("frame rate"));
+        assert!(
+            VideoWriter::is_video("a.MP4")
+                && !VideoWriter::is_video("folder.d")
+                && !VideoWriter::is_video("mp4")
         );
     }
 

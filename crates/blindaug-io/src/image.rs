@@ -82,6 +82,11 @@ pub(crate) fn frame_size(path: &Path) -> Result<(usize, usize)> {
     })
 }
 
+/// Whether an image has more than grey, from the head of its file.
+pub(crate) fn has_colour(path: &Path) -> Result<bool> {
+    with_decoder(path, |decoder, _| Ok(decoder.color_type().has_color()))
+}
+
 /// The pixels as they are stored, and the orientation in which to show them.
 pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation)> {
     with_decoder(path, |decoder, orientation| {

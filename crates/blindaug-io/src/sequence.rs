@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result, exr,
-    image::{frame_size, is_exr, read_frame},
+    image::{frame_size, has_colour, is_exr, read_frame},
     video::{Video, VideoFrames},
 };
 use blindaug::Encoded;
@@ -281,16 +281,8 @@ pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
         .is_some_and(|e| extensions.iter().any(|x| x.eq_ignore_ascii_case(e)))
 }
 
-/// The files of a folder with one of these extensions, by number. Hidden files are left out; files without a number
-/// too, with a note, unless there is only one file (which then is number 1).
-///
-/// # Errors
-/// If the folder cannot be read, two of the files have one number, or there are several and none has a number.
-pub(crate) fn numbered_files(
-    folder: &Path,
-    extensions: &[&str],
-    notes: &mut Vec<String>,
-) -> Result<BTreeMap<u64, PathBuf>> {
+/// The files of a folder with one of these extensions, in the order of their names, without hidden ones.
+fn files_with_extension(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBuf>> {
     let fail = |e: std::io::Error| Error::cannot_read(folder, &e);
     let mut files = Vec::new();
     for entry in folder.read_dir().map_err(fail)? {
@@ -301,6 +293,24 @@ pub(crate) fn numbered_files(
         }
     }
     files.sort();
+    Ok(files)
+}
+
+/// The files of a folder with one of these extensions, by number. Hidden files are left out; files without a number
+/// too, with a note, unless there is only one file (which then is number 1).
+///
+/// # Errors
+/// If the folder cannot be read, two of the files have one number, or there are several and none has a number.
+pub(crate) fn numbered_files(
+    folder: &Path,
+    extensions: &[&str],
+    notes: &mut Vec<String>,
+) -> Result<BTreeMap<u64, PathBuf>> {
+    by_number(folder, files_with_extension(folder, extensions)?, notes)
+}
+
+/// As [`numbered_files`], of these files.
+fn by_number(folder: &Path, files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<BTreeMap<u64, PathBuf>> {
     if let [only] = &files[..] {
         return Ok([(number_of(only).unwrap_or(1), only.clone())].into());
     }
@@ -348,7 +358,8 @@ pub(crate) fn numbered_files(
 /// # Errors
 /// As [`numbered_files`], or if there are none.
 pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<(u64, PathBuf)>> {
-    let mut frames = numbered_files(folder, &IMAGE_EXTENSIONS, notes)?;
+    let files = without_grey_kinds(files_with_extension(folder, &IMAGE_EXTENSIONS)?, notes)?;
+    let mut frames = by_number(folder, files, notes)?;
     let exrs = numbered_files(folder, &["exr"], notes)?;
     let mut without_colour = 0;
     let mut both_seen = false;
@@ -380,6 +391,33 @@ pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<
         return Err(Error::new(folder, format!("the folder has no images ({kinds}){exr}")));
     }
     Ok(frames.into_iter().collect())
+}
+
+/// Where two kinds of files have the same numbers, the one without colour (depth maps) is left out.
+fn without_grey_kinds(files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<Vec<PathBuf>> {
+    let kind = |p: &Path| p.extension().unwrap_or_default().to_string_lossy().to_uppercase();
+    let mut kinds = BTreeMap::<String, Vec<PathBuf>>::new();
+    for file in &files {
+        kinds.entry(kind(file)).or_default().push(file.clone());
+    }
+    let mut numbers: Vec<u64> = files.iter().filter_map(|f| number_of(f)).collect();
+    numbers.sort_unstable();
+    if kinds.len() < 2 || numbers.windows(2).all(|n| n[0] != n[1]) {
+        return Ok(files);
+    }
+    let mut with_colour = Vec::new();
+    for (kind, files) in kinds {
+        // One look is enough: the files of a clip are alike.
+        if has_colour(&files[0])? {
+            with_colour.extend(files);
+        } else {
+            notes.push(format!(
+                "the {} {kind} files have no colour and are not taken for frames",
+                files.len()
+            ));
+        }
+    }
+    Ok(if with_colour.is_empty() { files } else { with_colour })
 }
 
 /// A sentence about the gaps between numbers that ascend.

@@ -94,6 +94,29 @@ fn bad_folders_are_refused_in_a_sentence() {
 }
 
 #[test]
+fn several_kinds_side_by_side() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = |name: &str| dir.path().join(name);
+    for n in 1..3 {
+        let rgb = image::RgbImage::from_pixel(4, 3, image::Rgb([200, 100, 50]));
+        rgb.save(at(&format!("{n}.jpg"))).unwrap();
+        let depth = image::ImageBuffer::from_pixel(4, 3, image::Luma([2000u16]));
+        depth.save(at(&format!("{n}.png"))).unwrap();
+        write_flo(at(&format!("{n}.flo")), &Raster::filled(4, 3, [1.0, 0.0])).unwrap();
+    }
+    let source = FrameSource::open(dir.path(), all()).unwrap();
+    assert_eq!(numbers(&source), [1, 2]);
+    assert!(source.notes()[0].contains("2 PNG files have no colour"), "{:?}", source.notes());
+    let depth = SideFolder::depth(dir.path(), DepthFormat::default()).unwrap();
+    assert_eq!(depth.get(2, (4, 3)).unwrap().unwrap().at(1, 1), 0.5);
+    assert!(SideFolder::flow(dir.path()).unwrap().has(2));
+    // Grey frames alone are frames.
+    fs::remove_file(at("1.jpg")).unwrap();
+    fs::remove_file(at("2.jpg")).unwrap();
+    assert_eq!(numbers(&FrameSource::open(dir.path(), all()).unwrap()), [1, 2]);
+}
+
+#[test]
 fn a_side_folder_is_matched_by_number_and_size() {
     let dir = folder(&["0002.png", "0004.png"]);
     let clean = SideFolder::<Encoded>::frames(dir.path(), "clean frames").unwrap();

@@ -80,3 +80,43 @@ fn a_depth_camera_s_maps() {
     let e = read_inverse_depth(data.join("rgbd/room/color/1.png"), format).unwrap_err();
     assert!(e.to_string().contains("colour picture"), "{e}");
 }
+
+#[test]
+fn a_clip_s_folders_as_sources() {
+    let Some(data) = shared() else { return };
+    let clip = data.join("clips/shelf3");
+    let source = FrameSource::open(clip.join("clean"), "2..4".parse().unwrap()).unwrap();
+    assert_eq!((source.size(), source.len_hint()), ((512, 512), Some(3)));
+    assert!(source.notes().is_empty(), "{:?}", source.notes());
+    let depth = SideFolder::depth(clip.join("clean"), DepthFormat::default()).unwrap();
+    let flow = SideFolder::flow(clip.join("clean")).unwrap();
+    let layers = SideFolder::virtual_layers(clip.join("virtual")).unwrap();
+    assert!(depth.notes()[0].starts_with("depth: 5 EXR files"), "{:?}", depth.notes());
+    for frame in source.frames() {
+        let n = frame.unwrap().number;
+        assert!(depth.get(n, source.size()).unwrap().is_some());
+        assert!(flow.get(n, source.size()).unwrap().is_some());
+        assert!(layers.get(n, source.size()).unwrap().is_some());
+    }
+    assert!(!layers.has(1));
+}
+
+#[test]
+fn a_video_as_a_source() {
+    let Some(data) = shared() else { return };
+    let path = data.join("video/bikes.mp4");
+    let open = |range: &str| FrameSource::open(&path, range.parse().unwrap()).unwrap();
+    let source = open("5..7");
+    assert_eq!((source.size(), source.fps(), source.len_hint()), ((640, 272), Some(25.0), Some(3)));
+    for _ in 0..2 {
+        let numbers: Vec<u64> = source.frames().map(|f| f.unwrap().number).collect();
+        assert_eq!(numbers, [5, 6, 7]);
+    }
+    let some: Vec<u64> = source.frames_if(|n| n == 6).map(|f| f.unwrap().number).collect();
+    assert_eq!(some, [6]);
+    let source = open("251..");
+    let mut beyond = source.frames();
+    let e = beyond.next().unwrap().unwrap_err().to_string();
+    assert!(e.contains("251..") && e.contains("250 frames"), "{e}");
+    assert!(beyond.next().is_none());
+}

@@ -2,9 +2,9 @@
 
 use super::Sample;
 use base64::{Engine, engine::general_purpose::STANDARD};
-use blindaug::model::{BlurSpace, Estimate, NoiseModel};
-use blindaug::synth::{defocus, motion_blur, noise};
-use blindaug::{CameraModel, Encoded, Flow, Plane, Raster, Result, filter, luma, pyramid};
+use blindaug::model::{BlurSpace, DepthKind, Estimate, NoiseModel};
+use blindaug::synth::{Blur, defocus::Bokeh, noise};
+use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, filter, luma, pyramid};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, codecs::png::PngEncoder, imageops};
 use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
 
@@ -108,8 +108,8 @@ pub fn inverse_depth(depth: &Plane) -> Option<(Shown, [f32; 2])> {
     Some((shown(&Encoded(picture), SMALL)?, [low, high]))
 }
 
-/// The clean frame as this camera would have filmed it: defocus, motion blur, noise. Effects whose estimate or evidence
-/// is missing are left out, and named.
+/// The clean frame as this camera would have filmed it: defocus (a round aperture), motion blur, noise. Effects whose
+/// estimate or evidence is missing are left out, and named.
 ///
 /// # Errors
 /// If flow or depth has another size than the clean frame.
@@ -118,35 +118,30 @@ pub fn resynthesised(
     sample: &Sample,
     model: &CameraModel,
 ) -> Result<(Encoded, Vec<&'static str>)> {
-    let model = model.scaled_to(clean.0.width(), clean.0.height());
-    let mut missing = vec![];
+    let mut model = model.scaled_to(clean.0.width(), clean.0.height());
+    if let Estimate::Known(lens) = &mut model.defocus {
+        // The sample's depth is in the model's own unit, whichever that is.
+        lens.depth_kind = DepthKind::Metric;
+    }
+    let depth = sample.inverse_depth.as_ref().map(|depth| {
+        let known = depth.map(|d| if d.is_finite() { 1.0 } else { 0.0 });
+        pyramid::pull_push(depth, &known)
+    });
+    let blur = Blur::new(&model, clean.0.width(), Bokeh::Disk)?;
+    let blurred = |image| blur.of(image, depth.as_ref(), sample.flow.as_ref());
     let mut image = match model.blur_space {
-        BlurSpace::Linear => clean.to_linear(model.transfer).0,
-        BlurSpace::Encoded => clean.0.clone(),
+        BlurSpace::Linear => Linear(blurred(&clean.to_linear(model.transfer).0)?).to_encoded(model.transfer),
+        BlurSpace::Encoded => Encoded(blurred(&clean.0)?),
     };
-    match (&model.defocus, &sample.inverse_depth) {
-        (Estimate::Known(lens), Some(depth)) => {
-            let known = depth.map(|d| if d.is_finite() { 1.0 } else { 0.0 });
-            let depth = pyramid::pull_push(depth, &known);
-            image = defocus::defocus(&image, &depth.map(|d| lens.sigma_px(d)), defocus::Bokeh::Gaussian)?;
-        }
-        _ => missing.push("defocus"),
+    if let Estimate::Known(m) = &model.noise {
+        image = with_noise(&image, m, sample.number);
     }
-    match (&model.motion_blur, &sample.flow) {
-        (Estimate::Known(shutter), Some(flow)) => {
-            image = motion_blur::motion_blur(&image, flow, shutter.exposure)?;
-        }
-        _ => missing.push("motion blur"),
-    }
-    let mut image = match model.blur_space {
-        BlurSpace::Linear => blindaug::Linear(image).to_encoded(model.transfer),
-        BlurSpace::Encoded => Encoded(image),
-    };
-    match &model.noise {
-        Estimate::Known(m) => image = with_noise(&image, m, sample.number),
-        Estimate::Unknown(_) => missing.push("noise"),
-    }
-    Ok((image, missing))
+    let missing = [
+        ("defocus", model.defocus.known().is_none() || sample.inverse_depth.is_none()),
+        ("motion blur", model.motion_blur.known().is_none() || sample.flow.is_none()),
+        ("noise", model.noise.known().is_none()),
+    ];
+    Ok((image, missing.iter().filter(|m| m.1).map(|m| m.0).collect()))
 }
 
 fn with_noise(image: &Encoded, model: &NoiseModel, number: u64) -> Encoded {
@@ -196,6 +191,9 @@ fn squares(w: usize, h: usize, side: usize) -> impl Iterator<Item = [usize; 2]> 
 /// Side of a patch of noise, px.
 const PATCH: usize = 48;
 
+/// A part is flat if smoothing leaves at most this fraction of its std: of white noise it leaves 0.14, of coarser grain more.
+const FLAT: f32 = 0.35;
+
 /// A flat part of a frame beside a synthetic one of the same brightness, contrast raised alike.
 pub struct NoisePatch {
     /// The frame's number.
@@ -210,21 +208,25 @@ pub struct NoisePatch {
     pub synthetic: Shown,
     /// Std of the luminance of the two.
     pub sigma: [f32; 2],
+    /// Whether smoothing leaves little of the real one, as of noise.
+    pub flat: bool,
     /// How much contrast was raised.
     pub gain: f32,
 }
 
-/// The flattest patch among dark, middle and bright parts of the frames, as far as there are any.
+/// The flattest patch among dark, middle and bright parts of the frames, as far as there are any; at least the one that
+/// is flattest of all.
 pub fn noise_patches(samples: &[Sample], model: &NoiseModel) -> Vec<NoisePatch> {
-    let mut flattest: [Option<(f32, &Sample, [usize; 2])>; 3] = [None; 3];
+    type Found<'a> = Option<(f32, &'a Sample, [usize; 2])>;
+    let mut flat: [Found; 3] = [None; 3];
+    let mut flattest: Found = None;
     for sample in samples {
         let (w, h) = sample.frame.0.size();
         if w < PATCH || h < PATCH {
             continue;
         }
-        let y = sample.frame.luma();
         // What is left after smoothing is not noise, or only its coarsest part.
-        let smooth = filter::gaussian_blur(&y, 2.0);
+        let smooth = filter::gaussian_blur(&sample.frame.0, 2.0);
         for at in squares(w, h, PATCH) {
             let [x0, y0] = at;
             let patch = sample.frame.0.crop(x0, y0, PATCH, PATCH);
@@ -232,17 +234,29 @@ pub fn noise_patches(samples: &[Sample], model: &NoiseModel) -> Vec<NoisePatch> 
             if patch.data().as_flattened().iter().any(clips) {
                 continue;
             }
-            let rough = deviation(&y.crop(x0, y0, PATCH, PATCH));
-            let structure = deviation(&smooth.crop(x0, y0, PATCH, PATCH));
+            let (rough, structure) = (roughness(&patch), roughness(&smooth.crop(x0, y0, PATCH, PATCH)));
             let mean = patch.data().iter().map(|p| luma(*p)).sum::<f32>() / (PATCH * PATCH) as f32;
+            let flatter_than = |other: Found| other.is_none_or(|(least, ..)| structure < least);
             let third = ((3.0 * mean) as usize).min(2);
-            let flatter = flattest[third].is_none_or(|(best, ..)| structure < best);
-            if flatter && structure <= 0.5 * rough {
-                flattest[third] = Some((structure, sample, at));
+            if structure <= FLAT * rough && flatter_than(flat[third]) {
+                flat[third] = Some((structure, sample, at));
+            }
+            if flatter_than(flattest) {
+                flattest = Some((structure, sample, at));
             }
         }
     }
-    flattest.into_iter().flatten().filter_map(|(_, sample, at)| noise_patch(sample, at, model)).collect()
+    let any_flat = flat.iter().any(Option::is_some);
+    if !any_flat {
+        flat[0] = flattest;
+    }
+    let patch = |(_, sample, at)| noise_patch(sample, at, model).map(|p| NoisePatch { flat: any_flat, ..p });
+    flat.into_iter().flatten().filter_map(patch).collect()
+}
+
+/// Std around the best plane, over the three channels.
+fn roughness(patch: &Raster<[f32; 3]>) -> f32 {
+    (0..3).map(|c| deviation(&patch.map(|p| p[c])).powi(2)).sum::<f32>().sqrt()
 }
 
 fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Option<NoisePatch> {
@@ -267,6 +281,7 @@ fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Opt
         real: stretched(&residual)?,
         synthetic: stretched(&grain)?,
         sigma,
+        flat: true,
         gain,
     })
 }

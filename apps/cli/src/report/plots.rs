@@ -22,7 +22,7 @@ const GRID: RGBColor = RGBColor(0xe4, 0xe4, 0xe4);
 /// Width of a plot in units of its own. SVG coordinates are whole numbers here: twice as fine as the page's pixels.
 const WIDTH: u32 = 1440;
 /// Size of text in the same units; the library makes it 1 / 1.24 of that.
-const FONT: u32 = 31;
+const FONT: u32 = 29;
 
 /// More points than this are not told apart, and make the file large.
 const MOST_POINTS: usize = 1500;
@@ -62,7 +62,8 @@ impl<'a> Axes<'a> {
         let mut builder = ChartBuilder::on(area);
         builder
             .margin(12)
-            .margin_right(36)
+            .margin_right(56)
+            .margin_top(if self.title.is_empty() { 28 } else { 12 })
             .x_label_area_size(if self.x_name.is_empty() { 48 } else { 92 })
             .y_label_area_size(if self.y_name.is_empty() { 84 } else { 124 });
         if !self.title.is_empty() {
@@ -321,7 +322,7 @@ pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Opt
         },
         y_name: "blur std, px",
         x_tick,
-        x_ticks: if metric { 6 } else { 9 },
+        x_ticks: if metric { 7 } else { 9 },
     };
     let band: Vec<[f64; 3]> = model.map_or(vec![], |m| {
         places.iter().filter_map(|&d| defocus_interval(m, d).map(|[low, high]| [d, low, high])).collect()
@@ -386,7 +387,7 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
             x: 0.0..1.0,
             y: 0.0..1.12 * top,
             x_name: if level >= 2 { "luminance Y" } else { "" },
-            y_name: if level % 2 == 0 { "std, 8-bit steps" } else { "" },
+            y_name: if level.is_multiple_of(2) { "std, 8-bit steps" } else { "" },
             x_tick: &tick,
             x_ticks: 6,
         };

@@ -349,15 +349,15 @@ fn odd_models_give_a_report() {
 #[test]
 fn large_noisy_frames_do_not_make_a_large_file() {
     let model = known_model(1920, 1080);
-    let sample =
-        || Sample { number: 1, frame: frame(1920, 1080), flow: None, inverse_depth: None, clean: None };
+    let frame = frame(1920, 1080);
+    let sample = || Sample { number: 1, frame: frame.clone(), flow: None, inverse_depth: None, clean: None };
     let html = written(&ReportInput {
         title: "large".into(),
         model: &model,
         diagnostics: &Diagnostics::default(),
         samples: (0..4).map(|_| sample()).collect(),
         comparison: vec![],
-        pictures: vec![Picture { title: "a".into(), image: frame(1920, 1080) }],
+        pictures: vec![Picture { title: "a".into(), image: frame.clone() }],
     });
     check(&html);
     assert!(html.len() < 6_000_000, "{}", html.len());
@@ -386,71 +386,4 @@ fn the_noise_of_even_content_is_that_of_its_bands() {
     for std in pictures::total_std(&m, |level, _| 0.02 * band[level]) {
         assert!((std / 0.02 - 1.0).abs() < 0.03, "{std}");
     }
-}
-
-/// `cargo test -p blindaug-cli -- --ignored look` writes a page to look at.
-#[test]
-#[ignore = "writes a page to look at"]
-fn look() {
-    let shared = std::env::var("BLINDAUG_SHARED").map_or_else(
-        |_| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")),
-        PathBuf::from,
-    );
-    let clips = shared.join("data/clips/shelf3");
-    let (first, clean) = (clips.join("full_without"), clips.join("clean"));
-    let mut frames: Vec<_> = std::fs::read_dir(&first).unwrap().map(|e| e.unwrap().path()).collect();
-    frames.sort();
-    let mut model = known_model(512, 512);
-    if let Estimate::Known(m) = &mut model.noise {
-        m.levels.iter_mut().for_each(|l| {
-            *l = NoiseLevel { slope: [0.03; 3].map(|v| v * l.intercept[1] / 0.006), intercept: l.intercept }
-        });
-    }
-    let samples = frames
-        .iter()
-        .take(2)
-        .map(|path| {
-            let clean = clean.join(path.file_name().unwrap());
-            Sample {
-                number: path.file_stem().unwrap().to_str().unwrap().parse().unwrap(),
-                frame: blindaug_io::read_frame(path).unwrap(),
-                flow: Some(blindaug_io::read_flow(clean.with_extension("exr")).unwrap()),
-                inverse_depth: Some(
-                    blindaug_io::read_inverse_depth(
-                        clean.with_extension("exr"),
-                        blindaug_io::DepthFormat::default(),
-                    )
-                    .unwrap(),
-                ),
-                clean: Some(blindaug_io::read_frame(clean).unwrap()),
-            }
-        })
-        .collect();
-    let path = std::env::temp_dir().join("blindaug-report.html");
-    let diagnostics = diagnostics(&model);
-    let comparison = [
-        ("Exposure, fraction of the frame interval", "0.48 (0.45 to 0.51)", "0.50"),
-        ("Focus distance, m", "1.30", "1.32"),
-    ]
-    .map(|(name, estimated, truth)| TruthRow {
-        name: name.into(),
-        estimated: estimated.into(),
-        truth: truth.into(),
-    })
-    .into();
-    let pictures =
-        ["Naive", "Composite"].map(|title| Picture { title: title.into(), image: frame(512, 512) }).into();
-    write(
-        &path,
-        &ReportInput {
-            title: "shelf3/full_without".into(),
-            model: &model,
-            diagnostics: &diagnostics,
-            samples,
-            comparison,
-            pictures,
-        },
-    )
-    .unwrap();
-    println!("{}", path.display());
 }

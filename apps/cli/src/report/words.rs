@@ -34,7 +34,7 @@ pub fn count(n: u64) -> String {
     let digits = n.to_string();
     let mut text = String::new();
     for (i, c) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
             text.push('\u{202f}');
         }
         text.push(c);
@@ -42,9 +42,17 @@ pub fn count(n: u64) -> String {
     text
 }
 
-/// A distance in m of an inverse depth in 1/m; what lies at or beyond infinity is infinitely far.
+/// A distance in m of an inverse depth in 1/m; beyond 10 km, and beyond infinity, it is infinite to any lens.
 pub fn distance(inverse_depth: f64) -> f64 {
-    if inverse_depth > 0.0 { 1.0 / inverse_depth } else { f64::INFINITY }
+    if inverse_depth > 1e-4 { 1.0 / inverse_depth } else { f64::INFINITY }
+}
+
+/// A distance in words.
+pub fn metres(inverse_depth: f64) -> String {
+    match distance(inverse_depth) {
+        d if d.is_infinite() => "infinity".into(),
+        d => format!("{} m", number(d)),
+    }
 }
 
 #[cfg(test)]
@@ -73,5 +81,7 @@ mod tests {
         assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(count(123), "123");
         assert_eq!(distance(-0.1), f64::INFINITY);
+        assert_eq!(metres(0.0), "infinity");
+        assert_eq!(metres(0.5), "2.00 m");
     }
 }

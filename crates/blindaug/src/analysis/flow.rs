@@ -96,8 +96,7 @@ pub fn inconsistent(forward: &Flow, backward: &Flow) -> Raster<bool> {
         let b = backward.bilinear(tx, ty);
         let square = |v: [f32; 2]| v[0] * v[0] + v[1] * v[1];
         let gap = square([f[0] + b[0], f[1] + b[1]]);
-        // Not `gap > limit`: NaN is inconsistent.
-        !(gap <= 0.01 * (square(f) + square(b)) + 0.5)
+        gap.is_nan() || gap > 0.01 * (square(f) + square(b)) + 0.5
     })
 }
 

@@ -3,8 +3,7 @@
 
 use super::{BlurPoint, Samples};
 use crate::model::ExposureFraction;
-use crate::synth::{self, defocus::Bokeh};
-use crate::{Flow, Plane, Raster, filter, par};
+use crate::{Flow, Plane, Raster, filter, par, synth};
 
 /// A thin lens as it is fitted: `sigma = slope |d - focus|`, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,7 +99,7 @@ pub struct LensFit {
     pub range: (f32, f32),
 }
 
-/// The thin lens for which `sharp`, blurred by it (and by the shutter, if something is known of it), is closest to
+/// The thin lens for which `sharp`, blurred by its disks (and by the shutter, if something is known of it), is closest to
 /// `target`. Both are luma in the light that is blurred; `weight` is the inverse std of the target's noise.
 ///
 /// `None` if nothing has texture and depth. All images must have one size.
@@ -110,7 +109,6 @@ pub fn fit_lens(
     sharp: &Plane,
     inverse_depth: &Plane,
     shutter: Option<(&Flow, ExposureFraction)>,
-    bokeh: Bokeh,
 ) -> Option<LensFit> {
     let (w, h) = sharp.size();
     // Places where depth is known and even: next to a step, what is there belongs to two depths.
@@ -126,21 +124,19 @@ pub fn fit_lens(
     if places.len() < 200 {
         return None;
     }
-    // What each place would be at each std.
-    let mut predicted = vec![[0.0f32; STACK.len()]; places.len()];
-    for k in 0..STACK.len() {
-        let level = synth::defocus::defocus(sharp, &Plane::filled(w, h, STACK[k]), bokeh).ok()?;
-        let values = par::map(places.len(), |i| {
-            let (x, y) = places[i];
-            match shutter {
-                Some((flow, exposure)) => {
-                    super::motion_blur::mean_along(&level, x, y, flow.at(x, y), exposure.0)
-                }
-                None => level.at(x, y),
-            }
-        });
-        predicted.iter_mut().zip(values).for_each(|(p, v)| p[k] = v);
-    }
+    // What each place would be at each std. Blur by the shutter and by the lens change places where motion and depth
+    // are even, so the shutter's is done once.
+    let still;
+    let source = match shutter {
+        Some((flow, exposure)) => {
+            still = Plane::from_fn(w, h, |x, y| {
+                super::motion_blur::mean_along(sharp, x, y, flow.at(x, y), exposure.0)
+            });
+            &still
+        }
+        None => sharp,
+    };
+    let predicted = synth::defocus::disk_values_at(source, &places, &STACK);
     let at = |sigma: f32, p: &[f32; STACK.len()]| {
         // Between two levels, a blurred image changes in proportion to the variance.
         let k = STACK.partition_point(|&s| s <= sigma).clamp(1, STACK.len() - 1);

@@ -15,7 +15,7 @@ use crate::model::{
 };
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, par};
-use analysis::depth::ParallaxTracker;
+use analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use noise::{LumaNoise, NoiseEvidence, NoiseFit};
 
 /// Which family of estimators answers for blur.
@@ -194,12 +194,16 @@ impl Estimator {
         }
         let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
         let mut estimated = None;
+        let mut parallax = None;
         if let (None, Some((other, sign))) = (evidence.flow, neighbour) {
             let pair = analysis::flow::flow_with_occlusion(&frame.luma(), &other.luma())?;
             if pair.confirmed() < MIN_CONFIRMED {
                 self.cuts += 1;
             } else {
                 estimated = Some((known_flow(&pair), sign));
+                if evidence.inverse_depth.is_none() {
+                    parallax = Some(self.parallax.push(&pair)?);
+                }
             }
         }
         // To the neighbour that there is; and to the next frame, which the last frame's motion continues to.
@@ -217,16 +221,24 @@ impl Estimator {
                 self.depth_kind = Some(kind);
                 Some(d.clone())
             }
-            None => to_next.as_ref().and_then(|flow| match self.parallax.add(flow) {
-                Ok(d) => {
-                    self.depth_kind.get_or_insert(DepthKind::Relative);
-                    Some(d)
+            None => {
+                if let (None, Some(flow)) = (&parallax, evidence.flow) {
+                    let unknown =
+                        Raster::from_fn(flow.width(), flow.height(), |x, y| !flow.at(x, y)[0].is_finite());
+                    parallax = Some(inverse_depth_from_flow(flow, &unknown)?);
                 }
-                Err(why) => {
-                    self.why_no_depth = format!("no depth was given, and parallax gives none: {why}");
-                    None
+                match parallax {
+                    Some(Parallax::Known(depth)) => {
+                        self.depth_kind.get_or_insert(DepthKind::Relative);
+                        Some(depth.inverse_depth)
+                    }
+                    Some(Parallax::Unknown(why)) => {
+                        self.why_no_depth = format!("no depth was given, and parallax gives none: {why}");
+                        None
+                    }
+                    None => None,
                 }
-            }),
+            }
         };
         let mut kept = FrameEvidence {
             index,
@@ -307,7 +319,7 @@ impl Estimator {
         let exposure_alone =
             |sharp: &Plane| flow.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
         let lens_alone = |target: &Plane, sharp: &Plane| {
-            depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None, BOKEH))
+            depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None))
         };
         if let Some(deblurred) = evidence.motion_deblurred {
             let deblurred = light(deblurred);
@@ -330,8 +342,7 @@ impl Estimator {
                     };
                     kept.exposure = exposure_alone(&defocused);
                     let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
-                    kept.lens =
-                        defocus::fit_lens(&target, &weight, clean, depth, Some((flow, exposure)), BOKEH);
+                    kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((flow, exposure)));
                 }
             }
             if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {

@@ -256,6 +256,53 @@ fn disks(largest_sigma: f32) -> Vec<Disk> {
 }
 
 /// The tile, each pixel blurred by the disk of its std; O(radius) per pixel by sums along the rows.
+/// What some pixels of an image become under disks of several constant stds: [place][std], each as [`defocus`] has it.
+pub(crate) fn disk_values_at<const N: usize>(
+    src: &Plane,
+    places: &[(usize, usize)],
+    sigmas: &[f32; N],
+) -> Vec<[f32; N]> {
+    let largest = sigmas.iter().copied().fold(0.0, f32::max);
+    let all = disks(largest);
+    let used = sigmas.map(|s| &all[((s / DISK_STEP).round() as usize).min(all.len() - 1)]);
+    let reach =
+        used.iter().map(|d| d.half_widths.len().max(d.half_widths[0].ceil() as usize)).max().unwrap_or(0);
+    let (w, h) = src.size();
+    // Sums of the pixels before each, from `reach` left of the image on; less the mean, for their precision.
+    let mean = src.data().iter().sum::<f32>() / src.data().len().max(1) as f32;
+    let width = w + 2 * reach;
+    let mut sums = Plane::filled(width + 1, h, 0.0);
+    par::for_each_row(sums.data_mut(), width + 1, |y, row| {
+        for i in 0..width {
+            row[i + 1] =
+                row[i] + src.at((i as isize - reach as isize).clamp(0, w as isize - 1) as usize, y) - mean;
+        }
+    });
+    par::map(places.len(), |i| {
+        let (x, y) = places[i];
+        let centre = (x + reach) as f32 + 0.5;
+        std::array::from_fn(|k| {
+            if sigmas[k] < 0.5 * DISK_STEP {
+                return src.at(x, y);
+            }
+            let mut sum = 0.0;
+            for (dy, &half) in used[k].half_widths.iter().enumerate() {
+                let mut span = |y: usize| {
+                    let row = sums.row(y);
+                    let up_to =
+                        |e: f32| f32::lerp(row[e as usize], row[(e as usize + 1).min(width)], e.fract());
+                    sum += up_to(centre + half) - up_to(centre - half);
+                };
+                span((y + dy).min(h - 1));
+                if dy > 0 {
+                    span(y.saturating_sub(dy));
+                }
+            }
+            mean + sum / used[k].area
+        })
+    })
+}
+
 fn disk_blurred<P: Pixel>(src: &Raster<P>, sigma: &Plane, disks: &[Disk], tile: Tile) -> Raster<P> {
     let disk_of = |s: f32| &disks[((s / DISK_STEP).round() as usize).min(disks.len() - 1)];
     let widest = disk_of(tile.pixels(sigma).fold(0.0, f32::max));
@@ -457,6 +504,20 @@ mod tests {
             assert!(q.data().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
             let e = defocus(&random(4, 4, 2), &Plane::filled(4, 5, 1.0), bokeh).unwrap_err();
             assert!(e.to_string().contains("4 x 5"));
+        }
+    }
+
+    #[test]
+    fn values_at_places_are_those_of_the_whole_image() {
+        let src = random(70, 50, 2).map(|p| p[0]);
+        let sigmas = [0.0, 0.4, 1.7, 6.0];
+        let places = [(0, 0), (35, 20), (69, 49), (3, 44)];
+        let values = disk_values_at(&src, &places, &sigmas);
+        for (k, &sigma) in sigmas.iter().enumerate() {
+            let whole = defocus(&src, &Plane::filled(70, 50, sigma), Bokeh::Disk).unwrap();
+            for (value, &(x, y)) in values.iter().zip(&places) {
+                assert!((value[k] - whole.at(x, y)).abs() < 1e-5, "{sigma} at {x}, {y}");
+            }
         }
     }
 }

@@ -337,7 +337,7 @@ mod tests {
 
         /// The mean of the views from many points of the lens at many times, each sharp and with its own occlusion.
         fn filmed(&self, blur: &Blur, exposure: f32) -> Linear {
-            let (lens, times) = (120, 9);
+            let (lens, times) = (80, 7);
             Linear(Raster::from_fn(W, H, |x, y| {
                 let mut sum = [0.0f32; 3];
                 for i in 0..lens {
@@ -364,11 +364,11 @@ mod tests {
 
     #[test]
     fn slabs_come_closer_to_a_real_lens_and_shutter_than_a_plain_gather() {
-        for (name, flow, model, db) in [
-            ("near blurred", [0.0, 0.0], camera(3.0, 0.2001, 0.5), 27.0),
-            ("far blurred", [0.0, 0.0], camera(4.0, 1.0, 0.5), 27.0),
-            ("near moving", [24.0, 6.0], camera(0.0, 1.0, 0.5), 27.0),
-            ("all", [16.0, -6.0], camera(3.0, 0.5, 0.5), 27.0),
+        for (name, flow, model) in [
+            ("near blurred", [0.0, 0.0], camera(3.0, 0.2001, 0.5)),
+            ("far blurred", [0.0, 0.0], camera(4.0, 1.0, 0.5)),
+            ("near moving", [24.0, 6.0], camera(0.0, 1.0, 0.5)),
+            ("all", [16.0, -6.0], camera(3.0, 0.5, 0.5)),
         ] {
             let scene = Scene::new(flow);
             let blur = Blur::new(&model, W, Bokeh::Disk).unwrap();
@@ -379,14 +379,9 @@ mod tests {
             let gather =
                 Linear(blur.of(&sharp.0, Some(&depth), Some(&flow)).unwrap()).to_encoded(Transfer::Srgb);
             let psnr = |a: &Encoded| crate::metrics::psnr(a, &truth, None).unwrap();
-            println!(
-                "{name}: sharp {:.1}, gather {:.1}, slabs {:.1}",
-                psnr(&sharp.to_encoded(Transfer::Srgb)),
-                psnr(&gather),
-                psnr(&slabs)
-            );
-            assert!(psnr(&slabs) > db, "{name}: {}", psnr(&slabs));
-            assert!(psnr(&slabs) > psnr(&gather) + 1.0, "{name}: {} {}", psnr(&slabs), psnr(&gather));
+            // Measured: gather 28.1, 35.2, 35.3, 38.8; slabs 38.8, 42.4, 45.9, 45.5.
+            assert!(psnr(&slabs) > 37.0, "{name}: {}", psnr(&slabs));
+            assert!(psnr(&slabs) > psnr(&gather) + 5.0, "{name}: {} {}", psnr(&slabs), psnr(&gather));
         }
     }
 
