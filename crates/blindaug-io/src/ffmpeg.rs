@@ -11,7 +11,7 @@ use crate::{
 };
 use blindaug::Encoded;
 use std::{
-    ffi::OsString,
+    ffi::{OsStr, OsString},
     io::{BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
@@ -29,6 +29,14 @@ pub(crate) fn find() -> Option<OsString> {
     }
     let run = Command::new(&program).arg("-version").stdin(Stdio::null()).output();
     run.is_ok_and(|o| o.status.success()).then_some(program)
+}
+
+/// A command that Ctrl-C in a terminal does not reach: this program decides when it ends, by closing its pipe.
+fn command(program: &OsStr) -> Command {
+    let mut command = Command::new(program);
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    command
 }
 
 /// How to decode one video with ffmpeg.
@@ -74,7 +82,7 @@ impl Ffmpeg {
     /// Starts to decode.
     pub(crate) fn frames(&self, path: &Path) -> Result<FfmpegFrames> {
         let (width, height) = self.format.size;
-        let mut command = Command::new(&self.program);
+        let mut command = command(&self.program);
         command
             .args([
                 "-nostdin",
@@ -378,7 +386,7 @@ impl VideoWriter {
         };
         let file = PartialFile::beside(path)?;
         let even = |n: usize| n + n % 2;
-        let mut child = Command::new(program)
+        let mut child = command(&program)
             .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-y"])
             .args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-s"])
             .arg(format!("{}x{}", even(size.0), even(size.1)))
