@@ -14,7 +14,10 @@ fn main() {
     let names = clips::names(&folder);
     if what == "all" || what == "composite" {
         println!("\ncomposites against the truth, PSNR in dB over the object's area grown by 20 px");
-        println!("{:<10} {:<8} {:>8} {:>22} {:>12} {:>12}", "clip", "lens", "naive", "blind, depth given", "clean given", "true camera");
+        println!(
+            "{:<10} {:<8} {:>8} {:>22} {:>12} {:>12}",
+            "clip", "lens", "naive", "blind, depth given", "clean given", "true camera"
+        );
         for name in &names {
             let clip = folder.join(name);
             for prefix in ["full", "full2"] {
@@ -24,7 +27,8 @@ fn main() {
                 }
                 let given = Given { depth: true, ..Given::default() };
                 let blind = clips::estimate(&clip, &condition, given).model;
-                let clean = clips::estimate(&clip, &condition, Given { clean: true, flow: true, ..given }).model;
+                let clean =
+                    clips::estimate(&clip, &condition, Given { clean: true, flow: true, ..given }).model;
                 let truth = clips::true_model(&blind, &Truth::of(&clip, &condition));
                 let of = |model, naive| clips::composite_psnr(&clip, prefix, model, naive);
                 println!(

@@ -201,7 +201,9 @@ pub fn run(args: &Demo) -> Result<()> {
     )?;
     let mut rows = comparison(model, &truth);
     let blind_rows = comparison(&blind.estimation.model, &truth).into_iter().take(3);
-    rows.extend(blind_rows.map(|row| TruthRow { name: format!("from the frames alone: {}", row.name), ..row }));
+    rows.extend(
+        blind_rows.map(|row| TruthRow { name: format!("from the frames alone: {}", row.name), ..row }),
+    );
     console::print(&table(&rows, &fidelity))?;
 
     let frame = read_frame(clip.join(format!("frames/{SHOWN:04}.png")))?;

@@ -1,6 +1,9 @@
 //! Speed of the analysis: `cargo bench --bench analysis`.
 
-use blindaug::{Plane, analysis::flow};
+use blindaug::{
+    Flow, Plane, Raster,
+    analysis::{depth, flow},
+};
 use criterion::{Criterion, criterion_group, criterion_main};
 
 /// A texture with detail at every scale that moves by (11.3, -4.6) px, with a little noise.
@@ -29,6 +32,15 @@ fn benches(c: &mut Criterion) {
     group.bench_function("512", |bench| bench.iter(|| flow::flow(&a, &b)));
     group.bench_function("512 with occlusion", |bench| bench.iter(|| flow::flow_with_occlusion(&a, &b)));
     group.finish();
+
+    // A camera that moves to the side and turns in front of a floor.
+    let seen = Flow::from_fn(512, 512, |x, y| {
+        let (x, y) = (x as f32 / 614.0 - 0.42, y as f32 / 614.0 - 0.42);
+        let d = (0.5 + y).max(0.4);
+        [-20.0 * d + 3.0 * (1.0 + x * x), 3.0 * x * y]
+    });
+    let occluded = Raster::filled(512, 512, false);
+    c.bench_function("parallax/512", |bench| bench.iter(|| depth::inverse_depth_from_flow(&seen, &occluded)));
 }
 
 criterion_group!(analysis, benches);

@@ -40,7 +40,9 @@ fn bench(c: &mut Criterion) {
     let frame = |p: &Plane, seed: u64| {
         let noise = synth::noise::unit_bands(N, N, seed, 0);
         let white = synth::noise::white_band_std();
-        let noise = synth::noise::modulated(noise, |l| Raster::filled(N.div_ceil(1 << l), N.div_ceil(1 << l), [0.01 * white[l]; 3]));
+        let noise = synth::noise::modulated(noise, |l| {
+            Raster::filled(N.div_ceil(1 << l), N.div_ceil(1 << l), [0.01 * white[l]; 3])
+        });
         Encoded(Raster::from_fn(N, N, |x, y| noise.at(x, y).map(|n| p.at(x, y) + n)))
     };
     let (noisy, next) = (frame(&moved, 1), frame(&moved, 2));
@@ -63,20 +65,28 @@ fn bench(c: &mut Criterion) {
             e.fit()
         })
     });
-    g.bench_function("motion_blur/clean", |b| b.iter(|| motion_blur::fit_exposure(black_box(&moved), &weight, &sharp, &flow)));
-    g.bench_function("defocus/clean", |b| b.iter(|| defocus::fit_lens(black_box(&defocused), &weight, &sharp, &depth, None)));
-    g.bench_function("defocus/search", |b| b.iter(|| defocus::pooled_search(black_box(&defocused), &sharp, &depth)));
+    g.bench_function("motion_blur/clean", |b| {
+        b.iter(|| motion_blur::fit_exposure(black_box(&moved), &weight, &sharp, &flow))
+    });
+    g.bench_function("defocus/clean", |b| {
+        b.iter(|| defocus::fit_lens(black_box(&defocused), &weight, &sharp, &depth, None))
+    });
+    g.bench_function("defocus/search", |b| {
+        b.iter(|| defocus::pooled_search(black_box(&defocused), &sharp, &depth))
+    });
     let noise = [Default::default(); 4];
     let (seen, blurred) = (frame(&moved, 3), frame(&defocused, 4));
     g.bench_function("motion_blur/spectral", |b| {
         b.iter(|| {
-            let tiles = spectral::tiles(black_box(&seen), Some(&flow), None, BlurSpace::Encoded).expect("one size");
+            let tiles =
+                spectral::tiles(black_box(&seen), Some(&flow), None, BlurSpace::Encoded).expect("one size");
             spectral::fit_exposure(&[&tiles], &noise)
         })
     });
     g.bench_function("defocus/spectral", |b| {
         b.iter(|| {
-            let tiles = spectral::tiles(black_box(&blurred), None, Some(&depth), BlurSpace::Encoded).expect("one size");
+            let tiles = spectral::tiles(black_box(&blurred), None, Some(&depth), BlurSpace::Encoded)
+                .expect("one size");
             spectral::fit_lens(&[&tiles], &noise, ExposureFraction(0.0))
         })
     });

@@ -1,6 +1,12 @@
 //! Analysis on the rendered clips, whose flow and depth are known. `--nocapture` prints what is measured.
 
-use blindaug::{Flow, Plane, Raster, analysis::flow};
+use blindaug::{
+    Flow, Plane, Raster,
+    analysis::{
+        depth::{Parallax, inverse_depth_from_flow},
+        flow,
+    },
+};
 use blindaug_io::{DepthFormat, read_flow, read_frame, read_inverse_depth};
 use std::path::PathBuf;
 
@@ -78,5 +84,67 @@ fn flow_of_clean_noisy_and_blurred_frames() {
         assert!(found * 2 > hidden, "{clip} {frames}: {found} of {hidden} hidden pixels are flagged");
         let wrong = pair.forward.map(|[u, v]| [v, u]);
         assert!(self::mean(&endpoint_errors(&wrong, &truth, &seen)) > 2.0, "the comparison sees nothing");
+    }
+}
+
+/// Correlation of two maps where both are known, and the median relative error of `d` against `truth` after the best scale
+/// and offset (least squares).
+fn agreement(d: &Plane, truth: &Plane) -> (f64, f64) {
+    let pairs: Vec<[f64; 2]> = d
+        .data()
+        .iter()
+        .zip(truth.data())
+        .filter(|(d, t)| d.is_finite() && t.is_finite())
+        .map(|(d, t)| [*d, *t].map(f64::from))
+        .collect();
+    let mean = [0, 1].map(|i| pairs.iter().map(|p| p[i]).sum::<f64>() / pairs.len() as f64);
+    let moment = |i: usize, j: usize| pairs.iter().map(|p| (p[i] - mean[i]) * (p[j] - mean[j])).sum::<f64>();
+    let scale = moment(0, 1) / moment(0, 0);
+    let error = |[d, t]: &[f64; 2]| (mean[1] + scale * (d - mean[0]) - t).abs() / t;
+    let mut errors: Vec<f64> = pairs.iter().map(error).collect();
+    errors.sort_by(f64::total_cmp);
+    (moment(0, 1) / (moment(0, 0) * moment(1, 1)).sqrt(), errors[errors.len() / 2])
+}
+
+#[test]
+fn depth_from_the_true_flow_and_from_that_of_the_frames() {
+    let Some(clips) = clips() else { return };
+    println!(
+        "clip   flow of        known  correlation  median error  parallax, px  residual, px  inliers  uncertainty"
+    );
+    for clip in ["table1", "shelf3"] {
+        let dir = clips.join(clip);
+        let (flow, inverse_depth, seen) = truth(&dir, 2);
+        for (frames, correlation_bound, error_bound) in
+            [(None, 0.98, 0.02), (Some("clean"), 0.98, 0.03), (Some("full_without"), 0.97, 0.05)]
+        {
+            let parallax = match frames {
+                None => inverse_depth_from_flow(&flow, &seen.map(|seen| !seen)),
+                Some(frames) => {
+                    let luma = |t| read_frame(dir.join(format!("{frames}/{t:04}.png"))).unwrap().luma();
+                    let pair = flow::flow_with_occlusion(&luma(2), &luma(3)).unwrap();
+                    inverse_depth_from_flow(&pair.forward, &pair.occluded)
+                }
+            };
+            let Parallax::Known(depth) = parallax.unwrap() else { panic!("{clip} {frames:?}: unknown") };
+            let (correlation, error) = agreement(&depth.inverse_depth, &inverse_depth);
+            let all = depth.inverse_depth.data().len();
+            let known =
+                depth.inverse_depth.data().iter().filter(|d| d.is_finite()).count() as f32 / all as f32;
+            println!(
+                "{clip} {:14} {known:5.2} {correlation:12.3} {error:13.3} {:13.2} {:13.3} {:8.2} {:12.3}",
+                frames.unwrap_or("(truth)"),
+                depth.parallax,
+                depth.residual,
+                depth.inliers,
+                depth.uncertainty
+            );
+            assert!(known > 0.8, "{clip} {frames:?}: only {known} is known");
+            assert!(correlation > correlation_bound, "{clip} {frames:?}: correlation {correlation}");
+            assert!(error < error_bound, "{clip} {frames:?}: error {error}");
+            let (w, h) = depth.inverse_depth.size();
+            let upside_down = Plane::from_fn(w, h, |x, y| depth.inverse_depth.at(x, h - 1 - y));
+            assert!(agreement(&upside_down, &inverse_depth).0 < 0.5, "the comparison sees nothing");
+        }
     }
 }

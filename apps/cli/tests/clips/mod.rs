@@ -1,10 +1,11 @@
 //! The rendered clips of known truth in the shared folder, and how far estimates lie from it.
 
-use blindaug::fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options};
 use blindaug::composite::{self, Shot, VirtualLayer};
+use blindaug::fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{
-    BlurSpace, CameraModel, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
+    BlurSpace, CameraModel, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    MotionBlurModel,
 };
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{Encoded, Flow, Plane, Transfer};
@@ -175,11 +176,14 @@ pub fn composite_psnr(clip: &Path, prefix: &str, model: &CameraModel, naive: boo
     let sum: f64 = numbers
         .iter()
         .map(|&n| {
-            let layer = blindaug_io::read_virtual_layer(clip.join(format!("virtual/{n:04}.exr"))).expect("a layer");
-            let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
+            let layer =
+                blindaug_io::read_virtual_layer(clip.join(format!("virtual/{n:04}.exr"))).expect("a layer");
+            let layer =
+                VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
             let linear = |c: &str| frame(clip, c, n).to_linear(Transfer::Srgb);
             let (with, without) = (linear("clean_with"), linear("clean"));
-            let (plain, truth) = (frame(clip, &format!("{prefix}_plain"), n), frame(clip, &format!("{prefix}_with"), n));
+            let (plain, truth) =
+                (frame(clip, &format!("{prefix}_plain"), n), frame(clip, &format!("{prefix}_with"), n));
             let (depth, flow) = (inverse_depth(clip, n), flow(clip, n));
             let shot = Shot {
                 frame: &plain,
@@ -190,7 +194,8 @@ pub fn composite_psnr(clip: &Path, prefix: &str, model: &CameraModel, naive: boo
             };
             let options = composite::Options { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
             let made = composite::composite(&shot, &layer, model, &options).expect("sizes agree");
-            psnr(&made, &truth, Some(&object_area(&layer.color.0.map(|p| p[3]), 20))).expect("the object is in view")
+            psnr(&made, &truth, Some(&object_area(&layer.color.0.map(|p| p[3]), 20)))
+                .expect("the object is in view")
         })
         .sum();
     sum / numbers.len() as f64
@@ -207,7 +212,11 @@ pub fn true_model(estimated: &CameraModel, truth: &Truth) -> CameraModel {
     });
     let (sigma_px_at_infinity, focus) = truth.lens.expect("a condition with a lens");
     model.defocus = Estimate::Known(DefocusModel {
-        curve: DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth: 1.0 / focus, interval: None },
+        curve: DefocusCurve::ThinLens {
+            sigma_px_at_infinity,
+            focus_inverse_depth: 1.0 / focus,
+            interval: None,
+        },
         depth_kind: DepthKind::Metric,
         method: Method::Given,
         samples: 0,

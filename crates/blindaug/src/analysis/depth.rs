@@ -26,6 +26,10 @@ const FOCAL_LENGTH: f64 = 1.2;
 const SAMPLES: usize = 1500;
 /// Directions of T that are tried before refinement.
 const DIRECTIONS: usize = 256;
+/// How many of them are refined.
+const STARTS: usize = 3;
+/// Cosine of the angle between them, 25 degrees.
+const NEIGHBOURS: f64 = 0.9;
 /// Fewer samples than this are no basis.
 const FEWEST_SAMPLES: usize = 100;
 /// Parts of the picture that must agree.
@@ -38,14 +42,15 @@ const INLIERS: f64 = 0.65;
 const STILL_PX: f64 = 0.15;
 /// Largest share of the picture that may stand still while the camera is said to move: a turn that follows a wall stops a part of it.
 const STILL: f64 = 0.4;
-/// Smallest median parallax, px, and in multiples of the median residual: rotation alone reaches about 2 by chance.
+/// Smallest median parallax, px, and in robust std of the flow across the epipolar lines: a turn alone reaches 1 to 2 by chance.
 const PARALLAX_PX: f64 = 0.25;
-const PARALLAX_TO_RESIDUAL: f64 = 8.0;
+const PARALLAX_TO_STD: f64 = 6.0;
 /// Largest disagreement with a part of the picture, in units of the map's range.
 const UNCERTAINTY: f64 = 0.15;
-/// A pixel this far off its epipolar line, in robust std of all, and at least in px, moves by itself.
+/// A pixel this far off its epipolar line moves by itself: in robust std of all, but at least and at most in px. Flow that is
+/// right is better than the upper limit, which grows with frames wider than 500 px.
 const OUTLIER: f64 = 4.0;
-const OUTLIER_PX: f64 = 0.2;
+const OUTLIER_PX: [f64; 2] = [0.2, 1.0];
 
 /// What parallax says of the depth of a frame.
 #[derive(Clone, Debug)]
@@ -67,7 +72,7 @@ pub struct RelativeDepth {
     pub uncertainty: f32,
     /// Median length of the flow that no turn of the camera explains, px.
     pub parallax: f32,
-    /// Median distance of the flow from its epipolar line, px.
+    /// Robust std of the flow across the epipolar lines, px.
     pub residual: f32,
     /// Share of the matched pixels that agree with the camera's motion, in [0, 1].
     pub inliers: f32,
@@ -357,8 +362,8 @@ impl Motion {
     }
 }
 
-/// The best of many directions, roughly.
-fn direction_of(samples: &[Sample]) -> [f64; 3] {
+/// The motion that explains `samples` best, from any direction.
+fn searched(samples: &[Sample]) -> Motion {
     // A spiral of even density over the hemisphere; T and -T are the same but for the sign of d.
     let direction = |i: usize| {
         let (z, angle) = ((i as f64 + 0.5) / DIRECTIONS as f64, i as f64 * 2.399_963);
@@ -366,19 +371,29 @@ fn direction_of(samples: &[Sample]) -> [f64; 3] {
         [r * angle.cos(), r * angle.sin(), z]
     };
     let some: Vec<Sample> = samples.iter().copied().step_by(2).collect();
-    let scales = par::map(DIRECTIONS, |i| turn_for(&some, direction(i), None).0.std);
-    direction((0..DIRECTIONS).min_by(|&a, &b| scales[a].total_cmp(&scales[b])).unwrap_or(0))
+    let mut tried: Vec<(f64, [f64; 3])> =
+        par::map(DIRECTIONS, |i| (turn_for(&some, direction(i), None).0.std, direction(i)));
+    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // The best of the coarse ones may lie in the wrong valley: the others that are not its neighbours get their chance.
+    let mut starts: Vec<[f64; 3]> = Vec::new();
+    for (_, t) in tried {
+        if starts.len() < STARTS && starts.iter().all(|s| dot(*s, t).abs() < NEIGHBOURS) {
+            starts.push(t);
+        }
+    }
+    let found = starts.into_iter().map(|t| refined(samples, t, 0.01));
+    let best = found.min_by(|a, b| a.turn.std.total_cmp(&b.turn.std));
+    refined(samples, best.map_or([0.0, 0.0, 1.0], |motion| motion.translation), 0.002)
 }
 
-/// The motion near a direction that explains `samples` best.
-fn refined(samples: &[Sample], mut t: [f64; 3]) -> Motion {
+/// The motion near a direction that explains `samples` best; the direction to `finest` radian.
+fn refined(samples: &[Sample], mut t: [f64; 3], finest: f64) -> Motion {
     let mut turn = turn_for(samples, t, None).0;
     // Twice, since the scale of the residuals falls with a better direction.
-    for _ in 0..2 {
+    for mut step in [0.1, 4.0 * finest] {
         let mut cost = turn_for(samples, t, Some(turn)).1;
-        let mut step = 0.1;
         for _ in 0..200 {
-            if step < 2e-4 {
+            if step < finest {
                 break;
             }
             let e = unit(cross(t, if t[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }));
@@ -410,11 +425,11 @@ fn camera_motion(samples: &[(usize, usize, Sample)], (w, h): (usize, usize)) -> 
     let depths = |motion: &Motion| all.iter().map(|s| motion.measure(s)[0]).collect::<Vec<f64>>();
     let parts: Vec<Vec<Sample>> =
         (0..PARTS).map(part).filter(|part| part.len() >= FEWEST_SAMPLES / PARTS).collect();
-    let found: Vec<Motion> = parts.iter().map(|part| refined(part, direction_of(part))).collect();
+    let found: Vec<Motion> = parts.iter().map(|part| searched(part)).collect();
     let std = |motion: &Motion| turn_for(&all, motion.translation, None).0.std;
     let best = found.iter().map(|m| (std(m), m.translation)).min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, start)) = best else { return (refined(&all, direction_of(&all)), f64::INFINITY) };
-    let motion = refined(&all, start).forward(&all);
+    let Some((_, start)) = best else { return (searched(&all), f64::INFINITY) };
+    let motion = refined(&all, start, 2e-4).forward(&all);
     let d = depths(&motion);
     let largest = *quantile(&mut d.clone(), 0.98);
     let disagreement = |other: Motion| {
@@ -486,18 +501,19 @@ fn depth_of(flow: &Flow, occluded: &Raster<bool>) -> std::result::Result<Relativ
         ));
     }
     let (motion, uncertainty) = camera_motion(&samples, (w, h));
-    let residual = f * motion.turn.std / 1.4826;
-    let limit = (OUTLIER * motion.turn.std).max(OUTLIER_PX / f);
+    let residual = f * motion.turn.std;
+    let [least, most] = [OUTLIER_PX[0], OUTLIER_PX[1] * (w as f64 / 500.0).max(1.0)];
+    let limit = (OUTLIER * f * motion.turn.std).min(most).max(least) / f;
     // What is farther behind than infinity by more than the noise moves by itself too.
     let agrees = |[d, length, across]: [f64; 3]| across.abs() <= limit && d * length >= -limit;
     let inliers = share(&|s| agrees(motion.measure(s)));
     if inliers < INLIERS {
         return Err(format!(
-            "the scene moves: only {:.0} % of the picture agrees with one motion of the camera",
+            "the scene moves, or the flow is wrong: only {:.0} % of the picture agrees with one motion of the camera",
             100.0 * inliers
         ));
     }
-    if parallax < PARALLAX_TO_RESIDUAL * residual {
+    if parallax < PARALLAX_TO_STD * residual {
         return Err(format!(
             "{parallax:.2} px of parallax are too little beside {residual:.2} px of contradiction in the flow (the \
              camera hardly does more than turn, or the scene moves)"

@@ -1,5 +1,5 @@
 //! Dense optical flow, from coarse to fine: at each scale dense inverse search (Kroeger et al., "Fast Optical Flow using
-//! Dense Inverse Search", ECCV 2016), then variational refinement ([`super::variational`]); occlusion by the
+//! Dense Inverse Search", ECCV 2016), then variational refinement; occlusion by the
 //! forward-backward check.
 //!
 //! The constants were chosen on rendered clips, with and without noise (std 0.02 to 0.05), motion blur and defocus; the
