@@ -27,7 +27,7 @@ pub fn folder() -> Option<PathBuf> {
 pub fn names(clips: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(clips)
         .expect("the clips can be listed")
-        .filter_map(|e| Some(e.ok()?.file_name().into_string().ok()?))
+        .filter_map(|e| e.ok()?.file_name().into_string().ok())
         .filter(|n| clips.join(n).join("truth.json").is_file())
         .collect();
     names.sort();

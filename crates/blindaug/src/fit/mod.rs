@@ -129,8 +129,12 @@ pub struct Estimator {
     /// Of the last frame whose depth could not be told from parallax, why.
     why_no_depth: String,
     depth_kind: Option<DepthKind>,
+    depth_given: bool,
     cuts: usize,
 }
+
+/// An exposure, its curve, and that of each frame.
+type ExposureEvidence = (MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>);
 
 /// What one frame told.
 struct FrameEvidence {
@@ -170,6 +174,7 @@ impl Estimator {
             parallax: ParallaxTracker::default(),
             why_no_depth: "no depth was given and there is only one frame".into(),
             depth_kind: None,
+            depth_given: false,
             cuts: 0,
         }
     }
@@ -219,8 +224,11 @@ impl Estimator {
         let depth = match evidence.inverse_depth {
             Some((d, kind)) => {
                 self.depth_kind = Some(kind);
+                self.depth_given = true;
                 Some(d.clone())
             }
+            // A clip with given depth is not mixed with depth of another unit.
+            None if self.depth_given => None,
             None => {
                 if let (None, Some(flow)) = (&parallax, evidence.flow) {
                     let unknown =
@@ -482,7 +490,7 @@ impl Estimator {
     }
 
     /// Weighted median over the frames that were compared with clean ones.
-    fn aggregate_exposure(&self) -> Option<(MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>)> {
+    fn aggregate_exposure(&self) -> Option<ExposureEvidence> {
         let fits: Vec<(usize, &motion_blur::ExposureFit)> =
             self.frames.iter().filter_map(|f| f.exposure.as_ref().map(|e| (f.index, e))).collect();
         let values: Vec<(f32, f64)> = fits.iter().map(|(_, e)| (e.exposure.0, e.variance)).collect();

@@ -288,8 +288,8 @@ impl NoiseEvidence {
                 let ratio = (white[level] / white[0]).powi(2);
                 let finest: [Line; 4] = std::array::from_fn(|c| line(&self.bins(0), c));
                 for b in &mut bins {
-                    for c in 0..4 {
-                        b.variance[c] = b.variance[c].min(finest[c].at(b.y).powi(2) * ratio);
+                    for (variance, finest) in b.variance.iter_mut().zip(&finest) {
+                        *variance = variance.min(finest.at(b.y).powi(2) * ratio);
                     }
                 }
             }

@@ -57,6 +57,8 @@ const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 /// The noise of coarse levels is believed up to this many times the density of the finest.
 const MAX_COLOUR: f32 = 1.3;
+/// A lens needs places whose inverse depths span this share of the largest.
+const MIN_DEPTH_SPAN: f32 = 0.2;
 const BOOTSTRAPS: usize = 120;
 
 /// What one tile of one frame tells.
@@ -445,6 +447,9 @@ pub fn fit_lens(
     let tables = par::map(prepared.len(), |i| prepared[i].over_sigma(exposure.0));
     let depth = |i: usize| prepared[i].tile.inverse_depth;
     let range = defocus::seen_range((0..prepared.len()).map(depth));
+    if range.1 - range.0 < MIN_DEPTH_SPAN * range.1.abs() {
+        return Err("the textured places all lie at about one depth, through which many lenses fit".into());
+    }
     let objective = |lens: Lens, weight: &dyn Fn(usize) -> f32| -> f32 {
         let loss = |i: usize| interpolate(&tables[i], index_of_sigma(lens.sigma_px(depth(i)))).max(-CLIP);
         (0..tables.len()).map(|i| (weight(i), i)).filter(|(w, _)| *w > 0.0).map(|(w, i)| w * loss(i)).sum()
