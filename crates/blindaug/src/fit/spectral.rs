@@ -24,9 +24,9 @@ use rustfft::{Fft, FftPlanner};
 use std::sync::{Arc, OnceLock};
 
 /// Side of a tile, px; tiles overlap by half.
-pub const TILE: usize = 64;
+pub const TILE: usize = 48;
 /// At most this many tiles of a frame are kept, those of most contrast.
-const TILES_PER_FRAME: usize = 256;
+const TILES_PER_FRAME: usize = 400;
 /// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
 /// denoising inside the camera have touched.
 const BAND: std::ops::Range<f32> = 0.03..0.35;
