@@ -166,7 +166,7 @@ pub fn run(args: &Demo) -> Result<()> {
             .open()?
             .map(|d| DepthMaps::in_metres(d, None))
             .transpose()?,
-        flow: None,
+        flow: Some(SideFolder::flow(clip.join("scene"))?),
         renders: Some([
             SideFolder::frames(clip.join("with"), "renders with the object")?,
             SideFolder::frames(clip.join("without"), "renders without the object")?,
