@@ -29,8 +29,10 @@ fn benches(c: &mut Criterion) {
     let [a, b] = pair(512);
     let mut group = c.benchmark_group("flow");
     group.sample_size(20);
-    group.bench_function("512", |bench| bench.iter(|| flow::flow(&a, &b)));
-    group.bench_function("512 with occlusion", |bench| bench.iter(|| flow::flow_with_occlusion(&a, &b)));
+    let mut estimator = flow::FlowEstimator::new();
+    group.bench_function("512", |bench| bench.iter(|| estimator.flow(&a, &b)));
+    group.bench_function("512 with occlusion", |bench| bench.iter(|| estimator.flow_with_occlusion(&a, &b)));
+    group.bench_function("512 alone, in fresh memory", |bench| bench.iter(|| flow::flow(&a, &b)));
     group.finish();
 
     // A camera that moves to the side and turns in front of a floor.

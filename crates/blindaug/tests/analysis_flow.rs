@@ -2,7 +2,7 @@
 
 use blindaug::{
     Flow, Plane, Raster,
-    analysis::flow::{FlowPair, flow, flow_with_occlusion},
+    analysis::flow::{FlowEstimator, FlowPair, flow, flow_with_occlusion},
 };
 
 /// Uniform in [0, 1), from integers (a hash).
@@ -245,4 +245,18 @@ fn the_number_of_threads_does_not_matter() {
         pool.install(|| flow(&a, &b).unwrap())
     };
     assert!(with(1) == with(3));
+}
+
+#[test]
+fn an_estimator_that_is_used_again_gives_the_same() {
+    let mut estimator = FlowEstimator::new();
+    let (a, b, _) = affine((203, 151), IDENTITY, [5.4, 1.3], 0.02);
+    let (c, d, _) = affine((90, 120), IDENTITY, [-2.0, 3.0], 0.02);
+    for (a, b) in [(&a, &b), (&c, &d), (&a, &b), (&b, &a)] {
+        assert!(estimator.flow(a, b).unwrap() == flow(a, b).unwrap());
+    }
+    assert!(estimator.flow(&a, &c).is_err());
+    let (again, once) =
+        (estimator.flow_with_occlusion(&c, &d).unwrap(), flow_with_occlusion(&c, &d).unwrap());
+    assert!(again.backward == once.backward && again.occluded == once.occluded);
 }

@@ -38,6 +38,7 @@ const TERMS: usize = 8;
 ///
 /// The unknowns are in the two colours of a checkerboard, so that each colour can be updated at once: pixel x of row y is
 /// of colour (x + y) % 2, at index 1 + x / 2 of a row of `half(w)`; around the image there is one more pixel.
+#[derive(Default)]
 pub(super) struct Refiner {
     /// Mean and difference of the image and the warped one; two pixels more on both sides.
     warped: Vec<f32>,
@@ -59,16 +60,17 @@ fn half(w: usize) -> usize {
 }
 
 impl Refiner {
-    /// For images up to `w` x `h` pixels.
-    pub fn new(w: usize, h: usize) -> Self {
-        let unknown = || vec![0.0; 2 * half(w) * (h + 2)];
-        Self {
-            warped: vec![0.0; 2 * (w + 4) * h],
-            terms: vec![0.0; TERMS * w * h],
-            smoothness: vec![0.0; w * h],
-            edges: vec![0.0; 2 * half(w) * (h + 2)],
-            system: vec![0.0; 10 * half(w) * h],
-            unknown: [unknown(), unknown()],
+    /// Makes room for images up to `w` x `h` pixels.
+    pub fn fit(&mut self, w: usize, h: usize) {
+        let around = half(w) * (h + 2);
+        self.warped.resize(2 * (w + 4) * h, 0.0);
+        self.terms.resize(TERMS * w * h, 0.0);
+        self.smoothness.resize(w * h, 0.0);
+        self.edges.resize(2 * around, 0.0);
+        self.system.resize(10 * half(w) * h, 0.0);
+        for unknown in &mut self.unknown {
+            // What lies around the image has no weight, but must be a number.
+            unknown.resize(2 * around, 0.0);
         }
     }
 
@@ -279,10 +281,10 @@ fn normal_equations(
         let a11 = p * ix * ix + q * (ixx * ixx + ixy * ixy) + edges + 1e-6;
         let a12 = p * ix * iy + q * (ixx * ixy + ixy * iyy);
         let a22 = p * iy * iy + q * (ixy * ixy + iyy * iyy) + edges + 1e-6;
-        let det = a11 * a22 - a12 * a12;
-        m11[x] = a22 / det;
-        m12[x] = -a12 / det;
-        m22[x] = a11 / det;
+        let det = 1.0 / (a11 * a22 - a12 * a12);
+        m11[x] = a22 * det;
+        m12[x] = -a12 * det;
+        m22[x] = a11 * det;
         b1[x] = -p * ix * it - q * (ixx * ixt + ixy * iyt);
         b2[x] = -p * iy * it - q * (ixy * ixt + iyy * iyt);
     }
