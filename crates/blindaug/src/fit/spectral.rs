@@ -5,13 +5,15 @@
 //! before. Log-likelihood: `-sum(ln V + P / V)`.
 //!
 //! Motion blur acts along the flow, defocus alike in all directions, and that separates them:
-//! - **lambda**: `S |K_DoF|^2` is any function of the frequency's modulus, one amplitude per ring, profiled out. Whatever
-//!   is isotropic (the lens, the slope of the scene's spectrum, the pixel's response, sharpening) then has no say.
+//! - **lambda**: `S |K_DoF|^2` is any function of the frequency's modulus, one amplitude per ring, profiled out: whatever
+//!   is isotropic (the lens, the slope of the scene's spectrum, the pixel's response, sharpening) has no say. It is also any
+//!   smooth function of the direction, the same in all rings, under a prior, so that boards or bars have none either: what
+//!   remains of motion blur is its zeros, which lie at a distance along the motion, not in a direction.
 //! - **lens**, given lambda: `S = a / |w|^alpha` times a small pixel response, a profiled out and alpha integrated out
 //!   under a prior of what natural images have.
 //!
 //! The global unknowns maximise the sum over the tiles of all frames, each tile's loss clipped against outliers.
-//! Intervals: bootstrap over places of the image, and a floor for what the models leave out.
+//! Intervals: bootstrap over blocks of the image, and a floor for what the models leave out.
 
 use super::BlurPoint;
 use super::defocus::{self, Lens};
@@ -43,15 +45,22 @@ const ALPHAS: usize = 6;
 /// Std of the Gaussian that stands for the pixel's own response, px.
 const PIXEL_RESPONSE: f32 = 0.5;
 /// Power that motion and lens leave at the zeros of their ideal kernels: leakage of the window, motion within a tile.
-const SHUTTER_FLOOR: f32 = 3e-3;
+const SHUTTER_FLOOR: f32 = 1e-3;
 const LENS_FLOOR: f32 = 1e-4;
 /// A tile's log-likelihood counts this much: neighbouring frequencies are correlated by the window, neighbouring tiles
 /// by their overlap, and no scene is exactly what the prior says.
 const TEMPER: f32 = 0.15;
-/// At most this much, in nats, a tile may object.
+/// At most this much, in nats, a tile may object; to an exposure only by what goes beyond the second number, for many
+/// tiles that hardly see any motion blur would all err to the same side.
 const CLIP: f32 = 8.0;
+const TOLERANCE: f32 = 1.0;
+/// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
+/// cos 4 theta, theta from the motion, and the log of the noise's power.
+const NUISANCES: [f32; 3] = [1.0, 1.0, 0.15];
 /// Signal over noise below which a tile is left out.
 const MIN_CONTRAST: f32 = 3.0;
+/// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
+const STREAK_ERROR: f32 = 0.5;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
 const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
@@ -60,15 +69,17 @@ const MAX_COLOUR: f32 = 1.3;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 const BOOTSTRAPS: usize = 120;
+/// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
+const BLOCKS: usize = 5;
 
 /// What one tile of one frame tells.
 #[derive(Clone, Debug)]
 pub struct Tile {
-    /// Which place of the image it is, the same in all frames.
-    place: u32,
+    /// Which block of the image it lies in, the same in all frames.
+    block: u32,
     /// Median speed, px per frame interval; 0 without flow.
     speed: f32,
-    /// Median inverse depth; NaN without depth.
+    /// Median inverse depth; NaN if it is unknown or spans much.
     inverse_depth: f32,
     /// Means of (Y / s)^2, Y / s^2 and 1 / s^2, s the slope of the transfer curve: what the noise of the tile follows from.
     noise_moments: [f32; 3],
@@ -155,20 +166,18 @@ pub fn tiles(
     let (columns, rows) = ((w - TILE) / step + 1, (h - TILE) / step + 1);
     let found = par::map(columns * rows, |i| {
         let corner = (i % columns * step, i / columns * step);
+        let block = (corner.1 * BLOCKS / h * BLOCKS + corner.0 * BLOCKS / w) as u32;
         let (speed, motion) = match flow {
             Some(flow) => common_motion(flow, corner)?,
             None => (0.0, [0.0; 2]),
         };
-        let inverse_depth = match inverse_depth {
-            Some(map) => common_depth(map, corner)?,
-            None => f32::NAN,
-        };
+        let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
         let mut noise_moments = [0.0; 3];
         for p in square(&moments, corner) {
             (0..3).for_each(|k| noise_moments[k] += p[k] / (TILE * TILE) as f32);
         }
         let (bins, rings) = spectrum(&periodogram(&fft, &light, corner), motion, speed);
-        Some(Tile { place: i as u32, speed, inverse_depth, noise_moments, bins, rings })
+        Some(Tile { block, speed, inverse_depth, noise_moments, bins, rings })
     });
     let mut found: Vec<Tile> = found.into_iter().flatten().collect();
     if found.len() > TILES_PER_FRAME {
@@ -309,36 +318,31 @@ impl<'a> Prepared<'a> {
         (mean(&power) > MIN_CONTRAST * mean(&noise)).then_some(Self { tile, frame, power, weight, noise })
     }
 
-    /// `|K_MB|^2` at the bins.
+    /// `|K_MB|^2` at the bins, averaged over the frequencies that a bin gathers.
     fn shutter(&self, lambda: f32) -> Vec<f32> {
-        let gain = |b: &Bin| {
-            let x = std::f32::consts::PI * lambda * self.tile.speed * b.along;
-            let sinc = if x < 1e-3 { 1.0 } else { x.sin() / x };
-            (sinc * sinc).max(SHUTTER_FLOOR)
+        // Three points with the variance of the Hann window's squared spectrum and of a bin's width, 1/3 + 1/12 squared
+        // cycles per tile.
+        const SPREAD: f32 = 1.118 / TILE as f32;
+        let reach = std::f32::consts::PI * lambda * self.tile.speed;
+        let sinc2 = |along: f32| {
+            let x = reach * along;
+            if x.abs() < 1e-3 { 1.0 } else { (x.sin() / x).powi(2) }
         };
-        self.tile.bins.iter().map(gain).collect()
+        let mean = |along: f32| (4.0 * sinc2(along) + sinc2(along + SPREAD) + sinc2(along - SPREAD)) / 6.0;
+        self.tile.bins.iter().map(|b| mean(b.along) + SHUTTER_FLOOR).collect()
     }
 
-    /// Log-likelihood over lambda, 0 at its maximum: every ring of like modulus has an amplitude of its own.
+    /// Log-likelihood over lambda, 0 at its maximum, of `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
+    /// |K_MB|^2 + exp(e) n`; amplitudes, c2, c4 and e at their most likely values.
     fn over_lambda(&self) -> Vec<f32> {
-        let mut starts = vec![None; self.tile.rings.len()];
+        let mut scene = RingScene::new(self);
         relative((0..LAMBDAS).map(|l| {
-            let gain = self.shutter(l as f32 * LAMBDA_STEP);
-            let (mut sum, mut from) = (0.0, 0);
-            for (&end, start) in self.tile.rings.iter().zip(&mut starts) {
-                let ring = from..usize::from(end);
-                let (amplitude, ll) = profiled(
-                    &self.power[ring.clone()],
-                    &self.weight[ring.clone()],
-                    &gain[ring.clone()],
-                    &self.noise[ring.clone()],
-                    *start,
-                );
-                *start = Some(amplitude);
-                sum += ll;
-                from = ring.end;
+            let shutter = self.shutter(l as f32 * LAMBDA_STEP);
+            // Starts near the solution except for the first value of a table.
+            for _ in 0..if l == 0 { 12 } else { 4 } {
+                scene.improve(&shutter);
             }
-            sum * TEMPER
+            scene.log_likelihood(&shutter) * TEMPER
         }))
     }
 
@@ -375,6 +379,123 @@ impl<'a> Prepared<'a> {
     }
 }
 
+/// What a tile shows but for motion blur: an amplitude per ring, the spectrum's dependence on direction, and the noise.
+struct RingScene<'a> {
+    tile: &'a Prepared<'a>,
+    rings: Vec<std::ops::Range<usize>>,
+    /// Logarithms.
+    amplitudes: Vec<f32>,
+    /// cos 2 theta and cos 4 theta of the bins.
+    harmonics: [Vec<f32>; 2],
+    /// c2, c4 and the log of the noise's factor.
+    nuisances: [f32; 3],
+}
+
+impl<'a> RingScene<'a> {
+    fn new(tile: &'a Prepared<'a>) -> Self {
+        let ends = tile.tile.rings.iter().map(|&end| usize::from(end));
+        let rings: Vec<_> = [0].into_iter().chain(ends.clone()).zip(ends).map(|(a, b)| a..b).collect();
+        let amplitude = |ring: &std::ops::Range<usize>| {
+            let sum = |v: &[f32]| v[ring.clone()].iter().sum::<f32>();
+            let (power, noise) = (sum(&tile.power), sum(&tile.noise));
+            ((power - noise).max(0.01 * power).max(1e-12) / ring.len() as f32).ln()
+        };
+        let cos2: Vec<f32> =
+            tile.tile.bins.iter().map(|b| 2.0 * (b.along / b.modulus).min(1.0).powi(2) - 1.0).collect();
+        let cos4 = cos2.iter().map(|c| 2.0 * c * c - 1.0).collect();
+        let amplitudes = rings.iter().map(amplitude).collect();
+        Self { tile, rings, amplitudes, harmonics: [cos2, cos4], nuisances: [0.0; 3] }
+    }
+
+    /// Calls `f(bin, signal, noise)` for the bins of a ring.
+    #[inline(always)]
+    fn for_each_bin(&self, ring: usize, shutter: &[f32], mut f: impl FnMut(usize, f32, f32)) {
+        let [c2, c4, e] = self.nuisances;
+        let (amplitude, noise) = (self.amplitudes[ring], e.exp());
+        for i in self.rings[ring].clone() {
+            let direction = c2 * self.harmonics[0][i] + c4 * self.harmonics[1][i];
+            f(i, (amplitude + direction).exp() * shutter[i], noise * self.tile.noise[i]);
+        }
+    }
+
+    /// One step of Fisher scoring in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
+    fn improve(&mut self, shutter: &[f32]) {
+        let mut information = [[0.0f32; 3]; 3];
+        let mut score = [0.0f32; 3];
+        // Per ring: score and information of the amplitude, and its information with the nuisances.
+        let eliminated: Vec<(f32, f32, [f32; 3])> = (0..self.rings.len())
+            .map(|ring| {
+                let (mut own_score, mut own, mut mixed) = (0.0, 1e-6, [0.0; 3]);
+                self.for_each_bin(ring, shutter, |i, signal, noise| {
+                    let (weight, variance) = (self.tile.weight[i], signal + noise);
+                    let excess = weight * (self.tile.power[i] / variance - 1.0);
+                    let share = signal / variance;
+                    let slopes = [share * self.harmonics[0][i], share * self.harmonics[1][i], 1.0 - share];
+                    own_score += share * excess;
+                    own += weight * share * share;
+                    for k in 0..3 {
+                        score[k] += slopes[k] * excess;
+                        mixed[k] += weight * share * slopes[k];
+                        (0..=k).for_each(|j| information[k][j] += weight * slopes[k] * slopes[j]);
+                    }
+                });
+                for k in 0..3 {
+                    score[k] -= mixed[k] * own_score / own;
+                    (0..=k).for_each(|j| information[k][j] -= mixed[k] * mixed[j] / own);
+                }
+                (own_score, own, mixed)
+            })
+            .collect();
+        for k in 0..3 {
+            score[k] -= PRECISIONS[k] * self.nuisances[k];
+            information[k][k] += PRECISIONS[k];
+        }
+        // Far from the solution a whole step may go too far.
+        let step = cholesky_solve(information, score).map(|s| s.clamp(-0.7, 0.7));
+        for ((own_score, own, mixed), amplitude) in eliminated.into_iter().zip(&mut self.amplitudes) {
+            let explained: f32 = (0..3).map(|k| mixed[k] * step[k]).sum();
+            *amplitude += ((own_score - explained) / own).clamp(-1.5, 1.5);
+        }
+        (0..3).for_each(|k| self.nuisances[k] += step[k]);
+    }
+
+    /// With the nuisances' prior.
+    fn log_likelihood(&self, shutter: &[f32]) -> f32 {
+        let mut sum = 0.0;
+        for ring in 0..self.rings.len() {
+            self.for_each_bin(ring, shutter, |i, signal, noise| {
+                let variance = signal + noise;
+                sum -= self.tile.weight[i] * (variance.ln() + self.tile.power[i] / variance);
+            });
+        }
+        sum - (0..3).map(|k| 0.5 * PRECISIONS[k] * self.nuisances[k].powi(2)).sum::<f32>()
+    }
+}
+
+/// Of the nuisances' prior, in the units of the likelihood before it is tempered.
+const PRECISIONS: [f32; 3] = [
+    1.0 / (TEMPER * NUISANCES[0] * NUISANCES[0]),
+    1.0 / (TEMPER * NUISANCES[1] * NUISANCES[1]),
+    1.0 / (TEMPER * NUISANCES[2] * NUISANCES[2]),
+];
+
+/// Solves `m x = v` for a symmetric positive definite `m`, of which the lower half is given.
+fn cholesky_solve(m: [[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
+    let mut l = [[0.0f32; 3]; 3];
+    let mut x = v;
+    for i in 0..3 {
+        for j in 0..i {
+            l[i][j] = (m[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f32>()) / l[j][j];
+        }
+        l[i][i] = (m[i][i] - (0..i).map(|k| l[i][k] * l[i][k]).sum::<f32>()).max(1e-9).sqrt();
+        x[i] = (x[i] - (0..i).map(|k| l[i][k] * x[k]).sum::<f32>()) / l[i][i];
+    }
+    for i in (0..3).rev() {
+        x[i] = (x[i] - (i + 1..3).map(|k| l[k][i] * x[k]).sum::<f32>()) / l[i][i];
+    }
+    x
+}
+
 /// The exposure that the tiles of all frames agree on.
 ///
 /// # Errors
@@ -390,40 +511,51 @@ pub fn fit_exposure(
     }
     const STEPS: usize = 251;
     let lambda = |i: usize| 1.25 * i as f32 / (STEPS - 1) as f32;
+    let step = lambda(1);
     let curves = par::map(prepared.len(), |i| {
         let table = prepared[i].over_lambda();
-        (0..STEPS).map(|i| interpolate(&table, lambda(i) / LAMBDA_STEP).max(-CLIP)).collect::<Vec<f32>>()
+        let likelihood: Vec<f32> =
+            (0..STEPS).map(|i| interpolate(&table, lambda(i) / LAMBDA_STEP).exp()).collect();
+        let blurred = blurred(&likelihood, STREAK_ERROR / prepared[i].tile.speed / step);
+        let objection = |v: f32| (v + TOLERANCE).clamp(-CLIP, 0.0);
+        relative(blurred.into_iter().map(f32::ln)).into_iter().map(objection).collect::<Vec<f32>>()
     });
-    let best = |weights: &dyn Fn(usize) -> f32| {
+    let summed = |which: &dyn Fn(&Prepared) -> bool| {
         let mut sum = vec![0.0f32; STEPS];
-        for (i, c) in curves.iter().enumerate() {
-            let w = weights(i);
-            if w > 0.0 {
-                sum.iter_mut().zip(c).for_each(|(s, v)| *s += w * v);
-            }
+        for (_, c) in prepared.iter().zip(&curves).filter(|(p, _)| which(p)) {
+            sum.iter_mut().zip(c).for_each(|(s, v)| *s += v);
         }
-        let at = (0..STEPS).max_by(|&a, &b| sum[a].total_cmp(&sum[b])).unwrap_or(0);
-        (lambda(at), sum)
+        sum
     };
-    let (estimate, sum) = best(&|_| 1.0);
-    let replicas: Vec<f32> =
-        (0..BOOTSTRAPS).map(|r| best(&|i| resampled(r, prepared[i].tile.place)).0).collect();
-    let interval = interval(estimate, &replicas, EXPOSURE_FLOOR).map(|v| v.min(1.25));
+    let best = |sum: &[f32]| lambda((0..STEPS).max_by(|&a, &b| sum[a].total_cmp(&sum[b])).unwrap_or(0));
+    let sum = summed(&|_| true);
+    let estimate = best(&sum);
+    let blocks: Vec<Vec<f32>> =
+        (0..BLOCKS * BLOCKS).map(|b| summed(&|p| p.tile.block as usize == b)).collect();
+    let replica = |r: usize| {
+        let mut sum = vec![0.0f32; STEPS];
+        for (b, curve) in blocks.iter().enumerate() {
+            let w = resampled(r, b as u32);
+            sum.iter_mut().zip(curve).for_each(|(s, v)| *s += w * v);
+        }
+        best(&sum)
+    };
+    let replicas: Vec<f32> = (0..BOOTSTRAPS).map(replica).collect();
+    let interval = interval(estimate, &replicas, EXPOSURE_FLOOR).map(|v| v.min(1.0));
     if interval[1] - interval[0] > 0.7 {
         return Err(format!(
             "too little in the frames moves to tell: exposures from {:.2} to {:.2} all fit",
-            interval[0],
-            interval[1].min(1.0)
+            interval[0], interval[1]
         ));
     }
     let max = sum.iter().copied().fold(f32::MIN, f32::max);
     let per_frame = (0..frames.len())
         .filter(|&f| prepared.iter().filter(|p| p.frame == f).count() >= 6)
-        .map(|f| (f, best(&|i| if prepared[i].frame == f { 1.0 } else { 0.0 }).0.min(1.0)))
+        .map(|f| (f, best(&summed(&|p| p.frame == f)).min(1.0)))
         .collect();
     Ok(ExposureFit {
         exposure: ExposureFraction(estimate.min(1.0)),
-        interval: [interval[0].min(1.0), interval[1].min(1.0)],
+        interval,
         samples: prepared.len(),
         curve: sum.iter().enumerate().map(|(i, v)| [lambda(i), v - max]).collect(),
         per_frame,
@@ -456,7 +588,7 @@ pub fn fit_lens(
     };
     let lens = defocus::best_lens(range, |lens| objective(lens, &|_| 1.0));
     let replicas: Vec<Lens> = par::map(BOOTSTRAPS, |r| {
-        defocus::refined_lens(lens, |l| objective(l, &|i| resampled(r, prepared[i].tile.place)))
+        defocus::refined_lens(lens, |l| objective(l, &|i| resampled(r, prepared[i].tile.block)))
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
     let spread = |d: f32| {
@@ -497,17 +629,9 @@ fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<
     all.filter_map(|(f, t)| Prepared::new(t, f, noise)).collect()
 }
 
-/// How often a place is drawn in a replica of the bootstrap: Poisson of mean 1. Places, not tiles: the same content seen
-/// in every frame is one witness.
-fn resampled(replica: usize, place: u32) -> f32 {
-    let u = super::uniform(replica as u64, u64::from(place));
-    let (mut k, mut p, mut sum) = (0.0, (-1.0f32).exp(), (-1.0f32).exp());
-    while u > sum && k < 8.0 {
-        k += 1.0;
-        p /= k;
-        sum += p;
-    }
-    k
+/// Weight of a block in a replica of the bootstrap: exponential of mean 1 (Rubin 1981), so that none is ever without blocks.
+fn resampled(replica: usize, block: u32) -> f32 {
+    -(1.0 - super::uniform(replica as u64, u64::from(block))).ln()
 }
 
 /// 95 %: the replicas' scatter around the estimate and a floor, >= 0.
@@ -547,6 +671,24 @@ fn profiled(power: &[f32], weight: &[f32], gain: &[f32], noise: &[f32], start: O
         ll -= weight[i] * (v.ln() + power[i] / v);
     }
     (a, ll)
+}
+
+/// A curve's mean under a Gaussian of std `sigma` steps, as far as the curve goes.
+fn blurred(curve: &[f32], sigma: f32) -> Vec<f32> {
+    let weight: Vec<f32> =
+        (0..1 + (3.0 * sigma) as usize).map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp()).collect();
+    (0..curve.len())
+        .map(|at| {
+            let near = at.saturating_sub(weight.len() - 1)..(at + weight.len()).min(curve.len());
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (i, v) in near.clone().zip(&curve[near]) {
+                let w = weight[i.abs_diff(at)];
+                sum += w * v;
+                total += w;
+            }
+            (sum / total).max(f32::MIN_POSITIVE)
+        })
+        .collect()
 }
 
 /// Minus the maximum.
