@@ -12,6 +12,10 @@ use clap::Parser;
 use console::Failure;
 use std::{io::Write, process::ExitCode};
 
+// Whole images are allocated and freed all the time: see the note in Cargo.toml.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Makes rendered objects look filmed: estimates a camera's noise, motion blur and defocus from its footage alone, and
 /// gives virtual layers the same.
 #[derive(Parser)]

@@ -6,6 +6,9 @@ use blindaug::{
 };
 use criterion::{Criterion, criterion_group, criterion_main};
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// A texture with detail at every scale that moves by (11.3, -4.6) px, with a little noise.
 fn pair(size: usize) -> [Plane; 2] {
     let texture = |x: f32, y: f32| {

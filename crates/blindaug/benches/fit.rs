@@ -13,6 +13,9 @@ use blindaug::{Encoded, Flow, Plane, Raster};
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::{hint::black_box, time::Duration};
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 const N: usize = 512;
 
 /// Waves of many lengths and directions: texture at every scale.

@@ -16,6 +16,9 @@ use blindaug::synth::{self, distort_frame};
 use blindaug::{Encoded, Flow, Linear, Plane, Premultiplied, Raster};
 use criterion::{Criterion, criterion_group, criterion_main};
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 const W: usize = 1920;
 const H: usize = 1080;
 

@@ -37,34 +37,55 @@ pub fn gaussian_blur<P: Pixel>(src: &Raster<P>, sigma: f32) -> Raster<P> {
 
 /// Convolves rows and columns with a symmetric kernel, of which `half` is the right half, centre first.
 pub fn convolve<P: Pixel>(src: &Raster<P>, half: &[f32]) -> Raster<P> {
-    let (w, h) = src.size();
-    let c = P::CHANNELS;
-    let mut rows = src.clone();
-    if w == 0 || h == 0 || half.len() <= 1 {
-        return rows;
+    if half.len() <= 1 {
+        return src.clone();
     }
-    let r = half.len() - 1;
-    par::for_each_row(rows.data_mut(), w, |y, out| {
-        // The row with its ends repeated, so that the inner loop has no branch.
-        let row = P::flat(src.row(y));
-        let mut padded = Vec::with_capacity((w + 2 * r) * c);
-        (0..r).for_each(|_| padded.extend_from_slice(&row[..c]));
-        padded.extend_from_slice(row);
-        (0..r).for_each(|_| padded.extend_from_slice(&row[(w - 1) * c..]));
-        let out = P::flat_mut(out);
-        for (b, block) in out.chunks_mut(BLOCK).enumerate() {
-            let at = b * BLOCK + r * c;
-            accumulate(block, half, |j, side| &padded[if side { at + j * c } else { at - j * c }..]);
+    convolve_map(src, half, |v| v, |v| v)
+}
+
+/// `after` of the convolution of `before` of each pixel, in strips of rows: what lies between is never held whole, since
+/// touching fresh memory takes longer than the sums.
+pub(crate) fn convolve_map<S: Pixel, P: Pixel, R: Pixel>(
+    src: &Raster<S>,
+    half: &[f32],
+    before: impl Fn(S) -> P + Sync + Send,
+    after: impl Fn(P) -> R + Sync + Send,
+) -> Raster<R> {
+    let ((w, h), c, r) = (src.size(), P::CHANNELS, half.len() - 1);
+    let mut out = Raster::filled(w, h, R::default());
+    // The 2 r rows that strips share are computed twice.
+    let strip = (4 * r).clamp(32, 128);
+    par::for_each_row(out.data_mut(), w * strip, |i, out| {
+        let top = i * strip;
+        let bottom = top + out.len() / w;
+        let inside = top.saturating_sub(r)..(bottom + r).min(h);
+        let mut rows = vec![P::default(); inside.len() * w];
+        let mut padded = vec![P::default(); w + 2 * r];
+        for (row, y) in rows.chunks_mut(w).zip(inside.clone()) {
+            // The row with its ends repeated, so that the inner loop has no branch.
+            for (p, &v) in padded[r..].iter_mut().zip(src.row(y)) {
+                *p = before(v);
+            }
+            let (first, last) = (padded[r], padded[r + w - 1]);
+            padded[..r].fill(first);
+            padded[r + w..].fill(last);
+            let padded = P::flat(&padded);
+            for (b, block) in P::flat_mut(row).chunks_mut(BLOCK).enumerate() {
+                let at = b * BLOCK + r * c;
+                accumulate(block, half, |j, side| &padded[if side { at + j * c } else { at - j * c }..]);
+            }
         }
-    });
-    let mut out = rows.clone();
-    par::for_each_row(out.data_mut(), w, |y, out| {
-        let out = P::flat_mut(out);
-        for (b, block) in out.chunks_mut(BLOCK).enumerate() {
-            accumulate(block, half, |j, side| {
-                let y = if side { (y + j).min(h - 1) } else { y.saturating_sub(j) };
-                &P::flat(rows.row(y))[b * BLOCK..]
-            });
+        let mut line = vec![P::default(); w];
+        for (y, out) in (top..).zip(out.chunks_mut(w)) {
+            for (b, block) in P::flat_mut(&mut line).chunks_mut(BLOCK).enumerate() {
+                accumulate(block, half, |j, side| {
+                    let y = if side { (y + j).min(h - 1) } else { y.saturating_sub(j) };
+                    &P::flat(&rows[(y - inside.start) * w..][..w])[b * BLOCK..]
+                });
+            }
+            for (o, &v) in out.iter_mut().zip(&line) {
+                *o = after(v);
+            }
         }
     });
     out

@@ -32,6 +32,16 @@ pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
 
 /// Twice the size, to exactly `width` x `height`, by the binomial kernel; `src` is `downsample`'s size of it.
 pub fn upsample<P: Pixel>(src: &Raster<P>, width: usize, height: usize) -> Raster<P> {
+    upsample_with(src, width, height, |_, _, v| v)
+}
+
+/// `f(x, y, value)` of each pixel of [`upsample`].
+fn upsample_with<P: Pixel>(
+    src: &Raster<P>,
+    width: usize,
+    height: usize,
+    f: impl Fn(usize, usize, P) -> P + Sync,
+) -> Raster<P> {
     // Even pixels see (1 6 1) / 8 of the coarse ones, odd ones (1 1) / 2: first along rows, then along columns.
     let mid = |a: P, b: P| P::lerp(a, b, 0.5);
     let even = |l: P, c: P, r: P| P::lerp(c, mid(l, r), 0.25);
@@ -44,7 +54,8 @@ pub fn upsample<P: Pixel>(src: &Raster<P>, width: usize, height: usize) -> Raste
         let i = y / 2;
         let next = wide.at(x, (i + 1).min(src.height() - 1));
         let this = wide.at(x, i);
-        if y % 2 == 1 { mid(this, next) } else { even(wide.at(x, i.saturating_sub(1)), this, next) }
+        let v = if y % 2 == 1 { mid(this, next) } else { even(wide.at(x, i.saturating_sub(1)), this, next) };
+        f(x, y, v)
     })
 }
 
@@ -54,11 +65,11 @@ pub fn laplacian<P: Pixel>(src: &Raster<P>, levels: usize) -> (Vec<Raster<P>>, R
     let mut current = src.clone();
     for _ in 0..levels {
         let low = downsample(&current);
-        let predicted = upsample(&low, current.width(), current.height());
-        for (v, p) in P::flat_mut(current.data_mut()).iter_mut().zip(P::flat(predicted.data())) {
-            *v -= p;
-        }
-        bands.push(current);
+        bands.push(upsample_with(&low, current.width(), current.height(), |x, y, predicted| {
+            let mut v = current.at(x, y);
+            v.add_scaled(predicted, -1.0);
+            v
+        }));
         current = low;
     }
     (bands, current)
@@ -66,12 +77,11 @@ pub fn laplacian<P: Pixel>(src: &Raster<P>, levels: usize) -> (Vec<Raster<P>>, R
 
 /// The image whose Laplacian pyramid has these band-pass levels (finest first) and this low-pass.
 pub fn collapse<P: Pixel>(bands: Vec<Raster<P>>, low: Raster<P>) -> Raster<P> {
-    bands.into_iter().rev().fold(low, |low, mut band| {
-        let predicted = upsample(&low, band.width(), band.height());
-        for (v, p) in P::flat_mut(band.data_mut()).iter_mut().zip(P::flat(predicted.data())) {
-            *v += p;
-        }
-        band
+    bands.into_iter().rev().fold(low, |low, band| {
+        upsample_with(&low, band.width(), band.height(), |x, y, mut v| {
+            v.add_scaled(band.at(x, y), 1.0);
+            v
+        })
     })
 }
 
@@ -99,10 +109,9 @@ pub fn pull_push<P: Pixel>(values: &Raster<P>, weight: &Plane) -> Raster<P> {
     });
     // A coarse pixel that saw a few fine ones knows its value; what it has not seen, the next level fills.
     let confidence = coverage.map(|a| if a > 1e-6 { (4.0 * a).min(1.0) } else { 0.0 });
-    let filled = upsample(&pull_push(&mean, &confidence), w, h);
-    Raster::from_fn(w, h, |x, y| {
+    upsample_with(&pull_push(&mean, &confidence), w, h, |x, y, filled| {
         let a = weight.at(x, y).clamp(0.0, 1.0);
-        if a > 0.0 { P::lerp(filled.at(x, y), values.at(x, y), a) } else { filled.at(x, y) }
+        if a > 0.0 { P::lerp(filled, values.at(x, y), a) } else { filled }
     })
 }
 

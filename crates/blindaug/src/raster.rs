@@ -185,6 +185,16 @@ impl<P: Pixel> Raster<P> {
         let (d, i) = (&self.data, y0 * self.width + x0);
         P::lerp(P::lerp(d[i], d[i + right], fx), P::lerp(d[i + below], d[i + below + right], fx), fy)
     }
+
+    /// [`Raster::bilinear`] at 0 <= x < width - 1, 0 <= y < height - 1.
+    #[inline(always)]
+    pub(crate) fn bilinear_inside(&self, x: f32, y: f32) -> P {
+        let (x0, y0) = (x as u32, y as u32);
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let i = y0 as usize * self.width + x0 as usize;
+        let (above, below) = (&self.data[i..i + 2], &self.data[i + self.width..i + self.width + 2]);
+        P::lerp(P::lerp(above[0], above[1], fx), P::lerp(below[0], below[1], fx), fy)
+    }
 }
 
 impl Plane {

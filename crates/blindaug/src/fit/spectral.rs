@@ -339,7 +339,7 @@ impl<'a> Prepared<'a> {
         relative((0..LAMBDAS).map(|l| {
             let shutter = self.shutter(l as f32 * LAMBDA_STEP);
             // Starts near the solution except for the first value of a table.
-            for _ in 0..if l == 0 { 12 } else { 4 } {
+            for _ in 0..if l == 0 { 12 } else { 2 } {
                 scene.improve(&shutter);
             }
             scene.log_likelihood(&shutter) * TEMPER

@@ -91,6 +91,8 @@ struct GaussianStack<P> {
     octaves: Vec<Raster<P>>,
     /// Variances in px^2, rising from 0.
     variances: Vec<f32>,
+    /// Per variance, the octave that it is computed on, and the kernel there.
+    kernels: Vec<(usize, Vec<f32>)>,
 }
 
 /// Between levels of variance t and r t, the response exp(-t w^2 / 2) is off by at most 0.07 ((r - 1) / r)^2 or so: 0.3 % here.
@@ -116,7 +118,14 @@ impl<P: Pixel> GaussianStack<P> {
         while octave_variance(octaves.len(), t) >= OCTAVE_VARIANCE {
             octaves.push(pyramid::downsample(&octaves[octaves.len() - 1]));
         }
-        Self { octaves, variances }
+        let kernel = |i: usize| {
+            let t = variances[i];
+            let octave =
+                (0..octaves.len()).rev().find(|&o| octave_variance(o, t) >= OCTAVE_VARIANCE).unwrap_or(0);
+            (octave, filter::gaussian_kernel(octave_variance(octave, t).max(0.0).sqrt()))
+        };
+        let kernels = par::map(variances.len(), kernel);
+        Self { octaves, variances, kernels }
     }
 
     fn blurred(&self, sigma: &Plane, tile: Tile) -> Raster<P> {
@@ -140,7 +149,7 @@ impl<P: Pixel> GaussianStack<P> {
             if place.iter().all(|p| weight(p) == 0.0) {
                 continue;
             }
-            let image = self.level(self.variances[level], tile);
+            let image = self.level(level, tile);
             for ((o, v), p) in out.data_mut().iter_mut().zip(image.data()).zip(&place) {
                 o.add_scaled(*v, weight(p));
             }
@@ -148,11 +157,9 @@ impl<P: Pixel> GaussianStack<P> {
         out
     }
 
-    /// The tile of the image blurred by variance `t`.
-    fn level(&self, t: f32, Tile { x, y, w, h }: Tile) -> Raster<P> {
-        let octave =
-            (0..self.octaves.len()).rev().find(|&o| octave_variance(o, t) >= OCTAVE_VARIANCE).unwrap_or(0);
-        let kernel = filter::gaussian_kernel(octave_variance(octave, t).max(0.0).sqrt());
+    /// The tile of the image blurred by the variance of a level.
+    fn level(&self, level: usize, Tile { x, y, w, h }: Tile) -> Raster<P> {
+        let (octave, kernel) = (self.kernels[level].0, &self.kernels[level].1);
         // What of each octave, from the finest, is needed for the tile: first pixel and size.
         let mut needed = vec![((x as isize, y as isize), (w, h))];
         for o in 0..octave {
@@ -160,7 +167,7 @@ impl<P: Pixel> GaussianStack<P> {
             needed.push(((x.div_euclid(2) - 1, y.div_euclid(2) - 1), (w / 2 + 4, h / 2 + 4)));
         }
         let (at, size) = needed[octave];
-        let mut image = filter::convolve_rectangle(&self.octaves[octave], &kernel, at, size);
+        let mut image = filter::convolve_rectangle(&self.octaves[octave], kernel, at, size);
         for o in (0..octave).rev() {
             let ((cx, cy), (x, y), (w, h)) = (needed[o + 1].0, needed[o].0, needed[o].1);
             let doubled = pyramid::upsample(&image, 2 * image.width(), 2 * image.height());

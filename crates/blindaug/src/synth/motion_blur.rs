@@ -47,16 +47,30 @@ pub fn sample<P: Pixel>(
         return src.at(x, y);
     }
     let taps = length.min(longest).ceil() + 1.0;
-    let mut sum = P::default();
-    let mut i = 0.5;
-    while i < taps {
-        let t = i / taps - 0.5;
-        sum.add_scaled(src.bilinear(x as f32 + t * dx, y as f32 + t * dy), 1.0);
-        i += 1.0;
-    }
+    let (x, y) = (x as f32, y as f32);
+    let inside =
+        |at: f32, by: f32, size: usize| at - 0.5 * by.abs() > 0.0 && at + 0.5 * by.abs() < (size - 1) as f32;
+    let sum = if inside(x, dx, src.width()) && inside(y, dy, src.height()) {
+        sum_of_taps(taps, |t| src.bilinear_inside(x + t * dx, y + t * dy))
+    } else {
+        sum_of_taps(taps, |t| src.bilinear(x + t * dx, y + t * dy))
+    };
     let mut mean = P::default();
     mean.add_scaled(sum, 1.0 / taps);
     mean
+}
+
+/// At the midpoints of as many parts of [-1/2, 1/2].
+#[inline(always)]
+fn sum_of_taps<P: Pixel>(taps: f32, value: impl Fn(f32) -> P) -> P {
+    let mut sum = P::default();
+    let mut i = 0.5;
+    let part = 1.0 / taps;
+    while i < taps {
+        sum.add_scaled(value(i * part - 0.5), 1.0);
+        i += 1.0;
+    }
+    sum
 }
 
 #[cfg(test)]

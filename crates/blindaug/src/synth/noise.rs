@@ -2,6 +2,7 @@
 
 use crate::model::{NOISE_LEVELS, NoiseModel};
 use crate::{Plane, Raster, filter, pyramid};
+use std::sync::OnceLock;
 
 /// The band-pass levels of a noise of local std 1, finest first.
 pub type NoiseBands = [Raster<[f32; 3]>; NOISE_LEVELS];
@@ -60,9 +61,12 @@ fn local_std(band: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
     let gaussian: Vec<f32> = (0..5).map(|i| (-(i * i) as f32 / 32.0).exp()).collect();
     let sum = 2.0 * gaussian.iter().sum::<f32>() - gaussian[0];
     let window: Vec<f32> = gaussian.iter().map(|g| g / sum).collect();
-    let both = band.map(|[r, g, b]| [r, g, b, r * r, g * g, b * b]);
-    filter::convolve(&both, &window)
-        .map(|v| std::array::from_fn(|c| (v[c + 3] - v[c] * v[c]).max(0.0).sqrt()))
+    filter::convolve_map(
+        band,
+        &window,
+        |[r, g, b]: [f32; 3]| [r, g, b, r * r, g * g, b * b],
+        |v| std::array::from_fn(|c| (v[c + 3] - v[c] * v[c]).max(0.0).sqrt()),
+    )
 }
 
 /// White normal noise of std 1 in each channel.
@@ -93,6 +97,11 @@ fn pcg4d(counters: [u32; 4]) -> [u32; 4] {
 
 /// The std of each level of the Laplacian pyramid of white noise of std 1, from the pyramid's kernels.
 pub fn white_band_std() -> [f32; NOISE_LEVELS] {
+    static STD: OnceLock<[f32; NOISE_LEVELS]> = OnceLock::new();
+    *STD.get_or_init(band_std_by_kernels)
+}
+
+fn band_std_by_kernels() -> [f32; NOISE_LEVELS] {
     // Along a line, level l is A x - B x, with A halving l times, and B also halving and doubling once more; in the image
     // it is (A A' - B B') x. The mean over pixels of the squared weights takes only the sums of A A, A B and B B along a line,
     // over one period of the inputs.
