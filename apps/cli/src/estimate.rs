@@ -339,7 +339,7 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
     let source = &footage.source;
     let size = source.size();
     options.fps = options.fps.or(source.fps());
-    let mut estimator = Estimator::new(options);
+    let mut estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
     let of_frame = |n: u64, e: blindaug::Error| failure(source.path(), format_args!("frame {n}: {e}"));
 
     let depth_kind = footage.depth.as_ref().map(|d| d.1);

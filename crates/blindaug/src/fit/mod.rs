@@ -16,6 +16,7 @@ use crate::model::{
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, par};
 use analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
+use analysis::flow::FlowEstimator;
 use noise::{LumaNoise, NoiseEvidence, NoiseFit};
 
 /// Which family of estimators answers for blur.
@@ -125,6 +126,7 @@ pub struct Estimator {
     given: usize,
     stride: usize,
     frames: Vec<FrameEvidence>,
+    flow: FlowEstimator,
     parallax: ParallaxTracker,
     /// Of the last frame whose depth could not be told from parallax, why.
     why_no_depth: String,
@@ -171,12 +173,19 @@ impl Estimator {
             given: 0,
             stride: 1,
             frames: vec![],
+            flow: FlowEstimator::new(),
             parallax: ParallaxTracker::default(),
             why_no_depth: "no depth was given and there is only one frame".into(),
             depth_kind: None,
             depth_given: false,
             cuts: 0,
         }
+    }
+
+    /// For a clip of about so many frames: evenly spaced ones are used from the start, which saves time.
+    pub fn expecting(mut self, frames: usize) -> Self {
+        self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
+        self
     }
 
     /// Whether the next frame given to [`Estimator::add`] will be looked at, or left out as one of too many: saves the
@@ -201,7 +210,7 @@ impl Estimator {
         let mut estimated = None;
         let mut parallax = None;
         if let (None, Some((other, sign))) = (evidence.flow, neighbour) {
-            let pair = analysis::flow::flow_with_occlusion(&frame.luma(), &other.luma())?;
+            let pair = self.flow.flow_with_occlusion(&frame.luma(), &other.luma())?;
             if pair.confirmed() < MIN_CONFIRMED {
                 self.cuts += 1;
             } else {

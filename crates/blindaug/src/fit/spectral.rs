@@ -13,7 +13,7 @@
 //!   under a prior of what natural images have.
 //!
 //! The global unknowns maximise the sum over the tiles of all frames, each tile's loss clipped against outliers.
-//! Intervals: bootstrap over blocks of the image, and a floor for what the models leave out.
+//! Intervals: bootstrap over blocks of the image and parts of the clip, and a floor for what the models leave out.
 
 use super::BlurPoint;
 use super::defocus::{self, Lens};
@@ -71,6 +71,8 @@ const MIN_DEPTH_SPAN: f32 = 0.2;
 const BOOTSTRAPS: usize = 120;
 /// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
 const BLOCKS: usize = 5;
+/// And its parts in time, each of which may be another shot.
+const SHOTS: usize = 8;
 
 /// What one tile of one frame tells.
 #[derive(Clone, Debug)]
@@ -286,6 +288,8 @@ fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec
 struct Prepared<'a> {
     tile: &'a Tile,
     frame: usize,
+    /// Which part of the clip the frame lies in.
+    shot: usize,
     power: Vec<f32>,
     weight: Vec<f32>,
     noise: Vec<f32>,
@@ -293,7 +297,7 @@ struct Prepared<'a> {
 
 impl<'a> Prepared<'a> {
     /// `None` if the tile holds hardly more than noise.
-    fn new(tile: &'a Tile, frame: usize, noise: &[LumaNoise; NOISE_LEVELS]) -> Option<Self> {
+    fn new(tile: &'a Tile, frame: usize, shot: usize, noise: &[LumaNoise; NOISE_LEVELS]) -> Option<Self> {
         let white = white_band_std();
         let [squares, products, ones] = tile.noise_moments;
         // Spectral density of the noise in each level: that of the white noise which has the level's variance.
@@ -315,7 +319,14 @@ impl<'a> Prepared<'a> {
         let (power, weight, noise) =
             (column(&|b| b.power), column(&|b| b.weight), column(&|b| at(b.modulus)));
         let mean = |v: &[f32]| v.iter().zip(&weight).map(|(v, w)| v * w).sum::<f32>();
-        (mean(&power) > MIN_CONTRAST * mean(&noise)).then_some(Self { tile, frame, power, weight, noise })
+        (mean(&power) > MIN_CONTRAST * mean(&noise)).then_some(Self {
+            tile,
+            frame,
+            shot,
+            power,
+            weight,
+            noise,
+        })
     }
 
     /// `|K_MB|^2` at the bins, averaged over the frequencies that a bin gathers.
@@ -530,29 +541,37 @@ pub fn fit_exposure(
     let best = |sum: &[f32]| lambda((0..STEPS).max_by(|&a, &b| sum[a].total_cmp(&sum[b])).unwrap_or(0));
     let sum = summed(&|_| true);
     let estimate = best(&sum);
-    let blocks: Vec<Vec<f32>> =
-        (0..BLOCKS * BLOCKS).map(|b| summed(&|p| p.tile.block as usize == b)).collect();
+    let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * SHOTS)
+        .map(|i| ((i / SHOTS) as u32, i % SHOTS))
+        .map(|(b, s)| (b, s, summed(&|p| p.tile.block == b && p.shot == s)))
+        .filter(|(.., curve)| curve.iter().any(|&v| v < 0.0))
+        .collect();
     let replica = |r: usize| {
         let mut sum = vec![0.0f32; STEPS];
-        for (b, curve) in blocks.iter().enumerate() {
-            let w = resampled(r, b as u32);
+        for (block, shot, curve) in &parts {
+            let w = resampled(r, *block, *shot);
             sum.iter_mut().zip(curve).for_each(|(s, v)| *s += w * v);
         }
         best(&sum)
     };
     let replicas: Vec<f32> = (0..BOOTSTRAPS).map(replica).collect();
-    let interval = interval(estimate, &replicas, EXPOSURE_FLOOR).map(|v| v.min(1.0));
-    if interval[1] - interval[0] > 0.7 {
-        return Err(format!(
-            "too little in the frames moves to tell: exposures from {:.2} to {:.2} all fit",
-            interval[0], interval[1]
-        ));
-    }
-    let max = sum.iter().copied().fold(f32::MIN, f32::max);
-    let per_frame = (0..frames.len())
+    let per_frame: Vec<(usize, f32)> = (0..frames.len())
         .filter(|&f| prepared.iter().filter(|p| p.frame == f).count() >= 6)
         .map(|f| (f, best(&summed(&|p| p.frame == f)).min(1.0)))
         .collect();
+    // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
+    let [low, high] = interval(estimate, &replicas, EXPOSURE_FLOOR);
+    let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
+    let interval = [low.min(low_frame), high.max(high_frame).min(1.0)];
+    if interval[1] - interval[0] > 0.7 {
+        let why = if high - low > 0.7 {
+            "too little in the frames moves to tell"
+        } else {
+            "the frames contradict each other, as those of different shots or of strongly compressed video may"
+        };
+        return Err(format!("{why}: exposures from {:.2} to {:.2} all fit", interval[0], interval[1]));
+    }
+    let max = sum.iter().copied().fold(f32::MIN, f32::max);
     Ok(ExposureFit {
         exposure: ExposureFraction(estimate.min(1.0)),
         interval,
@@ -588,7 +607,9 @@ pub fn fit_lens(
     };
     let lens = defocus::best_lens(range, |lens| objective(lens, &|_| 1.0));
     let replicas: Vec<Lens> = par::map(BOOTSTRAPS, |r| {
-        defocus::refined_lens(lens, |l| objective(l, &|i| resampled(r, prepared[i].tile.block)))
+        defocus::refined_lens(lens, |l| {
+            objective(l, &|i| resampled(r, prepared[i].tile.block, prepared[i].shot))
+        })
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
     let spread = |d: f32| {
@@ -626,12 +647,15 @@ pub fn fit_lens(
 
 fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<Prepared<'a>> {
     let all = frames.iter().enumerate().flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, t)));
-    all.filter_map(|(f, t)| Prepared::new(t, f, noise)).collect()
+    let shot = |f: usize| f * SHOTS.min(frames.len()) / frames.len();
+    all.filter_map(|(f, t)| Prepared::new(t, f, shot(f), noise)).collect()
 }
 
-/// Weight of a block in a replica of the bootstrap: exponential of mean 1 (Rubin 1981), so that none is ever without blocks.
-fn resampled(replica: usize, block: u32) -> f32 {
-    -(1.0 - super::uniform(replica as u64, u64::from(block))).ln()
+/// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
+/// the block and of the part. What only one surface or one shot says thus counts as one witness.
+fn resampled(replica: usize, block: u32, shot: usize) -> f32 {
+    let weight = |i: u64| -(1.0 - super::uniform(replica as u64, i)).ln();
+    weight(u64::from(block)) * weight((BLOCKS * BLOCKS + shot) as u64)
 }
 
 /// 95 %: the replicas' scatter around the estimate and a floor, >= 0.
@@ -641,6 +665,15 @@ fn interval(estimate: f32, replicas: &[f32], floor: f32) -> [f32; 2] {
     let at = |q: f32| sorted[(q * (sorted.len() - 1) as f32).round() as usize];
     let side = |deviation: f32| deviation.max(0.0).hypot(1.96 * floor);
     [(estimate - side(estimate - at(0.025))).max(0.0), estimate + side(at(0.975) - estimate)]
+}
+
+/// 95 % interval of the median, by ranks; `None` of fewer than 8 values.
+fn interval_of_median(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
+    let mut v: Vec<f32> = values.collect();
+    v.sort_by(f32::total_cmp);
+    let n = v.len();
+    let half = 0.98 * (n as f32).sqrt();
+    (n >= 8).then(|| [v[(0.5 * n as f32 - half) as usize], v[((0.5 * n as f32 + half) as usize).min(n - 1)]])
 }
 
 fn std_of(v: &[f32]) -> f32 {
