@@ -1,0 +1,161 @@
+//! Known answers of the estimators on synthetic frames.
+
+use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
+use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction};
+use blindaug::synth::{self, defocus::Bokeh};
+use blindaug::{Encoded, Flow, Plane, Raster, filter};
+
+const N: usize = 320;
+
+/// White noise of std 1 as a function of the seed.
+fn white(seed: u64) -> Plane {
+    let unit = synth::noise::unit_bands(N, N, seed, 0);
+    let std = synth::noise::white_band_std();
+    synth::noise::modulated(unit, |l| Raster::filled(N.div_ceil(1 << l), N.div_ceil(1 << l), [std[l]; 3]))
+        .map(|v| v[0])
+}
+
+/// A texture whose spectrum falls as a natural image's does; `stretch` times as long along x as along y.
+fn texture(seed: u64, stretch: usize) -> Plane {
+    let mut sum = Plane::filled(N, N, 0.5);
+    for octave in 0..6 {
+        let smooth = filter::gaussian_blur(&white(seed + octave), 0.6 * 2f32.powi(octave as i32));
+        let gain = 0.12 * 2f32.powi(octave as i32);
+        sum = Plane::from_fn(N, N, |x, y| sum.at(x, y) + gain * smooth.at(x / stretch, y));
+    }
+    sum.map(|v| v.clamp(0.05, 0.95))
+}
+
+fn noisy(image: &Plane, std: f32, seed: u64) -> Encoded {
+    let noise = white(seed);
+    Encoded(Raster::from_fn(N, N, |x, y| [image.at(x, y) + std * noise.at(x, y); 3]))
+}
+
+fn estimator(family: Family) -> Estimator {
+    Estimator::new(Options { family, blur_space: BlurSpace::Encoded, ..Options::default() })
+}
+
+/// What the frame alone says of the shutter, if it is blurred along `moved` and said to move along `told`.
+fn blind(sharp: &Plane, moved: [f32; 2], told: [f32; 2], lambda: f32) -> Estimation {
+    let blurred =
+        synth::motion_blur::motion_blur(sharp, &Flow::filled(N, N, moved), ExposureFraction(lambda)).unwrap();
+    let mut e = estimator(Family::Spectral);
+    let flow = Flow::filled(N, N, told);
+    let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
+    e.add(&Observation { frame: &noisy(&blurred, 0.004, 99), next: None, previous: None, evidence }).unwrap();
+    e.estimate().unwrap()
+}
+
+fn exposure(e: &Estimation) -> (f32, [f32; 2]) {
+    let m = e.model.motion_blur.known().expect("there is motion and texture");
+    (m.exposure.0, m.interval)
+}
+
+#[test]
+fn a_blurred_frame_tells_its_exposure() {
+    for (seed, flow, lambda) in [(1, [16.0, 0.0], 0.3), (2, [0.0, 14.0], 0.7), (3, [9.0, -12.0], 0.5)] {
+        let (estimate, [low, high]) = exposure(&blind(&texture(seed, 1), flow, flow, lambda));
+        println!("{lambda}: {estimate} [{low}, {high}]");
+        assert!((estimate - lambda).abs() < 0.05, "{estimate} for {lambda}");
+        assert!((low..=high).contains(&lambda), "[{low}, {high}] for {lambda}");
+    }
+}
+
+#[test]
+fn a_sharp_frame_has_no_exposure_even_if_told_to_move_and_nor_has_one_blurred_across() {
+    let (sharp, _) = exposure(&blind(&texture(4, 1), [16.0, 0.0], [16.0, 0.0], 0.0));
+    let (across, _) = exposure(&blind(&texture(4, 1), [0.0, 16.0], [16.0, 0.0], 0.5));
+    println!("{sharp} {across}");
+    assert!(sharp < 0.15 && across < 0.15, "{sharp} {across}");
+}
+
+#[test]
+fn boards_along_the_motion_do_not_look_blurred() {
+    let flow = [16.0, 0.0];
+    let (estimate, _) = exposure(&blind(&texture(5, 4), flow, flow, 0.45));
+    println!("{estimate}");
+    assert!((estimate - 0.45).abs() < 0.1, "{estimate}");
+}
+
+#[test]
+fn without_motion_nothing_is_said_of_the_shutter_and_without_texture_nothing_of_anything() {
+    let still = blind(&texture(6, 1), [0.0; 2], [0.2, 0.1], 0.5);
+    assert!(still.model.motion_blur.known().is_none());
+    let flat = blind(&Plane::filled(N, N, 0.5), [16.0, 0.0], [16.0, 0.0], 0.5);
+    assert!(flat.model.motion_blur.known().is_none());
+}
+
+/// Through a lens of 3 px at infinity, in focus at inverse depth 0.8; columns of places from 0.15 to 1.2.
+fn through_a_lens(seed: u64) -> (Plane, Plane, Plane) {
+    let sharp = texture(seed, 1);
+    let depth = Plane::from_fn(N, N, |x, _| 0.15 + 1.05 * (x / 64) as f32 / (N / 64 - 1) as f32);
+    let sigma = depth.map(|d| 3.0 * (1.0 - d / 0.8f32).abs());
+    let blurred = synth::defocus::defocus(&sharp, &sigma, Bokeh::Disk).unwrap();
+    (sharp, depth, blurred)
+}
+
+/// Mean abs error of the blur's std over the places, px.
+fn lens_error(e: &Estimation, depth: &Plane) -> f32 {
+    let model = e.model.defocus.known().expect("there are depth and texture");
+    let DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } = model.curve else {
+        panic!("a thin lens was asked for")
+    };
+    let error = |d: f32| {
+        (sigma_px_at_infinity * (1.0 - d / focus_inverse_depth).abs() - 3.0 * (1.0 - d / 0.8).abs()).abs()
+    };
+    depth.data().iter().map(|&d| error(d)).sum::<f32>() / (N * N) as f32
+}
+
+#[test]
+fn a_frame_with_depth_tells_its_lens() {
+    let (_, depth, blurred) = through_a_lens(7);
+    let mut e = estimator(Family::Spectral);
+    let evidence = Evidence { inverse_depth: Some((&depth, DepthKind::Metric)), ..Evidence::default() };
+    e.add(&Observation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence }).unwrap();
+    let error = lens_error(&e.estimate().unwrap(), &depth);
+    println!("{error}");
+    assert!(error < 0.3, "{error}");
+
+    // A wall has one depth, through which many lenses fit.
+    let wall = Plane::filled(N, N, 0.3);
+    let mut e = estimator(Family::Spectral);
+    let evidence = Evidence { inverse_depth: Some((&wall, DepthKind::Metric)), ..Evidence::default() };
+    e.add(&Observation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence }).unwrap();
+    assert!(e.estimate().unwrap().model.defocus.known().is_none());
+}
+
+#[test]
+fn a_clean_frame_tells_both_at_once() {
+    let (sharp, depth, blurred) = through_a_lens(8);
+    let flow = Flow::filled(N, N, [10.0, 4.0]);
+    let blurred = synth::motion_blur::motion_blur(&blurred, &flow, ExposureFraction(0.6)).unwrap();
+    let clean = Encoded(sharp.map(|v| [v; 3]));
+    let mut e = estimator(Family::Removal);
+    let evidence = Evidence {
+        flow: Some(&flow),
+        inverse_depth: Some((&depth, DepthKind::Metric)),
+        clean: Some(&clean),
+        ..Evidence::default()
+    };
+    e.add(&Observation { frame: &noisy(&blurred, 0.01, 97), next: None, previous: None, evidence }).unwrap();
+    let e = e.estimate().unwrap();
+    let (error, (lambda, _)) = (lens_error(&e, &depth), exposure(&e));
+    println!("{error} {lambda}");
+    assert!(error < 0.1 && (lambda - 0.6).abs() < 0.04, "{error} {lambda}");
+}
+
+#[test]
+fn of_a_long_clip_evenly_spaced_frames_are_used() {
+    let frame = Encoded(Raster::filled(64, 64, [0.5; 3]));
+    let used = |mut e: Estimator, n: usize| -> Vec<usize> {
+        let add = |e: &mut Estimator| {
+            let evidence = Evidence::default();
+            e.add(&Observation { frame: &frame, next: None, previous: None, evidence }).unwrap()
+        };
+        (0..n).filter(|_| add(&mut e)).collect()
+    };
+    let spaced = used(Estimator::new(Options::default()).expecting(200), 200);
+    assert_eq!(spaced, (0..200).step_by(5).collect::<Vec<_>>());
+    let thinned = used(Estimator::new(Options::default()), 200);
+    assert!(thinned.len() > spaced.len() && thinned.windows(2).all(|w| w[1] - w[0] <= 4), "{thinned:?}");
+}
