@@ -12,10 +12,7 @@ use blindaug::{
     composite::Options,
     fit,
     metrics::{object_area, psnr},
-    model::{
-        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS,
-    },
+    model::{Capture, DefocusCurve, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS},
     pyramid,
     synth::noise,
 };
@@ -101,22 +98,9 @@ impl Truth {
     /// The true blur, without noise.
     fn model(&self, capture: Capture) -> CameraModel {
         let mut model = CameraModel::unknown(capture, "left out");
-        model.motion_blur = Estimate::Known(MotionBlurModel {
-            exposure: ExposureFraction(self.exposure),
-            interval: [self.exposure; 2],
-            method: Method::Given,
-            samples: 0,
-        });
-        model.defocus = Estimate::Known(DefocusModel {
-            curve: DefocusCurve::ThinLens {
-                sigma_px_at_infinity: self.sigma_px_at_infinity,
-                focus_inverse_depth: self.focus_m.recip(),
-                interval: None,
-            },
-            depth_kind: DepthKind::Metric,
-            method: Method::Given,
-            samples: 0,
-        });
+        model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(self.exposure)));
+        model.defocus =
+            Estimate::Known(DefocusModel::given_lens(self.sigma_px_at_infinity, self.focus_m.recip()));
         model
     }
 
@@ -152,7 +136,7 @@ pub fn run(args: &Demo) -> Result<()> {
     // shadows has anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
     let (frames, depth) = (clip.join("frames"), clip.join("scene"));
     let options = fit::Options { fps: Some(truth.fps), ..fit::Options::default() };
-    let blind = estimate::fit(&Footage::with_depth(&frames, &depth, None)?, options, true)?;
+    let blind = estimate::fit(&Footage::with_depth(&frames, &depth, None)?, options, false)?;
     let footage = Footage::with_depth(&frames, &depth, Some(&clip.join("without")))?;
     let fitted = estimate::fit(&footage, options, true)?;
     let model = &fitted.estimation.model;

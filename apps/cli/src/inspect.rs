@@ -309,7 +309,7 @@ mod tests {
         let bands = white_band_std();
         let levels: [NoiseLevel; NOISE_LEVELS] =
             std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [0.05 * bands[l]; 3] });
-        let model = NoiseModel { levels, interval: None, clip: 1.0, method: Method::Given, samples: 0 };
+        let model = NoiseModel::given(levels, 1.0);
         // The low-pass below the four bands is all that is missing.
         for std in noise_std(&model, [0.2])[0] {
             assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
@@ -318,16 +318,7 @@ mod tests {
 
     #[test]
     fn blur_starts_to_show_where_the_curve_says() {
-        let lens = |s| DefocusModel {
-            curve: DefocusCurve::ThinLens {
-                sigma_px_at_infinity: s,
-                focus_inverse_depth: 0.25,
-                interval: None,
-            },
-            depth_kind: DepthKind::Metric,
-            method: Method::Given,
-            samples: 0,
-        };
+        let lens = |s| DefocusModel::given_lens(s, 0.25);
         let [far, near] = DefocusFacts::of(&lens(2.0)).sharp.unwrap();
         assert!((lens(2.0).sigma_px(far) - VISIBLE_PX).abs() < 1e-5);
         assert!((lens(2.0).sigma_px(near) - VISIBLE_PX).abs() < 1e-5);

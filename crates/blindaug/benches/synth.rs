@@ -6,8 +6,7 @@
 
 use blindaug::composite::{self, Shot, VirtualLayer, composite};
 use blindaug::model::{
-    CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel, NoiseLevel, NoiseModel,
+    CameraModel, Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
 };
 use blindaug::synth::defocus::{Bokeh, defocus};
 use blindaug::synth::motion_blur::motion_blur;
@@ -39,20 +38,9 @@ fn camera() -> CameraModel {
     let capture = Capture { width: W, height: H, fps: None, frames_used: 0 };
     let mut model = CameraModel::unknown(capture, "not needed");
     let levels = white_band_std().map(|s| NoiseLevel { slope: [0.03 * s; 3], intercept: [0.01 * s; 3] });
-    model.noise =
-        Estimate::Known(NoiseModel { levels, interval: None, clip: 1.0, method: Method::Given, samples: 0 });
-    model.motion_blur = Estimate::Known(MotionBlurModel {
-        exposure: ExposureFraction(0.5),
-        interval: [0.5, 0.5],
-        method: Method::Given,
-        samples: 0,
-    });
-    model.defocus = Estimate::Known(DefocusModel {
-        curve: DefocusCurve::ThinLens { sigma_px_at_infinity: 4.0, focus_inverse_depth: 0.5, interval: None },
-        depth_kind: DepthKind::Metric,
-        method: Method::Given,
-        samples: 0,
-    });
+    model.noise = Estimate::Known(NoiseModel::given(levels, 1.0));
+    model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
+    model.defocus = Estimate::Known(DefocusModel::given_lens(4.0, 0.5));
     model
 }
 

@@ -412,8 +412,7 @@ mod tests {
     use super::*;
     use crate::Transfer;
     use crate::model::{
-        BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-        MotionBlurModel, NoiseLevel,
+        BlurSpace, Capture, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel,
     };
 
     const W: usize = 160;
@@ -422,29 +421,16 @@ mod tests {
     fn camera() -> CameraModel {
         let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
         let mut model = CameraModel::unknown(capture, "not needed");
-        model.motion_blur = Estimate::Known(MotionBlurModel {
-            exposure: ExposureFraction(0.5),
-            interval: [0.5, 0.5],
-            method: Method::Given,
-            samples: 0,
-        });
+        model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
         // Sharp at 1 m, 3 px at infinity.
-        let curve =
-            DefocusCurve::ThinLens { sigma_px_at_infinity: 3.0, focus_inverse_depth: 1.0, interval: None };
-        model.defocus = Estimate::Known(DefocusModel {
-            curve,
-            depth_kind: DepthKind::Metric,
-            method: Method::Given,
-            samples: 0,
-        });
+        model.defocus = Estimate::Known(DefocusModel::given_lens(3.0, 1.0));
         model
     }
 
     fn with_noise(mut model: CameraModel, slope: f32, intercept: f32, clip: f32) -> CameraModel {
         let levels = noise::white_band_std()
             .map(|s| NoiseLevel { slope: [slope * s; 3], intercept: [intercept * s; 3] });
-        model.noise =
-            Estimate::Known(NoiseModel { levels, interval: None, clip, method: Method::Given, samples: 0 });
+        model.noise = Estimate::Known(NoiseModel::given(levels, clip));
         model
     }
 

@@ -324,13 +324,7 @@ fn odd_models_give_a_report() {
         samples: 0,
     });
     let still = NoiseLevel::default();
-    wild.noise = Estimate::Known(NoiseModel {
-        levels: [still; NOISE_LEVELS],
-        interval: None,
-        clip: 0.9,
-        method: Method::Given,
-        samples: 0,
-    });
+    wild.noise = Estimate::Known(NoiseModel::given([still; NOISE_LEVELS], 0.9));
     models.push((wild, "clips at 229 of 255"));
     for (model, says) in models {
         let html = written(&ReportInput {

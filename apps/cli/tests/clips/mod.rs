@@ -4,8 +4,7 @@ use blindaug::composite::{self, Shot, VirtualLayer};
 use blindaug::fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{
-    BlurSpace, CameraModel, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel,
+    BlurSpace, CameraModel, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
 };
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{Encoded, Flow, Plane, Transfer};
@@ -204,22 +203,8 @@ pub fn composite_psnr(clip: &Path, prefix: &str, model: &CameraModel, naive: boo
 /// The camera as it really was.
 pub fn true_model(estimated: &CameraModel, truth: &Truth) -> CameraModel {
     let mut model = estimated.clone();
-    model.motion_blur = Estimate::Known(MotionBlurModel {
-        exposure: ExposureFraction(truth.exposure),
-        interval: [truth.exposure; 2],
-        method: Method::Given,
-        samples: 0,
-    });
+    model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(truth.exposure)));
     let (sigma_px_at_infinity, focus) = truth.lens.expect("a condition with a lens");
-    model.defocus = Estimate::Known(DefocusModel {
-        curve: DefocusCurve::ThinLens {
-            sigma_px_at_infinity,
-            focus_inverse_depth: 1.0 / focus,
-            interval: None,
-        },
-        depth_kind: DepthKind::Metric,
-        method: Method::Given,
-        samples: 0,
-    });
+    model.defocus = Estimate::Known(DefocusModel::given_lens(sigma_px_at_infinity, 1.0 / focus));
     model
 }

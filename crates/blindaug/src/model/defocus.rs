@@ -63,6 +63,17 @@ pub struct DefocusModel {
 }
 
 impl DefocusModel {
+    /// One that is known beforehand.
+    pub fn given(curve: DefocusCurve, depth_kind: DepthKind) -> Self {
+        Self { curve, depth_kind, method: Method::Given, samples: 0 }
+    }
+
+    /// A thin lens over metric depth that is known beforehand.
+    pub fn given_lens(sigma_px_at_infinity: f32, focus_inverse_depth: f32) -> Self {
+        let curve = DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval: None };
+        Self::given(curve, DepthKind::Metric)
+    }
+
     /// The std of the equivalent Gaussian at inverse depth `d` (of [`DefocusModel::depth_kind`]), px of the capture's width.
     #[inline]
     pub fn sigma_px(&self, d: f32) -> f32 {
@@ -137,7 +148,7 @@ mod tests {
     use super::*;
 
     fn model(curve: DefocusCurve) -> DefocusModel {
-        DefocusModel { curve, depth_kind: DepthKind::Relative, method: Method::Given, samples: 0 }
+        DefocusModel::given(curve, DepthKind::Relative)
     }
 
     #[test]

@@ -32,6 +32,11 @@ pub struct MotionBlurModel {
 }
 
 impl MotionBlurModel {
+    /// One that is known beforehand.
+    pub fn given(exposure: ExposureFraction) -> Self {
+        Self { exposure, interval: [exposure.0; 2], method: Method::Given, samples: 0 }
+    }
+
     pub(super) fn validate(&self) -> Result<()> {
         check((0.0..=1.0).contains(&self.exposure.0), "motion_blur.exposure must lie in [0, 1]")?;
         let [lo, hi] = self.interval;

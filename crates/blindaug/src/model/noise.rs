@@ -48,6 +48,11 @@ pub struct NoiseModel {
 }
 
 impl NoiseModel {
+    /// One that is known beforehand.
+    pub fn given(levels: [NoiseLevel; NOISE_LEVELS], clip: f32) -> Self {
+        Self { levels, interval: None, clip, method: Method::Given, samples: 0 }
+    }
+
     pub(super) fn validate(&self) -> Result<()> {
         let finite = self.levels.iter().all(|l| l.slope.iter().chain(&l.intercept).all(|v| v.is_finite()));
         check(finite, "noise.levels must be finite numbers")?;

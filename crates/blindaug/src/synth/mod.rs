@@ -333,9 +333,7 @@ pub(crate) fn extended<P: Pixel>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{
-        Capture, DefocusCurve, Estimate, Method, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel,
-    };
+    use crate::model::{Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel};
 
     const W: usize = 200;
     const H: usize = 140;
@@ -343,23 +341,8 @@ mod tests {
     fn camera(sigma_at_infinity: f32, focus: f32, exposure: f32) -> CameraModel {
         let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
         let mut model = CameraModel::unknown(capture, "not needed");
-        model.motion_blur = Estimate::Known(MotionBlurModel {
-            exposure: ExposureFraction(exposure),
-            interval: [0.0, 1.0],
-            method: Method::Given,
-            samples: 0,
-        });
-        let curve = DefocusCurve::ThinLens {
-            sigma_px_at_infinity: sigma_at_infinity,
-            focus_inverse_depth: focus,
-            interval: None,
-        };
-        model.defocus = Estimate::Known(DefocusModel {
-            curve,
-            depth_kind: DepthKind::Metric,
-            method: Method::Given,
-            samples: 0,
-        });
+        model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
+        model.defocus = Estimate::Known(DefocusModel::given_lens(sigma_at_infinity, focus));
         model
     }
 
@@ -464,13 +447,7 @@ mod tests {
         let clean = sharp.to_encoded(Transfer::Srgb);
         assert!(run(&model, 1) == clean);
         let levels = [NoiseLevel { slope: [0.0; 3], intercept: [0.01; 3] }; NOISE_LEVELS];
-        model.noise = Estimate::Known(NoiseModel {
-            levels,
-            interval: None,
-            clip: 0.95,
-            method: Method::Given,
-            samples: 0,
-        });
+        model.noise = Estimate::Known(NoiseModel::given(levels, 0.95));
         let noisy = run(&model, 1);
         assert!(noisy == run(&model, 1));
         assert!(noisy != run(&model, 2));

@@ -131,7 +131,7 @@ fn band_std_by_kernels() -> [f32; NOISE_LEVELS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Method, NoiseLevel};
+    use crate::model::NoiseLevel;
 
     /// (mean, std) of one channel.
     fn statistics(n: &Raster<[f32; 3]>, c: usize) -> (f64, f64) {
@@ -141,7 +141,7 @@ mod tests {
     }
 
     fn model(levels: [NoiseLevel; NOISE_LEVELS]) -> NoiseModel {
-        NoiseModel { levels, interval: None, clip: 1.0, method: Method::Given, samples: 0 }
+        NoiseModel::given(levels, 1.0)
     }
 
     /// White noise whose std is `slope[c]` Y + `intercept[c]`.
