@@ -613,7 +613,7 @@ fn blind_model(fit: &spectral::ExposureFit) -> MotionBlurModel {
     }
 }
 
-/// Luma in the light that is blurred.
+/// The light that is blurred: Rec. 709 luminance, or Rec. 601 luma of encoded values.
 fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
     match space {
         BlurSpace::Linear => image.0.map(|p| {

@@ -148,16 +148,7 @@ pub fn tiles(
     }
     let transfer = Transfer::Srgb;
     let linear = space == BlurSpace::Linear;
-    // Rec. 709 luminance of the light, Rec. 601 luma of encoded values.
-    let light = Raster::from_fn(w, h, |x, y| {
-        let p = frame.0.at(x, y);
-        if linear {
-            let [r, g, b] = p.map(|v| transfer.decode(v));
-            0.2126 * r + 0.7152 * g + 0.0722 * b
-        } else {
-            luma(p)
-        }
-    });
+    let light = super::light_of(frame, space);
     let moments: Raster<[f32; 3]> = Raster::from_fn(w, h, |x, y| {
         let v = luma(frame.0.at(x, y));
         let slope = if linear { transfer.slope(transfer.decode(v.max(0.02))) } else { 1.0 };
@@ -205,7 +196,10 @@ fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])>
     if known.len() < TILE * TILE / 2 {
         return None;
     }
-    let motion = [0, 1].map(|c| median(known.iter().map(|f| f[c]).collect()));
+    let [Some(u), Some(v)] = [0, 1].map(|c| super::median(known.iter().map(|f| f[c]).collect())) else {
+        return None;
+    };
+    let motion = [u, v];
     let speed = motion[0].hypot(motion[1]);
     let deviation =
         known.iter().map(|f| (f[0] - motion[0]).hypot(f[1] - motion[1])).sum::<f32>() / known.len() as f32;
@@ -745,11 +739,6 @@ fn interpolate(v: &[f32], at: f32) -> f32 {
         + (f2 * f - 2.0 * f2 + f) * m0
         + (3.0 * f2 - 2.0 * f2 * f) * b
         + (f2 * f - f2) * m1
-}
-
-fn median(mut v: Vec<f32>) -> f32 {
-    let middle = v.len() / 2;
-    *v.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
 fn sigma_of(index: usize) -> f32 {
