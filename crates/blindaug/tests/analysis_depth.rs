@@ -262,7 +262,7 @@ fn the_tracker_keeps_the_scale_when_the_camera_slows_down_and_over_gaps() {
         if k > 0 {
             pair.occluded = Raster::from_fn(SIZE.0, SIZE.1, |x, y| !far(x, y));
         }
-        match tracker.push(&pair).unwrap() {
+        match tracker.push(&pair, 1).unwrap() {
             Parallax::Known(depth) => {
                 assert!(depth.inverse_depth.data().iter().all(|d| d.is_nan() || (0.0..=1.0).contains(d)));
                 tracked.push(median(&depth.inverse_depth));
@@ -288,8 +288,8 @@ fn the_tracker_begins_anew_at_a_cut_and_at_another_size() {
     let mut tracker = ParallaxTracker::new();
     let good = pair([0.05, 0.0, 0.0], [0.0; 3], 0.01);
     let cut = FlowPair { occluded: Raster::filled(SIZE.0, SIZE.1, true), ..good.clone() };
-    assert!(matches!(tracker.push(&good).unwrap(), Parallax::Known(_)));
-    assert!(matches!(tracker.push(&cut).unwrap(), Parallax::Unknown(_)));
+    assert!(matches!(tracker.push(&good, 1).unwrap(), Parallax::Known(_)));
+    assert!(matches!(tracker.push(&cut, 1).unwrap(), Parallax::Unknown(_)));
     let half = |r: &Flow| r.crop(0, 0, SIZE.0, SIZE.1 - 20);
     let smaller = FlowPair {
         forward: half(&good.forward),
@@ -297,9 +297,9 @@ fn the_tracker_begins_anew_at_a_cut_and_at_another_size() {
         occluded: good.occluded.crop(0, 0, SIZE.0, SIZE.1 - 20),
         residual: good.residual.crop(0, 0, SIZE.0, SIZE.1 - 20),
     };
-    tracker.push(&good).unwrap();
+    tracker.push(&good, 1).unwrap();
     // Its own 98th percentile is 1 again.
-    let Parallax::Known(depth) = tracker.push(&smaller).unwrap() else { panic!("unknown") };
+    let Parallax::Known(depth) = tracker.push(&smaller, 1).unwrap() else { panic!("unknown") };
     let share = depth.inverse_depth.data().iter().filter(|d| **d >= 1.0).count() as f64;
     assert!(share > 0.005 * (SIZE.0 * (SIZE.1 - 20)) as f64, "{share}");
 }

@@ -114,12 +114,13 @@ impl ParallaxTracker {
 
     /// Relative inverse depth of the first frame of a pair.
     ///
-    /// The pair's second frame must be the first of the next pair. Pairs with too little parallax are unknown; the scale
+    /// The next pair begins `ahead` frames after this one; if that is more than 1, what moves is taken to go on as it
+    /// does between the two. Pairs with too little parallax are unknown; the scale
     /// survives them, but no cut (nor a change of size): after it a new one begins.
     ///
     /// # Errors
     /// As [`inverse_depth_from_flow`].
-    pub fn push(&mut self, pair: &FlowPair) -> Result<Parallax> {
+    pub fn push(&mut self, pair: &FlowPair, ahead: usize) -> Result<Parallax> {
         let fresh = unscaled(&pair.forward, &pair.occluded)?;
         if self.last.as_ref().is_some_and(|last| last.size() != pair.forward.size())
             || pair.confirmed() < MATCHED
@@ -137,16 +138,16 @@ impl ParallaxTracker {
                 Parallax::Known(depth)
             }
         };
-        self.last = self.last.as_ref().map(|last| follow(last, &pair.backward));
+        self.last = self.last.as_ref().map(|last| follow(last, &pair.backward, ahead));
         Ok(parallax)
     }
 }
 
-/// `map`, seen from the next frame, whose flow back is given; NaN where that was out of frame.
-fn follow(map: &Plane, backward: &Flow) -> Plane {
+/// `map`, seen `ahead` frames later, if the flow back by one frame is given and goes on; NaN where that was out of frame.
+fn follow(map: &Plane, backward: &Flow, ahead: usize) -> Plane {
     let (w, h) = map.size();
     Plane::from_fn(w, h, |x, y| {
-        let [u, v] = backward.at(x, y);
+        let [u, v] = backward.at(x, y).map(|v| ahead as f32 * v);
         let (x, y) = ((x as f32 + u).round(), (y as f32 + v).round());
         let inside = x >= 0.0 && y >= 0.0 && x < w as f32 && y < h as f32;
         if inside { map.at(x as usize, y as usize) } else { f32::NAN }
@@ -549,4 +550,18 @@ fn depth_of(flow: &Flow, occluded: &Raster<bool>) -> std::result::Result<Relativ
         translation: motion.translation.map(|t| t as f32),
         rotation: motion.turn.by.map(|o| o as f32),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_is_moved_along_with_the_picture_also_over_frames_that_are_left_out() {
+        let map = Plane::from_fn(60, 4, |x, _| x as f32);
+        let backward = Flow::filled(60, 4, [-3.0, 0.0]);
+        assert_eq!(follow(&map, &backward, 1).at(40, 2), 37.0);
+        assert_eq!(follow(&map, &backward, 5).at(40, 2), 25.0);
+        assert!(follow(&map, &backward, 5).at(10, 2).is_nan());
+    }
 }

@@ -216,7 +216,7 @@ impl Estimator {
             } else {
                 estimated = Some((known_flow(&pair), sign));
                 if evidence.inverse_depth.is_none() {
-                    parallax = Some(self.parallax.push(&pair)?);
+                    parallax = Some(self.parallax.push(&pair, self.stride)?);
                 }
             }
         }
