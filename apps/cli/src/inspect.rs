@@ -38,7 +38,7 @@ pub fn run(args: &Inspect) -> Result<()> {
 const LUMINANCES: [f32; 3] = [0.1, 0.5, 0.9];
 
 /// Blur that starts to show: the std of the equivalent Gaussian, px.
-const VISIBLE_PX: f32 = 0.5;
+pub const VISIBLE_PX: f32 = 0.5;
 
 /// The model in words, a line per fact.
 pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {

@@ -5,6 +5,7 @@ mod pictures;
 mod plots;
 mod words;
 
+use crate::inspect::VISIBLE_PX;
 use blindaug::fit::Diagnostics;
 use blindaug::model::{
     BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
@@ -14,7 +15,7 @@ use blindaug::{CameraModel, Encoded, Flow, Plane};
 use blindaug_io::{Error, Result, write_atomically};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use pictures::Shown;
-use plots::{CHANNELS, ESTIMATE, POINTS, PlotError, VISIBLE_PX};
+use plots::{CHANNELS, ESTIMATE, POINTS, PlotError};
 use plotters::style::RGBColor;
 use std::path::Path;
 use words::{count, distance, interval, metres, number};

@@ -1,6 +1,7 @@
 //! The pictures of a report: PNG as data URIs, and what they are made of.
 
 use super::Sample;
+use crate::inspect;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use blindaug::model::{BlurSpace, DepthKind, Estimate, NoiseModel};
 use blindaug::synth::{Blur, defocus::Bokeh, noise};
@@ -325,15 +326,10 @@ fn from_middle(x: usize) -> f32 {
 /// The std of the whole noise (all bands together) per channel for even content of luminance `y`, as synthesis makes it, if
 /// the std of each band were `band_std(level, channel)`.
 pub fn total_std(model: &NoiseModel, band_std: impl Fn(usize, usize) -> f32) -> [f32; 3] {
-    const SIDE: usize = 192;
     let mut even = model.clone();
     for (level, l) in even.levels.iter_mut().enumerate() {
         l.slope = [0.0; 3];
         l.intercept = std::array::from_fn(|c| band_std(level, c));
     }
-    let grain = noise::noise(&even, &Plane::filled(SIDE, SIDE, 0.5), 1, 1);
-    std::array::from_fn(|c| {
-        let squares: f64 = grain.data().iter().map(|p| f64::from(p[c]).powi(2)).sum();
-        (squares / (SIDE * SIDE) as f64).sqrt() as f32
-    })
+    inspect::noise_std(&even, [0.5])[0]
 }

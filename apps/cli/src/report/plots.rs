@@ -1,15 +1,13 @@
 //! The plots of a report, as SVG. Each is `None` where there is nothing to draw.
 
 use super::words::{distance, tick};
+use crate::inspect::VISIBLE_PX;
 use blindaug::fit::{BlurPoint, noise::NoisePoint};
 use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, MotionBlurModel, NOISE_LEVELS, NoiseModel};
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::{Shift, types::RangedCoordf64};
 use plotters::prelude::*;
 use std::ops::Range;
-
-/// The std below which blur is not seen, px.
-pub const VISIBLE_PX: f32 = 0.5;
 
 /// Colours that are told apart by eyes that see no red or no green.
 pub const ESTIMATE: RGBColor = RGBColor(0xc2, 0x41, 0x0c);
