@@ -12,9 +12,9 @@ test:
 ci:
     .ci/run
 
-# Accuracy on the rendered clips of known truth: the tables of docs/accuracy.md.
-bench-accuracy *ARGS:
-    cargo bench -p blindaug-cli --bench accuracy -- {{ARGS}}
+# Accuracy on scenes of known truth: the tables of docs/accuracy.md.
+validate *ARGS:
+    cargo run --release -- validate {{ARGS}}
 
 # Kernels: synthesis, analysis and fits.
 bench:

@@ -63,6 +63,7 @@ thread_local! {
 /// How far a loop over frames has come: a bar on a terminal, else a line every ten seconds.
 pub struct Progress {
     what: &'static str,
+    unit: &'static str,
     done: u64,
     total: Option<u64>,
     last_said: Instant,
@@ -71,20 +72,25 @@ pub struct Progress {
 impl Progress {
     /// A loop that does `what` ("estimating") to `total` frames, if their number is known.
     pub fn new(what: &'static str, total: Option<usize>) -> Self {
+        Self::counting(what, "frames", total)
+    }
+
+    /// A loop over other things than frames.
+    pub fn counting(what: &'static str, unit: &'static str, total: Option<usize>) -> Self {
         let total = total.map(|n| n as u64);
         if std::io::stderr().is_terminal() {
             let bar = ProgressBar::with_draw_target(total, ProgressDrawTarget::stderr());
             let template = match total {
-                Some(_) => "{msg} {wide_bar} {pos}/{len} frames, {eta} left",
-                None => "{msg} {spinner} {pos} frames, {elapsed}",
+                Some(_) => format!("{{msg}} {{wide_bar}} {{pos}}/{{len}} {unit}, {{eta}} left"),
+                None => format!("{{msg}} {{spinner}} {{pos}} {unit}, {{elapsed}}"),
             };
-            if let Ok(style) = ProgressStyle::with_template(template) {
+            if let Ok(style) = ProgressStyle::with_template(&template) {
                 bar.set_style(style);
             }
             bar.set_message(what);
             BAR.set(Some(bar));
         }
-        Self { what, done: 0, total, last_said: Instant::now() }
+        Self { what, unit, done: 0, total, last_said: Instant::now() }
     }
 
     /// One more frame is done.
@@ -94,7 +100,7 @@ impl Progress {
         if !bar && self.last_said.elapsed() > Duration::from_secs(10) {
             self.last_said = Instant::now();
             let of = self.total.map_or(String::new(), |n| format!(" of {n}"));
-            note(format_args!("{}: {}{of} frames", self.what, self.done));
+            note(format_args!("{}: {}{of} {}", self.what, self.done, self.unit));
         }
     }
 }

@@ -7,6 +7,7 @@ mod demo;
 mod estimate;
 mod inspect;
 mod report;
+mod validate;
 
 use clap::Parser;
 use console::Failure;
@@ -32,6 +33,7 @@ enum Command {
     Composite(Box<composite::Composite>),
     Apply(Box<composite::Apply>),
     Inspect(inspect::Inspect),
+    Validate(validate::Validate),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Command::Composite(args) => composite::run(args),
         Command::Apply(args) => composite::run_apply(args),
         Command::Inspect(args) => inspect::run(args),
+        Command::Validate(args) => validate::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -2,7 +2,7 @@
 //! it rests.
 
 mod pictures;
-mod plots;
+pub mod plots;
 mod words;
 
 use crate::inspect::VISIBLE_PX;
@@ -14,8 +14,9 @@ use blindaug::model::{
 use blindaug::{CameraModel, Encoded, Flow, Plane};
 use blindaug_io::{Error, Result, write_atomically};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use pictures::Shown;
-use plots::{CHANNELS, ESTIMATE, POINTS, PlotError};
+pub use pictures::{Shown, shown};
+pub use plots::PlotError;
+use plots::{CHANNELS, ESTIMATE, POINTS};
 use plotters::style::RGBColor;
 use std::path::Path;
 use words::{count, distance, interval, metres, number};
@@ -84,7 +85,27 @@ fn page(input: &ReportInput) -> Part {
     let ReportInput { title, model, diagnostics, samples, comparison, pictures } = input;
     let full = samples.iter().map(|s| if s.clean.is_some() { 2 } else { 1 }).sum::<usize>() + pictures.len();
     let share = pictures::share_of_budget(full);
-    Ok(html! {
+    let body = html! {
+        (summary(model))
+        (truth(comparison))
+        (picture_section(pictures, share))
+        (motion_blur_section(model, diagnostics)?)
+        (defocus_section(model, diagnostics)?)
+        (noise_section(model, diagnostics, samples)?)
+        (sample_section(model, samples, share))
+        (notes(diagnostics))
+    };
+    let footer = format!(
+        "An interval is the 95 % confidence interval: if the same camera were estimated from many such clips, 95 of 100 intervals \
+         would hold the true value. Px are pixels of a frame {} px wide.",
+        model.capture.width
+    );
+    Ok(page_with(title, &capture(model), &body, &footer))
+}
+
+/// A page without outside resources.
+pub fn page_with(title: &str, about: &str, body: &Markup, footer: &str) -> Markup {
+    html! {
         (DOCTYPE)
         html lang="en" {
             head {
@@ -98,28 +119,13 @@ fn page(input: &ReportInput) -> Part {
             body {
                 header {
                     h1 { (title) }
-                    p.soft { (capture(model)) }
+                    p.soft { (about) }
                 }
-                main {
-                    (summary(model))
-                    (truth(comparison))
-                    (picture_section(pictures, share))
-                    (motion_blur_section(model, diagnostics)?)
-                    (defocus_section(model, diagnostics)?)
-                    (noise_section(model, diagnostics, samples)?)
-                    (sample_section(model, samples, share))
-                    (notes(diagnostics))
-                }
-                footer.soft {
-                    p {
-                        "Written by blindaug " (env!("CARGO_PKG_VERSION")) ". An interval is the 95 % confidence interval: if the same camera were "
-                        "estimated from many such clips, 95 of 100 intervals would hold the true value. Px are pixels of a frame "
-                        (model.capture.width) " px wide."
-                    }
-                }
+                main { (body) }
+                footer.soft { p { "Written by blindaug " (env!("CARGO_PKG_VERSION")) ". " (footer) } }
             }
         }
-    })
+    }
 }
 
 fn capture(model: &CameraModel) -> String {

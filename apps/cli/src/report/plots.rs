@@ -419,6 +419,79 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
     .map(Some)
 }
 
+/// True against estimated values in [0, `most`], with their intervals: `[true, estimated, low, high]`, a colour per group.
+pub fn true_and_estimated(name: &str, most: f64, groups: &[Vec<[f64; 4]>]) -> Result<Markup> {
+    let axes = Axes {
+        title: "",
+        x: 0.0..most * 1.05,
+        y: 0.0..most * 1.05,
+        x_name: &format!("true {name}"),
+        y_name: &format!("estimated {name}"),
+        x_tick: &tick,
+        x_ticks: 6,
+    };
+    svg(1100, &format!("True and estimated {name}"), |area| {
+        let mut chart = axes.chart(area)?;
+        axes.line(&mut chart, [[0.0, 0.0], [most, most]], INK.mix(0.6).stroke_width(2))?;
+        for (i, group) in groups.iter().enumerate() {
+            let colour = GROUPS[i % GROUPS.len()];
+            for &[truth, estimate, low, high] in group {
+                // Side by side, so that both are seen.
+                let x = truth + most * (0.008 * i as f64 - 0.004);
+                axes.line(&mut chart, [[x, low], [x, high]], colour.mix(0.35).stroke_width(3))?;
+                let at = axes.inside([x, estimate]);
+                chart.draw_series(at.map(|at| Circle::new(at, 8, colour.mix(0.75).filled())))?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// A true curve, in black, and recovered ones from blue to orange.
+pub fn curves(x_name: &str, y_name: &str, truth: &[[f64; 2]], recovered: &[Vec<[f64; 2]>]) -> Result<Markup> {
+    let all = || truth.iter().chain(recovered.iter().flatten());
+    let x = extent(all().map(|p| p[0])).unwrap_or([0.0, 1.0]);
+    let y = extent(all().map(|p| p[1])).unwrap_or([0.0, 1.0]);
+    let x = padded(x, 0.03);
+    let axes = Axes { title: "", x, y: 0.0..1.08 * y[1].max(1.0), x_name, y_name, x_tick: &tick, x_ticks: 7 };
+    svg(680, &format!("{y_name} over {x_name}, true and recovered"), |area| {
+        let mut chart = axes.chart(area)?;
+        for (i, curve) in recovered.iter().enumerate() {
+            let t = i as f64 / (recovered.len().max(2) - 1) as f64;
+            let between = |a: u8, b: u8| (f64::from(a) + t * (f64::from(b) - f64::from(a))) as u8;
+            let colour = RGBColor(
+                between(POINTS.0, ESTIMATE.0),
+                between(POINTS.1, ESTIMATE.1),
+                between(POINTS.2, ESTIMATE.2),
+            );
+            axes.line(&mut chart, curve.iter().copied(), colour.mix(0.8).stroke_width(5))?;
+        }
+        axes.line(&mut chart, truth.iter().copied(), INK.stroke_width(4))
+    })
+}
+
+/// Points, a colour per group.
+pub fn scatter(x_name: &str, y_name: &str, groups: &[Vec<[f64; 2]>]) -> Result<Markup> {
+    let all = || groups.iter().flatten();
+    let x = extent(all().map(|p| p[0])).unwrap_or([0.0, 1.0]);
+    let y = extent(all().map(|p| p[1])).unwrap_or([0.0, 1.0]);
+    let x = padded(x, 0.05);
+    let axes =
+        Axes { title: "", x, y: 0.0..1.08 * y[1].max(1e-6), x_name, y_name, x_tick: &tick, x_ticks: 7 };
+    svg(600, &format!("{y_name} over {x_name}"), |area| {
+        let mut chart = axes.chart(area)?;
+        for (i, group) in groups.iter().enumerate() {
+            let colour = GROUPS[i % GROUPS.len()].mix(0.75);
+            let points = group.iter().filter_map(|&p| axes.inside(p));
+            chart.draw_series(points.map(|at| Circle::new(at, 8, colour.filled())))?;
+        }
+        Ok(())
+    })
+}
+
+/// The colours of groups.
+const GROUPS: [RGBColor; 2] = [POINTS, ESTIMATE];
+
 /// What a pyramid band holds.
 pub fn band_name(level: usize) -> String {
     match level {

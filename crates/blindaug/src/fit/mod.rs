@@ -104,6 +104,8 @@ pub struct Diagnostics {
     pub blur_points: Vec<BlurPoint>,
     /// The exposure that each frame alone gives: (index of the frame among those added, exposure fraction).
     pub exposure_per_frame: Vec<(usize, f32)>,
+    /// Inverse depth of the last frame that has it, as it was used (NaN: unknown), and the frame's index.
+    pub inverse_depth: Option<(usize, Plane)>,
 }
 
 /// The blur of one place.
@@ -132,6 +134,7 @@ pub struct Estimator {
     why_no_depth: String,
     depth_kind: Option<DepthKind>,
     depth_given: bool,
+    last_depth: Option<(usize, Plane)>,
     cuts: usize,
 }
 
@@ -178,6 +181,7 @@ impl Estimator {
             why_no_depth: "no depth was given and there is only one frame".into(),
             depth_kind: None,
             depth_given: false,
+            last_depth: None,
             cuts: 0,
         }
     }
@@ -278,6 +282,9 @@ impl Estimator {
         }
         if self.options.family != Family::Spectral {
             self.compare_with_clean(&mut kept, frame, &evidence, to_next.as_ref(), depth.as_ref())?;
+        }
+        if let Some(depth) = depth {
+            self.last_depth = Some((index, depth));
         }
         self.frames.push(kept);
         if self.frames.len() > Self::MAX_FRAMES {
@@ -417,7 +424,7 @@ impl Estimator {
         let capture = Capture { width, height, fps: self.options.fps, frames_used: self.frames.len() };
         let mut model = CameraModel::unknown(capture, "not looked at");
         model.blur_space = self.options.blur_space;
-        let mut diagnostics = Diagnostics::default();
+        let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
         if self.cuts > 0 {
             diagnostics.notes.push(format!(
                 "{} of {} frames could not be followed to their neighbour (a cut, or too much changed)",

@@ -1,0 +1,430 @@
+//! `blindaug validate`: how far estimates lie from the truth, on scenes of its own and on rendered clips.
+
+mod camera;
+mod clips;
+mod measure;
+mod page;
+mod scene;
+
+use crate::console::{self, Progress, Result, failure, note};
+use blindaug::fit::Estimation;
+use blindaug::synth::{self, defocus::Bokeh};
+use blindaug::{Encoded, Transfer};
+use blindaug_io::{write_atomically, write_png};
+use camera::{Camera, Setting};
+use clips::{Condition, Fidelity};
+use measure::{Footage, Given, Measured, NoiseTruth, Truth, measure};
+use scene::{Exposure, Scene};
+use serde::{Deserialize, Serialize};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+/// Measure how far estimates lie from the truth: the paper's experiments, on scenes that are made here
+#[derive(clap::Args)]
+pub struct Validate {
+    /// A folder for the results: index.html, validate.json, and a file per case, so that a run that was stopped goes on
+    #[arg(short, long, value_name = "DIR", default_value = "blindaug-validate")]
+    output: PathBuf,
+    /// Scenes; each is filmed with every setting by two cameras, the project's synthesis and one of physics
+    #[arg(long, value_name = "N", default_value = "4", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    scenes: u64,
+    /// Frames of each scene
+    #[arg(long, value_name = "N", default_value = "25", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    frames: u64,
+    /// Also rendered clips: a folder with a folder per clip, each with truth.json
+    #[arg(long, value_name = "DIR")]
+    clips: Option<PathBuf>,
+    /// Only the clips, no scenes
+    #[arg(long, requires = "clips")]
+    only_clips: bool,
+    /// A minute: one small scene, few settings
+    #[arg(long, conflicts_with_all = ["scenes", "frames"])]
+    quick: bool,
+    /// Measure anew what is there already
+    #[arg(long)]
+    overwrite: bool,
+}
+
+/// px of the pictures of the scenes.
+const SIZE: (usize, usize) = (512, 384);
+const QUICK_SIZE: (usize, usize) = (320, 240);
+
+/// Which of the paper's experiments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Experiment {
+    /// Exposures from 0.1 to 1, a pinhole.
+    MotionBlur,
+    /// Lenses, a closed shutter.
+    Defocus,
+    /// Noise, all else sharp.
+    Noise,
+    /// All three.
+    All,
+    /// A rendered clip.
+    Clip,
+}
+
+/// What is measured in one go.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Case {
+    /// Also the name of its file.
+    name: String,
+    experiment: Experiment,
+    camera: Option<Camera>,
+    scene: u64,
+    frames: u64,
+    size: (usize, usize),
+    setting: Option<Setting>,
+}
+
+/// A case with what came out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Outcome {
+    case: Case,
+    truth: Truth,
+    measured: Vec<Measured>,
+    /// Of clips with a virtual object, with depth given.
+    fidelity: Option<Fidelity>,
+}
+
+/// Runs the command.
+pub fn run(args: &Validate) -> Result<()> {
+    console::make_folder(&args.output)?;
+    let (done, pictures) = (args.output.join("cases"), args.output.join("pictures"));
+    console::make_folder(&done)?;
+    console::make_folder(&pictures)?;
+    let clips = args.clips.as_deref().map(clips::conditions).transpose()?.unwrap_or_default();
+    let mut cases: Vec<(Case, Option<&Condition>)> = vec![];
+    if !args.only_clips {
+        cases.extend(own_cases(args).into_iter().map(|c| (c, None)));
+    }
+    cases.extend(clips.iter().map(|condition| (clip_case(condition), Some(condition))));
+    let mut outcomes = vec![];
+    let mut already = 0;
+    let mut progress = Progress::counting("validating", "cases", Some(cases.len()));
+    let mut sharp = SharpScene::default();
+    for (case, condition) in &cases {
+        let path = done.join(format!("{}.json", case.name));
+        let known = if args.overwrite { None } else { outcome_of(&path, case) };
+        outcomes.push(match known {
+            Some(outcome) => {
+                already += 1;
+                outcome
+            }
+            None => {
+                let outcome = match condition {
+                    Some(condition) => measure_clip(case, condition)?,
+                    None => measure_own(case, &mut sharp, &pictures)?,
+                };
+                let text = serde_json::to_string_pretty(&outcome).expect("an outcome is plain data");
+                write_atomically(&path, |partial| std::fs::write(partial, &text))?;
+                outcome
+            }
+        });
+        progress.step();
+        if console::interrupted() {
+            break;
+        }
+    }
+    drop(progress);
+    if already > 0 {
+        note(format_args!(
+            "{already} of {} cases were there already; --overwrite measures them anew",
+            cases.len()
+        ));
+    }
+    let text = serde_json::to_string_pretty(&outcomes).expect("outcomes are plain data");
+    write_atomically(args.output.join("validate.json"), |partial| std::fs::write(partial, &text))?;
+    console::print(&page::table(&outcomes))?;
+    let index = args.output.join("index.html");
+    page::write(&index, &outcomes, &pictures)?;
+    note(format_args!("written: {}", index.display()));
+    if outcomes.len() < cases.len() {
+        note(format_args!(
+            "stopped after {} of {} cases; run the same command again to go on",
+            outcomes.len(),
+            cases.len()
+        ));
+    }
+    Ok(())
+}
+
+/// What is known of a case, if it is the same.
+fn outcome_of(path: &Path, case: &Case) -> Option<Outcome> {
+    let outcome: Outcome = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
+    (outcome.case == *case).then_some(outcome)
+}
+
+/// The settings: those of the paper's validation, over the ranges that cameras have.
+fn own_cases(args: &Validate) -> Vec<Case> {
+    // Blur at infinity (px) and focus (m); scenes reach from about 0.9 to 8 m.
+    const LENSES: [(f32, f32); 5] = [(1.5, 1.5), (3.0, 2.0), (1.0, 4.0), (6.0, 1.2), (8.5, 0.9)];
+    let noise = |i: usize| 0.002 * 25f32.powf(i as f32 / 9.0);
+    let readout = |i: usize| 0.15 + 0.07 * i as f32;
+    let of = |exposure, lens, noise, readout| Setting { exposure, lens, noise, readout };
+    let mut settings: Vec<(Experiment, usize, Setting)> = vec![];
+    // Noise of all strengths, in another order than what it comes with.
+    settings.extend((0..10).map(|i| {
+        (Experiment::MotionBlur, i, of(0.1 * (i + 1) as f32, None, noise(3 * i % 10), readout(7 * i % 10)))
+    }));
+    settings
+        .extend((0..5).map(|i| {
+            (Experiment::Defocus, i, of(0.0, Some(LENSES[i]), noise((4 * i + 1) % 10), readout(i)))
+        }));
+    settings.extend((0..10).map(|i| (Experiment::Noise, i, of(0.0, None, noise(i), readout(7 * i % 10)))));
+    settings.extend((0..5).map(|i| {
+        let exposure = [0.5, 0.2, 0.9, 0.35, 0.7][i];
+        (Experiment::All, i, of(exposure, Some(LENSES[i]), noise((3 * i + 2) % 10), readout(i)))
+    }));
+    let (scenes, frames, size) =
+        if args.quick { (1, 4, QUICK_SIZE) } else { (args.scenes, args.frames, SIZE) };
+    if args.quick {
+        settings.retain(|(e, i, _)| *i == if *e == Experiment::MotionBlur { 4 } else { 1 });
+    }
+    let mut cases = vec![];
+    for scene in 1..=scenes {
+        for camera in [Camera::Synthesis, Camera::Physics] {
+            for (experiment, i, setting) in &settings {
+                let what = match experiment {
+                    Experiment::MotionBlur => "motion-blur",
+                    Experiment::Defocus => "defocus",
+                    Experiment::Noise => "noise",
+                    Experiment::All | Experiment::Clip => "all",
+                };
+                let by = if camera == Camera::Physics { "physics" } else { "synthesis" };
+                cases.push(Case {
+                    name: format!("scene{scene}-{by}-{what}-{}", i + 1),
+                    experiment: *experiment,
+                    camera: Some(camera),
+                    scene,
+                    frames,
+                    size,
+                    setting: Some(*setting),
+                });
+            }
+        }
+    }
+    cases
+}
+
+fn clip_case(condition: &Condition) -> Case {
+    Case {
+        name: format!("clip-{}", condition.title().replace(' ', "-")),
+        experiment: Experiment::Clip,
+        camera: None,
+        scene: 0,
+        frames: 0,
+        size: (0, 0),
+        setting: None,
+    }
+}
+
+/// The sharp frames of the scene that was filmed last: they are the same for all settings.
+#[derive(Default)]
+struct SharpScene(Option<(u64, Scene, Footage)>);
+
+impl SharpScene {
+    fn get(&mut self, case: &Case) -> &mut (u64, Scene, Footage) {
+        if self.0.as_ref().is_none_or(|s| s.0 != case.scene) {
+            let scene = Scene::new(case.scene, case.size);
+            let times = || 0..case.frames;
+            let footage = Footage {
+                frames: vec![],
+                clean: times()
+                    .map(|t| scene.picture(t as f32, Exposure::default()).to_encoded(Transfer::Srgb))
+                    .collect(),
+                inverse_depth: times().map(|t| scene.inverse_depth(t as f32)).collect(),
+                flow: times().map(|t| scene.flow(t as f32)).collect(),
+                truth: Truth { exposure: 0.0, lens: None },
+                noise: None,
+            };
+            self.0 = Some((case.scene, scene, footage));
+        }
+        self.0.as_mut().expect("it was just made")
+    }
+}
+
+fn measure_own(case: &Case, sharp: &mut SharpScene, pictures: &Path) -> Result<Outcome> {
+    let (Some(camera), Some(setting)) = (case.camera, case.setting) else {
+        return Err(failure(pictures, "a case without a camera"));
+    };
+    let (_, scene, footage) = sharp.get(case);
+    footage.truth = Truth { exposure: setting.exposure, lens: setting.lens };
+    let truth = footage.noise.insert(NoiseTruth::default());
+    footage.frames.clear();
+    for (t, clean) in footage.clean.iter().enumerate() {
+        let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &footage.flow[t]);
+        let filmed =
+            camera.film(scene, t as u64, evidence, &setting, case.scene).map_err(|e| failure(pictures, e))?;
+        camera::add_noise(truth, &filmed);
+        footage.frames.push(filmed.frame);
+    }
+    let mut measured = vec![];
+    for given in Given::ALL {
+        let (m, estimation) = measure(footage, given).map_err(|e| failure(pictures, e))?;
+        measured.push(m);
+        // For the page: what is seen of the first scene when depth is given.
+        if given == Given::Depth && case.scene == 1 && case.experiment == Experiment::All {
+            write_pictures(case, footage, &estimation, pictures)?;
+        }
+    }
+    Ok(Outcome { case: case.clone(), truth: footage.truth, measured, fidelity: None })
+}
+
+/// The frame, the clean frame as the estimated camera would film it, and their difference.
+fn write_pictures(case: &Case, footage: &Footage, estimation: &Estimation, pictures: &Path) -> Result<()> {
+    let t = footage.frames.len() / 2;
+    let options = synth::Options { bokeh: Bokeh::Disk, no_noise: false, seed: 1 };
+    let with = |name: &str, no_noise: bool| -> Result<Encoded> {
+        let options = synth::Options { no_noise, ..options };
+        let made = synth::distort_frame(
+            &footage.clean[t].to_linear(Transfer::Srgb),
+            &estimation.model,
+            Some(&footage.inverse_depth[t]),
+            Some(&footage.flow[t]),
+            &options,
+            t as u64,
+        )
+        .map_err(|e| failure(pictures, e))?;
+        if !no_noise {
+            write_png(pictures.join(format!("{}-{name}.png", case.name)), &made)?;
+        }
+        Ok(made)
+    };
+    with("synthesised", false)?;
+    let without_noise = with("", true)?;
+    write_png(pictures.join(format!("{}-filmed.png", case.name)), &footage.frames[t])?;
+    let (filmed, made) = (&footage.frames[t].0, &without_noise.0);
+    let error = blindaug::Raster::from_fn(filmed.width(), filmed.height(), |x, y| {
+        let (a, b) = (filmed.at(x, y), made.at(x, y));
+        std::array::from_fn(|c| (0.5 + 2.0 * (a[c] - b[c])).clamp(0.0, 1.0))
+    });
+    write_png(pictures.join(format!("{}-error.png", case.name)), &Encoded(error))?;
+    Ok(())
+}
+
+fn measure_clip(case: &Case, condition: &Condition) -> Result<Outcome> {
+    let footage = condition.read()?;
+    let mut measured = vec![];
+    let mut fidelity = None;
+    for given in Given::ALL {
+        let (m, estimation) = measure(&footage, given).map_err(|e| failure(&condition.clip, e))?;
+        measured.push(m);
+        if given == Given::Depth {
+            fidelity = condition.fidelity(&estimation.model)?;
+        }
+    }
+    Ok(Outcome { case: case.clone(), truth: footage.truth, measured, fidelity })
+}
+
+/// A row of the table: what was measured with the same camera and the same things given.
+#[derive(Default)]
+struct Summary {
+    /// |estimated - true|.
+    exposure: Vec<f32>,
+    /// The same of the cases with all three distortions.
+    exposure_of_all: Vec<f32>,
+    /// Where nothing is blurred by motion: the estimate.
+    exposure_where_none: Vec<f32>,
+    /// Error and mean of the blur, px.
+    blur: Vec<[f32; 2]>,
+    blur_of_all: Vec<[f32; 2]>,
+    /// Error where the lens is sharp.
+    blur_where_none: Vec<f32>,
+    /// Relative, of the inverse depth in focus.
+    focus: Vec<f32>,
+    noise: Vec<f32>,
+    noise_finest: Vec<f32>,
+    /// Intervals that hold the truth, and all of them.
+    covered: BTreeMap<&'static str, (usize, usize)>,
+    /// Parts that are unknown though they could be known, and all of them.
+    unknown: (usize, usize),
+    /// |aggregate - true| and the least |one frame - true| of the same cases.
+    against_single: Vec<[f32; 2]>,
+    seconds: f32,
+}
+
+impl Summary {
+    fn of<'a>(outcomes: impl Iterator<Item = (&'a Outcome, &'a Measured)>) -> Self {
+        let mut s = Self::default();
+        for (outcome, m) in outcomes {
+            s.add(outcome, m);
+        }
+        s
+    }
+
+    fn add(&mut self, outcome: &Outcome, m: &Measured) {
+        let truth = outcome.truth;
+        let both =
+            outcome.case.experiment == Experiment::All || (truth.exposure > 0.0 && truth.lens.is_some());
+        self.seconds += m.seconds;
+        let mut cover = |what, covered: bool| {
+            let count = self.covered.entry(what).or_default();
+            count.0 += usize::from(covered);
+            count.1 += 1;
+        };
+        if truth.exposure > 0.0 {
+            self.unknown.1 += 1;
+            match m.exposure {
+                Some(e) => {
+                    let error = (e.estimate - truth.exposure).abs();
+                    if both {
+                        self.exposure_of_all.push(error)
+                    } else {
+                        self.exposure.push(error)
+                    }
+                    cover("exposure", e.covers(truth.exposure));
+                    let mut singles: Vec<f32> =
+                        m.exposure_per_frame.iter().map(|v| (v - truth.exposure).abs()).collect();
+                    singles.sort_by(f32::total_cmp);
+                    if singles.len() > 2 {
+                        self.against_single.push([error, singles[singles.len() / 2]]);
+                    }
+                }
+                None => self.unknown.0 += 1,
+            }
+        } else if let Some(e) = m.exposure {
+            self.exposure_where_none.push(e.estimate);
+        }
+        if let Some((_, focus)) = truth.lens {
+            self.unknown.1 += 1;
+            match &m.lens {
+                Some(l) => {
+                    let error = [l.error_px, l.mean_px];
+                    if both {
+                        self.blur_of_all.push(error)
+                    } else {
+                        self.blur.push(error)
+                    }
+                    if l.metric {
+                        self.focus.push((l.focus_inverse_depth.estimate * focus - 1.0).abs());
+                        let sigma = truth.lens.map_or(0.0, |l| l.0);
+                        cover(
+                            "lens",
+                            l.sigma_px_at_infinity.covers(sigma) && l.focus_inverse_depth.covers(1.0 / focus),
+                        );
+                    }
+                }
+                None => self.unknown.0 += 1,
+            }
+        } else if let Some(l) = &m.lens {
+            self.blur_where_none.push(l.error_px);
+        }
+        self.noise.extend(m.noise_median);
+        self.noise_finest.extend(m.noise.first());
+    }
+}
+
+fn mean(v: &[f32]) -> Option<f32> {
+    (!v.is_empty()).then(|| v.iter().sum::<f32>() / v.len() as f32)
+}
+
+fn worst(v: &[f32]) -> Option<f32> {
+    v.iter().copied().reduce(f32::max)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,150 @@
+//! Two cameras that film a scene with known numbers: the project's own synthesis, and one made of physics alone.
+
+use super::measure::NoiseTruth;
+use super::scene::{Exposure, Scene};
+use blindaug::model::{
+    Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
+};
+use blindaug::synth::{self, defocus::Bokeh, noise};
+use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, Transfer, luma};
+use rand::{SeedableRng, rngs::StdRng};
+use rand_distr::{Distribution, Normal, Poisson};
+use serde::{Deserialize, Serialize};
+
+/// Who films.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Camera {
+    /// The sharp frame, distorted by `synth`: what is fitted is what was applied, as in the paper.
+    Synthesis,
+    /// Many pinhole views averaged over the lens and the shutter; photons counted and read in light, then the transfer curve.
+    Physics,
+}
+
+/// What the camera is set to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setting {
+    /// Exposure fraction.
+    pub exposure: f32,
+    /// Blur at infinity (std in px) and focus distance in m; `None`: a pinhole.
+    pub lens: Option<(f32, f32)>,
+    /// Std of the noise of an encoded value of 0.5.
+    pub noise: f32,
+    /// The share of it that does not depend on the light: of the std for the synthesis, of the variance for physics.
+    pub readout: f32,
+}
+
+/// A filmed frame and what it would be without noise.
+pub struct Filmed {
+    /// As a camera gives it: 8 bit.
+    pub frame: Encoded,
+    /// Without noise and rounding.
+    pub without_noise: Encoded,
+}
+
+impl Camera {
+    /// Films the frame at a time. `sharp`, depth and flow are those of the scene at that time.
+    ///
+    /// # Errors
+    /// None that a scene of this program gives cause for.
+    pub fn film(
+        self,
+        scene: &Scene,
+        time: u64,
+        (sharp, inverse_depth, flow): (&Linear, &Plane, &Flow),
+        setting: &Setting,
+        seed: u64,
+    ) -> Result<Filmed> {
+        let (without_noise, noisy) = match self {
+            Self::Synthesis => {
+                let model = model(sharp.0.size(), setting);
+                let options = synth::Options { bokeh: Bokeh::Disk, no_noise: true, seed };
+                let clean =
+                    synth::distort_frame(sharp, &model, Some(inverse_depth), Some(flow), &options, time)?;
+                let noise = model.noise.known().map(|m| noise::noise(m, &clean.luma(), seed, time));
+                let noisy = match noise {
+                    Some(n) => Encoded(Raster::from_fn(clean.0.width(), clean.0.height(), |x, y| {
+                        let (v, n) = (clean.0.at(x, y), n.at(x, y));
+                        std::array::from_fn(|c| v[c] + n[c])
+                    })),
+                    None => clean.clone(),
+                };
+                (clean, noisy)
+            }
+            Self::Physics => {
+                let exposure = Exposure { fraction: setting.exposure, lens: setting.lens };
+                // A pinhole's instant is the sharp frame, and that is at hand.
+                let light = if exposure.fraction > 0.0 || exposure.lens.is_some() {
+                    scene.picture(time as f32, exposure)
+                } else {
+                    sharp.clone()
+                };
+                let noisy = counted(&light, setting, seed.wrapping_mul(1_000_003).wrapping_add(time));
+                (light.to_encoded(Transfer::Srgb), noisy.to_encoded(Transfer::Srgb))
+            }
+        };
+        let steps = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0;
+        Ok(Filmed { frame: Encoded(noisy.0.map(|p| p.map(steps))), without_noise })
+    }
+}
+
+/// The setting as a camera model.
+pub fn model((width, height): (usize, usize), setting: &Setting) -> CameraModel {
+    let mut model =
+        CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0 }, "the camera has none");
+    if setting.exposure > 0.0 {
+        model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(setting.exposure)));
+    }
+    if let Some((sigma, focus)) = setting.lens {
+        model.defocus = Estimate::Known(DefocusModel::given_lens(sigma, 1.0 / focus));
+    }
+    // White noise has this std in the bands; blue is noisier than green, as in most cameras.
+    let white = noise::white_band_std();
+    let levels = white.map(|white| {
+        let std = [1.05, 0.9, 1.2].map(|c| c * white * setting.noise);
+        NoiseLevel {
+            intercept: std.map(|s| s * setting.readout),
+            slope: std.map(|s| 2.0 * s * (1.0 - setting.readout)),
+        }
+    });
+    model.noise = Estimate::Known(NoiseModel::given(levels, 1.0));
+    model
+}
+
+/// Photons counted (Poisson), read with an error (Gaussian), in light.
+fn counted(light: &Linear, setting: &Setting, seed: u64) -> Linear {
+    // At an encoded value of 0.5: std of light, and the share of its variance that photons have.
+    let middle = Transfer::Srgb.decode(0.5);
+    let std = setting.noise / Transfer::Srgb.slope(middle);
+    let full_well = middle / (std * std * (1.0 - setting.readout)).max(1e-12);
+    let read = Normal::new(0.0, std * setting.readout.sqrt()).expect("a finite std");
+    let width = light.0.width();
+    Linear(
+        Raster::from_vec(width, light.0.height(), {
+            let mut rng = StdRng::seed_from_u64(seed);
+            let mut filmed = Vec::with_capacity(light.0.data().len());
+            for p in light.0.data() {
+                filmed.push(p.map(|v| {
+                    // No photons: nothing to draw.
+                    let photons = Poisson::new((v * full_well).max(1e-6)).map_or(0.0, |d| d.sample(&mut rng));
+                    (photons / full_well + read.sample(&mut rng)).max(0.0)
+                }));
+            }
+            filmed
+        })
+        .expect("as many as pixels"),
+    )
+}
+
+/// Collects what the noise of filmed frames really is.
+pub fn add_noise(truth: &mut NoiseTruth, filmed: &Filmed) {
+    let (w, h) = filmed.frame.0.size();
+    let residual = Raster::from_fn(w, h, |x, y| {
+        let (a, b) = (filmed.frame.0.at(x, y), filmed.without_noise.0.at(x, y));
+        std::array::from_fn::<f32, 3, _>(|c| a[c] - b[c])
+    });
+    // Where values clip, noise is cut off; the model speaks of what is not.
+    let whole =
+        filmed.without_noise.0.map(|p| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 });
+    truth.add(&residual, &filmed.without_noise.0.map(luma), &whole);
+}

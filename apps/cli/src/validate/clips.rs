@@ -1,0 +1,187 @@
+//! Rendered clips of known truth from a folder: one folder a clip, with `clean/`, a folder per condition and `truth.json`.
+
+use super::measure::{Footage, NoiseTruth, Truth};
+use crate::console::{Failure, Result, failure};
+use blindaug::composite::{self, Shot, VirtualLayer};
+use blindaug::metrics::{object_area, psnr};
+use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
+use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
+use blindaug::{CameraModel, Encoded, Raster, Transfer, luma};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// One condition of a clip.
+pub struct Condition {
+    /// The clip's folder.
+    pub clip: PathBuf,
+    /// The folder of its frames.
+    pub name: String,
+    truth: Truth,
+    /// Readout and shot noise: std = readout + shot sqrt(I), of encoded values.
+    noise: Option<[f32; 2]>,
+}
+
+/// PSNR in dB over the object's area of composites against renders with the object really there.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Fidelity {
+    /// Pasted.
+    pub naive: f64,
+    /// With the estimated camera.
+    pub estimated: f64,
+    /// With the true one.
+    pub oracle: f64,
+}
+
+/// All conditions of all clips in a folder.
+///
+/// # Errors
+/// If there is none, or a `truth.json` cannot be read.
+pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
+    let listed =
+        std::fs::read_dir(folder).map_err(|e| failure(folder, format_args!("it cannot be listed ({e})")))?;
+    let mut clips: Vec<PathBuf> =
+        listed.filter_map(|e| Some(e.ok()?.path())).filter(|p| p.join("truth.json").is_file()).collect();
+    clips.sort();
+    let mut all = vec![];
+    for clip in clips {
+        let path = clip.join("truth.json");
+        let text = std::fs::read_to_string(&path)
+            .map_err(|e| failure(&path, format_args!("cannot be read ({e})")))?;
+        let json: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text)
+            .map_err(|e| failure(&path, format_args!("is not the truth of a clip: {e}")))?;
+        for (name, truth) in json {
+            let number = |v: &serde_json::Value| v.as_f64().map(|v| v as f32);
+            let pair = |of: &str, a: &str, b: &str| Some((number(&truth[of][a])?, number(&truth[of][b])?));
+            let noise = pair("noise", "k_readout", "k_shot").map(|(a, b)| [a, b]);
+            // Frames with noise are what a camera gives; the others are truths.
+            if noise.is_none()
+                || name.ends_with("_with")
+                || name.ends_with("_plain")
+                || !clip.join(&name).is_dir()
+            {
+                continue;
+            }
+            let exposure = number(&truth["exposure"]).unwrap_or(0.0);
+            let lens = pair("lens", "sigma_px_at_infinity", "focus_distance_m");
+            all.push(Condition { clip: clip.clone(), name, truth: Truth { exposure, lens }, noise });
+        }
+    }
+    if all.is_empty() {
+        return Err(failure(
+            folder,
+            "there is no clip here: each needs a folder with truth.json, clean/ and a folder per condition that truth.json names",
+        ));
+    }
+    Ok(all)
+}
+
+impl Condition {
+    /// `CLIP CONDITION`
+    pub fn title(&self) -> String {
+        let clip = self.clip.file_name().unwrap_or_default().to_string_lossy();
+        format!("{clip} {}", self.name)
+    }
+
+    fn numbers(&self, of: &str) -> Vec<u64> {
+        let listed = std::fs::read_dir(self.clip.join(of)).into_iter().flatten();
+        let mut numbers: Vec<u64> =
+            listed.filter_map(|e| e.ok()?.file_name().to_str()?.strip_suffix(".png")?.parse().ok()).collect();
+        numbers.sort_unstable();
+        numbers
+    }
+
+    fn frame(&self, of: &str, number: u64) -> Result<Encoded> {
+        Ok(blindaug_io::read_frame(self.clip.join(format!("{of}/{number:04}.png")))?)
+    }
+
+    /// Reads all of it.
+    ///
+    /// # Errors
+    /// If something is missing.
+    pub fn read(&self) -> Result<Footage> {
+        let numbers = self.numbers(&self.name);
+        let geometry = |n: &u64| self.clip.join(format!("clean/{n:04}.exr"));
+        let frames: Vec<Encoded> =
+            numbers.iter().map(|&n| self.frame(&self.name, n)).collect::<Result<_>>()?;
+        let plain = self.name.strip_suffix("_without").map(|prefix| format!("{prefix}_plain"));
+        let mut noise = None;
+        if let Some(plain) = plain.filter(|p| self.clip.join(p).is_dir()) {
+            let truth = noise.insert(NoiseTruth::default());
+            for (frame, &n) in frames.iter().zip(&numbers) {
+                let plain = self.frame(&plain, n)?;
+                let (w, h) = frame.0.size();
+                let residual = Raster::from_fn(w, h, |x, y| {
+                    let (a, b) = (frame.0.at(x, y), plain.0.at(x, y));
+                    std::array::from_fn::<f32, 3, _>(|c| a[c] - b[c])
+                });
+                let whole =
+                    plain.0.map(|p| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 });
+                truth.add(&residual, &plain.0.map(luma), &whole);
+            }
+        } else if let Some([readout, shot]) = self.noise {
+            let white = white_band_std();
+            // 8-bit rounding adds a variance of 1/12 step.
+            let rounding = (1.0 / 255.0f32).powi(2) / 12.0;
+            let std = |y: f32| ((readout + shot * y.sqrt()).powi(2) + rounding).sqrt();
+            noise = Some(NoiseTruth::known(|level, y| std(y) * white[level]));
+        }
+        Ok(Footage {
+            clean: numbers.iter().map(|&n| self.frame("clean", n)).collect::<Result<_>>()?,
+            inverse_depth: numbers
+                .iter()
+                .map(|n| Ok(blindaug_io::read_inverse_depth(geometry(n), Default::default())?))
+                .collect::<Result<_>>()?,
+            flow: numbers.iter().map(|n| Ok(blindaug_io::read_flow(geometry(n))?)).collect::<Result<_>>()?,
+            frames,
+            truth: self.truth,
+            noise,
+        })
+    }
+
+    /// Composites the clip's virtual object, if it has one, without noise.
+    ///
+    /// # Errors
+    /// If something is missing.
+    pub fn fidelity(&self, model: &CameraModel) -> Result<Option<Fidelity>> {
+        let Some(prefix) = self.name.strip_suffix("_without") else { return Ok(None) };
+        let (with, plain) = (format!("{prefix}_with"), format!("{prefix}_plain"));
+        let numbers = self.numbers(&with);
+        let (true, Some((sigma, focus))) =
+            (!numbers.is_empty() && self.clip.join("virtual").is_dir(), self.truth.lens)
+        else {
+            return Ok(None);
+        };
+        let mut real = model.clone();
+        real.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(self.truth.exposure)));
+        real.defocus = Estimate::Known(DefocusModel::given_lens(sigma, 1.0 / focus));
+        let mut sums = [0.0; 3];
+        for &n in &numbers {
+            let layer = blindaug_io::read_virtual_layer(self.clip.join(format!("virtual/{n:04}.exr")))?;
+            let layer =
+                VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
+            let linear = |of: &str| Ok::<_, Failure>(self.frame(of, n)?.to_linear(Transfer::Srgb));
+            let (local_with, local) = (linear("clean_with")?, linear("clean")?);
+            let (frame, truth) = (self.frame(&plain, n)?, self.frame(&with, n)?);
+            let geometry = self.clip.join(format!("clean/{n:04}.exr"));
+            let depth = blindaug_io::read_inverse_depth(&geometry, Default::default())?;
+            let flow = blindaug_io::read_flow(&geometry)?;
+            let shot = Shot {
+                frame: &frame,
+                number: n,
+                inverse_depth: Some(&depth),
+                flow: Some(&flow),
+                with_and_without: Some((&local_with, &local)),
+            };
+            let area = object_area(&layer.color.0.map(|p| p[3]), 20);
+            for (sum, (model, naive)) in sums.iter_mut().zip([(model, true), (model, false), (&real, false)])
+            {
+                let options = composite::Options { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
+                let made = composite::composite(&shot, &layer, model, &options);
+                let made = made.and_then(|made| psnr(&made, &truth, Some(&area)));
+                *sum += made.map_err(|e| failure(&self.clip, e))? / numbers.len() as f64;
+            }
+        }
+        let [naive, estimated, oracle] = sums;
+        Ok(Some(Fidelity { naive, estimated, oracle }))
+    }
+}

@@ -1,0 +1,293 @@
+//! Estimates beside the truth.
+
+use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
+use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, NOISE_LEVELS, NoiseModel};
+use blindaug::{Encoded, Flow, Plane, Raster, Result, pyramid};
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// What is given beside the frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Given {
+    /// Clean frames, depth and flow: the paper's OPTIMIZATION.
+    Everything,
+    /// Depth and flow.
+    DepthAndFlow,
+    /// Depth, as AR devices do.
+    Depth,
+    /// Nothing: the paper's FULLPIPELINE.
+    Nothing,
+}
+
+impl Given {
+    /// From much to little.
+    pub const ALL: [Self; 4] = [Self::Everything, Self::DepthAndFlow, Self::Depth, Self::Nothing];
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Everything => "clean frames, depth, flow",
+            Self::DepthAndFlow => "depth and flow",
+            Self::Depth => "depth",
+            Self::Nothing => "nothing",
+        }
+    }
+}
+
+/// Frames, what can be given beside them, and the truth. All lists are as long as the frames'.
+pub struct Footage {
+    /// As filmed.
+    pub frames: Vec<Encoded>,
+    /// Sharp and without noise.
+    pub clean: Vec<Encoded>,
+    /// 1/m.
+    pub inverse_depth: Vec<Plane>,
+    /// To the next frame.
+    pub flow: Vec<Flow>,
+    /// How the camera was set.
+    pub truth: Truth,
+    /// What the noise really is, if that is known.
+    pub noise: Option<NoiseTruth>,
+}
+
+/// How the camera was set.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Exposure fraction.
+    pub exposure: f32,
+    /// Blur at infinity (std in px) and focus distance in m; `None`: a pinhole.
+    pub lens: Option<(f32, f32)>,
+}
+
+impl Truth {
+    /// The true blur at inverse depth `d` in 1/m, px.
+    pub fn sigma_px(&self, d: f32) -> f32 {
+        self.lens.map_or(0.0, |(sigma, focus)| sigma * (1.0 - focus * d).abs())
+    }
+}
+
+/// Parts of the range of luminance, each a tenth.
+const DECILES: usize = 10;
+
+/// The noise's variance per level, channel and tenth of luminance.
+#[derive(Clone, Debug, Default)]
+pub struct NoiseTruth {
+    /// Sum of squares and of weights.
+    sums: [[[(f64, f64); DECILES]; 3]; NOISE_LEVELS],
+}
+
+impl NoiseTruth {
+    /// Adds a frame's noise. `weight`: 0 where it is not whole.
+    pub fn add(&mut self, noise: &Raster<[f32; 3]>, luma: &Plane, weight: &Plane) {
+        let (bands, _) = pyramid::laplacian(noise, NOISE_LEVELS);
+        let (mut luma, mut weight) = (luma.clone(), weight.clone());
+        for (level, band) in bands.iter().enumerate() {
+            if level > 0 {
+                (luma, weight) = (pyramid::downsample(&luma), pyramid::downsample(&weight));
+            }
+            for ((v, &y), &w) in band.data().iter().zip(luma.data()).zip(weight.data()) {
+                if w < 0.99 {
+                    continue;
+                }
+                let decile = ((y * DECILES as f32) as usize).min(DECILES - 1);
+                for (sums, v) in self.sums[level].iter_mut().zip(v) {
+                    sums[decile].0 += f64::from(v * v);
+                    sums[decile].1 += 1.0;
+                }
+            }
+        }
+    }
+
+    /// Noise of a known std over luminance.
+    pub fn known(std: impl Fn(usize, f32) -> f32) -> Self {
+        let of = |level: usize, decile: usize| {
+            let y = (decile as f32 + 0.5) / DECILES as f32;
+            (f64::from(std(level, y)).powi(2) * 1e6, 1e6)
+        };
+        Self { sums: std::array::from_fn(|l| [0; 3].map(|_| std::array::from_fn(|d| of(l, d)))) }
+    }
+
+    /// (level, channel, luminance, std) wherever there is enough of it.
+    pub fn points(&self) -> impl Iterator<Item = (usize, usize, f32, f32)> + '_ {
+        const ENOUGH: f64 = 150.0;
+        self.sums.iter().enumerate().flat_map(|(level, channels)| {
+            channels.iter().enumerate().flat_map(move |(c, deciles)| {
+                // The ends are cut off by clipping.
+                deciles.iter().enumerate().take(9).skip(1).filter(|(_, s)| s.1 >= ENOUGH).map(
+                    move |(d, s)| (level, c, (d as f32 + 0.5) / DECILES as f32, (s.0 / s.1).sqrt() as f32),
+                )
+            })
+        })
+    }
+}
+
+/// A number with its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Value {
+    /// The estimate.
+    pub estimate: f32,
+    /// Its interval.
+    pub interval: [f32; 2],
+}
+
+impl Value {
+    /// Whether the interval holds this.
+    pub fn covers(&self, truth: f32) -> bool {
+        (self.interval[0] - 1e-4..=self.interval[1] + 1e-4).contains(&truth)
+    }
+}
+
+/// What was measured of the lens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lens {
+    /// Blur at infinity, px, and inverse depth in focus, in the depth's own unit.
+    pub sigma_px_at_infinity: Value,
+    /// See above.
+    pub focus_inverse_depth: Value,
+    /// Whether depth is metric.
+    pub metric: bool,
+    /// Mean over the scene's pixels of |estimated - true| blur, and of the true blur, px.
+    pub error_px: f32,
+    /// See above.
+    pub mean_px: f32,
+    /// True inverse depth (1/m), true and estimated blur (px): means over tenths of the pixels.
+    pub curve: Vec<[f32; 3]>,
+}
+
+/// What one estimate gave, beside the truth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
+    /// What was given.
+    pub given: Given,
+    /// Exposure fraction.
+    pub exposure: Option<Value>,
+    /// That of each frame alone.
+    pub exposure_per_frame: Vec<f32>,
+    /// The lens.
+    pub lens: Option<Lens>,
+    /// |estimated / true - 1| of the noise std: median per level over channels and luminances.
+    pub noise: Vec<f32>,
+    /// The same over all levels.
+    pub noise_median: Option<f32>,
+    /// Why a part is unknown.
+    pub unknown: Vec<String>,
+    /// How long it took.
+    pub seconds: f32,
+}
+
+/// Estimates the camera of footage and compares it with the truth.
+///
+/// # Errors
+/// None that sound footage gives cause for.
+pub fn measure(footage: &Footage, given: Given) -> Result<(Measured, Estimation)> {
+    let start = Instant::now();
+    let estimation = estimate(footage, given)?;
+    let seconds = start.elapsed().as_secs_f32();
+    let model = &estimation.model;
+    let noise = match (&model.noise, &footage.noise) {
+        (Estimate::Known(m), Some(truth)) => noise_errors(m, truth),
+        _ => vec![],
+    };
+    let of_level = |level: usize| median(noise.iter().filter(|e| e.0 == level).map(|e| e.1).collect());
+    let why = [
+        ("noise", model.noise.why_unknown()),
+        ("exposure", model.motion_blur.why_unknown()),
+        ("lens", model.defocus.why_unknown()),
+    ];
+    let measured = Measured {
+        given,
+        exposure: model.motion_blur.known().map(|m| Value { estimate: m.exposure.0, interval: m.interval }),
+        exposure_per_frame: estimation.diagnostics.exposure_per_frame.iter().map(|f| f.1).collect(),
+        lens: model.defocus.known().and_then(|m| lens(m, &estimation, footage)),
+        noise: (0..NOISE_LEVELS).map_while(of_level).collect(),
+        noise_median: median(noise.iter().map(|e| e.1).collect()),
+        unknown: why.iter().filter_map(|(what, why)| Some(format!("{what}: {}", (*why)?))).collect(),
+        seconds,
+    };
+    Ok((measured, estimation))
+}
+
+fn estimate(footage: &Footage, given: Given) -> Result<Estimation> {
+    let everything = given == Given::Everything;
+    let mut estimator = Estimator::new(Options {
+        family: if everything { Family::Removal } else { Family::Spectral },
+        ..Options::default()
+    })
+    .expecting(footage.frames.len());
+    let several = footage.frames.len() > 1;
+    for (i, frame) in footage.frames.iter().enumerate() {
+        // Of a single frame nothing is known of how it moves.
+        let flow = (several && given <= Given::DepthAndFlow).then(|| &footage.flow[i]);
+        estimator.add(&Observation {
+            frame,
+            next: footage.frames.get(i + 1),
+            previous: i.checked_sub(1).map(|i| &footage.frames[i]),
+            evidence: Evidence {
+                flow,
+                inverse_depth: (given <= Given::Depth)
+                    .then(|| (&footage.inverse_depth[i], DepthKind::Metric)),
+                clean: everything.then(|| &footage.clean[i]),
+                ..Evidence::default()
+            },
+        })?;
+    }
+    estimator.estimate()
+}
+
+fn lens(model: &DefocusModel, estimation: &Estimation, footage: &Footage) -> Option<Lens> {
+    const PARTS: usize = 20;
+    let DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval } = model.curve else {
+        return None;
+    };
+    let interval = interval?;
+    // In the estimate's own depth: beside the true one of the same frame.
+    let (frame, own) = match (&estimation.diagnostics.inverse_depth, model.depth_kind) {
+        (Some((frame, own)), DepthKind::Relative) => (*frame, own),
+        _ => (footage.frames.len() / 2, &footage.inverse_depth[footage.frames.len() / 2]),
+    };
+    let truth = &footage.inverse_depth[frame];
+    let mut places: Vec<[f32; 3]> = truth
+        .data()
+        .iter()
+        .zip(own.data())
+        .filter(|(d, own)| d.is_finite() && own.is_finite())
+        .map(|(&d, &own)| [d, footage.truth.sigma_px(d), model.sigma_px(own)])
+        .collect();
+    if places.is_empty() {
+        return None;
+    }
+    places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mean = |of: &[[f32; 3]], f: &dyn Fn(&[f32; 3]) -> f32| {
+        of.iter().map(|p| f64::from(f(p))).sum::<f64>() as f32 / of.len() as f32
+    };
+    let curve = places
+        .chunks(places.len().div_ceil(PARTS))
+        .map(|part| [0, 1, 2].map(|k| mean(part, &|p| p[k])))
+        .collect();
+    Some(Lens {
+        sigma_px_at_infinity: Value {
+            estimate: sigma_px_at_infinity,
+            interval: interval.sigma_px_at_infinity,
+        },
+        focus_inverse_depth: Value { estimate: focus_inverse_depth, interval: interval.focus_inverse_depth },
+        metric: model.depth_kind == DepthKind::Metric,
+        error_px: mean(&places, &|p| (p[1] - p[2]).abs()),
+        mean_px: mean(&places, &|p| p[1]),
+        curve,
+    })
+}
+
+/// (level, |estimated / true - 1|) per level, channel and luminance.
+fn noise_errors(model: &NoiseModel, truth: &NoiseTruth) -> Vec<(usize, f32)> {
+    truth
+        .points()
+        .map(|(level, c, y, std)| (level, (model.levels[level].sigma(y)[c] / std.max(1e-6) - 1.0).abs()))
+        .collect()
+}
+
+/// The median, if there is one.
+pub fn median(mut v: Vec<f32>) -> Option<f32> {
+    v.sort_by(f32::total_cmp);
+    v.get(v.len() / 2).copied()
+}

@@ -1,0 +1,320 @@
+//! The results as a table and as a page with the paper's plots.
+
+use super::camera::Camera;
+use super::measure::{Given, Measured, median};
+use super::{Experiment, Outcome, Summary, mean, worst};
+use crate::report::{PlotError, page_with, plots};
+use blindaug_io::{Result, read_frame, write_atomically};
+use maud::{Markup, html};
+use std::{fmt::Write, path::Path};
+
+/// Cells of a row.
+type Row = Vec<String>;
+
+const HEAD: [&str; 12] = [
+    "camera",
+    "given",
+    "lambda (worst)",
+    "where none",
+    "delta px",
+    "%",
+    "where none",
+    "focus %",
+    "both: lambda, delta",
+    "noise %, finest",
+    "covered",
+    "unknown",
+];
+
+fn number(v: Option<f32>, digits: usize) -> String {
+    v.map_or("-".into(), |v| format!("{v:.digits$}"))
+}
+
+fn rows(outcomes: &[Outcome]) -> Vec<Row> {
+    let groups = [
+        ("synthesis", Some(Camera::Synthesis)),
+        ("physics", Some(Camera::Physics)),
+        ("rendered clips", None),
+    ];
+    let mut rows = vec![];
+    for (name, camera) in groups {
+        for given in Given::ALL {
+            let of = outcomes
+                .iter()
+                .filter(|o| o.case.camera == camera)
+                .flat_map(|o| o.measured.iter().filter(|m| m.given == given).map(move |m| (o, m)));
+            if of.clone().next().is_none() {
+                continue;
+            }
+            let s = Summary::of(of);
+            let px = |v: &[[f32; 2]]| mean(&v.iter().map(|b| b[0]).collect::<Vec<_>>());
+            let share = |v: &[[f32; 2]]| {
+                let sum = |k: usize| v.iter().map(|b| b[k]).sum::<f32>();
+                (!v.is_empty()).then(|| 100.0 * sum(0) / sum(1).max(1e-6))
+            };
+            let covered: Vec<String> =
+                s.covered.iter().map(|(what, (n, of))| format!("{what} {n}/{of}")).collect();
+            rows.push(vec![
+                name.into(),
+                given.words().into(),
+                format!("{} ({})", number(mean(&s.exposure), 3), number(worst(&s.exposure), 2)),
+                number(mean(&s.exposure_where_none), 3),
+                number(px(&s.blur), 3),
+                number(share(&s.blur), 1),
+                number(mean(&s.blur_where_none), 3),
+                number(median(s.focus.clone()).map(|v| 100.0 * v), 1),
+                format!("{}, {} px", number(mean(&s.exposure_of_all), 3), number(px(&s.blur_of_all), 3)),
+                format!(
+                    "{}, {}",
+                    number(median(s.noise.clone()).map(|v| 100.0 * v), 1),
+                    number(median(s.noise_finest.clone()).map(|v| 100.0 * v), 1)
+                ),
+                covered.join(", "),
+                format!("{}/{}", s.unknown.0, s.unknown.1),
+            ]);
+        }
+    }
+    rows
+}
+
+/// Frames together against the typical single frame: mean errors of lambda.
+fn against_single(outcomes: &[Outcome]) -> Option<[f32; 2]> {
+    let blind = |o: &&Outcome| o.case.experiment != Experiment::Clip;
+    let s = Summary::of(
+        outcomes
+            .iter()
+            .filter(blind)
+            .flat_map(|o| o.measured.iter().filter(|m| m.given == Given::DepthAndFlow).map(move |m| (o, m))),
+    );
+    let of = |k: usize| mean(&s.against_single.iter().map(|v| v[k]).collect::<Vec<_>>());
+    Some([of(0)?, of(1)?])
+}
+
+/// The table for a terminal.
+pub fn table(outcomes: &[Outcome]) -> String {
+    let rows = rows(outcomes);
+    let width = |i: usize| rows.iter().map(|r| r[i].len()).chain([HEAD[i].len()]).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..HEAD.len()).map(width).collect();
+    let mut text = String::new();
+    let mut line = |cells: &mut dyn Iterator<Item = &str>| {
+        let cells: Vec<String> = cells.zip(&widths).map(|(c, &w)| format!("{c:w$}")).collect();
+        let _ = writeln!(text, "{}", cells.join("  ").trim_end());
+    };
+    line(&mut HEAD.into_iter());
+    for row in &rows {
+        line(&mut row.iter().map(String::as_str));
+    }
+    if let Some([together, single]) = against_single(outcomes) {
+        let _ = writeln!(
+            text,
+            "\nblind lambda, depth and flow given: all frames together {together:.3}, a typical single frame {single:.3}"
+        );
+    }
+    for o in outcomes.iter().filter(|o| o.case.experiment == Experiment::Clip) {
+        let cell = |given: Given| {
+            let Some(m) = o.measured.iter().find(|m| m.given == given) else { return String::new() };
+            format!("{} {}", exposure_cell(m), lens_cell(m))
+        };
+        let _ = write!(
+            text,
+            "{}{:<24} true {:.2}  clean given: {}  depth, flow given: {}",
+            if o == outcomes.iter().find(|o| o.case.experiment == Experiment::Clip).unwrap_or(o) {
+                "\n"
+            } else {
+                ""
+            },
+            o.case.name,
+            o.truth.exposure,
+            cell(Given::Everything),
+            cell(Given::DepthAndFlow)
+        );
+        if let Some(f) = o.fidelity {
+            let _ = write!(
+                text,
+                "  composite: naive {:.1}, estimated {:.1}, true camera {:.1} dB",
+                f.naive, f.estimated, f.oracle
+            );
+        }
+        text.push('\n');
+    }
+    text
+}
+
+fn exposure_cell(m: &Measured) -> String {
+    m.exposure.map_or("unknown".into(), |e| {
+        format!("{:.3} [{:.2}, {:.2}]", e.estimate, e.interval[0], e.interval[1])
+    })
+}
+
+fn lens_cell(m: &Measured) -> String {
+    m.lens.as_ref().map_or("unknown".into(), |l| format!("{:.3} of {:.2} px", l.error_px, l.mean_px))
+}
+
+/// Writes the page.
+///
+/// # Errors
+/// If it cannot be written; then nothing is left of it.
+pub fn write(path: &Path, outcomes: &[Outcome], pictures: &Path) -> Result<()> {
+    let page = page(outcomes, pictures)
+        .map_err(|e| blindaug_io::Error::new(path, format!("a plot cannot be drawn ({e})")))?;
+    write_atomically(path, |partial| std::fs::write(partial, page.into_string()))
+}
+
+fn page(outcomes: &[Outcome], pictures: &Path) -> std::result::Result<Markup, PlotError> {
+    let frames: u64 = outcomes.iter().map(|o| o.case.frames).max().unwrap_or(0);
+    let scenes = outcomes.iter().map(|o| o.case.scene).max().unwrap_or(0);
+    let about = format!("{} cases · {scenes} scenes of {frames} frames", outcomes.len());
+    let body = html! {
+        section {
+            h2 { "How far estimates lie from the truth" }
+            p {
+                "Mean absolute errors. " strong { "lambda" } ": exposure fraction, cases with motion blur alone. " strong { "delta" }
+                ": defocus std over the scene's pixels, cases with defocus alone. " strong { "where none" }
+                ": what is found although the camera was sharp. " strong { "both" } ": motion blur, defocus and noise at once. "
+                strong { "noise" } ": median error of the std per level, channel and luminance. " strong { "covered" }
+                ": 95 % intervals that hold the truth. " strong { "unknown" } ": parts that were not estimated, of all that could be."
+            }
+            div.wide {
+                table {
+                    thead { tr { @for h in HEAD { th { (h) } } } }
+                    tbody { @for row in rows(outcomes) { tr { @for cell in row { td.number { (cell) } } } } }
+                }
+            }
+            @if let Some([together, single]) = against_single(outcomes) {
+                p { "Blind lambda with depth and flow given: error " (format!("{together:.3}")) " of all frames together, "
+                    (format!("{single:.3}")) " of a typical single frame." }
+            }
+        }
+        section {
+            h2 { "Exposure: true and recovered" }
+            div.row {
+                @for (title, plot) in exposure_plots(outcomes)? { figure { (plot) figcaption { (title) } } }
+            }
+        }
+        section {
+            h2 { "Defocus over inverse depth: true (black) and recovered" }
+            div.row {
+                @for (title, plot) in lens_plots(outcomes)? { figure { (plot) figcaption { (title) } } }
+            }
+        }
+        section {
+            h2 { "Noise: error of the std over the strength of the noise" }
+            @if let Some(plot) = noise_plot(outcomes)? {
+                figure { (plot) figcaption { "Each point is a case: median over levels, channels and luminances; nothing given but the frames." } }
+            }
+        }
+        (picture_section(outcomes, pictures))
+    };
+    Ok(page_with(
+        "Validation",
+        &about,
+        &body,
+        "The truth is known because the scenes are made by this program.",
+    ))
+}
+
+const CAMERAS: [(Camera, &str); 2] = [(Camera::Synthesis, "own synthesis"), (Camera::Physics, "physics")];
+
+fn exposure_plots(outcomes: &[Outcome]) -> std::result::Result<Vec<(String, Markup)>, PlotError> {
+    let mut all = vec![];
+    for given in Given::ALL {
+        let groups: Vec<Vec<[f64; 4]>> = CAMERAS
+            .iter()
+            .map(|(camera, _)| {
+                let of = outcomes.iter().filter(|o| {
+                    o.case.camera == Some(*camera)
+                        && matches!(o.case.experiment, Experiment::MotionBlur | Experiment::All)
+                });
+                of.filter_map(|o| {
+                    let m = o.measured.iter().find(|m| m.given == given)?;
+                    let e = m.exposure?;
+                    Some([o.truth.exposure, e.estimate, e.interval[0], e.interval[1]].map(f64::from))
+                })
+                .collect()
+            })
+            .collect();
+        if groups.iter().all(Vec::is_empty) {
+            continue;
+        }
+        let caption = format!("{} given. Blue: {}, orange: {}.", given.words(), CAMERAS[0].1, CAMERAS[1].1);
+        all.push((caption, plots::true_and_estimated("exposure fraction", 1.0, &groups)?));
+    }
+    Ok(all)
+}
+
+fn lens_plots(outcomes: &[Outcome]) -> std::result::Result<Vec<(String, Markup)>, PlotError> {
+    let mut all = vec![];
+    for o in outcomes.iter().filter(|o| o.case.experiment == Experiment::Defocus && o.case.scene == 1) {
+        let curves: Vec<(Given, &[[f32; 3]])> =
+            o.measured.iter().filter_map(|m| Some((m.given, m.lens.as_ref()?.curve.as_slice()))).collect();
+        let Some((_, first)) = curves.first() else { continue };
+        let line = |c: &[[f32; 3]], k: usize| {
+            c.iter().map(|p| [f64::from(p[0]), f64::from(p[k])]).collect::<Vec<_>>()
+        };
+        let truth = line(first, 1);
+        let recovered: Vec<Vec<[f64; 2]>> = curves.iter().map(|(_, c)| line(c, 2)).collect();
+        let names: Vec<&str> = curves.iter().map(|(g, _)| g.words()).collect();
+        let caption = format!("{}. Given, from blue to orange: {}.", o.case.name, names.join("; "));
+        all.push((caption, plots::curves("inverse depth, 1/m", "blur std, px", &truth, &recovered)?));
+    }
+    Ok(all)
+}
+
+fn noise_plot(outcomes: &[Outcome]) -> std::result::Result<Option<Markup>, PlotError> {
+    let groups: Vec<Vec<[f64; 2]>> = CAMERAS
+        .iter()
+        .map(|(camera, _)| {
+            outcomes
+                .iter()
+                .filter(|o| o.case.camera == Some(*camera))
+                .filter_map(|o| {
+                    let m = o.measured.iter().find(|m| m.given == Given::Nothing)?;
+                    Some([f64::from(o.case.setting?.noise), 100.0 * f64::from(m.noise_median?)])
+                })
+                .collect()
+        })
+        .collect();
+    if groups.iter().all(Vec::is_empty) {
+        return Ok(None);
+    }
+    plots::scatter("noise std at mid-grey (of 1)", "median error of the std, %", &groups).map(Some)
+}
+
+fn picture_section(outcomes: &[Outcome], pictures: &Path) -> Markup {
+    let shown = |name: String| {
+        let frame = read_frame(pictures.join(name)).ok()?;
+        crate::report::shown(&frame, 512 * 384)
+    };
+    let rows: Vec<(&Outcome, Vec<(&str, crate::report::Shown)>)> = outcomes
+        .iter()
+        .filter(|o| o.case.scene == 1 && o.case.experiment == Experiment::All)
+        .map(|o| {
+            let of = |what: &'static str, caption: &'static str| {
+                Some((caption, shown(format!("{}-{what}.png", o.case.name))?))
+            };
+            let all = [
+                of("filmed", "filmed"),
+                of("synthesised", "the sharp frame with the estimated camera"),
+                of("error", "difference without synthetic noise, twice as strong, around grey"),
+            ];
+            (o, all.into_iter().flatten().collect::<Vec<_>>())
+        })
+        .filter(|(_, all)| !all.is_empty())
+        .take(4)
+        .collect();
+    html! {
+        @if !rows.is_empty() {
+            section {
+                h2 { "Filmed and synthesised, depth given" }
+                @for (o, pictures) in &rows {
+                    h3 { (o.case.name) }
+                    div.row.small {
+                        @for (caption, shown) in pictures {
+                            figure { img.fill src=(shown.uri) width=(shown.width) height=(shown.height) alt=(caption); figcaption { (caption) } }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,472 @@
+//! Scenes whose truth is known: textured planes seen by a moving camera, cast ray by ray.
+//!
+//! A picture is the mean of many pinhole views, spread over the pixel, the lens and the time that the shutter is open
+//! (Cook, Porter & Carpenter 1984). With one point in the lens and one in time it is the sharp frame.
+
+use blindaug::{Flow, Linear, Plane, Raster};
+use rand::{Rng, SeedableRng, rngs::StdRng};
+use std::f32::consts::{PI, TAU};
+
+type V3 = [f32; 3];
+
+fn add(a: V3, b: V3) -> V3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+fn scaled(a: V3, k: f32) -> V3 {
+    a.map(|v| v * k)
+}
+
+fn dot(a: V3, b: V3) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: V3, b: V3) -> V3 {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// A rectangle with a texture.
+struct Surface {
+    corner: V3,
+    /// Unit vectors along its sides.
+    sides: [V3; 2],
+    size: [f32; 2],
+    normal: V3,
+    texture: usize,
+    /// Texels per metre.
+    density: f32,
+    light: f32,
+}
+
+/// A texture that repeats, and its reductions by two.
+struct Texture(Vec<Raster<[f32; 3]>>);
+
+/// px of the finest level's side.
+const TEXTURE: usize = 1024;
+
+/// A room with things in it, and the path of a camera through it.
+pub struct Scene {
+    surfaces: Vec<Surface>,
+    textures: Vec<Texture>,
+    /// Of the camera's path: radii in m, a phase, and radians per frame.
+    path: [f32; 4],
+    /// px of the picture.
+    size: (usize, usize),
+}
+
+/// Where the camera is and where it looks.
+#[derive(Clone, Copy)]
+struct Pose {
+    position: V3,
+    /// Right, down, forward.
+    axes: [V3; 3],
+}
+
+/// How a frame is exposed.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Exposure {
+    /// Exposure fraction; 0: an instant.
+    pub fraction: f32,
+    /// A lens that blurs by `sigma_px_at_infinity |1 - focus_m / Z|` (std in px), if not a pinhole.
+    pub lens: Option<(f32, f32)>,
+}
+
+impl Scene {
+    /// The scene that a number stands for, in pictures of this size.
+    pub fn new(number: u64, size: (usize, usize)) -> Self {
+        let mut rng = StdRng::seed_from_u64(number);
+        let textures = (0..5).map(|kind| Texture::new(kind, &mut rng)).collect();
+        let mut scene = Self { surfaces: vec![], textures, path: [0.0; 4], size };
+        // Walls and floor, then things in front of them.
+        let (far, floor) = (rng.random_range(6.0..9.0), 1.3);
+        let (right, down) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
+        let kind = |rng: &mut StdRng| rng.random_range(0..5);
+        let texture = kind(&mut rng);
+        scene.rectangle([-9.0, -6.0, far], right, down, [18.0, 6.0 + floor], texture, 160.0);
+        let texture = kind(&mut rng);
+        scene.rectangle([-9.0, floor, 0.3], right, [0.0, 0.0, 1.0], [18.0, far], texture, 260.0);
+        let texture = kind(&mut rng);
+        scene.rectangle([-3.4, -6.0, 2.0], [0.0, 0.0, 1.0], down, [far, 6.0 + floor], texture, 220.0);
+        for i in 0..8 {
+            // Spread in inverse depth from near to far, so that all of it is in view.
+            let inverse = 1.0 + (1.0 / far - 1.0) * (i as f32 + rng.random_range(0.0..0.8)) / 8.0;
+            let z = 1.0 / inverse;
+            let side = z * rng.random_range(0.28..0.5);
+            // Left and right in turn.
+            let across = z * rng.random_range(0.03..0.55) * if i % 2 == 0 { -1.0 } else { 1.0 };
+            let up = z * rng.random_range(-0.42..0.3);
+            let (s, c) = rng.random_range(-0.5f32..0.5).sin_cos();
+            let tall = side * rng.random_range(0.7..1.3);
+            let corner = [across - 0.5 * side * c, up - 0.5 * tall, z - 0.5 * side * s];
+            // Fine enough for the distance: about 1.5 texels a pixel.
+            let texture = kind(&mut rng);
+            scene.rectangle(corner, [c, 0.0, s], down, [side, tall], texture, 1.5 * scene.focal() / z);
+        }
+        let speed = rng.random_range(0.05..0.11);
+        scene.path =
+            [rng.random_range(0.35..0.6), rng.random_range(0.1..0.35), rng.random_range(0.0..TAU), speed];
+        scene
+    }
+
+    fn rectangle(&mut self, corner: V3, a: V3, b: V3, size: [f32; 2], texture: usize, density: f32) {
+        let normal = cross(a, b);
+        // A light from above on the left, and from everywhere.
+        let light = 0.55 + 0.45 * dot(normal, [-0.45, -0.6, -0.66]).abs();
+        self.surfaces.push(Surface { corner, sides: [a, b], size, normal, texture, density, light });
+    }
+
+    /// Focal length, px.
+    fn focal(&self) -> f32 {
+        0.95 * self.size.0 as f32
+    }
+
+    fn pose(&self, t: f32) -> Pose {
+        let [wide, high, phase, speed] = self.path;
+        let angle = phase + speed * t;
+        let position = [wide * angle.cos(), high * angle.sin(), 0.12 * (0.7 * angle).sin()];
+        // Turns against the way it goes, as one who looks at something does, but not as much.
+        let (ys, yc) = (-0.06 * (angle + 0.4).cos() - 0.03 * (1.7 * angle).sin()).sin_cos();
+        let (ps, pc) = (0.03 * (0.9 * angle).sin()).sin_cos();
+        let axes = [[yc, 0.0, -ys], [ps * ys, pc, ps * yc], [pc * ys, -ps, pc * yc]];
+        Pose { position, axes }
+    }
+
+    fn direction(&self, pose: &Pose, x: f32, y: f32, [a, b]: [f32; 2]) -> V3 {
+        let [u, v] = self.from_middle(x, y);
+        add(add(scaled(pose.axes[0], u - a), scaled(pose.axes[1], v - b)), pose.axes[2])
+    }
+
+    fn from_middle(&self, x: f32, y: f32) -> [f32; 2] {
+        let (w, h) = (self.size.0 as f32, self.size.1 as f32);
+        [(x - 0.5 * (w - 1.0)) / self.focal(), (y - 0.5 * (h - 1.0)) / self.focal()]
+    }
+
+    /// The nearest surface and the depth along the view axis.
+    fn hit(&self, from: V3, direction: V3) -> Option<(&Surface, f32, [f32; 2])> {
+        let mut nearest: Option<(&Surface, f32, [f32; 2])> = None;
+        for s in &self.surfaces {
+            let relative = add(s.corner, scaled(from, -1.0));
+            let t = dot(relative, s.normal) / dot(direction, s.normal);
+            // Also false for NaN.
+            if !(t > 0.05) || nearest.is_some_and(|n| n.1 <= t) {
+                continue;
+            }
+            let at = add(scaled(direction, t), scaled(relative, -1.0));
+            let place = s.sides.map(|side| dot(at, side));
+            if (0..2).all(|i| (0.0..=s.size[i]).contains(&place[i])) {
+                nearest = Some((s, t, place));
+            }
+        }
+        nearest
+    }
+
+    fn light(&self, from: V3, direction: V3) -> V3 {
+        const SKY: V3 = [0.5, 0.55, 0.6];
+        let Some((s, t, place)) = self.hit(from, direction) else { return SKY };
+        // Texels under a pixel in the direction in which they are fewest; the many views take care of the other.
+        let level = (t * s.density / self.focal()).log2();
+        let value = self.textures[s.texture].at(place.map(|p| p * s.density), level);
+        scaled(value, s.light)
+    }
+
+    /// The picture that is taken at time `t` (in frames), free of noise.
+    pub fn picture(&self, t: f32, exposure: Exposure) -> Linear {
+        let views = self.views(t, exposure);
+        let share = 1.0 / views.len() as f32;
+        Linear(Raster::from_fn(self.size.0, self.size.1, |x, y| {
+            let mut sum = [0.0; 3];
+            for v in &views {
+                let direction = self.direction(&v.pose, x as f32 + v.pixel[0], y as f32 + v.pixel[1], v.tilt);
+                sum = add(sum, self.light(v.pose.position, direction));
+            }
+            scaled(sum, share)
+        }))
+    }
+
+    /// Inverse depth in 1/m at the middle of the pixels, 0 where nothing is.
+    pub fn inverse_depth(&self, t: f32) -> Plane {
+        let pose = self.pose(t);
+        Raster::from_fn(self.size.0, self.size.1, |x, y| {
+            let direction = self.direction(&pose, x as f32, y as f32, [0.0; 2]);
+            self.hit(pose.position, direction).map_or(0.0, |h| 1.0 / h.1)
+        })
+    }
+
+    /// Optical flow from time `t` to `t + 1`.
+    pub fn flow(&self, t: f32) -> Flow {
+        let (pose, next) = (self.pose(t), self.pose(t + 1.0));
+        let (w, h) = (self.size.0 as f32, self.size.1 as f32);
+        Raster::from_fn(self.size.0, self.size.1, |x, y| {
+            let direction = self.direction(&pose, x as f32, y as f32, [0.0; 2]);
+            let z = self.hit(pose.position, direction).map_or(1e4, |h| h.1);
+            let point = add(pose.position, scaled(direction, z));
+            let seen = next.axes.map(|axis| dot(add(point, scaled(next.position, -1.0)), axis));
+            let place = |i: usize, n: f32| self.focal() * seen[i] / seen[2] + 0.5 * (n - 1.0);
+            [place(0, w) - x as f32, place(1, h) - y as f32]
+        })
+    }
+
+    /// As many as it takes for neighbouring views to be less than a pixel or so apart.
+    fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
+        const FEWEST: usize = 16;
+        const MOST: usize = 160;
+        let quick = self.flow(t);
+        let fastest = quick.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
+        let along = exposure.fraction * fastest.min(60.0);
+        let disk = exposure.lens.map_or(0.0, |(sigma, focus)| {
+            let depth = self.inverse_depth(t);
+            let radius =
+                depth.data().iter().map(|d| 2.0 * sigma * (1.0 - focus * d).abs()).fold(0.0f32, f32::max);
+            // A quarter of the disk's pixels: the pixels' own width fills the gaps.
+            0.25 * PI * radius * radius
+        });
+        let n = (1.2 * along + disk).ceil() as usize;
+        let n = n.clamp(FEWEST, MOST);
+        (0..n)
+            .map(|i| {
+                // Evenly in time; the other coordinates by a sequence that fills their cube evenly (Roberts 2018).
+                let in_time = (i as f32 + 0.5) / n as f32 - 0.5;
+                let [px, py, radius, angle] = [0.856_674_9, 0.733_891_9, 0.628_706_7, 0.538_596_6]
+                    .map(|a: f32| (0.5 + a * i as f32).fract());
+                let tilt = exposure.lens.map_or([0.0; 2], |(sigma, _)| {
+                    // A point moves by radius px (1 - focus / Z); std of a uniform disk: half its radius.
+                    let r = 2.0 * sigma * radius.sqrt() / self.focal();
+                    [r * (TAU * angle).cos(), r * (TAU * angle).sin()]
+                });
+                let mut pose = self.pose(t + in_time * exposure.fraction);
+                if let Some((_, focus)) = exposure.lens {
+                    // All rays of a pixel meet in the plane in focus.
+                    for i in 0..2 {
+                        pose.position = add(pose.position, scaled(pose.axes[i], focus * tilt[i]));
+                    }
+                }
+                View { pose, pixel: [px - 0.5, py - 0.5], tilt }
+            })
+            .collect()
+    }
+}
+
+/// One of the views that a picture is the mean of.
+struct View {
+    pose: Pose,
+    /// Place within the pixel.
+    pixel: [f32; 2],
+    /// By how much the rays turn, so that they meet in the plane in focus.
+    tilt: [f32; 2],
+}
+
+impl Texture {
+    /// Dead leaves, which have the statistics of photographs (Lee, Mumford & Huang 2001), in large and in small; bricks; wood;
+    /// a rough surface.
+    fn new(kind: usize, rng: &mut StdRng) -> Self {
+        let finest = match kind {
+            0 => leaves(rng, 2.5..160.0, 0.05),
+            1 => leaves(rng, 1.5..30.0, 0.12),
+            2 => bricks(rng),
+            3 => cloudy(rng, [6.0, 90.0], 0.5),
+            _ => cloudy(rng, [40.0, 40.0], 0.45),
+        };
+        let mut levels = vec![finest];
+        while levels[levels.len() - 1].width() > 4 {
+            let fine = &levels[levels.len() - 1];
+            let side = fine.width() / 2;
+            let coarse = Raster::from_fn(side, side, |x, y| {
+                let at = |i: usize, j: usize| fine.at(2 * x + i, 2 * y + j);
+                scaled(add(add(at(0, 0), at(1, 0)), add(at(0, 1), at(1, 1))), 0.25)
+            });
+            levels.push(coarse);
+        }
+        Self(levels)
+    }
+
+    /// At a place in texels, with this many halvings.
+    fn at(&self, place: [f32; 2], level: f32) -> V3 {
+        let level = level.clamp(0.0, (self.0.len() - 1) as f32);
+        let (low, f) = (level as usize, level.fract());
+        let a = self.within(low, place);
+        if f == 0.0 {
+            return a;
+        }
+        let b = self.within((low + 1).min(self.0.len() - 1), place);
+        add(scaled(a, 1.0 - f), scaled(b, f))
+    }
+
+    fn within(&self, level: usize, place: [f32; 2]) -> V3 {
+        let texture = &self.0[level];
+        let (side, texel) = (texture.width(), (1 << level) as f32);
+        let [x, y] = place.map(|p| p / texel - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        let wrap = |v: f32| (v as isize).rem_euclid(side as isize) as usize;
+        let (xa, xb, ya, yb) = (wrap(x0), wrap(x0 + 1.0), wrap(y0), wrap(y0 + 1.0));
+        let row = |y: usize| add(scaled(texture.at(xa, y), 1.0 - fx), scaled(texture.at(xb, y), fx));
+        add(scaled(row(ya), 1.0 - fy), scaled(row(yb), fy))
+    }
+}
+
+/// A reflectance as things have: mostly dark, little saturated.
+fn colour(rng: &mut StdRng) -> V3 {
+    let grey = 0.03 * 25f32.powf(rng.random_range(0.0..1.0));
+    [0; 3].map(|_| (grey * rng.random_range(0.75..1.25f32)).min(0.95))
+}
+
+/// Discs of all sizes that cover each other; `rough`: how much the colour of one varies.
+fn leaves(rng: &mut StdRng, radii: std::ops::Range<f32>, rough: f32) -> Raster<[f32; 3]> {
+    let grain = fractal(rng, [60.0; 2], 0.6);
+    let mut picture = Raster::filled(TEXTURE, TEXTURE, [0.2; 3]);
+    let (inner, outer) = (radii.start.powi(-2), radii.end.powi(-2));
+    // Enough for what lies below to be covered: mean area over the texture's.
+    let mean_area = TAU * radii.start.powi(2) * (radii.end / radii.start).ln();
+    let count = (5.0 * (TEXTURE * TEXTURE) as f32 / mean_area) as usize;
+    for _ in 0..count {
+        // Density of radii r^-3.
+        let r = (inner + (outer - inner) * rng.random_range(0.0..1.0f32)).powf(-0.5);
+        let (cx, cy) = (rng.random_range(0..TEXTURE) as isize, rng.random_range(0..TEXTURE) as isize);
+        let c = colour(rng);
+        let reach = r.ceil() as isize;
+        for dy in -reach..=reach {
+            let half = r * r - (dy * dy) as f32;
+            if half < 0.0 {
+                continue;
+            }
+            let half = half.sqrt() as isize;
+            let wrap = |v: isize| v.rem_euclid(TEXTURE as isize) as usize;
+            let row = picture.row_mut(wrap(cy + dy));
+            for dx in -half..=half {
+                row[wrap(cx + dx)] = c;
+            }
+        }
+    }
+    textured(&picture, &grain, rough)
+}
+
+/// Courses of bricks with mortar between them.
+fn bricks(rng: &mut StdRng) -> Raster<[f32; 3]> {
+    const LONG: usize = 128;
+    const HIGH: usize = 64;
+    let grain = fractal(rng, [30.0; 2], 0.7);
+    let colours: Vec<V3> = (0..TEXTURE / LONG * (TEXTURE / HIGH))
+        .map(|_| scaled([0.45, 0.22, 0.15], rng.random_range(0.5..1.4)))
+        .collect();
+    let picture = Raster::from_fn(TEXTURE, TEXTURE, |x, y| {
+        let course = y / HIGH;
+        let x = (x + course % 2 * LONG / 2) % TEXTURE;
+        let mortar = x % LONG < 8 || y % HIGH < 8;
+        if mortar { [0.5, 0.48, 0.45] } else { colours[course * (TEXTURE / LONG) + x / LONG] }
+    });
+    textured(&picture, &grain, 0.25)
+}
+
+/// Fractal brightness, stretched by the two periods (in texels).
+fn cloudy(rng: &mut StdRng, periods: [f32; 2], rough: f32) -> Raster<[f32; 3]> {
+    let (grain, base) = (fractal(rng, periods, 0.65), colour(rng));
+    let base = scaled(base, 0.3 / base[1].max(0.1));
+    textured(&Raster::filled(TEXTURE, TEXTURE, base), &grain, rough)
+}
+
+fn textured(picture: &Raster<[f32; 3]>, grain: &Plane, rough: f32) -> Raster<[f32; 3]> {
+    Raster::from_fn(TEXTURE, TEXTURE, |x, y| {
+        picture.at(x, y).map(|v| (v * (rough * grain.at(x, y)).exp()).min(1.0))
+    })
+}
+
+/// Octaves of value noise, std about 1; `keep`: amplitude of an octave over that of the one below.
+fn fractal(rng: &mut StdRng, periods: [f32; 2], keep: f32) -> Plane {
+    const OCTAVES: i32 = 6;
+    let lattices: Vec<(Plane, f32)> = (0..OCTAVES)
+        .map(|o| {
+            let cells = periods.map(|p| ((TEXTURE as f32 / p * 2f32.powi(o)) as usize).clamp(1, TEXTURE));
+            let values: Vec<f32> = (0..cells[0] * cells[1]).map(|_| rng.random_range(-1.0..1.0)).collect();
+            (Plane::from_vec(cells[0], cells[1], values).expect("as many as cells"), 2.0 * keep.powi(o))
+        })
+        .collect();
+    Plane::from_fn(TEXTURE, TEXTURE, |x, y| {
+        lattices
+            .iter()
+            .map(|(lattice, amplitude)| {
+                let (w, h) = lattice.size();
+                let at = |v: usize, n: usize| {
+                    let v = v as f32 * n as f32 / TEXTURE as f32;
+                    let f = v.fract();
+                    (v as usize % n, (v as usize + 1) % n, f * f * (3.0 - 2.0 * f))
+                };
+                let ((xa, xb, fx), (ya, yb, fy)) = (at(x, w), at(y, h));
+                let row = |y: usize| lattice.at(xa, y) + fx * (lattice.at(xb, y) - lattice.at(xa, y));
+                amplitude * (row(ya) + fy * (row(yb) - row(ya)))
+            })
+            .sum()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flow_leads_to_the_same_point_of_the_next_picture() {
+        let scene = Scene::new(3, (96, 72));
+        let (now, next, flow) = (
+            scene.picture(2.0, Exposure::default()),
+            scene.picture(3.0, Exposure::default()),
+            scene.flow(2.0),
+        );
+        let error = |moved: bool| {
+            let mut errors: Vec<f32> = (8..64)
+                .flat_map(|y| (8..88).map(move |x| (x, y)))
+                .map(|(x, y)| {
+                    let [u, v] = if moved { flow.at(x, y) } else { [0.0; 2] };
+                    (next.0.bilinear(x as f32 + u, y as f32 + v)[1] - now.0.at(x, y)[1]).abs()
+                })
+                .collect();
+            errors.sort_by(f32::total_cmp);
+            errors[errors.len() / 2]
+        };
+        assert!(error(true) < 0.4 * error(false), "{} {}", error(true), error(false));
+    }
+
+    #[test]
+    fn the_lens_blurs_what_is_out_of_focus_by_the_formula() {
+        // Next to the plane in focus, a lens changes nothing; elsewhere it is the disk blur of the synthesis.
+        let scene = Scene::new(5, (160, 120));
+        let (sigma, focus) = (2.0, 2.0);
+        let sharp = scene.picture(0.0, Exposure::default());
+        let filmed = scene.picture(0.0, Exposure { fraction: 0.0, lens: Some((sigma, focus)) });
+        let depth = scene.inverse_depth(0.0);
+        let std = depth.map(|d| sigma * (1.0 - focus * d).abs());
+        let model =
+            blindaug::synth::defocus::defocus(&sharp.0, &std, blindaug::synth::defocus::Bokeh::Disk).unwrap();
+        let median = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| {
+            let mut e: Vec<f32> = a.data().iter().zip(b.data()).map(|(a, b)| (a[1] - b[1]).abs()).collect();
+            e.sort_by(f32::total_cmp);
+            e[e.len() / 2]
+        };
+        assert!(median(&filmed.0, &model) < 0.25 * median(&filmed.0, &sharp.0));
+    }
+
+    #[test]
+    fn the_shutter_blurs_along_the_flow() {
+        let scene = Scene::new(7, (160, 120));
+        let sharp = scene.picture(4.0, Exposure::default());
+        let filmed = scene.picture(4.0, Exposure { fraction: 0.8, lens: None });
+        // The flow of the frame interval around the frame's time.
+        let flow = scene.flow(3.5);
+        let blurred = |e: f32| {
+            let model = blindaug::synth::motion_blur::motion_blur(
+                &sharp.0,
+                &flow,
+                blindaug::model::ExposureFraction(e),
+            );
+            let model = model.unwrap();
+            let mut e: Vec<f32> =
+                model.data().iter().zip(filmed.0.data()).map(|(a, b)| (a[1] - b[1]).abs()).collect();
+            e.sort_by(f32::total_cmp);
+            e[e.len() / 2]
+        };
+        assert!(
+            blurred(0.8) < 0.5 * blurred(0.0) && blurred(0.8) < blurred(0.5),
+            "{} {}",
+            blurred(0.8),
+            blurred(0.0)
+        );
+    }
+}

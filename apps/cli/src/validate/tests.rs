@@ -1,0 +1,126 @@
+use super::*;
+use measure::Lens;
+
+/// The shared clips, or `None`, said loudly, where they are missing.
+fn shared_clips() -> Option<PathBuf> {
+    let shared = std::env::var_os("BLINDAUG_SHARED")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
+    let clips = shared.join("data/clips");
+    if !clips.is_dir() {
+        eprintln!("SKIPPED: no clips in {}; set BLINDAUG_SHARED to the shared folder", clips.display());
+        return None;
+    }
+    Some(clips)
+}
+
+/// What is measured of the conditions whose names pass, with this given.
+fn measured(given: Given, which: impl Fn(&str) -> bool) -> Option<Vec<(Truth, Measured)>> {
+    let conditions = clips::conditions(&shared_clips()?).unwrap();
+    Some(
+        conditions
+            .iter()
+            .filter(|c| which(&c.name))
+            .map(|c| {
+                let footage = c.read().unwrap();
+                (footage.truth, measure(&footage, given).unwrap().0)
+            })
+            .collect(),
+    )
+}
+
+fn mean_errors(given: Given) -> Option<(f32, f32)> {
+    let all = measured(given, |name| name.starts_with("mb_") || name.starts_with("dof_"))?;
+    assert!(all.iter().all(|(_, m)| m.noise[0] < 0.8), "noise");
+    let exposures: Vec<f32> = all
+        .iter()
+        .filter(|(t, _)| t.exposure > 0.0)
+        .map(|(t, m)| (m.exposure.expect("the camera moves").estimate - t.exposure).abs())
+        .collect();
+    let blurs: Vec<f32> = all
+        .iter()
+        .filter(|(t, _)| t.lens.is_some())
+        .map(|(_, m)| m.lens.as_ref().expect("depth is given").error_px)
+        .collect();
+    assert!(exposures.len() > 3 && blurs.len() > 3);
+    let errors = (mean(&exposures)?, mean(&blurs)?);
+    println!("lambda {:.4}, delta {:.4} px", errors.0, errors.1);
+    Some(errors)
+}
+
+#[test]
+fn blind_estimates_of_rendered_clips_are_near_the_truth() {
+    if let Some((exposure, delta)) = mean_errors(Given::DepthAndFlow) {
+        assert!(exposure < 0.06 && delta < 0.3, "{exposure} {delta}");
+    }
+}
+
+#[test]
+fn estimates_from_clean_frames_are_nearer() {
+    if let Some((exposure, delta)) = mean_errors(Given::Everything) {
+        assert!(exposure < 0.03 && delta < 0.15, "{exposure} {delta}");
+    }
+}
+
+#[test]
+fn the_estimated_camera_beats_the_naive_composite() {
+    let Some(folder) = shared_clips() else { return };
+    for condition in clips::conditions(&folder).unwrap().iter().filter(|c| c.name == "full_without") {
+        let (_, estimation) = measure(&condition.read().unwrap(), Given::Depth).unwrap();
+        let f = condition.fidelity(&estimation.model).unwrap().expect("there is an object");
+        println!("{}: {f:?}", condition.title());
+        assert!(f.estimated > f.naive + 5.0 && f.oracle > 38.0, "{}: {f:?}", condition.title());
+    }
+}
+
+#[test]
+fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let args = |overwrite| Validate {
+        output: out.clone(),
+        scenes: 1,
+        frames: 4,
+        clips: None,
+        only_clips: false,
+        quick: true,
+        overwrite,
+    };
+    run(&args(false)).unwrap();
+    let read = || -> Vec<Outcome> {
+        serde_json::from_str(&std::fs::read_to_string(out.join("validate.json")).unwrap()).unwrap()
+    };
+    let outcomes = read();
+    assert_eq!(outcomes.len(), own_cases(&args(false)).len());
+    let html = std::fs::read_to_string(out.join("index.html")).unwrap();
+    assert!(html.contains("physics") && html.contains("data:image/png"));
+
+    // With everything given, each number is found; without, none is far off.
+    for o in &outcomes {
+        let of = |given| o.measured.iter().find(|m| m.given == given).unwrap();
+        let (best, blind) = (of(Given::Everything), of(Given::DepthAndFlow));
+        let error = |m: &Measured| m.exposure.map(|e| (e.estimate - o.truth.exposure).abs());
+        if o.truth.exposure > 0.0 {
+            assert!(error(best).unwrap() < 0.05, "{}: {best:?}", o.case.name);
+            assert!(error(blind).is_none_or(|e| e < 0.25), "{}: {blind:?}", o.case.name);
+        }
+        if o.truth.lens.is_some() {
+            let close = |l: &Lens, part: f32| l.error_px < part * l.mean_px + 0.1;
+            assert!(close(best.lens.as_ref().unwrap(), 0.1), "{}: {best:?}", o.case.name);
+            assert!(blind.lens.as_ref().is_none_or(|l| close(l, 0.4)), "{}: {blind:?}", o.case.name);
+        }
+        assert!(blind.noise_median.is_some_and(|e| e < 0.5), "{}: {blind:?}", o.case.name);
+    }
+
+    // A case that is there is not measured again; one that is missing is.
+    let path = |name: &str| out.join(format!("cases/{name}.json"));
+    let (kept, lost) = (&outcomes[0].case.name, &outcomes[1].case.name);
+    let mut marked = outcomes[0].clone();
+    marked.measured[0].seconds = 12345.0;
+    std::fs::write(path(kept), serde_json::to_string(&marked).unwrap()).unwrap();
+    std::fs::remove_file(path(lost)).unwrap();
+    run(&args(false)).unwrap();
+    let again = read();
+    assert_eq!(again[0].measured[0].seconds, 12345.0);
+    assert!(path(lost).is_file());
+    assert_eq!(again[1].measured[0].exposure, outcomes[1].measured[0].exposure);
+}
