@@ -82,11 +82,11 @@ impl Scene {
         let (right, down) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
         let kind = |rng: &mut StdRng| rng.random_range(0..5);
         let texture = kind(&mut rng);
-        scene.rectangle([-9.0, -6.0, far], right, down, [18.0, 6.0 + floor], texture, 160.0);
+        scene.rectangle([-9.0, -6.0, far], right, down, [18.0, 6.0 + floor], texture, 200.0);
         let texture = kind(&mut rng);
-        scene.rectangle([-9.0, floor, 0.3], right, [0.0, 0.0, 1.0], [18.0, far], texture, 260.0);
+        scene.rectangle([-9.0, floor, 0.3], right, [0.0, 0.0, 1.0], [18.0, far], texture, 700.0);
         let texture = kind(&mut rng);
-        scene.rectangle([-3.4, -6.0, 2.0], [0.0, 0.0, 1.0], down, [far, 6.0 + floor], texture, 220.0);
+        scene.rectangle([-3.4, -6.0, 2.0], [0.0, 0.0, 1.0], down, [far, 6.0 + floor], texture, 400.0);
         for i in 0..8 {
             // Spread in inverse depth from near to far, so that all of it is in view.
             let inverse = 1.0 + (1.0 / far - 1.0) * (i as f32 + rng.random_range(0.0..0.8)) / 8.0;
@@ -98,13 +98,13 @@ impl Scene {
             let (s, c) = rng.random_range(-0.5f32..0.5).sin_cos();
             let tall = side * rng.random_range(0.7..1.3);
             let corner = [across - 0.5 * side * c, up - 0.5 * tall, z - 0.5 * side * s];
-            // Fine enough for the distance: about 1.5 texels a pixel.
+            // Fine enough for the distance.
             let texture = kind(&mut rng);
-            scene.rectangle(corner, [c, 0.0, s], down, [side, tall], texture, 1.5 * scene.focal() / z);
+            scene.rectangle(corner, [c, 0.0, s], down, [side, tall], texture, 2.2 * scene.focal() / z);
         }
-        let speed = rng.random_range(0.05..0.11);
+        let speed = rng.random_range(0.07..0.13);
         scene.path =
-            [rng.random_range(0.35..0.6), rng.random_range(0.1..0.35), rng.random_range(0.0..TAU), speed];
+            [rng.random_range(0.5..0.9), rng.random_range(0.15..0.5), rng.random_range(0.0..TAU), speed];
         scene
     }
 
@@ -160,24 +160,29 @@ impl Scene {
         nearest
     }
 
-    fn light(&self, from: V3, direction: V3) -> V3 {
+    /// `apart`: how far apart neighbouring views of a point lie, px, over its inverse depth. The texture is smoothed by as much,
+    /// and no more: its smoothing is wider in one direction on a slanted surface, as motion blur is.
+    fn light(&self, from: V3, direction: V3, apart: impl Fn(f32) -> f32) -> V3 {
         const SKY: V3 = [0.5, 0.55, 0.6];
         let Some((s, t, place)) = self.hit(from, direction) else { return SKY };
-        // Texels under a pixel in the direction in which they are fewest; the many views take care of the other.
-        let level = (t * s.density / self.focal()).log2();
+        let level = (t * s.density / self.focal() * apart(1.0 / t)).log2();
         let value = self.textures[s.texture].at(place.map(|p| p * s.density), level);
         scaled(value, s.light)
     }
 
     /// The picture that is taken at time `t` (in frames), free of noise.
     pub fn picture(&self, t: f32, exposure: Exposure) -> Linear {
-        let views = self.views(t, exposure);
+        let (views, streak) = self.views(t, exposure);
         let share = 1.0 / views.len() as f32;
+        let apart = |d: f32| {
+            let radius = exposure.lens.map_or(0.0, |(sigma, focus)| 2.0 * sigma * (1.0 - focus * d));
+            2.0 * ((1.0 + streak + PI * radius * radius) * share).sqrt()
+        };
         Linear(Raster::from_fn(self.size.0, self.size.1, |x, y| {
             let mut sum = [0.0; 3];
             for v in &views {
                 let direction = self.direction(&v.pose, x as f32 + v.pixel[0], y as f32 + v.pixel[1], v.tilt);
-                sum = add(sum, self.light(v.pose.position, direction));
+                sum = add(sum, self.light(v.pose.position, direction, apart));
             }
             scaled(sum, share)
         }))
@@ -206,10 +211,10 @@ impl Scene {
         })
     }
 
-    /// As many as it takes for neighbouring views to be less than a pixel or so apart.
-    fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
-        const FEWEST: usize = 16;
-        const MOST: usize = 160;
+    /// As many as it takes for neighbouring views to be about a pixel apart, and the length of the longest streak, px.
+    fn views(&self, t: f32, exposure: Exposure) -> (Vec<View>, f32) {
+        const FEWEST: usize = 24;
+        const MOST: usize = 200;
         let quick = self.flow(t);
         let fastest = quick.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
         let along = exposure.fraction * fastest.min(60.0);
@@ -222,27 +227,26 @@ impl Scene {
         });
         let n = (1.2 * along + disk).ceil() as usize;
         let n = n.clamp(FEWEST, MOST);
-        (0..n)
-            .map(|i| {
-                // Evenly in time; the other coordinates by a sequence that fills their cube evenly (Roberts 2018).
-                let in_time = (i as f32 + 0.5) / n as f32 - 0.5;
-                let [px, py, radius, angle] = [0.856_674_9, 0.733_891_9, 0.628_706_7, 0.538_596_6]
-                    .map(|a: f32| (0.5 + a * i as f32).fract());
-                let tilt = exposure.lens.map_or([0.0; 2], |(sigma, _)| {
-                    // A point moves by radius px (1 - focus / Z); std of a uniform disk: half its radius.
-                    let r = 2.0 * sigma * radius.sqrt() / self.focal();
-                    [r * (TAU * angle).cos(), r * (TAU * angle).sin()]
-                });
-                let mut pose = self.pose(t + in_time * exposure.fraction);
-                if let Some((_, focus)) = exposure.lens {
-                    // All rays of a pixel meet in the plane in focus.
-                    for i in 0..2 {
-                        pose.position = add(pose.position, scaled(pose.axes[i], focus * tilt[i]));
-                    }
+        let view = |i: usize| {
+            // Evenly in time; the other coordinates by a sequence that fills their cube evenly (Roberts 2018).
+            let in_time = (i as f32 + 0.5) / n as f32 - 0.5;
+            let [px, py, radius, angle] = [0.856_674_9, 0.733_891_9, 0.628_706_7, 0.538_596_6]
+                .map(|a: f32| (0.5 + a * i as f32).fract());
+            let tilt = exposure.lens.map_or([0.0; 2], |(sigma, _)| {
+                // A point moves by radius px (1 - focus / Z); std of a uniform disk: half its radius.
+                let r = 2.0 * sigma * radius.sqrt() / self.focal();
+                [r * (TAU * angle).cos(), r * (TAU * angle).sin()]
+            });
+            let mut pose = self.pose(t + in_time * exposure.fraction);
+            if let Some((_, focus)) = exposure.lens {
+                // All rays of a pixel meet in the plane in focus.
+                for i in 0..2 {
+                    pose.position = add(pose.position, scaled(pose.axes[i], focus * tilt[i]));
                 }
-                View { pose, pixel: [px - 0.5, py - 0.5], tilt }
-            })
-            .collect()
+            }
+            View { pose, pixel: [px - 0.5, py - 0.5], tilt }
+        };
+        ((0..n).map(view).collect(), along)
     }
 }
 
