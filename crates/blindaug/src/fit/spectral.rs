@@ -202,17 +202,38 @@ struct Light {
 
 impl Light {
     fn new(frame: &Encoded, space: BlurSpace) -> Self {
-        let transfer = Transfer::Srgb;
+        if space == BlurSpace::Encoded {
+            let moments = frame.0.map(luma).map(|v| [v * v, v, 1.0]);
+            return Self { plane: super::light_of(frame, space), moments };
+        }
         let moments = frame.0.map(|p| {
             let v = luma(p);
-            let slope = match space {
-                BlurSpace::Linear => transfer.slope(transfer.decode(v.max(0.02))),
-                BlurSpace::Encoded => 1.0,
-            };
+            let [_, slope] = decoded(v.max(0.02));
             [(v / slope).powi(2), v / (slope * slope), 1.0 / (slope * slope)]
         });
-        Self { plane: super::light_of(frame, space), moments }
+        let plane = frame.0.map(|p| {
+            let [r, g, b] = p.map(|v| decoded(v)[0]);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        });
+        Self { plane, moments }
     }
+}
+
+/// The light of an encoded value, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
+fn decoded(encoded: f32) -> [f32; 2] {
+    const STEPS: usize = 1024;
+    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+    let exact = |v: f32| {
+        let light = Transfer::Srgb.decode(v);
+        [light, Transfer::Srgb.slope(light)]
+    };
+    if !(0.0..1.0).contains(&encoded) {
+        return exact(encoded);
+    }
+    let table = TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect());
+    let at = encoded * STEPS as f32;
+    let (i, t) = (at as usize, at.fract());
+    [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
 }
 
 /// The tile at a corner, and where in `light` that is; `None` if its motion is not one.
