@@ -19,8 +19,8 @@ use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::FlowEstimator;
 use crate::model::{
-    BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
-    Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, ThinLensInterval,
+    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
+    ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, ThinLensInterval,
 };
 use crate::{Encoded, Error, Flow, Plane, Raster, Result, pyramid};
 use std::borrow::Cow;
@@ -99,17 +99,6 @@ struct Known {
     noise: Option<NoiseModel>,
     exposure: Option<MotionBlurModel>,
     lens: Option<DefocusModel>,
-}
-
-/// Which parameters jumped, as far as the last frame told.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Changes {
-    /// Gain, or light.
-    pub noise: bool,
-    /// The shutter.
-    pub exposure: bool,
-    /// Focus, aperture or focal length.
-    pub defocus: bool,
 }
 
 /// What is known of motion and depth in a frame.

@@ -6,7 +6,7 @@ use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Linear, Plane, Raster, Transfer};
 
 /// Of the layers, the farthest first: inverse depth. A layer at inverse depth 1 moves by [`SPEED`] px a frame.
-const LAYERS: [f32; 3] = [0.3, 0.55, 1.0];
+pub const LAYERS: [f32; 3] = [0.3, 0.55, 1.0];
 const SPEED: f32 = 12.0;
 
 /// What the camera does in a frame.
