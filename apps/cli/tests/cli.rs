@@ -518,7 +518,6 @@ fn a_model_in_relative_depth_needs_a_scale() {
     succeeds(d, &arguments("relative.json", "n", "--naive"));
 }
 
-/// The numbers in a line of the demo's table or of its last line, after `label`.
 #[test]
 fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
     let folder = TempDir::new().unwrap();
@@ -572,6 +571,7 @@ fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
     }
 }
 
+/// The numbers in a line of the demo's table or of its last line, after `label`.
 fn numbers_after(text: &str, label: &str) -> Vec<f32> {
     let line = text.lines().find(|l| l.contains(label)).unwrap_or_else(|| panic!("{label} in {text}"));
     let rest = &line[line.find(label).unwrap() + label.len()..];

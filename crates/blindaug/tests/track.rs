@@ -149,19 +149,17 @@ fn a_steady_camera_is_told_three_times_as_steadily_as_by_single_frames_and_nothi
         .collect();
     let blur = |m: &CameraModel| m.defocus.known().map_or(f32::NAN, |d| d.sigma_px(leaves::LAYERS[0]));
     let truth = CAMERA.sigma_at_infinity * (1.0 - leaves::LAYERS[0] / CAMERA.focus);
-    let parameters: [(&str, &dyn Fn(&CameraModel) -> f32, f32); 3] = [
-        ("exposure", &exposure, CAMERA.exposure),
-        ("blur of what is far", &blur, truth),
-        ("noise", &noise, CAMERA.noise),
-    ];
-    for (name, of, truth) in parameters {
+    let check = |name: &str, of: &dyn Fn(&CameraModel) -> f32, truth: f32| {
         let scatter = std(&late.iter().map(|(m, _)| of(m)).collect::<Vec<_>>());
         let squares: Vec<f32> =
             single.iter().map(of).filter(|v| v.is_finite()).map(|v| (v - truth).powi(2)).collect();
         let error = mean(&squares).sqrt();
         println!("{name}: scatter {scatter:.5}, error of single frames {error:.5}, {:.2}", scatter / error);
         assert!(squares.len() > 20 && scatter < error / 3.0, "{name}: {scatter} {error}");
-    }
+    };
+    check("exposure", &exposure, CAMERA.exposure);
+    check("blur of what is far", &blur, truth);
+    check("noise", &noise, CAMERA.noise);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! From footage to a camera model.
 //!
-//! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`].
+//! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`];
+//! [`track::Tracker`] gives one for each frame.
 //! Two families of estimators answer for blur: [`spectral`] looks at the frames alone, [`motion_blur`] and [`defocus`]
 //! compare with clean frames (the paper's way). [`Family::Auto`] takes, per distortion, the one with the tighter interval.
 

@@ -35,7 +35,7 @@ const SAME_EXPOSURE: f32 = 0.1;
 const SAME_BLUR: (f32, f32) = (0.25, 0.1);
 const SAME_NOISE: f32 = 0.15;
 /// How much of its weight evidence keeps from one frame to the next.
-const KEPT_EXPOSURE: f32 = 0.95;
+const KEPT_EXPOSURE: f32 = 0.93;
 const KEPT_LENS: f32 = 0.98;
 /// The noise rests on this many frames.
 const NOISE_FRAMES: usize = 24;

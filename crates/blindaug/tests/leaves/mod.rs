@@ -73,7 +73,8 @@ pub struct Scene {
     holes: [Raster<[f32; 4]>; 3],
 }
 
-/// A frame, and the truth of it.
+/// A frame, and the truth of it, which benchmarks do not look at.
+#[allow(dead_code)]
 pub struct Shot {
     pub frame: Encoded,
     pub flow: Flow,
