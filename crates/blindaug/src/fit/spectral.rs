@@ -278,8 +278,10 @@ fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])>
     };
     let motion = [u, v];
     let speed = motion[0].hypot(motion[1]);
+    // Not hypot, which is slow.
+    let length = |x: f32, y: f32| (x * x + y * y).sqrt();
     let deviation =
-        known.iter().map(|f| (f[0] - motion[0]).hypot(f[1] - motion[1])).sum::<f32>() / known.len() as f32;
+        known.iter().map(|f| length(f[0] - motion[0], f[1] - motion[1])).sum::<f32>() / known.len() as f32;
     (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion))
 }
 

@@ -22,7 +22,7 @@ use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
     ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, ThinLensInterval,
 };
-use crate::{Encoded, Error, Flow, Plane, Raster, Result, pyramid};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
@@ -54,7 +54,7 @@ const PARALLAX_STRIDE: usize = 3;
 /// For the flow, frames are halved until they are no wider than this, px.
 const FLOW_WIDTH: usize = 256;
 /// Noise is measured in a part of the picture of about this many px.
-const NOISE_PART: usize = 110_000;
+const NOISE_PART: usize = 64_000;
 /// Fewer confirmed matches than this, and relative depth starts anew with another scale.
 const SCALE_CONFIRMED: f32 = 0.6;
 
@@ -401,10 +401,19 @@ fn enlarged(small: Flow, (width, height): (usize, usize)) -> Flow {
     if small.size() == (width, height) {
         return small;
     }
-    let factor = width.div_ceil(small.width()).next_power_of_two() as f32;
-    Raster::from_fn(width, height, |x, y| {
-        small.bilinear(x as f32 / factor, y as f32 / factor).map(|v| factor * v)
-    })
+    let factor = width.div_ceil(small.width()).next_power_of_two();
+    let share = |i: usize| (i % factor) as f32 / factor as f32;
+    let mut flow = Flow::filled(width, height, [0.0; 2]);
+    par::for_each_row(flow.data_mut(), width, |y, out| {
+        let (above, below) = (small.row(y / factor), small.row((y / factor + 1).min(small.height() - 1)));
+        let between = |i: usize| Pixel::lerp(above[i], below[i], share(y)).map(|v| factor as f32 * v);
+        let line: Vec<[f32; 2]> = (0..small.width()).map(between).collect();
+        for (x, out) in out.iter_mut().enumerate() {
+            let i = x / factor;
+            *out = Pixel::lerp(line[i], line[(i + 1).min(line.len() - 1)], share(x));
+        }
+    });
+    flow
 }
 
 /// A 95 % interval, `age` frames after anything was seen of the value, which since walks by `step` (std) a frame.
@@ -622,5 +631,32 @@ impl NoiseMemory {
         let mut all = NoiseEvidence::new(Method::Temporal);
         self.frames.iter().for_each(|f| all.merge(f));
         all.fit()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_enlarged_flow_is_that_of_the_frames_themselves() {
+        let small = Flow::from_fn(40, 30, |x, y| [0.1 * x as f32, 1.0 - 0.02 * y as f32]);
+        let flow = enlarged(small.clone(), (158, 118));
+        for (x, y) in [(0, 0), (4, 8), (77, 30), (150, 101)] {
+            let [u, v] = flow.at(x, y);
+            // Four times the flow at a quarter of the place.
+            assert!(
+                (u - 0.1 * x as f32).abs() < 1e-4 && (v - 4.0 + 0.02 * y as f32).abs() < 1e-4,
+                "{x} {y}: {u} {v}"
+            );
+        }
+        assert_eq!(enlarged(small.clone(), (40, 30)), small);
+    }
+
+    #[test]
+    fn an_interval_widens_with_the_root_of_time() {
+        let [low, high] = walked([0.4, 0.6], 0.5, 0.01, 100);
+        assert!((high - 0.5 - 0.1f32.hypot(0.196)).abs() < 1e-5 && (low + high - 1.0).abs() < 1e-5);
+        assert_eq!(walked([0.4, 0.6], 0.5, 0.01, 0).map(|v| (v * 1e4).round()), [4000.0, 6000.0]);
     }
 }
