@@ -8,11 +8,11 @@ use crate::{
 use blindaug::{
     CameraModel, Encoded, Flow, Plane, Transfer, analysis,
     composite::{Options, Shot, VirtualLayer},
-    model::{Capture, DefocusModel, DepthKind, Estimate},
+    model::{CameraTrack, Capture, DefocusModel, DepthKind, Estimate},
     synth::{self, defocus::Bokeh, distort_frame},
 };
 use blindaug_io::{
-    Frame, FrameRange, FrameSource, SideFolder, VideoWriter, VirtualLayerFile, read_camera, write_png,
+    Frame, FrameRange, FrameSource, SideFolder, VideoWriter, VirtualLayerFile, read_camera_track, write_png,
 };
 use clap::ValueEnum;
 use std::{
@@ -29,7 +29,7 @@ pub struct Composite {
     /// The rendered object, one EXR per frame: R G B A premultiplied and scene-linear, Z in metres, forward.u, forward.v
     #[arg(long = "virtual", value_name = "DIR")]
     layers: PathBuf,
-    /// The camera model, as written by estimate
+    /// The camera model, or per-frame models, as written by estimate
     #[arg(long, value_name = "camera.json", required_unless_present = "naive")]
     camera: Option<PathBuf>,
     #[command(flatten)]
@@ -57,7 +57,7 @@ pub struct Composite {
 pub struct Apply {
     /// The clip: a video, one image, or a folder of images in the order of the numbers in their names
     input: PathBuf,
-    /// The camera model, as written by estimate
+    /// The camera model, or per-frame models, as written by estimate
     #[arg(long, value_name = "camera.json")]
     camera: PathBuf,
     #[command(flatten)]
@@ -164,12 +164,12 @@ pub fn run(args: &Composite) -> Result<()> {
     let depth = args.depth.open()?.map(|d| DepthMaps::in_metres(d, scale)).transpose()?;
     let scene = Scene { footage, layers, depth, flow, renders };
     scene.check()?;
-    let model = match &args.camera {
+    let track = match &args.camera {
         Some(path) if !args.naive => in_metres(open_camera(path, &scene.footage)?, path, scale)?,
-        _ => naive(scene.footage.size()),
+        _ => naive(scene.footage.size()).into(),
     };
     let mut output = Output::open(&args.output, &scene.footage)?;
-    composite(&scene, &model, &args.look.options(), &mut output)?;
+    composite(&scene, &track, &args.look.options(), &mut output)?;
     output.finish()
 }
 
@@ -184,23 +184,26 @@ pub fn run_apply(args: &Apply) -> Result<()> {
     };
     check_match(&clip, depth.as_ref().map(|d| &d.0))?;
     check_match(&clip, flow.as_ref())?;
-    let mut model = open_camera(&args.camera, &clip)?;
+    let mut track = open_camera(&args.camera, &clip)?;
     let kind = |d: &(SideFolder<Plane>, DepthKind)| d.1;
-    let depth = match (depth, model.defocus.known().map(|d| d.depth_kind)) {
+    let depth = match (depth, depth_kind(&track)) {
         (Some(depth), Some(DepthKind::Relative)) if kind(&depth) == DepthKind::Relative => {
             // Depth and model are in the same unit, whatever it is.
-            model = map_defocus(model, |d| d.to_metric(1.0, 0.0));
+            track = track.map(|m| map_defocus(m, |d| d.to_metric(1.0, 0.0)));
             Some(DepthMaps::as_they_are(depth.0))
         }
         (Some(depth), _) => {
-            model = in_metres(model, &args.camera, args.look.scene_scale)?;
+            track = in_metres(track, &args.camera, args.look.scene_scale)?;
             Some(DepthMaps::in_metres(depth, args.look.scene_scale)?)
         }
         (None, known) => {
             if known.is_some() {
                 warn("without --depth nothing is defocused");
             }
-            model.defocus = Estimate::Unknown("there is no depth".into());
+            track = track.map(|mut m| {
+                m.defocus = Estimate::Unknown("there is no depth".into());
+                m
+            });
             None
         }
     };
@@ -208,7 +211,7 @@ pub fn run_apply(args: &Apply) -> Result<()> {
     let options = synth::Options { bokeh, no_noise, seed };
     let mut output = Output::open(&args.output, &clip)?;
     let mut missing = Missing::default();
-    let moving = model.motion_blur.known().is_some();
+    let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
     for_each_frame("applying", &clip, &mut output, moving && flow.is_none(), |frame, neighbours| {
         let (number, size) = (frame.number, clip.size());
         let flow = match &flow {
@@ -222,6 +225,7 @@ pub fn run_apply(args: &Apply) -> Result<()> {
             None => None,
         };
         missing.check(depth.is_some() && inverse_depth.is_none(), number, "no depth", "is not defocused");
+        let model = track.at(number);
         let light = frame.image.to_linear(model.transfer);
         distort_frame(&light, &model, inverse_depth.as_ref(), flow.as_ref(), &options, number)
             .map_err(|e| failure(clip.path(), format_args!("frame {number}: {e}")))
@@ -298,10 +302,10 @@ impl DepthMaps {
 }
 
 /// Composites every frame of a scene.
-pub fn composite(scene: &Scene, model: &CameraModel, options: &Options, output: &mut Output) -> Result<()> {
+pub fn composite(scene: &Scene, track: &CameraTrack, options: &Options, output: &mut Output) -> Result<()> {
     let Scene { footage, layers, depth, flow, renders } = scene;
-    let moving = model.motion_blur.known().is_some();
-    let defocused = model.defocus.known().is_some();
+    let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
+    let defocused = track.why_unknown(|m| m.defocus.why_unknown()).is_none();
     let mut missing = Missing::default();
     let mut without_layer = 0;
     let estimates_flow = moving && renders.is_some() && flow.is_none();
@@ -351,7 +355,7 @@ pub fn composite(scene: &Scene, model: &CameraModel, options: &Options, output: 
             with_and_without: local.as_ref().map(|[with, without]| (with, without)),
         };
         let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
-        blindaug::composite::composite(&shot, &layer, model, options)
+        blindaug::composite::composite(&shot, &layer, &track.at(number), options)
             .map_err(|e| failure(footage.path(), format_args!("frame {number}: {e}")))
     })?;
     if without_layer > 0 {
@@ -372,11 +376,11 @@ impl Missing {
     }
 }
 
-/// Reads a camera model for frames of this size, and says what of it is not applied.
-fn open_camera(path: &Path, source: &FrameSource) -> Result<CameraModel> {
-    let model = read_camera(path)?;
+/// Reads a camera model, or one for each frame, for frames of this size, and says what of it is not applied.
+fn open_camera(path: &Path, source: &FrameSource) -> Result<CameraTrack> {
+    let track = read_camera_track(path)?;
     let (width, height) = source.size();
-    let (w, h) = (model.capture.width, model.capture.height);
+    let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
     if (w, h) != (width, height) {
         let path = path.display();
         note(format_args!(
@@ -389,31 +393,38 @@ fn open_camera(path: &Path, source: &FrameSource) -> Result<CameraModel> {
             );
         }
     }
-    let model = model.scaled_to(width, height);
+    let track = track.map(|m| m.scaled_to(width, height));
     for (what, why) in [
-        ("noise", model.noise.why_unknown()),
-        ("motion blur", model.motion_blur.why_unknown()),
-        ("defocus", model.defocus.why_unknown()),
+        ("noise", track.why_unknown(|m| m.noise.why_unknown())),
+        ("motion blur", track.why_unknown(|m| m.motion_blur.why_unknown())),
+        ("defocus", track.why_unknown(|m| m.defocus.why_unknown())),
     ] {
         if let Some(why) = why {
             warn(format_args!("{what} is unknown and not applied: {why}"));
         }
     }
-    Ok(model)
+    Ok(track)
+}
+
+/// What the lens's inverse depth is measured in, where it is known.
+fn depth_kind(track: &CameraTrack) -> Option<DepthKind> {
+    track.frames().iter().find_map(|f| f.camera.defocus.known()).map(|d| d.depth_kind)
 }
 
 /// The model over metric inverse depth.
 ///
 /// # Errors
 /// If it is over relative inverse depth and there is no scale.
-fn in_metres(model: CameraModel, path: &Path, scale: Option<SceneScale>) -> Result<CameraModel> {
-    match (model.defocus.known().map(|d| d.depth_kind), scale) {
-        (Some(DepthKind::Relative), Some(s)) => Ok(map_defocus(model, |d| d.to_metric(s.scale, s.offset))),
+fn in_metres(track: CameraTrack, path: &Path, scale: Option<SceneScale>) -> Result<CameraTrack> {
+    match (depth_kind(&track), scale) {
+        (Some(DepthKind::Relative), Some(s)) => {
+            Ok(track.map(|m| map_defocus(m, |d| d.to_metric(s.scale, s.offset))))
+        }
         (Some(DepthKind::Relative), None) => Err(failure(
             path,
             "its defocus is over relative inverse depth, but the layers are in metres: give --scene-scale S[,O], where relative inverse depth is S / Z + O, or estimate again with --depth in metres",
         )),
-        _ => Ok(model),
+        _ => Ok(track),
     }
 }
 

@@ -161,7 +161,7 @@ pub fn run(args: &Demo) -> Result<()> {
         let mut output = Output::memory();
         composite::composite(
             &scene,
-            model,
+            &model.clone().into(),
             &Options { no_noise: !noise, ..Options::default() },
             &mut output,
         )?;

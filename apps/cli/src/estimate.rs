@@ -7,11 +7,12 @@ use crate::{
 };
 use blindaug::{
     Encoded, Flow, Plane, analysis,
-    fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options},
-    model::{BlurSpace, DepthKind},
+    fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options, track::Tracker},
+    model::{BlurSpace, DepthKind, TrackedCamera},
 };
 use blindaug_io::{
-    DepthFormat, DepthValues, Frame, FrameRange, FrameSource, PaperScene, SideFolder, write_camera,
+    CameraTrackWriter, DepthFormat, DepthValues, Frame, FrameRange, FrameSource, PaperScene, SideFolder,
+    read_camera_track, write_camera,
 };
 use clap::ValueEnum;
 use std::{
@@ -58,6 +59,9 @@ pub struct Estimate {
     /// What shutter and lens act on: light, as real ones do, or encoded values, as in the paper
     #[arg(long, value_enum, default_value = "linear")]
     blur_in: BlurIn,
+    /// Follow the camera: a model for each frame, as JSON lines, instead of one for all
+    #[arg(long, conflicts_with_all = ["clean", "evidence", "report"])]
+    track: bool,
     /// Also write a report: one HTML file with what the estimate rests on
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
@@ -155,6 +159,14 @@ pub fn run(args: &Estimate) -> Result<()> {
         ));
     }
     console::check_writable(&args.output)?;
+    if args.track {
+        if options.family == Family::Removal || options.curve == Curve::Quadratic {
+            return Err(Failure(
+                "--track looks at local spectra and fits a thin lens: leave --method and --curve out".into(),
+            ));
+        }
+        return track(&Footage::open(args)?, options, &args.output);
+    }
     if let Some(report) = &args.report {
         console::check_writable(report)?;
     }
@@ -334,14 +346,28 @@ pub fn check_match<T>(source: &FrameSource, folder: Option<&SideFolder<T>>) -> R
     Err(failure(folder.path(), format_args!("{sentence} (the frames: {})", source.path().display())))
 }
 
-/// Estimates the model of a clip, with a window of three frames in memory.
-pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Result<Fitted> {
+/// Whoever looks at the frames of a clip, one after another.
+trait Viewer {
+    /// Whether it will look at the next frame, or only count it.
+    fn wants_next(&self) -> bool;
+
+    /// Takes a frame and what belongs to it.
+    fn view(&mut self, number: u64, observation: &Observation) -> Result<()>;
+}
+
+/// Which frames were seen.
+struct Seen {
+    frames: usize,
+    first: u64,
+    last: u64,
+    /// Whether Ctrl-C came before the end.
+    interrupted: bool,
+}
+
+/// Shows a clip's frames with what is known of them, three at a time in memory.
+fn show(footage: &Footage, what: &'static str, viewer: &mut impl Viewer) -> Result<Seen> {
     let source = &footage.source;
     let size = source.size();
-    options.fps = options.fps.or(source.fps());
-    let mut estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
-    let of_frame = |n: u64, e: blindaug::Error| failure(source.path(), format_args!("frame {n}: {e}"));
-
     let depth_kind = footage.depth.as_ref().map(|d| d.1);
     let mut depth = footage.depth.as_ref().map(|d| Side { folder: &d.0, matched: 0 });
     let mut flow = Side::new(&footage.flow);
@@ -355,21 +381,12 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
         check_match(source, side.as_ref().map(|s| s.folder))?;
     }
 
-    // Spread over the clip where its length is known, else the first ones.
-    let spread = |i: usize| match source.len_hint() {
-        Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
-        _ => i,
-    };
-    let mut samples: Vec<Sample> = Vec::new();
-
-    let mut progress = Progress::new("estimating", source.len_hint());
+    let mut progress = Progress::new(what, source.len_hint());
     let mut frames = source.frames();
     let mut previous: Option<Frame> = None;
     let mut current = frames.next().transpose()?;
-    let mut seen = 0;
-    let (mut first, mut last) = (0, 0);
+    let mut seen = Seen { frames: 0, first: 0, last: 0, interrupted: false };
     let mut consecutive = false;
-    let mut interrupted = false;
     while let Some(frame) = current.take() {
         let number = frame.number;
         let next = frames.next().transpose()?;
@@ -377,8 +394,7 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
         let after = next.as_ref().filter(|n| n.number == number + 1).map(|n| &n.image);
         let before = previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image);
         consecutive |= after.is_some();
-        let sampled = keep_samples && samples.len() < SAMPLES && seen >= spread(samples.len());
-        let wanted = estimator.wants_next() || sampled;
+        let wanted = viewer.wants_next();
         let flow = Side::get(&mut flow, number, size, wanted)?;
         let inverse_depth = Side::get(&mut depth, number, size, wanted)?;
         let denoised = Side::get(&mut denoised, number, size, wanted)?;
@@ -391,39 +407,131 @@ pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Resul
             motion_deblurred: motion_deblurred.as_ref(),
             clean: clean.as_ref(),
         };
-        let observation = Observation { frame: &frame.image, next: after, previous: before, evidence };
-        estimator.add(&observation).map_err(|e| of_frame(number, e))?;
-        if sampled {
-            let flow = match (flow, after) {
-                (None, Some(after)) => Some(
-                    analysis::flow::flow(&frame.image.luma(), &after.luma())
-                        .map_err(|e| of_frame(number, e))?,
-                ),
-                (flow, _) => flow,
-            };
-            samples.push(Sample { number, frame: frame.image.clone(), flow, inverse_depth, clean });
-        }
-        first = if seen == 0 { number } else { first };
-        last = number;
-        seen += 1;
+        viewer.view(number, &Observation { frame: &frame.image, next: after, previous: before, evidence })?;
+        seen.first = if seen.frames == 0 { number } else { seen.first };
+        seen.last = number;
+        seen.frames += 1;
         progress.step();
         previous = Some(frame);
         current = next;
-        interrupted = console::interrupted() && current.is_some();
-        if interrupted {
+        seen.interrupted = console::interrupted() && current.is_some();
+        if seen.interrupted {
             break;
         }
     }
     drop(progress);
-    let frames = seen as u64;
-    Side::report(depth, "depth", frames);
-    Side::report(flow, "flow", frames);
-    Side::report(denoised, "denoised frames", frames);
-    Side::report(motion_deblurred, "motion-deblurred frames", frames);
-    Side::report(clean, "clean frames", frames);
-    if seen > 1 && !consecutive {
+    let count = seen.frames as u64;
+    Side::report(depth, "depth", count);
+    Side::report(flow, "flow", count);
+    Side::report(denoised, "denoised frames", count);
+    Side::report(motion_deblurred, "motion-deblurred frames", count);
+    Side::report(clean, "clean frames", count);
+    if seen.frames > 1 && !consecutive {
         warn("no two frames have successive numbers, so there is no motion to see");
     }
-    let estimation = estimator.estimate().map_err(|e| failure(source.path(), e))?;
-    Ok(Fitted { estimation, samples, first, last, interrupted })
+    Ok(seen)
+}
+
+fn of_frame(source: &FrameSource, number: u64, e: blindaug::Error) -> Failure {
+    failure(source.path(), format_args!("frame {number}: {e}"))
+}
+
+/// Estimates one model.
+struct WholeClip<'a> {
+    source: &'a FrameSource,
+    estimator: Estimator,
+    /// Frames so far.
+    seen: usize,
+    keep_samples: bool,
+    samples: Vec<Sample>,
+}
+
+impl WholeClip<'_> {
+    /// Whether the next frame is kept for a report: spread over the clip where its length is known, else the first ones.
+    fn samples_next(&self) -> bool {
+        let spread = |i: usize| match self.source.len_hint() {
+            Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
+            _ => i,
+        };
+        let kept = self.samples.len();
+        self.keep_samples && kept < SAMPLES && self.seen >= spread(kept)
+    }
+}
+
+impl Viewer for WholeClip<'_> {
+    fn wants_next(&self) -> bool {
+        self.estimator.wants_next() || self.samples_next()
+    }
+
+    fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
+        self.estimator.add(observation).map_err(|e| of_frame(self.source, number, e))?;
+        if self.samples_next() {
+            let Observation { frame, next, evidence, .. } = *observation;
+            let flow = match (evidence.flow, next) {
+                (None, Some(next)) => Some(
+                    analysis::flow::flow(&frame.luma(), &next.luma())
+                        .map_err(|e| of_frame(self.source, number, e))?,
+                ),
+                (flow, _) => flow.cloned(),
+            };
+            self.samples.push(Sample {
+                number,
+                frame: frame.clone(),
+                flow,
+                inverse_depth: evidence.inverse_depth.map(|d| d.0.clone()),
+                clean: evidence.clean.cloned(),
+            });
+        }
+        self.seen += 1;
+        Ok(())
+    }
+}
+
+/// Estimates the model of a clip.
+pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Result<Fitted> {
+    let source = &footage.source;
+    options.fps = options.fps.or(source.fps());
+    let estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
+    let mut clip = WholeClip { source, estimator, seen: 0, keep_samples, samples: Vec::new() };
+    let Seen { first, last, interrupted, .. } = show(footage, "estimating", &mut clip)?;
+    let estimation = clip.estimator.estimate().map_err(|e| failure(source.path(), e))?;
+    Ok(Fitted { estimation, samples: clip.samples, first, last, interrupted })
+}
+
+/// Estimates a model for each frame.
+struct Following<'a> {
+    source: &'a FrameSource,
+    tracker: Tracker,
+    writer: CameraTrackWriter,
+}
+
+impl Viewer for Following<'_> {
+    fn wants_next(&self) -> bool {
+        true
+    }
+
+    fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
+        let camera = self.tracker.push(observation).map_err(|e| of_frame(self.source, number, e))?.clone();
+        self.writer.write(&TrackedCamera { frame: number, changed: self.tracker.changes(), camera })?;
+        Ok(())
+    }
+}
+
+/// Writes the models of a clip's frames, and tells them.
+fn track(footage: &Footage, options: Options, output: &Path) -> Result<()> {
+    let source = &footage.source;
+    let tracker = Tracker::new(options.blur_space, options.fps.or(source.fps()));
+    let mut following = Following { source, tracker, writer: CameraTrackWriter::create(output)? };
+    let seen = show(footage, "tracking", &mut following)?;
+    following.writer.finish()?;
+    console::print(&inspect::table(&read_camera_track(output)?))?;
+    note(format_args!("written: {}", output.display()));
+    if seen.interrupted {
+        let Seen { first, last, .. } = seen;
+        note(format_args!(
+            "stopped: it holds frames {first} to {last}; for the others, run it again with --frames {}.. and another -o",
+            last + 1
+        ));
+    }
+    Ok(())
 }

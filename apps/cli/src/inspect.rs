@@ -1,9 +1,12 @@
-//! `blindaug inspect`: a camera model in words and units.
+//! `blindaug inspect`: a camera model in words and units, or per-frame models in a table.
 
 use crate::console::{Result, print};
 use blindaug::{
     CameraModel, Plane,
-    model::{Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, NoiseModel},
+    model::{
+        CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, NoiseModel,
+        TrackedCamera,
+    },
     synth::noise::noise,
 };
 use serde_json::{Map, Value, json};
@@ -12,7 +15,7 @@ use std::{fmt::Write, path::PathBuf};
 /// Show a camera model in words and units
 #[derive(clap::Args)]
 pub struct Inspect {
-    /// The camera model
+    /// The camera model, or per-frame models
     camera: PathBuf,
     /// Also say the blur at these depths, in metres (in relative inverse depth, if that is what the model has)
     #[arg(long, value_name = "DEPTHS", value_delimiter = ',', value_parser = crate::positive)]
@@ -24,14 +27,79 @@ pub struct Inspect {
 
 /// Runs the command.
 pub fn run(args: &Inspect) -> Result<()> {
-    let model = blindaug_io::read_camera(&args.camera)?;
-    if args.json {
-        let mut text = serde_json::to_string_pretty(&derived(&model, &args.at_depth)).unwrap_or_default();
-        text.push('\n');
-        print(&text)
-    } else {
-        print(&words(&model, &args.at_depth))
+    let track = blindaug_io::read_camera_track(&args.camera)?;
+    match (track.frames(), args.json) {
+        ([one], false) => print(&words(&one.camera, &args.at_depth)),
+        (_, false) => print(&table(&track)),
+        (frames, true) => {
+            let values: Vec<Value> = frames.iter().map(|f| derived(&f.camera, &args.at_depth)).collect();
+            let numbered = |(f, mut value): (&TrackedCamera, Value)| {
+                value["frame"] = json!(f.frame);
+                value
+            };
+            let value = match <[Value; 1]>::try_from(values) {
+                Ok([one]) => one,
+                Err(values) => frames.iter().zip(values).map(numbered).collect(),
+            };
+            let mut text = serde_json::to_string_pretty(&value).unwrap_or_default();
+            text.push('\n');
+            print(&text)
+        }
     }
+}
+
+/// Rows of the table over time, beside those of changes.
+const ROWS: usize = 10;
+
+/// A camera over time: a row for a handful of frames, and for each in which something was found to have changed.
+pub fn table(track: &CameraTrack) -> String {
+    let frames = track.frames();
+    let TrackedCamera { camera, frame: first, .. } = &frames[0];
+    let Capture { width, height, .. } = camera.capture;
+    let last = frames[frames.len() - 1].frame;
+    let mut text = format!(
+        "Camera     {width} x {height} px, tracked over {} ({first} to {last})\n\n",
+        count(frames.len() as u64, "frame")
+    );
+    let lens = match frames.iter().find_map(|f| f.camera.defocus.known()).map(|d| d.depth_kind) {
+        Some(DepthKind::Metric) => "in focus at, m",
+        _ => "in focus at, relative",
+    };
+    let row = |cells: [&str; 6]| {
+        let [frame, exposure, sigma, focus, noise, changed] = cells;
+        let line = format!("{frame:>7}  {exposure:<18}  {sigma:<15}  {focus:<21}  {noise:<12}  {changed}");
+        format!("{}\n", line.trim_end())
+    };
+    text += &row(["frame", "exposure", "px at infinity", lens, "noise, /255", "changed"]);
+    let step = (frames.len() - 1).div_ceil(ROWS - 1).max(1);
+    let shown =
+        (0..).zip(frames).filter(|(i, f)| i % step == 0 || *i == frames.len() - 1 || !f.changed.is_empty());
+    for (_, f) in shown {
+        let unknown = || "unknown".to_owned();
+        let exposure = f.camera.motion_blur.known().map_or_else(unknown, |m| {
+            format!("{:.2} [{:.2}, {:.2}]", m.exposure.0, m.interval[0], m.interval[1])
+        });
+        let facts = f.camera.defocus.known().map(DefocusFacts::of);
+        let metric = lens.ends_with(" m");
+        let number = |v: Option<f32>| v.map_or_else(unknown, |v| format!("{v:.2}"));
+        let focus = facts.as_ref().and_then(|d| d.focus).map(|d| if metric { d.recip() } else { d });
+        let noise = f.camera.noise.known().map(|n| 255.0 * noise_std(n, [0.5])[0][1]);
+        let changed: Vec<&str> =
+            [("noise", f.changed.noise), ("exposure", f.changed.exposure), ("lens", f.changed.defocus)]
+                .into_iter()
+                .filter_map(|(name, changed)| changed.then_some(name))
+                .collect();
+        text += &row([
+            &f.frame.to_string(),
+            &exposure,
+            &number(facts.as_ref().and_then(|d| d.sigma_at_infinity)),
+            &number(focus),
+            &number(noise),
+            &changed.join(", "),
+        ]);
+    }
+    text += "\nIntervals are 95 %; noise is the std of green at luminance 0.5, in steps of 8 bit.\n";
+    text
 }
 
 /// Luminances at which the noise is told.

@@ -518,6 +518,59 @@ fn a_model_in_relative_depth_needs_a_scale() {
     succeeds(d, &arguments("relative.json", "n", "--naive"));
 }
 
+#[test]
+fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    write_frames(&folder.join("clip"), 1..=5, (160, 128));
+    let told = succeeds(folder, "estimate clip -o camera.jsonl --track");
+    let lines = std::fs::read_to_string(folder.join("camera.jsonl")).unwrap();
+    assert_eq!(lines.lines().count(), 5);
+    for (line, number) in lines.lines().zip(1u64..) {
+        let value: serde_json::Value = serde_json::from_str(line).unwrap();
+        assert_eq!(value["frame"], number);
+        CameraModel::from_json(line).unwrap();
+    }
+    assert_eq!(succeeds(folder, "inspect camera.jsonl"), told);
+    assert!(told.contains("tracked over 5 frames (1 to 5)"), "{told}");
+    assert_eq!(files_in(folder).iter().filter(|f| f.contains("camera")).count(), 1);
+
+    // Frames 1 and 3 have cameras without and with noise, and 2 the one between them.
+    let track = |noise: [f32; 2]| {
+        let line = |(frame, noise): (u64, f32)| {
+            let mut model = camera(160, 128, DepthKind::Metric);
+            let level = NoiseLevel { slope: [0.0; 3], intercept: [noise; 3] };
+            model.noise = Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 1.0));
+            model.motion_blur = Estimate::Unknown("not looked at".into());
+            model.defocus = Estimate::Unknown("not looked at".into());
+            let mut value = serde_json::to_value(&model).unwrap();
+            value["frame"] = frame.into();
+            format!("{value}\n")
+        };
+        [(1, noise[0]), (3, noise[1])].map(line).concat()
+    };
+    std::fs::write(folder.join("given.jsonl"), track([0.0, 0.06])).unwrap();
+    succeeds(folder, "apply clip --camera given.jsonl -o applied");
+    let std = |number: usize| {
+        let read = |from: &str| read_frame(folder.join(format!("{from}/{number:04}.png"))).unwrap();
+        let (a, b) = (read("applied"), read("clip"));
+        let pairs = a.0.data().iter().zip(b.0.data());
+        (pairs.map(|(a, b)| (a[1] - b[1]).powi(2)).sum::<f32>() / a.0.data().len() as f32).sqrt()
+    };
+    let [none, half, whole, after] = [1, 2, 3, 5].map(std);
+    assert!(
+        none < 0.003 && (half / whole - 0.5).abs() < 0.1 && (after / whole - 1.0).abs() < 0.1,
+        "{none} {half} {whole} {after}"
+    );
+
+    let broken = track([0.0, 0.1]).replacen("srgb", "film", 2).replacen("film", "srgb", 1);
+    std::fs::write(folder.join("broken.jsonl"), broken).unwrap();
+    for command in ["inspect broken.jsonl", "apply clip --camera broken.jsonl -o again"] {
+        let sentence = fails(folder, command);
+        assert!(sentence.contains("broken.jsonl: line 2: "), "{sentence}");
+    }
+}
+
 /// The numbers in a line of the demo's table or of its last line, after `label`.
 fn numbers_after(text: &str, label: &str) -> Vec<f32> {
     let line = text.lines().find(|l| l.contains(label)).unwrap_or_else(|| panic!("{label} in {text}"));

@@ -1,11 +1,19 @@
-//! camera.json.
+//! camera.json, and the same for each frame.
 
+use crate::files::{PartialFile, cannot_write};
 use crate::{Error, Result, write_atomically};
 use blindaug::CameraModel;
-use std::{fs::File, io::Read, path::Path};
+use blindaug::model::{CameraTrack, TrackedCamera};
+use std::{
+    fs::File,
+    io::{BufWriter, Read, Write},
+    path::Path,
+};
 
 /// The largest camera.json that is read, bytes.
 const MAX_BYTES: u64 = 1 << 20;
+/// The most bytes of per-frame models: a line has about three thousand.
+const MAX_TRACK_BYTES: u64 = 1 << 29;
 
 /// Reads a camera model.
 ///
@@ -13,13 +21,63 @@ const MAX_BYTES: u64 = 1 << 20;
 /// If the file is missing, or no camera model of this version.
 pub fn read_camera(path: impl AsRef<Path>) -> Result<CameraModel> {
     let path = path.as_ref();
+    CameraModel::from_json(&text_of(path, MAX_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
+}
+
+/// Reads a camera model that holds for all frames, or per-frame models (JSON lines).
+///
+/// # Errors
+/// As [`read_camera`], with the number of the line.
+pub fn read_camera_track(path: impl AsRef<Path>) -> Result<CameraTrack> {
+    let path = path.as_ref();
+    CameraTrack::from_json(&text_of(path, MAX_TRACK_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
+}
+
+fn text_of(path: &Path, most: u64) -> Result<String> {
     let mut bytes = Vec::new();
     File::open(path)
-        .and_then(|f| f.take(MAX_BYTES).read_to_end(&mut bytes))
+        .and_then(|f| f.take(most).read_to_end(&mut bytes))
         .map_err(|e| Error::cannot_read(path, &e))?;
-    let text = String::from_utf8(bytes)
-        .map_err(|_| Error::new(path, "not a camera model of blindaug: it is no text"))?;
-    CameraModel::from_json(&text).map_err(|e| Error::new(path, e.to_string()))
+    String::from_utf8(bytes).map_err(|_| Error::new(path, "not a camera model of blindaug: it is no text"))
+}
+
+/// Writes per-frame models, one after another; the file gets its name when it is finished.
+pub struct CameraTrackWriter {
+    file: PartialFile,
+    lines: BufWriter<File>,
+}
+
+impl CameraTrackWriter {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// If no file can be made there.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self> {
+        let file = PartialFile::beside(path.as_ref())?;
+        let lines = File::create(file.path()).map_err(|e| cannot_write(file.target(), &e))?;
+        Ok(Self { file, lines: BufWriter::new(lines) })
+    }
+
+    /// Adds a frame's model.
+    ///
+    /// # Errors
+    /// If a number of it is out of its range, or the line cannot be written.
+    pub fn write(&mut self, camera: &TrackedCamera) -> Result<()> {
+        let path = self.file.target();
+        camera.camera.validate().map_err(|e| Error::new(path, format!("frame {}: {e}", camera.frame)))?;
+        writeln!(self.lines, "{}", camera.to_json_line()).map_err(|e| cannot_write(path, &e))
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// If it cannot be completed.
+    pub fn finish(self) -> Result<()> {
+        let Self { file, mut lines } = self;
+        lines.flush().map_err(|e| cannot_write(file.target(), &e))?;
+        drop(lines);
+        file.complete()
+    }
 }
 
 /// Writes a camera model.

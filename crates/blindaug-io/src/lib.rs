@@ -6,6 +6,7 @@
 //! | what | from | functions |
 //! |---|---|---|
 //! | camera.json | | [`read_camera`], [`write_camera`] |
+//! | a camera for each frame | JSON lines | [`read_camera_track`], [`CameraTrackWriter`] |
 //! | frames | PNG, JPEG, TIFF, BMP, PNM, EXR | [`read_frame`], [`read_linear`] |
 //! | virtual layers | EXR | [`read_virtual_layer`] |
 //! | depth | EXR, PNG, PGM, TIFF | [`read_inverse_depth`] |
@@ -32,7 +33,7 @@ mod side;
 mod video;
 mod yuv;
 
-pub use camera::{read_camera, write_camera};
+pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};

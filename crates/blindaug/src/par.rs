@@ -4,14 +4,20 @@
 #[cfg(feature = "threads")]
 use rayon::prelude::*;
 
+/// Handing out the rows of an image of fewer pixels takes longer than most loops over them.
+#[cfg(feature = "threads")]
+const TOO_SMALL_TO_SHARE: usize = 4096;
+
 /// Calls `f(y, row)` for each row of `width` elements of `data`.
 pub(crate) fn for_each_row<T: Send>(data: &mut [T], width: usize, f: impl Fn(usize, &mut [T]) + Sync + Send) {
     if width == 0 {
         return;
     }
     #[cfg(feature = "threads")]
-    data.par_chunks_mut(width).enumerate().for_each(|(y, row)| f(y, row));
-    #[cfg(not(feature = "threads"))]
+    if data.len() > TOO_SMALL_TO_SHARE {
+        data.par_chunks_mut(width).enumerate().for_each(|(y, row)| f(y, row));
+        return;
+    }
     data.chunks_mut(width).enumerate().for_each(|(y, row)| f(y, row));
 }
 

@@ -89,7 +89,7 @@ pub struct RelativeDepth {
 /// # Errors
 /// If the two differ in size, or have no pixels.
 pub fn inverse_depth_from_flow(flow: &Flow, occluded: &Raster<bool>) -> Result<Parallax> {
-    Ok(match unscaled(flow, occluded)? {
+    Ok(match unscaled(flow, occluded, None)? {
         Err(reason) => Parallax::Unknown(reason),
         Ok(mut depth) => {
             let scale = 1.0 / largest(&depth.inverse_depth);
@@ -104,12 +104,22 @@ pub fn inverse_depth_from_flow(flow: &Flow, occluded: &Raster<bool>) -> Result<P
 pub struct ParallaxTracker {
     /// The last known map on the common scale, moved along with the picture to the next frame.
     last: Option<Plane>,
+    /// The direction in which the camera last moved, if the next one is looked for near it.
+    heading: Option<[f64; 3]>,
+    stays_near: bool,
 }
 
 impl ParallaxTracker {
     /// A tracker that has seen nothing.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Looks for the camera's direction near the last one only, which takes a fraction of the time; everywhere if
+    /// nothing was found the last time. For live footage, in which a camera does not turn about from pair to pair.
+    pub fn near_the_last(mut self) -> Self {
+        self.stays_near = true;
+        self
     }
 
     /// Relative inverse depth of the first frame of a pair.
@@ -121,7 +131,9 @@ impl ParallaxTracker {
     /// # Errors
     /// As [`inverse_depth_from_flow`].
     pub fn push(&mut self, pair: &FlowPair, ahead: usize) -> Result<Parallax> {
-        let fresh = unscaled(&pair.forward, &pair.occluded)?;
+        let near = self.heading.take().filter(|_| self.stays_near);
+        let fresh = unscaled(&pair.forward, &pair.occluded, near)?;
+        self.heading = fresh.as_ref().ok().map(|depth| depth.translation.map(f64::from));
         if self.last.as_ref().is_some_and(|last| last.size() != pair.forward.size())
             || pair.confirmed() < MATCHED
         {
@@ -363,8 +375,11 @@ impl Motion {
     }
 }
 
-/// The motion that explains `samples` best, from any direction.
-fn searched(samples: &[Sample]) -> Motion {
+/// The motion that explains `samples` best, from any direction, or from one nearby.
+fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
+    if let Some(near) = near {
+        return refined(samples, near, 0.002);
+    }
     // A spiral of even density over the hemisphere; T and -T are the same but for the sign of d.
     let direction = |i: usize| {
         let (z, angle) = ((i as f64 + 0.5) / DIRECTIONS as f64, i as f64 * 2.399_963);
@@ -416,7 +431,11 @@ fn refined(samples: &[Sample], mut t: [f64; 3], finest: f64) -> Motion {
 
 /// The camera's motion, and how far from its inverse depths are those that parts of the picture find, each by itself: the
 /// 90th percentile of the difference, in units of the largest, for the worst part.
-fn camera_motion(samples: &[(usize, usize, Sample)], (w, h): (usize, usize)) -> (Motion, f64) {
+fn camera_motion(
+    samples: &[(usize, usize, Sample)],
+    (w, h): (usize, usize),
+    near: Option<[f64; 3]>,
+) -> (Motion, f64) {
     // Fields of a board: each part sees all of the picture, but the errors of the flow there are its own.
     let part = |k: usize| -> Vec<Sample> {
         let field = |x: usize, y: usize| (6 * x / w) % 2 + 2 * ((6 * y / h) % 2);
@@ -426,10 +445,10 @@ fn camera_motion(samples: &[(usize, usize, Sample)], (w, h): (usize, usize)) -> 
     let depths = |motion: &Motion| all.iter().map(|s| motion.measure(s)[0]).collect::<Vec<f64>>();
     let parts: Vec<Vec<Sample>> =
         (0..PARTS).map(part).filter(|part| part.len() >= FEWEST_SAMPLES / PARTS).collect();
-    let found: Vec<Motion> = parts.iter().map(|part| searched(part)).collect();
+    let found: Vec<Motion> = parts.iter().map(|part| searched(part, near)).collect();
     let std = |motion: &Motion| turn_for(&all, motion.translation, None).0.std;
     let best = found.iter().map(|m| (std(m), m.translation)).min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, start)) = best else { return (searched(&all), f64::INFINITY) };
+    let Some((_, start)) = best else { return (searched(&all, near), f64::INFINITY) };
     let motion = refined(&all, start, 2e-4).forward(&all);
     let d = depths(&motion);
     let largest = *quantile(&mut d.clone(), 0.98);
@@ -449,8 +468,12 @@ fn camera_motion(samples: &[(usize, usize, Sample)], (w, h): (usize, usize)) -> 
     (motion, worst)
 }
 
-/// Inverse depth in units of the camera's motion, or why there is none.
-fn unscaled(flow: &Flow, occluded: &Raster<bool>) -> Result<std::result::Result<RelativeDepth, String>> {
+/// Inverse depth in units of the camera's motion, which may be looked `near` a direction only, or why there is none.
+fn unscaled(
+    flow: &Flow,
+    occluded: &Raster<bool>,
+    near: Option<[f64; 3]>,
+) -> Result<std::result::Result<RelativeDepth, String>> {
     let (w, h) = flow.size();
     if occluded.size() != (w, h) {
         let (ow, oh) = occluded.size();
@@ -461,10 +484,14 @@ fn unscaled(flow: &Flow, occluded: &Raster<bool>) -> Result<std::result::Result<
     if w == 0 || h == 0 {
         return Err(Error::new(format!("a flow of {w} x {h} pixels says nothing of depth")));
     }
-    Ok(par::within(|| depth_of(flow, occluded)))
+    Ok(par::within(|| depth_of(flow, occluded, near)))
 }
 
-fn depth_of(flow: &Flow, occluded: &Raster<bool>) -> std::result::Result<RelativeDepth, String> {
+fn depth_of(
+    flow: &Flow,
+    occluded: &Raster<bool>,
+    near: Option<[f64; 3]>,
+) -> std::result::Result<RelativeDepth, String> {
     let (w, h) = flow.size();
     let f = FOCAL_LENGTH * w as f64;
     let step = ((w * h) as f64 / SAMPLES as f64).sqrt().max(1.0) as usize;
@@ -501,7 +528,7 @@ fn depth_of(flow: &Flow, occluded: &Raster<bool>) -> std::result::Result<Relativ
             "the camera hardly does more than turn: {parallax:.2} px of parallax between the frames"
         ));
     }
-    let (motion, uncertainty) = camera_motion(&samples, (w, h));
+    let (motion, uncertainty) = camera_motion(&samples, (w, h), near);
     let residual = f * motion.turn.std;
     let [least, most] = [OUTLIER_PX[0], OUTLIER_PX[1] * (w as f64 / 500.0).max(1.0)];
     let limit = (OUTLIER * f * motion.turn.std).min(most).max(least) / f;

@@ -1,6 +1,7 @@
 //! From footage to a camera model.
 //!
-//! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`].
+//! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`];
+//! [`track::Tracker`] gives one for each frame.
 //! Two families of estimators answer for blur: [`spectral`] looks at the frames alone, [`motion_blur`] and [`defocus`]
 //! compare with clean frames (the paper's way). [`Family::Auto`] takes, per distortion, the one with the tighter interval.
 
@@ -8,6 +9,7 @@ pub mod defocus;
 pub mod motion_blur;
 pub mod noise;
 pub mod spectral;
+pub mod track;
 
 use crate::model::{
     BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
@@ -204,7 +206,7 @@ impl Estimator {
     /// If a size differs from the first frame's, or the frame is not finite.
     pub fn add(&mut self, observation: &Observation) -> Result<bool> {
         let Observation { frame, next, previous, evidence } = *observation;
-        self.check_sizes(observation)?;
+        check_sizes(&mut self.size, observation)?;
         let index = self.given;
         self.given += 1;
         if !index.is_multiple_of(self.stride) {
@@ -296,33 +298,6 @@ impl Estimator {
             self.stride *= 2;
         }
         Ok(true)
-    }
-
-    fn check_sizes(&mut self, observation: &Observation) -> Result<()> {
-        let Observation { frame, next, previous, evidence } = observation;
-        let size = frame.0.size();
-        if size.0 == 0 || size.1 == 0 {
-            return Err(Error::new("the frame has no pixels"));
-        }
-        let first = *self.size.get_or_insert(size);
-        let images = [*next, *previous, evidence.denoised, evidence.motion_deblurred, evidence.clean];
-        let others = images.iter().flatten().map(|i| i.0.size());
-        let others =
-            others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
-        for s in others.chain([first]) {
-            if s != size {
-                return Err(Error::new(format!(
-                    "a frame or its evidence has {} x {} px, another {} x {}: all must have one size",
-                    s.0, s.1, size.0, size.1
-                )));
-            }
-        }
-        if frame.0.data().iter().flatten().any(|v| !v.is_finite()) {
-            return Err(Error::new(
-                "the frame holds values that are not finite numbers: export it again without NaN or infinity",
-            ));
-        }
-        Ok(())
     }
 
     /// The paper's fits, of whatever clean frames there are.
@@ -603,6 +578,34 @@ impl Estimator {
         let sure = sigma_interval[1] - sigma_interval[0] <= 2.0 * sigma.max(0.5);
         sure.then(|| (lens, sigma_interval, focus_interval, fits.iter().map(|f| f.samples).sum()))
     }
+}
+
+/// Fails if a frame or its evidence differs in size from the first frame, which `first` becomes, or is not finite.
+fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Observation) -> Result<()> {
+    let Observation { frame, next, previous, evidence } = observation;
+    let size = frame.0.size();
+    if size.0 == 0 || size.1 == 0 {
+        return Err(Error::new("the frame has no pixels"));
+    }
+    let first = *first.get_or_insert(size);
+    let images = [*next, *previous, evidence.denoised, evidence.motion_deblurred, evidence.clean];
+    let others = images.iter().flatten().map(|i| i.0.size());
+    let others =
+        others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
+    for s in others.chain([first]) {
+        if s != size {
+            return Err(Error::new(format!(
+                "a frame or its evidence has {} x {} px, another {} x {}: all must have one size",
+                s.0, s.1, size.0, size.1
+            )));
+        }
+    }
+    if frame.0.data().iter().flatten().any(|v| !v.is_finite()) {
+        return Err(Error::new(
+            "the frame holds values that are not finite numbers: export it again without NaN or infinity",
+        ));
+    }
+    Ok(())
 }
 
 /// The forward flow, NaN where the backward flow does not confirm it.

@@ -7,7 +7,7 @@
 use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, Plane, Raster, Result, filter, luma, par, pyramid};
-use std::sync::OnceLock;
+use std::{ops::Range, sync::OnceLock};
 
 /// Side of the blocks in which variances are taken, px of the full image, per level: small ones are more often free of
 /// structure, but the coarse levels need a few values.
@@ -98,31 +98,47 @@ impl NoiseEvidence {
     /// # Errors
     /// If the sizes differ.
     pub fn add_pair(&mut self, frame: &Encoded, next: &Encoded, flow: &Flow) -> Result<()> {
+        self.add_pair_rows(frame, next, flow, 0..frame.0.height())
+    }
+
+    /// [`NoiseEvidence::add_pair`] of some rows of `frame` only.
+    ///
+    /// # Errors
+    /// If the sizes differ.
+    pub(super) fn add_pair_rows(
+        &mut self,
+        frame: &Encoded,
+        next: &Encoded,
+        flow: &Flow,
+        rows: Range<usize>,
+    ) -> Result<()> {
         let (w, h) = frame.0.size();
         if next.0.size() != (w, h) || flow.size() != (w, h) {
             return Err(Error::new("the two frames and the flow between them must have one size"));
         }
-        self.count_brightest(frame);
+        let (top, height) = (rows.start, rows.len());
+        self.count_brightest(&frame.0.data()[w * top..w * rows.end]);
         let inside = |x: f32, y: f32| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
         let target = |x: usize, y: usize| {
-            let [u, v] = flow.at(x, y);
-            [x as f32 + u, y as f32 + v]
+            let [u, v] = flow.at(x, top + y);
+            [x as f32 + u, (top + y) as f32 + v]
         };
         // NaN: no match. One pass for the difference and the mean, which are both needed.
-        let warped: Raster<[f32; 3]> = Raster::from_fn(w, h, |x, y| {
+        let warped: Raster<[f32; 3]> = Raster::from_fn(w, height, |x, y| {
             let [tx, ty] = target(x, y);
             if inside(tx, ty) { next.0.bilinear(tx, ty) } else { [f32::NAN; 3] }
         });
-        let residual = Raster::from_fn(w, h, |x, y| {
-            let (a, b) = (frame.0.at(x, y), warped.at(x, y));
+        let residual = Raster::from_fn(w, height, |x, y| {
+            let (a, b) = (frame.0.at(x, top + y), warped.at(x, y));
             let d = std::array::from_fn::<_, 3, _>(|c| a[c] - b[c]);
             if b[0].is_nan() { [0.0; 4] } else { [d[0], d[1], d[2], luma(d)] }
         });
-        let mean = Raster::from_fn(w, h, |x, y| {
-            let (a, b) = (luma(frame.0.at(x, y)), luma(warped.at(x, y)));
+        let mean = Raster::from_fn(w, height, |x, y| {
+            let (a, b) = (luma(frame.0.at(x, top + y)), luma(warped.at(x, y)));
             if b.is_nan() { a } else { 0.5 * (a + b) }
         });
-        let valid = Raster::from_fn(w, h, |x, y| !warped.at(x, y)[0].is_nan() && !clips(frame.0.at(x, y)));
+        let valid =
+            Raster::from_fn(w, height, |x, y| !warped.at(x, y)[0].is_nan() && !clips(frame.0.at(x, top + y)));
         // Bilinear taps smooth the noise of the second frame, by how far the target lies from a pixel's centre.
         let gain = |x: usize, y: usize, level: usize| {
             let [tx, ty] = target(x, y);
@@ -135,7 +151,7 @@ impl NoiseEvidence {
     /// Adds what one frame alone tells: where it is flat, its bands are noise.
     pub fn add_single(&mut self, frame: &Encoded) {
         let (w, h) = frame.0.size();
-        self.count_brightest(frame);
+        self.count_brightest(frame.0.data());
         let residual = frame.0.map(|p| [p[0], p[1], p[2], luma(p)]);
         let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
         self.add_blocks(&residual, &frame.luma(), &valid, |_, _, _| 1.0);
@@ -148,14 +164,14 @@ impl NoiseEvidence {
     pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded) -> Result<()> {
         let (w, h) = frame.0.size();
         let residual = residual(frame, predicted)?;
-        self.count_brightest(frame);
+        self.count_brightest(frame.0.data());
         let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
         self.add_blocks(&residual, &predicted.luma(), &valid, |_, _, _| 1.0);
         Ok(())
     }
 
-    fn count_brightest(&mut self, frame: &Encoded) {
-        for p in frame.0.data() {
+    fn count_brightest(&mut self, pixels: &[[f32; 3]]) {
+        for p in pixels {
             let v = p[0].max(p[1]).max(p[2]);
             self.brightest[(v * 255.0 + 0.5).clamp(0.0, 255.0) as usize] += 1;
         }
@@ -218,7 +234,7 @@ impl NoiseEvidence {
     pub fn add_denoised(&mut self, frame: &Encoded, denoised: &Encoded) -> Result<()> {
         let (w, h) = frame.0.size();
         let residual = residual(frame, denoised)?;
-        self.count_brightest(frame);
+        self.count_brightest(frame.0.data());
         self.windowed = true;
         let (bands, _) = pyramid::laplacian(&residual, NOISE_LEVELS);
         let mut y = denoised.luma();
@@ -322,6 +338,18 @@ impl NoiseEvidence {
             samples: self.len() as u64,
         };
         NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
+    }
+
+    /// Log of the finest noise's std over that of a model; `None` of a few blocks.
+    pub(super) fn log_ratio(&self, model: &LumaNoise) -> Option<f32> {
+        let mut blocks: Vec<&LocalVariance> = self.levels[0].iter().collect();
+        if blocks.len() < 8 {
+            return None;
+        }
+        blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
+        blocks.truncate((blocks.len() * 2 / 5).max(8));
+        let std = |y: f32| (model.slope * y + model.intercept).max(1e-4);
+        super::median(blocks.iter().map(|b| 0.5 * b.variance[3].max(1e-10).ln() - std(b.y).ln()).collect())
     }
 
     /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure.

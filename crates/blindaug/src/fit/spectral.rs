@@ -33,12 +33,15 @@ const TILES_PER_FRAME: usize = 400;
 /// denoising inside the camera have touched.
 const BAND: std::ops::Range<f32> = 0.03..0.35;
 /// Below this speed, px per frame interval, a tile says nothing about lambda; above the other the flow is not relied on.
-const SPEEDS: std::ops::Range<f32> = 1.5..60.0;
+pub(super) const SPEEDS: std::ops::Range<f32> = 1.5..60.0;
 /// Exposure fractions of the tables: 0 to 1.25 (past 1, so that a maximum at 1 is seen from both sides).
 const LAMBDAS: usize = 26;
 const LAMBDA_STEP: f32 = 0.05;
+/// Exposure fractions of a curve, over the same range.
+pub(super) const EXPOSURES: usize = 251;
+pub(super) const EXPOSURE_STEP: f32 = 0.005;
 /// Defocus stds of the tables: steps of 0.15 px to 3, of 0.5 px to 10.
-const SIGMAS: usize = 35;
+pub(super) const SIGMAS: usize = 35;
 /// Prior of the spectral slope alpha: mean and std, and the values that the integral is taken over.
 const ALPHA: (f32, f32) = (2.4, 0.4);
 const ALPHAS: usize = 6;
@@ -52,7 +55,7 @@ const LENS_FLOOR: f32 = 1e-4;
 const TEMPER: f32 = 0.15;
 /// At most this much, in nats, a tile may object; to an exposure only by what goes beyond the second number, for many
 /// tiles that hardly see any motion blur would all err to the same side.
-const CLIP: f32 = 8.0;
+pub(super) const CLIP: f32 = 8.0;
 const TOLERANCE: f32 = 1.0;
 /// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
 /// cos 4 theta, theta from the motion, and the log of the noise's power.
@@ -71,6 +74,7 @@ const MIN_DEPTH_SPAN: f32 = 0.2;
 const BOOTSTRAPS: usize = 120;
 /// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
 const BLOCKS: usize = 5;
+pub(super) const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
 /// And its parts in time, each of which may be another shot.
 const SHOTS: usize = 8;
 
@@ -143,34 +147,11 @@ pub fn tiles(
     if flow.is_some_and(|f| f.size() != (w, h)) || inverse_depth.is_some_and(|d| d.size() != (w, h)) {
         return Err(Error::new("flow and depth must have the frame's size"));
     }
-    if w < TILE || h < TILE {
-        return Ok(vec![]);
-    }
-    let transfer = Transfer::Srgb;
-    let linear = space == BlurSpace::Linear;
-    let light = super::light_of(frame, space);
-    let moments: Raster<[f32; 3]> = Raster::from_fn(w, h, |x, y| {
-        let v = luma(frame.0.at(x, y));
-        let slope = if linear { transfer.slope(transfer.decode(v.max(0.02))) } else { 1.0 };
-        [(v / slope).powi(2), v / (slope * slope), 1.0 / (slope * slope)]
-    });
+    let light = Light::new(frame, space);
     let fft = FftPlanner::new().plan_fft_forward(TILE);
-    let step = TILE / 2;
-    let (columns, rows) = ((w - TILE) / step + 1, (h - TILE) / step + 1);
-    let found = par::map(columns * rows, |i| {
-        let corner = (i % columns * step, i / columns * step);
-        let block = (corner.1 * BLOCKS / h * BLOCKS + corner.0 * BLOCKS / w) as u32;
-        let (speed, motion) = match flow {
-            Some(flow) => common_motion(flow, corner)?,
-            None => (0.0, [0.0; 2]),
-        };
-        let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
-        let mut noise_moments = [0.0; 3];
-        for p in square(&moments, corner) {
-            (0..3).for_each(|k| noise_moments[k] += p[k] / (TILE * TILE) as f32);
-        }
-        let (bins, rings) = spectrum(&periodogram(&fft, &light, corner), motion, speed);
-        Some(Tile { block, speed, inverse_depth, noise_moments, bins, rings })
+    let corners = corners((w, h));
+    let found = par::map(corners.len(), |i| {
+        tile((&light, corners[i]), flow, inverse_depth, corners[i], block_of(corners[i], (w, h)), &fft)
     });
     let mut found: Vec<Tile> = found.into_iter().flatten().collect();
     if found.len() > TILES_PER_FRAME {
@@ -179,6 +160,102 @@ pub fn tiles(
         found.truncate(TILES_PER_FRAME);
     }
     Ok(found)
+}
+
+/// The corners of a frame's tiles, row by row; of none if it is smaller than one.
+pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
+    if w < TILE || h < TILE {
+        return vec![];
+    }
+    let along = |size: usize| (0..=size - TILE).step_by(TILE / 2);
+    along(h).flat_map(|y| along(w).map(move |x| (x, y))).collect()
+}
+
+/// The block of the image that a tile lies in.
+fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
+    (y * BLOCKS / h * BLOCKS + x * BLOCKS / w) as u32
+}
+
+/// The tiles at some of the [`corners`] only: no light is computed but theirs.
+pub(super) fn tiles_at(
+    frame: &Encoded,
+    corners: &[(usize, usize)],
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    space: BlurSpace,
+) -> Vec<Tile> {
+    let fft = FftPlanner::new().plan_fft_forward(TILE);
+    let found = par::map(corners.len(), |i| {
+        let corner @ (x, y) = corners[i];
+        let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
+        let block = block_of(corner, frame.0.size());
+        tile((&light, (0, 0)), flow, inverse_depth, corner, block, &fft)
+    });
+    found.into_iter().flatten().collect()
+}
+
+/// What is seen of a frame: the light that is blurred, and per pixel what [`Tile::noise_moments`] are the means of.
+struct Light {
+    plane: Plane,
+    moments: Raster<[f32; 3]>,
+}
+
+impl Light {
+    fn new(frame: &Encoded, space: BlurSpace) -> Self {
+        if space == BlurSpace::Encoded {
+            let moments = frame.0.map(luma).map(|v| [v * v, v, 1.0]);
+            return Self { plane: super::light_of(frame, space), moments };
+        }
+        let moments = frame.0.map(|p| {
+            let v = luma(p);
+            let [_, slope] = decoded(v.max(0.02));
+            [(v / slope).powi(2), v / (slope * slope), 1.0 / (slope * slope)]
+        });
+        let plane = frame.0.map(|p| {
+            let [r, g, b] = p.map(|v| decoded(v)[0]);
+            0.2126 * r + 0.7152 * g + 0.0722 * b
+        });
+        Self { plane, moments }
+    }
+}
+
+/// The light of an encoded value, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
+fn decoded(encoded: f32) -> [f32; 2] {
+    const STEPS: usize = 1024;
+    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+    let exact = |v: f32| {
+        let light = Transfer::Srgb.decode(v);
+        [light, Transfer::Srgb.slope(light)]
+    };
+    if !(0.0..1.0).contains(&encoded) {
+        return exact(encoded);
+    }
+    let table = TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect());
+    let at = encoded * STEPS as f32;
+    let (i, t) = (at as usize, at.fract());
+    [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
+}
+
+/// The tile at a corner, and where in `light` that is; `None` if its motion is not one.
+fn tile(
+    (light, at): (&Light, (usize, usize)),
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    corner: (usize, usize),
+    block: u32,
+    fft: &Arc<dyn Fft<f32>>,
+) -> Option<Tile> {
+    let (speed, motion) = match flow {
+        Some(flow) => common_motion(flow, corner)?,
+        None => (0.0, [0.0; 2]),
+    };
+    let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
+    let mut noise_moments = [0.0; 3];
+    for p in square(&light.moments, at) {
+        (0..3).for_each(|k| noise_moments[k] += p[k] / (TILE * TILE) as f32);
+    }
+    let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
+    Some(Tile { block, speed, inverse_depth, noise_moments, bins, rings })
 }
 
 /// The pixels of the tile at a corner.
@@ -201,8 +278,10 @@ fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])>
     };
     let motion = [u, v];
     let speed = motion[0].hypot(motion[1]);
+    // Not hypot, which is slow.
+    let length = |x: f32, y: f32| (x * x + y * y).sqrt();
     let deviation =
-        known.iter().map(|f| (f[0] - motion[0]).hypot(f[1] - motion[1])).sum::<f32>() / known.len() as f32;
+        known.iter().map(|f| length(f[0] - motion[0], f[1] - motion[1])).sum::<f32>() / known.len() as f32;
     (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion))
 }
 
@@ -349,6 +428,16 @@ impl<'a> Prepared<'a> {
             }
             scene.log_likelihood(&shutter) * TEMPER
         }))
+    }
+
+    /// What the tile objects to the exposures of a curve, in nats, within [-CLIP, 0].
+    fn objections(&self) -> Vec<f32> {
+        let table = self.over_lambda();
+        let at = |i: usize| interpolate(&table, i as f32 * EXPOSURE_STEP / LAMBDA_STEP);
+        let likelihood: Vec<f32> = (0..EXPOSURES).map(|i| at(i).exp()).collect();
+        let blurred = blurred(&likelihood, STREAK_ERROR / self.tile.speed / EXPOSURE_STEP);
+        let objection = |v: f32| (v + TOLERANCE).clamp(-CLIP, 0.0);
+        relative(blurred.into_iter().map(f32::ln)).into_iter().map(objection).collect()
     }
 
     /// Log-likelihood over sigma, 0 at its maximum: one amplitude, and the slope of the spectrum integrated out.
@@ -501,6 +590,35 @@ fn cholesky_solve(m: [[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
     x
 }
 
+/// The exposure at the maximum of a curve.
+pub(super) fn most_likely_exposure(curve: &[f32]) -> f32 {
+    (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b])).unwrap_or(0) as f32 * EXPOSURE_STEP
+}
+
+/// The 95 % interval of an exposure, from the curves of (block of the image, part of the clip).
+pub(super) fn exposure_interval(
+    estimate: f32,
+    parts: &[(u32, usize, Vec<f32>)],
+    bootstraps: usize,
+) -> [f32; 2] {
+    let replica = |r: usize| {
+        let mut sum = vec![0.0f32; EXPOSURES];
+        for (block, shot, curve) in parts {
+            let w = resampled(r, *block, *shot);
+            sum.iter_mut().zip(curve).for_each(|(s, v)| *s += w * v);
+        }
+        most_likely_exposure(&sum)
+    };
+    interval(estimate, &(0..bootstraps).map(replica).collect::<Vec<f32>>(), EXPOSURE_FLOOR)
+}
+
+/// What the tiles of one frame object to the exposures of a curve, each with its block of the image.
+pub(super) fn exposure_objections(tiles: &[Tile], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<(u32, Vec<f32>)> {
+    let moving: Vec<Prepared> =
+        prepare(&[tiles], noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
+    par::map(moving.len(), |i| (moving[i].tile.block, moving[i].objections()))
+}
+
 /// The exposure that the tiles of all frames agree on.
 ///
 /// # Errors
@@ -514,25 +632,15 @@ pub fn fit_exposure(
     if prepared.len() < 6 {
         return Err("too little in the frames moves, or what moves has no texture".into());
     }
-    const STEPS: usize = 251;
-    let lambda = |i: usize| 1.25 * i as f32 / (STEPS - 1) as f32;
-    let step = lambda(1);
-    let curves = par::map(prepared.len(), |i| {
-        let table = prepared[i].over_lambda();
-        let likelihood: Vec<f32> =
-            (0..STEPS).map(|i| interpolate(&table, lambda(i) / LAMBDA_STEP).exp()).collect();
-        let blurred = blurred(&likelihood, STREAK_ERROR / prepared[i].tile.speed / step);
-        let objection = |v: f32| (v + TOLERANCE).clamp(-CLIP, 0.0);
-        relative(blurred.into_iter().map(f32::ln)).into_iter().map(objection).collect::<Vec<f32>>()
-    });
+    let curves = par::map(prepared.len(), |i| prepared[i].objections());
     let summed = |which: &dyn Fn(&Prepared) -> bool| {
-        let mut sum = vec![0.0f32; STEPS];
+        let mut sum = vec![0.0f32; EXPOSURES];
         for (_, c) in prepared.iter().zip(&curves).filter(|(p, _)| which(p)) {
             sum.iter_mut().zip(c).for_each(|(s, v)| *s += v);
         }
         sum
     };
-    let best = |sum: &[f32]| lambda((0..STEPS).max_by(|&a, &b| sum[a].total_cmp(&sum[b])).unwrap_or(0));
+    let best = most_likely_exposure;
     let sum = summed(&|_| true);
     let estimate = best(&sum);
     let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * SHOTS)
@@ -540,21 +648,12 @@ pub fn fit_exposure(
         .map(|(b, s)| (b, s, summed(&|p| p.tile.block == b && p.shot == s)))
         .filter(|(.., curve)| curve.iter().any(|&v| v < 0.0))
         .collect();
-    let replica = |r: usize| {
-        let mut sum = vec![0.0f32; STEPS];
-        for (block, shot, curve) in &parts {
-            let w = resampled(r, *block, *shot);
-            sum.iter_mut().zip(curve).for_each(|(s, v)| *s += w * v);
-        }
-        best(&sum)
-    };
-    let replicas: Vec<f32> = (0..BOOTSTRAPS).map(replica).collect();
     let per_frame: Vec<(usize, f32)> = (0..frames.len())
         .filter(|&f| prepared.iter().filter(|p| p.frame == f).count() >= 6)
         .map(|f| (f, best(&summed(&|p| p.frame == f)).min(1.0)))
         .collect();
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
-    let [low, high] = interval(estimate, &replicas, EXPOSURE_FLOOR);
+    let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS);
     let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
     let interval = [low.min(low_frame), high.max(high_frame).min(1.0)];
     if interval[1] - interval[0] > 0.7 {
@@ -570,7 +669,7 @@ pub fn fit_exposure(
         exposure: ExposureFraction(estimate.min(1.0)),
         interval,
         samples: prepared.len(),
-        curve: sum.iter().enumerate().map(|(i, v)| [lambda(i), v - max]).collect(),
+        curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - max]).collect(),
         per_frame,
     })
 }
@@ -584,26 +683,62 @@ pub fn fit_lens(
     noise: &[LumaNoise; NOISE_LEVELS],
     exposure: ExposureFraction,
 ) -> std::result::Result<LensFit, String> {
+    lens_of(&lens_witnesses(frames, noise, exposure), BOOTSTRAPS)
+}
+
+/// What a tile, or several of one block and depth, say of the blur there.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LensWitness {
+    pub inverse_depth: f32,
+    /// Log-likelihood over the stds of the tables.
+    pub table: Vec<f32>,
+    /// How many tiles it is the sum of.
+    pub tiles: f32,
+    /// The block of the image and the part of the clip.
+    pub block: u32,
+    pub shot: usize,
+}
+
+impl LensWitness {
+    /// In nats, of a blur, px.
+    pub fn log_likelihood(&self, sigma_px: f32) -> f32 {
+        interpolate(&self.table, index_of_sigma(sigma_px)).max(-CLIP * self.tiles)
+    }
+}
+
+/// The tiles whose depth is known, as witnesses of the lens.
+pub(super) fn lens_witnesses(
+    frames: &[&[Tile]],
+    noise: &[LumaNoise; NOISE_LEVELS],
+    exposure: ExposureFraction,
+) -> Vec<LensWitness> {
     let prepared: Vec<Prepared> =
         prepare(frames, noise).into_iter().filter(|p| p.tile.inverse_depth.is_finite()).collect();
-    if prepared.len() < 8 {
+    par::map(prepared.len(), |i| LensWitness {
+        inverse_depth: prepared[i].tile.inverse_depth,
+        table: prepared[i].over_sigma(exposure.0),
+        tiles: 1.0,
+        block: prepared[i].tile.block,
+        shot: prepared[i].shot,
+    })
+}
+
+/// The thin lens that the witnesses agree on.
+///
+/// # Errors
+/// The reason why they cannot tell.
+pub(super) fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Result<LensFit, String> {
+    let tiles: f32 = witnesses.iter().map(|w| w.tiles).sum();
+    if tiles < 8.0 {
         return Err("too few textured places whose depth is known".into());
     }
-    let tables = par::map(prepared.len(), |i| prepared[i].over_sigma(exposure.0));
-    let depth = |i: usize| prepared[i].tile.inverse_depth;
-    let range = defocus::seen_range((0..prepared.len()).map(depth));
+    let range = lens_range(witnesses);
     if range.1 - range.0 < MIN_DEPTH_SPAN * range.1.abs() {
         return Err("the textured places all lie at about one depth, through which many lenses fit".into());
     }
-    let objective = |lens: Lens, weight: &dyn Fn(usize) -> f32| -> f32 {
-        let loss = |i: usize| interpolate(&tables[i], index_of_sigma(lens.sigma_px(depth(i)))).max(-CLIP);
-        (0..tables.len()).map(|i| (weight(i), i)).filter(|(w, _)| *w > 0.0).map(|(w, i)| w * loss(i)).sum()
-    };
-    let lens = defocus::best_lens(range, |lens| objective(lens, &|_| 1.0));
-    let replicas: Vec<Lens> = par::map(BOOTSTRAPS, |r| {
-        defocus::refined_lens(lens, |l| {
-            objective(l, &|i| resampled(r, prepared[i].tile.block, prepared[i].shot))
-        })
+    let lens = defocus::best_lens(range, |lens| lens_log_likelihood(witnesses, lens, |_| 1.0));
+    let replicas: Vec<Lens> = par::map(bootstraps, |r| {
+        defocus::refined_lens(lens, |l| lens_log_likelihood(witnesses, l, |w| resampled(r, w.block, w.shot)))
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
     let spread = |d: f32| {
@@ -611,7 +746,7 @@ pub fn fit_lens(
         std_of(&s)
     };
     let mean =
-        |f: &dyn Fn(f32) -> f32| (0..tables.len()).map(|i| f(depth(i))).sum::<f32>() / tables.len() as f32;
+        |f: &dyn Fn(f32) -> f32| witnesses.iter().map(|w| w.tiles * f(w.inverse_depth)).sum::<f32>() / tiles;
     let (scatter, typical) = (mean(&spread), mean(&|d| lens.sigma_px(d)));
     if scatter > (0.6 * typical).max(0.4) {
         return Err(format!(
@@ -622,21 +757,38 @@ pub fn fit_lens(
     let of = |f: &dyn Fn(&Lens) -> f32, floor: f32| {
         interval(f(&lens), &replicas.iter().map(f).collect::<Vec<f32>>(), floor * f(&lens))
     };
-    let points = (0..tables.len())
-        .map(|i| {
-            let at = (0..SIGMAS).max_by(|&a, &b| tables[i][a].total_cmp(&tables[i][b])).unwrap_or(0);
+    let points = witnesses
+        .iter()
+        .map(|w| {
+            let at = (0..SIGMAS).max_by(|&a, &b| w.table[a].total_cmp(&w.table[b])).unwrap_or(0);
             // Sure if a blur that differs by half is excluded.
-            let other = interpolate(&tables[i], index_of_sigma(1.5 * sigma_of(at) + 0.3));
-            BlurPoint { inverse_depth: depth(i), sigma_px: sigma_of(at), weight: 1.0 - other.exp().min(1.0) }
+            let other = interpolate(&w.table, index_of_sigma(1.5 * sigma_of(at) + 0.3));
+            let weight = 1.0 - other.exp().min(1.0);
+            BlurPoint { inverse_depth: w.inverse_depth, sigma_px: sigma_of(at), weight }
         })
         .collect();
     Ok(LensFit {
         lens,
         sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), LENS_FLOORS.0),
         focus_inverse_depth: of(&|l| l.focus, LENS_FLOORS.1),
-        samples: tables.len(),
+        samples: tiles.round() as usize,
         points,
     })
+}
+
+/// 5 % and 95 % of the witnesses' inverse depths.
+pub(super) fn lens_range(witnesses: &[LensWitness]) -> (f32, f32) {
+    defocus::seen_range(witnesses.iter().map(|w| w.inverse_depth))
+}
+
+/// What the witnesses say of a lens, in nats, each with a weight.
+pub(super) fn lens_log_likelihood(
+    witnesses: &[LensWitness],
+    lens: Lens,
+    weight: impl Fn(&LensWitness) -> f32,
+) -> f32 {
+    let weighted = witnesses.iter().map(|w| (weight(w), w)).filter(|(weight, _)| *weight > 0.0);
+    weighted.map(|(weight, w)| weight * w.log_likelihood(lens.sigma_px(w.inverse_depth))).sum()
 }
 
 fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<Prepared<'a>> {

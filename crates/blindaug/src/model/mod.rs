@@ -3,10 +3,12 @@
 mod defocus;
 mod motion_blur;
 mod noise;
+mod track;
 
 pub use defocus::{DefocusCurve, DefocusModel, DepthKind, ThinLensInterval};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
 pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
+pub use track::{CameraTrack, Changes, TrackedCamera};
 
 use crate::{Error, Result, Transfer};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};

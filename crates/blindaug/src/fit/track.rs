@@ -1,0 +1,662 @@
+//! A camera model for every frame, while the footage runs.
+//!
+//! [`Tracker`] weighs the evidence of new frames against that of old ones. Each parameter has a memory of its own: for the
+//! exposure the summed log-likelihood over lambda, per block of the image; for the lens that over the blur, per block and
+//! inverse depth; for the noise the local variances of the last frames. All are of constant size, and evidence is forgotten
+//! with time, so that a slow drift is followed.
+//!
+//! **Changes** of shutter, focus or gain: when each of the last three frames that tell something finds what these three
+//! have in common much more likely than what the frames before them gave (a generalised likelihood ratio), what is older is
+//! dropped. One frame that errs is not enough.
+//!
+//! **Bridges**: a frame that says nothing of a parameter leaves its last value; the interval widens with the time since
+//! anything was seen of it, as that of a random walk does.
+
+use super::defocus::{self, Lens};
+use super::noise::{LumaNoise, NoiseEvidence, NoiseFit};
+use super::spectral::{self, LensWitness};
+use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
+use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
+use crate::analysis::flow::FlowEstimator;
+use crate::model::{
+    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
+    ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, ThinLensInterval,
+};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
+use std::borrow::Cow;
+use std::collections::VecDeque;
+
+/// A change is told by this many frames that agree.
+const AGREEING: usize = 3;
+/// How much more likely each of them must find the new value, in nats.
+const SURE: f32 = 4.0;
+/// What is not called a change: of lambda, of the mean blur in px and relative to it, and of the noise's std, relative.
+const SAME_EXPOSURE: f32 = 0.1;
+const SAME_BLUR: (f32, f32) = (0.25, 0.1);
+const SAME_NOISE: f32 = 0.15;
+/// How much of its weight evidence keeps from one frame to the next.
+const KEPT_EXPOSURE: f32 = 0.93;
+const KEPT_LENS: f32 = 0.98;
+/// The noise rests on this many frames.
+const NOISE_FRAMES: usize = 24;
+/// What a value that is not seen may change by in a frame, as the std of a random walk: lambda; relative for the lens and the noise.
+const WALK_EXPOSURE: f32 = 0.01;
+const WALK_LENS: f32 = 0.02;
+const WALK_NOISE: f32 = 0.01;
+/// The width of the curve over which the exposure is averaged, as a number of frames.
+const MEAN_OF: f32 = 4.0;
+/// Replicas of the bootstraps: fewer than for a whole clip, since there is one for each frame.
+const BOOTSTRAPS: usize = 24;
+/// About this many tiles are looked at in a frame.
+const TILES: usize = 60;
+/// Depth from parallax, and so the lens, is looked for in one of so many frames: it takes as long as all the rest.
+const PARALLAX_STRIDE: usize = 3;
+/// For the flow, frames are halved until they are no wider than this, px.
+const FLOW_WIDTH: usize = 256;
+/// Noise is measured in a part of the picture of about this many px.
+const NOISE_PART: usize = 64_000;
+/// Fewer confirmed matches than this, and relative depth starts anew with another scale.
+const SCALE_CONFIRMED: f32 = 0.6;
+
+/// Follows a camera's noise, exposure and defocus from frame to frame. Looks at the frames alone (the spectral family),
+/// with flow and depth given or estimated; clean frames are not used. Time and memory for a frame do not depend on how
+/// many there were.
+///
+/// ```no_run
+/// # fn newest_frame() -> Option<blindaug::Encoded> { None }
+/// use blindaug::fit::{Evidence, Observation, track::Tracker};
+/// let mut tracker = Tracker::new(Default::default(), Some(30.0));
+/// let mut last = newest_frame().unwrap();
+/// while let Some(newest) = newest_frame() {
+///     let evidence = Evidence::default();
+///     let model = tracker.push(&Observation { frame: &last, next: Some(&newest), previous: None, evidence })?;
+///     println!("{:?}", model.motion_blur);
+///     last = newest;
+/// }
+/// # Ok::<(), blindaug::Error>(())
+/// ```
+pub struct Tracker {
+    blur_space: BlurSpace,
+    fps: Option<f64>,
+    size: Option<(usize, usize)>,
+    frames: usize,
+    flow: FlowEstimator,
+    parallax: ParallaxTracker,
+    noise: NoiseMemory,
+    luma_noise: [LumaNoise; NOISE_LEVELS],
+    exposure: Memory,
+    lens: Memory,
+    depth_kind: Option<DepthKind>,
+    known: Known,
+    why_no_depth: String,
+    model: Option<CameraModel>,
+    changes: Changes,
+}
+
+/// The last estimates, as they were when something was seen of them.
+#[derive(Default)]
+struct Known {
+    noise: Option<NoiseModel>,
+    exposure: Option<MotionBlurModel>,
+    lens: Option<DefocusModel>,
+}
+
+/// What is known of motion and depth in a frame.
+struct Geometry<'a> {
+    /// To the neighbour that there is.
+    flow: Option<Cow<'a, Flow>>,
+    inverse_depth: Option<Cow<'a, Plane>>,
+}
+
+impl Tracker {
+    /// A tracker that has seen nothing yet. `fps` is only copied into the models.
+    pub fn new(blur_space: BlurSpace, fps: Option<f64>) -> Self {
+        Self {
+            blur_space,
+            fps,
+            size: None,
+            frames: 0,
+            flow: FlowEstimator::new(),
+            parallax: ParallaxTracker::new().near_the_last(),
+            noise: NoiseMemory::default(),
+            luma_noise: Default::default(),
+            exposure: Memory::new(spectral::BLOCK_COUNT * (spectral::EXPOSURES + 1), KEPT_EXPOSURE),
+            lens: Memory::new(spectral::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
+            depth_kind: None,
+            known: Known::default(),
+            why_no_depth: "no depth was given, and nothing has moved yet".into(),
+            model: None,
+            changes: Changes::default(),
+        }
+    }
+
+    /// Looks at a frame, and gives the model that holds for it. A live camera's frame is pushed when the one after it has
+    /// come; [`Observation::previous`] is used where there is no next one.
+    ///
+    /// # Errors
+    /// If a size differs from the first frame's, or the frame is not finite.
+    pub fn push(&mut self, observation: &Observation) -> Result<&CameraModel> {
+        check_sizes(&mut self.size, observation)?;
+        let Observation { frame, next, previous, .. } = *observation;
+        let (width, height) = frame.0.size();
+        let capture = Capture { width, height, fps: self.fps, frames_used: self.frames + 1 };
+        self.changes = Changes::default();
+        let geometry = self.geometry(observation)?;
+        let neighbour = if observation.evidence.flow.is_some() { next } else { next.or(previous) };
+        let mut model = CameraModel::unknown(capture, "");
+        model.blur_space = self.blur_space;
+        model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
+        let tiles = self.tiles(frame, &geometry);
+        model.motion_blur = self.follow_exposure(&tiles);
+        model.defocus = self.follow_lens(&tiles);
+        self.frames += 1;
+        model.validate()?;
+        Ok(self.model.insert(model))
+    }
+
+    /// The model of the last frame; `None` before the first.
+    pub fn model(&self) -> Option<&CameraModel> {
+        self.model.as_ref()
+    }
+
+    /// Which parameters the last frame was found to have changed.
+    pub fn changes(&self) -> Changes {
+        self.changes
+    }
+
+    fn geometry<'a>(&mut self, observation: &Observation<'a>) -> Result<Geometry<'a>> {
+        let Observation { frame, next, previous, evidence } = *observation;
+        let mut geometry = Geometry { flow: None, inverse_depth: None };
+        let wants_parallax = evidence.inverse_depth.is_none()
+            && self.depth_kind != Some(DepthKind::Metric)
+            && self.frames.is_multiple_of(PARALLAX_STRIDE);
+        let mut parallax = None;
+        if let Some(flow) = evidence.flow {
+            geometry.flow = Some(Cow::Borrowed(flow));
+            if wants_parallax {
+                let unknown = flow.map(|f| !f[0].is_finite());
+                parallax = Some(inverse_depth_from_flow(flow, &unknown)?);
+            }
+        } else if let Some(other) = next.or(previous) {
+            let size = frame.0.size();
+            let mut from = frame.luma();
+            let mut to = other.luma();
+            while from.width() > FLOW_WIDTH {
+                (from, to) = (pyramid::downsample(&from), pyramid::downsample(&to));
+            }
+            let pair = self.flow.flow_with_occlusion(&from, &to)?;
+            if pair.confirmed() >= MIN_CONFIRMED {
+                geometry.flow = Some(Cow::Owned(enlarged(known_flow(&pair), size)));
+            }
+            if pair.confirmed() < SCALE_CONFIRMED {
+                self.parallax = ParallaxTracker::new().near_the_last();
+                if self.depth_kind == Some(DepthKind::Relative) {
+                    // In another unit from here on.
+                    self.lens.forget_old();
+                    self.lens.forget_recent();
+                }
+            } else if wants_parallax {
+                parallax = Some(self.parallax.push(&pair, PARALLAX_STRIDE)?);
+            }
+            if let Some(Parallax::Known(depth)) = &mut parallax {
+                let (small, factor) = (&depth.inverse_depth, size.0.div_ceil(from.width()));
+                depth.inverse_depth = Plane::from_fn(size.0, size.1, |x, y| small.at(x / factor, y / factor));
+            }
+        }
+        if let Some((given, kind)) = evidence.inverse_depth {
+            if self.depth_kind.is_some_and(|k| k != kind) {
+                return Err(Error::new("depth in one unit cannot follow depth in another: give all in one"));
+            }
+            self.depth_kind = Some(kind);
+            geometry.inverse_depth = Some(Cow::Borrowed(given));
+        }
+        match parallax {
+            Some(Parallax::Known(depth)) => {
+                self.depth_kind = Some(DepthKind::Relative);
+                geometry.inverse_depth = Some(Cow::Owned(depth.inverse_depth));
+            }
+            Some(Parallax::Unknown(why)) => {
+                self.why_no_depth = format!("no depth was given, and parallax gives none: {why}");
+            }
+            None => {}
+        }
+        Ok(geometry)
+    }
+
+    fn follow_noise(
+        &mut self,
+        frame: &Encoded,
+        neighbour: Option<(&Encoded, &Flow)>,
+    ) -> Result<Estimate<NoiseModel>> {
+        let mut evidence = NoiseEvidence::new(Method::Temporal);
+        if let Some((other, flow)) = neighbour {
+            // Strips in turn, as high as the coarsest blocks or a multiple.
+            const STEP: usize = 32;
+            let (w, h) = frame.0.size();
+            let parts = (w * h).div_ceil(NOISE_PART).min((h / STEP).max(1));
+            let edge = |part: usize| if part == parts { h } else { part * (h / STEP) / parts * STEP };
+            let part = self.frames % parts;
+            evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
+        }
+        self.changes.noise = self.noise.push(evidence, &self.luma_noise[0]);
+        if self.changes.noise {
+            // What was read of the blur since then was read with the wrong noise.
+            self.exposure.forget_recent();
+            self.lens.forget_recent();
+        }
+        let mut fit = self.noise.fit();
+        if fit.luma.is_none() && self.known.noise.is_none() {
+            let mut single = NoiseEvidence::new(Method::Spatial);
+            single.add_single(frame);
+            fit = single.fit();
+        }
+        self.luma_noise = fit.luma.unwrap_or(self.luma_noise);
+        let Some(fresh) = fit.model.known() else {
+            return Ok(match &self.known.noise {
+                Some(noise) => Estimate::Known(walked_noise(noise, self.noise.age)),
+                None => fit.model,
+            });
+        };
+        if fresh.method == Method::Temporal {
+            self.known.noise = Some(fresh.clone());
+        }
+        Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
+    }
+
+    /// Some of the frame's tiles, others each time: of those whose motion or depth is known, the ones of most contrast.
+    fn tiles(&self, frame: &Encoded, geometry: &Geometry) -> Vec<spectral::Tile> {
+        let (flow, depth) = (geometry.flow.as_deref(), geometry.inverse_depth.as_deref());
+        if flow.is_none() && depth.is_none() {
+            return vec![];
+        }
+        let all = spectral::corners(frame.0.size());
+        let turns = (all.len() / (2 * TILES)).max(1);
+        let contrast = |&(x0, y0): &(usize, usize)| {
+            let middle = (x0 + spectral::TILE / 2, y0 + spectral::TILE / 2);
+            let moves = flow
+                .map(|f| f.at(middle.0, middle.1))
+                .is_some_and(|[u, v]| u.hypot(v) >= spectral::SPEEDS.start);
+            let placed = depth.is_some_and(|d| d.at(middle.0, middle.1).is_finite());
+            let square = |v: f32| v * v;
+            let green = |x: usize, y: usize| frame.0.at(x, y)[1];
+            let sum = |rows: std::ops::Range<usize>| {
+                let places = rows
+                    .step_by(4)
+                    .flat_map(|y| (x0..x0 + spectral::TILE - 4).step_by(4).map(move |x| (x, y)));
+                places
+                    .map(|(x, y)| {
+                        square(green(x + 4, y) - green(x, y)) + square(green(x, y + 4) - green(x, y))
+                    })
+                    .sum::<f32>()
+            };
+            if moves || placed { sum(y0..y0 + spectral::TILE - 4) } else { -1.0 }
+        };
+        let mut tried: Vec<_> = all
+            .iter()
+            .skip(self.frames % turns)
+            .step_by(turns)
+            .map(|c| (contrast(c), *c))
+            .filter(|t| t.0 >= 0.0)
+            .collect();
+        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let chosen: Vec<_> = tried.into_iter().take(TILES).map(|t| t.1).collect();
+        spectral::tiles_at(frame, &chosen, flow, depth, self.blur_space)
+    }
+
+    fn follow_exposure(&mut self, tiles: &[spectral::Tile]) -> Estimate<MotionBlurModel> {
+        let memory = &mut self.exposure;
+        memory.fade();
+        let found = spectral::exposure_objections(tiles, &self.luma_noise);
+        if !found.is_empty() {
+            let mut evidence = vec![0.0; memory.old.len()];
+            let (curves, counts) = evidence.split_at_mut(CURVES);
+            for (block, curve) in found {
+                let at = block as usize * EXPOSURES;
+                curves[at..at + EXPOSURES].iter_mut().zip(curve).for_each(|(s, v)| *s += v);
+                counts[block as usize] += 1.0;
+            }
+            memory.add(evidence);
+            if exposure_changed(memory) {
+                memory.forget_old();
+                self.changes.exposure = true;
+                // What was read of the lens since then was read with the wrong exposure.
+                self.lens.forget_recent();
+            }
+            let sum = memory.sum();
+            let (curves, counts) = sum.split_at(CURVES);
+            let tiles: f32 = counts.iter().sum();
+            let estimate = mean_exposure(&curve_of(&sum), memory.weight);
+            let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
+                .zip(curves.chunks(EXPOSURES))
+                .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
+                .map(|(block, c)| (block, 0, c.to_vec()))
+                .collect();
+            let interval = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS).map(|v| v.min(1.0));
+            if tiles >= 6.0 && interval[1] - interval[0] <= 0.7 {
+                self.known.exposure = Some(MotionBlurModel {
+                    exposure: ExposureFraction(estimate.min(1.0)),
+                    interval,
+                    method: Method::Spectral,
+                    samples: tiles.round() as u64,
+                });
+            }
+        }
+        let Some(known) = self.known.exposure else {
+            return Estimate::Unknown("so far, too little has moved, or what moved has no texture".into());
+        };
+        let [low, high] = walked(known.interval, known.exposure.0, WALK_EXPOSURE, memory.age);
+        Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })
+    }
+
+    fn follow_lens(&mut self, tiles: &[spectral::Tile]) -> Estimate<DefocusModel> {
+        let memory = &mut self.lens;
+        memory.fade();
+        // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
+        let exposure = self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure);
+        let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure);
+        let mut why = self.why_no_depth.clone();
+        if let (false, Some(depth_kind)) = (found.is_empty(), self.depth_kind) {
+            let mut evidence = vec![0.0; memory.old.len()];
+            for w in found {
+                let cell = w.block as usize * DEPTHS + depth_bin(w.inverse_depth);
+                let cell = &mut evidence[cell * CELL..][..CELL];
+                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-spectral::CLIP));
+                cell[SIGMAS] += w.inverse_depth;
+                cell[SIGMAS + 1] += 1.0;
+            }
+            memory.add(evidence);
+            if lens_changed(memory) {
+                memory.forget_old();
+                self.changes.defocus = true;
+            }
+            match spectral::lens_of(&witnesses_of(&memory.sum()), BOOTSTRAPS) {
+                Ok(fit) => {
+                    let curve = DefocusCurve::ThinLens {
+                        sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
+                        focus_inverse_depth: fit.lens.focus,
+                        interval: Some(ThinLensInterval {
+                            sigma_px_at_infinity: fit.sigma_px_at_infinity,
+                            focus_inverse_depth: fit.focus_inverse_depth,
+                        }),
+                    };
+                    let (method, samples) = (Method::Spectral, fit.samples as u64);
+                    self.known.lens = Some(DefocusModel { curve, depth_kind, method, samples });
+                }
+                Err(reason) => why = reason,
+            }
+        }
+        let Some(mut known) = self.known.lens else { return Estimate::Unknown(why) };
+        if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
+            &mut known.curve
+        {
+            i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK_LENS * *s, memory.age);
+            i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK_LENS * *f, memory.age);
+        }
+        Estimate::Known(known)
+    }
+}
+
+/// The flow of frames that were halved to its size, at the frames' own size.
+fn enlarged(small: Flow, (width, height): (usize, usize)) -> Flow {
+    if small.size() == (width, height) {
+        return small;
+    }
+    let factor = width.div_ceil(small.width()).next_power_of_two();
+    let share = |i: usize| (i % factor) as f32 / factor as f32;
+    let mut flow = Flow::filled(width, height, [0.0; 2]);
+    par::for_each_row(flow.data_mut(), width, |y, out| {
+        let (above, below) = (small.row(y / factor), small.row((y / factor + 1).min(small.height() - 1)));
+        let between = |i: usize| Pixel::lerp(above[i], below[i], share(y)).map(|v| factor as f32 * v);
+        let line: Vec<[f32; 2]> = (0..small.width()).map(between).collect();
+        for (x, out) in out.iter_mut().enumerate() {
+            let i = x / factor;
+            *out = Pixel::lerp(line[i], line[(i + 1).min(line.len() - 1)], share(x));
+        }
+    });
+    flow
+}
+
+/// A 95 % interval, `age` frames after anything was seen of the value, which since walks by `step` (std) a frame.
+fn walked([low, high]: [f32; 2], value: f32, step: f32, age: usize) -> [f32; 2] {
+    let reach = 1.96 * step * (age as f32).sqrt();
+    [(value - (value - low).max(0.0).hypot(reach)).max(0.0), value + (high - value).max(0.0).hypot(reach)]
+}
+
+fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
+    let mut noise = noise.clone();
+    for (level, interval) in noise.levels.iter().zip(noise.interval.iter_mut().flatten()) {
+        for c in 0..3 {
+            let step = WALK_NOISE * level.intercept[c];
+            interval.intercept[c] = walked(interval.intercept[c], level.intercept[c], step, age);
+            let reach = 1.96 * WALK_NOISE * level.slope[c].abs() * (age as f32).sqrt();
+            let [low, high] = interval.slope[c];
+            let side = |deviation: f32| deviation.max(0.0).hypot(reach);
+            interval.slope[c] =
+                [level.slope[c] - side(level.slope[c] - low), level.slope[c] + side(high - level.slope[c])];
+        }
+    }
+    noise
+}
+
+/// Sums of evidence, in which older frames count less and less. The last few frames are kept apart.
+struct Memory {
+    old: Vec<f32>,
+    recent: VecDeque<Vec<f32>>,
+    kept: f32,
+    /// How many frames it holds, older ones counting less.
+    weight: f32,
+    /// Frames since there was evidence.
+    age: usize,
+}
+
+impl Memory {
+    fn new(len: usize, kept: f32) -> Self {
+        Self { old: vec![0.0; len], recent: VecDeque::new(), kept, age: 0, weight: 0.0 }
+    }
+
+    /// A frame has passed.
+    fn fade(&mut self) {
+        self.age += 1;
+        self.weight *= self.kept;
+        // What nobody adds to would fade into denormal numbers, which are slow.
+        let fade = |v: &mut f32| *v = if v.abs() < 1e-12 { 0.0 } else { *v * self.kept };
+        self.old.iter_mut().chain(self.recent.iter_mut().flatten()).for_each(fade);
+    }
+
+    fn add(&mut self, evidence: Vec<f32>) {
+        self.age = 0;
+        self.weight += 1.0;
+        self.recent.push_back(evidence);
+        if self.recent.len() > AGREEING
+            && let Some(first) = self.recent.pop_front()
+        {
+            self.old.iter_mut().zip(first).for_each(|(s, v)| *s += v);
+        }
+    }
+
+    fn recent_sum(&self) -> Vec<f32> {
+        let mut sum = vec![0.0; self.old.len()];
+        self.recent.iter().for_each(|r| sum.iter_mut().zip(r).for_each(|(s, v)| *s += v));
+        sum
+    }
+
+    fn sum(&self) -> Vec<f32> {
+        let mut sum = self.recent_sum();
+        sum.iter_mut().zip(&self.old).for_each(|(s, v)| *s += v);
+        sum
+    }
+
+    fn forget_old(&mut self) {
+        self.old.fill(0.0);
+        self.weight = self.recent.len() as f32;
+    }
+
+    fn forget_recent(&mut self) {
+        self.weight = (self.weight - self.recent.len() as f32).max(0.0);
+        self.recent.clear();
+    }
+}
+
+const EXPOSURES: usize = spectral::EXPOSURES;
+/// The exposure's evidence: a curve for each block, and then the number of tiles of each.
+const CURVES: usize = spectral::BLOCK_COUNT * EXPOSURES;
+
+/// The sum over the blocks.
+fn curve_of(evidence: &[f32]) -> Vec<f32> {
+    let mut sum = vec![0.0; EXPOSURES];
+    for curve in evidence[..CURVES].chunks(EXPOSURES) {
+        sum.iter_mut().zip(curve).for_each(|(s, v)| *s += v);
+    }
+    sum
+}
+
+/// The mean over a curve as wide as that of [`MEAN_OF`] frames, if `frames` are in it: the maximum of a sum of clipped
+/// objections jumps between places that are almost as likely.
+fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
+    let max = curve.iter().copied().fold(f32::MIN, f32::max);
+    let sharpness = (MEAN_OF / frames).min(1.0);
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (i, v) in curve.iter().enumerate() {
+        let weight = (sharpness * (v - max)).exp();
+        sum += weight * i as f32 * spectral::EXPOSURE_STEP;
+        weights += weight;
+    }
+    sum / weights
+}
+
+/// Whether the last frames agree on another exposure than the frames before them.
+fn exposure_changed(memory: &Memory) -> bool {
+    if memory.recent.len() < AGREEING || memory.old[CURVES..].iter().sum::<f32>() < 6.0 {
+        return false;
+    }
+    let at = |v: f32| (v / spectral::EXPOSURE_STEP).round() as usize;
+    let before = at(spectral::most_likely_exposure(&curve_of(&memory.old)));
+    let now = at(spectral::most_likely_exposure(&curve_of(&memory.recent_sum())));
+    now.abs_diff(before) > at(SAME_EXPOSURE)
+        && memory.recent.iter().all(|frame| {
+            let curve = curve_of(frame);
+            curve[now] - curve[before] > SURE
+        })
+}
+
+const SIGMAS: usize = spectral::SIGMAS;
+/// The lens's evidence: cells of a block of the image and a bin of inverse depth, each with its table, the sum of its tiles'
+/// inverse depths, and their number.
+const CELL: usize = SIGMAS + 2;
+/// Bins of inverse depth: 8 an octave, from 1/256 (and what is below) to 16.
+const DEPTHS: usize = 96;
+
+fn depth_bin(inverse_depth: f32) -> usize {
+    (8.0 * (inverse_depth.max(1e-6).log2() + 8.0)).clamp(0.0, (DEPTHS - 1) as f32) as usize
+}
+
+fn witnesses_of(evidence: &[f32]) -> Vec<LensWitness> {
+    evidence
+        .chunks(CELL)
+        .enumerate()
+        .filter(|(_, cell)| cell[SIGMAS + 1] > 0.05)
+        .map(|(i, cell)| LensWitness {
+            inverse_depth: cell[SIGMAS] / cell[SIGMAS + 1],
+            table: cell[..SIGMAS].to_vec(),
+            tiles: cell[SIGMAS + 1],
+            block: (i / DEPTHS) as u32,
+            shot: 0,
+        })
+        .collect()
+}
+
+/// Whether the last frames agree on another lens than the frames before them.
+fn lens_changed(memory: &Memory) -> bool {
+    let best = |witnesses: &[LensWitness]| -> Option<Lens> {
+        (witnesses.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
+            let range = spectral::lens_range(witnesses);
+            defocus::best_lens(range, |l| spectral::lens_log_likelihood(witnesses, l, |_| 1.0))
+        })
+    };
+    let recent = witnesses_of(&memory.recent_sum());
+    let (true, Some(before), Some(now)) =
+        (memory.recent.len() == AGREEING, best(&witnesses_of(&memory.old)), best(&recent))
+    else {
+        return false;
+    };
+    let mean = |of: &dyn Fn(f32) -> f32| {
+        let tiles: f32 = recent.iter().map(|w| w.tiles).sum();
+        recent.iter().map(|w| w.tiles * of(w.inverse_depth)).sum::<f32>() / tiles
+    };
+    mean(&|d| (now.sigma_px(d) - before.sigma_px(d)).abs())
+        > SAME_BLUR.0 + SAME_BLUR.1 * mean(&|d| before.sigma_px(d))
+        && memory.recent.iter().all(|frame| {
+            let witnesses = witnesses_of(frame);
+            let of = |lens| spectral::lens_log_likelihood(&witnesses, lens, |_| 1.0);
+            of(now) - of(before) > SURE
+        })
+}
+
+/// Local variances of the last frames that had some.
+#[derive(Default)]
+struct NoiseMemory {
+    frames: VecDeque<NoiseEvidence>,
+    /// Of the last frames, the log of their noise's std over that of the model at the time.
+    ratios: VecDeque<f32>,
+    /// Frames since there was evidence.
+    age: usize,
+}
+
+impl NoiseMemory {
+    /// Adds a frame's evidence; whether the noise has changed from what `model` says.
+    fn push(&mut self, evidence: NoiseEvidence, model: &LumaNoise) -> bool {
+        self.age += 1;
+        let Some(ratio) = evidence.log_ratio(model) else { return false };
+        self.age = 0;
+        self.frames.push_back(evidence);
+        self.ratios.push_back(ratio);
+        if self.frames.len() > NOISE_FRAMES {
+            self.frames.pop_front();
+        }
+        if self.ratios.len() > AGREEING {
+            self.ratios.pop_front();
+        }
+        let agree = |sign: f32| self.ratios.iter().all(|r| sign * r > SAME_NOISE);
+        let enough = self.frames.len() > AGREEING && self.ratios.len() == AGREEING;
+        let changed = enough && (agree(1.0) || agree(-1.0));
+        if changed {
+            // The first of them was compared with a frame from before the change, or after it.
+            self.frames.drain(..self.frames.len() - (AGREEING - 1));
+            self.ratios.clear();
+        }
+        changed
+    }
+
+    fn fit(&self) -> NoiseFit {
+        let mut all = NoiseEvidence::new(Method::Temporal);
+        self.frames.iter().for_each(|f| all.merge(f));
+        all.fit()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_enlarged_flow_is_that_of_the_frames_themselves() {
+        let small = Flow::from_fn(40, 30, |x, y| [0.1 * x as f32, 1.0 - 0.02 * y as f32]);
+        let flow = enlarged(small.clone(), (158, 118));
+        for (x, y) in [(0, 0), (4, 8), (77, 30), (150, 101)] {
+            let [u, v] = flow.at(x, y);
+            // Four times the flow at a quarter of the place.
+            assert!(
+                (u - 0.1 * x as f32).abs() < 1e-4 && (v - 4.0 + 0.02 * y as f32).abs() < 1e-4,
+                "{x} {y}: {u} {v}"
+            );
+        }
+        assert_eq!(enlarged(small.clone(), (40, 30)), small);
+    }
+
+    #[test]
+    fn an_interval_widens_with_the_root_of_time() {
+        let [low, high] = walked([0.4, 0.6], 0.5, 0.01, 100);
+        assert!((high - 0.5 - 0.1f32.hypot(0.196)).abs() < 1e-5 && (low + high - 1.0).abs() < 1e-5);
+        assert_eq!(walked([0.4, 0.6], 0.5, 0.01, 0).map(|v| (v * 1e4).round()), [4000.0, 6000.0]);
+    }
+}

@@ -1,0 +1,207 @@
+//! The tracker on clips whose camera changes.
+
+mod leaves;
+
+use blindaug::fit::{Estimator, Evidence, Observation, track::Tracker};
+use blindaug::model::{BlurSpace, CameraModel, Changes, DepthKind};
+use blindaug::synth;
+use leaves::{CAMERA, Camera, Scene, Shot};
+
+const SIZE: (usize, usize) = (256, 192);
+
+/// The tracker's models of a clip, motion and depth given.
+fn tracked(clip: &[Shot]) -> Vec<(CameraModel, Changes)> {
+    let mut tracker = Tracker::new(BlurSpace::Linear, None);
+    clip.windows(2)
+        .map(|w| {
+            let m = push(&mut tracker, &w[0], &w[1]);
+            (m, tracker.changes())
+        })
+        .collect()
+}
+
+fn push(tracker: &mut Tracker, shot: &Shot, next: &Shot) -> CameraModel {
+    let evidence = Evidence {
+        flow: Some(&shot.flow),
+        inverse_depth: Some((&shot.inverse_depth, DepthKind::Metric)),
+        ..Evidence::default()
+    };
+    let observation = Observation { frame: &shot.frame, next: Some(&next.frame), previous: None, evidence };
+    tracker.push(&observation).unwrap().clone()
+}
+
+fn exposure(m: &CameraModel) -> f32 {
+    m.motion_blur.known().map_or(f32::NAN, |m| m.exposure.0)
+}
+
+fn noise(m: &CameraModel) -> f32 {
+    let white = synth::noise::white_band_std();
+    m.noise.known().map_or(f32::NAN, |n| {
+        let l = n.levels[0];
+        (0..3).map(|c| l.slope[c] * 0.4 + l.intercept[c]).sum::<f32>() / 3.0 / white[0]
+    })
+}
+
+/// Mean error of the blur at the depths of the scene, px.
+fn blur_error(m: &CameraModel, truth: &Camera) -> f32 {
+    let Some(lens) = m.defocus.known() else { return f32::NAN };
+    let error = |d: f32| (lens.sigma_px(d) - truth.sigma_at_infinity * (1.0 - d / truth.focus).abs()).abs();
+    leaves::LAYERS.map(error).iter().sum::<f32>() / leaves::LAYERS.len() as f32
+}
+
+fn mean(v: &[f32]) -> f32 {
+    v.iter().sum::<f32>() / v.len() as f32
+}
+
+fn std(v: &[f32]) -> f32 {
+    let mean = mean(v);
+    (v.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / v.len() as f32).sqrt()
+}
+
+/// The frame in which the parameters jump, and how many later they must have settled.
+const JUMP: usize = 25;
+const SETTLED: usize = 10;
+const JUMP_CLIP: usize = 46;
+
+/// The models of a clip in which the camera jumps, from where they must have settled on; and in which frames a change was
+/// noticed.
+fn after_a_jump(seed: u64, to: Camera) -> (Vec<CameraModel>, Vec<(usize, Changes)>) {
+    let clip = Scene::new(seed, SIZE).clip(JUMP_CLIP, |t| if t < JUMP { CAMERA } else { to });
+    let models = tracked(&clip);
+    let noticed =
+        models.iter().enumerate().filter(|(_, (_, c))| !c.is_empty()).map(|(t, (_, c))| (t, *c)).collect();
+    (models.into_iter().skip(JUMP + SETTLED).map(|(m, _)| m).collect(), noticed)
+}
+
+/// Whether an estimate of the exposure has come to the truth.
+fn settled(estimate: f32, truth: f32) -> bool {
+    (estimate - truth).abs() < 0.05
+}
+
+#[test]
+fn a_jump_of_the_shutter_is_followed_within_ten_frames() {
+    for (seed, exposure_after) in [(1, 0.75), (2, 0.25)] {
+        let (models, noticed) = after_a_jump(seed, Camera { exposure: exposure_after, ..CAMERA });
+        let found: Vec<f32> = models.iter().map(exposure).collect();
+        println!("{exposure_after}: {found:.3?}, {noticed:?}");
+        assert!(found.iter().all(|&e| settled(e, exposure_after)), "{found:?}");
+        let [(at, Changes { exposure: true, .. })] = noticed[..] else { panic!("{noticed:?}") };
+        assert!((JUMP..JUMP + 6).contains(&at), "{at}");
+        // The lens and the noise have stayed.
+        assert!(models.iter().all(|m| blur_error(m, &CAMERA) < 0.35 && (noise(m) / 0.01 - 1.0).abs() < 0.1));
+    }
+}
+
+#[test]
+fn what_never_forgets_is_seen_not_to_settle() {
+    let clip = Scene::new(1, SIZE)
+        .clip(JUMP_CLIP, |t| Camera { exposure: if t < JUMP { 0.5 } else { 0.75 }, ..CAMERA });
+    let mut all = Estimator::new(Default::default());
+    for w in clip.windows(2).take(JUMP + SETTLED) {
+        let evidence = Evidence { flow: Some(&w[0].flow), ..Evidence::default() };
+        all.add(&Observation { frame: &w[0].frame, next: Some(&w[1].frame), previous: None, evidence })
+            .unwrap();
+    }
+    let found = exposure(&all.estimate().unwrap().model);
+    println!("{found}");
+    assert!(!settled(found, 0.75));
+}
+
+#[test]
+fn a_jump_of_the_focus_is_followed_within_ten_frames() {
+    let to = Camera { focus: 0.4, ..CAMERA };
+    let (models, noticed) = after_a_jump(1, to);
+    let errors: Vec<f32> = models.iter().map(|m| blur_error(m, &to)).collect();
+    println!("{errors:.2?}, {noticed:?}");
+    assert!(errors.iter().all(|&e| e < 0.35), "{errors:?}");
+    assert!(noticed.iter().any(|(t, c)| c.defocus && (JUMP..JUMP + 6).contains(t)), "{noticed:?}");
+    // Negative control: the lens from before is not within that of the one after.
+    let mut before = models[0].clone();
+    before.defocus = blindaug::model::Estimate::Known(blindaug::model::DefocusModel::given_lens(
+        CAMERA.sigma_at_infinity,
+        CAMERA.focus,
+    ));
+    assert!(blur_error(&before, &to) > 0.5);
+}
+
+#[test]
+fn a_jump_of_the_gain_is_followed_within_ten_frames() {
+    for (seed, std) in [(1, 0.02), (2, 0.006)] {
+        let (models, noticed) = after_a_jump(seed, Camera { noise: std, ..CAMERA });
+        let found: Vec<f32> = models.iter().map(noise).collect();
+        println!("{std}: {found:.4?}, {noticed:?}");
+        assert!(found.iter().all(|n| (n / std - 1.0).abs() < 0.12), "{found:?}");
+        assert!(noticed.iter().any(|(t, c)| c.noise && (JUMP..JUMP + 6).contains(t)), "{noticed:?}");
+        assert!(models.iter().all(|m| (exposure(m) - CAMERA.exposure).abs() < 0.08));
+    }
+}
+
+#[test]
+fn a_steady_camera_is_told_three_times_as_steadily_as_by_single_frames_and_nothing_is_noticed() {
+    let clip = Scene::new(3, SIZE).clip(70, |_| CAMERA);
+    let models = tracked(&clip);
+    assert!(models.iter().all(|(_, c)| c.is_empty()));
+    let late = &models[30..];
+    let single: Vec<CameraModel> = clip
+        .windows(2)
+        .skip(30)
+        .map(|w| push(&mut Tracker::new(BlurSpace::Linear, None), &w[0], &w[1]))
+        .collect();
+    let blur = |m: &CameraModel| m.defocus.known().map_or(f32::NAN, |d| d.sigma_px(leaves::LAYERS[0]));
+    let truth = CAMERA.sigma_at_infinity * (1.0 - leaves::LAYERS[0] / CAMERA.focus);
+    let check = |name: &str, of: &dyn Fn(&CameraModel) -> f32, truth: f32| {
+        let scatter = std(&late.iter().map(|(m, _)| of(m)).collect::<Vec<_>>());
+        let squares: Vec<f32> =
+            single.iter().map(of).filter(|v| v.is_finite()).map(|v| (v - truth).powi(2)).collect();
+        let error = mean(&squares).sqrt();
+        println!("{name}: scatter {scatter:.5}, error of single frames {error:.5}, {:.2}", scatter / error);
+        assert!(squares.len() > 20 && scatter < error / 3.0, "{name}: {scatter} {error}");
+    };
+    check("exposure", &exposure, CAMERA.exposure);
+    check("blur of what is far", &blur, truth);
+    check("noise", &noise, CAMERA.noise);
+}
+
+#[test]
+fn a_drift_of_the_shutter_is_followed() {
+    let truth = |t: usize| 0.3 + 0.006 * t as f32;
+    let clip = Scene::new(1, SIZE).clip(70, |t| Camera { exposure: truth(t), ..CAMERA });
+    let errors: Vec<f32> =
+        tracked(&clip).iter().enumerate().map(|(t, (m, _))| exposure(m) - truth(t)).collect();
+    println!("{errors:.3?}");
+    assert!(errors[20..].iter().all(|e| e.abs() < 0.13), "{errors:?}");
+    assert!(mean(&errors[20..]).abs() < 0.08, "{}", mean(&errors[20..]));
+}
+
+#[test]
+fn a_still_stretch_is_bridged_and_the_interval_widens() {
+    let still = 20..50;
+    let clip = Scene::new(1, SIZE).clip(65, |t| Camera { moves: !still.contains(&t), ..CAMERA });
+    let models: Vec<CameraModel> = tracked(&clip).into_iter().map(|m| m.0).collect();
+    let width = |t: usize| models[t].motion_blur.known().map(|m| m.interval[1] - m.interval[0]).unwrap();
+    println!("{:.3?}", models.iter().map(exposure).collect::<Vec<_>>());
+    // The last value stays, less and less sure.
+    assert!(still.clone().skip(1).all(|t| exposure(&models[t]) == exposure(&models[still.start])));
+    assert!(width(48) > width(35) && width(35) > width(19), "{} {} {}", width(19), width(35), width(48));
+    // And is as sure again soon after.
+    assert!(width(60) < width(48) && settled(exposure(&models[60]), CAMERA.exposure));
+    // Noise is seen all the time.
+    assert!(still.clone().all(|t| (noise(&models[t]) / CAMERA.noise - 1.0).abs() < 0.1));
+}
+
+#[test]
+fn frames_alone_are_enough() {
+    let clip = Scene::new(1, SIZE).clip(30, |_| CAMERA);
+    let mut tracker = Tracker::new(BlurSpace::Linear, None);
+    for w in clip.windows(2) {
+        let evidence = Evidence::default();
+        let observation =
+            Observation { frame: &w[0].frame, next: Some(&w[1].frame), previous: None, evidence };
+        tracker.push(&observation).unwrap();
+    }
+    let model = tracker.model().unwrap();
+    println!("{:.3} {:.4} {:?}", exposure(model), noise(model), model.defocus);
+    assert!(
+        (exposure(model) - CAMERA.exposure).abs() < 0.08 && (noise(model) / CAMERA.noise - 1.0).abs() < 0.15
+    );
+}
