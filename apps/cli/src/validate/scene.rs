@@ -172,11 +172,12 @@ impl Scene {
 
     /// The picture that is taken at time `t` (in frames), free of noise.
     pub fn picture(&self, t: f32, exposure: Exposure) -> Linear {
-        let (views, streak) = self.views(t, exposure);
+        let views = self.views(t, exposure);
         let share = 1.0 / views.len() as f32;
         let apart = |d: f32| {
             let radius = exposure.lens.map_or(0.0, |(sigma, focus)| 2.0 * sigma * (1.0 - focus * d));
-            2.0 * ((1.0 + streak + PI * radius * radius) * share).sqrt()
+            // The places along a streak lie close together, and those across it differ from view to view.
+            2.0 * ((1.0 + PI * radius * radius) * share).sqrt()
         };
         Linear(Raster::from_fn(self.size.0, self.size.1, |x, y| {
             let mut sum = [0.0; 3];
@@ -211,8 +212,8 @@ impl Scene {
         })
     }
 
-    /// As many as it takes for neighbouring views to be about a pixel apart, and the length of the longest streak, px.
-    fn views(&self, t: f32, exposure: Exposure) -> (Vec<View>, f32) {
+    /// As many as it takes for neighbouring views to be about a pixel apart.
+    fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
         const FEWEST: usize = 24;
         const MOST: usize = 200;
         let quick = self.flow(t);
@@ -246,7 +247,7 @@ impl Scene {
             }
             View { pose, pixel: [px - 0.5, py - 0.5], tilt }
         };
-        ((0..n).map(view).collect(), along)
+        (0..n).map(view).collect()
     }
 }
 

@@ -63,7 +63,9 @@ const NUISANCES: [f32; 3] = [1.0, 1.0, 0.15];
 /// Signal over noise below which a tile is left out.
 const MIN_CONTRAST: f32 = 3.0;
 /// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
-const STREAK_ERROR: f32 = 0.5;
+const STREAK_ERROR: f32 = 0.3;
+/// Streaks of this length, px, cannot be told from none at all.
+const HIDDEN_STREAK: f32 = 1.2;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
 const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
@@ -83,6 +85,8 @@ const SHOTS: usize = 8;
 pub struct Tile {
     /// Which block of the image it lies in, the same in all frames.
     block: u32,
+    /// px of the frame that make one of the tile's, in which all else is given.
+    scale: f32,
     /// Median speed, px per frame interval; 0 without flow.
     speed: f32,
     /// Median inverse depth; NaN if it is unknown or spans much.
@@ -154,6 +158,16 @@ pub fn tiles(
         tile((&light, corners[i]), flow, inverse_depth, corners[i], block_of(corners[i], (w, h)), &fft)
     });
     let mut found: Vec<Tile> = found.into_iter().flatten().collect();
+    // Large blur leaves only frequencies that a tile of this size hardly tells apart: the same again at half the resolution.
+    let light = light.halved();
+    let flow = flow.map(|f| Flow::from_fn(w / 2, h / 2, |x, y| f.at(2 * x, 2 * y).map(|v| 0.5 * v)));
+    let inverse_depth = inverse_depth.map(|d| Plane::from_fn(w / 2, h / 2, |x, y| d.at(2 * x, 2 * y)));
+    let corners = self::corners((w / 2, h / 2));
+    let coarse = par::map(corners.len(), |i| {
+        let block = block_of(corners[i], (w / 2, h / 2));
+        tile((&light, corners[i]), flow.as_ref(), inverse_depth.as_ref(), corners[i], block, &fft)
+    });
+    found.extend(coarse.into_iter().flatten().map(|t| Tile { scale: 2.0, ..t }));
     if found.len() > TILES_PER_FRAME {
         let contrast = |t: &Tile| t.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
         found.sort_by(|a, b| contrast(b).total_cmp(&contrast(a)));
@@ -217,6 +231,19 @@ impl Light {
         });
         Self { plane, moments }
     }
+
+    /// At half the resolution: means of 2 x 2 px.
+    fn halved(&self) -> Self {
+        let (w, h) = self.plane.size();
+        let plane = &self.plane;
+        Self {
+            plane: Raster::from_fn(w / 2, h / 2, |x, y| {
+                let pair = |row: &[f32]| row[2 * x] + row[2 * x + 1];
+                0.25 * (pair(plane.row(2 * y)) + pair(plane.row(2 * y + 1)))
+            }),
+            moments: Raster::from_fn(w / 2, h / 2, |x, y| self.moments.at(2 * x, 2 * y)),
+        }
+    }
 }
 
 /// The light of an encoded value, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
@@ -255,7 +282,7 @@ fn tile(
         (0..3).for_each(|k| noise_moments[k] += p[k] / (TILE * TILE) as f32);
     }
     let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
-    Some(Tile { block, speed, inverse_depth, noise_moments, bins, rings })
+    Some(Tile { block, scale: 1.0, speed, inverse_depth, noise_moments, bins, rings })
 }
 
 /// The pixels of the tile at a corner.
@@ -366,7 +393,13 @@ struct Prepared<'a> {
     power: Vec<f32>,
     weight: Vec<f32>,
     noise: Vec<f32>,
+    /// By how much the scene is stronger at the two frequencies beside a bin's along the motion, from which power leaks into it.
+    leaks: Vec<[f32; 2]>,
 }
+
+/// Where those lie, cycles per px: three points then have the variance of the Hann window's squared spectrum and of a bin's
+/// width, 1/3 + 1/12 squared cycles per tile.
+const LEAK: f32 = 1.118 / TILE as f32;
 
 impl<'a> Prepared<'a> {
     /// `None` if the tile holds hardly more than noise.
@@ -384,36 +417,44 @@ impl<'a> Prepared<'a> {
         let density = density.map(|d| d.min(MAX_COLOUR * density[0]));
         let at = |modulus: f32| {
             // Level l holds the frequencies around 0.35 / 2^l cycles per px.
-            let level = (0.35 / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
+            let level = (0.35 * tile.scale / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
             let i = (level as usize).min(NOISE_LEVELS - 2);
-            (density[i] + (level - i as f32) * (density[i + 1] - density[i])).max(1e-9)
+            // A mean of so many pixels has that much less of it.
+            let mean = (tile.scale * tile.scale).recip();
+            (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9)
         };
         let column = |f: &dyn Fn(&Bin) -> f32| tile.bins.iter().map(f).collect::<Vec<f32>>();
         let (power, weight, noise) =
             (column(&|b| b.power), column(&|b| b.weight), column(&|b| at(b.modulus)));
         let mean = |v: &[f32]| v.iter().zip(&weight).map(|(v, w)| v * w).sum::<f32>();
-        (mean(&power) > MIN_CONTRAST * mean(&noise)).then_some(Self {
-            tile,
-            frame,
-            shot,
-            power,
-            weight,
-            noise,
-        })
+        if mean(&power) <= MIN_CONTRAST * mean(&noise) {
+            return None;
+        }
+        let leak = |b: &Bin| {
+            [-LEAK, LEAK].map(|d| {
+                let square = 1.0 + (2.0 * b.along + d) * d / (b.modulus * b.modulus);
+                square.max(0.1).powf(-0.5 * ALPHA.0)
+            })
+        };
+        let leaks = if tile.speed > 0.0 {
+            tile.bins.iter().map(leak).collect()
+        } else {
+            vec![[1.0; 2]; tile.bins.len()]
+        };
+        Some(Self { tile, frame, shot, power, weight, noise, leaks })
     }
 
     /// `|K_MB|^2` at the bins, averaged over the frequencies that a bin gathers.
     fn shutter(&self, lambda: f32) -> Vec<f32> {
-        // Three points with the variance of the Hann window's squared spectrum and of a bin's width, 1/3 + 1/12 squared
-        // cycles per tile.
-        const SPREAD: f32 = 1.118 / TILE as f32;
         let reach = std::f32::consts::PI * lambda * self.tile.speed;
         let sinc2 = |along: f32| {
             let x = reach * along;
             if x.abs() < 1e-3 { 1.0 } else { (x.sin() / x).powi(2) }
         };
-        let mean = |along: f32| (4.0 * sinc2(along) + sinc2(along + SPREAD) + sinc2(along - SPREAD)) / 6.0;
-        self.tile.bins.iter().map(|b| mean(b.along) + SHUTTER_FLOOR).collect()
+        let mean = |(b, [below, above]): (&Bin, &[f32; 2])| {
+            (4.0 * sinc2(b.along) + below * sinc2(b.along - LEAK) + above * sinc2(b.along + LEAK)) / 6.0
+        };
+        self.tile.bins.iter().zip(&self.leaks).map(|b| mean(b) + SHUTTER_FLOOR).collect()
     }
 
     /// Log-likelihood over lambda, 0 at its maximum, of `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
@@ -440,6 +481,15 @@ impl<'a> Prepared<'a> {
         relative(blurred.into_iter().map(f32::ln)).into_iter().map(objection).collect()
     }
 
+    /// The same over the stds in px of the frame.
+    fn over_sigma_of_frame(&self, lambda: f32) -> Vec<f32> {
+        let table = self.over_sigma(lambda);
+        if self.tile.scale == 1.0 {
+            return table;
+        }
+        relative((0..SIGMAS).map(|i| interpolate(&table, index_of_sigma(sigma_of(i) / self.tile.scale))))
+    }
+
     /// Log-likelihood over sigma, 0 at its maximum: one amplitude, and the slope of the spectrum integrated out.
     fn over_sigma(&self, lambda: f32) -> Vec<f32> {
         let shutter = self.shutter(lambda);
@@ -449,7 +499,8 @@ impl<'a> Prepared<'a> {
                 let alpha = ALPHA.0 + ALPHA.1 * deviation;
                 let spectrum = |b: &Bin| {
                     (b.modulus / 0.2).powf(-alpha)
-                        * (-(std::f32::consts::TAU * PIXEL_RESPONSE * b.modulus).powi(2)).exp()
+                        * (-(std::f32::consts::TAU * PIXEL_RESPONSE / self.tile.scale * b.modulus).powi(2))
+                            .exp()
                 };
                 let gain = self.tile.bins.iter().zip(&shutter).map(|(b, s)| s * spectrum(b)).collect();
                 (-0.5 * deviation * deviation, gain)
@@ -655,7 +706,12 @@ pub fn fit_exposure(
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
     let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS);
     let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
-    let interval = [low.min(low_frame), high.max(high_frame).min(1.0)];
+    // A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them.
+    let length = |p: &Prepared| p.tile.speed * p.tile.scale;
+    let speed =
+        prepared.iter().map(|p| length(p).powi(2)).sum::<f32>() / prepared.iter().map(length).sum::<f32>();
+    let hidden = |low: f32| (low * low - (HIDDEN_STREAK / speed).powi(2)).max(0.0).sqrt();
+    let interval = [hidden(low.min(low_frame)), high.max(high_frame).min(1.0)];
     if interval[1] - interval[0] > 0.7 {
         let why = if high - low > 0.7 {
             "too little in the frames moves to tell"
@@ -716,7 +772,7 @@ pub(super) fn lens_witnesses(
         prepare(frames, noise).into_iter().filter(|p| p.tile.inverse_depth.is_finite()).collect();
     par::map(prepared.len(), |i| LensWitness {
         inverse_depth: prepared[i].tile.inverse_depth,
-        table: prepared[i].over_sigma(exposure.0),
+        table: prepared[i].over_sigma_of_frame(exposure.0),
         tiles: 1.0,
         block: prepared[i].tile.block,
         shot: prepared[i].shot,
@@ -912,7 +968,7 @@ fn hann() -> &'static [f32; TILE] {
     })
 }
 
-/// `|K_DoF|^2` at a modulus of a uniform disk of std `sigma_of(s)`, averaged over the radii (+-30 %) that occur in a tile.
+/// `|K_DoF|^2` at a modulus of a uniform disk of std `sigma_of(s)`, averaged over the radii (+-20 %) that occur in a tile.
 fn lens_gain(s: usize, modulus: f32) -> f32 {
     const STEPS: usize = 128;
     static GAINS: OnceLock<Box<[[f32; STEPS]; SIGMAS]>> = OnceLock::new();
@@ -925,7 +981,7 @@ fn lens_gain(s: usize, modulus: f32) -> f32 {
                     let x = std::f32::consts::TAU * 2.0 * sigma_of(s) * scale * modulus + 1e-4;
                     (2.0 * libm::j1f(x) / x).powi(2)
                 };
-                (0..9).map(|k| gain(0.7 + 0.075 * k as f32)).sum::<f32>() / 9.0
+                (0..9).map(|k| gain(0.8 + 0.05 * k as f32)).sum::<f32>() / 9.0
             })
         }))
     });
