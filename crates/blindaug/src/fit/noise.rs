@@ -5,6 +5,7 @@
 //! 24 numbers of the model, each with an interval.
 
 use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
+use crate::raster::cubic_weights;
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
@@ -126,7 +127,7 @@ impl NoiseEvidence {
         // NaN: no match. One pass for the difference and the mean, which are both needed.
         let warped: Raster<[f32; 3]> = Raster::from_fn(w, height, |x, y| {
             let [tx, ty] = target(x, y);
-            if inside(tx, ty) { next.0.bilinear(tx, ty) } else { [f32::NAN; 3] }
+            if inside(tx, ty) { next.0.cubic(tx, ty) } else { [f32::NAN; 3] }
         });
         let residual = Raster::from_fn(w, height, |x, y| {
             let (a, b) = (frame.0.at(x, top + y), warped.at(x, y));
@@ -139,10 +140,11 @@ impl NoiseEvidence {
         });
         let valid =
             Raster::from_fn(w, height, |x, y| !warped.at(x, y)[0].is_nan() && !clips(frame.0.at(x, top + y)));
-        // Bilinear taps smooth the noise of the second frame, by how far the target lies from a pixel's centre.
+        // The taps change the noise of the second frame, by how far the target lies from a pixel's centre. They are cubic, for
+        // linear ones leave as much of the texture in the coarse levels as there is noise.
         let gain = |x: usize, y: usize, level: usize| {
             let [tx, ty] = target(x, y);
-            1.0 + bilinear_gain(tx - tx.floor(), ty - ty.floor(), level)
+            1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
         self.add_blocks(&residual, &mean, &valid, gain);
         Ok(())
@@ -361,16 +363,16 @@ impl NoiseEvidence {
         }
         // Of the blocks with the least structure the lower half: what is not noise only ever adds. The windows of a
         // denoiser's residual are taken as they are, as the paper does.
-        let (keep, lower_half) = match self.method {
-            _ if self.windowed => (1.0, false),
-            Method::Spatial => (0.1, true),
-            _ => (0.4, true),
+        let (keep, fewest, lower_half) = match self.method {
+            _ if self.windowed => (1.0, 8, false),
+            Method::Spatial => (0.1, 8, true),
+            _ => (0.1, 20, true),
         };
         by_luminance
             .into_iter()
             .filter_map(|mut blocks| {
                 blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
-                let n = ((blocks.len() as f32 * keep) as usize).max(8).min(blocks.len());
+                let n = ((blocks.len() as f32 * keep) as usize).max(fewest).min(blocks.len());
                 blocks.truncate(n);
                 if n < 4 {
                     return None;
@@ -518,33 +520,38 @@ fn window_bias(level: usize) -> f32 {
     [0.988, 0.968, 0.847, 0.423][level]
 }
 
-/// Gain of bilinear interpolation at the offset (fx, fy) on the variance of white noise in a band.
-///
-/// `|H|^2 = (1 - a (1 - cos wx)) (1 - b (1 - cos wy))` with `a = 2 fx (1 - fx)`, averaged over the band.
-fn bilinear_gain(fx: f32, fy: f32, level: usize) -> f32 {
-    static MOMENTS: OnceLock<[[f32; 2]; NOISE_LEVELS]> = OnceLock::new();
-    let [one, two] = MOMENTS.get_or_init(|| std::array::from_fn(band_moments))[level];
-    let (a, b) = (2.0 * fx * (1.0 - fx), 2.0 * fy * (1.0 - fy));
-    1.0 - (a + b) * one + a * b * two
+/// Gain of cubic interpolation at the offset (fx, fy) on the variance of white noise in a band: along each axis
+/// `|H|^2 = sum of c_k cos k w`, c the autocorrelation of the four taps, averaged over the band.
+fn cubic_gain(fx: f32, fy: f32, level: usize) -> f32 {
+    static MOMENTS: OnceLock<[[[f32; 4]; 4]; NOISE_LEVELS]> = OnceLock::new();
+    let moments = &MOMENTS.get_or_init(|| std::array::from_fn(band_moments))[level];
+    let correlation = |f: f32| {
+        let h = cubic_weights(f);
+        let at = |k: usize| (0..4 - k).map(|i| h[i] * h[i + k]).sum::<f32>();
+        [at(0), 2.0 * at(1), 2.0 * at(2), 2.0 * at(3)]
+    };
+    let (x, y) = (correlation(fx), correlation(fy));
+    (0..4).map(|i| y[i] * (0..4).map(|j| x[j] * moments[i][j]).sum::<f32>()).sum()
 }
 
-/// Means over a Laplacian band of white noise of `1 - cos wx` and of `(1 - cos wx) (1 - cos wy)`.
-fn band_moments(level: usize) -> [f32; 2] {
+/// Means over a Laplacian band of white noise of `cos i wx cos j wy`.
+fn band_moments(level: usize) -> [[f32; 4]; 4] {
     const N: usize = 128;
     let low = |w: f64| (6.0 + 8.0 * w.cos() + 2.0 * (2.0 * w).cos()) / 16.0;
-    let (mut sum, mut one, mut two) = (0.0, 0.0, 0.0);
+    let mut sums = [[0.0; 4]; 4];
     for j in 0..N {
         for i in 0..N {
             let w = [i, j].map(|i| std::f64::consts::PI * (i as f64 + 0.5) / N as f64);
             let gain = |level: usize| w.iter().map(|w| low(w * f64::from(1 << level))).product::<f64>();
             let band = (0..level).map(gain).product::<f64>() * (1.0 - gain(level).powi(2));
-            let c = w.map(|w| 1.0 - w.cos());
-            sum += band * band;
-            one += band * band * 0.5 * (c[0] + c[1]);
-            two += band * band * c[0] * c[1];
+            for (a, row) in sums.iter_mut().enumerate() {
+                for (b, sum) in row.iter_mut().enumerate() {
+                    *sum += band * band * (a as f64 * w[1]).cos() * (b as f64 * w[0]).cos();
+                }
+            }
         }
     }
-    [(one / sum) as f32, (two / sum) as f32]
+    sums.map(|row| row.map(|s| (s / sums[0][0]) as f32))
 }
 
 #[cfg(test)]
@@ -620,15 +627,16 @@ mod tests {
     }
 
     #[test]
-    fn the_smoothing_of_bilinear_taps_is_accounted_for() {
-        // A ramp moves by half a pixel: the flow is exact, and the taps halve the second frame's finest noise twice over.
+    fn the_smoothing_of_the_taps_is_accounted_for() {
+        // A ramp moves by half a pixel: the flow is exact, and the taps take most of the second frame's finest noise.
         let mut e = NoiseEvidence::new(Method::Temporal);
         let half = Flow::filled(512, 512, [0.5, 0.5]);
         for seed in 0..3 {
             e.add_pair(&noisy(512, 512, seed, 0.03), &noisy(512, 512, seed + 10, 0.03), &half).unwrap();
         }
         assert!(worst(&e, 0.03) < 0.15, "{}", worst(&e, 0.03));
-        assert!(bilinear_gain(0.5, 0.5, 0) < 0.4 && bilinear_gain(0.0, 0.0, 0) == 1.0);
+        let gain = |f: f32| cubic_gain(f, f, 0);
+        assert!(gain(0.5) < 0.6 && (gain(0.0) - 1.0).abs() < 1e-4, "{}", gain(0.5));
     }
 
     #[test]
