@@ -197,6 +197,18 @@ impl<P: Pixel> Raster<P> {
     }
 }
 
+/// Weights of the four pixels around a place that lies `f` past the second one (Catmull & Rom 1974).
+#[inline]
+pub(crate) fn cubic_weights(f: f32) -> [f32; 4] {
+    let (f2, f3) = (f * f, f * f * f);
+    [
+        0.5 * (2.0 * f2 - f3 - f),
+        0.5 * (3.0 * f3 - 5.0 * f2 + 2.0),
+        0.5 * (4.0 * f2 - 3.0 * f3 + f),
+        0.5 * (f3 - f2),
+    ]
+}
+
 impl Plane {
     /// Cubic interpolation (Catmull & Rom 1974) at (x, y), clamped to the edge pixels. Unlike the bilinear one it hardly
     /// blurs: its kernel has variance 0.
@@ -205,16 +217,7 @@ impl Plane {
         let x = x.clamp(0.0, (self.width - 1) as f32);
         let y = y.clamp(0.0, (self.height - 1) as f32);
         let (x0, y0) = (x as usize, y as usize);
-        let weights = |f: f32| {
-            let (f2, f3) = (f * f, f * f * f);
-            [
-                0.5 * (2.0 * f2 - f3 - f),
-                0.5 * (3.0 * f3 - 5.0 * f2 + 2.0),
-                0.5 * (4.0 * f2 - 3.0 * f3 + f),
-                0.5 * (f3 - f2),
-            ]
-        };
-        let (wx, wy) = (weights(x - x0 as f32), weights(y - y0 as f32));
+        let (wx, wy) = (cubic_weights(x - x0 as f32), cubic_weights(y - y0 as f32));
         let columns: [usize; 4] = std::array::from_fn(|i| (x0 + i).saturating_sub(1).min(self.width - 1));
         let mut sum = 0.0;
         for (j, wy) in wy.iter().enumerate() {
