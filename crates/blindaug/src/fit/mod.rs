@@ -2,8 +2,9 @@
 //!
 //! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`];
 //! [`track::Tracker`] gives one for each frame.
-//! Two families of estimators answer for blur: [`spectral`] looks at the frames alone, [`motion_blur`] and [`defocus`]
-//! compare with clean frames (the paper's way). [`Family::Auto`] takes, per distortion, the one with the tighter interval.
+//! Two families of estimators answer for blur: [`spectral`] looks at the frames' spectra; [`motion_blur`] and [`defocus`]
+//! compare with given clean frames (the paper's way), [`removal`] with sharp versions that it finds itself. [`Family::Auto`] takes, per
+//! distortion, the one with the tighter interval; what [`removal`] finds without clean frames it leaves out, as less accurate.
 
 pub mod defocus;
 pub mod motion_blur;
@@ -25,12 +26,13 @@ use noise::{LumaNoise, NoiseEvidence, NoiseFit};
 /// Which family of estimators answers for blur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Family {
-    /// Per distortion, the one whose interval is tighter.
+    /// Per distortion, the one whose interval is tighter: of the spectra and, where clean frames are given, of the comparison
+    /// with them.
     #[default]
     Auto,
-    /// The frames alone: needs no clean frames.
+    /// The spectra of the frames.
     Spectral,
-    /// Comparison with clean frames, where they are given.
+    /// Comparison with clean frames where they are given, else with what [`removal`] makes of the frames.
     Removal,
 }
 
@@ -478,7 +480,8 @@ impl Estimator {
         } else {
             "no frame could be followed to the next".to_owned()
         };
-        let blind = match self.blind_method() {
+        let method = self.blind_method();
+        let blind = match method {
             _ if moving.is_empty() => Err(why),
             Method::Removal => removal::fit_exposure(&removal_tiles(&moving)),
             _ => spectral::fit_exposure(&spectral_tiles(&moving), noise),
@@ -487,10 +490,10 @@ impl Estimator {
         let width = |i: [f32; 2]| i[1] - i[0];
         let (known, curve, per_frame, by_tiles) = match (blind, compared) {
             (Ok(b), Some(c)) if width(b.interval) <= width(c.0.interval) => {
-                (self.blind_model(&b), b.curve, b.per_frame, true)
+                (blind_model(method, &b), b.curve, b.per_frame, true)
             }
             (_, Some((m, curve, per_frame))) => (m, curve, per_frame, false),
-            (Ok(b), None) => (self.blind_model(&b), b.curve, b.per_frame, true),
+            (Ok(b), None) => (blind_model(method, &b), b.curve, b.per_frame, true),
             (Err(why), None) => {
                 model.motion_blur = Estimate::Unknown(why);
                 return;
@@ -505,18 +508,10 @@ impl Estimator {
             .collect();
     }
 
-    /// How blur is estimated from frames without clean ones.
+    /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
+    /// much (docs/accuracy.md), and it is slower.
     fn blind_method(&self) -> Method {
         if self.options.family == Family::Removal { Method::Removal } else { Method::Spectral }
-    }
-
-    fn blind_model(&self, fit: &spectral::ExposureFit) -> MotionBlurModel {
-        MotionBlurModel {
-            exposure: fit.exposure,
-            interval: fit.interval,
-            method: self.blind_method(),
-            samples: fit.samples as u64,
-        }
     }
 
     /// Weighted median over the frames that were compared with clean ones.
@@ -558,10 +553,10 @@ impl Estimator {
         };
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];
-        let of_tiles = |b: &spectral::LensFit| {
-            (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points.clone())
+        let of_tiles = |b: spectral::LensFit| {
+            (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points)
         };
-        let (lens, sigma, focus, method, samples, points) = match (&blind, compared) {
+        let (lens, sigma, focus, method, samples, points) = match (blind, compared) {
             (Ok(b), Some(c)) if width(b.sigma_px_at_infinity) <= width(c.1) => of_tiles(b),
             (_, Some((lens, sigma, focus, samples))) => {
                 let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
@@ -569,7 +564,7 @@ impl Estimator {
             }
             (Ok(b), None) => of_tiles(b),
             (Err(why), None) => {
-                model.defocus = Estimate::Unknown(why.clone());
+                model.defocus = Estimate::Unknown(why);
                 return;
             }
         };
@@ -648,6 +643,10 @@ fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Observation) ->
 fn known_flow(pair: &analysis::flow::FlowPair) -> Flow {
     let (w, h) = pair.forward.size();
     Flow::from_fn(w, h, |x, y| if pair.occluded.at(x, y) { [f32::NAN; 2] } else { pair.forward.at(x, y) })
+}
+
+fn blind_model(method: Method, fit: &spectral::ExposureFit) -> MotionBlurModel {
+    MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
 }
 
 fn spectral_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [spectral::Tile]> {

@@ -14,7 +14,7 @@
 
 use super::noise::LumaNoise;
 use super::spectral::{self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE};
-use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS};
+use crate::model::{BlurSpace, ExposureFraction};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Plane, Raster, Transfer, filter, par, raster};
 
@@ -23,8 +23,11 @@ const DELTAS: [f32; 10] = [0.0, 0.35, 0.7, 1.05, 1.4, 1.9, 2.6, 3.6, 5.0, 7.0];
 /// Exposure fractions that are tried: 0 to 1.2.
 const LAMBDAS: usize = 13;
 const LAMBDA_STEP: f32 = 0.1;
-/// Lines of a tile in each direction.
-const LINES: usize = 8;
+/// Profiles of a tile in each direction, and how many px wide each is.
+const PROFILES: usize = 4;
+const BAND: usize = 12;
+/// Std of what the model leaves out, over that of a profile.
+const MISMATCH: f32 = 0.01;
 /// Tiles of a frame, those of most contrast, and frames that are looked at.
 const TILES_PER_FRAME: usize = 24;
 const MAX_FRAMES: usize = 8;
@@ -54,8 +57,9 @@ impl NoisyLight {
     pub fn new(frame: &Encoded, noise: &LumaNoise, space: BlurSpace) -> Self {
         let white = white_band_std()[0];
         let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
+            // Luminance has more of green than luma, and so averages less of the channels' noise away.
             let slope = match space {
-                BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))),
+                BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))) / 1.12,
                 BlurSpace::Encoded => 1.0,
             };
             // No frame is better than its rounding to 8 bit.
@@ -71,6 +75,7 @@ impl NoisyLight {
 ///
 /// The result's variance says how much of the noise is left. All must have one size.
 pub fn denoise(frame: &NoisyLight, neighbours: &[(Plane, f32)], flow: &Flow) -> NoisyLight {
+    if tune(4, 1.0) == 0.0 { return frame.clone(); }
     let (w, h) = frame.light.size();
     let mut weights = Plane::filled(w, h, 1.0);
     let mut sum = frame.light.clone();
@@ -137,6 +142,7 @@ impl Line {
         let m = n + taps - 1;
         let noise = self.variance.iter().sum::<f64>() / self.variance.len() as f64;
         let (smallest, ratio, count) = MIXTURE;
+        let smallest = f64::from(tune(3, smallest as f32));
         let variances: Vec<f64> = (0..count).map(|k| smallest * noise * ratio.powi(k as i32)).collect();
         let power = self.differences.iter().map(|d| d * d).sum::<f64>() / n as f64;
         let start = 1.0 / power.max(2.0 * noise);
@@ -156,14 +162,15 @@ impl Line {
             (expected, most + total.ln() + 0.5 * (square * expected - expected.ln()))
         };
         // A gradient of which nothing is seen should add nothing, but a bound is not exact. A longer kernel has more of them.
-        let unseen = (0..ROUNDS).fold((start, 0.0), |(precision, _), _| from(1.0 / precision)).1;
+        let unseen = (0..tune(5, ROUNDS as f32) as usize).fold((start, 0.0), |(precision, _), _| from(1.0 / precision)).1;
         let mut mixture_bound = 0.0;
         let mut mean = vec![0.0; m];
         let mut covariance = vec![0.0; n * taps.max(2)];
         let band = taps.max(2);
         let mut rows = vec![0.0; n * m];
         let mut bound = f64::MIN;
-        for round in 0..=ROUNDS {
+        let rounds = tune(5, ROUNDS as f32) as usize;
+        for round in 0..=rounds {
             // Covariance of the differences, lower band: [j][j - l].
             for j in 0..n {
                 for l in 0..band.min(j + 1) {
@@ -219,7 +226,7 @@ impl Line {
             for i in 0..m {
                 let prior = 1.0 / precision[i];
                 mean[i] *= prior;
-                if round == ROUNDS {
+                if round == rounds {
                     continue;
                 }
                 let square = mean[i] * mean[i] + (prior - prior * prior * spread[i]).max(0.0);
@@ -236,7 +243,7 @@ impl Line {
 /// pixels of that line; of odd length.
 pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
     const STEPS: usize = 15;
-    let reach = (0.5 * streak + 2.0 * sigma + 3.0 * PIXEL_RESPONSE).ceil() as isize;
+    let reach = (0.5 * streak + 2.0 * sigma + 3.0 * tune(2, PIXEL_RESPONSE)).ceil() as isize;
     let middle = |i: usize| (i as f32 + 0.5) / STEPS as f32;
     let mut taps = vec![0.0f64; 2 * reach as usize + 1];
     for i in 0..STEPS {
@@ -247,7 +254,7 @@ pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
             let weight = f64::from(angle.sin().powi(2));
             for (k, tap) in taps.iter_mut().enumerate() {
                 let d = (k as isize - reach) as f32 - at;
-                *tap += weight * f64::from((-0.5 * (d / PIXEL_RESPONSE).powi(2)).exp());
+                *tap += weight * f64::from((-0.5 * (d / tune(2, PIXEL_RESPONSE)).powi(2)).exp());
             }
         }
     }
@@ -264,8 +271,8 @@ pub struct Tile {
     speed: f32,
     /// NaN if it is unknown or spans much.
     inverse_depth: f32,
-    /// Along the motion and across it (along x and y without motion): the distance of their pixels, px, and the lines.
-    directions: [(f32, Vec<Line>); 2],
+    /// Along the motion and across it; along x and y without motion.
+    directions: [Vec<Line>; 2],
 }
 
 /// The tiles of a frame.
@@ -337,47 +344,51 @@ fn tile(
         .filter(|d| depths.iter().filter(|v| (*v - d).abs() < 0.12 * d.abs()).count() >= 20)
         .unwrap_or(f32::NAN);
     let center = [x0, y0].map(|v| v as f32 + 0.5 * (TILE - 1) as f32);
-    let directions = [motion, [-motion[1], motion[0]]].map(|along| lines(frame, center, along));
+    let directions = [profiles(frame, center, motion)?, profiles(frame, center, [-motion[1], motion[0]])?];
     let blocks = spectral::BLOCK_COUNT.isqrt();
     let block = (y0 * blocks / h * blocks + x0 * blocks / w) as u32;
     Some(Tile { block, speed, inverse_depth, directions })
 }
 
-/// Lines of [`TILE`] pixels around a place in a direction. They go by whole pixels along x or y and are interpolated along the
-/// other, so that the noise of their pixels stays independent; the pixels' distance on them, px, comes with them.
-fn lines(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> (f32, Vec<Line>) {
-    let steep = direction[1].abs() > direction[0].abs();
-    let (main, other) = if steep { (1, 0) } else { (0, 1) };
-    let slope = direction[other] / direction[main];
-    let lines = (0..LINES).map(|l| {
-        let offset = (l as f32 - 0.5 * (LINES - 1) as f32) * (TILE / LINES) as f32;
-        let at = |i: usize| {
-            let along = i as f32 - 0.5 * (TILE - 1) as f32;
-            let mut p = [0.0; 2];
-            p[main] = center[main] + along;
-            p[other] = center[other] + offset + slope * along;
-            p
+/// Profiles of a square of [`TILE`] px around a place, along a direction: each is the mean over a band of it. The mean across
+/// a line of what a disk has blurred in the plane is what the disk's chords have blurred on the line, whatever is there.
+/// `None` if they leave the frame.
+fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option<Vec<Line>> {
+    let (w, h) = frame.light.size();
+    let length = direction[0].hypot(direction[1]);
+    let [dx, dy] = direction.map(|d| d / length);
+    let half = 0.5 * (TILE - 1) as f32;
+    let at = |along: f32, across: f32| {
+        [center[0] + along * dx - across * dy, center[1] + along * dy + across * dx]
+    };
+    let inside = |[x, y]: [f32; 2]| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
+    if ![(-half, -half), (-half, half), (half, -half), (half, half)].iter().all(|&(a, b)| inside(at(a, b))) {
+        return None;
+    }
+    let profile = |band: usize| {
+        let rows = || (0..BAND).map(|r| (band * (TILE - BAND) / (PROFILES - 1) + r) as f32 - half);
+        let mean_of = |value: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
+            let mean = |i: usize| rows().map(|across| at(i as f32 - half, across)).map(|[x, y]| value(x, y)).sum::<f32>();
+            (0..TILE).map(|i| mean(i) / BAND as f32).collect()
         };
-        let pixels: Vec<f32> = (0..TILE).map(at).map(|[x, y]| frame.light.cubic(x, y)).collect();
-        let variance: Vec<f32> = (0..TILE)
-            .map(at)
-            .map(|p| {
-                let gain = raster::cubic_weights(p[other].rem_euclid(1.0)).iter().map(|w| w * w).sum::<f32>();
-                gain * frame.variance.bilinear(p[0], p[1])
-            })
-            .collect();
+        let pixels = mean_of(&|x, y| frame.light.cubic(x, y));
+        let gain = |t: f32| raster::cubic_weights(t.fract()).iter().map(|w| w * w).sum::<f32>();
+        let mut variance = mean_of(&|x, y| gain(x) * gain(y) * frame.variance.bilinear(x, y));
+        // What is not as in the model, in proportion to what there is to see.
+        let mean = pixels.iter().sum::<f32>() / TILE as f32;
+        let power = pixels.iter().map(|p| (p - mean).powi(2)).sum::<f32>() / TILE as f32;
+        variance.iter_mut().for_each(|v| *v = *v / BAND as f32 + tune(0, MISMATCH).powi(2) * power);
         Line::new(&pixels, &variance)
-    });
-    (1f32.hypot(slope), lines.collect())
+    };
+    Some((0..PROFILES).map(profile).collect())
 }
 
 impl Tile {
     /// Log evidence of a blur, of the lines along the motion (0) or across it (1).
     fn evidence(&self, direction: usize, lambda: f32, delta: f32) -> f32 {
-        let (distance, lines) = &self.directions[direction];
         let streak = if direction == 0 { lambda * self.speed } else { 0.0 };
-        let kernel = kernel(streak / distance, delta / distance);
-        lines.iter().map(|l| l.deconvolved(&kernel).1 as f32).sum::<f32>() * TEMPER
+        let kernel = kernel(streak, delta);
+        self.directions[direction].iter().map(|l| l.deconvolved(&kernel).1 as f32).sum::<f32>() * tune(1, TEMPER)
     }
 
     /// Over [`DELTAS`], of the lines across the motion.
@@ -410,15 +421,18 @@ fn relative(mut v: Vec<f32>) -> Vec<f32> {
     v
 }
 
-/// The parabola through the three nearest values of a table.
+/// Between the values of a table: from the parabola through three of them to that through the next three.
 fn between(positions: &[f32], values: &[f32], at: f32) -> f32 {
-    let i = positions.partition_point(|&p| p < at).clamp(1, positions.len() - 1);
-    let i = if at - positions[i - 1] < positions[i] - at { i - 1 } else { i };
-    let i = i.clamp(1, positions.len() - 2);
-    let [a, b, c] = [positions[i - 1], positions[i], positions[i + 1]];
-    values[i - 1] * (at - b) * (at - c) / ((a - b) * (a - c))
-        + values[i] * (at - a) * (at - c) / ((b - a) * (b - c))
-        + values[i + 1] * (at - a) * (at - b) / ((c - a) * (c - b))
+    let parabola = |i: usize| {
+        let i = i.clamp(1, positions.len() - 2);
+        let [a, b, c] = [positions[i - 1], positions[i], positions[i + 1]];
+        values[i - 1] * (at - b) * (at - c) / ((a - b) * (a - c))
+            + values[i] * (at - a) * (at - c) / ((b - a) * (b - c))
+            + values[i + 1] * (at - a) * (at - b) / ((c - a) * (c - b))
+    };
+    let i = positions.partition_point(|&p| p <= at).clamp(1, positions.len() - 1);
+    let t = (at - positions[i - 1]) / (positions[i] - positions[i - 1]);
+    parabola(i - 1) + t * (parabola(i) - parabola(i - 1))
 }
 
 /// Evenly spaced frames, so that a long clip takes no longer, and the part of the clip that each lies in.
@@ -450,7 +464,10 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
     let parts: Vec<(u32, usize, Vec<f32>)> =
         moving.iter().zip(&curves).map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone())).collect();
     let [low, high] = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS);
-    let high = high.min(1.0);
+    // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
+    let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
+    alone.sort_by(f32::total_cmp);
+    let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
     if high - low > 0.7 {
         return Err(format!(
             "too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit"
@@ -495,4 +512,9 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFi
 /// The stds of a witness's table.
 fn sigma_of(index: usize) -> f32 {
     if index <= 20 { 0.15 * index as f32 } else { 3.0 + 0.5 * (index - 20) as f32 }
+}
+
+fn tune(i: usize, default: f32) -> f32 {
+    static T: std::sync::OnceLock<Vec<Option<f32>>> = std::sync::OnceLock::new();
+    T.get_or_init(|| std::env::var("TUNE").unwrap_or_default().split(',').map(|v| v.parse().ok()).collect()).get(i).copied().flatten().unwrap_or(default)
 }
