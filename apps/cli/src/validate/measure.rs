@@ -24,8 +24,8 @@ pub enum Given {
 
 impl Given {
     /// From much to little.
-    pub const ALL: [Self; 2] =
-        [Self::DepthAndFlow, Self::DepthAndFlowByRemoval];
+    pub const ALL: [Self; 5] =
+        [Self::Everything, Self::DepthAndFlow, Self::DepthAndFlowByRemoval, Self::Depth, Self::Nothing];
 
     /// In words.
     pub fn words(self) -> &'static str {

@@ -287,8 +287,7 @@ impl Estimator {
         if self.options.family != Family::Removal {
             kept.tiles = spectral::tiles(frame, to_next.as_ref(), depth.as_ref(), self.options.blur_space)?;
         }
-        let given_clean =
-            evidence.denoised.or(evidence.motion_deblurred).or(evidence.clean).is_some();
+        let given_clean = evidence.denoised.or(evidence.motion_deblurred).or(evidence.clean).is_some();
         if self.options.family == Family::Removal && !given_clean {
             kept.removal = self.removal_tiles(observation, &kept, to_next.as_ref(), depth.as_ref());
         }
@@ -502,10 +501,8 @@ impl Estimator {
         model.motion_blur = Estimate::Known(known);
         diagnostics.exposure_curve = curve;
         // Per frame: numbered as they were given.
-        diagnostics.exposure_per_frame = per_frame
-            .into_iter()
-            .map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v))
-            .collect();
+        diagnostics.exposure_per_frame =
+            per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
     }
 
     /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too

@@ -2,10 +2,11 @@
 //! candidate of blur, and the candidate that explains the frame best is taken.
 //!
 //! 1. [`denoise`]: the frame is averaged with its neighbours, moved along the flow.
-//! 2. [`Line`]s of pixels, along the motion and across it, are deconvolved. The gradient of the sharp line is a mixture of
-//!    Gaussians, from much less than the noise to much more (Fergus et al. 2006), so that most of it is nothing and some of
-//!    it are edges. On a line all of that is small enough to be exact where deconvolution of images has to approximate: the
-//!    posterior's covariance, the noise's and the unknown surroundings.
+//! 2. Profiles of tiles, along the motion and across it, are deconvolved as [`Line`]s: the mean across a line of what a disk
+//!    or a streak has blurred in the plane is blurred by the disk's or the streak's own profile, whatever is there. The
+//!    gradient of the sharp line is from a mixture of Gaussians, from much less than the noise to much more (Fergus et al.
+//!    2006), so that most of it is nothing and some of it are edges. A line is short enough to be exact where deconvolution of
+//!    images has to approximate: the posterior's covariance, the noise's and the unknown surroundings.
 //! 3. The error of re-synthesis alone would always choose no blur, as that explains everything. The *evidence* does not: what
 //!    the frame's probability is under a candidate, over all sharp lines (Levin et al., CVPR 2011).
 //!
@@ -13,7 +14,9 @@
 //! how much of what is seen along it is not the shutter's.
 
 use super::noise::LumaNoise;
-use super::spectral::{self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE};
+use super::spectral::{
+    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE,
+};
 use crate::model::{BlurSpace, ExposureFraction};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Plane, Raster, Transfer, filter, par, raster};
@@ -27,14 +30,16 @@ const LAMBDA_STEP: f32 = 0.1;
 const PROFILES: usize = 4;
 const BAND: usize = 12;
 /// Std of what the model leaves out, over that of a profile.
-const MISMATCH: f32 = 0.01;
+const MISMATCH: f32 = 0.03;
 /// Tiles of a frame, those of most contrast, and frames that are looked at.
 const TILES_PER_FRAME: usize = 24;
 const MAX_FRAMES: usize = 8;
 /// Std of the Gaussian that stands for the pixel's own response, px.
 const PIXEL_RESPONSE: f32 = 0.5;
-/// Variances of the gradient's mixture, over the noise's: the smallest, their ratio, and how many.
-const MIXTURE: (f64, f64, usize) = (0.05, 8.0, 7);
+/// The gradient's mixture: how many Gaussians, the smallest variance over the noise's, and their ratio.
+const GAUSSIANS: usize = 7;
+const SMALLEST: f64 = 0.05;
+const RATIO: f64 = 8.0;
 /// Steps towards the best mixture of each gradient.
 const ROUNDS: usize = 6;
 /// Lines of a tile see the same things, and no scene is exactly what the prior says.
@@ -75,7 +80,6 @@ impl NoisyLight {
 ///
 /// The result's variance says how much of the noise is left. All must have one size.
 pub fn denoise(frame: &NoisyLight, neighbours: &[(Plane, f32)], flow: &Flow) -> NoisyLight {
-    if tune(4, 1.0) == 0.0 { return frame.clone(); }
     let (w, h) = frame.light.size();
     let mut weights = Plane::filled(w, h, 1.0);
     let mut sum = frame.light.clone();
@@ -141,40 +145,39 @@ impl Line {
         // Gradients around the line are unknown too.
         let m = n + taps - 1;
         let noise = self.variance.iter().sum::<f64>() / self.variance.len() as f64;
-        let (smallest, ratio, count) = MIXTURE;
-        let smallest = f64::from(tune(3, smallest as f32));
-        let variances: Vec<f64> = (0..count).map(|k| smallest * noise * ratio.powi(k as i32)).collect();
+        let variances: [f64; GAUSSIANS] = std::array::from_fn(|k| SMALLEST * noise * RATIO.powi(k as i32));
         let power = self.differences.iter().map(|d| d * d).sum::<f64>() / n as f64;
         let start = 1.0 / power.max(2.0 * noise);
         let mut precision = vec![start; m];
-        // Which Gaussian a gradient of this mean square is from (all are alike before): the mean of their precisions, and what
-        // it adds to the bound.
-        let from = |square: f64| {
-            let log: Vec<f64> = variances.iter().map(|v| -0.5 * (v.ln() + square / v)).collect();
+        // Which Gaussian a gradient of this mean square is from: the mean of their precisions, what it adds to the bound, and
+        // each one's share.
+        let from = |square: f64, prior: &[f64; GAUSSIANS]| {
+            let log: [f64; GAUSSIANS] =
+                std::array::from_fn(|k| prior[k].ln() - 0.5 * (variances[k].ln() + square / variances[k]));
             let most = log.iter().copied().fold(f64::MIN, f64::max);
-            let (mut total, mut expected) = (0.0, 0.0);
-            for (l, v) in log.iter().zip(&variances) {
-                let share = (l - most).exp();
-                total += share;
-                expected += share / v;
-            }
-            let expected = expected / total;
-            (expected, most + total.ln() + 0.5 * (square * expected - expected.ln()))
+            let share = log.map(|l| (l - most).exp());
+            let total: f64 = share.iter().sum();
+            let expected = share.iter().zip(&variances).map(|(s, v)| s / v).sum::<f64>() / total;
+            (
+                expected,
+                most + total.ln() + 0.5 * (square * expected - expected.ln()),
+                share.map(|s| s / total),
+            )
         };
-        // A gradient of which nothing is seen should add nothing, but a bound is not exact. A longer kernel has more of them.
-        let unseen = (0..tune(5, ROUNDS as f32) as usize).fold((start, 0.0), |(precision, _), _| from(1.0 / precision)).1;
+        // How many of the line's gradients are from each: all alike at first.
+        let mut weights = [1.0 / GAUSSIANS as f64; GAUSSIANS];
         let mut mixture_bound = 0.0;
         let mut mean = vec![0.0; m];
         let mut covariance = vec![0.0; n * taps.max(2)];
         let band = taps.max(2);
         let mut rows = vec![0.0; n * m];
         let mut bound = f64::MIN;
-        let rounds = tune(5, ROUNDS as f32) as usize;
-        for round in 0..=rounds {
+        for round in 0..=ROUNDS {
             // Covariance of the differences, lower band: [j][j - l].
             for j in 0..n {
                 for l in 0..band.min(j + 1) {
-                    let shared = (0..taps.saturating_sub(l)).map(|t| kernel[t + l] * kernel[t] / precision[j + t]);
+                    let shared =
+                        (0..taps.saturating_sub(l)).map(|t| kernel[t + l] * kernel[t] / precision[j + t]);
                     covariance[j * band + l] = shared.sum::<f64>()
                         + match l {
                             0 => self.variance[j] + self.variance[j + 1],
@@ -222,18 +225,30 @@ impl Line {
                     spread[i] += r * r;
                 }
             }
-            mixture_bound = 0.0;
-            for i in 0..m {
-                let prior = 1.0 / precision[i];
-                mean[i] *= prior;
-                if round == rounds {
-                    continue;
-                }
-                let square = mean[i] * mean[i] + (prior - prior * prior * spread[i]).max(0.0);
-                let (expected, bound) = from(square);
-                mixture_bound += bound - unseen;
-                precision[i] = expected;
+            let squares: Vec<f64> = (0..m)
+                .map(|i| {
+                    let prior = 1.0 / precision[i];
+                    mean[i] *= prior;
+                    mean[i] * mean[i] + (prior - prior * prior * spread[i]).max(0.0)
+                })
+                .collect();
+            if round == ROUNDS {
+                break;
             }
+            // A gradient of which nothing is seen should add nothing, but a bound is not exact. A longer kernel has more of them.
+            let unseen = (0..ROUNDS).fold((start, 0.0), |(p, _), _| {
+                let (expected, bound, _) = from(1.0 / p, &weights);
+                (expected, bound)
+            });
+            mixture_bound = 0.0;
+            let mut shares = [1.0 / GAUSSIANS as f64; GAUSSIANS];
+            for (precision, square) in precision.iter_mut().zip(squares) {
+                let (expected, bound, share) = from(square, &weights);
+                *precision = expected;
+                mixture_bound += bound - unseen.1;
+                (0..GAUSSIANS).for_each(|k| shares[k] += share[k]);
+            }
+            weights = shares.map(|s| s / (m as f64 + 1.0));
         }
         (mean, bound)
     }
@@ -242,19 +257,21 @@ impl Line {
 /// The taps of a streak of some length and a disk of some std, seen along a line across whose direction nothing changes, in
 /// pixels of that line; of odd length.
 pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
-    const STEPS: usize = 15;
-    let reach = (0.5 * streak + 2.0 * sigma + 3.0 * tune(2, PIXEL_RESPONSE)).ceil() as isize;
-    let middle = |i: usize| (i as f32 + 0.5) / STEPS as f32;
+    // Closer together than the pixel's response is wide.
+    let steps = |length: f32| (length / PIXEL_RESPONSE).ceil() as usize + 4;
+    let (along, around) = (steps(streak), steps(2.0 * std::f32::consts::PI * sigma));
+    let middle = |i: usize, n: usize| (i as f32 + 0.5) / n as f32;
+    let reach = (0.5 * streak + 2.0 * sigma + 3.0 * PIXEL_RESPONSE).ceil() as isize;
     let mut taps = vec![0.0f64; 2 * reach as usize + 1];
-    for i in 0..STEPS {
-        for j in 0..STEPS {
+    for i in 0..along {
+        for j in 0..around {
             // Chords of the disk: x = R cos t, and as many of them per angle as sin^2 t.
-            let angle = std::f32::consts::PI * middle(j);
-            let at = streak * (middle(i) - 0.5) + 2.0 * sigma * angle.cos();
+            let angle = std::f32::consts::PI * middle(j, around);
+            let at = streak * (middle(i, along) - 0.5) + 2.0 * sigma * angle.cos();
             let weight = f64::from(angle.sin().powi(2));
-            for (k, tap) in taps.iter_mut().enumerate() {
-                let d = (k as isize - reach) as f32 - at;
-                *tap += weight * f64::from((-0.5 * (d / tune(2, PIXEL_RESPONSE)).powi(2)).exp());
+            for k in (at.round() as isize - 2).max(-reach)..=(at.round() as isize + 2).min(reach) {
+                let d = (k as f32 - at) / PIXEL_RESPONSE;
+                taps[(k + reach) as usize] += weight * f64::from((-0.5 * d * d).exp());
             }
         }
     }
@@ -338,8 +355,8 @@ fn tile(
             speed = 0.0;
         }
     }
-    let depths: Vec<f32> =
-        inverse_depth.map_or(vec![], |map| around().map(|(x, y)| map.at(x, y)).filter(|d| d.is_finite()).collect());
+    let depths: Vec<f32> = inverse_depth
+        .map_or(vec![], |map| around().map(|(x, y)| map.at(x, y)).filter(|d| d.is_finite()).collect());
     let inverse_depth = super::median(depths.clone())
         .filter(|d| depths.iter().filter(|v| (*v - d).abs() < 0.12 * d.abs()).count() >= 20)
         .unwrap_or(f32::NAN);
@@ -368,7 +385,9 @@ fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option
     let profile = |band: usize| {
         let rows = || (0..BAND).map(|r| (band * (TILE - BAND) / (PROFILES - 1) + r) as f32 - half);
         let mean_of = |value: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
-            let mean = |i: usize| rows().map(|across| at(i as f32 - half, across)).map(|[x, y]| value(x, y)).sum::<f32>();
+            let mean = |i: usize| {
+                rows().map(|across| at(i as f32 - half, across)).map(|[x, y]| value(x, y)).sum::<f32>()
+            };
             (0..TILE).map(|i| mean(i) / BAND as f32).collect()
         };
         let pixels = mean_of(&|x, y| frame.light.cubic(x, y));
@@ -377,7 +396,7 @@ fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option
         // What is not as in the model, in proportion to what there is to see.
         let mean = pixels.iter().sum::<f32>() / TILE as f32;
         let power = pixels.iter().map(|p| (p - mean).powi(2)).sum::<f32>() / TILE as f32;
-        variance.iter_mut().for_each(|v| *v = *v / BAND as f32 + tune(0, MISMATCH).powi(2) * power);
+        variance.iter_mut().for_each(|v| *v = *v / BAND as f32 + MISMATCH.powi(2) * power);
         Line::new(&pixels, &variance)
     };
     Some((0..PROFILES).map(profile).collect())
@@ -388,7 +407,7 @@ impl Tile {
     fn evidence(&self, direction: usize, lambda: f32, delta: f32) -> f32 {
         let streak = if direction == 0 { lambda * self.speed } else { 0.0 };
         let kernel = kernel(streak, delta);
-        self.directions[direction].iter().map(|l| l.deconvolved(&kernel).1 as f32).sum::<f32>() * tune(1, TEMPER)
+        self.directions[direction].iter().map(|l| l.deconvolved(&kernel).1 as f32).sum::<f32>() * TEMPER
     }
 
     /// Over [`DELTAS`], of the lines across the motion.
@@ -461,8 +480,11 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
     };
     let sum = summed(&|_| true);
     let estimate = spectral::most_likely_exposure(&sum);
-    let parts: Vec<(u32, usize, Vec<f32>)> =
-        moving.iter().zip(&curves).map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone())).collect();
+    let parts: Vec<(u32, usize, Vec<f32>)> = moving
+        .iter()
+        .zip(&curves)
+        .map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone()))
+        .collect();
     let [low, high] = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS);
     // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
     let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
@@ -512,9 +534,4 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFi
 /// The stds of a witness's table.
 fn sigma_of(index: usize) -> f32 {
     if index <= 20 { 0.15 * index as f32 } else { 3.0 + 0.5 * (index - 20) as f32 }
-}
-
-fn tune(i: usize, default: f32) -> f32 {
-    static T: std::sync::OnceLock<Vec<Option<f32>>> = std::sync::OnceLock::new();
-    T.get_or_init(|| std::env::var("TUNE").unwrap_or_default().split(',').map(|v| v.parse().ok()).collect()).get(i).copied().flatten().unwrap_or(default)
 }
