@@ -44,7 +44,8 @@ pub struct Estimate {
     /// The scene in the folder of --evidence
     #[arg(long, value_name = "NAME", requires = "evidence")]
     scene: Option<String>,
-    /// How blur is estimated: from local spectra, or by comparison with clean frames; auto takes what is surer
+    /// How blur is estimated: from local spectra, or by its removal (with --clean: by comparison with those frames); auto takes
+    /// what is surer
     #[arg(long, value_enum, default_value = "auto")]
     method: MethodArg,
     /// Use only these frames, by number, both ends included
@@ -153,11 +154,6 @@ pub fn run(args: &Estimate) -> Result<()> {
         },
         fps: args.fps,
     };
-    if options.family == Family::Removal && args.clean.is_none() && args.evidence.is_none() {
-        return Err(Failure(
-            "--method removal compares with clean frames: give them with --clean DIR".into(),
-        ));
-    }
     console::check_writable(&args.output)?;
     if args.track {
         if options.family == Family::Removal || options.curve == Curve::Quadratic {

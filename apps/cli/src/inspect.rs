@@ -326,14 +326,14 @@ fn origin(method: Method, samples: u64, unit: &str) -> String {
         Method::Temporal => "from differences of successive frames",
         Method::Spatial => "from the flattest parts of single frames",
         Method::Spectral => "from local spectra",
-        Method::Removal => "by comparison with clean frames",
+        Method::Removal => "by comparison with clean frames, given or restored",
         Method::Given => return "given, not estimated".into(),
     };
     format!("{how} ({samples} {unit})")
 }
 
 fn unit_of_samples(method: Method) -> &'static str {
-    if method == Method::Spectral { "tiles" } else { "pixels" }
+    if method == Method::Spectral { "tiles" } else { "places" }
 }
 
 /// Three significant digits or so, without zeros at the end.

@@ -146,7 +146,7 @@ fn method_in_words(method: Method) -> &'static str {
         Method::Temporal => "differences of successive frames along the motion",
         Method::Spatial => "the flattest parts of single frames",
         Method::Spectral => "the spectra of image tiles (spectral)",
-        Method::Removal => "comparison with clean frames (removal)",
+        Method::Removal => "comparison with clean frames, given or restored (removal)",
         Method::Given => "given, not estimated",
     }
 }
@@ -157,7 +157,7 @@ fn basis(samples: u64, tiles: &str, method: Method) -> Markup {
 
 /// What a sample of blur is, by method.
 fn blur_samples(method: Method) -> &'static str {
-    if method == Method::Removal { "pixels" } else { "image tiles" }
+    if method == Method::Removal { "places" } else { "image tiles" }
 }
 
 fn unknown(what: &str, why: &str) -> Markup {
@@ -315,7 +315,7 @@ fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
                 Some(plot) => figure { (plot) figcaption {
                     "How well each exposure explains the frames: the higher, the better. "
                     @if known.is_some() { (swatch(ESTIMATE)) "the estimate and its 95 % interval. " }
-                    @if known.is_some_and(|m| m.method == Method::Removal) { "Drawn is minus the error of the re-blurred clean frames, scaled as a log-likelihood." }
+                    @if known.is_some_and(|m| m.method == Method::Removal) { "Drawn is minus the error of re-blurred given clean frames, scaled as a log-likelihood, or, without such, the evidence." }
                 } },
                 None => @if known.is_some() { p.soft { "There is no likelihood curve for this estimate." } },
             }

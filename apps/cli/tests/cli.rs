@@ -177,7 +177,6 @@ fn inputs_that_are_not_there_or_empty_are_named() {
         ("estimate f -o c2.json --frames 7..9", "no frame in 7..9"),
         ("estimate f -o c2.json --depth none", "none: there is no such file"),
         ("estimate f -o c2.json --depth empty", "empty: the folder has no files with depth"),
-        ("estimate f -o c2.json --method removal", "--clean"),
         ("estimate -o c2.json --evidence empty --scene x", "no scene \"x\""),
         ("composite none --virtual f --camera c.json -o out", "none: there is no such file"),
         (

@@ -51,6 +51,7 @@ fn known_model(width: usize, height: usize) -> CameraModel {
 fn diagnostics(model: &CameraModel) -> Diagnostics {
     let jitter = |i: usize| ((i * 7919 % 101) as f32 / 50.0 - 1.0) * ((i * 104_729 % 97) as f32 / 97.0);
     Diagnostics {
+        inverse_depth: None,
         notes: vec![
             "Exposure: the spectral estimate, since its interval is tighter <than> \"the other\" & so on"
                 .into(),

@@ -14,6 +14,8 @@ pub enum Given {
     Everything,
     /// Depth and flow.
     DepthAndFlow,
+    /// Depth and flow; by removal of blur instead of from spectra.
+    DepthAndFlowByRemoval,
     /// Depth, as AR devices do.
     Depth,
     /// Nothing: the paper's FULLPIPELINE.
@@ -22,13 +24,15 @@ pub enum Given {
 
 impl Given {
     /// From much to little.
-    pub const ALL: [Self; 4] = [Self::Everything, Self::DepthAndFlow, Self::Depth, Self::Nothing];
+    pub const ALL: [Self; 5] =
+        [Self::Everything, Self::DepthAndFlow, Self::DepthAndFlowByRemoval, Self::Depth, Self::Nothing];
 
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Everything => "clean frames, depth, flow",
             Self::DepthAndFlow => "depth and flow",
+            Self::DepthAndFlowByRemoval => "depth and flow, by removal",
             Self::Depth => "depth",
             Self::Nothing => "nothing",
         }
@@ -210,15 +214,16 @@ pub fn measure(footage: &Footage, given: Given) -> Result<(Measured, Estimation)
 
 fn estimate(footage: &Footage, given: Given) -> Result<Estimation> {
     let everything = given == Given::Everything;
+    let by_removal = everything || given == Given::DepthAndFlowByRemoval;
     let mut estimator = Estimator::new(Options {
-        family: if everything { Family::Removal } else { Family::Spectral },
+        family: if by_removal { Family::Removal } else { Family::Spectral },
         ..Options::default()
     })
     .expecting(footage.frames.len());
     let several = footage.frames.len() > 1;
     for (i, frame) in footage.frames.iter().enumerate() {
         // Of a single frame nothing is known of how it moves.
-        let flow = (several && given <= Given::DepthAndFlow).then(|| &footage.flow[i]);
+        let flow = (several && given <= Given::DepthAndFlowByRemoval).then(|| &footage.flow[i]);
         estimator.add(&Observation {
             frame,
             next: footage.frames.get(i + 1),

@@ -132,11 +132,11 @@ impl Scene {
     }
 
     fn direction(&self, pose: &Pose, x: f32, y: f32, [a, b]: [f32; 2]) -> V3 {
-        let [u, v] = self.from_middle(x, y);
+        let [u, v] = self.off_axis(x, y);
         add(add(scaled(pose.axes[0], u - a), scaled(pose.axes[1], v - b)), pose.axes[2])
     }
 
-    fn from_middle(&self, x: f32, y: f32) -> [f32; 2] {
+    fn off_axis(&self, x: f32, y: f32) -> [f32; 2] {
         let (w, h) = (self.size.0 as f32, self.size.1 as f32);
         [(x - 0.5 * (w - 1.0)) / self.focal(), (y - 0.5 * (h - 1.0)) / self.focal()]
     }
@@ -147,8 +147,7 @@ impl Scene {
         for s in &self.surfaces {
             let relative = add(s.corner, scaled(from, -1.0));
             let t = dot(relative, s.normal) / dot(direction, s.normal);
-            // Also false for NaN.
-            if !(t > 0.05) || nearest.is_some_and(|n| n.1 <= t) {
+            if t.is_nan() || t <= 0.05 || nearest.is_some_and(|n| n.1 <= t) {
                 continue;
             }
             let at = add(scaled(direction, t), scaled(relative, -1.0));
@@ -241,8 +240,8 @@ impl Scene {
             let mut pose = self.pose(t + in_time * exposure.fraction);
             if let Some((_, focus)) = exposure.lens {
                 // All rays of a pixel meet in the plane in focus.
-                for i in 0..2 {
-                    pose.position = add(pose.position, scaled(pose.axes[i], focus * tilt[i]));
+                for (axis, tilt) in pose.axes.into_iter().zip(tilt) {
+                    pose.position = add(pose.position, scaled(axis, focus * tilt));
                 }
             }
             View { pose, pixel: [px - 0.5, py - 0.5], tilt }

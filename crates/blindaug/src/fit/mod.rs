@@ -2,12 +2,14 @@
 //!
 //! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`];
 //! [`track::Tracker`] gives one for each frame.
-//! Two families of estimators answer for blur: [`spectral`] looks at the frames alone, [`motion_blur`] and [`defocus`]
-//! compare with clean frames (the paper's way). [`Family::Auto`] takes, per distortion, the one with the tighter interval.
+//! Two families of estimators answer for blur: [`spectral`] looks at the frames' spectra; [`motion_blur`] and [`defocus`]
+//! compare with given clean frames (the paper's way), [`removal`] with sharp versions that it finds itself. [`Family::Auto`] takes, per
+//! distortion, the one with the tighter interval; what [`removal`] finds without clean frames it leaves out, as less accurate.
 
 pub mod defocus;
 pub mod motion_blur;
 pub mod noise;
+pub mod removal;
 pub mod spectral;
 pub mod track;
 
@@ -24,12 +26,13 @@ use noise::{LumaNoise, NoiseEvidence, NoiseFit};
 /// Which family of estimators answers for blur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Family {
-    /// Per distortion, the one whose interval is tighter.
+    /// Per distortion, the one whose interval is tighter: of the spectra and, where clean frames are given, of the comparison
+    /// with them.
     #[default]
     Auto,
-    /// The frames alone: needs no clean frames.
+    /// The spectra of the frames.
     Spectral,
-    /// Comparison with clean frames, where they are given.
+    /// Comparison with clean frames where they are given, else with what [`removal`] makes of the frames.
     Removal,
 }
 
@@ -150,6 +153,7 @@ struct FrameEvidence {
     spatial: NoiseEvidence,
     denoised: NoiseEvidence,
     tiles: Vec<spectral::Tile>,
+    removal: Vec<removal::Tile>,
     has_motion: bool,
     has_depth: bool,
     exposure: Option<motion_blur::ExposureFit>,
@@ -269,6 +273,7 @@ impl Estimator {
             spatial: NoiseEvidence::new(Method::Spatial),
             denoised: NoiseEvidence::new(Method::Removal),
             tiles: vec![],
+            removal: vec![],
             has_motion: to_next.is_some(),
             has_depth: depth.is_some(),
             exposure: None,
@@ -281,6 +286,10 @@ impl Estimator {
         kept.spatial.add_single(frame);
         if self.options.family != Family::Removal {
             kept.tiles = spectral::tiles(frame, to_next.as_ref(), depth.as_ref(), self.options.blur_space)?;
+        }
+        let given_clean = evidence.denoised.or(evidence.motion_deblurred).or(evidence.clean).is_some();
+        if self.options.family == Family::Removal && !given_clean {
+            kept.removal = self.removal_tiles(observation, &kept, to_next.as_ref(), depth.as_ref());
         }
         if self.options.family != Family::Spectral {
             self.compare_with_clean(&mut kept, frame, &evidence, to_next.as_ref(), depth.as_ref())?;
@@ -298,6 +307,24 @@ impl Estimator {
             self.stride *= 2;
         }
         Ok(true)
+    }
+
+    /// What removal needs of a frame without given clean ones. Its own noise will do: the whole clip's is known only at the end.
+    fn removal_tiles(
+        &self,
+        observation: &Observation,
+        kept: &FrameEvidence,
+        flow: Option<&Flow>,
+        depth: Option<&Plane>,
+    ) -> Vec<removal::Tile> {
+        let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
+        let light = removal::NoisyLight::new(observation.frame, &noise[0], self.options.blur_space);
+        let Some(flow) = flow else { return removal::tiles(&light, None, depth) };
+        let neighbours: Vec<(Plane, f32)> = [(observation.next, 1.0), (observation.previous, -1.0)]
+            .into_iter()
+            .filter_map(|(other, later)| Some((light_of(other?, self.options.blur_space), later)))
+            .collect();
+        removal::tiles(&removal::denoise(&light, &neighbours, flow), Some(flow), depth)
     }
 
     /// The paper's fits, of whatever clean frames there are.
@@ -447,25 +474,25 @@ impl Estimator {
         noise: &[LumaNoise; NOISE_LEVELS],
     ) {
         let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
-        let tiles: Vec<&[spectral::Tile]> = moving.iter().map(|f| f.tiles.as_slice()).collect();
         let why = if self.given < 2 {
             "a single image says nothing about the exposure".to_owned()
         } else {
             "no frame could be followed to the next".to_owned()
         };
-        let blind = match self.options.family {
-            Family::Removal => Err(why),
+        let method = self.blind_method();
+        let blind = match method {
             _ if moving.is_empty() => Err(why),
-            _ => spectral::fit_exposure(&tiles, noise),
+            Method::Removal => removal::fit_exposure(&removal_tiles(&moving)),
+            _ => spectral::fit_exposure(&spectral_tiles(&moving), noise),
         };
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];
-        let (known, curve, per_frame) = match (blind, compared) {
+        let (known, curve, per_frame, by_tiles) = match (blind, compared) {
             (Ok(b), Some(c)) if width(b.interval) <= width(c.0.interval) => {
-                (blind_model(&b), b.curve, b.per_frame)
+                (blind_model(method, &b), b.curve, b.per_frame, true)
             }
-            (_, Some((m, curve, per_frame))) => (m, curve, per_frame),
-            (Ok(b), None) => (blind_model(&b), b.curve, b.per_frame),
+            (_, Some((m, curve, per_frame))) => (m, curve, per_frame, false),
+            (Ok(b), None) => (blind_model(method, &b), b.curve, b.per_frame, true),
             (Err(why), None) => {
                 model.motion_blur = Estimate::Unknown(why);
                 return;
@@ -474,10 +501,14 @@ impl Estimator {
         model.motion_blur = Estimate::Known(known);
         diagnostics.exposure_curve = curve;
         // Per frame: numbered as they were given.
-        diagnostics.exposure_per_frame = per_frame
-            .into_iter()
-            .map(|(i, v)| (if known.method == Method::Spectral { moving[i].index } else { i }, v))
-            .collect();
+        diagnostics.exposure_per_frame =
+            per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
+    }
+
+    /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
+    /// much (docs/accuracy.md), and it is slower.
+    fn blind_method(&self) -> Method {
+        if self.options.family == Family::Removal { Method::Removal } else { Method::Spectral }
     }
 
     /// Weighted median over the frames that were compared with clean ones.
@@ -511,31 +542,28 @@ impl Estimator {
         };
         // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
         let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
-        let tiles: Vec<&[spectral::Tile]> =
-            self.frames.iter().filter(|f| f.has_depth).map(|f| f.tiles.as_slice()).collect();
-        let blind = match self.options.family {
-            Family::Removal => Err("no clean frame with depth was given".to_owned()),
-            _ => spectral::fit_lens(&tiles, noise, exposure),
+        let deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
+        let blind_method = self.blind_method();
+        let blind = match blind_method {
+            Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure),
+            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure),
         };
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];
-        let (lens, sigma, focus, method, samples) = match (&blind, compared) {
-            (Ok(b), Some(c)) if width(b.sigma_px_at_infinity) <= width(c.1) => {
-                (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples)
+        let of_tiles = |b: spectral::LensFit| {
+            (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points)
+        };
+        let (lens, sigma, focus, method, samples, points) = match (blind, compared) {
+            (Ok(b), Some(c)) if width(b.sigma_px_at_infinity) <= width(c.1) => of_tiles(b),
+            (_, Some((lens, sigma, focus, samples))) => {
+                let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
+                (lens, sigma, focus, Method::Removal, samples, searched)
             }
-            (_, Some((lens, sigma, focus, samples))) => (lens, sigma, focus, Method::Removal, samples),
-            (Ok(b), None) => {
-                (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, Method::Spectral, b.samples)
-            }
+            (Ok(b), None) => of_tiles(b),
             (Err(why), None) => {
-                model.defocus = Estimate::Unknown(why.clone());
+                model.defocus = Estimate::Unknown(why);
                 return;
             }
-        };
-        let searched: Vec<BlurPoint> = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
-        let points = match (&blind, method) {
-            (Ok(b), Method::Spectral) => b.points.clone(),
-            _ => searched,
         };
         let thin = DefocusCurve::ThinLens {
             sigma_px_at_infinity: lens.sigma_px_at_infinity(),
@@ -614,13 +642,16 @@ fn known_flow(pair: &analysis::flow::FlowPair) -> Flow {
     Flow::from_fn(w, h, |x, y| if pair.occluded.at(x, y) { [f32::NAN; 2] } else { pair.forward.at(x, y) })
 }
 
-fn blind_model(fit: &spectral::ExposureFit) -> MotionBlurModel {
-    MotionBlurModel {
-        exposure: fit.exposure,
-        interval: fit.interval,
-        method: Method::Spectral,
-        samples: fit.samples as u64,
-    }
+fn blind_model(method: Method, fit: &spectral::ExposureFit) -> MotionBlurModel {
+    MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
+}
+
+fn spectral_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [spectral::Tile]> {
+    frames.iter().map(|f| f.tiles.as_slice()).collect()
+}
+
+fn removal_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [removal::Tile]> {
+    frames.iter().map(|f| f.removal.as_slice()).collect()
 }
 
 /// The light that is blurred: Rec. 709 luminance, or Rec. 601 luma of encoded values.

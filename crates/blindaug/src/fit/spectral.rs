@@ -949,7 +949,8 @@ fn interpolate(v: &[f32], at: f32) -> f32 {
         + (f2 * f - f2) * m1
 }
 
-fn sigma_of(index: usize) -> f32 {
+/// The std that an index of the tables stands for, px.
+pub(super) fn sigma_of(index: usize) -> f32 {
     if index <= 20 { 0.15 * index as f32 } else { 3.0 + 0.5 * (index - 20) as f32 }
 }
 

@@ -58,7 +58,7 @@ pub struct DefocusModel {
     pub depth_kind: DepthKind,
     /// How it was estimated.
     pub method: Method,
-    /// How many tiles (spectral) or pixels (removal) it rests on.
+    /// How many tiles (spectral) or places (removal) it rests on.
     pub samples: u64,
 }
 

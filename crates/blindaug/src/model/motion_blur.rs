@@ -27,7 +27,7 @@ pub struct MotionBlurModel {
     pub interval: [f32; 2],
     /// How it was estimated.
     pub method: Method,
-    /// How many tiles (spectral) or pixels (removal) it rests on.
+    /// How many tiles (spectral) or places (removal) it rests on.
     pub samples: u64,
 }
 

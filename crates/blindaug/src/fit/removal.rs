@@ -1,0 +1,532 @@
+//! Blur from the frames alone, by removing it: a sharp version under a prior of sparse gradients is found for every
+//! candidate of blur, and the candidate that explains the frame best is taken.
+//!
+//! 1. [`denoise`]: the frame is averaged with its neighbours, moved along the flow.
+//! 2. Profiles of tiles, along the motion and across it, are deconvolved as [`Line`]s: the mean across a line of what a disk
+//!    or a streak has blurred in the plane is blurred by the disk's or the streak's own profile, whatever is there. The
+//!    gradient of the sharp line is from a mixture of Gaussians, from much less than the noise to much more (Fergus et al.
+//!    2006), so that most of it is nothing and some of it are edges. A line is short enough to be exact where deconvolution of
+//!    images has to approximate: the posterior's covariance, the noise's and the unknown surroundings.
+//! 3. The error of re-synthesis alone would always choose no blur, as that explains everything. The *evidence* does not: what
+//!    the frame's probability is under a candidate, over all sharp lines (Levin et al., CVPR 2011).
+//!
+//! The lens and the rest of the camera blur alike in all directions, motion only along it: the lines across the motion say
+//! how much of what is seen along it is not the shutter's.
+
+use super::noise::LumaNoise;
+use super::spectral::{
+    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE, sigma_of,
+};
+use crate::model::{BlurSpace, ExposureFraction};
+use crate::synth::noise::white_band_std;
+use crate::{Encoded, Flow, Plane, Raster, Transfer, filter, par, raster};
+
+/// Defocus stds that are tried, px.
+const DELTAS: [f32; 10] = [0.0, 0.35, 0.7, 1.05, 1.4, 1.9, 2.6, 3.6, 5.0, 7.0];
+/// Exposure fractions that are tried: 0 to 1.2.
+const LAMBDAS: usize = 13;
+const LAMBDA_STEP: f32 = 0.1;
+/// Profiles of a tile in each direction, and how many px wide each is.
+const PROFILES: usize = 4;
+const BAND: usize = 12;
+/// Std of what the model leaves out, over that of a profile.
+const MISMATCH: f32 = 0.03;
+/// Tiles of a frame, those of most contrast, and frames that are looked at.
+const TILES_PER_FRAME: usize = 24;
+const MAX_FRAMES: usize = 8;
+/// Std of the Gaussian that stands for the pixel's own response, px.
+const PIXEL_RESPONSE: f32 = 0.5;
+/// The gradient's mixture: how many Gaussians, the smallest variance over the noise's, and their ratio.
+const GAUSSIANS: usize = 7;
+const SMALLEST: f64 = 0.05;
+const RATIO: f64 = 8.0;
+/// Steps towards the best mixture of each gradient.
+const ROUNDS: usize = 6;
+/// Lines of a tile see the same things, and no scene is exactly what the prior says.
+const TEMPER: f32 = 0.25;
+/// At most this much, in nats, a tile may object.
+const CLIP: f32 = 8.0;
+const BOOTSTRAPS: usize = 120;
+
+/// The light of a frame and the variance of its noise.
+#[derive(Clone, Debug)]
+pub struct NoisyLight {
+    /// Luminance, or luma of encoded values.
+    pub light: Plane,
+    /// Per pixel.
+    pub variance: Plane,
+}
+
+impl NoisyLight {
+    /// Of a frame whose noise of luma has this std in the finest level; it is taken to be white.
+    pub fn new(frame: &Encoded, noise: &LumaNoise, space: BlurSpace) -> Self {
+        let white = white_band_std()[0];
+        let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
+            // Luminance has more of green than luma, and so averages less of the channels' noise away.
+            let slope = match space {
+                BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))) / 1.12,
+                BlurSpace::Encoded => 1.0,
+            };
+            // No frame is better than its rounding to 8 bit.
+            let std = ((noise.slope * y + noise.intercept) / white).max(0.29 / 255.0);
+            (std / slope).powi(2)
+        });
+        Self { light: super::light_of(frame, space), variance }
+    }
+}
+
+/// Averages a frame with neighbours in time, each with how many frames later it is (-1: earlier), along the flow to the next
+/// frame: as far as they differ by no more than the noise (Buades et al. 2005, along the motion).
+///
+/// The result's variance says how much of the noise is left. All must have one size.
+pub fn denoise(frame: &NoisyLight, neighbours: &[(Plane, f32)], flow: &Flow) -> NoisyLight {
+    let (w, h) = frame.light.size();
+    let mut weights = Plane::filled(w, h, 1.0);
+    let mut sum = frame.light.clone();
+    let mut squares = Plane::filled(w, h, 1.0);
+    for (other, later) in neighbours {
+        let target = |x: usize, y: usize| {
+            let [u, v] = flow.at(x, y);
+            [x as f32 + later * u, y as f32 + later * v]
+        };
+        let inside = |[x, y]: [f32; 2]| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
+        // The moved neighbour, and its noise after interpolation over what it was; unknown flow is outside.
+        let moved = Raster::from_fn(w, h, |x, y| {
+            let [tx, ty] = target(x, y);
+            let gain = |t: f32| raster::cubic_weights(t.fract()).iter().map(|w| w * w).sum::<f32>();
+            if inside([tx, ty]) { [other.cubic(tx, ty), gain(tx) * gain(ty)] } else { [f32::NAN; 2] }
+        });
+        // The squared difference over the noise's share of it, around each pixel.
+        let ratio = Plane::from_fn(w, h, |x, y| {
+            let [value, gain] = moved.at(x, y);
+            let expected = (1.0 + gain) * frame.variance.at(x, y);
+            if value.is_nan() { 100.0 } else { (frame.light.at(x, y) - value).powi(2) / expected }
+        });
+        let ratio = filter::gaussian_blur(&ratio, 1.5);
+        for i in 0..w * h {
+            let [value, gain] = moved.data()[i];
+            if !value.is_nan() {
+                let weight = (-(ratio.data()[i] - 1.3).max(0.0) / 0.3).exp();
+                weights.data_mut()[i] += weight;
+                sum.data_mut()[i] += weight * value;
+                squares.data_mut()[i] += weight * weight * gain;
+            }
+        }
+    }
+    let over = |a: &Plane, x: usize, y: usize, power: i32| a.at(x, y) / weights.at(x, y).powi(power);
+    NoisyLight {
+        light: Plane::from_fn(w, h, |x, y| over(&sum, x, y, 1)),
+        variance: Plane::from_fn(w, h, |x, y| frame.variance.at(x, y) * over(&squares, x, y, 2)),
+    }
+}
+
+/// Differences between successive pixels along a straight line, and the variance of the pixels' noise.
+#[derive(Clone, Debug)]
+pub struct Line {
+    differences: Vec<f64>,
+    variance: Vec<f64>,
+}
+
+impl Line {
+    /// Of these pixels.
+    pub fn new(pixels: &[f32], variance: &[f32]) -> Self {
+        Self {
+            differences: pixels.windows(2).map(|p| f64::from(p[1] - p[0])).collect(),
+            variance: variance.iter().map(|&v| f64::from(v)).collect(),
+        }
+    }
+
+    /// The posterior mean of the sharp line's gradient given the kernel (of odd length, a pixel's step between its taps), and
+    /// the lower bound of the log evidence that it comes with.
+    ///
+    /// Variational: the gradient and which Gaussian each of its values is from are taken as independent given the line.
+    pub fn deconvolved(&self, kernel: &[f64]) -> (Vec<f64>, f64) {
+        let (n, taps) = (self.differences.len(), kernel.len());
+        // Gradients around the line are unknown too.
+        let m = n + taps - 1;
+        let noise = self.variance.iter().sum::<f64>() / self.variance.len() as f64;
+        let variances: [f64; GAUSSIANS] = std::array::from_fn(|k| SMALLEST * noise * RATIO.powi(k as i32));
+        let power = self.differences.iter().map(|d| d * d).sum::<f64>() / n as f64;
+        let start = 1.0 / power.max(2.0 * noise);
+        let mut precision = vec![start; m];
+        // Which Gaussian a gradient of this mean square is from: the mean of their precisions, what it adds to the bound, and
+        // each one's share.
+        let from = |square: f64, prior: &[f64; GAUSSIANS]| {
+            let log: [f64; GAUSSIANS] =
+                std::array::from_fn(|k| prior[k].ln() - 0.5 * (variances[k].ln() + square / variances[k]));
+            let most = log.iter().copied().fold(f64::MIN, f64::max);
+            let share = log.map(|l| (l - most).exp());
+            let total: f64 = share.iter().sum();
+            let expected = share.iter().zip(&variances).map(|(s, v)| s / v).sum::<f64>() / total;
+            (
+                expected,
+                most + total.ln() + 0.5 * (square * expected - expected.ln()),
+                share.map(|s| s / total),
+            )
+        };
+        // How many of the line's gradients are from each: all alike at first.
+        let mut weights = [1.0 / GAUSSIANS as f64; GAUSSIANS];
+        let mut mixture_bound = 0.0;
+        let mut mean = vec![0.0; m];
+        let mut covariance = vec![0.0; n * taps.max(2)];
+        let band = taps.max(2);
+        let mut rows = vec![0.0; n * m];
+        let mut bound = f64::MIN;
+        for round in 0..=ROUNDS {
+            // Covariance of the differences, lower band: [j][j - l].
+            for j in 0..n {
+                for l in 0..band.min(j + 1) {
+                    let shared =
+                        (0..taps.saturating_sub(l)).map(|t| kernel[t + l] * kernel[t] / precision[j + t]);
+                    covariance[j * band + l] = shared.sum::<f64>()
+                        + match l {
+                            0 => self.variance[j] + self.variance[j + 1],
+                            1 => -self.variance[j],
+                            _ => 0.0,
+                        };
+                }
+            }
+            // Its Cholesky factor in place, and what it makes of the differences and, in `rows`, of the kernels.
+            let mut solved = vec![0.0; n];
+            let mut log_determinant = 0.0;
+            for j in 0..n {
+                let first = (j + 1).saturating_sub(band);
+                for i in first..=j {
+                    let mut v = covariance[j * band + j - i];
+                    for k in first.max((i + 1).saturating_sub(band))..i {
+                        v -= covariance[j * band + j - k] * covariance[i * band + i - k];
+                    }
+                    covariance[j * band + j - i] =
+                        if i == j { v.max(1e-18).sqrt() } else { v / covariance[i * band] };
+                }
+                let diagonal = covariance[j * band];
+                log_determinant += 2.0 * diagonal.ln();
+                let (done, rest) = rows.split_at_mut(j * m);
+                let row = &mut rest[..m];
+                row.fill(0.0);
+                row[j..j + taps].copy_from_slice(kernel);
+                let mut v = self.differences[j];
+                for k in first..j {
+                    let factor = covariance[j * band + j - k];
+                    v -= factor * solved[k];
+                    // Row k has nothing right of its own kernel.
+                    row[..k + taps].iter_mut().zip(&done[k * m..]).for_each(|(r, d)| *r -= factor * d);
+                }
+                solved[j] = v / diagonal;
+                row[..j + taps].iter_mut().for_each(|r| *r /= diagonal);
+            }
+            bound = mixture_bound - 0.5 * (log_determinant + solved.iter().map(|v| v * v).sum::<f64>());
+            // The posterior of each gradient.
+            let mut spread = vec![0.0; m];
+            mean.fill(0.0);
+            for (row, s) in rows.chunks(m).zip(&solved) {
+                for (i, r) in row.iter().enumerate() {
+                    mean[i] += r * s;
+                    spread[i] += r * r;
+                }
+            }
+            let squares: Vec<f64> = (0..m)
+                .map(|i| {
+                    let prior = 1.0 / precision[i];
+                    mean[i] *= prior;
+                    mean[i] * mean[i] + (prior - prior * prior * spread[i]).max(0.0)
+                })
+                .collect();
+            if round == ROUNDS {
+                break;
+            }
+            // A gradient of which nothing is seen should add nothing, but a bound is not exact. A longer kernel has more of them.
+            let unseen = (0..ROUNDS).fold((start, 0.0), |(p, _), _| {
+                let (expected, bound, _) = from(1.0 / p, &weights);
+                (expected, bound)
+            });
+            mixture_bound = 0.0;
+            let mut shares = [1.0 / GAUSSIANS as f64; GAUSSIANS];
+            for (precision, square) in precision.iter_mut().zip(squares) {
+                let (expected, bound, share) = from(square, &weights);
+                *precision = expected;
+                mixture_bound += bound - unseen.1;
+                (0..GAUSSIANS).for_each(|k| shares[k] += share[k]);
+            }
+            weights = shares.map(|s| s / (m as f64 + 1.0));
+        }
+        (mean, bound)
+    }
+}
+
+/// The taps of a streak of some length and a disk of some std, seen along a line across whose direction nothing changes, in
+/// pixels of that line; of odd length.
+pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
+    // Closer together than the pixel's response is wide.
+    let steps = |length: f32| (length / PIXEL_RESPONSE).ceil() as usize + 4;
+    let (along, around) = (steps(streak), steps(2.0 * std::f32::consts::PI * sigma));
+    let middle = |i: usize, n: usize| (i as f32 + 0.5) / n as f32;
+    let reach = (0.5 * streak + 2.0 * sigma + 3.0 * PIXEL_RESPONSE).ceil() as isize;
+    let mut taps = vec![0.0f64; 2 * reach as usize + 1];
+    for i in 0..along {
+        for j in 0..around {
+            // Chords of the disk: x = R cos t, and as many of them per angle as sin^2 t.
+            let angle = std::f32::consts::PI * middle(j, around);
+            let at = streak * (middle(i, along) - 0.5) + 2.0 * sigma * angle.cos();
+            let weight = f64::from(angle.sin().powi(2));
+            for k in (at.round() as isize - 2).max(-reach)..=(at.round() as isize + 2).min(reach) {
+                let d = (k as f32 - at) / PIXEL_RESPONSE;
+                taps[(k + reach) as usize] += weight * f64::from((-0.5 * d * d).exp());
+            }
+        }
+    }
+    let total: f64 = taps.iter().sum();
+    taps.iter_mut().for_each(|t| *t /= total);
+    taps
+}
+
+/// What one tile of one frame tells.
+#[derive(Clone, Debug)]
+pub struct Tile {
+    block: u32,
+    /// px per frame interval; 0 without flow.
+    speed: f32,
+    /// NaN if it is unknown or spans much.
+    inverse_depth: f32,
+    /// Along the motion and across it; along x and y without motion.
+    directions: [Vec<Line>; 2],
+}
+
+/// The tiles of a frame.
+pub fn tiles(frame: &NoisyLight, flow: Option<&Flow>, inverse_depth: Option<&Plane>) -> Vec<Tile> {
+    let (w, h) = frame.light.size();
+    let corners = spectral::corners((w, h));
+    // Gradients' energy over the noise's.
+    let contrast = par::map(corners.len(), |i| {
+        let (x0, y0) = corners[i];
+        let mut sum = 0.0;
+        for y in (y0..y0 + TILE - 3).step_by(2) {
+            for x in (x0..x0 + TILE - 3).step_by(2) {
+                let v = frame.light.at(x, y);
+                let d = (frame.light.at(x + 3, y) - v).powi(2) + (frame.light.at(x, y + 3) - v).powi(2);
+                sum += (0.25 * d / frame.variance.at(x, y)).min(1000.0);
+            }
+        }
+        sum / (TILE * TILE / 4) as f32
+    });
+    let mut order: Vec<usize> = (0..corners.len()).filter(|&i| contrast[i] > 3.0).collect();
+    order.sort_by(|&a, &b| contrast[b].total_cmp(&contrast[a]));
+    let mut found: Vec<((usize, usize), Tile)> = vec![];
+    for i in order {
+        let (x0, y0) = corners[i];
+        // Overlapping tiles show the same.
+        let overlaps = |(x, y): (usize, usize)| x.abs_diff(x0) < TILE && y.abs_diff(y0) < TILE;
+        if found.iter().any(|f| overlaps(f.0)) {
+            continue;
+        }
+        if let Some(tile) = tile(frame, flow, inverse_depth, corners[i]) {
+            found.push((corners[i], tile));
+            if found.len() == TILES_PER_FRAME {
+                break;
+            }
+        }
+    }
+    found.into_iter().map(|f| f.1).collect()
+}
+
+/// The tile at a corner; `None` if its parts move differently.
+fn tile(
+    frame: &NoisyLight,
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    (x0, y0): (usize, usize),
+) -> Option<Tile> {
+    let (w, h) = frame.light.size();
+    let around = || (0..25).map(|i| (x0 + i % 5 * (TILE - 1) / 4, y0 + i / 5 * (TILE - 1) / 4));
+    let mut motion = [1.0, 0.0];
+    let mut speed = 0.0;
+    if let Some(flow) = flow {
+        let known: Vec<[f32; 2]> =
+            around().map(|(x, y)| flow.at(x, y)).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
+        let middle = [0, 1].map(|c| super::median(known.iter().map(|f| f[c]).collect()).unwrap_or(0.0));
+        speed = middle[0].hypot(middle[1]);
+        let like = |f: &&[f32; 2]| (f[0] - middle[0]).hypot(f[1] - middle[1]) < (0.2 * speed).max(0.7);
+        if known.iter().filter(like).count() < 20 || speed > SPEEDS.end {
+            return None;
+        }
+        if speed >= SPEEDS.start {
+            motion = middle;
+        } else {
+            speed = 0.0;
+        }
+    }
+    let depths: Vec<f32> = inverse_depth
+        .map_or(vec![], |map| around().map(|(x, y)| map.at(x, y)).filter(|d| d.is_finite()).collect());
+    let inverse_depth = super::median(depths.clone())
+        .filter(|d| depths.iter().filter(|v| (*v - d).abs() < 0.12 * d.abs()).count() >= 20)
+        .unwrap_or(f32::NAN);
+    let center = [x0, y0].map(|v| v as f32 + 0.5 * (TILE - 1) as f32);
+    let directions = [profiles(frame, center, motion)?, profiles(frame, center, [-motion[1], motion[0]])?];
+    let blocks = spectral::BLOCK_COUNT.isqrt();
+    let block = (y0 * blocks / h * blocks + x0 * blocks / w) as u32;
+    Some(Tile { block, speed, inverse_depth, directions })
+}
+
+/// Profiles of a square of [`TILE`] px around a place, along a direction: each is the mean over a band of it. The mean across
+/// a line of what a disk has blurred in the plane is what the disk's chords have blurred on the line, whatever is there.
+/// `None` if they leave the frame.
+fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option<Vec<Line>> {
+    let (w, h) = frame.light.size();
+    let length = direction[0].hypot(direction[1]);
+    let [dx, dy] = direction.map(|d| d / length);
+    let half = 0.5 * (TILE - 1) as f32;
+    let at = |along: f32, across: f32| {
+        [center[0] + along * dx - across * dy, center[1] + along * dy + across * dx]
+    };
+    let inside = |[x, y]: [f32; 2]| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
+    if ![(-half, -half), (-half, half), (half, -half), (half, half)].iter().all(|&(a, b)| inside(at(a, b))) {
+        return None;
+    }
+    let profile = |band: usize| {
+        let rows = || (0..BAND).map(|r| (band * (TILE - BAND) / (PROFILES - 1) + r) as f32 - half);
+        let mean_of = |value: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
+            let mean = |i: usize| {
+                rows().map(|across| at(i as f32 - half, across)).map(|[x, y]| value(x, y)).sum::<f32>()
+            };
+            (0..TILE).map(|i| mean(i) / BAND as f32).collect()
+        };
+        let pixels = mean_of(&|x, y| frame.light.cubic(x, y));
+        let gain = |t: f32| raster::cubic_weights(t.fract()).iter().map(|w| w * w).sum::<f32>();
+        let mut variance = mean_of(&|x, y| gain(x) * gain(y) * frame.variance.bilinear(x, y));
+        // What is not as in the model, in proportion to what there is to see.
+        let mean = pixels.iter().sum::<f32>() / TILE as f32;
+        let power = pixels.iter().map(|p| (p - mean).powi(2)).sum::<f32>() / TILE as f32;
+        variance.iter_mut().for_each(|v| *v = *v / BAND as f32 + MISMATCH.powi(2) * power);
+        Line::new(&pixels, &variance)
+    };
+    Some((0..PROFILES).map(profile).collect())
+}
+
+impl Tile {
+    /// Log evidence of a blur, of the lines along the motion (0) or across it (1).
+    fn evidence(&self, direction: usize, lambda: f32, delta: f32) -> f32 {
+        let streak = if direction == 0 { lambda * self.speed } else { 0.0 };
+        let kernel = kernel(streak, delta);
+        self.directions[direction].iter().map(|l| l.deconvolved(&kernel).1 as f32).sum::<f32>() * TEMPER
+    }
+
+    /// Over [`DELTAS`], of the lines across the motion.
+    fn across(&self) -> Vec<f32> {
+        relative(DELTAS.iter().map(|&d| self.evidence(1, 0.0, d)).collect())
+    }
+
+    /// What it objects to the exposures of a curve, in nats, within [-CLIP, 0]: what the lens and the texture blur is taken
+    /// from the lines across, as far as these are sure.
+    fn objections(&self) -> Vec<f32> {
+        let across = self.across();
+        let likely = || (0..DELTAS.len()).filter(|&i| across[i] > -2.0);
+        let table: Vec<f32> = (0..LAMBDAS)
+            .map(|l| {
+                likely()
+                    .map(|i| across[i] + self.evidence(0, l as f32 * LAMBDA_STEP, DELTAS[i]))
+                    .fold(f32::MIN, f32::max)
+            })
+            .collect();
+        let positions: Vec<f32> = (0..LAMBDAS).map(|l| l as f32 * LAMBDA_STEP).collect();
+        let curve = (0..EXPOSURES).map(|i| between(&positions, &table, i as f32 * EXPOSURE_STEP)).collect();
+        relative(curve).into_iter().map(|v| v.max(-CLIP)).collect()
+    }
+}
+
+/// Minus the maximum.
+fn relative(mut v: Vec<f32>) -> Vec<f32> {
+    let max = v.iter().copied().fold(f32::MIN, f32::max);
+    v.iter_mut().for_each(|v| *v -= max);
+    v
+}
+
+/// Between the values of a table: from the parabola through three of them to that through the next three.
+fn between(positions: &[f32], values: &[f32], at: f32) -> f32 {
+    let parabola = |i: usize| {
+        let i = i.clamp(1, positions.len() - 2);
+        let [a, b, c] = [positions[i - 1], positions[i], positions[i + 1]];
+        values[i - 1] * (at - b) * (at - c) / ((a - b) * (a - c))
+            + values[i] * (at - a) * (at - c) / ((b - a) * (b - c))
+            + values[i + 1] * (at - a) * (at - b) / ((c - a) * (c - b))
+    };
+    let i = positions.partition_point(|&p| p <= at).clamp(1, positions.len() - 1);
+    let t = (at - positions[i - 1]) / (positions[i] - positions[i - 1]);
+    parabola(i - 1) + t * (parabola(i) - parabola(i - 1))
+}
+
+/// Evenly spaced frames, so that a long clip takes no longer, and the part of the clip that each lies in.
+fn looked_at<'a>(frames: &[&'a [Tile]]) -> Vec<(usize, usize, &'a Tile)> {
+    let step = frames.len().div_ceil(MAX_FRAMES).max(1);
+    let chosen = frames.iter().enumerate().step_by(step);
+    chosen.flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, f / step, t))).collect()
+}
+
+/// The exposure that the tiles of all frames agree on.
+///
+/// # Errors
+/// The reason why they cannot tell.
+pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
+    let moving: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.speed > 0.0).collect();
+    if moving.len() < 6 {
+        return Err("too little in the frames moves, or what moves has no texture".into());
+    }
+    let curves = par::map(moving.len(), |i| moving[i].2.objections());
+    let summed = |which: &dyn Fn(usize) -> bool| {
+        let mut sum = vec![0.0f32; EXPOSURES];
+        for (_, curve) in curves.iter().enumerate().filter(|(i, _)| which(*i)) {
+            sum.iter_mut().zip(curve).for_each(|(s, v)| *s += v);
+        }
+        sum
+    };
+    let sum = summed(&|_| true);
+    let estimate = spectral::most_likely_exposure(&sum);
+    let parts: Vec<(u32, usize, Vec<f32>)> = moving
+        .iter()
+        .zip(&curves)
+        .map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone()))
+        .collect();
+    let [low, high] = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS);
+    // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
+    let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
+    alone.sort_by(f32::total_cmp);
+    let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
+    if high - low > 0.7 {
+        return Err(format!(
+            "too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit"
+        ));
+    }
+    let per_frame = (0..frames.len())
+        .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= 6)
+        .map(|f| (f, spectral::most_likely_exposure(&summed(&|i| moving[i].0 == f)).min(1.0)))
+        .collect();
+    let curve = relative(sum).into_iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v]).collect();
+    Ok(ExposureFit {
+        exposure: ExposureFraction(estimate.min(1.0)),
+        interval: [low, high],
+        samples: moving.len(),
+        curve,
+        per_frame,
+    })
+}
+
+/// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it).
+///
+/// # Errors
+/// The reason why they cannot tell.
+pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFit, String> {
+    let known: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.inverse_depth.is_finite()).collect();
+    let witnesses = par::map(known.len(), |i| {
+        let (_, shot, tile) = known[i];
+        let table: Vec<f32> = (tile.across().iter().zip(DELTAS))
+            .map(|(across, delta)| across + tile.evidence(0, exposure.0, delta))
+            .collect();
+        LensWitness {
+            inverse_depth: tile.inverse_depth,
+            table: relative((0..SIGMAS).map(|s| between(&DELTAS, &table, sigma_of(s))).collect()),
+            tiles: 1.0,
+            block: tile.block,
+            shot,
+        }
+    });
+    spectral::lens_of(&witnesses, BOOTSTRAPS)
+}
