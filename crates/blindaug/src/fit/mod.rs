@@ -602,7 +602,15 @@ impl Estimator {
         };
         let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity)?;
         let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1])?;
-        let lens = defocus::Lens { slope: sigma / focus.max(1e-9), focus: focus.max(1e-9) };
+        // The two are those of one frame: medians taken apart may together be a lens that no frame has.
+        let off = |f: &defocus::LensFit| {
+            let share = |v: f32, of: f32| (v - of).abs() / of.max(1e-3);
+            share(f.lens.sigma_px_at_infinity(), sigma) + share(f.lens.focus, focus)
+        };
+        let lens = fits.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?.lens;
+        let (s, f) = (lens.sigma_px_at_infinity(), lens.focus);
+        let sigma_interval = [sigma_interval[0].min(s), sigma_interval[1].max(s)];
+        let focus_interval = [focus_interval[0].min(f), focus_interval[1].max(f)];
         let sure = sigma_interval[1] - sigma_interval[0] <= 2.0 * sigma.max(0.5);
         sure.then(|| (lens, sigma_interval, focus_interval, fits.iter().map(|f| f.samples).sum()))
     }
