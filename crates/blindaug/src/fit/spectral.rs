@@ -63,7 +63,7 @@ const NUISANCES: [f32; 3] = [1.0, 1.0, 0.15];
 /// Signal over noise below which a tile is left out.
 const MIN_CONTRAST: f32 = 3.0;
 /// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
-const STREAK_ERROR: f32 = 0.3;
+const STREAK_ERROR: f32 = 0.4;
 /// Streaks of this length, px, cannot be told from none at all.
 const HIDDEN_STREAK: f32 = 1.2;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
