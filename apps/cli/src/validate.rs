@@ -259,7 +259,7 @@ fn measure_own(case: &Case, sharp: &mut SharpScene, pictures: &Path) -> Result<O
         let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &footage.flow[t]);
         let filmed =
             camera.film(scene, t as u64, evidence, &setting, case.scene).map_err(|e| failure(pictures, e))?;
-        camera::add_noise(truth, &filmed);
+        truth.add(&filmed.frame, &filmed.without_noise);
         footage.frames.push(filmed.frame);
     }
     let mut measured = vec![];
@@ -277,25 +277,19 @@ fn measure_own(case: &Case, sharp: &mut SharpScene, pictures: &Path) -> Result<O
 /// The frame, the clean frame as the estimated camera would film it, and their difference.
 fn write_pictures(case: &Case, footage: &Footage, estimation: &Estimation, pictures: &Path) -> Result<()> {
     let t = footage.frames.len() / 2;
-    let options = synth::Options { bokeh: Bokeh::Disk, no_noise: false, seed: 1 };
-    let with = |name: &str, no_noise: bool| -> Result<Encoded> {
-        let options = synth::Options { no_noise, ..options };
-        let made = synth::distort_frame(
+    let made = |no_noise: bool| {
+        synth::distort_frame(
             &footage.clean[t].to_linear(Transfer::Srgb),
             &estimation.model,
             Some(&footage.inverse_depth[t]),
             Some(&footage.flow[t]),
-            &options,
+            &synth::Options { bokeh: Bokeh::Disk, no_noise, seed: 1 },
             t as u64,
         )
-        .map_err(|e| failure(pictures, e))?;
-        if !no_noise {
-            write_png(pictures.join(format!("{}-{name}.png", case.name)), &made)?;
-        }
-        Ok(made)
+        .map_err(|e| failure(pictures, e))
     };
-    with("synthesised", false)?;
-    let without_noise = with("", true)?;
+    write_png(pictures.join(format!("{}-synthesised.png", case.name)), &made(false)?)?;
+    let without_noise = made(true)?;
     write_png(pictures.join(format!("{}-filmed.png", case.name)), &footage.frames[t])?;
     let (filmed, made) = (&footage.frames[t].0, &without_noise.0);
     let error = blindaug::Raster::from_fn(filmed.width(), filmed.height(), |x, y| {
@@ -342,7 +336,7 @@ struct Summary {
     covered: BTreeMap<&'static str, (usize, usize)>,
     /// Parts that are unknown though they could be known, and all of them.
     unknown: (usize, usize),
-    /// |aggregate - true| and the least |one frame - true| of the same cases.
+    /// |aggregate - true| and the median of |one frame - true| of the same cases.
     against_single: Vec<[f32; 2]>,
     seconds: f32,
 }

@@ -1,12 +1,11 @@
 //! Two cameras that film a scene with known numbers: the project's own synthesis, and one made of physics alone.
 
-use super::measure::NoiseTruth;
 use super::scene::{Exposure, Scene};
 use blindaug::model::{
     Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
 };
 use blindaug::synth::{self, defocus::Bokeh, noise};
-use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, Transfer, luma};
+use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, Transfer};
 use rand::{SeedableRng, rngs::StdRng};
 use rand_distr::{Distribution, Normal, Poisson};
 use serde::{Deserialize, Serialize};
@@ -134,17 +133,4 @@ fn counted(light: &Linear, setting: &Setting, seed: u64) -> Linear {
         })
         .expect("as many as pixels"),
     )
-}
-
-/// Collects what the noise of filmed frames really is.
-pub fn add_noise(truth: &mut NoiseTruth, filmed: &Filmed) {
-    let (w, h) = filmed.frame.0.size();
-    let residual = Raster::from_fn(w, h, |x, y| {
-        let (a, b) = (filmed.frame.0.at(x, y), filmed.without_noise.0.at(x, y));
-        std::array::from_fn::<f32, 3, _>(|c| a[c] - b[c])
-    });
-    // Where values clip, noise is cut off; the model speaks of what is not.
-    let whole =
-        filmed.without_noise.0.map(|p| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 });
-    truth.add(&residual, &filmed.without_noise.0.map(luma), &whole);
 }

@@ -6,7 +6,7 @@ use blindaug::composite::{self, Shot, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
-use blindaug::{CameraModel, Encoded, Raster, Transfer, luma};
+use blindaug::{CameraModel, Encoded, Transfer};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -108,15 +108,7 @@ impl Condition {
         if let Some(plain) = plain.filter(|p| self.clip.join(p).is_dir()) {
             let truth = noise.insert(NoiseTruth::default());
             for (frame, &n) in frames.iter().zip(&numbers) {
-                let plain = self.frame(&plain, n)?;
-                let (w, h) = frame.0.size();
-                let residual = Raster::from_fn(w, h, |x, y| {
-                    let (a, b) = (frame.0.at(x, y), plain.0.at(x, y));
-                    std::array::from_fn::<f32, 3, _>(|c| a[c] - b[c])
-                });
-                let whole =
-                    plain.0.map(|p| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 });
-                truth.add(&residual, &plain.0.map(luma), &whole);
+                truth.add(frame, &self.frame(&plain, n)?);
             }
         } else if let Some([readout, shot]) = self.noise {
             let white = white_band_std();

@@ -82,10 +82,18 @@ pub struct NoiseTruth {
 }
 
 impl NoiseTruth {
-    /// Adds a frame's noise. `weight`: 0 where it is not whole.
-    pub fn add(&mut self, noise: &Raster<[f32; 3]>, luma: &Plane, weight: &Plane) {
-        let (bands, _) = pyramid::laplacian(noise, NOISE_LEVELS);
-        let (mut luma, mut weight) = (luma.clone(), weight.clone());
+    /// Adds the noise of a frame, of which it is known what it would be without.
+    pub fn add(&mut self, frame: &Encoded, without_noise: &Encoded) {
+        let (w, h) = frame.0.size();
+        let noise = Raster::from_fn(w, h, |x, y| {
+            let (a, b) = (frame.0.at(x, y), without_noise.0.at(x, y));
+            std::array::from_fn::<f32, 3, _>(|c| a[c] - b[c])
+        });
+        let (bands, _) = pyramid::laplacian(&noise, NOISE_LEVELS);
+        let mut luma = without_noise.luma();
+        // Where values clip, noise is cut off; the model speaks of what is not.
+        let whole = |p: [f32; 3]| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 };
+        let mut weight = without_noise.0.map(whole);
         for (level, band) in bands.iter().enumerate() {
             if level > 0 {
                 (luma, weight) = (pyramid::downsample(&luma), pyramid::downsample(&weight));

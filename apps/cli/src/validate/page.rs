@@ -110,19 +110,18 @@ pub fn table(outcomes: &[Outcome]) -> String {
             "\nblind lambda, depth and flow given: all frames together {together:.3}, a typical single frame {single:.3}"
         );
     }
-    for o in outcomes.iter().filter(|o| o.case.experiment == Experiment::Clip) {
+    let clips: Vec<&Outcome> = outcomes.iter().filter(|o| o.case.experiment == Experiment::Clip).collect();
+    if !clips.is_empty() {
+        text.push('\n');
+    }
+    for o in clips {
         let cell = |given: Given| {
             let Some(m) = o.measured.iter().find(|m| m.given == given) else { return String::new() };
             format!("{} {}", exposure_cell(m), lens_cell(m))
         };
         let _ = write!(
             text,
-            "{}{:<24} true {:.2}  clean given: {}  depth, flow given: {}",
-            if o == outcomes.iter().find(|o| o.case.experiment == Experiment::Clip).unwrap_or(o) {
-                "\n"
-            } else {
-                ""
-            },
+            "{:<24} true {:.2}  clean given: {}  depth, flow given: {}",
             o.case.name,
             o.truth.exposure,
             cell(Given::Everything),

@@ -215,9 +215,13 @@ impl Scene {
     fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
         const FEWEST: usize = 24;
         const MOST: usize = 200;
-        let quick = self.flow(t);
-        let fastest = quick.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
-        let along = exposure.fraction * fastest.min(60.0);
+        let along = if exposure.fraction > 0.0 {
+            let flow = self.flow(t);
+            let fastest = flow.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
+            exposure.fraction * fastest.min(60.0)
+        } else {
+            0.0
+        };
         let disk = exposure.lens.map_or(0.0, |(sigma, focus)| {
             let depth = self.inverse_depth(t);
             let radius =

@@ -15,7 +15,8 @@
 
 use super::noise::LumaNoise;
 use super::spectral::{
-    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE, sigma_of,
+    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE, block_of,
+    relative, sigma_of,
 };
 use crate::model::{BlurSpace, ExposureFraction};
 use crate::synth::noise::white_band_std;
@@ -336,7 +337,6 @@ fn tile(
     inverse_depth: Option<&Plane>,
     (x0, y0): (usize, usize),
 ) -> Option<Tile> {
-    let (w, h) = frame.light.size();
     let around = || (0..25).map(|i| (x0 + i % 5 * (TILE - 1) / 4, y0 + i / 5 * (TILE - 1) / 4));
     let mut motion = [1.0, 0.0];
     let mut speed = 0.0;
@@ -362,9 +362,7 @@ fn tile(
         .unwrap_or(f32::NAN);
     let center = [x0, y0].map(|v| v as f32 + 0.5 * (TILE - 1) as f32);
     let directions = [profiles(frame, center, motion)?, profiles(frame, center, [-motion[1], motion[0]])?];
-    let blocks = spectral::BLOCK_COUNT.isqrt();
-    let block = (y0 * blocks / h * blocks + x0 * blocks / w) as u32;
-    Some(Tile { block, speed, inverse_depth, directions })
+    Some(Tile { block: block_of((x0, y0), frame.light.size()), speed, inverse_depth, directions })
 }
 
 /// Profiles of a square of [`TILE`] px around a place, along a direction: each is the mean over a band of it. The mean across
@@ -412,7 +410,7 @@ impl Tile {
 
     /// Over [`DELTAS`], of the lines across the motion.
     fn across(&self) -> Vec<f32> {
-        relative(DELTAS.iter().map(|&d| self.evidence(1, 0.0, d)).collect())
+        relative(DELTAS.iter().map(|&d| self.evidence(1, 0.0, d)))
     }
 
     /// What it objects to the exposures of a curve, in nats, within [-CLIP, 0]: what the lens and the texture blur is taken
@@ -428,16 +426,9 @@ impl Tile {
             })
             .collect();
         let positions: Vec<f32> = (0..LAMBDAS).map(|l| l as f32 * LAMBDA_STEP).collect();
-        let curve = (0..EXPOSURES).map(|i| between(&positions, &table, i as f32 * EXPOSURE_STEP)).collect();
+        let curve = (0..EXPOSURES).map(|i| between(&positions, &table, i as f32 * EXPOSURE_STEP));
         relative(curve).into_iter().map(|v| v.max(-CLIP)).collect()
     }
-}
-
-/// Minus the maximum.
-fn relative(mut v: Vec<f32>) -> Vec<f32> {
-    let max = v.iter().copied().fold(f32::MIN, f32::max);
-    v.iter_mut().for_each(|v| *v -= max);
-    v
 }
 
 /// Between the values of a table: from the parabola through three of them to that through the next three.
@@ -499,7 +490,11 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
         .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= 6)
         .map(|f| (f, spectral::most_likely_exposure(&summed(&|i| moving[i].0 == f)).min(1.0)))
         .collect();
-    let curve = relative(sum).into_iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v]).collect();
+    let curve = relative(sum.into_iter())
+        .into_iter()
+        .enumerate()
+        .map(|(i, v)| [i as f32 * EXPOSURE_STEP, v])
+        .collect();
     Ok(ExposureFit {
         exposure: ExposureFraction(estimate.min(1.0)),
         interval: [low, high],
@@ -522,7 +517,7 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFi
             .collect();
         LensWitness {
             inverse_depth: tile.inverse_depth,
-            table: relative((0..SIGMAS).map(|s| between(&DELTAS, &table, sigma_of(s))).collect()),
+            table: relative((0..SIGMAS).map(|s| between(&DELTAS, &table, sigma_of(s)))),
             tiles: 1.0,
             block: tile.block,
             shot,

@@ -186,7 +186,7 @@ pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
 }
 
 /// The block of the image that a tile lies in.
-fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
+pub(super) fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
     (y * BLOCKS / h * BLOCKS + x * BLOCKS / w) as u32
 }
 
@@ -927,7 +927,7 @@ fn blurred(curve: &[f32], sigma: f32) -> Vec<f32> {
 }
 
 /// Minus the maximum.
-fn relative(values: impl Iterator<Item = f32>) -> Vec<f32> {
+pub(super) fn relative(values: impl Iterator<Item = f32>) -> Vec<f32> {
     let mut v: Vec<f32> = values.collect();
     let max = v.iter().copied().fold(f32::MIN, f32::max);
     v.iter_mut().for_each(|v| *v -= max);
