@@ -6,7 +6,12 @@
 //! bands of a pyramid for noise; 8000 places x 21 exposures x up to 20 cubic taps for the shutter; 8000 places x 23 stds
 //! x up to 41 rows of a disk for the lens.
 
-use blindaug::fit::{defocus, motion_blur, noise::NoiseEvidence, spectral};
+#[path = "../tests/leaves/mod.rs"]
+mod leaves;
+
+use blindaug::fit::{
+    Estimator, Evidence, Observation, defocus, motion_blur, noise::NoiseEvidence, spectral, track::Tracker,
+};
 use blindaug::model::{BlurSpace, ExposureFraction, Method};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Plane, Raster};
@@ -92,6 +97,24 @@ fn bench(c: &mut Criterion) {
                 .expect("one size");
             spectral::fit_lens(&[&tiles], &noise, ExposureFraction(0.0))
         })
+    });
+    // Everything from a pair of frames and nothing else, flow and depth included.
+    let clip = leaves::Scene::new(1, (N, N)).clip(2, |_| leaves::CAMERA);
+    let pair = || Observation {
+        frame: black_box(&clip[0].frame),
+        next: Some(&clip[1].frame),
+        previous: None,
+        evidence: Evidence::default(),
+    };
+    g.bench_function("pair/estimator", |b| {
+        b.iter(|| {
+            let mut estimator = Estimator::new(Default::default());
+            estimator.add(&pair()).expect("one size");
+            estimator.estimate()
+        })
+    });
+    g.bench_function("pair/tracker", |b| {
+        b.iter(|| Tracker::new(Default::default(), None).push(&pair()).expect("one size").clone())
     });
     g.finish();
 }

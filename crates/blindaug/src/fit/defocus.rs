@@ -48,14 +48,14 @@ pub(super) fn best_lens((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + 
             .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
     });
     let best = best.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
-    refined_lens(best.map_or(Lens { slope: 0.0, focus: near }, |b| b.1), objective)
+    refined_lens(best.map_or(Lens { slope: 0.0, focus: near }, |b| b.1), 1e-3, objective)
 }
 
-/// The maximum next to `start`, by steps along the two coordinates that shrink.
-pub(super) fn refined_lens(start: Lens, objective: impl Fn(Lens) -> f32) -> Lens {
+/// The maximum next to `start`, by steps along the two coordinates that shrink to `finest`, relative.
+pub(super) fn refined_lens(start: Lens, finest: f32, objective: impl Fn(Lens) -> f32) -> Lens {
     let mut best = (objective(start), start);
     let mut step = 0.12;
-    while step > 1e-3 {
+    while step > finest {
         let mut improved = false;
         let Lens { slope, focus } = best.1;
         // Turning the lens around the blur at infinity or keeping the focus: the two directions that scenes tell apart.
@@ -152,7 +152,7 @@ pub fn fit_lens(
     let mut lens = best_lens(range, |l| samples.every(8).score(1.0, |i| model(l, i)));
     for _ in 0..2 {
         let scale = samples.scale(|i| model(lens, i));
-        lens = refined_lens(lens, |l| samples.score(scale, |i| model(l, i)));
+        lens = refined_lens(lens, 1e-3, |l| samples.score(scale, |i| model(l, i)));
     }
     let scale = samples.scale(|i| model(lens, i));
     let steps =

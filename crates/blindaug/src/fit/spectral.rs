@@ -23,7 +23,9 @@ use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, Plane, Raster, Result, Transfer, luma, par};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
+use wide::f32x4;
 
 /// Side of a tile, px; tiles overlap by half.
 pub const TILE: usize = 48;
@@ -31,12 +33,14 @@ pub const TILE: usize = 48;
 const TILES_PER_FRAME: usize = 400;
 /// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
 /// denoising inside the camera have touched.
-const BAND: std::ops::Range<f32> = 0.03..0.35;
+const BAND: Range<f32> = 0.03..0.35;
 /// Below this speed, px per frame interval, a tile says nothing about lambda; above the other the flow is not relied on.
-pub(super) const SPEEDS: std::ops::Range<f32> = 1.5..60.0;
-/// Exposure fractions of the tables: 0 to 1.25 (past 1, so that a maximum at 1 is seen from both sides).
-const LAMBDAS: usize = 26;
-const LAMBDA_STEP: f32 = 0.05;
+pub(super) const SPEEDS: Range<f32> = 1.5..60.0;
+/// Largest exposure fraction of the tables: past 1, so that a maximum at 1 is seen from both sides.
+const MAX_LAMBDA: f32 = 1.25;
+/// Steps of the tables: this length of streak, px, within this range of exposure fractions.
+const STREAK_STEP: f32 = 0.6;
+const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
 /// Exposure fractions of a curve, over the same range.
 pub(super) const EXPOSURES: usize = 251;
 pub(super) const EXPOSURE_STEP: f32 = 0.005;
@@ -208,28 +212,46 @@ pub(super) fn tiles_at(
     found.into_iter().flatten().collect()
 }
 
-/// What is seen of a frame: the light that is blurred, and per pixel what [`Tile::noise_moments`] are the means of.
+/// What is seen of a frame: the light that is blurred, and at every second pixel of the frame each way what
+/// [`Tile::noise_moments`] are the means of.
 struct Light {
     plane: Plane,
     moments: Raster<[f32; 3]>,
+    /// Pixels of `plane` from one of them to the next.
+    step: usize,
 }
 
 impl Light {
     fn new(frame: &Encoded, space: BlurSpace) -> Self {
-        if space == BlurSpace::Encoded {
-            let moments = frame.0.map(luma).map(|v| [v * v, v, 1.0]);
-            return Self { plane: super::light_of(frame, space), moments };
+        let (w, h) = frame.0.size();
+        let moments = |of: &(dyn Fn(f32) -> [f32; 3] + Sync)| {
+            Raster::from_fn(w / 2, h / 2, |x, y| of(luma(frame.0.at(2 * x, 2 * y))))
+        };
+        let (plane, moments) = match space {
+            BlurSpace::Encoded => (frame.luma(), moments(&|v| [v * v, v, 1.0])),
+            BlurSpace::Linear => {
+                let plane = frame.0.map(|p| {
+                    let [r, g, b] = p.map(|v| decoded(v)[0]);
+                    0.2126 * r + 0.7152 * g + 0.0722 * b
+                });
+                let of = |v: f32| {
+                    let [_, slope] = decoded(v.max(0.02));
+                    [(v / slope).powi(2), v / (slope * slope), 1.0 / (slope * slope)]
+                };
+                (plane, moments(&of))
+            }
+        };
+        Self { plane, moments, step: 2 }
+    }
+
+    /// Of the tile there.
+    fn noise_moments(&self, (x0, y0): (usize, usize)) -> [f32; 3] {
+        let (x0, y0, side) = (x0 / self.step, y0 / self.step, TILE / self.step);
+        let mut sum = [0.0; 3];
+        for p in (y0..y0 + side).flat_map(|y| &self.moments.row(y)[x0..x0 + side]) {
+            (0..3).for_each(|k| sum[k] += p[k]);
         }
-        let moments = frame.0.map(|p| {
-            let v = luma(p);
-            let [_, slope] = decoded(v.max(0.02));
-            [(v / slope).powi(2), v / (slope * slope), 1.0 / (slope * slope)]
-        });
-        let plane = frame.0.map(|p| {
-            let [r, g, b] = p.map(|v| decoded(v)[0]);
-            0.2126 * r + 0.7152 * g + 0.0722 * b
-        });
-        Self { plane, moments }
+        sum.map(|v| v / (side * side) as f32)
     }
 
     /// At half the resolution: means of 2 x 2 px.
@@ -241,7 +263,8 @@ impl Light {
                 let pair = |row: &[f32]| row[2 * x] + row[2 * x + 1];
                 0.25 * (pair(plane.row(2 * y)) + pair(plane.row(2 * y + 1)))
             }),
-            moments: Raster::from_fn(w / 2, h / 2, |x, y| self.moments.at(2 * x, 2 * y)),
+            moments: self.moments.clone(),
+            step: 1,
         }
     }
 }
@@ -277,27 +300,27 @@ fn tile(
         None => (0.0, [0.0; 2]),
     };
     let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
-    let mut noise_moments = [0.0; 3];
-    for p in square(&light.moments, at) {
-        (0..3).for_each(|k| noise_moments[k] += p[k] / (TILE * TILE) as f32);
-    }
+    let noise_moments = light.noise_moments(at);
     let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
     Some(Tile { block, scale: 1.0, speed, inverse_depth, noise_moments, bins, rings })
 }
 
-/// The pixels of the tile at a corner.
-fn square<T: Copy + Send + Sync>(
+/// Every second pixel, each way, of the tile at a corner.
+fn samples<T: Copy + Send + Sync>(
     raster: &Raster<T>,
     (x0, y0): (usize, usize),
 ) -> impl Iterator<Item = T> + '_ {
-    (y0..y0 + TILE).flat_map(move |y| raster.row(y)[x0..x0 + TILE].iter().copied())
+    (y0..y0 + TILE).step_by(2).flat_map(move |y| raster.row(y)[x0..x0 + TILE].iter().step_by(2).copied())
 }
+
+/// How many those are.
+const SAMPLES: usize = TILE * TILE / 4;
 
 /// Speed and motion of a tile; `None` if its parts move differently, too fast, or unknown.
 fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])> {
     let known: Vec<[f32; 2]> =
-        square(flow, corner).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
-    if known.len() < TILE * TILE / 2 {
+        samples(flow, corner).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
+    if known.len() < SAMPLES / 2 {
         return None;
     }
     let [Some(u), Some(v)] = [0, 1].map(|c| super::median(known.iter().map(|f| f[c]).collect())) else {
@@ -314,8 +337,8 @@ fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])>
 
 /// Inverse depth of a tile; `None` if it spans much of it, or is unknown.
 fn common_depth(map: &Plane, corner: (usize, usize)) -> Option<f32> {
-    let mut d: Vec<f32> = square(map, corner).filter(|d| d.is_finite()).collect();
-    if d.len() < TILE * TILE / 2 {
+    let mut d: Vec<f32> = samples(map, corner).filter(|d| d.is_finite()).collect();
+    if d.len() < SAMPLES / 2 {
         return None;
     }
     d.sort_by(f32::total_cmp);
@@ -323,50 +346,76 @@ fn common_depth(map: &Plane, corner: (usize, usize)) -> Option<f32> {
     (at(0.9) - at(0.1) <= 0.25 * at(0.5).abs()).then_some(at(0.5))
 }
 
-/// `|FFT(window (patch - mean))|^2 / TILE^2`, [wy][wx].
-fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, corner: (usize, usize)) -> Vec<f32> {
+/// `|FFT(window (patch - mean))|^2 / TILE^2`, [wx][wy], as far as [`BAND`] goes in x.
+fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, (x0, y0): (usize, usize)) -> Vec<f32> {
     let window = hann();
-    let weight = |i: usize| window[i / TILE] * window[i % TILE];
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for (i, v) in square(light, corner).enumerate() {
-        sum += v * weight(i);
-        weights += weight(i);
-    }
+    let row = |y: usize| &light.row(y0 + y)[x0..x0 + TILE];
+    let weights: f32 = window.iter().sum::<f32>().powi(2);
+    let sum: f32 =
+        (0..TILE).map(|y| window[y] * row(y).iter().zip(window).map(|(v, w)| v * w).sum::<f32>()).sum();
     let mean = sum / weights;
-    let mut a: Vec<Complex<f32>> =
-        square(light, corner).enumerate().map(|(i, v)| Complex::new((v - mean) * weight(i), 0.0)).collect();
-    let transposed =
-        |a: &[Complex<f32>]| (0..TILE * TILE).map(|i| a[i % TILE * TILE + i / TILE]).collect::<Vec<_>>();
-    fft.process(&mut a);
-    let mut b = transposed(&a);
-    fft.process(&mut b);
-    transposed(&b).iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
+    // Two rows of real values make one of complex ones.
+    let mut pairs = Vec::with_capacity(TILE * TILE / 2);
+    for y in (0..TILE).step_by(2) {
+        let (a, b) = (row(y), row(y + 1));
+        pairs.extend((0..TILE).map(|x| {
+            Complex::new((a[x] - mean) * window[x] * window[y], (b[x] - mean) * window[x] * window[y + 1])
+        }));
+    }
+    let mut scratch = vec![Complex::default(); fft.get_inplace_scratch_len()];
+    fft.process_with_scratch(&mut pairs, &mut scratch);
+    let mut columns = vec![Complex::default(); COLUMNS * TILE];
+    for (pair, row) in pairs.chunks(TILE).enumerate() {
+        for i in 0..COLUMNS {
+            let (z, mirrored) = (row[i], row[(TILE - i) % TILE].conj());
+            columns[i * TILE + 2 * pair] = 0.5 * (z + mirrored);
+            columns[i * TILE + 2 * pair + 1] = Complex::new(0.0, -0.5) * (z - mirrored);
+        }
+    }
+    fft.process_with_scratch(&mut columns, &mut scratch);
+    columns.iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
+}
+
+/// Frequencies in x of a [`periodogram`].
+const COLUMNS: usize = (BAND.end * TILE as f32) as usize + 1;
+
+/// A frequency of a [`periodogram`].
+struct Frequency {
+    at: usize,
+    x: f32,
+    y: f32,
+    modulus: f32,
+    /// The half plane stands for the whole; its first column stands for itself.
+    weight: f32,
+}
+
+/// Those in [`BAND`].
+fn frequencies() -> &'static [Frequency] {
+    static FREQUENCIES: OnceLock<Vec<Frequency>> = OnceLock::new();
+    FREQUENCIES.get_or_init(|| {
+        let all = (0..COLUMNS).flat_map(|i| (0..TILE).map(move |j| (i, j))).map(|(i, j)| {
+            let x = i as f32 / TILE as f32;
+            let y = if j < TILE / 2 { j as f32 } else { j as f32 - TILE as f32 } / TILE as f32;
+            let weight = if i == 0 { 0.5 } else { 1.0 };
+            Frequency { at: i * TILE + j, x, y, modulus: x.hypot(y), weight }
+        });
+        all.filter(|f| BAND.contains(&f.modulus)).collect()
+    })
 }
 
 /// The periodogram in bins as wide as the window's own resolution, and the ends of the rings of like modulus.
 fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec<u16>) {
-    const RINGS: usize = TILE / 2;
     let moves = speed >= SPEEDS.start;
-    let along_bins = if moves { TILE / 2 + 2 } else { 1 };
-    let mut bins = vec![Bin::default(); along_bins * RINGS];
-    for j in 0..TILE {
-        let wy = if j < TILE / 2 { j as f32 } else { j as f32 - TILE as f32 } / TILE as f32;
-        for i in 0..=TILE / 2 {
-            let wx = i as f32 / TILE as f32;
-            let modulus = wx.hypot(wy);
-            if !BAND.contains(&modulus) {
-                continue;
-            }
-            let along = if moves { (wx * motion[0] + wy * motion[1]).abs() / speed } else { 0.0 };
-            let bin =
-                &mut bins[(along * TILE as f32) as usize + (modulus * TILE as f32) as usize * along_bins];
-            // The half plane stands for the whole; its first and last column stand for themselves.
-            let weight = if i == 0 || i == TILE / 2 { 0.5 } else { 1.0 };
-            bin.weight += weight;
-            bin.power += weight * periodogram[j * TILE + i];
-            bin.along += weight * along;
-            bin.modulus += weight * modulus;
-        }
+    let along_bins = if moves { COLUMNS + 1 } else { 1 };
+    let mut bins = vec![Bin::default(); along_bins * COLUMNS];
+    let direction = motion.map(|v| v / speed.max(f32::MIN_POSITIVE));
+    for f in frequencies() {
+        let along = if moves { (f.x * direction[0] + f.y * direction[1]).abs() } else { 0.0 };
+        let bin = &mut bins[(along * TILE as f32) as usize + (f.modulus * TILE as f32) as usize * along_bins];
+        bin.weight += f.weight;
+        bin.power += f.weight * periodogram[f.at];
+        bin.along += f.weight * along;
+        bin.modulus += f.weight * f.modulus;
     }
     let (mut kept, mut rings) = (vec![], vec![]);
     for ring in bins.chunks(along_bins) {
@@ -384,22 +433,15 @@ fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec
     (kept, rings)
 }
 
-/// A tile with its noise, ready for the likelihood; columns of the bins, so that the loops over them vectorise.
+/// A tile with its noise, ready for the likelihood.
 struct Prepared<'a> {
     tile: &'a Tile,
     frame: usize,
     /// Which part of the clip the frame lies in.
     shot: usize,
-    power: Vec<f32>,
-    weight: Vec<f32>,
+    /// Density of the noise at the bins.
     noise: Vec<f32>,
-    /// By how much the scene is stronger at the two frequencies beside a bin's along the motion, from which power leaks into it.
-    leaks: Vec<[f32; 2]>,
 }
-
-/// Where those lie, cycles per px: three points then have the variance of the Hann window's squared spectrum and of a bin's
-/// width, 1/3 + 1/12 squared cycles per tile.
-const LEAK: f32 = 1.118 / TILE as f32;
 
 impl<'a> Prepared<'a> {
     /// `None` if the tile holds hardly more than noise.
@@ -415,70 +457,55 @@ impl<'a> Prepared<'a> {
         });
         // What a bad match leaves in the coarse levels looks like noise there; too much noise in V would read as blur.
         let density = density.map(|d| d.min(MAX_COLOUR * density[0]));
-        let at = |modulus: f32| {
+        let at = |b: &Bin| {
             // Level l holds the frequencies around 0.35 / 2^l cycles per px.
-            let level = (0.35 * tile.scale / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
+            let level = (0.35 * tile.scale / b.modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
             let i = (level as usize).min(NOISE_LEVELS - 2);
             // A mean of so many pixels has that much less of it.
             let mean = (tile.scale * tile.scale).recip();
             (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9)
         };
-        let column = |f: &dyn Fn(&Bin) -> f32| tile.bins.iter().map(f).collect::<Vec<f32>>();
-        let (power, weight, noise) =
-            (column(&|b| b.power), column(&|b| b.weight), column(&|b| at(b.modulus)));
-        let mean = |v: &[f32]| v.iter().zip(&weight).map(|(v, w)| v * w).sum::<f32>();
-        if mean(&power) <= MIN_CONTRAST * mean(&noise) {
-            return None;
-        }
-        let leak = |b: &Bin| {
-            [-LEAK, LEAK].map(|d| {
-                let square = 1.0 + (2.0 * b.along + d) * d / (b.modulus * b.modulus);
-                square.max(0.1).powf(-0.5 * ALPHA.0)
-            })
-        };
-        let leaks = if tile.speed > 0.0 {
-            tile.bins.iter().map(leak).collect()
-        } else {
-            vec![[1.0; 2]; tile.bins.len()]
-        };
-        Some(Self { tile, frame, shot, power, weight, noise, leaks })
+        let noise: Vec<f32> = tile.bins.iter().map(at).collect();
+        let sum =
+            |f: &dyn Fn(usize) -> f32| (0..noise.len()).map(|i| tile.bins[i].weight * f(i)).sum::<f32>();
+        (sum(&|i| tile.bins[i].power) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
+            tile,
+            frame,
+            shot,
+            noise,
+        })
     }
 
-    /// `|K_MB|^2` at the bins, averaged over the frequencies that a bin gathers.
-    fn shutter(&self, lambda: f32) -> Vec<f32> {
-        let reach = std::f32::consts::PI * lambda * self.tile.speed;
-        let sinc2 = |along: f32| {
-            let x = reach * along;
-            if x.abs() < 1e-3 { 1.0 } else { (x.sin() / x).powi(2) }
-        };
-        let mean = |(b, [below, above]): (&Bin, &[f32; 2])| {
-            (4.0 * sinc2(b.along) + below * sinc2(b.along - LEAK) + above * sinc2(b.along + LEAK)) / 6.0
-        };
-        self.tile.bins.iter().zip(&self.leaks).map(|b| mean(b) + SHUTTER_FLOOR).collect()
-    }
-
-    /// Log-likelihood over lambda, 0 at its maximum, of `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
+    /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
     /// |K_MB|^2 + exp(e) n`; amplitudes, c2, c4 and e at their most likely values.
-    fn over_lambda(&self) -> Vec<f32> {
+    fn over_lambda(&self, step: f32) -> Vec<f32> {
+        let shutter = Shutter::new(self.tile);
         let mut scene = RingScene::new(self);
-        relative((0..LAMBDAS).map(|l| {
-            let shutter = self.shutter(l as f32 * LAMBDA_STEP);
+        let mut gain = vec![];
+        relative((0..=(MAX_LAMBDA / step).round() as usize).map(|l| {
+            shutter.gain(l as f32 * step, &mut gain);
             // Starts near the solution except for the first value of a table.
-            for _ in 0..if l == 0 { 12 } else { 2 } {
-                scene.improve(&shutter);
+            for _ in 0..if l == 0 { 12 } else { 1 } {
+                scene.improve(&gain);
             }
-            scene.log_likelihood(&shutter) * TEMPER
+            scene.improve(&gain) * TEMPER
         }))
     }
 
     /// What the tile objects to the exposures of a curve, in nats, within [-CLIP, 0].
     fn objections(&self) -> Vec<f32> {
-        let table = self.over_lambda();
-        let at = |i: usize| interpolate(&table, i as f32 * EXPOSURE_STEP / LAMBDA_STEP);
-        let likelihood: Vec<f32> = (0..EXPOSURES).map(|i| at(i).exp()).collect();
-        let blurred = blurred(&likelihood, STREAK_ERROR / self.tile.speed / EXPOSURE_STEP);
-        let objection = |v: f32| (v + TOLERANCE).clamp(-CLIP, 0.0);
-        relative(blurred.into_iter().map(f32::ln)).into_iter().map(objection).collect()
+        let step = (STREAK_STEP / self.tile.speed).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
+        let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
+        let table = self.over_lambda(step);
+        let width = STREAK_ERROR / self.tile.speed / EXPOSURE_STEP;
+        // A wide blur leaves nothing between so many steps.
+        let stride = ((0.25 * width) as usize).clamp(1, 8);
+        let at = |i: usize| interpolate(&table, (i * stride) as f32 * EXPOSURE_STEP / step);
+        let likelihood: Vec<f32> = (0..=(EXPOSURES - 1).div_ceil(stride)).map(|i| at(i).exp()).collect();
+        let blurred: Vec<f32> =
+            blurred(&likelihood, width / stride as f32).into_iter().map(f32::ln).collect();
+        let curve = (0..EXPOSURES).map(|i| interpolate(&blurred, i as f32 / stride as f32));
+        relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect()
     }
 
     /// The same over the stds in px of the frame.
@@ -492,128 +519,326 @@ impl<'a> Prepared<'a> {
 
     /// Log-likelihood over sigma, 0 at its maximum: one amplitude, and the slope of the spectrum integrated out.
     fn over_sigma(&self, lambda: f32) -> Vec<f32> {
-        let shutter = self.shutter(lambda);
-        let scenes: Vec<(f32, Vec<f32>)> = (0..ALPHAS)
-            .map(|k| {
-                let deviation = 0.8 * (k as f32 - 0.5 * (ALPHAS - 1) as f32);
-                let alpha = ALPHA.0 + ALPHA.1 * deviation;
-                let spectrum = |b: &Bin| {
-                    (b.modulus / 0.2).powf(-alpha)
-                        * (-(std::f32::consts::TAU * PIXEL_RESPONSE / self.tile.scale * b.modulus).powi(2))
-                            .exp()
-                };
-                let gain = self.tile.bins.iter().zip(&shutter).map(|(b, s)| s * spectrum(b)).collect();
-                (-0.5 * deviation * deviation, gain)
+        let bins = self.alike(lambda);
+        let column = |f: &dyn Fn(&Alike) -> f32| lanes(bins.iter().map(f), 0.0);
+        let data = Amplitude {
+            weight: column(&|b| b.weight),
+            power: column(&|b| b.power),
+            noise: lanes(bins.iter().map(|b| b.noise), 1.0),
+        };
+        let deviation = |k: usize| 0.8 * (k as f32 - 0.5 * (ALPHAS - 1) as f32);
+        let scenes: [Vec<f32x4>; ALPHAS] = std::array::from_fn(|k| {
+            let alpha = ALPHA.0 + ALPHA.1 * deviation(k);
+            column(&|b| {
+                let pixel = std::f32::consts::TAU * PIXEL_RESPONSE / self.tile.scale * b.modulus;
+                b.shutter * (b.modulus / 0.2).powf(-alpha) * (-pixel * pixel).exp()
             })
-            .collect();
+        });
         let mut starts = [None; ALPHAS];
-        let mut gain = vec![0.0; self.power.len()];
+        let mut gain = vec![f32x4::ZERO; data.power.len()];
         relative((0..SIGMAS).map(|s| {
-            let lens: Vec<f32> = self.tile.bins.iter().map(|b| lens_gain(s, b.modulus)).collect();
+            let lens = column(&|b| lens_gain(s, b.modulus));
             let terms: [f32; ALPHAS] = std::array::from_fn(|k| {
-                for ((g, a), b) in gain.iter_mut().zip(&scenes[k].1).zip(&lens) {
+                for ((g, a), b) in gain.iter_mut().zip(&scenes[k]).zip(&lens) {
                     *g = a * b;
                 }
-                let (amplitude, ll) = profiled(&self.power, &self.weight, &gain, &self.noise, starts[k]);
+                let (amplitude, ll) = data.profiled(&gain, starts[k]);
                 starts[k] = Some(amplitude);
-                ll * TEMPER + scenes[k].0
+                ll * TEMPER - 0.5 * deviation(k) * deviation(k)
             });
             let max = terms.iter().copied().fold(f32::MIN, f32::max);
             max + terms.iter().map(|v| (v - max).exp()).sum::<f32>().ln()
         }))
     }
+
+    /// The bins at an exposure, neighbours of a ring that motion blur leaves alike taken together.
+    fn alike(&self, lambda: f32) -> Vec<Alike> {
+        let mut gain = vec![];
+        Shutter::new(self.tile).gain(lambda, &mut gain);
+        let mut merged: Vec<Alike> = vec![];
+        for (ring, lanes) in self.tile.rings().zip(self.tile.ring_lanes()) {
+            // The first of those taken together, by which the others are judged.
+            let mut first = 0.0f32;
+            let shutters = gain[lanes].iter().flat_map(|v| v.to_array());
+            for (at, (i, shutter)) in ring.zip(shutters).enumerate() {
+                let Bin { weight, power, modulus, .. } = self.tile.bins[i];
+                let one = Alike { weight, power, modulus, noise: self.noise[i], shutter };
+                match merged.last_mut() {
+                    Some(last) if at > 0 && (first / shutter).max(shutter / first) < 1.3 => last.join(&one),
+                    _ => {
+                        first = shutter;
+                        merged.push(one);
+                    }
+                }
+            }
+        }
+        merged
+    }
+}
+
+/// A bin, or several, at some exposure.
+struct Alike {
+    weight: f32,
+    power: f32,
+    modulus: f32,
+    noise: f32,
+    shutter: f32,
+}
+
+impl Alike {
+    fn join(&mut self, other: &Self) {
+        let weight = self.weight + other.weight;
+        let mean = |a: f32, b: f32| (self.weight * a + other.weight * b) / weight;
+        *self = Self {
+            weight,
+            power: mean(self.power, other.power),
+            modulus: mean(self.modulus, other.modulus),
+            noise: mean(self.noise, other.noise),
+            shutter: mean(self.shutter, other.shutter),
+        };
+    }
+}
+
+/// Four at a time, the last of them filled up.
+fn lanes(values: impl Iterator<Item = f32>, rest: f32) -> Vec<f32x4> {
+    let mut values = values.peekable();
+    std::iter::from_fn(|| {
+        values.peek()?;
+        Some(f32x4::from(std::array::from_fn(|_| values.next().unwrap_or(rest))))
+    })
+    .collect()
+}
+
+impl Tile {
+    /// The bins of each ring of like modulus.
+    fn rings(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        let ends = self.rings.iter().map(|&end| usize::from(end));
+        [0].into_iter().chain(ends.clone()).zip(ends).map(|(a, b)| a..b)
+    }
+
+    /// Where they lie in a [`Tile::column`].
+    fn ring_lanes(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.rings().scan(0, |at, ring| {
+            let start = *at;
+            *at += ring.len().div_ceil(4);
+            Some(start..*at)
+        })
+    }
+
+    /// Something of each bin, four at a time, the end of each ring filled up.
+    fn column(&self, f: impl Fn(usize) -> f32, rest: f32) -> Vec<f32x4> {
+        self.rings().flat_map(|ring| lanes(ring.map(&f), rest)).collect()
+    }
+}
+
+/// What motion blur does to a tile's bins, in the order of [`Tile::column`].
+struct Shutter {
+    speed: f32,
+    along: Vec<f32x4>,
+    /// By how much the scene is stronger at the two frequencies beside a bin's along the motion, from which power leaks into it.
+    leaks: [Vec<f32x4>; 2],
+}
+
+/// Where those lie, cycles per px: three points then have the variance of the Hann window's squared spectrum and of a bin's
+/// width, 1/3 + 1/12 squared cycles per tile.
+const LEAK: f32 = 1.118 / TILE as f32;
+
+impl Shutter {
+    fn new(tile: &Tile) -> Self {
+        let along = tile.column(|i| tile.bins[i].along, 0.0);
+        let modulus = tile.column(|i| tile.bins[i].modulus, 1.0);
+        let leaks = [-LEAK, LEAK].map(|d| {
+            let power = |(along, modulus): (&f32x4, &f32x4)| {
+                let square = 1.0 + (2.0 * along + d) * d / (modulus * modulus);
+                (square.max(f32x4::splat(0.1)).ln() * (-0.5 * ALPHA.0)).exp()
+            };
+            if tile.speed > 0.0 {
+                along.iter().zip(&modulus).map(power).collect()
+            } else {
+                vec![f32x4::ONE; along.len()]
+            }
+        });
+        Self { speed: tile.speed, along, leaks }
+    }
+
+    /// `|K_MB|^2`, averaged over the frequencies that a bin gathers.
+    fn gain(&self, lambda: f32, gain: &mut Vec<f32x4>) {
+        gain.clear();
+        let reach = std::f32::consts::PI * lambda * self.speed;
+        let sinc2 = |sin: f32x4, x: f32x4| {
+            let sinc = sin / x;
+            x.abs().simd_lt(1e-3).select(f32x4::ONE, sinc * sinc)
+        };
+        let (sin_leak, cos_leak) = (reach * LEAK).sin_cos();
+        gain.extend((0..self.along.len()).map(|i| {
+            let x = self.along[i] * reach;
+            let (sin, cos) = x.sin_cos();
+            let (a, b) = (sin * cos_leak, cos * sin_leak);
+            let sum = 4.0 * sinc2(sin, x)
+                + self.leaks[0][i] * sinc2(a - b, x - reach * LEAK)
+                + self.leaks[1][i] * sinc2(a + b, x + reach * LEAK);
+            sum * (1.0 / 6.0) + SHUTTER_FLOOR
+        }));
+    }
+}
+
+/// Data for the amplitude a of `V = a gain + noise`.
+struct Amplitude {
+    weight: Vec<f32x4>,
+    power: Vec<f32x4>,
+    noise: Vec<f32x4>,
+}
+
+impl Amplitude {
+    /// Profiles ln a out: (ln a, the log-likelihood -sum w (ln V + P / V)).
+    fn profiled(&self, gain: &[f32x4], start: Option<f32>) -> (f32, f32) {
+        let n = self.power.len();
+        let (weight, power, noise, gain) =
+            (&self.weight[..n], &self.power[..n], &self.noise[..n], &gain[..n]);
+        let dot = |v: &[f32x4]| v.iter().zip(weight).map(|(v, w)| v * w).sum::<f32x4>().reduce_add();
+        let mut log_a = start.unwrap_or_else(|| (dot(power) / dot(gain)).max(1e-12).ln());
+        // Fisher scoring; starts near the solution except for the first value of a table.
+        let steps = if start.is_some() { 2 } else { 10 };
+        let mut log_likelihood = 0.0;
+        for step in 1..=steps {
+            let a = log_a.exp();
+            let (mut score, mut information, mut ll) = (f32x4::ZERO, f32x4::ZERO, f32x4::ZERO);
+            for i in 0..n {
+                let signal = a * gain[i];
+                let inverse = 1.0 / (signal + noise[i]);
+                let (share, ratio) = (signal * inverse, power[i] * inverse);
+                let weighted = weight[i] * share;
+                score += weighted * (ratio - 1.0);
+                information += weighted * share;
+                // ln V = -ln (1 / V), of which the last step alone makes use.
+                if step == steps {
+                    ll += weight[i] * (inverse.ln() - ratio);
+                }
+            }
+            let score = score.reduce_add();
+            let change = (score / (information.reduce_add() + 1e-6)).clamp(-1.5, 1.5);
+            log_a = (log_a + change).max(-27.0);
+            // As it will be after the step, if it is quadratic.
+            log_likelihood = ll.reduce_add() + 0.5 * score * change;
+        }
+        (log_a, log_likelihood)
+    }
 }
 
 /// What a tile shows but for motion blur: an amplitude per ring, the spectrum's dependence on direction, and the noise.
-struct RingScene<'a> {
-    tile: &'a Prepared<'a>,
-    rings: Vec<std::ops::Range<usize>>,
+struct RingScene {
+    rings: Vec<Range<usize>>,
+    weight: Vec<f32x4>,
+    power: Vec<f32x4>,
+    noise: Vec<f32x4>,
+    /// cos 2 theta and cos 4 theta of the bins.
+    harmonics: [Vec<f32x4>; 2],
     /// Logarithms.
     amplitudes: Vec<f32>,
-    /// cos 2 theta and cos 4 theta of the bins.
-    harmonics: [Vec<f32>; 2],
     /// c2, c4 and the log of the noise's factor.
     nuisances: [f32; 3],
+    eliminated: Vec<Eliminated>,
 }
 
-impl<'a> RingScene<'a> {
-    fn new(tile: &'a Prepared<'a>) -> Self {
-        let ends = tile.tile.rings.iter().map(|&end| usize::from(end));
-        let rings: Vec<_> = [0].into_iter().chain(ends.clone()).zip(ends).map(|(a, b)| a..b).collect();
-        let amplitude = |ring: &std::ops::Range<usize>| {
-            let sum = |v: &[f32]| v[ring.clone()].iter().sum::<f32>();
-            let (power, noise) = (sum(&tile.power), sum(&tile.noise));
+/// Of a ring: score and information of its amplitude, and its information with the nuisances.
+#[derive(Clone, Copy)]
+struct Eliminated {
+    score: f32,
+    own: f32,
+    mixed: [f32; 3],
+}
+
+impl RingScene {
+    fn new(prepared: &Prepared) -> Self {
+        let (tile, noise) = (prepared.tile, &prepared.noise);
+        let amplitude = |ring: Range<usize>| {
+            let sum = |f: &dyn Fn(usize) -> f32| ring.clone().map(f).sum::<f32>();
+            let (power, noise) = (sum(&|i| tile.bins[i].power), sum(&|i| noise[i]));
             ((power - noise).max(0.01 * power).max(1e-12) / ring.len() as f32).ln()
         };
-        let cos2: Vec<f32> =
-            tile.tile.bins.iter().map(|b| 2.0 * (b.along / b.modulus).min(1.0).powi(2) - 1.0).collect();
+        let cos2 = tile.column(
+            |i| {
+                let Bin { along, modulus, .. } = tile.bins[i];
+                2.0 * (along / modulus).min(1.0).powi(2) - 1.0
+            },
+            0.0,
+        );
         let cos4 = cos2.iter().map(|c| 2.0 * c * c - 1.0).collect();
-        let amplitudes = rings.iter().map(amplitude).collect();
-        Self { tile, rings, amplitudes, harmonics: [cos2, cos4], nuisances: [0.0; 3] }
-    }
-
-    /// Calls `f(bin, signal, noise)` for the bins of a ring.
-    #[inline(always)]
-    fn for_each_bin(&self, ring: usize, shutter: &[f32], mut f: impl FnMut(usize, f32, f32)) {
-        let [c2, c4, e] = self.nuisances;
-        let (amplitude, noise) = (self.amplitudes[ring], e.exp());
-        for i in self.rings[ring].clone() {
-            let direction = c2 * self.harmonics[0][i] + c4 * self.harmonics[1][i];
-            f(i, (amplitude + direction).exp() * shutter[i], noise * self.tile.noise[i]);
+        Self {
+            rings: tile.ring_lanes().collect(),
+            weight: tile.column(|i| tile.bins[i].weight, 0.0),
+            power: tile.column(|i| tile.bins[i].power, 0.0),
+            noise: tile.column(|i| noise[i], 1.0),
+            harmonics: [cos2, cos4],
+            amplitudes: tile.rings().map(amplitude).collect(),
+            nuisances: [0.0; 3],
+            eliminated: vec![],
         }
     }
 
     /// One step of Fisher scoring in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
-    fn improve(&mut self, shutter: &[f32]) {
-        let mut information = [[0.0f32; 3]; 3];
-        let mut score = [0.0f32; 3];
-        // Per ring: score and information of the amplitude, and its information with the nuisances.
-        let eliminated: Vec<(f32, f32, [f32; 3])> = (0..self.rings.len())
-            .map(|ring| {
-                let (mut own_score, mut own, mut mixed) = (0.0, 1e-6, [0.0; 3]);
-                self.for_each_bin(ring, shutter, |i, signal, noise| {
-                    let (weight, variance) = (self.tile.weight[i], signal + noise);
-                    let excess = weight * (self.tile.power[i] / variance - 1.0);
-                    let share = signal / variance;
-                    let slopes = [share * self.harmonics[0][i], share * self.harmonics[1][i], 1.0 - share];
-                    own_score += share * excess;
-                    own += weight * share * share;
-                    for k in 0..3 {
-                        score[k] += slopes[k] * excess;
-                        mixed[k] += weight * share * slopes[k];
-                        (0..=k).for_each(|j| information[k][j] += weight * slopes[k] * slopes[j]);
-                    }
-                });
+    /// Gives the log-likelihood with the nuisances' prior that the step leads to, if it is quadratic.
+    fn improve(&mut self, shutter: &[f32x4]) -> f32 {
+        let n = self.power.len();
+        let (weight, power, noise, shutter) =
+            (&self.weight[..n], &self.power[..n], &self.noise[..n], &shutter[..n]);
+        let (cos2, cos4) = (&self.harmonics[0][..n], &self.harmonics[1][..n]);
+        let [c2, c4, e] = self.nuisances;
+        let factor = e.exp();
+        let mut information = [[f32x4::ZERO; 3]; 3];
+        let mut score = [f32x4::ZERO; 3];
+        let mut log_likelihood = f32x4::ZERO;
+        self.eliminated.clear();
+        for (ring, &amplitude) in self.rings.iter().zip(&self.amplitudes) {
+            let (mut own_score, mut own, mut mixed) = (f32x4::ZERO, f32x4::ZERO, [f32x4::ZERO; 3]);
+            for i in ring.clone() {
+                let direction = c2 * cos2[i] + c4 * cos4[i];
+                let signal = (amplitude + direction).exp() * shutter[i];
+                let variance = signal + factor * noise[i];
+                let inverse = 1.0 / variance;
+                let ratio = power[i] * inverse;
+                log_likelihood -= weight[i] * (variance.ln() + ratio);
+                let excess = weight[i] * (ratio - 1.0);
+                let share = signal * inverse;
+                let slopes = [share * cos2[i], share * cos4[i], 1.0 - share];
+                own_score += share * excess;
+                own += weight[i] * share * share;
                 for k in 0..3 {
-                    score[k] -= mixed[k] * own_score / own;
-                    (0..=k).for_each(|j| information[k][j] -= mixed[k] * mixed[j] / own);
+                    score[k] += slopes[k] * excess;
+                    let weighted = weight[i] * slopes[k];
+                    mixed[k] += share * weighted;
+                    (0..=k).for_each(|j| information[k][j] += weighted * slopes[j]);
                 }
-                (own_score, own, mixed)
-            })
-            .collect();
-        for k in 0..3 {
-            score[k] -= PRECISIONS[k] * self.nuisances[k];
-            information[k][k] += PRECISIONS[k];
-        }
-        // Far from the solution a whole step may go too far.
-        let step = cholesky_solve(information, score).map(|s| s.clamp(-0.7, 0.7));
-        for ((own_score, own, mixed), amplitude) in eliminated.into_iter().zip(&mut self.amplitudes) {
-            let explained: f32 = (0..3).map(|k| mixed[k] * step[k]).sum();
-            *amplitude += ((own_score - explained) / own).clamp(-1.5, 1.5);
-        }
-        (0..3).for_each(|k| self.nuisances[k] += step[k]);
-    }
-
-    /// With the nuisances' prior.
-    fn log_likelihood(&self, shutter: &[f32]) -> f32 {
-        let mut sum = 0.0;
-        for ring in 0..self.rings.len() {
-            self.for_each_bin(ring, shutter, |i, signal, noise| {
-                let variance = signal + noise;
-                sum -= self.tile.weight[i] * (variance.ln() + self.tile.power[i] / variance);
+            }
+            self.eliminated.push(Eliminated {
+                score: own_score.reduce_add(),
+                own: own.reduce_add() + 1e-6,
+                mixed: mixed.map(|v| v.reduce_add()),
             });
         }
-        sum - (0..3).map(|k| 0.5 * PRECISIONS[k] * self.nuisances[k].powi(2)).sum::<f32>()
+        let score: [f32; 3] =
+            std::array::from_fn(|k| score[k].reduce_add() - PRECISIONS[k] * self.nuisances[k]);
+        let mut information = information.map(|row| row.map(|v| v.reduce_add()));
+        let mut left = score;
+        for r in &self.eliminated {
+            for k in 0..3 {
+                left[k] -= r.mixed[k] * r.score / r.own;
+                (0..=k).for_each(|j| information[k][j] -= r.mixed[k] * r.mixed[j] / r.own);
+            }
+        }
+        (0..3).for_each(|k| information[k][k] += PRECISIONS[k]);
+        let prior: f32 = (0..3).map(|k| 0.5 * PRECISIONS[k] * self.nuisances[k].powi(2)).sum();
+        // Far from the solution a whole step may go too far.
+        let step = cholesky_solve(information, left).map(|s| s.clamp(-0.7, 0.7));
+        let mut gain: f32 = (0..3).map(|k| 0.5 * score[k] * step[k]).sum();
+        for (r, amplitude) in self.eliminated.iter().zip(&mut self.amplitudes) {
+            let explained: f32 = (0..3).map(|k| r.mixed[k] * step[k]).sum();
+            let change = ((r.score - explained) / r.own).clamp(-1.5, 1.5);
+            *amplitude += change;
+            gain += 0.5 * r.score * change;
+        }
+        (0..3).for_each(|k| self.nuisances[k] += step[k]);
+        log_likelihood.reduce_add() - prior + gain
     }
 }
 
@@ -755,13 +980,6 @@ pub(super) struct LensWitness {
     pub shot: usize,
 }
 
-impl LensWitness {
-    /// In nats, of a blur, px.
-    pub fn log_likelihood(&self, sigma_px: f32) -> f32 {
-        interpolate(&self.table, index_of_sigma(sigma_px)).max(-CLIP * self.tiles)
-    }
-}
-
 /// The tiles whose depth is known, as witnesses of the lens.
 pub(super) fn lens_witnesses(
     frames: &[&[Tile]],
@@ -789,12 +1007,14 @@ pub(super) fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::resu
         return Err("too few textured places whose depth is known".into());
     }
     let range = lens_range(witnesses);
+    let fine = FineTables::new(witnesses);
     if range.1 - range.0 < MIN_DEPTH_SPAN * range.1.abs() {
         return Err("the textured places all lie at about one depth, through which many lenses fit".into());
     }
-    let lens = defocus::best_lens(range, |lens| lens_log_likelihood(witnesses, lens, |_| 1.0));
+    let lens = defocus::best_lens(range, |lens| fine.log_likelihood(lens, None));
     let replicas: Vec<Lens> = par::map(bootstraps, |r| {
-        defocus::refined_lens(lens, |l| lens_log_likelihood(witnesses, l, |w| resampled(r, w.block, w.shot)))
+        let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();
+        defocus::refined_lens(lens, 5e-3, |l| fine.log_likelihood(l, Some(&weights)))
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
     let spread = |d: f32| {
@@ -837,14 +1057,41 @@ pub(super) fn lens_range(witnesses: &[LensWitness]) -> (f32, f32) {
     defocus::seen_range(witnesses.iter().map(|w| w.inverse_depth))
 }
 
-/// What the witnesses say of a lens, in nats, each with a weight.
-pub(super) fn lens_log_likelihood(
-    witnesses: &[LensWitness],
-    lens: Lens,
-    weight: impl Fn(&LensWitness) -> f32,
-) -> f32 {
-    let weighted = witnesses.iter().map(|w| (weight(w), w)).filter(|(weight, _)| *weight > 0.0);
-    weighted.map(|(weight, w)| weight * w.log_likelihood(lens.sigma_px(w.inverse_depth))).sum()
+/// The tables of witnesses at steps so small that straight lines between them will do: they are asked of thousands of lenses.
+pub(super) struct FineTables {
+    inverse_depths: Vec<f32>,
+    tables: Vec<f32>,
+}
+
+impl FineTables {
+    /// Steps in one of the witnesses' tables.
+    const STEPS: usize = 4;
+    const LEN: usize = Self::STEPS * (SIGMAS - 1) + 2;
+
+    pub fn new(witnesses: &[LensWitness]) -> Self {
+        let fine = |w: &LensWitness, i: usize| {
+            interpolate(&w.table, (i as f32 / Self::STEPS as f32).min((SIGMAS - 1) as f32))
+                .max(-CLIP * w.tiles)
+        };
+        Self {
+            inverse_depths: witnesses.iter().map(|w| w.inverse_depth).collect(),
+            tables: witnesses.iter().flat_map(|w| (0..Self::LEN).map(|i| fine(w, i))).collect(),
+        }
+    }
+
+    /// What the witnesses say of a lens, in nats, each with its weight, or 1.
+    pub fn log_likelihood(&self, lens: Lens, weights: Option<&[f32]>) -> f32 {
+        let mut sum = 0.0;
+        for (i, (&d, table)) in
+            self.inverse_depths.iter().zip(self.tables.chunks_exact(Self::LEN)).enumerate()
+        {
+            let at = index_of_sigma(lens.sigma_px(d)) * Self::STEPS as f32;
+            let low = at as usize;
+            let share = at - low as f32;
+            sum += weights.map_or(1.0, |w| w[i]) * (table[low] + share * (table[low + 1] - table[low]));
+        }
+        sum
+    }
 }
 
 fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<Prepared<'a>> {
@@ -881,31 +1128,6 @@ fn interval_of_median(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
 fn std_of(v: &[f32]) -> f32 {
     let mean = v.iter().sum::<f32>() / v.len() as f32;
     (v.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / v.len() as f32).sqrt()
-}
-
-/// Profiles the amplitude a of `V = a gain + noise` out: (a, -sum w (ln V + P / V)).
-fn profiled(power: &[f32], weight: &[f32], gain: &[f32], noise: &[f32], start: Option<f32>) -> (f32, f32) {
-    let n = power.len();
-    let (power, weight, gain, noise) = (&power[..n], &weight[..n], &gain[..n], &noise[..n]);
-    let dot = |v: &[f32]| v.iter().zip(weight).map(|(v, w)| v * w).sum::<f32>();
-    let mut a = start.unwrap_or_else(|| dot(power) / dot(gain));
-    // Fisher scoring; starts near the solution except for the first value of a table.
-    for _ in 0..if start.is_some() { 4 } else { 8 } {
-        let (mut top, mut bottom) = (0.0, 0.0);
-        for i in 0..n {
-            let v = a * gain[i] + noise[i];
-            let k = weight[i] * gain[i] / (v * v);
-            top += k * (power[i] - noise[i]);
-            bottom += k * gain[i];
-        }
-        a = (top / bottom).max(1e-12);
-    }
-    let mut ll = 0.0;
-    for i in 0..n {
-        let v = a * gain[i] + noise[i];
-        ll -= weight[i] * (v.ln() + power[i] / v);
-    }
-    (a, ll)
 }
 
 /// A curve's mean under a Gaussian of std `sigma` steps, as far as the curve goes.

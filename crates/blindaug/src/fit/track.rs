@@ -14,7 +14,7 @@
 
 use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit};
-use super::spectral::{self, LensWitness};
+use super::spectral::{self, FineTables, LensWitness};
 use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::FlowEstimator;
@@ -569,8 +569,8 @@ fn witnesses_of(evidence: &[f32]) -> Vec<LensWitness> {
 fn lens_changed(memory: &Memory) -> bool {
     let best = |witnesses: &[LensWitness]| -> Option<Lens> {
         (witnesses.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
-            let range = spectral::lens_range(witnesses);
-            defocus::best_lens(range, |l| spectral::lens_log_likelihood(witnesses, l, |_| 1.0))
+            let tables = FineTables::new(witnesses);
+            defocus::best_lens(spectral::lens_range(witnesses), |l| tables.log_likelihood(l, None))
         })
     };
     let recent = witnesses_of(&memory.recent_sum());
@@ -586,8 +586,8 @@ fn lens_changed(memory: &Memory) -> bool {
     mean(&|d| (now.sigma_px(d) - before.sigma_px(d)).abs())
         > SAME_BLUR.0 + SAME_BLUR.1 * mean(&|d| before.sigma_px(d))
         && memory.recent.iter().all(|frame| {
-            let witnesses = witnesses_of(frame);
-            let of = |lens| spectral::lens_log_likelihood(&witnesses, lens, |_| 1.0);
+            let tables = FineTables::new(&witnesses_of(frame));
+            let of = |lens| tables.log_likelihood(lens, None);
             of(now) - of(before) > SURE
         })
 }
