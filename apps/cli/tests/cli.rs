@@ -522,7 +522,9 @@ fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
     let folder = TempDir::new().unwrap();
     let folder = folder.path();
     write_frames(&folder.join("clip"), 1..=5, (160, 128));
-    let told = succeeds(folder, "estimate clip -o camera.jsonl --track");
+    let told = succeeds(folder, "estimate clip -o camera.jsonl --track --report report.html");
+    let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(report.contains("The camera of clip") && report.contains("estimated from 5 frames"));
     let lines = std::fs::read_to_string(folder.join("camera.jsonl")).unwrap();
     assert_eq!(lines.lines().count(), 5);
     for (line, number) in lines.lines().zip(1u64..) {
