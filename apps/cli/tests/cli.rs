@@ -446,6 +446,25 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     assert!(child.wait().unwrap().success(), "{said}");
     let model = blindaug_io::read_camera(d.join("e.json")).unwrap();
     assert!(said.contains("--frames") && model.capture.frames_used < FRAMES, "{said}");
+
+    // Per-frame models of the frames so far are kept, with their report; the others can be had by what it says.
+    let mut child = started("estimate f -o t.jsonl --track --report t.html");
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    errors.read_line(&mut said).unwrap();
+    interrupt(child.id());
+    errors.read_to_string(&mut said).unwrap();
+    assert!(child.wait().unwrap().success(), "{said}");
+    let last = |name: &str| {
+        let track = blindaug_io::read_camera_track(d.join(name)).unwrap();
+        track.frames().iter().map(|f| f.frame).max().unwrap() as usize
+    };
+    let done = last("t.jsonl");
+    assert!(done < FRAMES && said.contains(&format!("run it again with --frames {}..", done + 1)), "{said}");
+    assert!(std::fs::read_to_string(d.join("t.html")).unwrap().ends_with("</html>"));
+    succeeds(d, &format!("estimate f -o rest.jsonl --track --frames {}..", done + 1));
+    assert_eq!(last("rest.jsonl"), FRAMES);
+    assert!(files_in(d).iter().all(|name| !name.contains("partial")));
 }
 
 #[test]
