@@ -3,7 +3,7 @@
 use crate::{
     console::{self, Failure, Progress, Result, failure, note, warn},
     inspect,
-    report::{self, ReportInput, Sample},
+    report::{self, ReportInput, Sample, TrackReportInput},
 };
 use blindaug::{
     Encoded, Flow, Plane, analysis,
@@ -61,7 +61,7 @@ pub struct Estimate {
     #[arg(long, value_enum, default_value = "linear")]
     blur_in: BlurIn,
     /// Follow the camera: a model for each frame, as JSON lines, instead of one for all
-    #[arg(long, conflicts_with_all = ["clean", "evidence", "report"])]
+    #[arg(long, conflicts_with_all = ["clean", "evidence"])]
     track: bool,
     /// Also write a report: one HTML file with what the estimate rests on
     #[arg(long, value_name = "FILE.html")]
@@ -155,16 +155,16 @@ pub fn run(args: &Estimate) -> Result<()> {
         fps: args.fps,
     };
     console::check_writable(&args.output)?;
+    if let Some(report) = &args.report {
+        console::check_writable(report)?;
+    }
     if args.track {
         if options.family == Family::Removal || options.curve == Curve::Quadratic {
             return Err(Failure(
                 "--track looks at local spectra and fits a thin lens: leave --method and --curve out".into(),
             ));
         }
-        return track(&Footage::open(args)?, options, &args.output);
-    }
-    if let Some(report) = &args.report {
-        console::check_writable(report)?;
+        return track(&Footage::open(args)?, options, &args.output, args.report.as_deref());
     }
     let footage = Footage::open(args)?;
     let fitted = fit(&footage, options, args.report.is_some())?;
@@ -178,12 +178,10 @@ pub fn run(args: &Estimate) -> Result<()> {
     console::print(&text)?;
     note(format_args!("written: {}", args.output.display()));
     if let Some(path) = &args.report {
-        let input = footage.source.path();
-        let name = input.file_name().unwrap_or(input.as_os_str()).to_string_lossy();
         report::write(
             path,
             &ReportInput {
-                title: format!("The camera of {name}"),
+                title: report_title(&footage.source),
                 model,
                 diagnostics,
                 samples: fitted.samples,
@@ -201,6 +199,11 @@ pub fn run(args: &Estimate) -> Result<()> {
         ));
     }
     Ok(())
+}
+
+fn report_title(source: &FrameSource) -> String {
+    let input = source.path();
+    format!("The camera of {}", input.file_name().unwrap_or(input.as_os_str()).to_string_lossy())
 }
 
 /// Frames and what is known of them.
@@ -432,36 +435,34 @@ fn of_frame(source: &FrameSource, number: u64, e: blindaug::Error) -> Failure {
     failure(source.path(), format_args!("frame {number}: {e}"))
 }
 
-/// Estimates one model.
-struct WholeClip<'a> {
+/// Keeps a few frames for a report, if there is one.
+struct Samples<'a> {
     source: &'a FrameSource,
-    estimator: Estimator,
+    wanted: bool,
     /// Frames so far.
     seen: usize,
-    keep_samples: bool,
-    samples: Vec<Sample>,
+    kept: Vec<Sample>,
 }
 
-impl WholeClip<'_> {
-    /// Whether the next frame is kept for a report: spread over the clip where its length is known, else the first ones.
-    fn samples_next(&self) -> bool {
+impl<'a> Samples<'a> {
+    fn new(source: &'a FrameSource, wanted: bool) -> Self {
+        Self { source, wanted, seen: 0, kept: Vec::new() }
+    }
+}
+
+impl Viewer for Samples<'_> {
+    /// Spread over the clip where its length is known, else the first ones.
+    fn wants_next(&self) -> bool {
         let spread = |i: usize| match self.source.len_hint() {
             Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
             _ => i,
         };
-        let kept = self.samples.len();
-        self.keep_samples && kept < SAMPLES && self.seen >= spread(kept)
-    }
-}
-
-impl Viewer for WholeClip<'_> {
-    fn wants_next(&self) -> bool {
-        self.estimator.wants_next() || self.samples_next()
+        let kept = self.kept.len();
+        self.wanted && kept < SAMPLES && self.seen >= spread(kept)
     }
 
     fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
-        self.estimator.add(observation).map_err(|e| of_frame(self.source, number, e))?;
-        if self.samples_next() {
+        if self.wants_next() {
             let Observation { frame, next, evidence, .. } = *observation;
             let flow = match (evidence.flow, next) {
                 (None, Some(next)) => Some(
@@ -470,7 +471,7 @@ impl Viewer for WholeClip<'_> {
                 ),
                 (flow, _) => flow.cloned(),
             };
-            self.samples.push(Sample {
+            self.kept.push(Sample {
                 number,
                 frame: frame.clone(),
                 flow,
@@ -483,15 +484,33 @@ impl Viewer for WholeClip<'_> {
     }
 }
 
+/// Estimates one model.
+struct WholeClip<'a> {
+    source: &'a FrameSource,
+    estimator: Estimator,
+    samples: Samples<'a>,
+}
+
+impl Viewer for WholeClip<'_> {
+    fn wants_next(&self) -> bool {
+        self.estimator.wants_next() || self.samples.wants_next()
+    }
+
+    fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
+        self.estimator.add(observation).map_err(|e| of_frame(self.source, number, e))?;
+        self.samples.view(number, observation)
+    }
+}
+
 /// Estimates the model of a clip.
 pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Result<Fitted> {
     let source = &footage.source;
     options.fps = options.fps.or(source.fps());
     let estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
-    let mut clip = WholeClip { source, estimator, seen: 0, keep_samples, samples: Vec::new() };
+    let mut clip = WholeClip { source, estimator, samples: Samples::new(source, keep_samples) };
     let Seen { first, last, interrupted, .. } = show(footage, "estimating", &mut clip)?;
     let estimation = clip.estimator.estimate().map_err(|e| failure(source.path(), e))?;
-    Ok(Fitted { estimation, samples: clip.samples, first, last, interrupted })
+    Ok(Fitted { estimation, samples: clip.samples.kept, first, last, interrupted })
 }
 
 /// Estimates a model for each frame.
@@ -499,6 +518,7 @@ struct Following<'a> {
     source: &'a FrameSource,
     tracker: Tracker,
     writer: CameraTrackWriter,
+    samples: Samples<'a>,
 }
 
 impl Viewer for Following<'_> {
@@ -509,19 +529,27 @@ impl Viewer for Following<'_> {
     fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
         let camera = self.tracker.push(observation).map_err(|e| of_frame(self.source, number, e))?.clone();
         self.writer.write(&TrackedCamera { frame: number, changed: self.tracker.changes(), camera })?;
-        Ok(())
+        self.samples.view(number, observation)
     }
 }
 
 /// Writes the models of a clip's frames, and tells them.
-fn track(footage: &Footage, options: Options, output: &Path) -> Result<()> {
+fn track(footage: &Footage, options: Options, output: &Path, report: Option<&Path>) -> Result<()> {
     let source = &footage.source;
     let tracker = Tracker::new(options.blur_space, options.fps.or(source.fps()));
-    let mut following = Following { source, tracker, writer: CameraTrackWriter::create(output)? };
+    let writer = CameraTrackWriter::create(output)?;
+    let mut following =
+        Following { source, tracker, writer, samples: Samples::new(source, report.is_some()) };
     let seen = show(footage, "tracking", &mut following)?;
     following.writer.finish()?;
-    console::print(&inspect::table(&read_camera_track(output)?))?;
+    let track = read_camera_track(output)?;
+    console::print(&inspect::table(&track))?;
     note(format_args!("written: {}", output.display()));
+    if let Some(path) = report {
+        let samples = following.samples.kept;
+        report::write_track(path, &TrackReportInput { title: report_title(source), track: &track, samples })?;
+        note(format_args!("written: {}", path.display()));
+    }
     if seen.interrupted {
         let Seen { first, last, .. } = seen;
         note(format_args!(

@@ -3,13 +3,14 @@
 
 mod pictures;
 pub mod plots;
+mod track;
 mod words;
 
 use crate::inspect::VISIBLE_PX;
 use blindaug::fit::Diagnostics;
 use blindaug::model::{
-    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-    NoiseModel,
+    BlurSpace, CameraTrack, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    MotionBlurModel, NoiseModel,
 };
 use blindaug::{CameraModel, Encoded, Flow, Plane};
 use blindaug_io::{Error, Result, write_atomically};
@@ -19,6 +20,7 @@ pub use plots::PlotError;
 use plots::{CHANNELS, ESTIMATE, POINTS};
 use plotters::style::RGBColor;
 use std::path::Path;
+pub use track::{TrackReportInput, write_track};
 use words::{count, distance, interval, metres, number};
 
 /// What a report shows.
@@ -74,7 +76,11 @@ pub struct Picture {
 /// # Errors
 /// If the file cannot be written; then nothing is left of it.
 pub fn write(path: &Path, input: &ReportInput) -> Result<()> {
-    let page = page(input).map_err(|e| Error::new(path, format!("a plot cannot be drawn ({e})")))?;
+    write_page(path, page(input))
+}
+
+fn write_page(path: &Path, page: Part) -> Result<()> {
+    let page = page.map_err(|e| Error::new(path, format!("a plot cannot be drawn ({e})")))?;
     write_atomically(path, |partial| std::fs::write(partial, page.into_string()))
 }
 
@@ -85,22 +91,26 @@ fn page(input: &ReportInput) -> Part {
     let ReportInput { title, model, diagnostics, samples, comparison, pictures } = input;
     let full = samples.iter().map(|s| if s.clean.is_some() { 2 } else { 1 }).sum::<usize>() + pictures.len();
     let share = pictures::share_of_budget(full);
+    let track = CameraTrack::from((*model).clone());
     let body = html! {
         (summary(model))
         (truth(comparison))
         (picture_section(pictures, share))
         (motion_blur_section(model, diagnostics)?)
         (defocus_section(model, diagnostics)?)
-        (noise_section(model, diagnostics, samples)?)
-        (sample_section(model, samples, share))
+        (noise_section(model, diagnostics, &track, samples)?)
+        (sample_section(&track, samples, share))
         (notes(diagnostics))
     };
-    let footer = format!(
+    Ok(page_with(title, &capture(model), &body, &footer(model)))
+}
+
+fn footer(model: &CameraModel) -> String {
+    format!(
         "An interval is the 95 % confidence interval: if the same camera were estimated from many such clips, 95 of 100 intervals \
          would hold the true value. Px are pixels of a frame {} px wide.",
         model.capture.width
-    );
-    Ok(page_with(title, &capture(model), &body, &footer))
+    )
 }
 
 /// A page without outside resources.
@@ -198,18 +208,24 @@ fn parameter_table(parameters: &[Parameter]) -> Markup {
     }
 }
 
-fn summary(model: &CameraModel) -> Markup {
-    let card = |name: &str, known: Option<(String, String)>| {
-        html! {
-            div.card {
-                h3 { (name) }
-                @match known {
-                    Some((big, more)) => { p.big { (big) } p { (more) } }
-                    None => { p.big { "Unknown" } p { "The footage cannot tell; the reason is given below." } }
+/// The three distortions in short, each as a few large words and more of them, if it is known.
+fn cards(shutter_lens_noise: [Option<(String, String)>; 3]) -> Markup {
+    html! {
+        section aria-label="In short" {
+            div.cards { @for (name, known) in ["Motion blur", "Depth of field", "Noise"].into_iter().zip(shutter_lens_noise) {
+                div.card {
+                    h3 { (name) }
+                    @match known {
+                        Some((big, more)) => { p.big { (big) } p { (more) } }
+                        None => { p.big { "Unknown" } p { "The footage cannot tell; the reason is given below." } }
+                    }
                 }
-            }
+            } }
         }
-    };
+    }
+}
+
+fn summary(model: &CameraModel) -> Markup {
     let shutter = model.motion_blur.known().map(|m| {
         let more = match model.capture.fps {
             Some(fps) => format!("open for {} of each frame", seconds(m.exposure.seconds(fps))),
@@ -237,15 +253,7 @@ fn summary(model: &CameraModel) -> Markup {
             "std of the noise at middle brightness, mean of red, green and blue".into(),
         )
     });
-    html! {
-        section aria-label="In short" {
-            div.cards {
-                (card("Motion blur", shutter))
-                (card("Depth of field", lens))
-                (card("Noise", noise))
-            }
-        }
-    }
+    cards([shutter, lens, noise])
 }
 
 fn truth(rows: &[TruthRow]) -> Markup {
@@ -579,7 +587,12 @@ fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
 
 const CHANNEL_NAMES: [&str; 3] = ["Red", "Green", "Blue"];
 
-fn noise_section(model: &CameraModel, diagnostics: &Diagnostics, samples: &[Sample]) -> Part {
+fn noise_section(
+    model: &CameraModel,
+    diagnostics: &Diagnostics,
+    track: &CameraTrack,
+    samples: &[Sample],
+) -> Part {
     let plot = plots::noise(&diagnostics.noise_points, model.noise.known())?;
     Ok(html! {
         section {
@@ -598,7 +611,7 @@ fn noise_section(model: &CameraModel, diagnostics: &Diagnostics, samples: &[Samp
             }
             @match plot {
                 Some(plot) => figure { (plot) figcaption {
-                    @for (name, colour) in CHANNEL_NAMES.iter().zip(CHANNELS) { (swatch(colour)) (name.to_lowercase()) " " }
+                    (channel_key())
                     "· dots: measured"
                     @if diagnostics.noise_points.is_empty() { " (none were kept)" }
                     @if model.noise.known().is_some() { ", lines: the model, shaded: its 95 % interval" }
@@ -607,13 +620,18 @@ fn noise_section(model: &CameraModel, diagnostics: &Diagnostics, samples: &[Samp
                 None => {}
             }
             @if let Some(m) = model.noise.known() {
-                (patches(samples, m))
+                (patches(samples, track))
                 h3 { "The numbers of the model" }
                 p { "Std = slope × Y + intercept per band and channel, in 8-bit steps, with 95 % intervals." }
                 (band_table(m))
             }
         }
     })
+}
+
+/// Which colour stands for which channel.
+fn channel_key() -> Markup {
+    html! { @for (name, colour) in CHANNEL_NAMES.iter().zip(CHANNELS) { (swatch(colour)) (name.to_lowercase()) " " } }
 }
 
 fn noise_table(m: &NoiseModel) -> Markup {
@@ -660,8 +678,8 @@ fn band_table(m: &NoiseModel) -> Markup {
     }
 }
 
-fn patches(samples: &[Sample], m: &NoiseModel) -> Markup {
-    let patches = pictures::noise_patches(samples, m);
+fn patches(samples: &[Sample], track: &CameraTrack) -> Markup {
+    let patches = pictures::noise_patches(samples, track);
     html! {
         h3 { "A real patch of noise beside a synthetic one" }
         @if patches.is_empty() {
@@ -694,12 +712,12 @@ fn rgb(colour: [f32; 3]) -> RGBColor {
     RGBColor(r, g, b)
 }
 
-fn sample_section(model: &CameraModel, samples: &[Sample], share: usize) -> Markup {
+fn sample_section(track: &CameraTrack, samples: &[Sample], share: usize) -> Markup {
     html! {
         section {
             h2 { "Frames" }
             @if samples.is_empty() { p.soft { "No frames were kept for this report." } }
-            @for s in samples { (sample(model, s, share)) }
+            @for s in samples { (sample(&track.at(s.number), s, share)) }
             @if samples.iter().any(|s| s.flow.is_some()) {
                 @if let Some(wheel) = pictures::flow_wheel() {
                     figure {

@@ -446,6 +446,25 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     assert!(child.wait().unwrap().success(), "{said}");
     let model = blindaug_io::read_camera(d.join("e.json")).unwrap();
     assert!(said.contains("--frames") && model.capture.frames_used < FRAMES, "{said}");
+
+    // Per-frame models of the frames so far are kept, with their report; the others can be had by what it says.
+    let mut child = started("estimate f -o t.jsonl --track --report t.html");
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut said = String::new();
+    errors.read_line(&mut said).unwrap();
+    interrupt(child.id());
+    errors.read_to_string(&mut said).unwrap();
+    assert!(child.wait().unwrap().success(), "{said}");
+    let last = |name: &str| {
+        let track = blindaug_io::read_camera_track(d.join(name)).unwrap();
+        track.frames().iter().map(|f| f.frame).max().unwrap() as usize
+    };
+    let done = last("t.jsonl");
+    assert!(done < FRAMES && said.contains(&format!("run it again with --frames {}..", done + 1)), "{said}");
+    assert!(std::fs::read_to_string(d.join("t.html")).unwrap().ends_with("</html>"));
+    succeeds(d, &format!("estimate f -o rest.jsonl --track --frames {}..", done + 1));
+    assert_eq!(last("rest.jsonl"), FRAMES);
+    assert!(files_in(d).iter().all(|name| !name.contains("partial")));
 }
 
 #[test]
@@ -522,7 +541,9 @@ fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
     let folder = TempDir::new().unwrap();
     let folder = folder.path();
     write_frames(&folder.join("clip"), 1..=5, (160, 128));
-    let told = succeeds(folder, "estimate clip -o camera.jsonl --track");
+    let told = succeeds(folder, "estimate clip -o camera.jsonl --track --report report.html");
+    let report = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(report.contains("The camera of clip") && report.contains("estimated from 5 frames"));
     let lines = std::fs::read_to_string(folder.join("camera.jsonl")).unwrap();
     assert_eq!(lines.lines().count(), 5);
     for (line, number) in lines.lines().zip(1u64..) {

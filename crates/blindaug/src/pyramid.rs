@@ -4,30 +4,31 @@ use crate::{Pixel, Plane, Raster, par};
 
 /// Half the size, rounded up: smoothed with the binomial kernel [1 4 6 4 1] / 16, every second pixel.
 pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
+    downsample_with(src, |p| p)
+}
+
+/// [`downsample`] of a linear function of the pixels.
+pub(crate) fn downsample_with<P: Pixel, Q: Pixel>(src: &Raster<P>, f: impl Fn(P) -> Q + Sync) -> Raster<Q> {
     let (w, h) = src.size();
-    // Only the rows and then the columns that are kept.
-    let mut rows = Raster::filled(w, h.div_ceil(2), P::default());
-    par::for_each_row(rows.data_mut(), w, |y, out| {
+    let mut half = Raster::filled(w.div_ceil(2), h.div_ceil(2), Q::default());
+    par::for_each_row(half.data_mut(), w.div_ceil(2), |y, out| {
+        // Only the rows and then the columns that are kept.
         let row = |dy: isize| P::flat(src.row((2 * y as isize + dy).clamp(0, h as isize - 1) as usize));
         let [a, b, c, d, e] = [row(-2), row(-1), row(0), row(1), row(2)];
-        for (i, out) in P::flat_mut(out).iter_mut().enumerate() {
+        let mut mean = vec![P::default(); w];
+        for (i, out) in P::flat_mut(&mut mean).iter_mut().enumerate() {
             *out = 0.375 * c[i] + 0.25 * (b[i] + d[i]) + 0.0625 * (a[i] + e[i]);
         }
-    });
-    Raster::from_fn(w.div_ceil(2), h.div_ceil(2), |x, y| {
-        let (row, x) = (rows.row(y), 2 * x);
-        let mut sum = P::default();
-        for (x, k) in [
-            (x.saturating_sub(2), 0.0625),
-            (x.saturating_sub(1), 0.25),
-            (x, 0.375),
-            ((x + 1).min(w - 1), 0.25),
-            ((x + 2).min(w - 1), 0.0625),
-        ] {
-            sum.add_scaled(row[x], k);
+        // Two pixels more on both sides.
+        let column = |i: usize| f(mean[i.saturating_sub(2).min(w - 1)]);
+        let line: Vec<Q> = (0..w + 4).map(column).collect();
+        for (out, taps) in out.iter_mut().zip(line.windows(5).step_by(2)) {
+            for (&tap, k) in taps.iter().zip([0.0625, 0.25, 0.375, 0.25, 0.0625]) {
+                out.add_scaled(tap, k);
+            }
         }
-        sum
-    })
+    });
+    half
 }
 
 /// Twice the size, to exactly `width` x `height`, by the binomial kernel; `src` is `downsample`'s size of it.

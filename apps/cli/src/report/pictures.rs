@@ -3,7 +3,7 @@
 use super::Sample;
 use crate::inspect;
 use base64::{Engine, engine::general_purpose::STANDARD};
-use blindaug::model::{BlurSpace, DepthKind, Estimate, NoiseModel};
+use blindaug::model::{BlurSpace, CameraTrack, DepthKind, Estimate, NoiseModel};
 use blindaug::synth::{Blur, defocus::Bokeh, noise};
 use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, filter, luma, pyramid};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, codecs::png::PngEncoder, imageops};
@@ -217,15 +217,14 @@ pub struct NoisePatch {
 
 /// The flattest patch among dark, middle and bright parts of the frames, as far as there are any; at least the one that
 /// is flattest of all.
-pub fn noise_patches(samples: &[Sample], model: &NoiseModel) -> Vec<NoisePatch> {
+pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch> {
     type Found<'a> = Option<(f32, &'a Sample, [usize; 2])>;
     let mut flat: [Found; 3] = [None; 3];
     let mut flattest: Found = None;
     for sample in samples {
         let (w, h) = sample.frame.0.size();
-        if w < PATCH || h < PATCH {
-            continue;
-        }
+        let camera = track.at(sample.number);
+        let Some(model) = camera.noise.known().filter(|_| w >= PATCH && h >= PATCH) else { continue };
         // What is left after smoothing is not noise, or only its coarsest part.
         let smooth = filter::gaussian_blur(&sample.frame.0, 2.0);
         for at in squares(w, h, PATCH) {
@@ -251,7 +250,10 @@ pub fn noise_patches(samples: &[Sample], model: &NoiseModel) -> Vec<NoisePatch> 
     if !any_flat {
         flat[0] = flattest;
     }
-    let patch = |(_, sample, at)| noise_patch(sample, at, model).map(|p| NoisePatch { flat: any_flat, ..p });
+    let patch = |(_, sample, at): (f32, &Sample, [usize; 2])| {
+        let patch = noise_patch(sample, at, track.at(sample.number).noise.known()?)?;
+        Some(NoisePatch { flat: any_flat, ..patch })
+    };
     flat.into_iter().flatten().filter_map(patch).collect()
 }
 

@@ -111,8 +111,7 @@ impl<'a> Axes<'a> {
         if !self.y.contains(&y) {
             return Ok(());
         }
-        let ends = [(self.x.start, y), (self.x.end, y)];
-        chart.draw_series(DashedLineSeries::new(ends, 14, 10, INK.mix(0.7).stroke_width(2))).map(drop)
+        dashed(chart, [(self.x.start, y), (self.x.end, y)])
     }
 
     /// An estimate on the x axis with its interval.
@@ -128,8 +127,17 @@ impl<'a> Axes<'a> {
     }
 }
 
+fn dashed(chart: &mut Chart, ends: [(f64, f64); 2]) -> Result<()> {
+    chart.draw_series(DashedLineSeries::new(ends, 14, 10, INK.mix(0.7).stroke_width(2))).map(drop)
+}
+
+/// The label of a whole number: frames have no fractions.
+fn whole(v: f64) -> String {
+    if v.fract() == 0.0 { format!("{v}") } else { String::new() }
+}
+
 /// From the least to the largest finite value; `None` if there is none.
-fn extent(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+pub fn extent(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
     values
         .into_iter()
         .filter(|v| v.is_finite())
@@ -236,7 +244,6 @@ pub fn exposure_per_frame(
     let Some([first, last]) = extent(points.iter().map(|p| p.0)).filter(|_| points.len() > 1) else {
         return Ok(None);
     };
-    let whole = |v: f64| if v.fract() == 0.0 { format!("{v}") } else { String::new() };
     let axes = Axes {
         title: "",
         x: first - 0.5..last + 0.5,
@@ -261,6 +268,62 @@ pub fn exposure_per_frame(
             .map(drop)
     })
     .map(Some)
+}
+
+/// A number over time: for each stretch of frames in which it is known, the frames' numbers, the number and its interval.
+pub struct Course {
+    /// `[frame, value, low, high]`
+    pub stretches: Vec<Vec<[f64; 4]>>,
+    pub colour: RGBColor,
+}
+
+/// Numbers over the frames, with their intervals and the frames in which a change was noticed. The axis ends at `most`; without it,
+/// where the numbers do.
+pub fn over_time(
+    name: &str,
+    [first, last]: [f64; 2],
+    most: Option<f64>,
+    courses: &[Course],
+    changes: &[f64],
+) -> Result<Option<Markup>> {
+    let all = || courses.iter().flat_map(|c| c.stretches.iter().flatten());
+    let (Some([_, largest]), Some([_, high])) = (extent(all().map(|p| p[1])), extent(all().map(|p| p[3])))
+    else {
+        return Ok(None);
+    };
+    let axes = Axes {
+        title: "",
+        x: first - 0.5..last + 0.5,
+        // Wide intervals must not press the rest to the bottom.
+        y: 0.0..most.unwrap_or(1.08 * high.clamp(largest, 2.0 * largest).max(0.05)),
+        x_name: "frame",
+        y_name: name,
+        x_tick: &whole,
+        x_ticks: (last - first).min(11.0) as usize + 1,
+    };
+    svg(400, &format!("{name} over time; {} changes noticed", changes.len()), |area| {
+        let mut chart = axes.chart(area)?;
+        for Course { stretches, colour } in courses {
+            for stretch in stretches {
+                let shown = wide_enough(stretch);
+                let band: Vec<[f64; 3]> = shown.iter().map(|&[x, _, low, high]| [x, low, high]).collect();
+                axes.band(&mut chart, &band, *colour)?;
+                axes.line(&mut chart, shown.iter().map(|p| [p[0], p[1]]), colour.stroke_width(4))?;
+            }
+        }
+        changes.iter().try_for_each(|&x| dashed(&mut chart, [(x, axes.y.start), (x, axes.y.end)]))
+    })
+    .map(Some)
+}
+
+/// A stretch with few enough points, and as wide as a frame if it is one.
+fn wide_enough(stretch: &[[f64; 4]]) -> Vec<[f64; 4]> {
+    if let &[[x, value, low, high]] = stretch {
+        return vec![[x - 0.5, value, low, high], [x + 0.5, value, low, high]];
+    }
+    let step = stretch.len().div_ceil(MOST_POINTS);
+    let kept = |i: usize| i.is_multiple_of(step) || i + 1 == stretch.len();
+    (0..).zip(stretch).filter(|(i, _)| kept(*i)).map(|(_, p)| *p).collect()
 }
 
 /// Blur over inverse depth: the points and the curve with its interval.

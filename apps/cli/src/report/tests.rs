@@ -1,7 +1,9 @@
 use super::*;
 use blindaug::Raster;
 use blindaug::fit::{BlurPoint, noise::NoisePoint};
-use blindaug::model::{Capture, NOISE_LEVELS, NoiseInterval, NoiseLevel, ThinLensInterval};
+use blindaug::model::{
+    Capture, Changes, NOISE_LEVELS, NoiseInterval, NoiseLevel, ThinLensInterval, TrackedCamera,
+};
 use blindaug::synth::noise::noise;
 use std::path::PathBuf;
 
@@ -152,16 +154,20 @@ fn unbalanced(html: &str) -> Option<String> {
     open.pop().map(|name| format!("<{name}> is not closed"))
 }
 
-/// What a report must never hold.
 fn check(html: &str) {
+    check_page(html);
+    for section in SECTIONS {
+        assert!(html.contains(&format!("<h2>{section}</h2>")), "{section}");
+    }
+}
+
+/// What a report must never hold.
+fn check_page(html: &str) {
     assert_eq!(unbalanced(html), None);
     assert!(
         !html.contains("://") && !html.contains("<script") && !html.contains("<link"),
         "an outside resource"
     );
-    for section in SECTIONS {
-        assert!(html.contains(&format!("<h2>{section}</h2>")), "{section}");
-    }
     for svg in html.split("<svg").skip(1) {
         let svg = svg.split("</svg>").next().unwrap();
         assert!(svg.contains("aria-label"));
@@ -339,6 +345,82 @@ fn odd_models_give_a_report() {
         check(&html);
         assert!(html.contains(says), "{says}");
     }
+}
+
+/// The plots of the report of a track of 20 frames, and the page; `frame` may change the model of each, and what changed in it.
+fn tracked(frame: impl Fn(u64, &mut CameraModel, &mut Changes)) -> (Vec<String>, String) {
+    let line = |number: u64| {
+        let (mut camera, mut changed) = (known_model(200, 150), Changes::default());
+        frame(number, &mut camera, &mut changed);
+        TrackedCamera { frame: number, changed, camera }.to_json_line() + "\n"
+    };
+    let track = CameraTrack::from_json(&(1..=20).map(line).collect::<String>()).unwrap();
+    let samples = vec![Sample { clean: None, ..full_sample(200, 150) }];
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("report.html");
+    write_track(&path, &TrackReportInput { title: "<clip>".into(), track: &track, samples }).unwrap();
+    let html = std::fs::read_to_string(path).unwrap();
+    check_page(&html);
+    let svgs = html.split("<svg").skip(1).map(|s| s.split("</svg>").next().unwrap().into());
+    (svgs.collect(), html.clone())
+}
+
+/// Filled areas, such as intervals, and strokes of dashed lines of a plot.
+fn bands_and_dashes(svg: &str) -> [usize; 2] {
+    let dash = |line: &&str| line.contains("polyline") && line.contains("opacity=\"0.7\" stroke=\"#333333\"");
+    [svg.matches("<polygon").count(), svg.lines().filter(dash).count()]
+}
+
+#[test]
+fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
+    // Exposure, blur at infinity, focus, noise in three channels.
+    const BANDS: [usize; 4] = [1, 1, 1, 3];
+    let (steady, html) = tracked(|_, _, _| ());
+    assert_eq!(steady.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(), BANDS.map(|b| [b, 0]));
+    assert!(!html.contains("change was noticed in") && !html.contains("Unknown"));
+    for part in ["&lt;clip&gt;", "173° shutter", "known in 20 of 20 frames", "left real, right synthetic"] {
+        assert!(html.contains(part), "{part}");
+    }
+
+    let (jumped, html) = tracked(|number, camera, changed| {
+        changed.exposure = number == 9;
+        if let (5..9, Estimate::Known(m)) = (number, &mut camera.motion_blur) {
+            m.interval = [0.2, 0.8];
+        }
+    });
+    assert!(html.contains("A change was noticed in frame 9."));
+    let [bands, dashes] = bands_and_dashes(&jumped[0]);
+    assert!(bands == 1 && dashes > 5, "{bands} {dashes}");
+    assert_eq!(jumped[1..], steady[1..]);
+    assert_ne!(
+        jumped[0].lines().find(|l| l.contains("<polygon")),
+        steady[0].lines().find(|l| l.contains("<polygon"))
+    );
+}
+
+#[test]
+fn what_a_track_does_not_know_is_left_out_and_said() {
+    let (plots, html) = tracked(|number, camera, _| {
+        camera.noise = Estimate::Unknown("too <dark>".into());
+        if number < 3 || number == 8 {
+            camera.defocus = Estimate::Unknown(format!("nothing near, {number}"));
+        }
+        if number != 5 {
+            camera.motion_blur = Estimate::Unknown("nothing moves".into());
+        }
+    });
+    // The lens in two stretches, the exposure in a single frame, the noise not at all.
+    assert_eq!(plots.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(), [[1, 0], [2, 0], [2, 0]]);
+    for part in [
+        "Unknown in frame 1 to 2: </strong>nothing near, 2.",
+        "Unknown in frame 8: </strong>nothing near, 8.",
+        "Unknown in frame 6 to 20: </strong>nothing moves.",
+        "Unknown in frame 1 to 20: </strong>too &lt;dark&gt;.",
+        "known in 1 of 20 frames",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    assert!(!html.contains("nothing near, 1"));
 }
 
 #[test]

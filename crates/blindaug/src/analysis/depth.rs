@@ -233,7 +233,7 @@ impl Sample {
     /// `A T`: its direction, and its length.
     fn epipolar(&self, t: [f64; 3]) -> ([f64; 2], f64) {
         let (x, y) = (self.x * t[2] - t[0], self.y * t[2] - t[1]);
-        let length = x.hypot(y).max(1e-9);
+        let length = (x * x + y * y).sqrt().max(1e-9);
         ([x / length, y / length], length)
     }
 
@@ -260,6 +260,7 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
 /// Weighted normal equations of three unknowns.
 #[derive(Default)]
 struct Normal {
+    /// From the diagonal on.
     columns: [[f64; 3]; 3],
     right: [f64; 3],
 }
@@ -267,15 +268,18 @@ struct Normal {
 impl Normal {
     fn add(&mut self, row: [f64; 3], right: f64, weight: f64) {
         for i in 0..3 {
-            for j in 0..3 {
-                self.columns[i][j] += weight * row[i] * row[j];
+            let weighted = weight * row[i];
+            // The other half is the same.
+            for (sum, value) in self.columns[i].iter_mut().zip(row).skip(i) {
+                *sum += weighted * value;
             }
-            self.right[i] += weight * row[i] * right;
+            self.right[i] += weighted * right;
         }
     }
 
     fn solve(&self) -> [f64; 3] {
         let mut m = self.columns;
+        (m[1][0], m[2][0], m[2][1]) = (m[0][1], m[0][2], m[1][2]);
         let ridge = 1e-9 * (m[0][0] + m[1][1] + m[2][2]) + 1e-30;
         for (i, column) in m.iter_mut().enumerate() {
             column[i] += ridge;
@@ -378,7 +382,7 @@ impl Motion {
 /// The motion that explains `samples` best, from any direction, or from one nearby.
 fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
     if let Some(near) = near {
-        return refined(samples, near, 0.002);
+        return refined(samples, near, [0.05, 0.002]);
     }
     // A spiral of even density over the hemisphere; T and -T are the same but for the sign of d.
     let direction = |i: usize| {
@@ -397,16 +401,16 @@ fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
             starts.push(t);
         }
     }
-    let found = starts.into_iter().map(|t| refined(samples, t, 0.01));
+    let found = starts.into_iter().map(|t| refined(samples, t, [0.1, 0.01]));
     let best = found.min_by(|a, b| a.turn.std.total_cmp(&b.turn.std));
-    refined(samples, best.map_or([0.0, 0.0, 1.0], |motion| motion.translation), 0.002)
+    refined(samples, best.map_or([0.0, 0.0, 1.0], |motion| motion.translation), [0.05, 0.002])
 }
 
-/// The motion near a direction that explains `samples` best; the direction to `finest` radian.
-fn refined(samples: &[Sample], mut t: [f64; 3], finest: f64) -> Motion {
+/// The motion near a direction that explains `samples` best: by steps from `coarsest` to `finest`, radian.
+fn refined(samples: &[Sample], mut t: [f64; 3], [coarsest, finest]: [f64; 2]) -> Motion {
     let mut turn = turn_for(samples, t, None).0;
     // Twice, since the scale of the residuals falls with a better direction.
-    for mut step in [0.1, 4.0 * finest] {
+    for mut step in [coarsest, 4.0 * finest] {
         let mut cost = turn_for(samples, t, Some(turn)).1;
         for _ in 0..200 {
             if step < finest {
@@ -445,11 +449,12 @@ fn camera_motion(
     let depths = |motion: &Motion| all.iter().map(|s| motion.measure(s)[0]).collect::<Vec<f64>>();
     let parts: Vec<Vec<Sample>> =
         (0..PARTS).map(part).filter(|part| part.len() >= FEWEST_SAMPLES / PARTS).collect();
-    let found: Vec<Motion> = parts.iter().map(|part| searched(part, near)).collect();
+    let found = par::map(parts.len(), |i| searched(&parts[i], near));
     let std = |motion: &Motion| turn_for(&all, motion.translation, None).0.std;
     let best = found.iter().map(|m| (std(m), m.translation)).min_by(|a, b| a.0.total_cmp(&b.0));
     let Some((_, start)) = best else { return (searched(&all, near), f64::INFINITY) };
-    let motion = refined(&all, start, 2e-4).forward(&all);
+    // What a part finds is near already.
+    let motion = refined(&all, start, [0.02, 2e-4]).forward(&all);
     let d = depths(&motion);
     let largest = *quantile(&mut d.clone(), 0.98);
     let disagreement = |other: Motion| {

@@ -24,6 +24,9 @@ const FINEST_SEARCHED: usize = 1;
 const COARSEST: usize = 24;
 /// Std of the Gaussian against noise and aliasing, px.
 const SMOOTHING: f32 = 0.7;
+/// Images of at most so many pixels are solved there and back at once: their rows are too few to be worth sharing, and two sets
+/// of buffers are small.
+const SOLVED_AT_ONCE: usize = 1 << 17;
 /// Pixels repeated around an image, so that patches may leave it.
 pub(super) const PAD: usize = 16;
 
@@ -75,6 +78,8 @@ pub fn flow_with_occlusion(a: &Plane, b: &Plane) -> Result<FlowPair> {
 #[derive(Default)]
 pub struct FlowEstimator {
     refiner: Refiner,
+    /// For the way back of small images.
+    second: Refiner,
 }
 
 impl FlowEstimator {
@@ -100,8 +105,12 @@ impl FlowEstimator {
         check(a, b)?;
         Ok(par::within(|| {
             let (pa, pb) = (pyramid_of(a), pyramid_of(b));
-            let (forward, backward) =
-                (solve(&mut self.refiner, &pa, &pb), solve(&mut self.refiner, &pb, &pa));
+            let (forward, backward) = if a.data().len() <= SOLVED_AT_ONCE {
+                let Self { refiner, second } = self;
+                par::both(|| solve(refiner, &pa, &pb), || solve(second, &pb, &pa))
+            } else {
+                (solve(&mut self.refiner, &pa, &pb), solve(&mut self.refiner, &pb, &pa))
+            };
             let occluded = inconsistent(&forward, &backward);
             let residual = Plane::from_fn(a.width(), a.height(), |x, y| {
                 let f = forward.at(x, y);

@@ -22,7 +22,7 @@ use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
     ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, ThinLensInterval,
 };
-use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Result, luma, par, pyramid};
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
@@ -81,6 +81,8 @@ pub struct Tracker {
     size: Option<(usize, usize)>,
     frames: usize,
     flow: FlowEstimator,
+    /// The last frame's, for its memory.
+    enlarged: Flow,
     parallax: ParallaxTracker,
     noise: NoiseMemory,
     luma_noise: [LumaNoise; NOISE_LEVELS],
@@ -117,6 +119,7 @@ impl Tracker {
             size: None,
             frames: 0,
             flow: FlowEstimator::new(),
+            enlarged: Flow::filled(0, 0, [0.0; 2]),
             parallax: ParallaxTracker::new().near_the_last(),
             noise: NoiseMemory::default(),
             luma_noise: Default::default(),
@@ -136,6 +139,10 @@ impl Tracker {
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
     pub fn push(&mut self, observation: &Observation) -> Result<&CameraModel> {
+        par::within(|| self.look_at(observation))
+    }
+
+    fn look_at(&mut self, observation: &Observation) -> Result<&CameraModel> {
         check_sizes(&mut self.size, observation)?;
         let Observation { frame, next, previous, .. } = *observation;
         let (width, height) = frame.0.size();
@@ -149,6 +156,9 @@ impl Tracker {
         let tiles = self.tiles(frame, &geometry);
         model.motion_blur = self.follow_exposure(&tiles);
         model.defocus = self.follow_lens(&tiles);
+        if let Some(Cow::Owned(flow)) = geometry.flow {
+            self.enlarged = flow;
+        }
         self.frames += 1;
         model.validate()?;
         Ok(self.model.insert(model))
@@ -179,14 +189,20 @@ impl Tracker {
             }
         } else if let Some(other) = next.or(previous) {
             let size = frame.0.size();
-            let mut from = frame.luma();
-            let mut to = other.luma();
-            while from.width() > FLOW_WIDTH {
-                (from, to) = (pyramid::downsample(&from), pyramid::downsample(&to));
-            }
+            let small = |image: &Encoded| {
+                let wide = |w: usize| w > FLOW_WIDTH;
+                let mut small =
+                    if wide(size.0) { pyramid::downsample_with(&image.0, luma) } else { image.luma() };
+                while wide(small.width()) {
+                    small = pyramid::downsample(&small);
+                }
+                small
+            };
+            let (from, to) = (small(frame), small(other));
             let pair = self.flow.flow_with_occlusion(&from, &to)?;
             if pair.confirmed() >= MIN_CONFIRMED {
-                geometry.flow = Some(Cow::Owned(enlarged(known_flow(&pair), size)));
+                let into = std::mem::replace(&mut self.enlarged, Flow::filled(0, 0, [0.0; 2]));
+                geometry.flow = Some(Cow::Owned(enlarged(known_flow(&pair), size, into)));
             }
             if pair.confirmed() < SCALE_CONFIRMED {
                 self.parallax = ParallaxTracker::new().near_the_last();
@@ -396,21 +412,23 @@ impl Tracker {
     }
 }
 
-/// The flow of frames that were halved to its size, at the frames' own size.
-fn enlarged(small: Flow, (width, height): (usize, usize)) -> Flow {
+/// The flow of frames that were halved to its size, at the frames' own size; in the memory of a flow of that size, if it is one.
+fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
     if small.size() == (width, height) {
         return small;
     }
     let factor = width.div_ceil(small.width()).next_power_of_two();
     let share = |i: usize| (i % factor) as f32 / factor as f32;
-    let mut flow = Flow::filled(width, height, [0.0; 2]);
+    let mut flow = if into.size() == (width, height) { into } else { Flow::filled(width, height, [0.0; 2]) };
     par::for_each_row(flow.data_mut(), width, |y, out| {
         let (above, below) = (small.row(y / factor), small.row((y / factor + 1).min(small.height() - 1)));
         let between = |i: usize| Pixel::lerp(above[i], below[i], share(y)).map(|v| factor as f32 * v);
         let line: Vec<[f32; 2]> = (0..small.width()).map(between).collect();
-        for (x, out) in out.iter_mut().enumerate() {
-            let i = x / factor;
-            *out = Pixel::lerp(line[i], line[(i + 1).min(line.len() - 1)], share(x));
+        for (i, out) in out.chunks_mut(factor).enumerate() {
+            let (left, right) = (line[i], line[(i + 1).min(line.len() - 1)]);
+            for (x, out) in out.iter_mut().enumerate() {
+                *out = Pixel::lerp(left, right, share(x));
+            }
         }
     });
     flow
@@ -567,6 +585,9 @@ fn witnesses_of(evidence: &[f32]) -> Vec<LensWitness> {
 
 /// Whether the last frames agree on another lens than the frames before them.
 fn lens_changed(memory: &Memory) -> bool {
+    if memory.recent.len() < AGREEING {
+        return false;
+    }
     let best = |witnesses: &[LensWitness]| -> Option<Lens> {
         (witnesses.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
             let tables = FineTables::new(witnesses);
@@ -574,11 +595,7 @@ fn lens_changed(memory: &Memory) -> bool {
         })
     };
     let recent = witnesses_of(&memory.recent_sum());
-    let (true, Some(before), Some(now)) =
-        (memory.recent.len() == AGREEING, best(&witnesses_of(&memory.old)), best(&recent))
-    else {
-        return false;
-    };
+    let (Some(before), Some(now)) = (best(&witnesses_of(&memory.old)), best(&recent)) else { return false };
     let mean = |of: &dyn Fn(f32) -> f32| {
         let tiles: f32 = recent.iter().map(|w| w.tiles).sum();
         recent.iter().map(|w| w.tiles * of(w.inverse_depth)).sum::<f32>() / tiles
@@ -641,7 +658,8 @@ mod tests {
     #[test]
     fn an_enlarged_flow_is_that_of_the_frames_themselves() {
         let small = Flow::from_fn(40, 30, |x, y| [0.1 * x as f32, 1.0 - 0.02 * y as f32]);
-        let flow = enlarged(small.clone(), (158, 118));
+        let none = || Flow::filled(0, 0, [0.0; 2]);
+        let flow = enlarged(small.clone(), (158, 118), none());
         for (x, y) in [(0, 0), (4, 8), (77, 30), (150, 101)] {
             let [u, v] = flow.at(x, y);
             // Four times the flow at a quarter of the place.
@@ -650,7 +668,8 @@ mod tests {
                 "{x} {y}: {u} {v}"
             );
         }
-        assert_eq!(enlarged(small.clone(), (40, 30)), small);
+        assert_eq!(enlarged(small.clone(), (158, 118), Flow::filled(158, 118, [9.0; 2])), flow);
+        assert_eq!(enlarged(small.clone(), (40, 30), none()), small);
     }
 
     #[test]
