@@ -3,11 +3,13 @@
 mod defocus;
 mod motion_blur;
 mod noise;
+mod sharpening;
 mod track;
 
 pub use defocus::{DefocusCurve, DefocusModel, DepthKind, ThinLensInterval};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
 pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
+pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
 
 use crate::{Error, Result, Transfer};
@@ -25,6 +27,8 @@ pub enum Method {
     Spectral,
     /// Comparison with clean frames, given or restored.
     Removal,
+    /// Profiles across edges.
+    Edges,
     /// Known beforehand, not estimated.
     Given,
 }
@@ -126,6 +130,9 @@ pub struct CameraModel {
     pub motion_blur: Estimate<MotionBlurModel>,
     /// Defocus blur over inverse depth.
     pub defocus: Estimate<DefocusModel>,
+    /// The camera's own sharpening; `None` if none was seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sharpening: Option<SharpeningModel>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -163,6 +170,7 @@ impl CameraModel {
             noise: Estimate::Unknown(why.into()),
             motion_blur: Estimate::Unknown(why.into()),
             defocus: Estimate::Unknown(why.into()),
+            sharpening: None,
         }
     }
 
@@ -203,7 +211,8 @@ impl CameraModel {
         check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
         self.noise.known().map_or(Ok(()), NoiseModel::validate)?;
         self.motion_blur.known().map_or(Ok(()), MotionBlurModel::validate)?;
-        self.defocus.known().map_or(Ok(()), DefocusModel::validate)
+        self.defocus.known().map_or(Ok(()), DefocusModel::validate)?;
+        self.sharpening.as_ref().map_or(Ok(()), SharpeningModel::validate)
     }
 
     /// The model for frames of another width: blur in px scales with it; noise and exposure stay.
@@ -215,6 +224,7 @@ impl CameraModel {
         if let Estimate::Known(d) = &mut m.defocus {
             *d = d.scaled(s);
         }
+        m.sharpening = m.sharpening.map(|sharpening| sharpening.scaled(s));
         m.capture.width = width;
         m.capture.height = height;
         m
@@ -278,6 +288,23 @@ mod tests {
             let e = CameraModel::from_json(&SAMPLE.replacen(from, to, 1)).unwrap_err().to_string();
             assert!(e.contains(says), "{e}");
         }
+    }
+
+    #[test]
+    fn sharpening_round_trips_and_its_numbers_are_checked() {
+        let with = |amount: &str| {
+            let field = format!(
+                r#", "sharpening": {{ "amount": {amount}, "radius_px": 1.0, "interval": [0.5, 0.9], "method": "edges", "samples": 400 }} }}"#
+            );
+            CameraModel::from_json(&(SAMPLE.strip_suffix('}').unwrap().to_owned() + &field))
+        };
+        let m = with("0.7").unwrap();
+        assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
+        let sharpening = m.scaled_to(1024, 1024).sharpening.unwrap();
+        assert_eq!(sharpening.radius_px, 2.0);
+        assert_eq!(sharpening.gain(0.0), 1.0);
+        assert!((sharpening.gain(0.5) - 1.7).abs() < 1e-3);
+        assert!(with("-0.7").unwrap_err().to_string().contains("sharpening.amount"));
     }
 
     #[test]

@@ -1,0 +1,38 @@
+use super::{Method, check};
+use crate::Result;
+use serde::{Deserialize, Serialize};
+
+/// What the camera adds to contrast at edges after the picture was taken, as an unsharp mask of encoded values v:
+/// `v + amount (v - G v)`, G a Gaussian of std `radius_px`. Noise as it is modelled has been through it already.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SharpeningModel {
+    /// The estimate, > 0.
+    pub amount: f32,
+    /// Std of the Gaussian, px.
+    pub radius_px: f32,
+    /// 95 % confidence interval of the amount.
+    pub interval: [f32; 2],
+    /// How it was estimated.
+    pub method: Method,
+    /// How many edges it rests on.
+    pub samples: u64,
+}
+
+impl SharpeningModel {
+    /// By how much an amplitude at this frequency, cycles per px, is multiplied.
+    pub fn gain(&self, frequency: f32) -> f32 {
+        let x = std::f32::consts::TAU * self.radius_px * frequency;
+        1.0 + self.amount * (1.0 - (-0.5 * x * x).exp())
+    }
+
+    pub(super) fn scaled(self, factor: f32) -> Self {
+        Self { radius_px: self.radius_px * factor, ..self }
+    }
+
+    pub(super) fn validate(&self) -> Result<()> {
+        let Self { amount, radius_px, interval: [lo, hi], .. } = *self;
+        check((0.0..=20.0).contains(&amount), "sharpening.amount must lie in [0, 20]")?;
+        check((0.1..=20.0).contains(&radius_px), "sharpening.radius_px must lie in [0.1, 20]")?;
+        check(0.0 <= lo && lo <= hi && hi.is_finite(), "sharpening.interval must be two rising numbers >= 0")
+    }
+}
