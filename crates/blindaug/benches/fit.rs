@@ -95,7 +95,7 @@ fn bench(c: &mut Criterion) {
         b.iter(|| {
             let tiles = spectral::tiles(black_box(&blurred), None, Some(&depth), BlurSpace::Encoded)
                 .expect("one size");
-            spectral::fit_lens(&[&tiles], &noise, ExposureFraction(0.0))
+            spectral::fit_lens(&[&tiles], &noise, ExposureFraction(0.0), None)
         })
     });
     // Everything from a pair of frames and nothing else, flow and depth included.

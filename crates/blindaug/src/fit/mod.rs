@@ -10,6 +10,7 @@ pub mod defocus;
 pub mod motion_blur;
 pub mod noise;
 pub mod removal;
+mod sharpening;
 pub mod spectral;
 pub mod track;
 
@@ -154,6 +155,7 @@ struct FrameEvidence {
     denoised: NoiseEvidence,
     tiles: Vec<spectral::Tile>,
     removal: Vec<removal::Tile>,
+    edges: Vec<sharpening::Edge>,
     has_motion: bool,
     has_depth: bool,
     exposure: Option<motion_blur::ExposureFit>,
@@ -274,6 +276,7 @@ impl Estimator {
             denoised: NoiseEvidence::new(Method::Removal),
             tiles: vec![],
             removal: vec![],
+            edges: sharpening::edges(frame),
             has_motion: to_next.is_some(),
             has_depth: depth.is_some(),
             exposure: None,
@@ -435,6 +438,8 @@ impl Estimator {
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
+        let edges: Vec<&[sharpening::Edge]> = self.frames.iter().map(|f| f.edges.as_slice()).collect();
+        model.sharpening = sharpening::fit(&edges);
         self.fit_exposure(&mut model, &mut diagnostics, &luma_noise);
         self.fit_defocus(&mut model, &mut diagnostics, &luma_noise);
         model.validate()?;
@@ -546,7 +551,7 @@ impl Estimator {
         let blind_method = self.blind_method();
         let blind = match blind_method {
             Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure),
-            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure),
+            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure, model.sharpening.as_ref()),
         };
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];

@@ -18,7 +18,7 @@
 use super::BlurPoint;
 use super::defocus::{self, Lens};
 use super::noise::LumaNoise;
-use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS};
+use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, Plane, Raster, Result, Transfer, luma, par};
 use rustfft::num_complex::Complex;
@@ -509,8 +509,8 @@ impl<'a> Prepared<'a> {
     }
 
     /// The same over the stds in px of the frame.
-    fn over_sigma_of_frame(&self, lambda: f32) -> Vec<f32> {
-        let table = self.over_sigma(lambda);
+    fn over_sigma_of_frame(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
+        let table = self.over_sigma(lambda, sharpening);
         if self.tile.scale == 1.0 {
             return table;
         }
@@ -518,7 +518,7 @@ impl<'a> Prepared<'a> {
     }
 
     /// Log-likelihood over sigma, 0 at its maximum: one amplitude, and the slope of the spectrum integrated out.
-    fn over_sigma(&self, lambda: f32) -> Vec<f32> {
+    fn over_sigma(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
         let bins = self.alike(lambda);
         let column = |f: &dyn Fn(&Alike) -> f32| lanes(bins.iter().map(f), 0.0);
         let data = Amplitude {
@@ -531,7 +531,8 @@ impl<'a> Prepared<'a> {
             let alpha = ALPHA.0 + ALPHA.1 * deviation(k);
             column(&|b| {
                 let pixel = std::f32::consts::TAU * PIXEL_RESPONSE / self.tile.scale * b.modulus;
-                b.shutter * (b.modulus / 0.2).powf(-alpha) * (-pixel * pixel).exp()
+                let sharpened = sharpening.map_or(1.0, |s| s.gain(b.modulus / self.tile.scale).powi(2));
+                b.shutter * (b.modulus / 0.2).powf(-alpha) * (-pixel * pixel).exp() * sharpened
             })
         });
         let mut starts = [None; ALPHAS];
@@ -955,7 +956,8 @@ pub fn fit_exposure(
     })
 }
 
-/// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it).
+/// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it) and the camera's
+/// sharpening, which hides blur.
 ///
 /// # Errors
 /// The reason why they cannot tell.
@@ -963,8 +965,9 @@ pub fn fit_lens(
     frames: &[&[Tile]],
     noise: &[LumaNoise; NOISE_LEVELS],
     exposure: ExposureFraction,
+    sharpening: Option<&SharpeningModel>,
 ) -> std::result::Result<LensFit, String> {
-    lens_of(&lens_witnesses(frames, noise, exposure), BOOTSTRAPS)
+    lens_of(&lens_witnesses(frames, noise, exposure, sharpening), BOOTSTRAPS)
 }
 
 /// What a tile, or several of one block and depth, say of the blur there.
@@ -985,12 +988,13 @@ pub(super) fn lens_witnesses(
     frames: &[&[Tile]],
     noise: &[LumaNoise; NOISE_LEVELS],
     exposure: ExposureFraction,
+    sharpening: Option<&SharpeningModel>,
 ) -> Vec<LensWitness> {
     let prepared: Vec<Prepared> =
         prepare(frames, noise).into_iter().filter(|p| p.tile.inverse_depth.is_finite()).collect();
     par::map(prepared.len(), |i| LensWitness {
         inverse_depth: prepared[i].tile.inverse_depth,
-        table: prepared[i].over_sigma_of_frame(exposure.0),
+        table: prepared[i].over_sigma_of_frame(exposure.0, sharpening),
         tiles: 1.0,
         block: prepared[i].tile.block,
         shot: prepared[i].shot,
@@ -1102,7 +1106,7 @@ fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
 /// the block and of the part. What only one surface or one shot says thus counts as one witness.
-fn resampled(replica: usize, block: u32, shot: usize) -> f32 {
+pub(super) fn resampled(replica: usize, block: u32, shot: usize) -> f32 {
     let weight = |i: u64| -(1.0 - super::uniform(replica as u64, i)).ln();
     weight(u64::from(block)) * weight((BLOCKS * BLOCKS + shot) as u64)
 }

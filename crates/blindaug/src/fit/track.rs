@@ -369,7 +369,7 @@ impl Tracker {
         memory.fade();
         // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
         let exposure = self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure);
-        let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure);
+        let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure, None);
         let mut why = self.why_no_depth.clone();
         if let (false, Some(depth_kind)) = (found.is_empty(), self.depth_kind) {
             let mut evidence = vec![0.0; memory.old.len()];
