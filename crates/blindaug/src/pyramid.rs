@@ -15,16 +15,14 @@ pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
         }
     });
     Raster::from_fn(w.div_ceil(2), h.div_ceil(2), |x, y| {
+        const KERNEL: [f32; 5] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
         let (row, x) = (rows.row(y), 2 * x);
         let mut sum = P::default();
-        for (x, k) in [
-            (x.saturating_sub(2), 0.0625),
-            (x.saturating_sub(1), 0.25),
-            (x, 0.375),
-            ((x + 1).min(w - 1), 0.25),
-            ((x + 2).min(w - 1), 0.0625),
-        ] {
-            sum.add_scaled(row[x], k);
+        if x >= 2 && x + 2 < w {
+            row[x - 2..x + 3].iter().zip(KERNEL).for_each(|(v, k)| sum.add_scaled(*v, k));
+        } else {
+            let inside = |i: usize| (x + i).saturating_sub(2).min(w - 1);
+            KERNEL.into_iter().enumerate().for_each(|(i, k)| sum.add_scaled(row[inside(i)], k));
         }
         sum
     })
