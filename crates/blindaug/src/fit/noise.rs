@@ -7,7 +7,7 @@
 use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 use crate::raster::cubic_weights;
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Error, Flow, Plane, Raster, Result, filter, luma, par, pyramid};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
 
 /// Side of the blocks in which variances are taken, px of the full image, per level: small ones are more often free of
@@ -28,8 +28,10 @@ struct LocalVariance {
     y: f32,
     /// R, G, B, and luma, for a residual of unit gain.
     variance: [f32; 4],
-    /// Mean squared gradient of the smoothed image: what an imperfect match would leave in the residual.
+    /// How likely it holds more than noise; only its order counts.
     structure: f32,
+    /// Luma's mean square in the next coarser band, where there is least noise beside what does not match.
+    coarser: f32,
     /// How many values it is the variance of.
     count: f32,
 }
@@ -124,29 +126,26 @@ impl NoiseEvidence {
             let [u, v] = flow.at(x, top + y);
             [x as f32 + u, (top + y) as f32 + v]
         };
-        // NaN: no match. One pass for the difference and the mean, which are both needed.
-        let warped: Raster<[f32; 3]> = Raster::from_fn(w, height, |x, y| {
-            let [tx, ty] = target(x, y);
-            if inside(tx, ty) { next.0.cubic(tx, ty) } else { [f32::NAN; 3] }
-        });
+        // One pass, since the warped frame is never needed again.
         let residual = Raster::from_fn(w, height, |x, y| {
-            let (a, b) = (frame.0.at(x, top + y), warped.at(x, y));
-            let d = std::array::from_fn::<_, 3, _>(|c| a[c] - b[c]);
-            if b[0].is_nan() { [0.0; 4] } else { [d[0], d[1], d[2], luma(d)] }
+            let ([tx, ty], a) = (target(x, y), frame.0.at(x, top + y));
+            if !inside(tx, ty) {
+                return [0.0, 0.0, 0.0, luma(a)];
+            }
+            let b = next.0.cubic(tx, ty);
+            [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
         });
-        let mean = Raster::from_fn(w, height, |x, y| {
-            let (a, b) = (luma(frame.0.at(x, top + y)), luma(warped.at(x, y)));
-            if b.is_nan() { a } else { 0.5 * (a + b) }
+        let valid = Raster::from_fn(w, height, |x, y| {
+            let [tx, ty] = target(x, y);
+            inside(tx, ty) && !clips(frame.0.at(x, top + y))
         });
-        let valid =
-            Raster::from_fn(w, height, |x, y| !warped.at(x, y)[0].is_nan() && !clips(frame.0.at(x, top + y)));
         // The taps change the noise of the second frame, by how far the target lies from a pixel's centre. They are cubic, for
         // linear ones leave as much of the texture in the coarse levels as there is noise.
         let gain = |x: usize, y: usize, level: usize| {
             let [tx, ty] = target(x, y);
             1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
-        self.add_blocks(&residual, &mean, &valid, gain);
+        self.add_blocks(&residual, &valid, gain);
         Ok(())
     }
 
@@ -156,7 +155,7 @@ impl NoiseEvidence {
         self.count_brightest(frame.0.data());
         let residual = frame.0.map(|p| [p[0], p[1], p[2], luma(p)]);
         let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
-        self.add_blocks(&residual, &frame.luma(), &valid, |_, _, _| 1.0);
+        self.add_blocks(&residual, &valid, |_, _, _| 1.0);
     }
 
     /// Adds the difference between a frame and a prediction of it without noise, where the prediction is good.
@@ -165,10 +164,13 @@ impl NoiseEvidence {
     /// If the sizes differ.
     pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded) -> Result<()> {
         let (w, h) = frame.0.size();
-        let residual = residual(frame, predicted)?;
+        let mut residual = residual(frame, predicted)?;
+        for (r, p) in residual.data_mut().iter_mut().zip(predicted.0.data()) {
+            r[3] = luma(*p);
+        }
         self.count_brightest(frame.0.data());
         let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
-        self.add_blocks(&residual, &predicted.luma(), &valid, |_, _, _| 1.0);
+        self.add_blocks(&residual, &valid, |_, _, _| 1.0);
         Ok(())
     }
 
@@ -179,20 +181,18 @@ impl NoiseEvidence {
         }
     }
 
+    /// `residual`: R, G, B, and the luma of the image without noise, as well as it is known.
     fn add_blocks(
         &mut self,
         residual: &Raster<[f32; 4]>,
-        mean: &Plane,
         valid: &Raster<bool>,
         gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
     ) {
         let (w, h) = residual.size();
-        let smooth = filter::gaussian_blur(mean, 1.5);
-        let gradient = Plane::from_fn(w, h, |x, y| {
-            let at = |dx: isize, dy: isize| smooth.at_clamped(x as isize + dx, y as isize + dy);
-            0.25 * ((at(1, 0) - at(-1, 0)).powi(2) + (at(0, 1) - at(0, -1)).powi(2))
-        });
-        let (bands, _) = pyramid::laplacian(residual, NOISE_LEVELS);
+        // A single frame's bands are its structure, and only its gradient is left to judge by.
+        let single = self.method == Method::Spatial;
+        let gradient = single.then(|| squared_gradient(&residual.map(|v| v[3])));
+        let (bands, _) = pyramid::laplacian(residual, NOISE_LEVELS + 1);
         for (level, found) in self.levels.iter_mut().enumerate() {
             let block = BLOCK[level];
             let (columns, rows) = (w / block, h / block);
@@ -204,24 +204,32 @@ impl NoiseEvidence {
                 if !whole {
                     return None;
                 }
-                let mean_of = |p: &Plane| {
-                    (y0..y0 + block).map(|y| p.row(y)[x0..x0 + block].iter().sum::<f32>()).sum::<f32>()
-                        / (block * block) as f32
-                };
-                let side = block >> level;
-                let (mut sum, mut gains) = ([0.0; 4], 0.0);
-                for y in (y0 >> level)..(y0 >> level) + side {
-                    for x in (x0 >> level)..(x0 >> level) + side {
-                        let v = bands[level].at(x, y);
-                        (0..4).for_each(|c| sum[c] += v[c] * v[c]);
-                        gains += gain((x << level).min(w - 1), (y << level).min(h - 1), level);
-                    }
-                }
+                // The flow is smooth: a few places tell the mean gain.
+                const APART: usize = 4;
+                let places = (block / APART).pow(2);
+                let gain = (0..places)
+                    .map(|i| i * APART)
+                    .map(|i| gain(x0 + i % block, y0 + i / block * APART, level))
+                    .sum::<f32>()
+                    / places as f32;
+                let powers = |l: usize| powers(&bands[l], (x0, y0), block, l);
+                let (variance, texture) = powers(level);
+                let luma_at = |l: usize| powers(l).0[3] / gain;
+                let coarser = luma_at(level + 1);
                 Some(LocalVariance {
-                    y: mean_of(mean),
-                    variance: sum.map(|s| s / gains),
-                    structure: mean_of(&gradient),
-                    count: (side * side) as f32,
+                    y: block_mean(residual, (x0, y0), block)[3],
+                    variance: variance.map(|v| v / gain),
+                    // What does not match does so in the neighbouring bands too, whose noise is another. Where there is little
+                    // texture, there is little that could not match.
+                    structure: match &gradient {
+                        Some(gradient) => block_mean(gradient, (x0, y0), block),
+                        None => {
+                            let finer = if level > 0 { luma_at(level - 1) } else { 1.0 };
+                            finer * coarser * texture.sqrt()
+                        }
+                    },
+                    coarser,
+                    count: ((block >> level) * (block >> level)) as f32,
                 })
             };
             found.extend(par::map(columns * rows, of_block).into_iter().flatten());
@@ -264,6 +272,7 @@ impl NoiseEvidence {
                         y: y.at(cx, cy),
                         variance: std::array::from_fn(|c| (square[c] - mean[c] * mean[c]).max(0.0) / bias),
                         structure: 0.0,
+                        coarser: 0.0,
                         count: 16.0,
                     });
                 }
@@ -366,17 +375,18 @@ impl NoiseEvidence {
         let (keep, fewest, lower_half) = match self.method {
             _ if self.windowed => (1.0, 8, false),
             Method::Spatial => (0.1, 8, true),
-            _ => (0.1, 20, true),
+            _ => (0.05, 12, true),
         };
         by_luminance
             .into_iter()
             .filter_map(|mut blocks| {
                 blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
                 let n = ((blocks.len() as f32 * keep) as usize).max(fewest).min(blocks.len());
-                blocks.truncate(n);
+                let others = blocks.split_off(n);
                 if n < 4 {
                     return None;
                 }
+                let coarser = blocks.iter().map(|b| b.coarser).sum::<f32>() / n as f32;
                 let mut correction = 1.0;
                 if lower_half {
                     blocks.sort_by(|a, b| a.variance[3].total_cmp(&b.variance[3]));
@@ -385,12 +395,16 @@ impl NoiseEvidence {
                 }
                 let n = blocks.len() as f32;
                 let mean = |f: &dyn Fn(&LocalVariance) -> f32| blocks.iter().map(|b| f(b)).sum::<f32>() / n;
+                let share = match self.method {
+                    Method::Spatial => 1.0,
+                    _ => noise_share(level, mean(&|b| b.variance[3]) * correction, coarser, &others),
+                };
                 Some(Bin {
                     y: mean(&|b| b.y),
                     // Sorted by luma's variance, so the channels' own are biased by less where they are independent of it.
                     variance: std::array::from_fn(|c| {
-                        let share = if c == 3 { 1.0 } else { CHANNEL_SHARE[c] };
-                        mean(&|b| b.variance[c]) * (1.0 + share * (correction - 1.0))
+                        let by_luma = if c == 3 { 1.0 } else { CHANNEL_SHARE[c] };
+                        share * mean(&|b| b.variance[c]) * (1.0 + by_luma * (correction - 1.0))
                     }),
                     freedom: blocks.iter().map(|b| b.count).sum(),
                     blocks: blocks.len(),
@@ -423,6 +437,66 @@ fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
         let d: [f32; 3] = std::array::from_fn(|c| a[c] - b[c]);
         [d[0], d[1], d[2], luma(d)]
     }))
+}
+
+/// Which part of the variance of the chosen blocks of a bin is noise, where most others match so much worse at the next
+/// coarser level that the chosen ones cannot be expected to match well.
+///
+/// A mismatch has a share of what it has in the coarser band in this one as well: the least that the others show.
+fn noise_share(level: usize, variance: f32, coarser: f32, others: &[&LocalVariance]) -> f32 {
+    // Mean squares of a few values differ by less where there is nothing but noise; the coarsest are of four values.
+    const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
+    let mut ratios: Vec<f32> = others
+        .iter()
+        .filter(|b| b.coarser > APART[level] * coarser)
+        .map(|b| b.variance[3] / b.coarser)
+        .collect();
+    // The least of a few is no more than chance.
+    if ratios.len() < 20.max(others.len() / 5) {
+        return 1.0;
+    }
+    ratios.sort_by(f32::total_cmp);
+    let white = white_band_std();
+    // What there is of noise in the coarser band, at most, if noise is white.
+    let falls = if level + 1 < NOISE_LEVELS { (white[level + 1] / white[level]).powi(2) } else { 0.25 };
+    let mismatch = ratios[ratios.len() / 10] * (coarser - falls * variance).max(0.0);
+    (1.0 - mismatch / variance.max(1e-12)).clamp(0.25, 1.0)
+}
+
+/// Squared gradient of a smoothed image.
+fn squared_gradient(image: &Plane) -> Plane {
+    let smooth = filter::gaussian_blur(image, 1.5);
+    Plane::from_fn(image.width(), image.height(), |x, y| {
+        let at = |dx: isize, dy: isize| smooth.at_clamped(x as isize + dx, y as isize + dy);
+        0.25 * ((at(1, 0) - at(-1, 0)).powi(2) + (at(0, 1) - at(0, -1)).powi(2))
+    })
+}
+
+/// Mean over the square of this side at (x, y).
+fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) -> P {
+    let mut mean = P::default();
+    for y in y..y + side {
+        let mut row = P::default();
+        image.row(y)[x..x + side].iter().for_each(|&v| row.add_scaled(v, 1.0));
+        mean.add_scaled(row, 1.0 / (side * side) as f32);
+    }
+    mean
+}
+
+/// Mean squares of a band of [`NoiseEvidence::add_blocks`] over the square of the full image of this side at (x, y): of R, G, B
+/// and luma of the residual, and of the image itself.
+fn powers(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> ([f32; 4], f32) {
+    let (x, y, side) = (x >> level, y >> level, side >> level);
+    let (mut residual, mut image) = ([0.0; 4], 0.0);
+    for row in y..y + side {
+        for v in &band.row(row)[x..x + side] {
+            let d = [v[0], v[1], v[2], luma([v[0], v[1], v[2]])];
+            (0..4).for_each(|c| residual[c] += d[c] * d[c]);
+            image += v[3] * v[3];
+        }
+    }
+    let count = (side * side) as f32;
+    (residual.map(|s| s / count), image / count)
 }
 
 /// How much of luma's bias a channel takes over, its share of luma's variance if the channels are independent.
@@ -637,6 +711,73 @@ mod tests {
         assert!(worst(&e, 0.03) < 0.15, "{}", worst(&e, 0.03));
         let gain = |f: f32| cubic_gain(f, f, 0);
         assert!(gain(0.5) < 0.6 && (gain(0.0) - 1.0).abs() < 1e-4, "{}", gain(0.5));
+    }
+
+    #[test]
+    fn what_moves_otherwise_is_left_out_though_it_is_smooth() {
+        // Half of the rows have texture that stays, over the others soft light flickers.
+        let wave = |x: usize, y: usize, f: f32| (f * x as f32).sin() * (1.1 * f * y as f32).sin();
+        let mut e = NoiseEvidence::new(Method::Temporal);
+        for seed in 0..2 {
+            let frame = |seed: u64, light: f32| {
+                let still = noisy(512, 512, seed, 0.01);
+                Encoded(Raster::from_fn(512, 512, |x, y| {
+                    let more = if y % 256 < 128 { 0.03 * wave(x, y, 0.3) } else { light * wave(x, y, 0.2) };
+                    still.0.at(x, y).map(|v| v + more)
+                }))
+            };
+            let still = Flow::filled(512, 512, [0.0; 2]);
+            e.add_pair(&frame(seed, 0.0), &frame(seed + 10, 0.02), &still).unwrap();
+        }
+        assert!(worst(&e, 0.01) < 0.25, "{}", worst(&e, 0.01));
+    }
+
+    #[test]
+    fn a_mismatch_is_subtracted_as_far_as_it_is_seen_and_noise_is_not() {
+        let block = |variance: f32, coarser: f32| LocalVariance {
+            y: 0.5,
+            variance: [variance; 4],
+            structure: 0.0,
+            coarser,
+            count: 16.0,
+        };
+        let falls = (white_band_std()[2] / white_band_std()[1]).powi(2);
+        // Noise of variance 1 and a mismatch of half as much as in the coarser band.
+        let mismatched: Vec<_> = (20..60).map(|m| block(1.0 + 0.5 * m as f32, falls + m as f32)).collect();
+        let share = noise_share(1, 2.0, falls + 2.0, &mismatched.iter().collect::<Vec<_>>());
+        assert!((share - 0.5).abs() < 0.1, "{share}");
+        let noise: Vec<_> = (0..60).map(|i| block(1.0, falls * (0.5 + i as f32 / 60.0))).collect();
+        assert_eq!(noise_share(1, 1.0, 0.5 * falls, &noise.iter().collect::<Vec<_>>()), 1.0);
+    }
+
+    #[test]
+    fn coarse_noise_is_not_taken_for_a_mismatch() {
+        let levels = [0.01, 0.02, 0.03, 0.03];
+        let white = white_band_std();
+        let levels =
+            std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [levels[l] * white[l]; 3] });
+        let model = NoiseModel::given(levels, 1.0);
+        let clean = noisy(512, 512, 0, 0.0);
+        let noise = |i: u64| crate::synth::noise::noise(&model, &clean.luma(), 5, i);
+        let frame = |i: u64| {
+            let noise = noise(i);
+            Encoded(Raster::from_fn(512, 512, |x, y| {
+                let (v, n) = (clean.0.at(x, y), noise.at(x, y));
+                std::array::from_fn(|c| v[c] + n[c])
+            }))
+        };
+        let mut e = NoiseEvidence::new(Method::Temporal);
+        for i in 0..3 {
+            e.add_pair(&frame(2 * i), &frame(2 * i + 1), &Flow::filled(512, 512, [0.0; 2])).unwrap();
+        }
+        let found = e.fit().model;
+        // The levels of the synthesis reach into each other.
+        let (bands, _) = pyramid::laplacian(&noise(0), NOISE_LEVELS);
+        for (found, band) in found.known().expect("there is evidence").levels.iter().zip(&bands) {
+            let power = band.data().iter().map(|v| v[1] * v[1]).sum::<f32>() / band.data().len() as f32;
+            let ratio = found.sigma(0.45)[1] / power.sqrt();
+            assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
+        }
     }
 
     #[test]

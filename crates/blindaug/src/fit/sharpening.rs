@@ -215,7 +215,7 @@ mod tests {
             let found = edges(&steps(amount, sigma));
             let model = fit(&[&found]).expect("they overshoot");
             println!("{amount} after {sigma} px: {model:?}");
-            assert!((model.amount / amount - 1.0).abs() < 0.25, "{model:?}");
+            assert!((model.amount / amount - 1.0).abs() < 0.3, "{model:?}");
         }
     }
 
