@@ -155,7 +155,6 @@ struct FrameEvidence {
     denoised: NoiseEvidence,
     tiles: Vec<spectral::Tile>,
     removal: Vec<removal::Tile>,
-    edges: Vec<sharpening::Edge>,
     has_motion: bool,
     has_depth: bool,
     exposure: Option<motion_blur::ExposureFit>,
@@ -276,7 +275,6 @@ impl Estimator {
             denoised: NoiseEvidence::new(Method::Removal),
             tiles: vec![],
             removal: vec![],
-            edges: sharpening::edges(frame),
             has_motion: to_next.is_some(),
             has_depth: depth.is_some(),
             exposure: None,
@@ -438,8 +436,9 @@ impl Estimator {
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
-        let edges: Vec<&[sharpening::Edge]> = self.frames.iter().map(|f| f.edges.as_slice()).collect();
-        model.sharpening = sharpening::fit(&edges);
+        // Of one frame, coarse noise is taken to be white, and so says nothing.
+        model.sharpening =
+            model.noise.known().filter(|n| n.method != Method::Spatial).and_then(sharpening::of_noise);
         self.fit_exposure(&mut model, &mut diagnostics, &luma_noise);
         self.fit_defocus(&mut model, &mut diagnostics, &luma_noise);
         model.validate()?;

@@ -1106,7 +1106,7 @@ fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
 /// the block and of the part. What only one surface or one shot says thus counts as one witness.
-pub(super) fn resampled(replica: usize, block: u32, shot: usize) -> f32 {
+fn resampled(replica: usize, block: u32, shot: usize) -> f32 {
     let weight = |i: u64| -(1.0 - super::uniform(replica as u64, i)).ln();
     weight(u64::from(block)) * weight((BLOCKS * BLOCKS + shot) as u64)
 }

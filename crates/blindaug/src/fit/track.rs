@@ -14,13 +14,14 @@
 
 use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit};
+use super::sharpening;
 use super::spectral::{self, FineTables, LensWitness};
 use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::FlowEstimator;
 use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
-    ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, ThinLensInterval,
+    ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, SharpeningModel, ThinLensInterval,
 };
 use crate::{Encoded, Error, Flow, Pixel, Plane, Result, luma, par, pyramid};
 use std::borrow::Cow;
@@ -155,7 +156,9 @@ impl Tracker {
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
         let tiles = self.tiles(frame, &geometry);
         model.motion_blur = self.follow_exposure(&tiles);
-        model.defocus = self.follow_lens(&tiles);
+        model.sharpening =
+            model.noise.known().filter(|n| n.method == Method::Temporal).and_then(sharpening::of_noise);
+        model.defocus = self.follow_lens(&tiles, model.sharpening.as_ref());
         if let Some(Cow::Owned(flow)) = geometry.flow {
             self.enlarged = flow;
         }
@@ -364,12 +367,16 @@ impl Tracker {
         Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })
     }
 
-    fn follow_lens(&mut self, tiles: &[spectral::Tile]) -> Estimate<DefocusModel> {
+    fn follow_lens(
+        &mut self,
+        tiles: &[spectral::Tile],
+        sharpening: Option<&SharpeningModel>,
+    ) -> Estimate<DefocusModel> {
         let memory = &mut self.lens;
         memory.fade();
         // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
         let exposure = self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure);
-        let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure, None);
+        let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure, sharpening);
         let mut why = self.why_no_depth.clone();
         if let (false, Some(depth_kind)) = (found.is_empty(), self.depth_kind) {
             let mut evidence = vec![0.0; memory.old.len()];

@@ -27,8 +27,6 @@ pub enum Method {
     Spectral,
     /// Comparison with clean frames, given or restored.
     Removal,
-    /// Profiles across edges.
-    Edges,
     /// Known beforehand, not estimated.
     Given,
 }
@@ -294,7 +292,7 @@ mod tests {
     fn sharpening_round_trips_and_its_numbers_are_checked() {
         let with = |amount: &str| {
             let field = format!(
-                r#", "sharpening": {{ "amount": {amount}, "radius_px": 1.0, "interval": [0.5, 0.9], "method": "edges", "samples": 400 }} }}"#
+                r#", "sharpening": {{ "amount": {amount}, "radius_px": 1.0, "interval": [0.5, 0.9], "method": "temporal", "samples": 400 }} }}"#
             );
             CameraModel::from_json(&(SAMPLE.strip_suffix('}').unwrap().to_owned() + &field))
         };

@@ -14,7 +14,7 @@ pub struct SharpeningModel {
     pub interval: [f32; 2],
     /// How it was estimated.
     pub method: Method,
-    /// How many edges it rests on.
+    /// How many local stds of noise it rests on.
     pub samples: u64,
 }
 
