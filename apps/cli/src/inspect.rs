@@ -5,7 +5,7 @@ use blindaug::{
     CameraModel, Plane,
     model::{
         CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, NoiseModel,
-        TrackedCamera,
+        SharpeningModel, TrackedCamera,
     },
     synth::noise::noise,
 };
@@ -118,6 +118,7 @@ pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
     let _ = noise_words(&mut text, &model.noise);
     let _ = motion_blur_words(&mut text, model);
     let _ = defocus_words(&mut text, &model.defocus, at_depth);
+    let _ = model.sharpening.map_or(Ok(()), |sharpening| sharpening_words(&mut text, &sharpening));
     text
 }
 
@@ -199,6 +200,18 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
     writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
 }
 
+fn sharpening_words(text: &mut String, sharpening: &SharpeningModel) -> std::fmt::Result {
+    let SharpeningModel { amount, radius_px, interval: i, method, samples } = *sharpening;
+    let [amount, radius] = [amount, radius_px].map(|v| short(v.into()));
+    writeln!(
+        text,
+        "Sharpening the camera sharpens its pictures: an unsharp mask of amount {amount} ({})",
+        interval(i)
+    )?;
+    writeln!(text, "           and radius {radius} px, the std of its Gaussian")?;
+    writeln!(text, "           {}", origin(method, samples, unit_of_samples(method)))
+}
+
 /// What follows from a defocus model, in its inverse depth and px.
 struct DefocusFacts {
     /// `None`: the curve has no point below [`VISIBLE_PX`].
@@ -265,7 +278,12 @@ fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
         Estimate::Known(d) => defocus_derived(d, at_depth),
         Estimate::Unknown(why) => json!({ "unknown": why }),
     };
-    json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus })
+    let mut value =
+        json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus });
+    if let Some(sharpening) = &model.sharpening {
+        value["sharpening"] = json!(sharpening);
+    }
+    value
 }
 
 fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
@@ -327,13 +345,18 @@ fn origin(method: Method, samples: u64, unit: &str) -> String {
         Method::Spatial => "from the flattest parts of single frames",
         Method::Spectral => "from local spectra",
         Method::Removal => "by comparison with clean frames, given or restored",
+        Method::Edges => "from profiles across edges",
         Method::Given => return "given, not estimated".into(),
     };
     format!("{how} ({samples} {unit})")
 }
 
 fn unit_of_samples(method: Method) -> &'static str {
-    if method == Method::Spectral { "tiles" } else { "places" }
+    match method {
+        Method::Spectral => "tiles",
+        Method::Edges => "edges",
+        _ => "places",
+    }
 }
 
 /// Three significant digits or so, without zeros at the end.

@@ -4,7 +4,7 @@ use blindaug::{
     CameraModel, Encoded, Raster,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS, NoiseLevel, NoiseModel,
+        NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel,
     },
 };
 use blindaug_io::{read_frame, write_camera, write_png};
@@ -240,6 +240,21 @@ fn a_camera_is_told_in_words_and_as_json() {
     near("/defocus/depth_m_with_sigma_below_half_px/0", 1.6);
     near("/defocus/depth_m_with_sigma_below_half_px/1", 1.0 / 0.375);
     near("/defocus/at/0/sigma_px", 2.0);
+    assert!(!words.contains("sharpen") && json.get("sharpening").is_none());
+    let mut sharpening = camera(640, 480, DepthKind::Metric);
+    sharpening.sharpening = Some(SharpeningModel {
+        amount: 0.7,
+        radius_px: 1.25,
+        interval: [0.5, 0.9],
+        method: Method::Edges,
+        samples: 40,
+    });
+    write_camera(dir.path().join("c.json"), &sharpening).unwrap();
+    let words = succeeds(dir.path(), "inspect c.json");
+    for says in ["amount 0.7 (0.5 to 0.9, 95 % sure)", "radius 1.25 px", "across edges (40 edges)"] {
+        assert!(words.contains(says), "{says} in {words}");
+    }
+    assert!(succeeds(dir.path(), "inspect c.json --json").contains("\"radius_px\": 1.25"));
     let unknown =
         CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 1 }, "nothing moves");
     write_camera(dir.path().join("c.json"), &unknown).unwrap();

@@ -7,10 +7,12 @@
 //! F + D (1 - A V) + V L - A B,      where B = F if nothing is in front
 //! ```
 //!
-//! and last comes the noise that is missing.
+//! Of a camera that sharpens, F is what the frame was before that, and the sharpened difference of the result to F is added to
+//! the frame. (The difference to the frame itself would not do: sharpened, it leaves a ghost of the background's detail on the
+//! object.) Last comes the noise that is missing.
 
 use crate::model::{CameraModel, NoiseModel};
-use crate::synth::{Blur, Space, defocus::Bokeh, extended, noise};
+use crate::synth::{Blur, Space, defocus::Bokeh, extended, noise, sharpening};
 use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, luma, pyramid};
 
 /// A rendered object, sharp.
@@ -42,7 +44,7 @@ pub struct Shot<'a> {
 /// How to composite.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
-    /// Leave out what the camera does: no blur, no noise.
+    /// Leave out what the camera does: no blur, no sharpening, no noise.
     pub naive: bool,
     /// Leave out the noise.
     pub no_noise: bool,
@@ -69,18 +71,29 @@ pub fn composite(
     let space = Space::new(model);
     let blur =
         if options.naive { Blur::default() } else { Blur::new(model, shot.frame.0.width(), options.bokeh)? };
-    let shadows = Shadows::new(shot, layer, &space, &blur)?;
-    let object = Object::new(shot, layer, &space, &blur)?;
-    let changed = match (&shadows, &object) {
-        (None, None) => return Ok(shot.frame.clone()),
-        (Some(s), Some(o)) => s.place.union(o.place),
-        (Some(s), None) => s.place,
-        (None, Some(o)) => o.place,
+    let places = [Shadows::place(shot, &blur), Object::place(layer, &blur)];
+    let Some(changed) = places.into_iter().flatten().reduce(Place::union) else {
+        return Ok(shot.frame.clone());
     };
-    let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
+    let sharpening = model.sharpening.filter(|_| !options.naive);
+    let changed =
+        sharpening.map_or(changed, |m| changed.grown(sharpening::reach_px(&m), shot.frame.0.size()));
     let frame = changed.crop(&shot.frame.0);
+    let unsharpened = sharpening.map(|m| {
+        let mut whole = shot.frame.clone();
+        changed.paste(&sharpening::unsharpen(&frame, &m), &mut whole.0);
+        whole
+    });
+    let original = shot.frame;
+    let shot = &Shot { frame: unsharpened.as_ref().unwrap_or(shot.frame), ..*shot };
+    let [shadows, object] = places;
+    let shadows = shadows.map(|place| Shadows::new(shot, place, layer, &space, &blur)).transpose()?.flatten();
+    let object = object.map(|place| Object::new(shot, place, layer, &space, &blur)).transpose()?;
+    let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
+    let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
+    let background = changed.crop(&shot.frame.0);
     let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
-        let f = space.of_encoded(frame.at(x, y));
+        let f = space.of_encoded(background.at(x, y));
         let at = (x + changed.x, y + changed.y);
         let d = shadows.as_ref().and_then(|s| s.place.at(&s.difference, at)).unwrap_or_default();
         let o = object.as_ref().and_then(|o| o.place.at(&o.pixels, at)).unwrap_or_default();
@@ -88,20 +101,36 @@ pub fn composite(
         Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
     });
     let clean = pixels.map(|p| space.encoded(p.light));
-    let noise =
-        noise_model.map(|m| missing_noise(m, &frame, &clean, &pixels, &space, options.seed, shot.number));
-    let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
-    let mut out = shot.frame.clone();
-    for y in 0..changed.h {
-        for (x, out) in out.0.row_mut(changed.y + y)[changed.x..][..changed.w].iter_mut().enumerate() {
-            if !pixels.at(x, y).untouched {
-                let (v, n) = (clean.at(x, y), noise.as_ref().map_or([0.0; 3], |n| n.at(x, y)));
-                *out =
-                    std::array::from_fn(|c| if v[c] >= clip { clip } else { (v[c] + n[c]).clamp(0.0, clip) });
+    let noise = noise_model
+        .map(|m| missing_noise(m, &background, &clean, &pixels, &space, options.seed, shot.number));
+    let sharpened = sharpening.map(|m| {
+        let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
+            true => [0.0; 3],
+            // The sensor clips before the camera sharpens.
+            false => std::array::from_fn(|c| clean.at(x, y)[c].clamp(0.0, clip) - background.at(x, y)[c]),
+        });
+        sharpening::sharpen(&difference, &m)
+    });
+    let out = Raster::from_fn(changed.w, changed.h, |x, y| {
+        let f = frame.at(x, y);
+        let v = match &sharpened {
+            Some(s) => std::array::from_fn(|c| f[c] + s.at(x, y)[c]),
+            None => clean.at(x, y),
+        };
+        match (pixels.at(x, y).untouched, &sharpened) {
+            (true, None) => f,
+            // The halo around the object; without one, v is f.
+            (true, Some(_)) if v == f => f,
+            (true, Some(_)) => v.map(|v| v.clamp(0.0, 1.0)),
+            (false, _) => {
+                let n = noise.as_ref().map_or([0.0; 3], |n| n.at(x, y));
+                std::array::from_fn(|c| if v[c] >= clip { clip } else { (v[c] + n[c]).clamp(0.0, clip) })
             }
         }
-    }
-    Ok(out)
+    });
+    let mut whole = original.clone();
+    changed.paste(&out, &mut whole.0);
+    Ok(whole)
 }
 
 fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {
@@ -131,12 +160,8 @@ struct Place {
 }
 
 impl Place {
-    /// The smallest one around the pixels that `holds` is true of, and `margin` px around them.
-    fn around(
-        (w, h): (usize, usize),
-        margin: f32,
-        holds: impl Fn(usize, usize) -> bool + Sync,
-    ) -> Option<Self> {
+    /// The smallest one around the pixels that `holds` is true of.
+    fn around((w, h): (usize, usize), holds: impl Fn(usize, usize) -> bool + Sync) -> Option<Self> {
         // Per row: first and last.
         let spans = Raster::from_fn(1, h, |_, y| {
             (0..w)
@@ -144,12 +169,16 @@ impl Place {
                 .map(|first| (first, (first..w).rfind(|&x| holds(x, y)).unwrap_or(first)))
         });
         let rows = || spans.data().iter().enumerate().filter_map(|(y, s)| s.map(|s| (y, s)));
-        let margin = margin.ceil() as usize;
-        let (top, bottom) = (rows().next()?.0, rows().next_back()?.0);
-        let left = rows().map(|(_, s)| s.0).min()?.saturating_sub(margin);
-        let right = (rows().map(|(_, s)| s.1).max()? + margin).min(w - 1);
-        let (y, bottom) = (top.saturating_sub(margin), (bottom + margin).min(h - 1));
-        Some(Self { x: left, y, w: right + 1 - left, h: bottom + 1 - y })
+        let (y, bottom) = (rows().next()?.0, rows().next_back()?.0);
+        let (x, right) = (rows().map(|(_, s)| s.0).min()?, rows().map(|(_, s)| s.1).max()?);
+        Some(Self { x, y, w: right + 1 - x, h: bottom + 1 - y })
+    }
+
+    /// With `margin` px around it, as far as the frame reaches.
+    fn grown(self, margin: usize, (w, h): (usize, usize)) -> Self {
+        let (x, y) = (self.x.saturating_sub(margin), self.y.saturating_sub(margin));
+        let (right, bottom) = ((self.x + self.w + margin).min(w), (self.y + self.h + margin).min(h));
+        Self { x, y, w: right - x, h: bottom - y }
     }
 
     fn union(self, b: Self) -> Self {
@@ -160,6 +189,13 @@ impl Place {
 
     fn crop<T: Copy + Send + Sync>(self, image: &Raster<T>) -> Raster<T> {
         image.crop(self.x, self.y, self.w, self.h)
+    }
+
+    /// Puts an image of this place into that of the frame.
+    fn paste<T: Copy>(self, image: &Raster<T>, into: &mut Raster<T>) {
+        for y in 0..self.h {
+            into.row_mut(self.y + y)[self.x..][..self.w].copy_from_slice(image.row(y));
+        }
     }
 
     /// The value of an image of this place at a position in the frame.
@@ -179,15 +215,12 @@ struct Shadows {
 const OPAQUE: f32 = 0.01;
 
 impl Shadows {
-    fn new(shot: &Shot, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Option<Self>> {
-        let Some((with, without)) = shot.with_and_without else { return Ok(None) };
-        // Where a render clips or the object is in front, the difference is not that of the background.
-        let clipped = |v: [f32; 3]| v.iter().any(|v| (0.996..=1.0).contains(v) || !v.is_finite());
-        let seen = |x, y| {
-            layer.color.0.at(x, y)[3] <= OPAQUE && !clipped(with.0.at(x, y)) && !clipped(without.0.at(x, y))
-        };
-        let reach = Raster::from_fn(1, with.0.height(), |_, y| {
-            (0..with.0.width())
+    /// Where there may be any.
+    fn place(shot: &Shot, blur: &Blur) -> Option<Place> {
+        let (with, without) = shot.with_and_without?;
+        let size = with.0.size();
+        let reach = Raster::from_fn(1, size.1, |_, y| {
+            (0..size.0)
                 .map(|x| {
                     blur.reach_px(
                         shot.inverse_depth.map_or(f32::NAN, |d| d.at(x, y)),
@@ -197,8 +230,23 @@ impl Shadows {
                 .fold(0.0, f32::max)
         });
         let reach = reach.data().iter().copied().fold(0.0, f32::max);
-        let differs = |x, y| with.0.at(x, y) != without.0.at(x, y);
-        let Some(place) = Place::around(with.0.size(), reach + 1.0, differs) else { return Ok(None) };
+        let place = Place::around(size, |x, y| with.0.at(x, y) != without.0.at(x, y))?;
+        Some(place.grown((reach + 1.0).ceil() as usize, size))
+    }
+
+    fn new(
+        shot: &Shot,
+        place: Place,
+        layer: &VirtualLayer,
+        space: &Space,
+        blur: &Blur,
+    ) -> Result<Option<Self>> {
+        let Some((with, without)) = shot.with_and_without else { return Ok(None) };
+        // Where a render clips or the object is in front, the difference is not that of the background.
+        let clipped = |v: [f32; 3]| v.iter().any(|v| (0.996..=1.0).contains(v) || !v.is_finite());
+        let seen = |x, y| {
+            layer.color.0.at(x, y)[3] <= OPAQUE && !clipped(with.0.at(x, y)) && !clipped(without.0.at(x, y))
+        };
         let sharp = Raster::from_fn(place.w, place.h, |x, y| {
             let at = (place.x + x, place.y + y);
             let [a, b] = [with, without].map(|i| space.of_linear(i.0.at(at.0, at.1)));
@@ -236,10 +284,11 @@ struct Object {
 const IN_FRONT: f32 = 1.02;
 
 impl Object {
-    fn new(shot: &Shot, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Option<Self>> {
+    /// Where it may be seen.
+    fn place(layer: &VirtualLayer, blur: &Blur) -> Option<Place> {
         let alpha = |x, y| layer.color.0.at(x, y)[3];
         let size = layer.color.0.size();
-        let Some(tight) = Place::around(size, 0.0, |x, y| alpha(x, y) > 0.0) else { return Ok(None) };
+        let tight = Place::around(size, |x, y| alpha(x, y) > 0.0)?;
         let mut reach = 0.0f32;
         for y in tight.y..tight.y + tight.h {
             for x in (tight.x..tight.x + tight.w).filter(|&x| alpha(x, y) > 0.0) {
@@ -248,7 +297,10 @@ impl Object {
                 reach = reach.max(blur.reach_px(d, flow));
             }
         }
-        let Some(place) = Place::around(size, reach + 1.0, |x, y| alpha(x, y) > 0.0) else { return Ok(None) };
+        Some(tight.grown((reach + 1.0).ceil() as usize, size))
+    }
+
+    fn new(shot: &Shot, place: Place, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Self> {
         let color = place.crop(&layer.color.0).map(|v| space.of_premultiplied(v));
         // Depth and flow of a pixel that the object covers in part may be those of what is behind: the fully covered ones speak.
         let most = color.data().iter().map(|c| c[3]).fold(0.0, f32::max).max(1e-6);
@@ -284,7 +336,7 @@ impl Object {
                 }
             }
         });
-        Ok(Some(Self { place, pixels }))
+        Ok(Self { place, pixels })
     }
 }
 
@@ -413,6 +465,7 @@ mod tests {
     use crate::Transfer;
     use crate::model::{
         BlurSpace, Capture, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel,
+        SharpeningModel,
     };
 
     const W: usize = 160;
@@ -638,9 +691,63 @@ mod tests {
         (sum / count as f32).sqrt()
     }
 
+    /// The largest difference.
+    fn worst(a: &Encoded, b: &Encoded) -> f32 {
+        let differences = a.0.data().iter().flatten().zip(b.0.data().iter().flatten());
+        differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn onto_a_sharpened_frame_it_is_the_sharpened_composite_onto_the_unsharpened_one() {
+        let plain = camera();
+        let sharpening = SharpeningModel::given(0.9, 1.2);
+        let mut sharpening_camera = camera();
+        sharpening_camera.sharpening = Some(sharpening);
+        let sharpened = |image: &Encoded| Encoded(sharpening::sharpen(&image.0, &sharpening));
+        let frame = sharpened(&background());
+        // In focus; and blurred by 3 px and 6 px of motion.
+        for (alpha, depth, flow) in [(1.0, 1.0, [0.0; 2]), (0.6, 1.0, [0.0; 2]), (0.8, 2.0, [12.0, 0.0])] {
+            for blur_space in [BlurSpace::Linear, BlurSpace::Encoded] {
+                let layer = square(GREY, alpha, depth, flow);
+                let over = |frame: &Encoded, model: &CameraModel| {
+                    let mut model = model.clone();
+                    model.blur_space = blur_space;
+                    composite(&shot(frame), &layer, &model, &Options::default()).unwrap()
+                };
+                let want = sharpened(&over(&background(), &plain));
+                let out = over(&frame, &sharpening_camera);
+                assert!(worst(&out, &want) < 1e-3, "alpha {alpha}: {}", worst(&out, &want));
+                // Left out, it is missed.
+                assert!(worst(&over(&frame, &plain), &want) > 5.0 * worst(&out, &want));
+                for y in 0..H {
+                    for x in 0..W {
+                        if !(50 - 26..100 + 26).contains(&x) || !(40 - 23..80 + 23).contains(&y) {
+                            assert_eq!(out.0.at(x, y), frame.0.at(x, y), "{x} {y}");
+                        }
+                    }
+                }
+            }
+        }
+        let layer = square(GREY, 1.0, 1.0, [0.0; 2]);
+        let naive = Options { naive: true, ..Options::default() };
+        let [with, without] =
+            [&sharpening_camera, &plain].map(|m| composite(&shot(&frame), &layer, m, &naive).unwrap());
+        assert!(with == without);
+    }
+
     #[test]
     fn noise_ends_at_the_model_s_variance_at_any_alpha() {
-        let model = with_noise(camera(), 0.04, 0.01, 1.0);
+        noise_ends_at_the_model_s_variance(with_noise(camera(), 0.04, 0.01, 1.0));
+    }
+
+    #[test]
+    fn sharpening_leaves_the_noise_as_it_is() {
+        let mut model = with_noise(camera(), 0.04, 0.01, 1.0);
+        model.sharpening = Some(SharpeningModel::given(1.0, 1.0));
+        noise_ends_at_the_model_s_variance(model);
+    }
+
+    fn noise_ends_at_the_model_s_variance(model: CameraModel) {
         let t = Transfer::Srgb;
         // A frame of 0.6 with the camera's own noise.
         let noisy = |number: u64| {

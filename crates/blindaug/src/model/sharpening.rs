@@ -19,6 +19,11 @@ pub struct SharpeningModel {
 }
 
 impl SharpeningModel {
+    /// One that is known beforehand.
+    pub fn given(amount: f32, radius_px: f32) -> Self {
+        Self { amount, radius_px, interval: [amount; 2], method: Method::Given, samples: 0 }
+    }
+
     /// By how much an amplitude at this frequency, cycles per px, is multiplied.
     pub fn gain(&self, frequency: f32) -> f32 {
         let x = std::f32::consts::TAU * self.radius_px * frequency;

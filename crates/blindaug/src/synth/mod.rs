@@ -3,6 +3,7 @@
 pub mod defocus;
 pub mod motion_blur;
 pub mod noise;
+pub mod sharpening;
 
 use crate::model::{BlurSpace, CameraModel, DefocusModel, DepthKind, ExposureFraction};
 use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, Transfer, luma, pyramid};
@@ -92,7 +93,7 @@ pub struct Options {
     pub seed: u64,
 }
 
-/// A sharp, noise-free frame as the camera would have filmed it: defocus, motion blur, noise.
+/// A sharp, noise-free frame as the camera would have filmed it: defocus, motion blur, sharpening, noise.
 ///
 /// `inverse_depth` in 1/m and `flow` are those of the frame, NaN where unknown; parts of the model that are unknown, or
 /// without their evidence, are not applied. `number` is the frame's, so that each has its own noise.
@@ -110,10 +111,15 @@ pub fn distort_frame(
     let space = Space::new(model);
     let blur = Blur::new(model, frame.0.width(), options.bokeh)?;
     let blurred = blur.of_scene(&frame.0.map(|v| space.of_linear(v)), inverse_depth, flow)?;
-    let clean = blurred.map(|v| space.encoded(v));
     let noise_model = model.noise.known().filter(|_| !options.no_noise);
-    let noise = noise_model.map(|m| noise::noise(m, &clean.map(luma), options.seed, number));
     let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
+    let clean = blurred.map(|v| space.encoded(v));
+    let clean = match &model.sharpening {
+        // Of what the sensor has clipped.
+        Some(m) => sharpening::sharpen(&clean.map(|v| v.map(|v| v.clamp(0.0, clip))), m),
+        None => clean,
+    };
+    let noise = noise_model.map(|m| noise::noise(m, &clean.map(luma), options.seed, number));
     Ok(Encoded(Raster::from_fn(clean.width(), clean.height(), |x, y| {
         let (v, n) = (clean.at(x, y), noise.as_ref().map_or([0.0; 3], |n| n.at(x, y)));
         std::array::from_fn(|c| if v[c] >= clip { clip } else { (v[c] + n[c]).clamp(0.0, clip) })
@@ -333,7 +339,9 @@ pub(crate) fn extended<P: Pixel>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel};
+    use crate::model::{
+        Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel,
+    };
 
     const W: usize = 200;
     const H: usize = 140;
@@ -454,6 +462,25 @@ mod tests {
         let psnr = crate::metrics::psnr(&noisy, &clean, None).unwrap();
         assert!((25.0..45.0).contains(&psnr), "{psnr}");
         assert!(noisy.0.data().iter().flatten().all(|&v| v <= 0.95));
+    }
+
+    #[test]
+    fn sharpening_follows_blur_and_what_is_clipped_has_no_halo_of_its_own() {
+        let scene = Scene::new([0.0; 2]);
+        let mut model = camera(3.0, 0.2001, 0.5);
+        let run = |model: &CameraModel, sharp: &Linear| {
+            let d = scene.inverse_depth();
+            distort_frame(sharp, model, Some(&d), None, &Options::default(), 0).unwrap()
+        };
+        let bright = Linear(scene.sharp().0.map(|v| v.map(|v| if v > 0.5 { 30.0 } else { v })));
+        let soft = [scene.sharp(), bright].map(|sharp| (run(&model, &sharp), sharp));
+        let sharpening = SharpeningModel::given(0.8, 1.5);
+        model.sharpening = Some(sharpening);
+        for (soft, sharp) in soft {
+            let want = sharpening::sharpen(&soft.0, &sharpening).map(|v| v.map(|v| v.clamp(0.0, 1.0)));
+            assert!(run(&model, &sharp).0 == want);
+            assert!(want != soft.0);
+        }
     }
 
     #[test]
