@@ -345,7 +345,6 @@ fn origin(method: Method, samples: u64, unit: &str) -> String {
         Method::Spatial => "from the flattest parts of single frames",
         Method::Spectral => "from local spectra",
         Method::Removal => "by comparison with clean frames, given or restored",
-        Method::Edges => "from profiles across edges",
         Method::Given => return "given, not estimated".into(),
     };
     format!("{how} ({samples} {unit})")
@@ -354,7 +353,6 @@ fn origin(method: Method, samples: u64, unit: &str) -> String {
 fn unit_of_samples(method: Method) -> &'static str {
     match method {
         Method::Spectral => "tiles",
-        Method::Edges => "edges",
         _ => "places",
     }
 }

@@ -157,7 +157,6 @@ fn method_in_words(method: Method) -> &'static str {
         Method::Spatial => "the flattest parts of single frames",
         Method::Spectral => "the spectra of image tiles (spectral)",
         Method::Removal => "comparison with clean frames, given or restored (removal)",
-        Method::Edges => "profiles across edges",
         Method::Given => "given, not estimated",
     }
 }

@@ -246,12 +246,12 @@ fn a_camera_is_told_in_words_and_as_json() {
         amount: 0.7,
         radius_px: 1.25,
         interval: [0.5, 0.9],
-        method: Method::Edges,
+        method: Method::Temporal,
         samples: 40,
     });
     write_camera(dir.path().join("c.json"), &sharpening).unwrap();
     let words = succeeds(dir.path(), "inspect c.json");
-    for says in ["amount 0.7 (0.5 to 0.9, 95 % sure)", "radius 1.25 px", "across edges (40 edges)"] {
+    for says in ["amount 0.7 (0.5 to 0.9, 95 % sure)", "radius 1.25 px", "of successive frames (40 places)"] {
         assert!(words.contains(says), "{says} in {words}");
     }
     assert!(succeeds(dir.path(), "inspect c.json --json").contains("\"radius_px\": 1.25"));

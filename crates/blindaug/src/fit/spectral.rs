@@ -63,7 +63,7 @@ pub(super) const CLIP: f32 = 8.0;
 const TOLERANCE: f32 = 1.0;
 /// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
 /// cos 4 theta, theta from the motion, and the log of the noise's power.
-const NUISANCES: [f32; 3] = [1.0, 1.0, 0.15];
+const NUISANCES: [f32; 3] = [1.0, 1.0, 0.25];
 /// Signal over noise below which a tile is left out.
 const MIN_CONTRAST: f32 = 3.0;
 /// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
