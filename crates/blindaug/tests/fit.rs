@@ -1,7 +1,7 @@
 //! Known answers of the estimators on synthetic frames.
 
 use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
-use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction};
+use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Plane, Raster, filter};
 
@@ -159,4 +159,25 @@ fn of_a_long_clip_evenly_spaced_frames_are_used() {
     assert_eq!(spaced, (0..200).step_by(5).collect::<Vec<_>>());
     let thinned = used(Estimator::new(Options::default()), 200);
     assert!(thinned.len() > spaced.len() && thinned.windows(2).all(|w| w[1] - w[0] <= 4), "{thinned:?}");
+}
+
+#[test]
+fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
+    let sharp = texture(7, 1);
+    let flow = Flow::filled(N, N, [0.0; 2]);
+    let filmed = |amount: f32| {
+        let [frame, next] = [1, 2].map(|seed| {
+            let frame = noisy(&sharp, 0.015, seed);
+            Encoded(synth::sharpening::sharpen(&frame.0, &SharpeningModel::given(amount, 1.0)))
+        });
+        let mut e = estimator(Family::Spectral);
+        let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
+        e.add(&Observation { frame: &frame, next: Some(&next), previous: None, evidence }).unwrap();
+        e.estimate().unwrap().model.sharpening
+    };
+    let found = filmed(1.2).expect("its noise is sharpened");
+    println!("{found:?}");
+    assert!((found.amount - 1.2).abs() < 0.4, "{found:?}");
+    assert!((found.interval[0]..found.interval[1]).contains(&1.2), "{found:?}");
+    assert_eq!(filmed(0.0), None);
 }

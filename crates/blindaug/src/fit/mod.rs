@@ -16,7 +16,7 @@ pub mod track;
 
 use crate::model::{
     BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
-    Method, MotionBlurModel, NOISE_LEVELS, ThinLensInterval,
+    Method, MotionBlurModel, NOISE_LEVELS, SharpeningModel, ThinLensInterval,
 };
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, par};
@@ -436,9 +436,6 @@ impl Estimator {
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
-        // Of one frame, coarse noise is taken to be white, and so says nothing.
-        model.sharpening =
-            model.noise.known().filter(|n| n.method != Method::Spatial).and_then(sharpening::of_noise);
         self.fit_exposure(&mut model, &mut diagnostics, &luma_noise);
         self.fit_defocus(&mut model, &mut diagnostics, &luma_noise);
         model.validate()?;
@@ -465,6 +462,12 @@ impl Estimator {
                 "noise was measured in single frames: coarse noise cannot be told from structure there and is taken to be white"
                     .into(),
             );
+        }
+        model.sharpening = sharpening::of_noise(&fit);
+        if let Some(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
+            diagnostics.notes.push(format!(
+                "the camera sharpens: fine noise is stronger than white noise, as after an unsharp mask of {amount:.1} ({low:.1} to {high:.1})"
+            ));
         }
         diagnostics.noise_points = fit.points;
         model.noise = fit.model;

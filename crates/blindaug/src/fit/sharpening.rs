@@ -4,8 +4,9 @@
 //! Overshoot at edges, the other trace that sharpening leaves, is not used: the edges of natural images have as much of
 //! their own (docs/accuracy.md).
 
+use super::noise::{NoiseFit, NoisePoint};
 use super::uniform;
-use crate::model::{NOISE_LEVELS, NoiseModel, SharpeningModel};
+use crate::model::{Method, NOISE_LEVELS, SharpeningModel};
 use crate::synth::noise::white_band_std;
 use crate::{Plane, filter, pyramid};
 use std::sync::OnceLock;
@@ -18,20 +19,23 @@ const FLOOR: f32 = 0.05;
 const MIN_AMOUNT: f32 = 0.15;
 const MAX_AMOUNT: f32 = 8.0;
 
-/// What the noise says; `None` if it is not sure to have been sharpened.
-pub(super) fn of_noise(noise: &NoiseModel) -> Option<SharpeningModel> {
+/// What noise between frames says; `None` if it is not sure to have been sharpened.
+pub(super) fn of_noise(fit: &NoiseFit) -> Option<SharpeningModel> {
     const MIDDLE: f32 = 0.5;
+    // In one frame coarse noise is taken to be white, and so says nothing.
+    let noise = fit.model.known().filter(|n| n.method != Method::Spatial)?;
     let white = white_band_std();
-    let interval = noise.interval.as_ref()?;
-    // The mean over the channels, and its std, relative.
+    let mean = |v: [f32; 3]| v.iter().sum::<f32>() / 3.0;
+    // Relative to white noise, with the relative variance that the scatter of its points around the line gives it.
     let level = |l: usize| {
-        let mean = noise.levels[l].sigma(MIDDLE).iter().sum::<f32>() / 3.0;
-        let width = (0..3).map(|c| interval[l].intercept[c]).map(|[low, high]| high - low).sum::<f32>() / 3.0;
-        (mean / white[l], width / (2.0 * 1.96) / mean)
+        let off = |p: &NoisePoint| (mean(p.sigma) / mean(noise.levels[l].sigma(p.y)).max(1e-6)).ln().powi(2);
+        let of_points: Vec<f32> = fit.points.iter().filter(|p| p.level == l).map(off).collect();
+        let points = of_points.len().max(1) as f32;
+        (mean(noise.levels[l].sigma(MIDDLE)) / white[l], of_points.iter().sum::<f32>() / (points * points))
     };
-    let ((fine, fine_std), (coarse, coarse_std)) = (level(0), level(1));
+    let ((fine, fine_variance), (coarse, coarse_variance)) = (level(0), level(1));
     let ratio = fine / coarse;
-    let reach = 1.96 * (fine_std * fine_std + coarse_std * coarse_std + FLOOR * FLOOR).sqrt();
+    let reach = 1.96 * (fine_variance + coarse_variance + FLOOR * FLOOR).sqrt();
     let [amount, low, high] = [ratio, ratio * (-reach).exp(), ratio * reach.exp()].map(amount_of);
     (low > MIN_AMOUNT).then_some(SharpeningModel {
         amount,
@@ -73,32 +77,38 @@ fn band_gains(amount: f32) -> [f32; NOISE_LEVELS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{NoiseInterval, NoiseLevel};
+    use crate::model::{Estimate, NoiseLevel, NoiseModel};
 
-    /// White noise of std 0.01 times some factor in each level, known to within 4 %.
-    fn noise(factors: [f32; NOISE_LEVELS]) -> NoiseModel {
-        let white = white_band_std();
-        let std = |l: usize| 0.01 * white[l] * factors[l];
+    /// White noise of std 0.01 times some factor in each level, in points that scatter by 4 %.
+    fn noise(factors: [f32; NOISE_LEVELS], method: Method) -> NoiseFit {
+        let std = |l: usize| 0.01 * white_band_std()[l] * factors[l];
         let levels = std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [std(l); 3] });
-        let interval =
-            |l: usize| NoiseInterval { slope: [[0.0; 2]; 3], intercept: [[0.96 * std(l), 1.04 * std(l)]; 3] };
-        NoiseModel { interval: Some(std::array::from_fn(interval)), ..NoiseModel::given(levels, 1.0) }
+        let point = |level: usize, i: usize| NoisePoint {
+            level,
+            y: 0.1 * i as f32,
+            sigma: [std(level) * if i % 2 == 0 { 0.96 } else { 1.04 }; 3],
+            samples: 50,
+        };
+        NoiseFit {
+            model: Estimate::Known(NoiseModel { method, ..NoiseModel::given(levels, 1.0) }),
+            luma: None,
+            points: (0..NOISE_LEVELS).flat_map(|l| (1..9).map(move |i| point(l, i))).collect(),
+        }
     }
 
     #[test]
     fn sharpened_noise_tells_by_how_much() {
-        for amount in [0.8, 1.2, 2.0] {
-            let found = of_noise(&noise(band_gains(amount))).expect("its fine detail is too strong");
+        for amount in [0.6, 1.2, 2.0] {
+            let found = of_noise(&noise(band_gains(amount), Method::Temporal)).expect("it is blue");
             assert!((found.amount - amount).abs() < 1e-2, "{found:?}");
             assert!(found.interval[0] < amount && amount < found.interval[1], "{found:?}");
         }
     }
 
     #[test]
-    fn white_and_smoothed_noise_were_not_sharpened() {
-        assert!(of_noise(&noise([1.0; NOISE_LEVELS])).is_none());
-        assert!(of_noise(&noise([0.6, 0.9, 1.0, 1.0])).is_none());
-        let unsure = NoiseModel { interval: None, ..noise(band_gains(1.0)) };
-        assert!(of_noise(&unsure).is_none());
+    fn white_and_smoothed_noise_were_not_sharpened_and_a_single_frame_does_not_tell() {
+        assert!(of_noise(&noise([1.0; NOISE_LEVELS], Method::Temporal)).is_none());
+        assert!(of_noise(&noise([0.6, 0.9, 1.0, 1.0], Method::Temporal)).is_none());
+        assert!(of_noise(&noise(band_gains(1.2), Method::Spatial)).is_none());
     }
 }

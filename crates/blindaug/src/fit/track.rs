@@ -100,6 +100,7 @@ pub struct Tracker {
 #[derive(Default)]
 struct Known {
     noise: Option<NoiseModel>,
+    sharpening: Option<SharpeningModel>,
     exposure: Option<MotionBlurModel>,
     lens: Option<DefocusModel>,
 }
@@ -156,8 +157,7 @@ impl Tracker {
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
         let tiles = self.tiles(frame, &geometry);
         model.motion_blur = self.follow_exposure(&tiles);
-        model.sharpening =
-            model.noise.known().filter(|n| n.method == Method::Temporal).and_then(sharpening::of_noise);
+        model.sharpening = self.known.sharpening;
         model.defocus = self.follow_lens(&tiles, model.sharpening.as_ref());
         if let Some(Cow::Owned(flow)) = geometry.flow {
             self.enlarged = flow;
@@ -278,6 +278,7 @@ impl Tracker {
         };
         if fresh.method == Method::Temporal {
             self.known.noise = Some(fresh.clone());
+            self.known.sharpening = sharpening::of_noise(&fit);
         }
         Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
     }
