@@ -86,7 +86,7 @@ mod tests {
         let point = |level: usize, i: usize| NoisePoint {
             level,
             y: 0.1 * i as f32,
-            sigma: [std(level) * if i % 2 == 0 { 0.96 } else { 1.04 }; 3],
+            sigma: [std(level) * if i.is_multiple_of(2) { 0.96 } else { 1.04 }; 3],
             samples: 50,
         };
         NoiseFit {
