@@ -214,7 +214,7 @@ impl Scene {
     /// As many as it takes for neighbouring views to be about a pixel apart.
     fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
         const FEWEST: usize = 24;
-        const MOST: usize = 200;
+        const MOST: usize = 600;
         let along = if exposure.fraction > 0.0 {
             let flow = self.flow(t);
             let fastest = flow.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
@@ -222,14 +222,14 @@ impl Scene {
         } else {
             0.0
         };
-        let disk = exposure.lens.map_or(0.0, |(sigma, focus)| {
+        let area = exposure.lens.map_or(0.0, |(sigma, focus)| {
             let depth = self.inverse_depth(t);
             let radius =
                 depth.data().iter().map(|d| 2.0 * sigma * (1.0 - focus * d).abs()).fold(0.0f32, f32::max);
-            // A quarter of the disk's pixels: the pixels' own width fills the gaps.
-            0.25 * PI * radius * radius
+            PI * radius * radius + 2.0 * radius * along
         });
-        let n = (1.2 * along + disk).ceil() as usize;
+        // Half the pixels that a point is spread over: with fewer, the gaps between views look like sharp texture.
+        let n = (1.2 * along + 0.5 * area).ceil() as usize;
         let n = n.clamp(FEWEST, MOST);
         let view = |i: usize| {
             // Evenly in time; the other coordinates by a sequence that fills their cube evenly (Roberts 2018).
