@@ -351,10 +351,7 @@ fn origin(method: Method, samples: u64, unit: &str) -> String {
 }
 
 fn unit_of_samples(method: Method) -> &'static str {
-    match method {
-        Method::Spectral => "tiles",
-        _ => "places",
-    }
+    if method == Method::Spectral { "tiles" } else { "places" }
 }
 
 /// Three significant digits or so, without zeros at the end.

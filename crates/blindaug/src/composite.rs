@@ -79,19 +79,21 @@ pub fn composite(
     let changed =
         sharpening.map_or(changed, |m| changed.grown(sharpening::reach_px(&m), shot.frame.0.size()));
     let frame = changed.crop(&shot.frame.0);
-    let unsharpened = sharpening.map(|m| {
+    let unsharpened = sharpening.map(|m| sharpening::unsharpen(&frame, &m));
+    let background = unsharpened.as_ref().unwrap_or(&frame);
+    let replaced = |part: &Raster<[f32; 3]>| {
         let mut whole = shot.frame.clone();
-        changed.paste(&sharpening::unsharpen(&frame, &m), &mut whole.0);
+        changed.paste(part, &mut whole.0);
         whole
-    });
-    let original = shot.frame;
-    let shot = &Shot { frame: unsharpened.as_ref().unwrap_or(shot.frame), ..*shot };
+    };
+    let before = unsharpened.as_ref().map(replaced);
+    let filmed = &Shot { frame: before.as_ref().unwrap_or(shot.frame), ..*shot };
     let [shadows, object] = places;
-    let shadows = shadows.map(|place| Shadows::new(shot, place, layer, &space, &blur)).transpose()?.flatten();
-    let object = object.map(|place| Object::new(shot, place, layer, &space, &blur)).transpose()?;
+    let shadows =
+        shadows.map(|place| Shadows::new(filmed, place, layer, &space, &blur)).transpose()?.flatten();
+    let object = object.map(|place| Object::new(filmed, place, layer, &space, &blur)).transpose()?;
     let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
     let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
-    let background = changed.crop(&shot.frame.0);
     let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
         let f = space.of_encoded(background.at(x, y));
         let at = (x + changed.x, y + changed.y);
@@ -101,8 +103,8 @@ pub fn composite(
         Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
     });
     let clean = pixels.map(|p| space.encoded(p.light));
-    let noise = noise_model
-        .map(|m| missing_noise(m, &background, &clean, &pixels, &space, options.seed, shot.number));
+    let noise =
+        noise_model.map(|m| missing_noise(m, background, &clean, &pixels, &space, options.seed, shot.number));
     let sharpened = sharpening.map(|m| {
         let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
             true => [0.0; 3],
@@ -128,9 +130,7 @@ pub fn composite(
             }
         }
     });
-    let mut whole = original.clone();
-    changed.paste(&out, &mut whole.0);
-    Ok(whole)
+    Ok(replaced(&out))
 }
 
 fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {

@@ -39,8 +39,5 @@ pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnc
 
 /// Runs `f` on one of the pool's threads: many short loops in it then start without a change of thread.
 pub(crate) fn within<R: Send>(f: impl FnOnce() -> R + Send) -> R {
-    #[cfg(feature = "threads")]
-    return rayon::join(f, || ()).0;
-    #[cfg(not(feature = "threads"))]
-    f()
+    both(f, || ()).0
 }

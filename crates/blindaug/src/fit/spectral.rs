@@ -255,7 +255,7 @@ impl Light {
     }
 
     /// At half the resolution: means of 2 x 2 px.
-    fn halved(&self) -> Self {
+    fn halved(self) -> Self {
         let (w, h) = self.plane.size();
         let plane = &self.plane;
         Self {
@@ -263,7 +263,7 @@ impl Light {
                 let pair = |row: &[f32]| row[2 * x] + row[2 * x + 1];
                 0.25 * (pair(plane.row(2 * y)) + pair(plane.row(2 * y + 1)))
             }),
-            moments: self.moments.clone(),
+            moments: self.moments,
             step: 1,
         }
     }
@@ -476,8 +476,8 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
-    /// |K_MB|^2 + exp(e) n`; amplitudes, c2, c4 and e at their most likely values.
+    /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of
+    /// `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n`; amplitudes, c2, c4 and e at their most likely values.
     fn over_lambda(&self, step: f32) -> Vec<f32> {
         let shutter = Shutter::new(self.tile);
         let mut scene = RingScene::new(self);
@@ -543,8 +543,8 @@ impl<'a> Prepared<'a> {
                 for ((g, a), b) in gain.iter_mut().zip(&scenes[k]).zip(&lens) {
                     *g = a * b;
                 }
-                let (amplitude, ll) = data.profiled(&gain, starts[k]);
-                starts[k] = Some(amplitude);
+                let (log_amplitude, ll) = data.profiled(&gain, starts[k]);
+                starts[k] = Some(log_amplitude);
                 ll * TEMPER - 0.5 * deviation(k) * deviation(k)
             });
             let max = terms.iter().copied().fold(f32::MIN, f32::max);
@@ -1011,10 +1011,10 @@ pub(super) fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::resu
         return Err("too few textured places whose depth is known".into());
     }
     let range = lens_range(witnesses);
-    let fine = FineTables::new(witnesses);
     if range.1 - range.0 < MIN_DEPTH_SPAN * range.1.abs() {
         return Err("the textured places all lie at about one depth, through which many lenses fit".into());
     }
+    let fine = FineTables::new(witnesses);
     let lens = defocus::best_lens(range, |lens| fine.log_likelihood(lens, None));
     let replicas: Vec<Lens> = par::map(bootstraps, |r| {
         let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();

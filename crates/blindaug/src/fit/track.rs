@@ -158,7 +158,7 @@ impl Tracker {
         let tiles = self.tiles(frame, &geometry);
         model.motion_blur = self.follow_exposure(&tiles);
         model.sharpening = self.known.sharpening;
-        model.defocus = self.follow_lens(&tiles, model.sharpening.as_ref());
+        model.defocus = self.follow_lens(&tiles);
         if let Some(Cow::Owned(flow)) = geometry.flow {
             self.enlarged = flow;
         }
@@ -368,15 +368,12 @@ impl Tracker {
         Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })
     }
 
-    fn follow_lens(
-        &mut self,
-        tiles: &[spectral::Tile],
-        sharpening: Option<&SharpeningModel>,
-    ) -> Estimate<DefocusModel> {
+    fn follow_lens(&mut self, tiles: &[spectral::Tile]) -> Estimate<DefocusModel> {
         let memory = &mut self.lens;
         memory.fade();
         // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
         let exposure = self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure);
+        let sharpening = self.known.sharpening.as_ref();
         let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure, sharpening);
         let mut why = self.why_no_depth.clone();
         if let (false, Some(depth_kind)) = (found.is_empty(), self.depth_kind) {
