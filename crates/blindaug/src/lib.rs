@@ -56,12 +56,14 @@
 //! | [`model`] | | the camera model and its file |
 //! | [`synth`] | sharp images, the model | defocus, motion blur, noise: the reference for every other backend |
 //! | [`composite`] | a layer, a frame, the model | the composite |
+//! | [`export`] | the model | settings of other people's tools |
 //! | [`metrics`] | two frames | PSNR, SSIM |
 
 pub mod analysis;
 mod colour;
 pub mod composite;
 mod error;
+pub mod export;
 pub mod filter;
 pub mod fit;
 pub mod metrics;

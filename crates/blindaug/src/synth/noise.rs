@@ -36,12 +36,61 @@ pub fn modulated(mut bands: NoiseBands, mut std: impl FnMut(usize) -> Raster<[f3
     pyramid::collapse(bands.into(), Raster::filled(w.div_ceil(2), h.div_ceil(2), [0.0; 3]))
 }
 
+/// What each level contributes at full resolution to a noise whose std maps are 1, finest first: square tiles of `side` px
+/// that continue at their opposite edge. Noise of an even luminance is their sum, each times its level's std.
+///
+/// # Panics
+/// If `side` is not a multiple of 16, the coarsest level's grid.
+pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
+    // Beyond the reach of the pyramid's kernels and of the window of the coarsest level's local std.
+    const MARGIN: usize = 128;
+    assert_eq!(side % (2 << (NOISE_LEVELS - 1)), 0, "the side of a tile must be a multiple of 16 px");
+    let tile = white_noise(side, side, seed, 0);
+    let wrapped = |i: usize| (i + side - MARGIN % side) % side;
+    let around = side + 2 * MARGIN;
+    let white = Raster::from_fn(around, around, |x, y| tile.at(wrapped(x), wrapped(y)));
+    let bands = unit_bands_of(&white);
+    std::array::from_fn(|level| {
+        let full =
+            modulated(bands.clone(), |l| bands[l].map(|_| if l == level { [1.0; 3] } else { [0.0; 3] }));
+        full.crop(MARGIN, MARGIN, side, side)
+    })
+}
+
+/// Std of the noise in R, G and B over content of this even luminance, all levels together.
+pub fn total_std(model: &NoiseModel, y: f32) -> [f32; 3] {
+    let covariance = band_covariance();
+    let sigma: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|l| model.levels[l].sigma(y));
+    std::array::from_fn(|c| {
+        let pairs = (0..NOISE_LEVELS).flat_map(|i| (0..NOISE_LEVELS).map(move |j| (i, j)));
+        pairs.map(|(i, j)| sigma[i][c] * sigma[j][c] * covariance[i][j]).sum::<f32>().max(0.0).sqrt()
+    })
+}
+
+/// Of the levels at full resolution: the bands of a Laplacian pyramid overlap, so that their variances do not just add.
+fn band_covariance() -> &'static [[f32; NOISE_LEVELS]; NOISE_LEVELS] {
+    static COVARIANCE: OnceLock<[[f32; NOISE_LEVELS]; NOISE_LEVELS]> = OnceLock::new();
+    COVARIANCE.get_or_init(|| {
+        let bands = tileable_bands(512, 0);
+        let mean = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| {
+            let (a, b) = (a.data().as_flattened(), b.data().as_flattened());
+            let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum();
+            (sum / a.len() as f64) as f32
+        };
+        std::array::from_fn(|i| std::array::from_fn(|j| mean(&bands[i], &bands[j])))
+    })
+}
+
 /// A normal number over its own window's std has a std slightly below 1: what it takes to make it 1, per level.
 const WINDOW_GAIN: [f32; NOISE_LEVELS] = [1.0047, 1.0063, 1.0086, 1.0120];
 
 /// The Laplacian pyramid of white normal noise, each level divided by its own local std.
 pub fn unit_bands(width: usize, height: usize, seed: u64, frame: u64) -> NoiseBands {
-    let (bands, _) = pyramid::laplacian(&white_noise(width, height, seed, frame), NOISE_LEVELS);
+    unit_bands_of(&white_noise(width, height, seed, frame))
+}
+
+fn unit_bands_of(white: &Raster<[f32; 3]>) -> NoiseBands {
+    let (bands, _) = pyramid::laplacian(white, NOISE_LEVELS);
     let mut bands = bands.into_iter();
     let usual_std = white_band_std();
     std::array::from_fn(|level| {
@@ -226,6 +275,39 @@ mod tests {
         let n = noise(&coarse, &luma, 11, 0);
         let lag = n.data().windows(2).map(|p| p[0][0] * p[1][0]).sum::<f32>();
         assert!(lag > 0.3 * n.data().iter().map(|p| p[0] * p[0]).sum::<f32>());
+    }
+
+    #[test]
+    fn tiles_have_no_seam_and_make_the_same_noise() {
+        let side = 128;
+        let bands = tileable_bands(side, 5);
+        for (level, band) in bands.iter().enumerate() {
+            let step = |x: usize, of: &dyn Fn(usize, usize) -> [f32; 3]| {
+                let sum: f32 = (0..side).map(|y| (of(x, y)[0] - of((x + 1) % side, y)[0]).powi(2)).sum();
+                sum / side as f32
+            };
+            let across = |of: &dyn Fn(usize, usize) -> [f32; 3]| {
+                let inside = (0..side - 1).map(|x| step(x, of)).sum::<f32>() / (side - 1) as f32;
+                step(side - 1, of) / inside
+            };
+            assert!((0.6..1.6).contains(&across(&|x, y| band.at(x, y))), "level {level}");
+            // Of a tile that was cut out of a larger noise, the coarse levels show the seam.
+            if level > 1 {
+                let cut = |x: usize, y: usize| band.at(x / 2, y);
+                assert!(across(&cut) > 3.0, "level {level}");
+            }
+        }
+        let model = model(std::array::from_fn(|l| NoiseLevel {
+            slope: [0.02 * (l + 1) as f32; 3],
+            intercept: [0.01, 0.02, 0.0],
+        }));
+        for y in [0.1, 0.7] {
+            let made = noise(&model, &Plane::filled(512, 512, y), 3, 0).crop(32, 32, 448, 448);
+            for (c, want) in total_std(&model, y).into_iter().enumerate() {
+                let (_, got) = statistics(&made, c);
+                assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
+            }
+        }
     }
 
     #[test]

@@ -1,0 +1,463 @@
+//! The estimated camera as settings of other people's tools: one file per target.
+//!
+//! A [`Camera`] is the model together with what a tool needs besides (the picture's size, the field of view, metres). Each target
+//! turns it into its own settings, says in px what its blur then is, and names what it cannot do; [`Target::export`] makes of that
+//! the files that a user of the tool loads.
+//!
+//! Facts common to all:
+//! - A uniform disk of diameter c has a std of c / 4 along each axis, of radius R: R / 2.
+//! - The blur of every physical lens is `sigma(Z) = sigma_inf |1 - P / Z|`: affine in inverse depth, with one slope on both sides of
+//!   the focus distance P. A model of another shape is fitted by it, and what is left is told.
+//! - A lens of focal length f (m) and f-number N before a sensor of height h (m), on a picture H px high, has at infinity a circle
+//!   of confusion of diameter `f^2 H / (N h (P - f))` px.
+//! - Where a tool has grain it scales a texture by a response over luminance: [`grain`].
+
+pub mod av1_grain;
+pub mod bevy;
+pub mod blender;
+pub mod filament;
+pub mod godot;
+pub mod grain;
+pub mod nuke;
+pub mod texture;
+pub mod three;
+pub mod unity;
+pub mod unity_hdrp;
+pub mod unity_urp;
+pub mod unreal;
+
+use crate::model::{
+    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, NoiseModel,
+};
+use crate::{CameraModel, Error, Raster, Result, Transfer};
+use std::fmt;
+
+/// What a tool needs beside the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct View {
+    /// Width and height of the pictures that the tool makes, px; `None`: the capture's.
+    pub size: Option<(usize, usize)>,
+    /// Vertical field of view of the tool's camera, degrees, from 1 to 170; `None`: that of the tool where it can be asked, else
+    /// [`USUAL_FOV_Y_DEGREES`].
+    pub fov_y_degrees: Option<f32>,
+}
+
+/// A vertical field of view for cameras of which nothing is known: about that of a phone's main camera or of 33 mm on full frame.
+pub const USUAL_FOV_Y_DEGREES: f32 = 40.0;
+
+/// A lens whose blur has the std `sigma_px_at_infinity |1 - focus_m / Z|`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinLens {
+    /// px of the tool's picture.
+    pub sigma_px_at_infinity: f32,
+    /// The distance that is in focus, m.
+    pub focus_m: f32,
+}
+
+impl ThinLens {
+    /// The std of the blur at this depth, px.
+    pub fn sigma_px(&self, depth_m: f32) -> f32 {
+        self.sigma_px_at_infinity * (1.0 - self.focus_m / depth_m).abs()
+    }
+
+    /// The f-number of a lens of this focal length before a sensor of this height, on a picture `height_px` high.
+    pub fn f_number(&self, focal_length_m: f32, sensor_height_m: f32, height_px: usize) -> f32 {
+        let beyond_focal_point = (self.focus_m - focal_length_m).max(1e-3);
+        focal_length_m.powi(2) * height_px as f32
+            / (4.0 * self.sigma_px_at_infinity * sensor_height_m * beyond_focal_point)
+    }
+
+    /// The lens nearest to a defocus model over metric inverse depth, in least squares over the depths that it was fitted on.
+    fn nearest(model: &DefocusModel) -> Self {
+        // Farther away than this nothing changes any more, and engines' numbers end.
+        const FARTHEST: f32 = 1e4;
+        match model.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } => {
+                let slope = sigma_px_at_infinity / focus_inverse_depth;
+                Self::from_slope(slope, focus_inverse_depth.max(FARTHEST.recip()))
+            }
+            DefocusCurve::Quadratic { inverse_depth_range: [lo, hi], .. } => {
+                let seen: Vec<f32> = (0..64).map(|i| lo + (hi - lo) * (i as f32 + 0.5) / 64.0).collect();
+                let fit = |focus: f32| {
+                    let [mut wanted, mut squares] = [0.0; 2];
+                    for d in &seen {
+                        wanted += model.sigma_px(*d) * (focus - d).abs();
+                        squares += (focus - d).powi(2);
+                    }
+                    let slope = if squares > 0.0 { wanted / squares } else { 0.0 };
+                    let loss: f32 =
+                        seen.iter().map(|d| (model.sigma_px(*d) - slope * (focus - d).abs()).powi(2)).sum();
+                    (slope, loss)
+                };
+                // The focus may lie outside of what was seen, by as much again on both sides.
+                let (from, to) = ((2.0 * lo - hi).max(FARTHEST.recip()), (2.0 * hi - lo).max(2.0 / FARTHEST));
+                let candidates = (0..=2000).map(|i| from + (to - from) * i as f32 / 2000.0);
+                let best = candidates.min_by(|a, b| fit(*a).1.total_cmp(&fit(*b).1)).unwrap_or(from);
+                Self::from_slope(fit(best).0, best)
+            }
+        }
+    }
+
+    fn from_slope(px_per_inverse_m: f32, focus_inverse_m: f32) -> Self {
+        Self { sigma_px_at_infinity: px_per_inverse_m * focus_inverse_m, focus_m: focus_inverse_m.recip() }
+    }
+}
+
+/// Blur at infinity below which a lens counts as sharp, px.
+const SHARP_PX: f32 = 0.05;
+
+/// A camera model made ready for a tool: sizes in px of its pictures, depths in metres, unknown parts named.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// Width of the tool's pictures, px.
+    pub width: usize,
+    /// Height of the tool's pictures, px.
+    pub height: usize,
+    /// Vertical field of view, degrees, if it was given.
+    pub fov_y_degrees: Option<f32>,
+    /// The exposure, if it is known.
+    pub exposure: Option<ExposureFraction>,
+    /// The lens, if it is known and not sharp throughout.
+    pub lens: Option<ThinLens>,
+    /// The defocus model that `lens` stands for, for these pictures.
+    pub defocus: Option<DefocusModel>,
+    /// The noise, if it is known.
+    pub noise: Option<NoiseModel>,
+    /// The curve of the encoded values that noise is added to.
+    pub transfer: Transfer,
+    /// What is left at the tool's default, and why; a sentence each, without a full stop.
+    pub left: Vec<String>,
+}
+
+impl Camera {
+    /// The model for pictures of this size and field of view.
+    ///
+    /// A defocus in relative inverse depth is left out: bring it to metres first, [`DefocusModel::to_metric`].
+    ///
+    /// # Errors
+    /// If the field of view or the size is out of its range.
+    pub fn new(model: &CameraModel, view: &View) -> Result<Self> {
+        let (width, height) = view.size.unwrap_or((model.capture.width, model.capture.height));
+        if width == 0 || height == 0 {
+            return Err(Error::new("the picture's size must be at least 1 x 1 px"));
+        }
+        if view.fov_y_degrees.is_some_and(|fov| !(1.0..=170.0).contains(&fov)) {
+            return Err(Error::new("the vertical field of view must lie between 1 and 170 degrees"));
+        }
+        let model = model.scaled_to(width, height);
+        let mut left = vec![];
+        let mut unknown = |part: &str, why: Option<&str>| {
+            left.extend(
+                why.map(|why| format!("{part} is left at the tool's default, since it is unknown: {why}")),
+            );
+        };
+        unknown("motion blur", model.motion_blur.why_unknown());
+        unknown("depth of field", model.defocus.why_unknown());
+        unknown("noise", model.noise.why_unknown());
+        let mut defocus = model.defocus.known().copied();
+        if defocus.is_some_and(|d| d.depth_kind == DepthKind::Relative) {
+            defocus = None;
+            left.push(
+                "depth of field is left at the tool's default: it is known in relative inverse depth only; say how that relates to \
+                 metres (--scene-scale S[,O])"
+                    .into(),
+            );
+        }
+        let mut lens = defocus.as_ref().map(ThinLens::nearest);
+        if let (Some(l), Some(d)) = (lens, defocus) {
+            // A lens focused far away is sharp at infinity and not near by.
+            if probes(l.focus_m).all(|z| l.sigma_px(z) < SHARP_PX && d.sigma_px(z.recip()) < SHARP_PX) {
+                left.push("depth of field is off: this lens is sharp throughout".into());
+                lens = None;
+            }
+        }
+        if model.blur_space == BlurSpace::Encoded {
+            left.push(
+                "blur was fitted in encoded values; in linear light, as tools blur, highlights come out brighter"
+                    .into(),
+            );
+        }
+        if let Some(s) = &model.sharpening {
+            left.push(format!("the camera's own sharpening (amount {:.2}) is not exported", s.amount));
+        }
+        Ok(Self {
+            width,
+            height,
+            fov_y_degrees: view.fov_y_degrees,
+            exposure: model.motion_blur.known().map(|m| m.exposure),
+            lens,
+            defocus: defocus.filter(|_| lens.is_some()),
+            noise: match model.noise {
+                Estimate::Known(noise) => Some(noise),
+                Estimate::Unknown(_) => None,
+            },
+            transfer: model.transfer,
+            left,
+        })
+    }
+
+    /// Focal length over sensor height, from the field of view.
+    pub fn focal_length_per_sensor_height(&self) -> f32 {
+        let fov = self.fov_y_degrees.unwrap_or(USUAL_FOV_Y_DEGREES);
+        0.5 / (0.5 * fov.to_radians()).tan()
+    }
+
+    /// Which camera a blur that depends on the field of view is for.
+    fn for_this_view(&self) -> String {
+        let fov = match self.fov_y_degrees {
+            Some(fov) => format!("{} degrees", number(fov)),
+            None => format!("{} degrees, which is assumed (--fov)", number(USUAL_FOV_Y_DEGREES)),
+        };
+        format!(
+            "the blur is for pictures {} x {} px and a vertical field of view of {fov}",
+            self.width, self.height
+        )
+    }
+
+    /// By how much the blur of a tool, `sigma_px` of a depth in m, differs from the model's, in words; nothing below 0.05 px.
+    fn blur_lost(&self, sigma_px: impl Fn(f32) -> f32) -> Option<String> {
+        let (defocus, lens) = (self.defocus?, self.lens?);
+        let error = |z: f32| sigma_px(z) - defocus.sigma_px(z.recip());
+        let worst = probes(lens.focus_m).max_by(|a, b| error(*a).abs().total_cmp(&error(*b).abs()))?;
+        let mean = probes(lens.focus_m).map(|z| error(z).abs()).sum::<f32>() / PROBES as f32;
+        (error(worst).abs() > SHARP_PX).then(|| {
+            format!(
+                "blur differs from the model's by {mean:.2} px on average over {PROBES} depths, most at {} m ({:.2} instead of {:.2} px)",
+                number(worst),
+                sigma_px(worst),
+                defocus.sigma_px(worst.recip()),
+            )
+        })
+    }
+}
+
+/// How many depths a blur is compared at.
+pub const PROBES: usize = 20;
+
+/// Depths in m from half the focus distance to 20 times as far, evenly spaced in inverse depth.
+pub fn probes(focus_m: f32) -> impl Iterator<Item = f32> {
+    (0..PROBES).map(move |i| focus_m * PROBES as f32 / (2.0 * (i as f32 + 0.5)))
+}
+
+/// Something that a target writes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct File {
+    /// Its name, by which the others refer to it.
+    pub name: String,
+    /// What is in it.
+    pub content: Content,
+}
+
+impl File {
+    fn text(name: &str, text: String) -> Self {
+        Self { name: name.into(), content: Content::Text(text) }
+    }
+
+    fn texture(name: &str, texture: Raster<[f32; 4]>) -> Self {
+        Self { name: name.into(), content: Content::Texture(texture) }
+    }
+}
+
+/// What is in a file.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Content {
+    /// A text in UTF-8.
+    Text(String),
+    /// Data in [0, 1], not colours: to be stored and read without any colour space, alpha not premultiplied.
+    Texture(Raster<[f32; 4]>),
+}
+
+/// A camera as settings of a tool.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Export {
+    /// The first is what a user loads or pastes, the others are what it refers to.
+    pub files: Vec<File>,
+    /// What the tool cannot do, and what is left at its default; a sentence each, without a full stop.
+    pub lost: Vec<String>,
+}
+
+/// What a target can and cannot do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Abilities {
+    /// The tool and the versions that this was written for.
+    pub tool: &'static str,
+    /// What becomes of the exposure.
+    pub motion_blur: &'static str,
+    /// What becomes of the lens.
+    pub defocus: &'static str,
+    /// What becomes of the noise.
+    pub grain: &'static str,
+    /// How the formulas were learnt, and what was checked.
+    pub checked: &'static str,
+}
+
+macro_rules! targets {
+    ($($variant:ident $name:literal $module:ident)*) => {
+        /// The tools that a camera can be exported to.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Target { $(#[doc = $name] $variant,)* }
+
+        impl Target {
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$variant),*];
+
+            /// The name on the command line.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name),* }
+            }
+
+            /// What it can and cannot do.
+            pub fn abilities(self) -> &'static Abilities {
+                match self { $(Self::$variant => &$module::ABILITIES),* }
+            }
+
+            /// The camera as settings of this tool.
+            pub fn export(self, camera: &Camera) -> Export {
+                match self { $(Self::$variant => $module::export(camera)),* }
+            }
+        }
+    };
+}
+
+targets! {
+    UnityUrp "unity-urp" unity_urp
+    UnityHdrp "unity-hdrp" unity_hdrp
+    Unreal "unreal" unreal
+    Godot "godot" godot
+    Bevy "bevy" bevy
+    Blender "blender" blender
+    Three "three" three
+    Filament "filament" filament
+    Nuke "nuke" nuke
+    Av1Grain "av1-grain" av1_grain
+    Texture "texture" texture
+}
+
+impl fmt::Display for Target {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Six significant digits, always with a point or an exponent: a float in every language that is written here.
+fn number(v: f32) -> String {
+    let rounded: f32 = format!("{v:.5e}").parse().unwrap_or(v);
+    format!("{rounded:?}")
+}
+
+/// [`number`]s with commas between them.
+fn numbers(values: &[f32]) -> String {
+    values.iter().map(|v| number(*v)).collect::<Vec<_>>().join(", ")
+}
+
+/// A template with each `@name@` replaced by its value.
+fn filled(template: &str, values: &[(&str, String)]) -> String {
+    values
+        .iter()
+        .fold(template.into(), |text: String, (name, value)| text.replace(&format!("@{name}@"), value))
+}
+
+/// Comment lines: where this comes from, and what was lost.
+fn head(prefix: &str, what: &str, lost: &[String]) -> String {
+    let mut text = format!("{prefix} {what}, written by blindaug export.\n");
+    for sentence in lost {
+        text += &format!("{prefix} Note: {sentence}.\n");
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::{Capture, MotionBlurModel};
+
+    fn model(curve: DefocusCurve, kind: DepthKind) -> CameraModel {
+        let capture = Capture { width: 960, height: 540, fps: Some(30.0), frames_used: 1 };
+        let mut model = CameraModel::unknown(capture, "nothing was filmed");
+        model.defocus = Estimate::Known(DefocusModel::given(curve, kind));
+        model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
+        model
+    }
+
+    fn lens(sigma_px_at_infinity: f32, focus_inverse_depth: f32) -> DefocusCurve {
+        DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval: None }
+    }
+
+    #[test]
+    fn a_thin_lens_is_kept_and_scales_with_the_picture() {
+        let view = View { size: Some((1920, 1080)), ..View::default() };
+        let camera = Camera::new(&model(lens(2.0, 0.25), DepthKind::Metric), &view).unwrap();
+        let lens = camera.lens.unwrap();
+        assert!((lens.sigma_px_at_infinity - 4.0).abs() < 1e-5 && (lens.focus_m - 4.0).abs() < 1e-5);
+        assert_eq!(camera.blur_lost(|z| lens.sigma_px(z)), None);
+        assert!(camera.blur_lost(|z| 2.0 * lens.sigma_px(z)).is_some());
+    }
+
+    #[test]
+    fn a_bowl_is_fitted_over_the_depths_that_were_seen_and_the_rest_is_told() {
+        let bowl = DefocusCurve::Quadratic { a: 9.0, b: -7.2, c: 1.44, inverse_depth_range: [0.1, 0.9] };
+        let camera = Camera::new(&model(bowl, DepthKind::Metric), &View::default()).unwrap();
+        let lens = camera.lens.unwrap();
+        let focus = lens.focus_m.recip();
+        assert!((focus - 0.4).abs() < 0.1, "{focus}");
+        let lost = camera.blur_lost(|z| lens.sigma_px(z)).unwrap();
+        assert!(lost.contains("px on average"), "{lost}");
+        // No other lens is nearer.
+        let loss = |slope: f32, focus: f32| -> f32 {
+            let d = |i: i32| 0.1 + 0.8 * (i as f32 + 0.5) / 64.0;
+            (0..64)
+                .map(|i| (camera.defocus.unwrap().sigma_px(d(i)) - slope * (focus - d(i)).abs()).powi(2))
+                .sum()
+        };
+        let slope = lens.sigma_px_at_infinity / focus;
+        for (s, f) in [(1.02, 1.0), (0.98, 1.0), (1.0, 1.02), (1.0, 0.98)] {
+            assert!(loss(slope * s, focus * f) > loss(slope, focus));
+        }
+    }
+
+    #[test]
+    fn what_is_unknown_relative_or_sharp_is_left_and_named() {
+        let relative = Camera::new(&model(lens(2.0, 0.5), DepthKind::Relative), &View::default()).unwrap();
+        assert!(relative.lens.is_none() && relative.left.iter().any(|s| s.contains("--scene-scale")));
+        assert!(relative.left.iter().any(|s| s.contains("nothing was filmed")), "{:?}", relative.left);
+        let sharp = Camera::new(&model(lens(0.01, 0.5), DepthKind::Metric), &View::default()).unwrap();
+        assert!(sharp.lens.is_none() && sharp.left.iter().any(|s| s.contains("sharp")));
+        // Sharp far away only.
+        let far = Camera::new(&model(lens(0.02, 0.0001), DepthKind::Metric), &View::default()).unwrap();
+        assert!(far.lens.is_none());
+        for (size, fov) in [(Some((0, 5)), 40.0), (None, 0.0), (None, f32::NAN), (None, 180.0)] {
+            let view = View { size, fov_y_degrees: Some(fov) };
+            assert!(Camera::new(&model(lens(2.0, 0.25), DepthKind::Metric), &view).is_err());
+        }
+    }
+
+    #[test]
+    fn every_target_takes_every_camera() {
+        let mut models = vec![
+            model(lens(3.0, 0.25), DepthKind::Metric),
+            model(lens(1e-3, 1e-6), DepthKind::Metric),
+            model(lens(400.0, 20.0), DepthKind::Metric),
+        ];
+        let capture = Capture { width: 1, height: 1, fps: None, frames_used: 0 };
+        models.push(CameraModel::unknown(capture, "it is empty"));
+        models.push(models[0].scaled_to(1, 1));
+        for model in &models {
+            let camera = Camera::new(model, &View::default()).unwrap();
+            for target in Target::ALL {
+                let export = target.export(&camera);
+                for file in &export.files {
+                    if let Content::Text(text) = &file.content {
+                        let marker = |piece: &str| {
+                            !piece.is_empty() && piece.chars().all(|c| c.is_ascii_alphanumeric())
+                        };
+                        assert!(
+                            !text.split('@').skip(1).step_by(2).any(marker),
+                            "{target}: a marker is left in {text}"
+                        );
+                        assert!(!text.contains("NaN") && !text.contains("inf,"), "{target}: {text}");
+                    }
+                }
+            }
+        }
+    }
+}

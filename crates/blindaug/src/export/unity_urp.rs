@@ -1,0 +1,131 @@
+//! Unity's Universal Render Pipeline: a C# editor script that makes a `VolumeProfile`.
+//!
+//! - `MotionBlur`: samples `uv +- 0.5 v intensity`, v the motion in normalised device coordinates, two per picture: a streak of
+//!   2 intensity of the motion between frames. `intensity = lambda / 2`.
+//! - `DepthOfField`, Bokeh: `coc = clamp((1 - P / Z) maxCoC, -1, 1)`, `maxCoC = (f_mm / N) F / (P - F)`, F = f_mm / 1000 m; a radius
+//!   of `14 |coc|` px (of less in pictures under 280 px: 5 % of their height). Only f^2 / N matters: N = 5.6 and f to match.
+//! - `FilmGrain`: [`grain::Response`].
+//!
+//! Source: the pipeline's `PostProcessPass.cs` and `Common.hlsl`; not run in the editor here.
+
+use super::unity::{f, film_grain, grain_shader, profile_script};
+use super::{Abilities, Camera, Export, File, grain};
+
+pub(super) const ABILITIES: Abilities = Abilities {
+    tool: "Unity, Universal Render Pipeline 12 and later",
+    motion_blur: "exact; motion beyond 0.2 of the screen is clamped",
+    defocus: "exact up to a std of 7 px (less under 280 px of height)",
+    grain: "FilmGrain: grey, none at black, one spectrum; or a full-screen shader: the whole model",
+    checked: "formulas read in the source; script parsed, shader compiled against stand-ins for Unity's includes; not run in the editor",
+};
+
+/// The numbers of the volume's components.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// `MotionBlur.intensity`, in [0, 1].
+    pub motion_blur_intensity: Option<f32>,
+    /// `DepthOfField` in its mode Bokeh.
+    pub bokeh: Option<Bokeh>,
+    /// `FilmGrain`.
+    pub film_grain: Option<grain::Response>,
+}
+
+/// Of `DepthOfField`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bokeh {
+    /// `focusDistance`, m, at least 0.1.
+    pub focus_distance: f32,
+    /// `focalLength`, mm, in [1, 300].
+    pub focal_length: f32,
+    /// `aperture`, the f-number, in [1, 32].
+    pub aperture: f32,
+}
+
+impl Bokeh {
+    /// (f_mm / N) F / (P - F).
+    fn max_coc(&self) -> f32 {
+        let focal_m = self.focal_length / 1000.0;
+        self.focal_length / self.aperture * focal_m / (self.focus_distance - focal_m)
+    }
+
+    /// The std of the blur at this depth in m, px, on pictures `height` px high.
+    pub fn sigma_px(&self, depth_m: f32, height: usize) -> f32 {
+        let coc = (1.0 - self.focus_distance / depth_m) * self.max_coc();
+        0.5 * most_radius(height) * coc.abs().min(1.0)
+    }
+}
+
+/// Of the bokeh, px.
+fn most_radius(height: usize) -> f32 {
+    (0.05 * height as f32).min(14.0)
+}
+
+/// Focal length in mm at which `(f_mm / N) F / (P - F) = max_coc`: the positive root of `1000 F^2 + max_coc N F - max_coc N P`.
+pub(super) fn focal_length(max_coc: f32, f_number: f32, focus_m: f32) -> f32 {
+    let b = f64::from(max_coc * f_number);
+    let root = (b * b + 4000.0 * b * f64::from(focus_m)).sqrt();
+    (1000.0 * (root - b) / 2000.0) as f32
+}
+
+/// The camera as URP's numbers.
+pub fn settings(camera: &Camera) -> Settings {
+    let bokeh = camera.lens.map(|lens| {
+        let focus_distance = lens.focus_m.max(0.1);
+        let max_coc = 2.0 * lens.sigma_px_at_infinity / most_radius(camera.height);
+        let focal_length = focal_length(max_coc, 5.6, focus_distance).clamp(1.0, 300.0);
+        let focal_m = focal_length / 1000.0;
+        let aperture = focal_length * focal_m / (max_coc * (focus_distance - focal_m).max(1e-3));
+        Bokeh { focus_distance, focal_length, aperture: aperture.clamp(1.0, 32.0) }
+    });
+    Settings {
+        motion_blur_intensity: camera.exposure.map(|e| 0.5 * e.0),
+        bokeh,
+        film_grain: camera.noise.as_ref().map(|n| grain::Response::nearest(n, camera.transfer)),
+    }
+}
+
+/// The script, the grain's texture, and the full-screen pass.
+pub(super) fn export(camera: &Camera) -> Export {
+    let settings = settings(camera);
+    let mut lost = camera.left.clone();
+    let mut body = String::new();
+    if let Some(intensity) = settings.motion_blur_intensity {
+        body += &format!(
+            "
+        var motionBlur = Add<MotionBlur>(profile);
+        motionBlur.intensity.Override({});
+        motionBlur.clamp.Override(0.2f);
+        motionBlur.quality.Override(MotionBlurQuality.High);
+",
+            f(intensity)
+        );
+    }
+    if let Some(bokeh) = settings.bokeh {
+        lost.extend(camera.blur_lost(|z| bokeh.sigma_px(z, camera.height)));
+        body += &format!(
+            "
+        var depthOfField = Add<DepthOfField>(profile);
+        depthOfField.mode.Override(DepthOfFieldMode.Bokeh);
+        depthOfField.focusDistance.Override({});
+        depthOfField.focalLength.Override({});
+        depthOfField.aperture.Override({});
+        depthOfField.bladeCount.Override(9);
+        depthOfField.bladeCurvature.Override(1.0f);
+",
+            f(bokeh.focus_distance),
+            f(bokeh.focal_length),
+            f(bokeh.aperture),
+        );
+    }
+    let mut extra = vec![];
+    if let (Some(response), Some(noise)) = (&settings.film_grain, &camera.noise) {
+        body += &film_grain(response);
+        lost.extend(response.lost());
+        extra.push(File::texture(grain::TILE, grain::tile(noise)));
+    }
+    extra.extend(grain_shader(camera).into_iter().flatten());
+    let script = profile_script("Universal Render Pipeline", "UnityEngine.Rendering.Universal", &lost, &body);
+    let mut files = vec![File::text("BlindaugCamera.cs", script)];
+    files.append(&mut extra);
+    Export { files, lost }
+}
