@@ -415,7 +415,8 @@ fn depth_kind(track: &CameraTrack) -> Option<DepthKind> {
 ///
 /// # Errors
 /// If it is over relative inverse depth and there is no scale.
-fn in_metres(track: CameraTrack, path: &Path, scale: Option<SceneScale>) -> Result<CameraTrack> {
+/// The models over metric inverse depth.
+pub fn in_metres(track: CameraTrack, path: &Path, scale: Option<SceneScale>) -> Result<CameraTrack> {
     match (depth_kind(&track), scale) {
         (Some(DepthKind::Relative), Some(s)) => {
             Ok(track.map(|m| map_defocus(m, |d| d.to_metric(s.scale, s.offset))))

@@ -5,6 +5,7 @@ mod composite;
 mod console;
 mod demo;
 mod estimate;
+mod export;
 mod inspect;
 mod report;
 mod validate;
@@ -33,6 +34,7 @@ enum Command {
     Composite(Box<composite::Composite>),
     Apply(Box<composite::Apply>),
     Inspect(inspect::Inspect),
+    Export(export::Export),
     Validate(validate::Validate),
 }
 
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
         Command::Composite(args) => composite::run(args),
         Command::Apply(args) => composite::run_apply(args),
         Command::Inspect(args) => inspect::run(args),
+        Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),
     };
     match result {

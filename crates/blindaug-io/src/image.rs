@@ -164,16 +164,30 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
 /// # Errors
 /// If the file cannot be written; then nothing is left of it.
 pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
-    let bytes: Vec<u8> = frame.0.data().iter().flatten().map(|&v| byte_from_encoded(v)).collect();
-    let (width, height) = (frame.0.width() as u32, frame.0.height() as u32);
+    write_png_of(path.as_ref(), &frame.0, ExtendedColorType::Rgb8)
+}
+
+/// Writes four values in [0, 1] per pixel as an RGBA PNG of 8 bits, alpha being one of them.
+///
+/// # Errors
+/// If the file cannot be written; then nothing is left of it.
+pub fn write_texture(path: impl AsRef<Path>, texture: &Raster<[f32; 4]>) -> Result<()> {
+    write_png_of(path.as_ref(), texture, ExtendedColorType::Rgba8)
+}
+
+fn write_png_of<const N: usize>(
+    path: &Path,
+    image: &Raster<[f32; N]>,
+    color: ExtendedColorType,
+) -> Result<()> {
+    let bytes: Vec<u8> = image.data().as_flattened().iter().map(|&v| byte_from_encoded(v)).collect();
+    let (width, height) = (image.width() as u32, image.height() as u32);
     write_atomically(path, |partial| {
         let mut file = BufWriter::new(File::create(partial)?);
-        PngEncoder::new(&mut file).write_image(&bytes, width, height, ExtendedColorType::Rgb8).map_err(
-            |e| match e {
-                ImageError::IoError(e) => e,
-                e => std::io::Error::other(e),
-            },
-        )?;
+        PngEncoder::new(&mut file).write_image(&bytes, width, height, color).map_err(|e| match e {
+            ImageError::IoError(e) => e,
+            e => std::io::Error::other(e),
+        })?;
         file.flush()
     })
 }

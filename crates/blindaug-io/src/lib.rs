@@ -40,6 +40,6 @@ pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
 pub use files::write_atomically;
 pub use flow::{read_flow, write_flo};
-pub use image::{MAX_PIXELS, MAX_SIDE, read_frame, read_linear, write_png};
+pub use image::{MAX_PIXELS, MAX_SIDE, read_frame, read_linear, write_png, write_texture};
 pub use sequence::{Frame, FrameRange, FrameSource, Frames};
 pub use side::{PaperScene, SideFolder};

@@ -7,7 +7,7 @@
 //!
 //! Source: the engine's `dof` shaders and the pull request.
 
-use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers};
+use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers, short};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Godot 4.3 and later, Forward+ or Mobile",
@@ -44,7 +44,7 @@ pub(super) fn export(camera: &Camera) -> Export {
     if let Some(exposure) = camera.exposure {
         lost.push(format!(
             "released versions have no motion blur; the proposed effect takes motion_blur_intensity = {}",
-            number(exposure.0)
+            short(exposure.0)
         ));
     }
     let mut resource = String::new();

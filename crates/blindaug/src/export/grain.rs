@@ -1,10 +1,11 @@
 //! Grain as textures and responses: the bands of the noise as a tile, a tile of the whole noise for tools that take only one, and
 //! the std over luminance.
 
-use super::{Camera, number};
+use super::{Camera, number, short};
 use crate::model::{NOISE_LEVELS, NoiseModel};
 use crate::synth::noise::{tileable_bands, total_std};
 use crate::{Raster, Transfer};
+use std::sync::OnceLock;
 
 /// Side of the textures, px. They tile; a random offset for each frame hides that they repeat.
 pub const SIDE: usize = 512;
@@ -33,14 +34,18 @@ fn stored(n: f32) -> f32 {
 /// Noise of channel c over content of encoded luminance Y is the sum over levels l of
 /// `max(slope[l][c] Y + intercept[l][c], 0) (texel[l] - 0.5) / GAIN`, each channel reading at its own offset.
 pub fn bands() -> Raster<[f32; 4]> {
-    let bands = tileable_bands(SIDE, 0);
-    Raster::from_fn(SIDE, SIDE, |x, y| std::array::from_fn(|l| stored(bands[l].at(x, y)[0])))
+    static BANDS: OnceLock<Raster<[f32; 4]>> = OnceLock::new();
+    let make = || {
+        let bands = tileable_bands(SIDE, 0);
+        Raster::from_fn(SIDE, SIDE, |x, y| std::array::from_fn(|l| stored(bands[l].at(x, y)[0])))
+    };
+    BANDS.get_or_init(make).clone()
 }
 
 /// The model's noise at [`TILE_LUMINANCE`] with std 1: R, G and B in their own channels, one for all of them in A.
 pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
     let bands = tileable_bands(SIDE, 1);
-    let one = tileable_bands(SIDE, 2);
+    let one = self::bands();
     let sigma: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|l| model.levels[l].sigma(TILE_LUMINANCE));
     let mean = sigma.map(|s| (s.iter().map(|v| v * v).sum::<f32>() / 3.0).sqrt());
     let mut tile = Raster::from_fn(SIDE, SIDE, |x, y| {
@@ -48,7 +53,7 @@ pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
         for l in 0..NOISE_LEVELS {
             let n = bands[l].at(x, y);
             (0..3).for_each(|c| sum[c] += sigma[l][c] * n[c]);
-            sum[3] += mean[l] * one[l].at(x, y)[0];
+            sum[3] += mean[l] * (one.at(x, y)[l] - 0.5) / GAIN;
         }
         sum
     });
@@ -148,8 +153,8 @@ impl Response {
             "grain is the same in all channels, and none at black".into(),
             format!(
                 "its std over luminance differs from the model's by {} (root mean square, of {})",
-                number(self.residual),
-                number(self.wanted)
+                short(self.residual),
+                short(self.wanted)
             ),
             format!("its spectrum is the model's at luminance {TILE_LUMINANCE} throughout"),
         ]

@@ -205,8 +205,8 @@ impl Camera {
     /// Which camera a blur that depends on the field of view is for.
     fn for_this_view(&self) -> String {
         let fov = match self.fov_y_degrees {
-            Some(fov) => format!("{} degrees", number(fov)),
-            None => format!("{} degrees, which is assumed (--fov)", number(USUAL_FOV_Y_DEGREES)),
+            Some(fov) => format!("{} degrees", short(fov)),
+            None => format!("{} degrees, which is assumed (--fov)", short(USUAL_FOV_Y_DEGREES)),
         };
         format!(
             "the blur is for pictures {} x {} px and a vertical field of view of {fov}",
@@ -223,7 +223,7 @@ impl Camera {
         (error(worst).abs() > SHARP_PX).then(|| {
             format!(
                 "blur differs from the model's by {mean:.2} px on average over {PROBES} depths, most at {} m ({:.2} instead of {:.2} px)",
-                number(worst),
+                short(worst),
                 sigma_px(worst),
                 defocus.sigma_px(worst.recip()),
             )
@@ -343,6 +343,12 @@ impl fmt::Display for Target {
 fn number(v: f32) -> String {
     let rounded: f32 = format!("{v:.5e}").parse().unwrap_or(v);
     format!("{rounded:?}")
+}
+
+/// Three significant digits, for sentences.
+fn short(v: f32) -> String {
+    let rounded: f32 = format!("{v:.2e}").parse().unwrap_or(v);
+    format!("{rounded}")
 }
 
 /// [`number`]s with commas between them.

@@ -1,0 +1,502 @@
+//! Exported settings: parsed by a parser of their language, and put back through the tool's own formulas.
+
+use blindaug::CameraModel;
+use blindaug::export::{Camera, Content, Export, Target, View, av1_grain, grain, probes};
+use blindaug::model::{
+    Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
+    NOISE_LEVELS, NoiseLevel, NoiseModel,
+};
+use blindaug::synth::noise::total_std;
+
+fn camera_model(exposure: f32, sigma: f32, focus_m: f32) -> CameraModel {
+    let capture = Capture { width: 1920, height: 1080, fps: Some(25.0), frames_used: 9 };
+    let mut model = CameraModel::unknown(capture, "nobody looked");
+    model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
+    model.defocus = Estimate::Known(DefocusModel::given_lens(sigma, focus_m.recip()));
+    let levels: [NoiseLevel; NOISE_LEVELS] = std::array::from_fn(|l| {
+        let share = [1.0, 0.8, 0.5, 0.2][l];
+        NoiseLevel { slope: [0.010 * share, 0.008 * share, 0.016 * share], intercept: [0.006 * share; 3] }
+    });
+    model.noise = Estimate::Known(NoiseModel::given(levels, 1.0));
+    model
+}
+
+fn exported(model: &CameraModel, target: Target) -> Export {
+    let view = View { fov_y_degrees: Some(34.0), ..View::default() };
+    target.export(&Camera::new(model, &view).unwrap())
+}
+
+fn text(export: &Export) -> &str {
+    match &export.files[0].content {
+        Content::Text(text) => text,
+        Content::Texture(_) => panic!("{} is no text", export.files[0].name),
+    }
+}
+
+/// The number that follows `key` and whatever is between.
+fn value(text: &str, key: &str) -> f32 {
+    let at = text.find(key).unwrap_or_else(|| panic!("there is no {key:?} in:\n{text}")) + key.len();
+    let rest = text[at..].trim_start_matches(|c: char| !(c.is_ascii_digit() || c == '-'));
+    let end = rest.find(|c: char| !(c.is_ascii_digit() || ".e-".contains(c))).unwrap_or(rest.len());
+    rest[..end]
+        .trim_end_matches('.')
+        .parse()
+        .unwrap_or_else(|_| panic!("{key:?} is followed by no number in:\n{text}"))
+}
+
+const W: f32 = 1920.0;
+const H: f32 = 1080.0;
+
+/// The engines' own formulas, from what was written for them: std in px at a depth in m.
+fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
+    let v = |key: &str| value(text, key);
+    // Half the picture's height over the focal length.
+    let tan = (0.5 * 34.0f32.to_radians()).tan();
+    match target {
+        Target::UnityUrp => {
+            let (p, f, n) = (v("focusDistance.Override"), v("focalLength.Override"), v("aperture.Override"));
+            let max_coc = f / n * (f / 1000.0) / (p - f / 1000.0);
+            Box::new(move |z| 7.0 * ((1.0 - p / z) * max_coc).clamp(-1.0, 1.0).abs())
+        }
+        Target::UnityHdrp => {
+            let (p, f, n) = (v("camera.focusDistance"), v("camera.focalLength"), v("camera.aperture"));
+            let (near, far) = (v("nearMaxBlur"), v("farMaxBlur"));
+            let max_coc = f / n * (f / 1000.0) / (p - f / 1000.0);
+            Box::new(move |z| {
+                let coc = ((1.0 - p / z) * max_coc).clamp(-1.0, 1.0);
+                let most = if coc < 0.0 { near } else { far };
+                0.5 * 2.0 * most * H / 1080.0 * coc.abs()
+            })
+        }
+        Target::Unreal => {
+            let (n, p) = (v("depth_of_field_fstop"), v("depth_of_field_focal_distance") / 100.0);
+            let sensor = v("depth_of_field_sensor_width") / 1000.0;
+            let f = 0.5 * sensor / (tan * W / H);
+            let coc = f * f / (n * (p - f));
+            Box::new(move |z| 0.5 * (W * ((z - p) / z).abs() * 0.5 * coc / sensor).min(0.025 * W))
+        }
+        Target::Godot => {
+            let (amount, p) = (v("dof_blur_amount"), v("dof_blur_far_distance"));
+            assert_eq!(v("dof_blur_near_distance"), p);
+            assert!(v("dof_blur_far_transition") < 0.0 && v("dof_blur_near_transition") < 0.0);
+            Box::new(move |z| 0.5 * (64.0 * amount * (z - p).abs() / z).min(32.0))
+        }
+        Target::Bevy => {
+            let (p, h, n) = (v("focal_distance"), v("sensor_height"), v("aperture_f_stops"));
+            let most = v("max_circle_of_confusion_diameter");
+            let f = 0.5 * h / tan;
+            Box::new(move |z| {
+                let c = H * f * f / (h * n) * (z - p).abs() / (z * (p - f));
+                0.743 * c.min(most) / 4.0
+            })
+        }
+        Target::Filament => {
+            let (p, n) = (v("setFocusDistance"), v("camera.getAperture()"));
+            let f = 0.5 * 0.024 / tan;
+            Box::new(move |z| {
+                let c = H / 0.024 * (f / n) * f / (p - f) * (1.0 - p / z).abs();
+                if c < 1.0 { 0.0 } else { c.min(64.0) / 4.0 }
+            })
+        }
+        Target::Blender => {
+            // What the script does with its constants.
+            let (sigma, p, height, fov) =
+                (v("SIGMA_PX_AT_INFINITY ="), v("FOCUS_M ="), v("\nHEIGHT ="), v("\nFOV_Y =").to_radians());
+            let per_height = 0.5 / (0.5 * fov).tan();
+            let f = 0.024 * per_height;
+            let n = f * per_height / (4.0 * sigma / height * p);
+            // Rays from a disk of diameter f / N through the plane in focus, which is P / per_height high.
+            Box::new(move |z| f / n * (z - p).abs() / z / (p / per_height) * H / 4.0)
+        }
+        Target::Three => {
+            let at = &text[text.find("export const depthOfField").unwrap()..];
+            let (p, f, scale) =
+                (value(at, "focusDistance:"), value(at, "focalLength:"), value(at, "bokehScale:"));
+            Box::new(move |z| {
+                let t = ((z - p).abs() / f).clamp(0.0, 1.0);
+                0.5 * scale * t * t * (3.0 - 2.0 * t)
+            })
+        }
+        Target::Nuke => {
+            let (p, size, most) = (v("\n center"), v("\n size"), v("\n max_size"));
+            Box::new(move |z| 0.5 * (size * (1.0 - p / z).abs()).min(most))
+        }
+        Target::Av1Grain | Target::Texture => panic!("{target} has no blur"),
+    }
+}
+
+const WITH_BLUR: [Target; 9] = [
+    Target::UnityUrp,
+    Target::UnityHdrp,
+    Target::Unreal,
+    Target::Godot,
+    Target::Bevy,
+    Target::Filament,
+    Target::Blender,
+    Target::Three,
+    Target::Nuke,
+];
+
+/// Mean and largest difference from the model over 20 depths, px.
+fn blur_error(target: Target, model: &CameraModel) -> (f32, f32) {
+    let export = exported(model, target);
+    let blur = blur_of(target, text(&export));
+    let wanted = model.defocus.known().unwrap();
+    let focus = match wanted.curve {
+        DefocusCurve::ThinLens { focus_inverse_depth, .. } => focus_inverse_depth.recip(),
+        DefocusCurve::Quadratic { .. } => 2.0,
+    };
+    let errors: Vec<f32> = probes(focus).map(|z| (blur(z) - wanted.sigma_px(z.recip())).abs()).collect();
+    (errors.iter().sum::<f32>() / errors.len() as f32, errors.iter().copied().fold(0.0, f32::max))
+}
+
+#[test]
+fn the_tool_s_own_formula_gives_the_model_s_blur_back() {
+    for (sigma, focus) in [(4.0, 3.0), (1.2, 0.6), (6.5, 12.0)] {
+        let model = camera_model(0.5, sigma, focus);
+        for target in WITH_BLUR {
+            let (mean, worst) = blur_error(target, &model);
+            println!("sigma {sigma} px, focus {focus} m, {target}: mean {mean:.4} px, worst {worst:.4} px");
+            let lost = exported(&model, target).lost.iter().any(|s| s.contains("blur differs"));
+            match target {
+                // No thin lens, and it says so.
+                Target::Three => assert!(lost && worst < 0.7 * sigma),
+                // Nothing below a diameter of 1 px.
+                Target::Filament => assert!(worst < 0.26),
+                _ => assert!(worst < 0.01 && !lost, "{target}: {worst} px"),
+            }
+        }
+        // Another camera's settings are told from this one's.
+        let other = camera_model(0.5, 1.2 * sigma, focus);
+        for target in WITH_BLUR {
+            let [this, other] =
+                [&model, &other].map(|m| blur_of(target, text(&exported(m, target)))(10.0 * focus));
+            assert!((other / this - 1.2).abs() < 0.15, "{target}: {this} {other}");
+        }
+    }
+}
+
+#[test]
+fn clamps_that_are_hit_are_told() {
+    let strong = camera_model(0.5, 30.0, 2.0);
+    for target in [Target::UnityUrp, Target::UnityHdrp, Target::Godot, Target::Unreal, Target::Filament] {
+        let (_, worst) = blur_error(target, &strong);
+        assert!(worst > 1.0, "{target}");
+        let lost = exported(&strong, target).lost;
+        assert!(lost.iter().any(|s| s.contains("blur differs from the model's")), "{target}: {lost:?}");
+    }
+    for target in [Target::Bevy, Target::Blender, Target::Nuke] {
+        assert!(blur_error(target, &strong).1 < 0.05, "{target}");
+    }
+}
+
+#[test]
+fn exposure_by_target_as_is_known() {
+    let model = camera_model(0.5, 4.0, 3.0);
+    for (target, key, want) in [
+        (Target::UnityUrp, "motionBlur.intensity.Override", 0.25),
+        (Target::UnityHdrp, "motionBlur.intensity.Override", 1.0),
+        (Target::Unreal, "\"motion_blur_amount\":", 0.5),
+        (Target::Unreal, "a shutter angle of", 180.0),
+        (Target::Godot, "motion_blur_intensity =", 0.5),
+        (Target::Bevy, "shutter_angle:", 0.5),
+        (Target::Blender, "EXPOSURE =", 0.5),
+        (Target::Three, "exposure:", 0.5),
+        (Target::Nuke, "\n scale", 0.5),
+    ] {
+        let export = exported(&model, target);
+        assert!((value(text(&export), key) - want).abs() < 1e-6, "{target}: {key}");
+    }
+}
+
+#[test]
+fn unity_s_grain_gives_the_model_s_std_where_it_can() {
+    let model = camera_model(0.5, 4.0, 3.0);
+    let noise = model.noise.known().unwrap();
+    for target in [Target::UnityUrp, Target::UnityHdrp] {
+        let export = exported(&model, target);
+        let (intensity, response) = (
+            value(text(&export), "grain.intensity.Override"),
+            value(text(&export), "grain.response.Override"),
+        );
+        let Some(Content::Texture(tile)) =
+            export.files.iter().find(|f| f.name == grain::TILE).map(|f| &f.content)
+        else {
+            panic!("there is no texture")
+        };
+        let t = model.transfer;
+        for y in [0.3f32, 0.5, 0.7] {
+            let light = t.decode(y);
+            // ApplyGrain on every texel, then back to encoded values.
+            let squares: f32 = tile
+                .data()
+                .iter()
+                .map(|texel| {
+                    let g = (texel[3] - 0.5) * 2.0;
+                    let out = light
+                        + light * g * (4.0 * intensity) * (1.0 + response * ((1.0 - light.sqrt()) - 1.0));
+                    (t.encode(out) - y).powi(2)
+                })
+                .sum();
+            let std = (squares / tile.data().len() as f32).sqrt();
+            let want = (total_std(noise, y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
+            println!("{target}, luminance {y}: {std:.5} for {want:.5}");
+            assert!((std / want - 1.0).abs() < 0.25, "{target} at {y}: {std} for {want}");
+        }
+    }
+}
+
+/// Fails on the first error or missing node of a syntax tree.
+fn parse(language: tree_sitter::Language, name: &str, source: &str) -> Result<(), String> {
+    let mut parser = tree_sitter::Parser::new();
+    parser.set_language(&language).unwrap();
+    let tree = parser.parse(source, None).unwrap();
+    if !tree.root_node().has_error() {
+        return Ok(());
+    }
+    let mut cursor = tree.walk();
+    let mut at = tree.root_node();
+    while let Some(child) = at.children(&mut cursor).find(|c| c.has_error()) {
+        at = child;
+    }
+    Err(format!("{name}, line {}: {}", at.start_position().row + 1, &source[at.byte_range()]))
+}
+
+/// Nuke's nodes: a stack language of which only what is written here is read: comments, `set`, `push`, `version`, and nodes
+/// of knobs with one value each.
+fn read_nk(source: &str) -> Result<Vec<(String, Vec<(String, String)>)>, String> {
+    let mut nodes = vec![];
+    let mut lines = source.lines().enumerate();
+    while let Some((i, line)) = lines.next() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            [] => {}
+            [comment, ..] if comment.starts_with('#') => {}
+            ["set", _, "[stack", "0]"] | ["push", _] | ["version", _, _] => {}
+            [class, "{"] => {
+                let mut knobs = vec![];
+                loop {
+                    let (j, line) = lines.next().ok_or(format!("{class} is not closed"))?;
+                    if line == "}" {
+                        break;
+                    }
+                    let (knob, value) = line
+                        .trim()
+                        .split_once(' ')
+                        .ok_or(format!("line {}: a knob without a value", j + 1))?;
+                    let quoted = value.len() > 1 && value.starts_with('"') && value.ends_with('"');
+                    let inner = if quoted { &value[1..value.len() - 1] } else { value };
+                    // Brackets would run Tcl, braces and quotes would end the value.
+                    if inner.contains(['"', '{', '}', '[', ']', '$']) || (!quoted && inner.contains(' ')) {
+                        return Err(format!("line {}: {value} must be quoted", j + 1));
+                    }
+                    knobs.push((knob.to_string(), inner.to_string()));
+                }
+                nodes.push((class.to_string(), knobs));
+            }
+            _ => return Err(format!("line {}: {line}", i + 1)),
+        }
+    }
+    Ok(nodes)
+}
+
+/// A Godot resource: one head, one section, keys with a number, a boolean or a string.
+fn read_tres(source: &str) -> Result<Vec<(String, String)>, String> {
+    let mut lines = source.lines().filter(|l| !l.trim().is_empty() && !l.starts_with(';'));
+    let head = lines.next().unwrap_or_default();
+    if !(head.starts_with("[gd_resource type=\"") && head.ends_with("format=3]")) {
+        return Err(head.into());
+    }
+    if lines.next() != Some("[resource]") {
+        return Err("there is no [resource]".into());
+    }
+    lines
+        .map(|line| {
+            let (key, value) = line.split_once(" = ").ok_or(line)?;
+            let name = key.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+            let string = value.len() > 1 && value.starts_with('"') && value.ends_with('"');
+            let known = string || ["true", "false"].contains(&value) || value.parse::<f64>().is_ok();
+            if name && known { Ok((key.into(), value.into())) } else { Err(line.to_string()) }
+        })
+        .collect()
+}
+
+/// Compiles a Godot compute shader.
+fn compile(source: &str) -> Result<(), String> {
+    use naga::front::glsl::{Frontend, Options};
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+    // The engine's own line, which names the stage.
+    let source = source.replacen("#[compute]\n", "", 1);
+    let module = Frontend::default()
+        .parse(&Options::from(naga::ShaderStage::Compute), &source)
+        .map_err(|e| e.emit_to_string(&source))?;
+    Validator::new(ValidationFlags::all(), Capabilities::all())
+        .validate(&module)
+        .map(drop)
+        .map_err(|e| e.emit_to_string(&source))
+}
+
+fn check(name: &str, source: &str) -> Result<(), String> {
+    let extension = name.rsplit('.').next().unwrap_or_default();
+    match extension {
+        "cs" => parse(tree_sitter_c_sharp::LANGUAGE.into(), name, source),
+        "py" => parse(tree_sitter_python::LANGUAGE.into(), name, source),
+        "js" => parse(tree_sitter_javascript::LANGUAGE.into(), name, source),
+        "h" => parse(tree_sitter_cpp::LANGUAGE.into(), name, source),
+        "rs" => parse(tree_sitter_rust::LANGUAGE.into(), name, source),
+        "gd" => parse(tree_sitter_gdscript::LANGUAGE.into(), name, source),
+        "glsl" => compile(source),
+        "nk" => read_nk(source).map(drop),
+        "tres" => read_tres(source).map(drop),
+        // Compiled by tools/check-shaders.sh, which has a compiler of HLSL.
+        "shader" => Ok(()),
+        "tbl" | "csv" => Ok(()),
+        _ => Err(format!("{name}: nobody checks this")),
+    }
+}
+
+/// Every part known, nothing known, and each part alone.
+fn models() -> Vec<CameraModel> {
+    let all = camera_model(0.5, 4.0, 3.0);
+    let nothing = CameraModel::unknown(all.capture, "nobody looked");
+    let mut models = vec![all.clone(), nothing.clone(), nothing.clone(), nothing.clone(), nothing];
+    models[2].noise = all.noise;
+    models[3].defocus = all.defocus;
+    models[4].motion_blur = all.motion_blur;
+    models
+}
+
+#[test]
+fn every_file_is_read_by_a_parser_of_its_language() {
+    let mut seen = vec![];
+    for model in models() {
+        for target in Target::ALL {
+            for file in exported(&model, *target).files {
+                if let Content::Text(text) = &file.content {
+                    check(&file.name, text).unwrap_or_else(|e| panic!("{target}: {e}"));
+                    seen.push(file.name.rsplit('.').next().unwrap_or_default().to_string());
+                }
+            }
+        }
+    }
+    // None of them takes just anything.
+    for extension in ["cs", "py", "js", "h", "rs", "gd", "glsl", "nk", "tres"] {
+        assert!(seen.iter().any(|s| s == extension), "nothing was written in {extension}");
+        let model = &models()[0];
+        let file = Target::ALL.iter().flat_map(|t| exported(model, *t).files).find_map(|f| match f.content {
+            Content::Text(text) if f.name.ends_with(&format!(".{extension}")) => Some(text),
+            _ => None,
+        });
+        let text = file.unwrap();
+        let broken = format!("{text}\n) = (\n");
+        assert!(
+            check(&format!("broken.{extension}"), &broken).is_err(),
+            "{extension} was broken and is read"
+        );
+    }
+}
+
+#[test]
+fn what_is_unknown_is_left_at_the_tool_s_default_and_said() {
+    for model in models() {
+        for target in Target::ALL {
+            let export = exported(&model, *target);
+            for (part, unknown) in [
+                ("motion blur", model.motion_blur.why_unknown()),
+                ("depth of field", model.defocus.why_unknown()),
+                ("noise", model.noise.why_unknown()),
+            ] {
+                let said = export.lost.iter().any(|s| s.starts_with(part) && s.contains("nobody looked"));
+                assert_eq!(said, unknown.is_some(), "{target}: {part}: {:?}", export.lost);
+            }
+        }
+    }
+    // Nothing of a part that is unknown is written.
+    let nothing = &models()[1];
+    for (target, names) in [
+        (Target::UnityUrp, &["Add<MotionBlur>", "Add<DepthOfField>", "Add<FilmGrain>"][..]),
+        (Target::Godot, &["dof_blur_amount"]),
+        (Target::Bevy, &["MotionBlur {", "DepthOfField {"]),
+        (Target::Nuke, &["ZDefocus2", "VectorBlur", "MergeExpression"]),
+        (Target::Unreal, &["motion_blur_amount", "fstop", "film_grain"]),
+        (Target::Filament, &["cocScale"]),
+    ] {
+        for name in names {
+            assert!(!text(&exported(nothing, target)).contains(name), "{target}: {name}");
+            assert!(text(&exported(&models()[0], target)).contains(name), "{target}: {name}");
+        }
+    }
+}
+
+#[test]
+fn relative_depth_is_not_exported_and_is_after_it_was_scaled() {
+    let mut model = camera_model(0.5, 4.0, 3.0);
+    let relative = DefocusModel::given(
+        DefocusCurve::ThinLens { sigma_px_at_infinity: 4.0, focus_inverse_depth: 0.8, interval: None },
+        DepthKind::Relative,
+    );
+    model.defocus = Estimate::Known(relative);
+    let export = exported(&model, Target::Nuke);
+    assert!(export.lost.iter().any(|s| s.contains("--scene-scale")) && !text(&export).contains("ZDefocus2"));
+    model.defocus = Estimate::Known(relative.to_metric(2.0, 0.1));
+    assert!(text(&exported(&model, Target::Nuke)).contains("ZDefocus2"));
+}
+
+#[test]
+fn nuke_s_expression_makes_the_model_s_noise() {
+    let model = camera_model(0.5, 4.0, 3.0);
+    let noise = model.noise.known().unwrap();
+    let nodes = read_nk(text(&exported(&model, Target::Nuke))).unwrap();
+    let merge = &nodes.iter().find(|n| n.0 == "MergeExpression").unwrap().1;
+    let bands = grain::bands();
+    for (c, key) in ["expr0", "expr1", "expr2"].iter().enumerate() {
+        let expression = &merge.iter().find(|k| k.0 == *key).unwrap().1;
+        // The terms `max(s*luma+i,0)*(Ab(..+dx)..)`, read back.
+        let terms: Vec<(f32, f32)> = expression
+            .match_indices("max(")
+            .skip(1)
+            .map(|(at, _)| {
+                let inner = &expression[at + 4..];
+                (value(inner, ""), value(inner, "luma+"))
+            })
+            .collect();
+        assert_eq!(terms.len(), NOISE_LEVELS);
+        let y = 0.4;
+        let variance: f32 = bands
+            .data()
+            .iter()
+            .map(|texel| {
+                let n: f32 =
+                    terms.iter().zip(texel).map(|((s, i), t)| (s * y + i).max(0.0) * (t - 0.5)).sum();
+                (n / value(&expression[expression.find("sqrt(").unwrap()..], "0))/")).powi(2)
+            })
+            .sum::<f32>()
+            / bands.data().len() as f32;
+        let want = total_std(noise, y)[c];
+        assert!((variance.sqrt() / want - 1.0).abs() < 0.02, "{} {want}", variance.sqrt());
+    }
+}
+
+#[test]
+fn the_av1_table_says_what_its_settings_are() {
+    let model = camera_model(0.5, 4.0, 3.0);
+    let export = exported(&model, Target::Av1Grain);
+    let s = av1_grain::settings(model.noise.known().unwrap(), 1080);
+    let lines: Vec<Vec<&str>> = text(&export).lines().map(|l| l.split_whitespace().collect()).collect();
+    assert_eq!(lines[0], ["filmgrn1"]);
+    assert_eq!(lines[1][0], "E");
+    assert_eq!(lines[2].len(), 13);
+    assert_eq!(
+        lines[2][1..5],
+        ["3", &s.ar_coeff_shift.to_string(), &s.grain_scale_shift.to_string(), &s.scaling_shift.to_string()]
+    );
+    for (line, points) in lines[3..6].iter().zip(&s.scaling) {
+        assert_eq!(line[1].parse(), Ok(points.len()));
+        let numbers: Vec<u8> = line[2..].iter().map(|v| v.parse().unwrap()).collect();
+        assert_eq!(numbers, points.as_flattened());
+    }
+    for (line, coefficients) in lines[6..9].iter().zip(&s.coefficients) {
+        let numbers: Vec<i32> = line[1..].iter().map(|v| v.parse().unwrap()).collect();
+        assert_eq!(&numbers, coefficients);
+    }
+}
