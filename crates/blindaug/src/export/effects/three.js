@@ -3,7 +3,12 @@ import { FullScreenQuad, Pass } from 'three/addons/postprocessing/Pass.js';
 
 /** The camera: null where it is unknown. */
 export const camera = {
-    /** Fraction of the frame interval that the shutter is open: motion vectors times this are streaks. */
+    /**
+     * Fraction of the frame interval that the shutter is open: motion vectors times this are streaks. With three's TSL, whose velocity is
+     * in normalized device coordinates and whose blur is in texture coordinates:
+     *
+     *     motionBlur( color, velocity.mul( vec2( 0.5, - 0.5 ) ).mul( camera.exposure ), 32 )
+     */
     exposure: @exposure@,
     /** Blur of a std of `sigmaPxAtInfinity * |1 - focusDistance / z|` px, z in metres, on pictures `width` px wide. */
     lens: @lens@,
@@ -18,7 +23,10 @@ export function sigmaPx(distance, width = camera.lens?.width) {
     return sigmaPxAtInfinity * width / camera.lens.width * Math.abs(1 - focusDistance / distance);
 }
 
-/** For `dof( color, viewZ, focusDistance, focalLength, bokehScale )` of three's TSL: an approximation, see the notes above. */
+/**
+ * For `dof( color, viewZ, focusDistance, focalLength, bokehScale )` of three's TSL: an approximation, see the notes above. `bokehScale`
+ * is for pictures `camera.lens.width` px wide, and goes with the width.
+ */
 export const depthOfField = @depthOfField@;
 
 /**
@@ -29,23 +37,31 @@ export const depthOfField = @depthOfField@;
  *     const bands = await new TextureLoader().loadAsync( '@bands@' );
  *     composer.addPass( new OutputPass() );
  *     composer.addPass( new GrainPass( bands ) );
+ *
+ * Where `camera.noise` is null there is no such file: `new GrainPass()` does nothing.
  */
 export class GrainPass extends Pass {
 
     constructor( bands ) {
 
         super();
-        bands.colorSpace = '';
-        bands.flipY = false;
-        bands.premultiplyAlpha = false;
-        bands.generateMipmaps = false;
-        bands.needsUpdate = true;
+        // Without noise there is no texture, and the composer leaves the pass out.
+        this.enabled = camera.noise !== null;
+        if ( bands ) {
+
+            bands.colorSpace = '';
+            bands.flipY = false;
+            bands.premultiplyAlpha = false;
+            bands.generateMipmaps = false;
+            bands.needsUpdate = true;
+
+        }
         const noise = camera.noise ?? { slope: zeros(), intercept: zeros(), clip: 1 };
         const vectors = ( rows ) => rows.map( ( row ) => new Vector4( ...row ) );
         this.material = new ShaderMaterial( {
             uniforms: {
                 tDiffuse: { value: null },
-                bands: { value: bands },
+                bands: { value: bands ?? null },
                 slope: { value: vectors( noise.slope ) },
                 intercept: { value: vectors( noise.intercept ) },
                 clipLevel: { value: noise.clip },
@@ -77,8 +93,8 @@ export class GrainPass extends Pass {
                     // The channels read different parts of the tile, so that their noise is independent.
                     vec3 noise = vec3(
                         of( 0, ivec2( @offset0@ ), luminance ), of( 1, ivec2( @offset1@ ), luminance ), of( 2, ivec2( @offset2@ ), luminance ) );
-                    // None where the sensor clips.
-                    vec3 clips = step( clipLevel, value );
+                    // None where the sensor clips, to half an 8-bit step: the composer's half floats can fall short of the level.
+                    vec3 clips = step( clipLevel - 0.5 / 255.0, value );
                     gl_FragColor = vec4( mix( clamp( value + noise, 0.0, clipLevel ), value, clips ), scene.a );
                 }`,
             depthTest: false,
