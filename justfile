@@ -23,3 +23,7 @@ bench:
 # The core crate for the web.
 wasm:
     tools/check-wasm.sh
+
+# The exported three.js module in Chromium; needs Node.js, npm's registry and chromium.
+three *ARGS:
+    tools/check-three.sh {{ARGS}}

@@ -1,22 +1,31 @@
 //! three.js: an ES module with the camera's numbers and a pass for the noise.
 //!
-//! - Motion blur: TSL's `motionBlur( input, velocity, n )` takes n taps that are off centre by 1 / (n - 1) and sum to (n + 1) / n; with
-//!   `velocity.mul( exposure )` and many taps both vanish.
-//! - Depth of field: TSL's `dof()` blurs by `bokehScale smoothstep( 0, focalLength, |z - focusDistance| )`: no thin lens. The nearest in
-//!   least squares over inverse depth is given.
+//! - Motion blur: TSL's `motionBlur( input, velocity, n )` moves its taps by `velocity` in texture coordinates, from -1/2 to 1/2, while
+//!   the pass's velocity is in normalized device coordinates: twice as long, y up. Hence `vec2( 0.5, - 0.5 )`, without which streaks are
+//!   twice as long and mirrored. Its taps are off centre by 1 / (n - 1) and sum to (n + 1) / n; with many both vanish.
+//! - Depth of field: TSL's `dof()` spreads 64 taps over a disk of the radius `bokehScale smoothstep( 0, focalLength, |z - focusDistance| )`
+//!   in px of the full picture: no thin lens. On top come half resolution, a maximum over the same disk, by which what is bright grows, and
+//!   below half of full blur the sharp picture is mixed in. [`DepthOfField::sigma_px`] has all of them, as measured at edges; the nearest to
+//!   the lens in least squares over inverse depth is given.
 //! - Grain: `film()` and pmndrs's `NoiseEffect` are white, brighten, and have no response; a pass of ours instead.
 //!
-//! Source: `MotionBlur.js`, `DepthOfFieldNode.js`, `FilmNode.js`.
+//! Source: `MotionBlur.js`, `VelocityNode.js`, `DepthOfFieldNode.js`, `FilmNode.js`; `tools/check-three.sh` measures what is said here.
 
 use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers, probes};
 
 pub(super) const ABILITIES: Abilities = Abilities {
-    tool: "three.js r170 and later",
+    tool: "three.js r170 and later; dof() from r180",
     motion_blur: "the number; TSL's motionBlur() brightens by 1 / n and is off centre with few taps",
-    defocus: "approximate: TSL's dof() is no thin lens, and its scale in px was not measured",
+    defocus: "approximate: TSL's dof() is no thin lens, and spreads by 1.3 px or more",
     grain: "a pass: the whole model",
-    checked: "module parsed and run in headless Chromium, its noise measured there",
+    checked: "module run in headless Chromium: its noise, dof() and motionBlur() measured there",
 };
+
+/// Variance that `dof()` adds by working at half resolution, px^2.
+const HALF_RESOLUTION: f32 = 1.7;
+
+/// By how much of its radius `dof()` lets bright things grow, over all directions.
+const GROWTH: f32 = 0.8;
 
 /// The arguments of TSL's `dof()`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,32 +34,40 @@ pub struct DepthOfField {
     pub focus_distance: f32,
     /// From the focus to full blur, m.
     pub focal_length: f32,
-    /// Radius of full blur, px.
+    /// Radius of full blur, px of the picture that is blurred.
     pub bokeh_scale: f32,
 }
 
 impl DepthOfField {
-    /// The std of the blur at this depth in m, px.
+    /// The std of the spread of an edge at this depth in m, px.
     pub fn sigma_px(&self, depth_m: f32) -> f32 {
         let t = ((depth_m - self.focus_distance).abs() / self.focal_length).clamp(0.0, 1.0);
-        0.5 * self.bokeh_scale * t * t * (3.0 - 2.0 * t)
+        let coc = t * t * (3.0 - 2.0 * t);
+        let radius = self.bokeh_scale * coc;
+        let mixed = (2.0 * coc).min(1.0);
+        // The blurred edge is off the sharp one that it is mixed with, as it has grown.
+        let apart = mixed * (1.0 - mixed) * (GROWTH * radius).powi(2);
+        (mixed * (0.25 * radius * radius + HALF_RESOLUTION) + apart).sqrt()
     }
 }
 
 /// The nearest to a lens, in least squares over inverse depth.
 pub fn depth_of_field(lens: &ThinLens) -> DepthOfField {
     let of = |focal_length: f32| {
-        let unit = DepthOfField { focus_distance: lens.focus_m, focal_length, bokeh_scale: 1.0 };
-        let [mut wanted, mut squares] = [0.0; 2];
-        for z in probes(lens.focus_m) {
-            wanted += unit.sigma_px(z) * lens.sigma_px(z);
-            squares += unit.sigma_px(z).powi(2);
+        let at = |bokeh_scale: f32| {
+            let fit = DepthOfField { focus_distance: lens.focus_m, focal_length, bokeh_scale };
+            let loss: f32 = probes(lens.focus_m).map(|z| (fit.sigma_px(z) - lens.sigma_px(z)).powi(2)).sum();
+            (fit, loss)
+        };
+        // Thirds: the loss falls to the best scale and rises from there.
+        let [mut low, mut high] = [0.0, 4.0 * lens.sigma_px_at_infinity];
+        for _ in 0..24 {
+            let third = (high - low) / 3.0;
+            if at(low + third).1 < at(high - third).1 { high -= third } else { low += third }
         }
-        let fit = DepthOfField { bokeh_scale: wanted / f32::max(squares, 1e-12), ..unit };
-        let loss: f32 = probes(lens.focus_m).map(|z| (fit.sigma_px(z) - lens.sigma_px(z)).powi(2)).sum();
-        (fit, loss)
+        at(0.5 * (low + high))
     };
-    let candidates = (1..=400).map(|i| of(lens.focus_m * i as f32 / 50.0));
+    let candidates = (1..=200).map(|i| of(lens.focus_m * i as f32 / 25.0));
     candidates.min_by(|a, b| a.1.total_cmp(&b.1)).map_or_else(|| of(lens.focus_m).0, |best| best.0)
 }
 
@@ -61,14 +78,14 @@ pub(super) fn export(camera: &Camera) -> Export {
     let mut depth_of_field_text = null();
     if camera.exposure.is_some() {
         lost.push(
-            "TSL's motionBlur() with velocity.mul( camera.exposure ) brightens by 1 / n and is off centre by 1 / ( n - 1 ): take 32 taps or more"
+            "TSL's motionBlur() brightens by 1 / n and is off centre by 1 / ( n - 1 ) of the streak: take 32 taps or more"
                 .into(),
         );
     }
     let lens = camera.lens.map_or_else(null, |lens| {
         let dof = depth_of_field(&lens);
         lost.extend(camera.blur_lost(|z| dof.sigma_px(z)));
-        lost.push("TSL's dof() is no thin lens, and its scale in px was not measured: use sigmaPx() in a pass of your own where it matters".into());
+        lost.push("TSL's dof() is no thin lens, and what is bright grows by about 0.8 of its radius: use sigmaPx() in a pass of your own where it matters".into());
         depth_of_field_text = format!(
             "{{ focusDistance: {}, focalLength: {}, bokehScale: {} }}",
             number(dof.focus_distance),
@@ -112,4 +129,58 @@ pub(super) fn export(camera: &Camera) -> Export {
         files.push(File::texture(grain::BANDS, grain::bands()));
     }
     Export { files, lost }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_edge_spreads_as_was_measured_in_a_browser() {
+        // bokehScale, |z - focusDistance| over focalLength, std in px of an edge: tools/check-three.sh.
+        for (bokeh_scale, t, want) in [
+            (1.0, 1.0, 1.34),
+            (4.0, 1.0, 2.44),
+            (8.0, 1.0, 4.24),
+            (16.0, 1.0, 8.15),
+            (8.0, 0.75, 3.61),
+            (8.0, 0.5, 2.44),
+            (8.0, 0.3, 1.27),
+            (8.0, 0.1, 0.22),
+        ] {
+            let dof = DepthOfField { focus_distance: 2.0, focal_length: 1.0, bokeh_scale };
+            for z in [2.0 + t, 2.0 - t] {
+                let got = dof.sigma_px(z);
+                assert!((got - want).abs() < 0.12, "{bokeh_scale} {t}: {got} px instead of {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_other_scale_or_length_is_nearer_to_the_lens() {
+        for sigma_px_at_infinity in [1.2, 4.0, 9.0] {
+            let lens = ThinLens { sigma_px_at_infinity, focus_m: 3.0 };
+            let loss = |dof: DepthOfField| -> f32 {
+                probes(3.0).map(|z| (dof.sigma_px(z) - lens.sigma_px(z)).powi(2)).sum()
+            };
+            let best = depth_of_field(&lens);
+            for (scale, length) in [
+                (1.05, 1.0),
+                (0.95, 1.0),
+                (1.0, 1.1),
+                (1.0, 0.9),
+                (0.5, 1.0),
+                (2.0, 1.0),
+                (2.0, 2.0),
+                (0.5, 0.5),
+            ] {
+                let other = DepthOfField {
+                    bokeh_scale: scale * best.bokeh_scale,
+                    focal_length: length * best.focal_length,
+                    ..best
+                };
+                assert!(loss(other) >= loss(best), "{sigma_px_at_infinity}: {best:?} {other:?}");
+            }
+        }
+    }
 }
