@@ -21,7 +21,8 @@ Shader "Blindaug/Grain"
             HLSLPROGRAM
             #pragma vertex Vert
             #pragma fragment Frag
-            #include "Packages/com.unity.render-pipelines.core/ShaderLibrary/Common.hlsl"
+            // The pipeline's own first: it declares _Time, and the macros that Blit.hlsl takes for granted.
+            #include "Packages/com.unity.render-pipelines.universal/ShaderLibrary/Core.hlsl"
             #include "Packages/com.unity.render-pipelines.core/ShaderLibrary/Color.hlsl"
             #include "Packages/com.unity.render-pipelines.core/Runtime/Utilities/Blit.hlsl"
 
@@ -50,12 +51,14 @@ Shader "Blindaug/Grain"
 
             float4 Frag(Varyings input) : SV_Target
             {
+                UNITY_SETUP_STEREO_EYE_INDEX_POST_VERTEX(input);
                 float4 scene = SAMPLE_TEXTURE2D_X(_BlitTexture, sampler_PointClamp, input.texcoord);
                 // Noise lives in encoded values.
                 float3 value = LinearToSRGB(saturate(scene.rgb));
                 float luminance = dot(value, float3(0.299, 0.587, 0.114));
                 int2 position = int2(input.positionCS.xy) + FrameOffset();
                 float3 noise;
+                [unroll]
                 for (int c = 0; c < 3; c++)
                 {
                     float4 bands = LOAD_TEXTURE2D(_Bands, (position + Offsets[c]) & Mask);
