@@ -184,15 +184,18 @@ fn autoregression(own: impl Fn(isize, isize) -> f32, luma: Option<Luma>) -> Auto
     Autoregression { coefficients, innovation: (variance - explained).max(1e-4 * variance).sqrt() }
 }
 
-/// The filter's response to one impulse, far enough for what it has in it.
-fn impulse_response(coefficients: &[f64]) -> Vec<Vec<f64>> {
-    const WIDTH: usize = 129;
-    const HEIGHT: usize = 48;
+/// Half the width, and the height, of what is followed of a filter's response.
+const REACH: isize = 64;
+const DEPTH: usize = 48;
+
+/// The filter's response to `input`, over columns from -[`REACH`] to [`REACH`] and rows from 0 on.
+fn response(coefficients: &[f64], input: impl Fn(isize, isize) -> f64) -> Vec<Vec<f64>> {
+    const WIDTH: usize = 2 * REACH as usize + 1;
     let taps: Vec<_> = taps().collect();
-    let mut out = vec![vec![0.0; WIDTH]; HEIGHT];
-    for y in 0..HEIGHT {
+    let mut out = vec![vec![0.0; WIDTH]; DEPTH];
+    for y in 0..DEPTH {
         for x in 0..WIDTH {
-            let mut v = f64::from(u8::from(y == 0 && x == WIDTH / 2));
+            let mut v = input(x as isize - REACH, y as isize);
             for ([dx, dy], c) in taps.iter().zip(coefficients) {
                 let (px, py) = (x as isize + dx, y as isize + dy);
                 if py >= 0 && (0..WIDTH as isize).contains(&px) {
@@ -205,8 +208,28 @@ fn impulse_response(coefficients: &[f64]) -> Vec<Vec<f64>> {
     out
 }
 
+fn impulse(x: isize, y: isize) -> f64 {
+    f64::from(u8::from(x == 0 && y == 0))
+}
+
 fn energy(response: &[Vec<f64>]) -> f64 {
     response.iter().flatten().map(|v| v * v).sum()
+}
+
+/// Variance of what luma, of this response, adds to chroma: halved by means of 2 x 2 px, then through chroma's own filter.
+fn from_luma(luma: &[Vec<f64>], coefficients: &[f64]) -> f64 {
+    let at = |x: isize, y: isize| {
+        let row = usize::try_from(y).ok().and_then(|y| luma.get(y));
+        row.and_then(|row| row.get(usize::try_from(x + REACH).ok()?)).copied().unwrap_or(0.0)
+    };
+    // An impulse may fall on any of the four pixels of a mean.
+    [(0, 0), (1, 0), (0, 1), (1, 1)].iter().fold(0.0, |sum, (px, py)| {
+        let halved = |x: isize, y: isize| {
+            let (x, y) = (2 * x - px, 2 * y - py);
+            (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)) / 4.0
+        };
+        sum + energy(&response(coefficients, halved))
+    })
 }
 
 /// The noise as the table's numbers, for pictures of this height.
@@ -252,16 +275,14 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
     });
     let used = |p: usize| -> Vec<f64> { coefficients[p].iter().map(|&c| f64::from(c) / unit).collect() };
     // Std of the filtered tiles over that of the normal numbers.
-    let gain_y = energy(&impulse_response(&used(0))).sqrt();
+    let luma = response(&used(0), impulse);
     let gains: [f64; 3] = std::array::from_fn(|p| {
         if p == 0 {
-            return gain_y;
+            return energy(&luma).sqrt();
         }
         let coefficients = used(p);
-        let own = energy(&impulse_response(&coefficients[..TAPS]));
-        // What luma adds passes the same filter: to first order with luma's own spectrum.
-        let luma = coefficients[TAPS] * gain_y * f64::from(y.halved(0, 0) / y.at(0, 0).max(1e-12)).sqrt();
-        (own * (1.0 + luma * luma)).sqrt()
+        let (own, of_luma) = coefficients.split_at(TAPS);
+        (energy(&response(own, impulse)) + of_luma[0].powi(2) * from_luma(&luma, own)).sqrt()
     });
     // Room for 3.5 std in the tile.
     let largest = gains.iter().fold(0.0f64, |m, g| m.max(*g)) as f32 * TILE_STD;
@@ -363,11 +384,10 @@ mod tests {
         )
     }
 
-    /// The decoder's luma grain of a table, from normal numbers: rows of code values.
-    fn decoded(s: &Settings, luma: u8, side: usize) -> Plane {
-        // Sums of twelve uniform numbers, from a xorshift generator.
+    /// Normal numbers: sums of twelve uniform ones, from a xorshift generator.
+    fn normal_numbers() -> impl FnMut() -> f32 {
         let mut state = 0x1234_5678_9abc_def1u64;
-        let mut normal = || {
+        move || {
             let sum: f32 = (0..12)
                 .map(|_| {
                     state ^= state << 13;
@@ -377,7 +397,17 @@ mod tests {
                 })
                 .sum();
             sum - 6.0
-        };
+        }
+    }
+
+    /// The decoder's filtered tile of a plane; chroma is given luma's.
+    fn tile(
+        s: &Settings,
+        plane: usize,
+        side: usize,
+        luma: Option<&Raster<i32>>,
+        normal: &mut impl FnMut() -> f32,
+    ) -> Raster<i32> {
         let mut tile = vec![vec![0i32; side + 8]; side + 4];
         for y in 0..side + 4 {
             for x in 0..side + 8 {
@@ -385,22 +415,39 @@ mod tests {
                 let shift = 4 + s.grain_scale_shift;
                 v = (v + (1 << (shift - 1))) >> shift;
                 if y >= 3 && x >= 3 && x < side + 5 {
-                    let sum: i32 = taps()
-                        .zip(&s.coefficients[0])
+                    let mut sum: i32 = taps()
+                        .zip(&s.coefficients[plane])
                         .map(|([dx, dy], c)| c * tile[(y as isize + dy) as usize][(x as isize + dx) as usize])
                         .sum();
+                    if let (Some(luma), Some(x), Some(y)) = (luma, x.checked_sub(4), y.checked_sub(4))
+                        && x < side
+                    {
+                        let four = [(0, 0), (1, 0), (0, 1), (1, 1)];
+                        let mean: i32 = four.iter().map(|(i, j)| luma.at(2 * x + i, 2 * y + j)).sum();
+                        sum += s.coefficients[plane][TAPS] * ((mean + 2) >> 2);
+                    }
                     v += (sum + (1 << (s.ar_coeff_shift - 1))) >> s.ar_coeff_shift;
                 }
                 tile[y][x] = v.clamp(-128, 127);
             }
         }
-        let points = &s.scaling[0];
+        Raster::from_fn(side, side, |x, y| tile[y + 4][x + 4])
+    }
+
+    /// The tile times the scaling at a luma: grain in code values.
+    fn scaled(s: &Settings, plane: usize, luma: u8, tile: &Raster<i32>) -> Plane {
+        let points = &s.scaling[plane];
         let after = points.iter().position(|p| p[0] >= luma).unwrap_or(points.len() - 1).max(1);
         let [[x0, y0], [x1, y1]] = [points[after - 1], points[after]].map(|p| p.map(f32::from));
         let scale = (y0 + (y1 - y0) * (f32::from(luma) - x0) / (x1 - x0)).round() as i32;
-        Plane::from_fn(side, side, |x, y| {
-            ((scale * tile[y + 4][x + 4] + (1 << (s.scaling_shift - 1))) >> s.scaling_shift) as f32
+        Plane::from_fn(tile.width(), tile.height(), |x, y| {
+            ((scale * tile.at(x, y) + (1 << (s.scaling_shift - 1))) >> s.scaling_shift) as f32
         })
+    }
+
+    /// The decoder's luma grain of a table.
+    fn decoded(s: &Settings, luma: u8, side: usize) -> Plane {
+        scaled(s, 0, luma, &tile(s, 0, side, None, &mut normal_numbers()))
     }
 
     fn std(p: &Plane) -> f32 {
@@ -454,6 +501,25 @@ mod tests {
         assert!(
             std(&decoded(&other, 126, 128)) < 0.7 * std(&decoded(&settings(&white(0.03), 1080), 126, 128))
         );
+    }
+
+    #[test]
+    fn decoded_chroma_has_the_model_s_std_where_it_shares_much_with_luma() {
+        let coarse = NoiseModel::given(
+            [1.0, 0.9, 0.6, 0.3].map(|s| NoiseLevel { slope: [0.0; 3], intercept: [0.03 * s; 3] }),
+            1.0,
+        );
+        let s = settings(&coarse, 1080);
+        let mut normal = normal_numbers();
+        let luma = tile(&s, 0, 512, None, &mut normal);
+        let bands = tileable_bands(256, 3);
+        let shape = Covariance::of_channel(&bands, coarse.levels.each_ref().map(|l| l.sigma(0.5)[0]));
+        for plane in 1..3 {
+            let weights: f32 = ycbcr(1080)[plane].iter().map(|w| w * w).sum();
+            let want = 224.0 * (weights * shape.halved(0, 0)).sqrt();
+            let got = std(&scaled(&s, plane, 126, &tile(&s, plane, 256, Some(&luma), &mut normal)));
+            assert!((got / want - 1.0).abs() < 0.05, "plane {plane}: {got} for {want}");
+        }
     }
 
     #[test]
