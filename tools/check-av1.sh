@@ -191,7 +191,7 @@ def compare(name, folder, grainy, clean):
         assert without[0][0][y][0] == LUMAS[y // BAND], "the clip itself has changed in encoding"
     failed, checked, seen = [], 0, []
     print(f"{name}: std in code values: wanted, decoded, ratio")
-    print("  luma" + "".join(f"{p:>10}" + " " * 19 for p in ("Y", "Cb", "Cr")))
+    print(("  luma" + "".join(f"{p:>10}" + " " * 19 for p in ("Y", "Cb", "Cr"))).rstrip())
     for band, luma in enumerate(LUMAS):
         y = (luma - 16) / 219
         rgb = std_at(rows, y) if y < spec["noise"]["clip"] else [0.0] * 3
