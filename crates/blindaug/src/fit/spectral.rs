@@ -73,8 +73,6 @@ const HIDDEN_STREAK: f32 = 1.2;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
 const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
-/// The noise of coarse levels is believed up to this many times the density of the finest.
-const MAX_COLOUR: f32 = 1.3;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 const BOOTSTRAPS: usize = 120;
@@ -455,8 +453,6 @@ impl<'a> Prepared<'a> {
                 slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
             variance.max(0.0) / (white[l] * white[l])
         });
-        // What a bad match leaves in the coarse levels looks like noise there; too much noise in V would read as blur.
-        let density = density.map(|d| d.min(MAX_COLOUR * density[0]));
         let at = |b: &Bin| {
             // Level l holds the frequencies around 0.35 / 2^l cycles per px.
             let level = (0.35 * tile.scale / b.modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);

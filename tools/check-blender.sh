@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# The closed loop: a camera is exported to Blender, a scene is rendered with the script that was written, and the camera is
+# estimated blindly from that render (depth given). The numbers that went in must lie within the intervals that come out.
+#
+#     tools/check-blender.sh [DIR]      # DIR: where the render is kept [default: a temporary folder]; about five minutes
+#
+# Needs Python 3.11; Blender comes as a module (PYTHON: the interpreter; with bpy in it nothing is installed).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+out=${1:-$(mktemp -d)}
+mkdir -p "$out"
+python=${PYTHON:-python3}
+
+if ! "$python" -c 'import bpy' 2>/dev/null; then
+    "$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' ||
+        { echo "check-blender: Blender 4.5 as a module needs Python 3.11; give one by PYTHON=..." >&2; exit 1; }
+    "$python" -m venv "$out/venv"
+    python=$out/venv/bin/python
+    "$python" -m pip install --quiet bpy==4.5.15
+fi
+
+cargo build --release --quiet
+blindaug=target/release/blindaug
+"$blindaug" export tools/blender/camera.json --to blender -o "$out/blindaug_camera.py"
+# Blender says a lot.
+"$python" tools/blender/render.py "$out/blindaug_camera.py" "$out" >"$out/blender.log" 2>&1 ||
+    { tail -5 "$out/blender.log" >&2; exit 1; }
+"$blindaug" estimate "$out/frames" --depth "$out/depth" -o "$out/estimate.json" >/dev/null
+"$blindaug" inspect tools/blender/camera.json --json >"$out/truth.txt"
+"$blindaug" inspect "$out/estimate.json" --json >"$out/found.txt"
+"$python" tools/blender/compare.py tools/blender/camera.json "$out/estimate.json" "$out/truth.txt" "$out/found.txt"
