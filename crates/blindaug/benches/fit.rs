@@ -88,7 +88,7 @@ fn bench(c: &mut Criterion) {
         b.iter(|| {
             let tiles =
                 spectral::tiles(black_box(&seen), Some(&flow), None, BlurSpace::Encoded).expect("one size");
-            spectral::fit_exposure(&[&tiles], &noise)
+            spectral::fit_exposure(&[&tiles], &[], &noise)
         })
     });
     g.bench_function("defocus/spectral", |b| {

@@ -77,6 +77,43 @@ fn boards_along_the_motion_do_not_look_blurred() {
     assert!((estimate - 0.45).abs() < 0.1, "{estimate}");
 }
 
+/// A camera that shakes: the motion turns from one frame to the next.
+#[test]
+fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurred_itself() {
+    let motions = [[14.0, 3.0], [13.0, -7.0]];
+    let flows = motions.map(|m| Flow::filled(N, N, m));
+    let blurred = |image: &Plane, flow, lambda| {
+        synth::motion_blur::motion_blur(image, flow, ExposureFraction(lambda)).unwrap()
+    };
+    // As if by streaks of half the first frame's motion.
+    let texture = blurred(&texture(6, 1), &flows[0], 0.5);
+    // In the second frame all of it lies where the first one's motion takes it.
+    let moved = Plane::from_fn(N, N, |x, y| texture.at((x + N - 14) % N, (y + N - 3) % N));
+    for lambda in [0.15, 0.3] {
+        let frames = [
+            noisy(&blurred(&texture, &flows[0], lambda), 0.004, 98),
+            noisy(&blurred(&moved, &flows[1], lambda), 0.004, 99),
+        ];
+        let found = |pairs: bool| {
+            let mut e = estimator(Family::Spectral);
+            for i in 0..2 {
+                let evidence = Evidence { flow: Some(&flows[i]), ..Evidence::default() };
+                let previous = (pairs && i == 1).then(|| &frames[0]);
+                e.add(&Observation { frame: &frames[i], next: frames.get(i + 1), previous, evidence })
+                    .unwrap();
+            }
+            exposure(&e.estimate().unwrap())
+        };
+        let ((alone, _), (both, [low, high])) = (found(false), found(true));
+        println!("{lambda}: {alone}; {both} [{low}, {high}]");
+        assert!(
+            (both - lambda).abs() < 0.04 && (low..=high).contains(&lambda),
+            "{both} [{low}, {high}] for {lambda}"
+        );
+        assert!((alone - lambda).abs() > 0.05, "{alone} for {lambda}");
+    }
+}
+
 #[test]
 fn without_motion_nothing_is_said_of_the_shutter_and_without_texture_nothing_of_anything() {
     let still = blind(&texture(6, 1), [0.0; 2], [0.2, 0.1], 0.5);

@@ -141,6 +141,8 @@ pub struct Estimator {
     depth_kind: Option<DepthKind>,
     depth_given: bool,
     last_depth: Option<(usize, Plane)>,
+    /// The flow from the frame of that index to the next.
+    last_flow: Option<(usize, Flow)>,
     cuts: usize,
 }
 
@@ -154,6 +156,8 @@ struct FrameEvidence {
     spatial: NoiseEvidence,
     denoised: NoiseEvidence,
     tiles: Vec<spectral::Tile>,
+    /// With the frame before.
+    pairs: Vec<spectral::Pair>,
     removal: Vec<removal::Tile>,
     has_motion: bool,
     has_depth: bool,
@@ -189,6 +193,7 @@ impl Estimator {
             depth_kind: None,
             depth_given: false,
             last_depth: None,
+            last_flow: None,
             cuts: 0,
         }
     }
@@ -274,6 +279,7 @@ impl Estimator {
             spatial: NoiseEvidence::new(Method::Spatial),
             denoised: NoiseEvidence::new(Method::Removal),
             tiles: vec![],
+            pairs: vec![],
             removal: vec![],
             has_motion: to_next.is_some(),
             has_depth: depth.is_some(),
@@ -287,6 +293,13 @@ impl Estimator {
         kept.spatial.add_single(frame);
         if self.options.family != Family::Removal {
             kept.tiles = spectral::tiles(frame, to_next.as_ref(), depth.as_ref(), self.options.blur_space)?;
+            // A motion that is taken to go on differs from none.
+            let own = to_next.clone().filter(|_| next.is_some() || evidence.flow.is_some());
+            let last = self.last_flow.take().filter(|l| l.0 + 1 == index);
+            if let (Some(before), Some((_, last)), Some(own)) = (previous, &last, &own) {
+                kept.pairs = spectral::pairs([before, frame], [last, own], self.options.blur_space);
+            }
+            self.last_flow = own.map(|flow| (index, flow));
         }
         let given_clean = evidence.denoised.or(evidence.motion_deblurred).or(evidence.clean).is_some();
         if self.options.family == Family::Removal && !given_clean {
@@ -490,7 +503,10 @@ impl Estimator {
         let blind = match method {
             _ if moving.is_empty() => Err(why),
             Method::Removal => removal::fit_exposure(&removal_tiles(&moving)),
-            _ => spectral::fit_exposure(&spectral_tiles(&moving), noise),
+            _ => {
+                let pairs: Vec<&[spectral::Pair]> = moving.iter().map(|f| f.pairs.as_slice()).collect();
+                spectral::fit_exposure(&spectral_tiles(&moving), &pairs, noise)
+            }
         };
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];

@@ -8,12 +8,15 @@
 //! - **lambda**: `S |K_DoF|^2` is any function of the frequency's modulus, one amplitude per ring, profiled out: whatever
 //!   is isotropic (the lens, the slope of the scene's spectrum, the pixel's response, sharpening) has no say. It is also any
 //!   smooth function of the direction, the same in all rings, under a prior, so that boards or bars have none either: what
-//!   remains of motion blur is its zeros, which lie at a distance along the motion, not in a direction.
+//!   remains of motion blur is its zeros, which lie at a distance along the motion, not in a direction. Where a surface moves
+//!   differently in two frames, [`pairs()`] tells lambda whatever S is.
 //! - **lens**, given lambda: `S = a / |w|^alpha` times a small pixel response, a profiled out and alpha integrated out
 //!   under a prior of what natural images have.
 //!
 //! The global unknowns maximise the sum over the tiles of all frames, each tile's loss clipped against outliers.
 //! Intervals: bootstrap over blocks of the image and parts of the clip, and a floor for what the models leave out.
+
+mod pairs;
 
 use super::BlurPoint;
 use super::defocus::{self, Lens};
@@ -26,6 +29,8 @@ use rustfft::{Fft, FftPlanner};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use wide::f32x4;
+
+pub use pairs::{Pair, pairs};
 
 /// Side of a tile, px; tiles overlap by half.
 pub const TILE: usize = 48;
@@ -293,9 +298,9 @@ fn tile(
     block: u32,
     fft: &Arc<dyn Fft<f32>>,
 ) -> Option<Tile> {
-    let (speed, motion) = match flow {
+    let (speed, motion, _) = match flow {
         Some(flow) => common_motion(flow, corner)?,
-        None => (0.0, [0.0; 2]),
+        None => (0.0, [0.0; 2], 0.0),
     };
     let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
     let noise_moments = light.noise_moments(at);
@@ -314,8 +319,8 @@ fn samples<T: Copy + Send + Sync>(
 /// How many those are.
 const SAMPLES: usize = TILE * TILE / 4;
 
-/// Speed and motion of a tile; `None` if its parts move differently, too fast, or unknown.
-fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])> {
+/// Speed and motion of a tile and its parts' mean deviation from it; `None` if they move differently, too fast, or unknown.
+fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2], f32)> {
     let known: Vec<[f32; 2]> =
         samples(flow, corner).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
     if known.len() < SAMPLES / 2 {
@@ -330,7 +335,7 @@ fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2])>
     let length = |x: f32, y: f32| (x * x + y * y).sqrt();
     let deviation =
         known.iter().map(|f| length(f[0] - motion[0], f[1] - motion[1])).sum::<f32>() / known.len() as f32;
-    (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion))
+    (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion, deviation))
 }
 
 /// Inverse depth of a tile; `None` if it spans much of it, or is unknown.
@@ -345,7 +350,12 @@ fn common_depth(map: &Plane, corner: (usize, usize)) -> Option<f32> {
 }
 
 /// `|FFT(window (patch - mean))|^2 / TILE^2`, [wx][wy], as far as [`BAND`] goes in x.
-fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, (x0, y0): (usize, usize)) -> Vec<f32> {
+fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, at: (usize, usize)) -> Vec<f32> {
+    transform(fft, light, at).iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
+}
+
+/// `FFT(window (patch - mean))`, likewise.
+fn transform(fft: &Arc<dyn Fft<f32>>, light: &Plane, (x0, y0): (usize, usize)) -> Vec<Complex<f32>> {
     let window = hann();
     let row = |y: usize| &light.row(y0 + y)[x0..x0 + TILE];
     let weights: f32 = window.iter().sum::<f32>().powi(2);
@@ -371,7 +381,7 @@ fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, (x0, y0): (usize, usize))
         }
     }
     fft.process_with_scratch(&mut columns, &mut scratch);
-    columns.iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
+    columns
 }
 
 /// Frequencies in x of a [`periodogram`].
@@ -431,6 +441,30 @@ fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec
     (kept, rings)
 }
 
+/// Density of the noise at a modulus in a tile of such [`Tile::noise_moments`] and scale.
+fn noise_density(
+    [squares, products, ones]: [f32; 3],
+    scale: f32,
+    noise: &[LumaNoise; NOISE_LEVELS],
+) -> impl Fn(f32) -> f32 {
+    let white = white_band_std();
+    // Spectral density of the noise in each level: that of the white noise which has the level's variance.
+    let density: [f32; NOISE_LEVELS] = std::array::from_fn(|l| {
+        let LumaNoise { slope, intercept } = noise[l];
+        let variance =
+            slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
+        variance.max(0.0) / (white[l] * white[l])
+    });
+    // A mean of so many pixels has that much less of it.
+    let mean = (scale * scale).recip();
+    move |modulus| {
+        // Level l holds the frequencies around 0.35 / 2^l cycles per px.
+        let level = (0.35 * scale / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
+        let i = (level as usize).min(NOISE_LEVELS - 2);
+        (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9)
+    }
+}
+
 /// A tile with its noise, ready for the likelihood.
 struct Prepared<'a> {
     tile: &'a Tile,
@@ -444,24 +478,8 @@ struct Prepared<'a> {
 impl<'a> Prepared<'a> {
     /// `None` if the tile holds hardly more than noise.
     fn new(tile: &'a Tile, frame: usize, shot: usize, noise: &[LumaNoise; NOISE_LEVELS]) -> Option<Self> {
-        let white = white_band_std();
-        let [squares, products, ones] = tile.noise_moments;
-        // Spectral density of the noise in each level: that of the white noise which has the level's variance.
-        let density: [f32; NOISE_LEVELS] = std::array::from_fn(|l| {
-            let LumaNoise { slope, intercept } = noise[l];
-            let variance =
-                slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
-            variance.max(0.0) / (white[l] * white[l])
-        });
-        let at = |b: &Bin| {
-            // Level l holds the frequencies around 0.35 / 2^l cycles per px.
-            let level = (0.35 * tile.scale / b.modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
-            let i = (level as usize).min(NOISE_LEVELS - 2);
-            // A mean of so many pixels has that much less of it.
-            let mean = (tile.scale * tile.scale).recip();
-            (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9)
-        };
-        let noise: Vec<f32> = tile.bins.iter().map(at).collect();
+        let density = noise_density(tile.noise_moments, tile.scale, noise);
+        let noise: Vec<f32> = tile.bins.iter().map(|b| density(b.modulus)).collect();
         let sum =
             |f: &dyn Fn(usize) -> f32| (0..noise.len()).map(|i| tile.bins[i].weight * f(i)).sum::<f32>();
         (sum(&|i| tile.bins[i].power) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
@@ -640,17 +658,19 @@ struct Shutter {
 /// width, 1/3 + 1/12 squared cycles per tile.
 const LEAK: f32 = 1.118 / TILE as f32;
 
+/// How much stronger a scene is at a frequency that lies so far along the motion from one of this component and modulus.
+fn slope_gain(along: f32x4, modulus: f32x4, by: f32) -> f32x4 {
+    let square = 1.0 + (2.0 * along + by) * by / (modulus * modulus);
+    (square.max(f32x4::splat(0.1)).ln() * (-0.5 * ALPHA.0)).exp()
+}
+
 impl Shutter {
     fn new(tile: &Tile) -> Self {
         let along = tile.column(|i| tile.bins[i].along, 0.0);
         let modulus = tile.column(|i| tile.bins[i].modulus, 1.0);
         let leaks = [-LEAK, LEAK].map(|d| {
-            let power = |(along, modulus): (&f32x4, &f32x4)| {
-                let square = 1.0 + (2.0 * along + d) * d / (modulus * modulus);
-                (square.max(f32x4::splat(0.1)).ln() * (-0.5 * ALPHA.0)).exp()
-            };
             if tile.speed > 0.0 {
-                along.iter().zip(&modulus).map(power).collect()
+                along.iter().zip(&modulus).map(|(&a, &m)| slope_gain(a, m, d)).collect()
             } else {
                 vec![f32x4::ONE; along.len()]
             }
@@ -892,12 +912,22 @@ pub(super) fn exposure_objections(tiles: &[Tile], noise: &[LumaNoise; NOISE_LEVE
     par::map(moving.len(), |i| (moving[i].tile.block, moving[i].objections()))
 }
 
-/// The exposure that the tiles of all frames agree on.
+/// What a tile, or a pair of them, says of the exposure.
+struct ExposureWitness {
+    block: u32,
+    frame: usize,
+    /// px per frame interval, of the frame.
+    speed: f32,
+    objections: Vec<f32>,
+}
+
+/// The exposure that the tiles of all frames agree on, and the pairs of each frame with the one before.
 ///
 /// # Errors
 /// The reason why they cannot tell.
 pub fn fit_exposure(
     frames: &[&[Tile]],
+    pairs: &[&[Pair]],
     noise: &[LumaNoise; NOISE_LEVELS],
 ) -> std::result::Result<ExposureFit, String> {
     let prepared: Vec<Prepared> =
@@ -905,11 +935,33 @@ pub fn fit_exposure(
     if prepared.len() < 6 {
         return Err("too little in the frames moves, or what moves has no texture".into());
     }
-    let curves = par::map(prepared.len(), |i| prepared[i].objections());
-    let summed = |which: &dyn Fn(&Prepared) -> bool| {
+    let mut witnesses = par::map(prepared.len(), |i| {
+        let Prepared { tile, frame, .. } = prepared[i];
+        let speed = tile.speed * tile.scale;
+        ExposureWitness { block: tile.block, frame, speed, objections: prepared[i].objections() }
+    });
+    let of_tiles = agreed_exposure(&witnesses, frames.len())?;
+    // Pairs sharpen what tiles tell. Where those cannot tell, a few pairs may be sure of anything.
+    let pairs: Vec<(usize, &Pair)> =
+        pairs.iter().enumerate().flat_map(|(f, pairs)| pairs.iter().map(move |p| (f, p))).collect();
+    let of_pairs = par::map(pairs.len(), |i| {
+        let (frame, pair) = pairs[i];
+        let objections = pair.objections(noise)?;
+        Some(ExposureWitness { block: pair.block, frame, speed: pair.speed(), objections })
+    });
+    witnesses.extend(of_pairs.into_iter().flatten());
+    if witnesses.len() == of_tiles.samples {
+        return Ok(of_tiles);
+    }
+    agreed_exposure(&witnesses, frames.len())
+}
+
+/// What the witnesses of so many frames agree on.
+fn agreed_exposure(witnesses: &[ExposureWitness], frames: usize) -> std::result::Result<ExposureFit, String> {
+    let summed = |which: &dyn Fn(&ExposureWitness) -> bool| {
         let mut sum = vec![0.0f32; EXPOSURES];
-        for (_, c) in prepared.iter().zip(&curves).filter(|(p, _)| which(p)) {
-            sum.iter_mut().zip(c).for_each(|(s, v)| *s += v);
+        for w in witnesses.iter().filter(|w| which(w)) {
+            sum.iter_mut().zip(&w.objections).for_each(|(s, v)| *s += v);
         }
         sum
     };
@@ -918,20 +970,19 @@ pub fn fit_exposure(
     let estimate = best(&sum);
     let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * SHOTS)
         .map(|i| ((i / SHOTS) as u32, i % SHOTS))
-        .map(|(b, s)| (b, s, summed(&|p| p.tile.block == b && p.shot == s)))
+        .map(|(b, s)| (b, s, summed(&|w| w.block == b && shot_of(w.frame, frames) == s)))
         .filter(|(.., curve)| curve.iter().any(|&v| v < 0.0))
         .collect();
-    let per_frame: Vec<(usize, f32)> = (0..frames.len())
-        .filter(|&f| prepared.iter().filter(|p| p.frame == f).count() >= 6)
-        .map(|f| (f, best(&summed(&|p| p.frame == f)).min(1.0)))
+    let per_frame: Vec<(usize, f32)> = (0..frames)
+        .filter(|&f| witnesses.iter().filter(|w| w.frame == f).count() >= 6)
+        .map(|f| (f, best(&summed(&|w| w.frame == f)).min(1.0)))
         .collect();
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
     let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS);
     let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
     // A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them.
-    let length = |p: &Prepared| p.tile.speed * p.tile.scale;
-    let speed =
-        prepared.iter().map(|p| length(p).powi(2)).sum::<f32>() / prepared.iter().map(length).sum::<f32>();
+    let speed = witnesses.iter().map(|w| w.speed.powi(2)).sum::<f32>()
+        / witnesses.iter().map(|w| w.speed).sum::<f32>();
     let hidden = |low: f32| (low * low - (HIDDEN_STREAK / speed).powi(2)).max(0.0).sqrt();
     let interval = [hidden(low.min(low_frame)), high.max(high_frame).min(1.0)];
     if interval[1] - interval[0] > 0.7 {
@@ -946,7 +997,7 @@ pub fn fit_exposure(
     Ok(ExposureFit {
         exposure: ExposureFraction(estimate.min(1.0)),
         interval,
-        samples: prepared.len(),
+        samples: witnesses.len(),
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - max]).collect(),
         per_frame,
     })
@@ -1096,8 +1147,12 @@ impl FineTables {
 
 fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<Prepared<'a>> {
     let all = frames.iter().enumerate().flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, t)));
-    let shot = |f: usize| f * SHOTS.min(frames.len()) / frames.len();
-    all.filter_map(|(f, t)| Prepared::new(t, f, shot(f), noise)).collect()
+    all.filter_map(|(f, t)| Prepared::new(t, f, shot_of(f, frames.len()), noise)).collect()
+}
+
+/// The part of the clip that a frame of so many lies in.
+fn shot_of(frame: usize, frames: usize) -> usize {
+    frame * SHOTS.min(frames) / frames
 }
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of

@@ -1,0 +1,245 @@
+//! What two frames that show a surface say of the exposure, whatever its texture.
+//!
+//! A surface has one sharp spectrum S. Frames in which it moves by `F1` and `F2` show `S K(lambda F1.w)` and `S K(lambda F2.w)`, so where
+//! the motions differ, in length or direction, a wrong lambda leaves a difference between the frames that no S explains.
+//! Where they do not differ, such a pair of tiles says nothing, and [`super::Tile`] has to rely on what textures are like.
+
+use super::{
+    Arc, BAND, BlurSpace, CLIP, COLUMNS, Complex, EXPOSURE_STEP, EXPOSURES, Encoded, Fft, FftPlanner, Flow,
+    LEAK, Light, LumaNoise, MAX_LAMBDA, MIN_CONTRAST, NOISE_LEVELS, SAMPLES, SPEEDS, STREAK_STEP, TEMPER,
+    TILE, TOLERANCE, block_of, common_motion, corners, f32x4, frequencies, interpolate, lanes, noise_density,
+    par, relative, slope_gain, transform,
+};
+
+/// At most this many pairs of two frames are kept, those of most contrast.
+const PAIRS_PER_FRAME: usize = 60;
+/// Motions that differ by less, px, say nothing that the flow's errors could not.
+const MIN_DIFFERENCE: f32 = 0.3;
+/// Steps of the tables within this range of exposure fractions.
+const LAMBDA_STEPS: std::ops::Range<f32> = 0.04..0.1;
+/// Within a tile the motion may deviate by this much, px (mean), or the frames do not show the same.
+const MAX_DEVIATION: f32 = 0.5;
+/// By how much the frames may be out of register, px (std): the likeliest of these.
+const MISMATCHES: [f32; 2] = [0.05, 0.2];
+/// And this share of the power may differ whatever the frequency: changes of light.
+const CHANGE: f32 = 1e-3;
+
+/// A tile of one frame and the same surface's in the next.
+#[derive(Clone, Debug)]
+pub struct Pair {
+    /// Of the later frame.
+    pub(super) block: u32,
+    /// px of the frame that make one of the tiles'.
+    pub(super) scale: f32,
+    motions: [[f32; 2]; 2],
+    noise_moments: [f32; 3],
+    /// Power of the first tile plus that of the second, and minus it; the real part of their cross spectrum, in register.
+    sum: Vec<f32>,
+    difference: Vec<f32>,
+    cross: Vec<f32>,
+    /// Half the sum, smoothed: what is expected there.
+    expected: Vec<f32>,
+}
+
+/// Where a pair is, and how its surface moves in both frames.
+struct Place {
+    corners: [(usize, usize); 2],
+    motions: [[f32; 2]; 2],
+    contrast: f32,
+    block: u32,
+    scale: usize,
+}
+
+/// The pairs of two successive frames, given the flow from each to its next one (NaN: unknown).
+pub fn pairs(frames: [&Encoded; 2], flows: [&Flow; 2], space: BlurSpace) -> Vec<Pair> {
+    let mut places = places(frames[0], flows, 1);
+    let (w, h) = frames[0].0.size();
+    let half = |f: &Flow| Flow::from_fn(w / 2, h / 2, |x, y| f.at(2 * x, 2 * y).map(|v| 0.5 * v));
+    let [first, second] = flows.map(half);
+    places.extend(self::places(frames[0], [&first, &second], 2));
+    places.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+    places.truncate(PAIRS_PER_FRAME);
+    let fft = FftPlanner::new().plan_fft_forward(TILE);
+    par::map(places.len(), |i| pair(&fft, frames, &places[i], space))
+}
+
+/// At `scale` px of the frame to one of the flows'.
+fn places(frame: &Encoded, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
+    let size @ (w, h) = first.size();
+    // Those that do not overlap: a tile says much, and each costs as much as several of [`super::Tile`].
+    let mut corners = corners(size);
+    corners.retain(|(x, y)| x % TILE == 0 && y % TILE == 0);
+    let found = par::map(corners.len(), |i| {
+        let corner @ (x, y) = corners[i];
+        let (speed, motion, deviation) = common_motion(first, corner)?;
+        let to = |at: usize, by: f32| at.checked_add_signed(by.round() as isize);
+        let next @ (next_x, next_y) = (to(x, motion[0])?, to(y, motion[1])?);
+        if deviation > MAX_DEVIATION || next_x + TILE > w || next_y + TILE > h {
+            return None;
+        }
+        let (next_speed, next_motion, deviation) = common_motion(second, next)?;
+        let differ = (motion[0] - next_motion[0]).hypot(motion[1] - next_motion[1]);
+        if deviation > MAX_DEVIATION || speed.max(next_speed) < SPEEDS.start || differ < MIN_DIFFERENCE {
+            return None;
+        }
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for v in (y..y + TILE)
+            .step_by(2)
+            .flat_map(|y| frame.0.row(scale * y)[scale * x..].iter().step_by(2 * scale).take(TILE / 2))
+        {
+            sum += v[1];
+            squares += v[1] * v[1];
+        }
+        let n = SAMPLES as f32;
+        let std = (squares / n - (sum / n).powi(2)).max(0.0).sqrt();
+        Some(Place {
+            corners: [corner, next],
+            motions: [motion, next_motion],
+            contrast: std,
+            block: block_of(next, size),
+            scale,
+        })
+    });
+    found.into_iter().flatten().collect()
+}
+
+fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: BlurSpace) -> Pair {
+    let scale = place.scale;
+    let lights = [0, 1].map(|i| {
+        let (x, y) = place.corners[i];
+        let light =
+            Light::new(&Encoded(frames[i].0.crop(scale * x, scale * y, scale * TILE, scale * TILE)), space);
+        if scale == 2 { light.halved() } else { light }
+    });
+    let [a, b] = lights.each_ref().map(|l| transform(fft, &l.plane, (0, 0)));
+    // The tiles lie at whole pixels.
+    let rest = place.motions[0].map(|v| v - v.round());
+    let power = |a: &Complex<f32>| a.norm_sqr() / (TILE * TILE) as f32;
+    let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (power(a) + power(b))).collect();
+    let smooth = |at: usize| {
+        let (column, row) = (at / TILE, at % TILE);
+        let columns = column.saturating_sub(1)..(column + 2).min(COLUMNS);
+        let n = 3.0 * columns.len() as f32;
+        columns
+            .flat_map(|c| [TILE - 1, 0, 1].map(|d| c * TILE + (row + d) % TILE))
+            .map(|i| mean[i])
+            .sum::<f32>()
+            / n
+    };
+    let of = |f: &dyn Fn(usize) -> f32| frequencies().iter().map(|q| f(q.at)).collect::<Vec<f32>>();
+    Pair {
+        block: place.block,
+        scale: scale as f32,
+        motions: place.motions,
+        noise_moments: lights[0].noise_moments((0, 0)),
+        sum: of(&|i| power(&a[i]) + power(&b[i])),
+        difference: of(&|i| power(&a[i]) - power(&b[i])),
+        cross: frequencies()
+            .iter()
+            .map(|q| {
+                let turn = Complex::cis(std::f32::consts::TAU * (q.x * rest[0] + q.y * rest[1]));
+                (a[q.at] * (b[q.at] * turn).conj()).re / (TILE * TILE) as f32
+            })
+            .collect(),
+        expected: of(&smooth),
+    }
+}
+
+/// `K` at three frequencies, of which a bin of the window gathers the power: beside it on both sides, and its own.
+struct Gathered {
+    along: Vec<f32x4>,
+    beside: f32,
+}
+
+impl Gathered {
+    fn new(motion: [f32; 2], direction: [f32; 2]) -> Self {
+        let along = frequencies().iter().map(|q| q.x * motion[0] + q.y * motion[1]);
+        Self {
+            along: lanes(along, 0.0),
+            beside: LEAK * (motion[0] * direction[0] + motion[1] * direction[1]),
+        }
+    }
+
+    fn kernel(&self, i: usize, lambda: f32) -> [f32x4; 3] {
+        let reach = std::f32::consts::PI * lambda;
+        let (x, d) = (self.along[i] * reach, self.beside * reach);
+        let ((sin, cos), (sin_d, cos_d)) = (x.sin_cos(), d.sin_cos());
+        let sinc = |sin: f32x4, x: f32x4| x.abs().simd_lt(1e-3).select(f32x4::ONE, sin / x);
+        let (a, b) = (sin * cos_d, cos * sin_d);
+        [sinc(a - b, x - d), sinc(sin, x), sinc(a + b, x + d)]
+    }
+}
+
+impl Pair {
+    /// px per frame interval, of the frame.
+    pub(super) fn speed(&self) -> f32 {
+        self.scale * self.longest()
+    }
+
+    fn longest(&self) -> f32 {
+        self.motions.map(|m| m[0].hypot(m[1])).into_iter().fold(0.0, f32::max)
+    }
+
+    /// What the pair objects to the exposures of a curve, in nats, within [-CLIP, 0]; `None` if it holds hardly more than noise.
+    pub(super) fn objections(&self, noise: &[LumaNoise; NOISE_LEVELS]) -> Option<Vec<f32>> {
+        let density = noise_density(self.noise_moments, self.scale, noise);
+        let noise: Vec<f32> = frequencies().iter().map(|q| density(q.modulus)).collect();
+        if self.expected.iter().sum::<f32>() < MIN_CONTRAST * noise.iter().sum::<f32>() {
+            return None;
+        }
+        let step = (STREAK_STEP / self.longest()).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
+        let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
+        let table = self.over_lambda(step, &noise);
+        let curve = (0..EXPOSURES).map(|i| interpolate(&table, i as f32 * EXPOSURE_STEP / step));
+        Some(relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect())
+    }
+
+    /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of what is at right angles to `S (K1, K2)` in
+    /// the two frames' amplitudes, S being anything. The window gathers frequencies at which K differs, which leaves some of S there.
+    fn over_lambda(&self, step: f32, noise: &[f32]) -> Vec<f32> {
+        let column = |v: &[f32]| lanes(v.iter().copied(), 0.0);
+        let (sum, difference, cross) = (column(&self.sum), column(&self.difference), column(&self.cross));
+        let weight = lanes(frequencies().iter().map(|q| q.weight), 0.0);
+        let signal = lanes(self.expected.iter().zip(noise).map(|(p, n)| (p - n).max(0.0)), 0.0);
+        let unlike = MISMATCHES.map(|shift| {
+            let of = |((q, p), n): ((&super::Frequency, &f32), &f32)| {
+                n + p * (CHANGE + (std::f32::consts::TAU * shift * q.modulus).powi(2).min(1.0))
+            };
+            lanes(frequencies().iter().zip(&self.expected).zip(noise).map(of), 1.0)
+        });
+        let [a, b] = self.motions;
+        let direction = [a[0] + b[0], a[1] + b[1]];
+        let length = direction[0].hypot(direction[1]).max(BAND.start);
+        let direction = direction.map(|v| v / length);
+        let shutters = self.motions.map(|m| Gathered::new(m, direction));
+        let along = lanes(frequencies().iter().map(|q| q.x * direction[0] + q.y * direction[1]), 0.0);
+        let modulus = lanes(frequencies().iter().map(|q| q.modulus), 1.0);
+        let shares = [-LEAK, 0.0, LEAK].map(|d| {
+            let middle = if d == 0.0 { 4.0 } else { 1.0 };
+            along.iter().zip(&modulus).map(|(&a, &m)| middle * slope_gain(a, m, d)).collect::<Vec<f32x4>>()
+        });
+        relative((0..=(MAX_LAMBDA / step).round() as usize).map(|l| {
+            let mut likelihoods = [f32x4::ZERO; MISMATCHES.len()];
+            for i in 0..weight.len() {
+                let [k1, k2] = [0, 1].map(|t| shutters[t].kernel(i, l as f32 * step));
+                let [mut own1, mut own2, mut both] = [f32x4::splat(1e-5), f32x4::splat(1e-5), f32x4::ZERO];
+                for (s, share) in shares.iter().enumerate() {
+                    own1 += share[i] * k1[s] * k1[s];
+                    own2 += share[i] * k2[s] * k2[s];
+                    both += share[i] * k1[s] * k2[s];
+                }
+                // The covariance of the two amplitudes: along its minor axis S has hardly any power.
+                let (mean, half) = (0.5 * (own1 + own2), 0.5 * (own1 - own2));
+                let root = (half * half + both * both).sqrt().max(f32x4::splat(1e-9));
+                let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
+                let power = 0.5 * (sum[i] - (half * difference[i] + 2.0 * both * cross[i]) / root);
+                let left = 2.0 * ratio * signal[i];
+                for (likelihood, unlike) in likelihoods.iter_mut().zip(&unlike) {
+                    let variance = unlike[i] + left;
+                    *likelihood -= weight[i] * (variance.ln() + power / variance);
+                }
+            }
+            TEMPER * likelihoods.map(|v| v.reduce_add()).into_iter().fold(f32::MIN, f32::max)
+        }))
+    }
+}
