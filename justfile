@@ -27,3 +27,15 @@ wasm:
 # The exported three.js module in Chromium; needs Node.js, npm's registry and chromium.
 three *ARGS:
     tools/check-three.sh {{ARGS}}
+
+# The loop through Blender: exported, rendered, estimated; needs Python 3.11.
+blender *ARGS:
+    tools/check-blender.sh {{ARGS}}
+
+# The exported film grain table through an AV1 encoder and decoder; needs aom-tools and dav1d.
+av1:
+    tools/check-av1.sh
+
+# The exported shaders through a compiler; needs glslang-tools.
+shaders:
+    tools/check-shaders.sh

@@ -120,12 +120,13 @@ fn write_one(export: &Exported, output: &Path) -> Result<()> {
         (output.parent().unwrap_or(Path::new("")), output.to_path_buf())
     };
     console::check_writable(&target)?;
+    let beside: Vec<PathBuf> = others.iter().map(|file| folder.join(&file.name)).collect();
+    if beside.contains(&target) {
+        return Err(failure(&target, "a texture of this name is written beside it; give another name"));
+    }
     // What the first refers to before it, so that it never refers to what is not there.
-    for file in others {
-        if folder.join(&file.name) == target {
-            return Err(failure(&target, "a texture of this name is written beside it; give another name"));
-        }
-        write(file, &folder.join(&file.name))?;
+    for (file, path) in others.iter().zip(&beside) {
+        write(file, path)?;
     }
     write(first, &target)?;
     say_lost("note: ", export);

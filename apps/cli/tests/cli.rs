@@ -4,7 +4,7 @@ use blindaug::{
     CameraModel, Encoded, Raster,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel,
+        NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel, TrackedCamera,
     },
 };
 use blindaug_io::{read_frame, write_camera, write_png};
@@ -549,6 +549,99 @@ fn a_model_in_relative_depth_needs_a_scale() {
             .fold(0.0, f32::max);
     assert!(differ < 1.5 / 255.0, "{differ}");
     succeeds(d, &arguments("relative.json", "n", "--naive"));
+}
+
+#[test]
+fn a_camera_is_exported_to_standard_output_to_a_file_and_to_all_tools() {
+    let dir = TempDir::new().unwrap();
+    write_camera(dir.path().join("camera.json"), &camera(64, 48, DepthKind::Metric)).unwrap();
+    let list = succeeds(dir.path(), "export --list");
+    let help = succeeds(dir.path(), "help export");
+    let targets = [
+        "unity-urp",
+        "unity-hdrp",
+        "unreal",
+        "godot",
+        "bevy",
+        "blender",
+        "three",
+        "filament",
+        "nuke",
+        "av1-grain",
+        "texture",
+    ];
+    for target in targets {
+        assert!(list.contains(&format!("{target}\n")) && help.contains(target), "{target}");
+        let output = run(dir.path(), &format!("export camera.json --to {target}"));
+        assert!(output.status.success() && !output.stdout.is_empty(), "{target}: {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("note: "), "{target} says nothing of what is lost");
+    }
+    assert_eq!(files_in(dir.path()), ["camera.json"], "what goes to standard output leaves nothing behind");
+
+    let snippet = succeeds(dir.path(), "export camera.json --to bevy");
+    assert!(snippet.contains("shutter_angle: 0.5,"), "{snippet}");
+    // The lens is for the size and the field of view that are asked for.
+    let other = succeeds(dir.path(), "export camera.json --to bevy --size 128x96 --fov 60");
+    assert_ne!(snippet, other);
+
+    succeeds(dir.path(), "export camera.json --to unity-urp -o Camera.cs");
+    let files =
+        ["BlindaugGrain.shader", "Camera.cs", "blindaug_bands.png", "blindaug_grain.png", "camera.json"];
+    assert_eq!(files_in(dir.path()), files);
+    assert_eq!(read_frame(dir.path().join("blindaug_grain.png")).unwrap().0.size(), (512, 512));
+
+    succeeds(dir.path(), "export camera.json --to all -o tools");
+    for target in targets {
+        assert!(dir.path().join("tools").join(target).read_dir().unwrap().count() > 0, "{target}");
+    }
+    succeeds(dir.path(), "export camera.json --to nuke -o tools");
+    assert!(dir.path().join("tools/blindaug_camera.nk").is_file(), "a folder gets the tool's own names");
+}
+
+#[test]
+fn exports_that_cannot_be_made_end_in_a_sentence() {
+    let dir = TempDir::new().unwrap();
+    write_camera(dir.path().join("camera.json"), &camera(64, 48, DepthKind::Relative)).unwrap();
+    // A part that is not metric is left out, and said; with a scale it is not.
+    let output = run(dir.path(), "export camera.json --to bevy");
+    assert!(output.status.success() && text(&output.stderr).contains("--scene-scale"));
+    assert!(!text(&output.stdout).contains("DepthOfField"));
+    assert!(
+        succeeds(dir.path(), "export camera.json --to bevy --scene-scale 2,0.1").contains("DepthOfField")
+    );
+
+    let line = "{\"frame\": 1}\n{\"frame\": 2}\n";
+    std::fs::write(dir.path().join("bad.json"), line).unwrap();
+    std::fs::write(dir.path().join("half.json"), "{ \"format\": \"blindaug-camera\"").unwrap();
+    let model = camera(64, 48, DepthKind::Metric);
+    let track: String = (1..=2)
+        .map(|frame| {
+            let tracked = TrackedCamera { frame, camera: model.clone(), changed: Default::default() };
+            tracked.to_json_line() + "\n"
+        })
+        .collect();
+    std::fs::write(dir.path().join("track.jsonl"), track).unwrap();
+    let before = files_in(dir.path());
+    for (arguments, says) in [
+        ("missing.json --to nuke", "missing.json"),
+        ("bad.json --to nuke", "bad.json"),
+        ("half.json --to nuke", "half.json"),
+        ("track.jsonl --to nuke", "without --track"),
+        ("camera.json --to nuke --fov 0", "field of view"),
+        ("camera.json --to nuke --fov nan", "field of view"),
+        ("camera.json --to nuke -o missing/camera.nk", "missing"),
+        ("camera.json --to nuke -o blindaug_bands.png", "another name"),
+        ("camera.json --to all -o camera.json", "camera.json"),
+    ] {
+        let sentence = fails(dir.path(), &format!("export {arguments}"));
+        assert!(sentence.contains(says), "{arguments}: {sentence}");
+        assert_eq!(files_in(dir.path()), before, "{arguments}");
+    }
+    for arguments in
+        ["camera.json", "camera.json --to maya", "camera.json --to all", "camera.json --to nuke --size 0x9"]
+    {
+        assert_eq!(run(dir.path(), &format!("export {arguments}")).status.code(), Some(2), "{arguments}");
+    }
 }
 
 #[test]

@@ -50,7 +50,7 @@ void main() {
 		noise[c] = dot(sigma, (bands - vec4(0.5)) / @gain@);
 	}
 	vec3 noisy = linear(clamp(value + noise, vec3(0.0), vec3(model.clip.x)));
-	// None where the sensor clips.
-	vec3 kept = vec3(greaterThanEqual(value, vec3(model.clip.x)));
+	// None where the sensor clips; half an 8-bit step for the half floats of the picture.
+	vec3 kept = vec3(greaterThanEqual(value, vec3(model.clip.x - 0.002)));
 	imageStore(color_image, at, vec4(mix(noisy, scene.rgb, kept), scene.a));
 }

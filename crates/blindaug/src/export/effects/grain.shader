@@ -65,8 +65,8 @@ Shader "Blindaug/Grain"
                     float4 sigma = max(Slope[c] * luminance + Intercept[c], 0.0);
                     noise[c] = dot(sigma, (bands - 0.5) / Gain);
                 }
-                // None where the sensor clips.
-                float3 noisy = value >= Clip ? value : clamp(value + noise, 0.0, Clip);
+                // None where the sensor clips; half an 8-bit step for pictures in half floats.
+                float3 noisy = value >= Clip - 0.002 ? value : clamp(value + noise, 0.0, Clip);
                 return float4(SRGBToLinear(noisy), scene.a);
             }
             ENDHLSL
