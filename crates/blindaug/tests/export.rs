@@ -266,9 +266,15 @@ fn parse(language: tree_sitter::Language, name: &str, source: &str) -> Result<()
     Err(format!("{name}, line {}: {}", at.start_position().row + 1, &source[at.byte_range()]))
 }
 
+/// A node of Nuke: its class, and its knobs with their values.
+struct Node {
+    class: String,
+    knobs: Vec<(String, String)>,
+}
+
 /// Nuke's nodes: a stack language of which only what is written here is read: comments, `set`, `push`, `version`, and nodes
 /// of knobs with one value each.
-fn read_nk(source: &str) -> Result<Vec<(String, Vec<(String, String)>)>, String> {
+fn read_nk(source: &str) -> Result<Vec<Node>, String> {
     let mut nodes = vec![];
     let mut lines = source.lines().enumerate();
     while let Some((i, line)) = lines.next() {
@@ -296,7 +302,7 @@ fn read_nk(source: &str) -> Result<Vec<(String, Vec<(String, String)>)>, String>
                     }
                     knobs.push((knob.to_string(), inner.to_string()));
                 }
-                nodes.push((class.to_string(), knobs));
+                nodes.push(Node { class: class.to_string(), knobs });
             }
             _ => return Err(format!("line {}: {line}", i + 1)),
         }
@@ -451,7 +457,7 @@ fn nuke_s_expression_makes_the_model_s_noise() {
     let model = camera_model(0.5, 4.0, 3.0);
     let noise = model.noise.known().unwrap();
     let nodes = read_nk(text(&exported(&model, Target::Nuke))).unwrap();
-    let merge = &nodes.iter().find(|n| n.0 == "MergeExpression").unwrap().1;
+    let merge = &nodes.iter().find(|n| n.class == "MergeExpression").unwrap().knobs;
     let bands = grain::bands();
     for (c, key) in ["expr0", "expr1", "expr2"].iter().enumerate() {
         let expression = &merge.iter().find(|k| k.0 == *key).unwrap().1;
