@@ -4,7 +4,6 @@ use crate::{
     composite::{self, DepthMaps, Output, Scene},
     console::{self, Failure, Result, note},
     estimate::{self, DepthArgs, Footage, open_source},
-    inspect,
     report::{self, Picture, ReportInput, TruthRow},
 };
 use blindaug::{
@@ -301,7 +300,7 @@ fn comparison(model: &CameraModel, truth: &Truth) -> Vec<TruthRow> {
         row("focus distance, m", focus.unwrap_or_else(why), text(truth.focus_m)),
     ];
     for y in LUMINANCES {
-        let std = model.noise.known().map(|n| inspect::noise_std(n, [y])[0].iter().sum::<f32>() / 3.0);
+        let std = model.noise.known().map(|n| noise::total_std(n, y).iter().sum::<f32>() / 3.0);
         rows.push(row(
             &format!("noise std at luminance {y}, steps of 8 bit"),
             std.map_or_else(|| unknown(model.noise.why_unknown()), |s| text(255.0 * s)),

@@ -2,12 +2,12 @@
 
 use crate::console::{Result, print};
 use blindaug::{
-    CameraModel, Plane,
+    CameraModel,
     model::{
         CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, NoiseModel,
         SharpeningModel, TrackedCamera,
     },
-    synth::noise::noise,
+    synth::noise::total_std,
 };
 use serde_json::{Map, Value, json};
 use std::{fmt::Write, path::PathBuf};
@@ -83,7 +83,7 @@ pub fn table(track: &CameraTrack) -> String {
         let metric = lens.ends_with(" m");
         let number = |v: Option<f32>| v.map_or_else(unknown, |v| format!("{v:.2}"));
         let focus = facts.as_ref().and_then(|d| d.focus).map(|d| if metric { d.recip() } else { d });
-        let noise = f.camera.noise.known().map(|n| 255.0 * noise_std(n, [0.5])[0][1]);
+        let noise = f.camera.noise.known().map(|n| 255.0 * total_std(n, 0.5)[1]);
         let changed: Vec<&str> =
             [("noise", f.changed.noise), ("exposure", f.changed.exposure), ("lens", f.changed.defocus)]
                 .into_iter()
@@ -128,8 +128,8 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
         Estimate::Unknown(why) => return writeln!(text, "Noise      unknown: {why}"),
     };
     writeln!(text, "Noise      std in R, G, B, in steps of 8 bit (1/255):")?;
-    for (y, std) in LUMINANCES.iter().zip(noise_std(noise, LUMINANCES)) {
-        let [r, g, b] = std.map(|v| 255.0 * v);
+    for y in LUMINANCES {
+        let [r, g, b] = total_std(noise, y).map(|v| 255.0 * v);
         writeln!(text, "             at luminance {y}: {r:.2}, {g:.2}, {b:.2}")?;
     }
     writeln!(
@@ -259,8 +259,7 @@ impl DefocusFacts {
 fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     let noise = match &model.noise {
         Estimate::Known(n) => {
-            let std = LUMINANCES.iter().zip(noise_std(n, LUMINANCES));
-            let std: Vec<_> = std.map(|(y, std)| json!({ "luminance": y, "std": std })).collect();
+            let std = LUMINANCES.map(|y| json!({ "luminance": y, "std": total_std(n, y) }));
             json!({ "std_of_encoded_rgb": std, "clip": n.clip, "method": n.method, "samples": n.samples })
         }
         Estimate::Unknown(why) => json!({ "unknown": why }),
@@ -317,18 +316,6 @@ fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
     Value::Object(values)
 }
 
-/// Std of the noise in R, G and B at these luminances, encoded: measured on noise made by the model, since its bands overlap.
-pub fn noise_std<const N: usize>(model: &NoiseModel, luminances: [f32; N]) -> [[f32; 3]; N] {
-    const SIDE: usize = 256;
-    luminances.map(|y| {
-        let noise = noise(model, &Plane::filled(SIDE, SIDE, y), 0, 0);
-        [0, 1, 2].map(|c| {
-            let squares: f64 = noise.data().iter().map(|p| f64::from(p[c]).powi(2)).sum();
-            (squares / (SIDE * SIDE) as f64).sqrt() as f32
-        })
-    })
-}
-
 /// A depth in words, from inverse depth in 1/m.
 fn depth(d: f32) -> String {
     if d > 1e-4 { format!("{} m", short(d.recip().into())) } else { "infinity".into() }
@@ -373,8 +360,6 @@ pub fn count(n: u64, what: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use blindaug::model::{NOISE_LEVELS, NoiseLevel};
-    use blindaug::synth::noise::white_band_std;
 
     #[test]
     fn numbers_are_short() {
@@ -387,18 +372,6 @@ mod tests {
             (1234.56, "1234.6"),
         ] {
             assert_eq!(short(v), text);
-        }
-    }
-
-    #[test]
-    fn the_std_of_white_noise_is_told_as_it_is() {
-        let bands = white_band_std();
-        let levels: [NoiseLevel; NOISE_LEVELS] =
-            std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [0.05 * bands[l]; 3] });
-        let model = NoiseModel::given(levels, 1.0);
-        // The low-pass below the four bands is all that is missing.
-        for std in noise_std(&model, [0.2])[0] {
-            assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
         }
     }
 

@@ -1,7 +1,6 @@
 //! The pictures of a report: PNG as data URIs, and what they are made of.
 
 use super::Sample;
-use crate::inspect;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use blindaug::model::{BlurSpace, CameraTrack, DepthKind, Estimate, NoiseModel};
 use blindaug::synth::{Blur, defocus::Bokeh, noise};
@@ -333,5 +332,5 @@ pub fn total_std(model: &NoiseModel, band_std: impl Fn(usize, usize) -> f32) -> 
         l.slope = [0.0; 3];
         l.intercept = std::array::from_fn(|c| band_std(level, c));
     }
-    inspect::noise_std(&even, [0.5])[0]
+    noise::total_std(&even, 0.5)
 }

@@ -308,6 +308,10 @@ mod tests {
                 assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
             }
         }
+        // Of white noise, the low-pass below the four bands is all that is missing.
+        for std in total_std(&white_model([0.0; 3], [0.05; 3]), 0.2) {
+            assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
+        }
     }
 
     #[test]
