@@ -7,17 +7,9 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-missing=()
-command -v aomenc >/dev/null && command -v aomdec >/dev/null || missing+=(aom-tools)
-command -v dav1d >/dev/null || missing+=(dav1d)
-if ((${#missing[@]})); then
-    echo "installing ${missing[*]}"
-    (apt-get update -qq && apt-get install -y -qq --no-install-recommends "${missing[@]}") >/dev/null
-fi
-if [[ -z ${BLINDAUG:-} ]]; then
-    cargo build --release --quiet
-    BLINDAUG=${CARGO_TARGET_DIR:-target}/release/blindaug
-fi
+source tools/common.sh
+need aom-tools aomenc
+need dav1d dav1d
 dir=$(mktemp -d)
 trap 'rm -rf "$dir"' EXIT
 

@@ -19,13 +19,12 @@ if ! "$python" -c 'import bpy' 2>/dev/null; then
     "$python" -m pip install --quiet bpy==4.5.15
 fi
 
-cargo build --release --quiet
-blindaug=target/release/blindaug
-"$blindaug" export tools/blender/camera.json --to blender -o "$out/blindaug_camera.py"
+source tools/common.sh
+"$BLINDAUG" export tools/blender/camera.json --to blender -o "$out/blindaug_camera.py"
 # Blender says a lot.
 "$python" tools/blender/render.py "$out/blindaug_camera.py" "$out" >"$out/blender.log" 2>&1 ||
     { tail -5 "$out/blender.log" >&2; exit 1; }
-"$blindaug" estimate "$out/frames" --depth "$out/depth" -o "$out/estimate.json" >/dev/null
-"$blindaug" inspect tools/blender/camera.json --json >"$out/truth.txt"
-"$blindaug" inspect "$out/estimate.json" --json >"$out/found.txt"
+"$BLINDAUG" estimate "$out/frames" --depth "$out/depth" -o "$out/estimate.json" >/dev/null
+"$BLINDAUG" inspect tools/blender/camera.json --json >"$out/truth.txt"
+"$BLINDAUG" inspect "$out/estimate.json" --json >"$out/found.txt"
 "$python" tools/blender/compare.py tools/blender/camera.json "$out/estimate.json" "$out/truth.txt" "$out/found.txt"

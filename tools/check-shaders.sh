@@ -7,14 +7,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-if ! command -v glslangValidator >/dev/null; then
-    echo "installing glslang-tools"
-    (apt-get update -qq && apt-get install -y -qq --no-install-recommends glslang-tools) >/dev/null
-fi
-if [[ -z ${BLINDAUG:-} ]]; then
-    cargo build --release --quiet
-    BLINDAUG=${CARGO_TARGET_DIR:-target}/release/blindaug
-fi
+source tools/common.sh
+need glslang-tools glslangValidator
 dir=$(mktemp -d)
 trap 'rm -rf "$dir"' EXIT
 

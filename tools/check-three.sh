@@ -16,10 +16,8 @@ trap 'rm -rf "$work"' EXIT
 shots=${1:-$(mktemp -d)}
 mkdir -p "$shots"
 shots=$(cd "$shots" && pwd)
-if [ -z "${BLINDAUG:-}" ]; then
-    (cd "$root" && cargo build --release --quiet)
-    BLINDAUG=${CARGO_TARGET_DIR:-$root/target}/release/blindaug
-fi
+cd "$root"
+source tools/common.sh
 npm install --silent --no-audit --no-fund --prefix "$work" "three@${THREE:-0.187.0}" playwright-core >/dev/null ||
     { echo "check-three: npm could not install three and playwright-core" >&2; exit 1; }
 

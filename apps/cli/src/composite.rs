@@ -411,11 +411,10 @@ fn depth_kind(track: &CameraTrack) -> Option<DepthKind> {
     track.frames().iter().find_map(|f| f.camera.defocus.known()).map(|d| d.depth_kind)
 }
 
-/// The model over metric inverse depth.
+/// The models over metric inverse depth.
 ///
 /// # Errors
-/// If it is over relative inverse depth and there is no scale.
-/// The models over metric inverse depth.
+/// If they are over relative inverse depth and there is no scale.
 pub fn in_metres(track: CameraTrack, path: &Path, scale: Option<SceneScale>) -> Result<CameraTrack> {
     match (depth_kind(&track), scale) {
         (Some(DepthKind::Relative), Some(s)) => {

@@ -8,7 +8,7 @@
 //!
 //! Source: the AV1 bitstream's specification, section 7.18.3 (film grain synthesis), and the tables that libaom reads.
 
-use super::{Abilities, Camera, Content, Export, File, grain};
+use super::{Abilities, Camera, Export, File, grain};
 use crate::model::{NOISE_LEVELS, NoiseModel};
 use crate::synth::noise::{tileable_bands, total_std};
 use crate::{Plane, Raster};
@@ -368,7 +368,7 @@ pub(super) fn export(camera: &Camera) -> Export {
             }
         }
     }
-    Export { files: vec![File { name: "blindaug_grain.tbl".into(), content: Content::Text(text) }], lost }
+    Export { files: vec![File::text("blindaug_grain.tbl", text)], lost }
 }
 
 #[cfg(test)]

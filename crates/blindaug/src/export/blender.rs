@@ -7,7 +7,7 @@
 //!
 //! Source: Blender's `camera.cpp` and manual. The script was run in Blender 4.5 and its render estimated again: docs/engines.md.
 
-use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers};
+use super::{Abilities, Camera, Export, File, filled, grain, head, number, numbers};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Blender 4.2 to 4.5, Cycles (and EEVEE for shutter and lens)",
@@ -16,13 +16,6 @@ pub(super) const ABILITIES: Abilities = Abilities {
     grain: "compositor nodes: the whole model",
     checked: "script run in Blender 4.5, its render estimated blindly",
 };
-
-/// The f-number for a camera of this vertical field of view and a sensor 24 mm high.
-pub fn f_number(camera: &Camera, lens: &ThinLens) -> f32 {
-    let per_height = camera.focal_length_per_sensor_height();
-    let focal_m = 0.024 * per_height;
-    focal_m * per_height * camera.height as f32 / (4.0 * lens.sigma_px_at_infinity * lens.focus_m)
-}
 
 /// The script and its texture.
 pub(super) fn export(camera: &Camera) -> Export {

@@ -47,7 +47,7 @@ pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
     let bands = tileable_bands(SIDE, 1);
     let one = self::bands();
     let sigma: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|l| model.levels[l].sigma(TILE_LUMINANCE));
-    let mean = sigma.map(|s| (s.iter().map(|v| v * v).sum::<f32>() / 3.0).sqrt());
+    let mean = sigma.map(root_mean_square);
     let mut tile = Raster::from_fn(SIDE, SIDE, |x, y| {
         let mut sum = [0.0; 4];
         for l in 0..NOISE_LEVELS {
@@ -66,6 +66,11 @@ pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
         *p = std::array::from_fn(|c| stored(if std[c] > 0.0 { p[c] / std[c] } else { 0.0 }));
     }
     tile
+}
+
+/// The std of R, G and B as one, for grain that is the same in all.
+pub(super) fn root_mean_square(std: [f32; 3]) -> f32 {
+    (std.iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt()
 }
 
 /// Encoded luminances of look-up tables and fits, from black to white.
@@ -121,8 +126,7 @@ impl Response {
             .filter(|y| *y < model.clip)
             .map(|y| {
                 let light = transfer.decode(y);
-                let rms = (total_std(model, y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
-                [light * transfer.slope(light), light.sqrt(), rms]
+                [light * transfer.slope(light), light.sqrt(), root_mean_square(total_std(model, y))]
             })
             .collect();
         // sigma = I s - I r s sqrt(L), s = L dE/dL: for each r, the least-squares I.

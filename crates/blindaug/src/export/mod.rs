@@ -21,7 +21,7 @@ pub mod grain;
 pub mod nuke;
 pub mod texture;
 pub mod three;
-pub mod unity;
+mod unity;
 pub mod unity_hdrp;
 pub mod unity_urp;
 pub mod unreal;

@@ -1,6 +1,6 @@
 //! Grain for any other tool: the tiles as PNG, and the std over luminance as a table.
 
-use super::{Abilities, Camera, Content, Export, File, grain};
+use super::{Abilities, Camera, Export, File, grain};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "any tool that takes a grain texture or a response curve",
@@ -15,10 +15,7 @@ pub(super) fn export(camera: &Camera) -> Export {
     let mut lost = camera.left.clone();
     let Some(noise) = &camera.noise else {
         let text = "# The noise is unknown.\nluminance\n".into();
-        return Export {
-            files: vec![File { name: "blindaug_grain.csv".into(), content: Content::Text(text) }],
-            lost,
-        };
+        return Export { files: vec![File::text("blindaug_grain.csv", text)], lost };
     };
     lost.push("this is the noise only; motion blur and depth of field are in the other targets".into());
     let files = vec![

@@ -9,8 +9,8 @@
 //!
 //! Source: the pipeline's `HDRenderPipeline.PostProcess.cs`; derived, not run in the editor here.
 
-use super::unity::{f, film_grain, profile_script};
-use super::{Abilities, Camera, Export, File, grain, unity_urp};
+use super::unity::{self, f};
+use super::{Abilities, Camera, Export, grain};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Unity, High Definition Render Pipeline 12 and later",
@@ -50,10 +50,8 @@ pub struct PhysicalCamera {
 impl PhysicalCamera {
     /// The std of the blur at this depth in m, px, on pictures `height` px high.
     pub fn sigma_px(&self, depth_m: f32, height: usize) -> f32 {
-        let focal_m = self.focal_length / 1000.0;
-        let max_coc = self.focal_length / self.aperture * focal_m / (self.focus_distance - focal_m);
-        let coc = (1.0 - self.focus_distance / depth_m) * max_coc;
-        MAX_BLUR * height as f32 / 1080.0 * coc.abs().min(1.0)
+        let coc = unity::coc(self.focal_length, self.aperture, self.focus_distance, depth_m);
+        MAX_BLUR * height as f32 / 1080.0 * coc
     }
 }
 
@@ -62,7 +60,7 @@ pub fn settings(camera: &Camera) -> Settings {
     let lens = camera.lens.map(|lens| {
         let max_coc = lens.sigma_px_at_infinity / (MAX_BLUR * camera.height as f32 / 1080.0);
         let aperture = 5.6;
-        let focal_length = unity_urp::focal_length(max_coc, aperture, lens.focus_m);
+        let focal_length = unity::focal_length(max_coc, aperture, lens.focus_m);
         let sensor_height = focal_length / camera.focal_length_per_sensor_height();
         let aspect = camera.width as f32 / camera.height as f32;
         PhysicalCamera {
@@ -128,14 +126,6 @@ pub(super) fn export(camera: &Camera) -> Export {
 "
         );
     }
-    let mut files = vec![];
-    if let (Some(response), Some(noise)) = (&settings.film_grain, &camera.noise) {
-        body += &film_grain(response);
-        lost.extend(response.lost());
-        files.push(File::texture(grain::TILE, grain::tile(noise)));
-    }
-    let pipeline = "High Definition Render Pipeline";
-    let script = profile_script(pipeline, "UnityEngine.Rendering.HighDefinition", &lost, &body);
-    files.insert(0, File::text("BlindaugCamera.cs", script));
-    Export { files, lost }
+    let pipeline = ["High Definition Render Pipeline", "UnityEngine.Rendering.HighDefinition"];
+    unity::export(camera, pipeline, body, settings.film_grain, lost)
 }

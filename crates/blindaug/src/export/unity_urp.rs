@@ -8,8 +8,8 @@
 //!
 //! Source: the pipeline's `PostProcessPass.cs` and `Common.hlsl`; not run in the editor here.
 
-use super::unity::{f, film_grain, grain_shader, profile_script};
-use super::{Abilities, Camera, Export, File, grain};
+use super::unity::{self, f};
+use super::{Abilities, Camera, Export, grain};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Unity, Universal Render Pipeline 12 and later",
@@ -42,16 +42,10 @@ pub struct Bokeh {
 }
 
 impl Bokeh {
-    /// (f_mm / N) F / (P - F).
-    fn max_coc(&self) -> f32 {
-        let focal_m = self.focal_length / 1000.0;
-        self.focal_length / self.aperture * focal_m / (self.focus_distance - focal_m)
-    }
-
     /// The std of the blur at this depth in m, px, on pictures `height` px high.
     pub fn sigma_px(&self, depth_m: f32, height: usize) -> f32 {
-        let coc = (1.0 - self.focus_distance / depth_m) * self.max_coc();
-        0.5 * most_radius(height) * coc.abs().min(1.0)
+        let coc = unity::coc(self.focal_length, self.aperture, self.focus_distance, depth_m);
+        0.5 * most_radius(height) * coc
     }
 }
 
@@ -60,19 +54,12 @@ fn most_radius(height: usize) -> f32 {
     (0.05 * height as f32).min(14.0)
 }
 
-/// Focal length in mm at which `(f_mm / N) F / (P - F) = max_coc`: the positive root of `1000 F^2 + max_coc N F - max_coc N P`.
-pub(super) fn focal_length(max_coc: f32, f_number: f32, focus_m: f32) -> f32 {
-    let b = f64::from(max_coc * f_number);
-    let root = (b * b + 4000.0 * b * f64::from(focus_m)).sqrt();
-    (1000.0 * (root - b) / 2000.0) as f32
-}
-
 /// The camera as URP's numbers.
 pub fn settings(camera: &Camera) -> Settings {
     let bokeh = camera.lens.map(|lens| {
         let focus_distance = lens.focus_m.max(0.1);
         let max_coc = 2.0 * lens.sigma_px_at_infinity / most_radius(camera.height);
-        let focal_length = focal_length(max_coc, 5.6, focus_distance).clamp(1.0, 300.0);
+        let focal_length = unity::focal_length(max_coc, 5.6, focus_distance).clamp(1.0, 300.0);
         let focal_m = focal_length / 1000.0;
         let aperture = focal_length * focal_m / (max_coc * (focus_distance - focal_m).max(1e-3));
         Bokeh { focus_distance, focal_length, aperture: aperture.clamp(1.0, 32.0) }
@@ -117,15 +104,8 @@ pub(super) fn export(camera: &Camera) -> Export {
             f(bokeh.aperture),
         );
     }
-    let mut extra = vec![];
-    if let (Some(response), Some(noise)) = (&settings.film_grain, &camera.noise) {
-        body += &film_grain(response);
-        lost.extend(response.lost());
-        extra.push(File::texture(grain::TILE, grain::tile(noise)));
-    }
-    extra.extend(grain_shader(camera).into_iter().flatten());
-    let script = profile_script("Universal Render Pipeline", "UnityEngine.Rendering.Universal", &lost, &body);
-    let mut files = vec![File::text("BlindaugCamera.cs", script)];
-    files.append(&mut extra);
-    Export { files, lost }
+    let pipeline = ["Universal Render Pipeline", "UnityEngine.Rendering.Universal"];
+    let mut export = unity::export(camera, pipeline, body, settings.film_grain, lost);
+    export.files.extend(unity::grain_shader(camera).into_iter().flatten());
+    export
 }

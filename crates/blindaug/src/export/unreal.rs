@@ -73,7 +73,7 @@ fn depth_of_field(camera: &Camera, lens: &ThinLens) -> DepthOfField {
 fn zones(noise: &NoiseModel, camera: &Camera) -> [f32; 3] {
     ZONES.map(|light| {
         let y = camera.transfer.encode(light);
-        let rms = (total_std(noise, y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
+        let rms = grain::root_mean_square(total_std(noise, y));
         // The texture's std as a factor around 1 is 2 GAIN.
         (rms / camera.transfer.slope(light) / light / (2.0 * grain::GAIN)).min(1.0)
     })

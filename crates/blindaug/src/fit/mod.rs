@@ -291,15 +291,14 @@ impl Estimator {
             kept.temporal.add_pair(frame, other, flow)?;
         }
         kept.spatial.add_single(frame);
+        // A motion that is taken to go on differs from none.
+        let measured = next.is_some() || evidence.flow.is_some();
         if self.options.family != Family::Removal {
             kept.tiles = spectral::tiles(frame, to_next.as_ref(), depth.as_ref(), self.options.blur_space)?;
-            // A motion that is taken to go on differs from none.
-            let own = to_next.clone().filter(|_| next.is_some() || evidence.flow.is_some());
-            let last = self.last_flow.take().filter(|l| l.0 + 1 == index);
-            if let (Some(before), Some((_, last)), Some(own)) = (previous, &last, &own) {
+            let last = self.last_flow.as_ref().filter(|l| l.0 + 1 == index);
+            if let (true, Some(before), Some((_, last)), Some(own)) = (measured, previous, last, &to_next) {
                 kept.pairs = spectral::pairs([before, frame], [last, own], self.options.blur_space);
             }
-            self.last_flow = own.map(|flow| (index, flow));
         }
         let given_clean = evidence.denoised.or(evidence.motion_deblurred).or(evidence.clean).is_some();
         if self.options.family == Family::Removal && !given_clean {
@@ -311,6 +310,7 @@ impl Estimator {
         if let Some(depth) = depth {
             self.last_depth = Some((index, depth));
         }
+        self.last_flow = to_next.filter(|_| measured).map(|flow| (index, flow));
         self.frames.push(kept);
         if self.frames.len() > Self::MAX_FRAMES {
             let mut keep = false;

@@ -51,8 +51,10 @@ pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
     let white = Raster::from_fn(around, around, |x, y| tile.at(wrapped(x), wrapped(y)));
     let bands = unit_bands_of(&white);
     std::array::from_fn(|level| {
-        let full =
-            modulated(bands.clone(), |l| bands[l].map(|_| if l == level { [1.0; 3] } else { [0.0; 3] }));
+        let enlarged = |band: Raster<[f32; 3]>, finer: &Raster<[f32; 3]>| {
+            pyramid::upsample(&band, finer.width(), finer.height())
+        };
+        let full = bands[..level].iter().rev().fold(bands[level].clone(), enlarged);
         full.crop(MARGIN, MARGIN, side, side)
     })
 }
