@@ -1,0 +1,236 @@
+//! The device, and rasters to and from its textures.
+
+use blindaug::{Error, Pixel, Raster, Result};
+use half::f16;
+use wgpu::{TextureFormat, TextureUsages};
+
+/// A graphics device without a window, for programs that have none of their own. Everything else in this crate takes wgpu's own
+/// [`wgpu::Device`] and [`wgpu::Queue`].
+#[derive(Clone, Debug)]
+pub struct Gpu {
+    /// Makes resources.
+    pub device: wgpu::Device,
+    /// Takes work.
+    pub queue: wgpu::Queue,
+    /// What it is.
+    pub info: wgpu::AdapterInfo,
+}
+
+impl Gpu {
+    /// The fastest device there is, software ones last; the environment variables of wgpu (`WGPU_BACKEND`, `WGPU_ADAPTER_NAME`)
+    /// choose another. With timestamps, if it has them.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn new() -> Result<Self> {
+        block_on(Self::request())
+    }
+
+    async fn request() -> Result<Self> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let none = |e: &dyn std::fmt::Display| {
+            Error::new(format!(
+                "no graphics device was found ({e}); install a driver for Vulkan, Metal or DirectX 12, or Mesa's software one \
+                 (Debian: apt-get install mesa-vulkan-drivers)"
+            ))
+        };
+        let adapter = match wgpu::util::initialize_adapter_from_env(&instance, None).await {
+            Ok(adapter) => adapter,
+            Err(_) => instance
+                .request_adapter(&wgpu::RequestAdapterOptions {
+                    power_preference: wgpu::PowerPreference::HighPerformance,
+                    ..Default::default()
+                })
+                .await
+                .map_err(|e| none(&e))?,
+        };
+        let (device, queue) = adapter
+            .request_device(&wgpu::DeviceDescriptor {
+                label: Some("blindaug"),
+                required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+                required_limits: wgpu::Limits::default().using_resolution(adapter.limits()),
+                ..Default::default()
+            })
+            .await
+            .map_err(|e| none(&e))?;
+        Ok(Self { device, queue, info: adapter.get_info() })
+    }
+
+    /// Waits until everything that was submitted is done.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn wait(&self) -> Result<()> {
+        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        waited.map(|_| ()).map_err(|e| Error::new(format!("the graphics device stopped working: {e}")))
+    }
+
+    /// A texture with one array layer per image. Formats of 32 bit floats take images of their number of channels,
+    /// half floats and [`TextureFormat::Rgba8Unorm`] images of four.
+    ///
+    /// # Errors
+    /// If there is no image, sizes differ, or the device cannot hold one as large.
+    ///
+    /// # Panics
+    /// If the format does not fit the pixels.
+    pub fn upload<P: Pixel>(&self, images: &[&Raster<P>], format: TextureFormat) -> Result<wgpu::Texture> {
+        let (w, h) =
+            images.first().map(|i| i.size()).ok_or_else(|| Error::new("there is no image to upload"))?;
+        if images.iter().any(|i| i.size() != (w, h)) {
+            return Err(Error::new("the images of an array of textures differ in size"));
+        }
+        let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST | TextureUsages::COPY_SRC;
+        let texture = texture(&self.device, "upload", [w, h, images.len()], format, usage)?;
+        self.write(&texture, images);
+        Ok(texture)
+    }
+
+    /// Replaces the contents of a texture that [`Gpu::upload`] could have made of these images.
+    ///
+    /// # Panics
+    /// If the format or the size does not fit.
+    pub fn write<P: Pixel>(&self, texture: &wgpu::Texture, images: &[&Raster<P>]) {
+        let flat = images.iter().flat_map(|i| P::flat(i.data()).iter().copied());
+        let bytes: Vec<u8> = match texture.format() {
+            TextureFormat::Rgba8Unorm => flat.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect(),
+            TextureFormat::R16Float | TextureFormat::Rg16Float | TextureFormat::Rgba16Float => {
+                flat.flat_map(|v| f16::from_f32(v).to_ne_bytes()).collect()
+            }
+            _ => flat.flat_map(f32::to_ne_bytes).collect(),
+        };
+        let size = texture.size();
+        let rows = (size.height * size.depth_or_array_layers) as usize;
+        self.queue.write_texture(
+            texture.as_image_copy(),
+            &bytes,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some((bytes.len() / rows) as u32),
+                rows_per_image: Some(size.height),
+            },
+            size,
+        );
+    }
+
+    /// The images of a texture's array layers; 8 bit values become [0, 1].
+    ///
+    /// # Errors
+    /// If the device was lost.
+    ///
+    /// # Panics
+    /// If the format has another number of channels.
+    pub fn download<P: Pixel>(&self, texture: &wgpu::Texture) -> Result<Vec<Raster<P>>> {
+        let size = texture.size();
+        let (w, h, layers) = (size.width as usize, size.height as usize, size.depth_or_array_layers as usize);
+        let texel = texture.format().block_copy_size(None).expect("a color format") as usize;
+        // Rows start at multiples of 256 bytes.
+        let row = (w * texel).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
+        let buffer = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("download"),
+            size: (row * h * layers) as u64,
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_texture_to_buffer(
+            texture.as_image_copy(),
+            wgpu::TexelCopyBufferInfo {
+                buffer: &buffer,
+                layout: wgpu::TexelCopyBufferLayout {
+                    offset: 0,
+                    bytes_per_row: Some(row as u32),
+                    rows_per_image: Some(h as u32),
+                },
+            },
+            size,
+        );
+        self.queue.submit([encoder.finish()]);
+        let bytes = self.read(&buffer)?;
+        let values = |line: &[u8]| -> Vec<f32> {
+            match texture.format() {
+                TextureFormat::Rgba8Unorm => line.iter().map(|&v| f32::from(v) / 255.0).collect(),
+                TextureFormat::R16Float | TextureFormat::Rg16Float | TextureFormat::Rgba16Float => {
+                    line.chunks_exact(2).map(|b| f16::from_ne_bytes([b[0], b[1]]).to_f32()).collect()
+                }
+                _ => line.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect(),
+            }
+        };
+        let images = bytes.chunks_exact(row * h).map(|image| {
+            let mut out = Raster::filled(w, h, P::default());
+            for (y, line) in image.chunks_exact(row).enumerate() {
+                P::flat_mut(out.row_mut(y)).copy_from_slice(&values(&line[..w * texel]));
+            }
+            out
+        });
+        Ok(images.collect())
+    }
+
+    /// The bytes of a buffer that can be mapped for reading, once everything that was submitted is done.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn read(&self, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
+        buffer.map_async(wgpu::MapMode::Read, .., |_| {});
+        self.wait()?;
+        let lost =
+            |e: &dyn std::fmt::Display| Error::new(format!("the graphics device stopped working: {e}"));
+        let bytes = buffer.get_mapped_range(..).map_err(|e| lost(&e))?.to_vec();
+        buffer.unmap();
+        Ok(bytes)
+    }
+}
+
+/// A texture of [width, height, array layers].
+///
+/// # Errors
+/// If the device cannot hold one as large.
+pub(crate) fn texture(
+    device: &wgpu::Device,
+    label: &str,
+    [w, h, layers]: [usize; 3],
+    format: TextureFormat,
+    usage: TextureUsages,
+) -> Result<wgpu::Texture> {
+    let limits = device.limits();
+    let (side, most) = (limits.max_texture_dimension_2d as usize, limits.max_texture_array_layers as usize);
+    if w == 0 || h == 0 || layers == 0 {
+        return Err(Error::new(format!(
+            "{layers} images of {w} x {h} pixels are nothing to draw; give at least one pixel"
+        )));
+    }
+    if w > side || h > side || layers > most {
+        return Err(Error::new(format!(
+            "{layers} images of {w} x {h} pixels are more than this graphics device can hold ({most} of {side} x {side}); use smaller ones"
+        )));
+    }
+    Ok(device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width: w as u32, height: h as u32, depth_or_array_layers: layers as u32 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage,
+        view_formats: &[],
+    }))
+}
+
+/// The view of all layers that the kernels take.
+pub fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
+}
+
+/// Natively, wgpu's futures are done as soon as they are polled.
+fn block_on<T>(future: impl Future<Output = T>) -> T {
+    let mut future = std::pin::pin!(future);
+    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
+    loop {
+        if let std::task::Poll::Ready(t) = future.as_mut().poll(&mut context) {
+            return t;
+        }
+        std::thread::yield_now();
+    }
+}

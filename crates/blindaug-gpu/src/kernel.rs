@@ -1,0 +1,126 @@
+//! A compute shader with its bindings.
+
+use wgpu::{BindGroup, BindingType, ShaderStages, TextureFormat};
+
+/// What a shader's binding takes; numbered in their order in group 0. Textures are arrays of 2D textures.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Binding {
+    Uniform,
+    /// Read by texel.
+    Texels,
+    /// Read through a sampler.
+    Texture,
+    Sampler,
+    /// Written by texel.
+    Target(TextureFormat),
+    Buffer,
+    BufferMut,
+}
+
+/// The layout of group 0.
+pub(crate) fn layout(
+    device: &wgpu::Device,
+    label: &str,
+    stages: ShaderStages,
+    bindings: &[Binding],
+) -> wgpu::BindGroupLayout {
+    let texture = |filterable| BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable },
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    let buffer = |ty| BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+    let entries: Vec<_> = bindings
+        .iter()
+        .enumerate()
+        .map(|(i, binding)| wgpu::BindGroupLayoutEntry {
+            binding: i as u32,
+            visibility: stages,
+            ty: match *binding {
+                Binding::Uniform => buffer(wgpu::BufferBindingType::Uniform),
+                Binding::Texels => texture(false),
+                Binding::Texture => texture(true),
+                Binding::Sampler => BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+                Binding::Target(format) => BindingType::StorageTexture {
+                    access: wgpu::StorageTextureAccess::WriteOnly,
+                    format,
+                    view_dimension: wgpu::TextureViewDimension::D2Array,
+                },
+                Binding::Buffer => buffer(wgpu::BufferBindingType::Storage { read_only: true }),
+                Binding::BufferMut => buffer(wgpu::BufferBindingType::Storage { read_only: false }),
+            },
+            count: None,
+        })
+        .collect();
+    device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+}
+
+/// Resources in the order of a layout's bindings.
+pub(crate) fn bind(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    resources: &[wgpu::BindingResource],
+) -> BindGroup {
+    let entries: Vec<_> = resources
+        .iter()
+        .enumerate()
+        .map(|(i, r)| wgpu::BindGroupEntry { binding: i as u32, resource: r.clone() })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+}
+
+/// A compute pipeline and the layout of its one bind group.
+#[derive(Clone, Debug)]
+pub(crate) struct Kernel {
+    pipeline: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+    workgroup: [u32; 3],
+}
+
+impl Kernel {
+    /// Entry point `entry` of WGSL text, whose `@workgroup_size` is `workgroup`.
+    pub(crate) fn new(
+        device: &wgpu::Device,
+        source: &str,
+        entry: &str,
+        workgroup: [u32; 3],
+        bindings: &[Binding],
+    ) -> Self {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(entry),
+            source: wgpu::ShaderSource::Wgsl(source.into()),
+        });
+        let layout = layout(device, entry, ShaderStages::COMPUTE, bindings);
+        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(entry),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: Some(&pipeline_layout),
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                // Every shader writes its workgroup's memory before it reads it.
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
+            cache: None,
+        });
+        Self { pipeline, layout, workgroup }
+    }
+
+    pub(crate) fn bind(&self, device: &wgpu::Device, resources: &[wgpu::BindingResource]) -> BindGroup {
+        bind(device, &self.layout, resources)
+    }
+
+    /// Runs it with at least `threads` threads along each axis.
+    pub(crate) fn run(&self, pass: &mut wgpu::ComputePass, group: &BindGroup, threads: [u32; 3]) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, &[]);
+        let [x, y, z]: [u32; 3] = std::array::from_fn(|i| threads[i].div_ceil(self.workgroup[i]));
+        pass.dispatch_workgroups(x, y, z);
+    }
+}
