@@ -256,6 +256,13 @@ fn variance_along_x(halves: &[f64]) -> f64 {
     })
 }
 
+/// The disk of a std, px, as rows of pixels: half of the length of each row's span, px, from the centre's row on.
+///
+/// The span's ends count by the part of a pixel that they cover. The variance is exactly that of the std.
+pub fn disk_half_widths(sigma_px: f32) -> Vec<f32> {
+    Disk::of_variance(f64::from(sigma_px).powi(2)).half_widths
+}
+
 /// The disks of std 0, [`DISK_STEP`], 2 [`DISK_STEP`], .. up to `largest_sigma`.
 fn disks(largest_sigma: f32) -> Vec<Disk> {
     let n = (largest_sigma / DISK_STEP).round() as usize + 1;

@@ -84,7 +84,10 @@ fn band_covariance() -> &'static [[f32; NOISE_LEVELS]; NOISE_LEVELS] {
 }
 
 /// A normal number over its own window's std has a std slightly below 1: what it takes to make it 1, per level.
-const WINDOW_GAIN: [f32; NOISE_LEVELS] = [1.0047, 1.0063, 1.0086, 1.0120];
+pub const WINDOW_GAIN: [f32; NOISE_LEVELS] = [1.0047, 1.0063, 1.0086, 1.0120];
+
+/// The least std that a level is divided by, as a share of its usual one ([`white_band_std`]).
+pub const LEAST_STD: f32 = 0.2;
 
 /// The Laplacian pyramid of white normal noise, each level divided by its own local std.
 pub fn unit_bands(width: usize, height: usize, seed: u64, frame: u64) -> NoiseBands {
@@ -98,7 +101,7 @@ fn unit_bands_of(white: &Raster<[f32; 3]>) -> NoiseBands {
     std::array::from_fn(|level| {
         let mut band = bands.next().unwrap_or_else(|| Raster::filled(0, 0, [0.0; 3]));
         // A window with next to nothing in it (an image of a few pixels) must not be blown up.
-        let floor = 0.2 * usual_std[level];
+        let floor = LEAST_STD * usual_std[level];
         let std = local_std(&band);
         for (b, s) in band.data_mut().as_flattened_mut().iter_mut().zip(std.data().as_flattened()) {
             *b *= WINDOW_GAIN[level] / s.max(floor);

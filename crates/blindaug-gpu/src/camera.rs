@@ -1,0 +1,108 @@
+//! What the shaders know of a camera model.
+
+use crate::composite::{Options, Quality};
+use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, DepthKind, NOISE_LEVELS};
+use blindaug::{Error, Result};
+
+/// `Camera` of common.wgsl, field by field.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+pub(crate) struct Uniforms {
+    lens: [f32; 3],
+    thin_lens: u32,
+    inverse_depths: [f32; 2],
+    pub(crate) depth_map: [f32; 2],
+    pub(crate) real_depth_map: [f32; 2],
+    path_scale: [f32; 2],
+    slope: [[f32; 4]; NOISE_LEVELS],
+    intercept: [[f32; 4]; NOISE_LEVELS],
+    clip: f32,
+    noise: u32,
+    encoded_space: u32,
+    pub(crate) linear_target: u32,
+    pub(crate) size: [u32; 2],
+    key: [u32; 2],
+    most_taps: f32,
+    _padding: [u32; 3],
+}
+
+impl Uniforms {
+    /// What of a model is known and asked for. `velocity_scale`: px per frame interval of a unit of the velocity texture.
+    ///
+    /// # Errors
+    /// If the model is for another width, or its defocus is in relative inverse depth.
+    pub(crate) fn new(
+        model: &CameraModel,
+        width: usize,
+        velocity_scale: [f32; 2],
+        options: &Options,
+        number: u64,
+    ) -> Result<Self> {
+        if model.capture.width != width {
+            return Err(Error::new(format!(
+                "the camera model is for frames {} px wide but the frame is {width}; scale it first (CameraModel::scaled_to)",
+                model.capture.width
+            )));
+        }
+        let mut uniforms = Self {
+            clip: 1.0,
+            encoded_space: u32::from(model.blur_space == BlurSpace::Encoded),
+            key: [
+                options.seed as u32 ^ (options.seed >> 32) as u32 ^ ((number >> 32) as u32).rotate_left(16),
+                number as u32,
+            ],
+            most_taps: options.quality.most_taps(),
+            ..Self::default()
+        };
+        if options.naive {
+            return Ok(uniforms);
+        }
+        if let Some(defocus) = model.defocus.known() {
+            if defocus.depth_kind == DepthKind::Relative {
+                return Err(Error::new(
+                    "the camera model's defocus is in relative inverse depth; say how that relates to metres \
+                     (DefocusModel::to_metric), or mark the defocus unknown",
+                ));
+            }
+            (uniforms.lens, uniforms.thin_lens, uniforms.inverse_depths) = match defocus.curve {
+                DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
+                    ([0.0, -s / f, s], 1, [f32::MIN, f32::MAX])
+                }
+                DefocusCurve::Quadratic { a, b, c, inverse_depth_range } => {
+                    ([a, b, c], 0, inverse_depth_range)
+                }
+            };
+        }
+        if let Some(motion_blur) = model.motion_blur.known() {
+            uniforms.path_scale = velocity_scale.map(|s| s * motion_blur.exposure.0);
+        }
+        if let Some(noise) = model.noise.known().filter(|_| !options.no_noise) {
+            uniforms.noise = 1;
+            uniforms.clip = noise.clip;
+            let rgb = |[r, g, b]: [f32; 3]| [r, g, b, 0.0];
+            uniforms.slope = noise.levels.map(|l| rgb(l.slope));
+            uniforms.intercept = noise.levels.map(|l| rgb(l.intercept));
+        }
+        Ok(uniforms)
+    }
+
+    /// Whether anything is out of focus.
+    pub(crate) fn defocuses(&self) -> bool {
+        self.lens != [0.0; 3]
+    }
+
+    /// Whether anything is blurred at all.
+    pub(crate) fn blurs(&self) -> bool {
+        self.defocuses() || self.path_scale != [0.0; 2]
+    }
+}
+
+impl Quality {
+    fn most_taps(self) -> f32 {
+        match self {
+            Self::High => 128.0,
+            Self::Medium => 24.0,
+            Self::Low => 10.0,
+        }
+    }
+}

@@ -1,0 +1,72 @@
+// What every pass knows of the camera and the frame; `Uniforms` in camera.rs.
+struct Camera {
+    // Defocus std in px at inverse depth d: p = a d^2 + b d + c, then its magnitude (thin lens) or its positive part (the paper's).
+    lens: vec3<f32>,
+    thin_lens: u32,
+    // d is clamped to these.
+    inverse_depths: vec2<f32>,
+    // Inverse depth in 1/m is scale * depth texture + offset.
+    depth_map: vec2<f32>,
+    real_depth_map: vec2<f32>,
+    // px per frame interval of a unit of the velocity texture, times the exposure fraction: the path while the shutter is open.
+    path_scale: vec2<f32>,
+    // Noise std per level: slope * Y + intercept.
+    slope: array<vec4<f32>, 4>,
+    intercept: array<vec4<f32>, 4>,
+    clip: f32,
+    noise: u32,
+    // Blur acts on light (0) or on encoded values (1).
+    encoded_space: u32,
+    // The target's hardware encodes what is written.
+    linear_target: u32,
+    size: vec2<u32>,
+    // The frame's noise, and its share of the jitter.
+    key: vec2<u32>,
+    // Of motion blur, per pixel.
+    most_taps: f32,
+}
+
+fn is_finite(v: f32) -> bool {
+    return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
+}
+
+// IEC 61966-2-1, continued past 1, and below 0 by its mirror image.
+fn encode(v: vec3<f32>) -> vec3<f32> {
+    let x = abs(v);
+    let y = select(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, x <= vec3(0.0031308));
+    return sign(v) * y;
+}
+
+fn decode(v: vec3<f32>) -> vec3<f32> {
+    let y = abs(v);
+    let x = select(pow((y + 0.055) / 1.055, vec3(2.4)), y / 12.92, y <= vec3(0.04045));
+    return sign(v) * x;
+}
+
+// d encoded / d linear at a linear value.
+fn encoding_slope(v: vec3<f32>) -> vec3<f32> {
+    let x = abs(v);
+    return select(1.055 / 2.4 * pow(x, vec3(1.0 / 2.4 - 1.0)), vec3(12.92), x <= vec3(0.0031308));
+}
+
+// Y of YCbCr (Rec. 601) of encoded values.
+fn luma(v: vec3<f32>) -> f32 {
+    return dot(v, vec3(0.299, 0.587, 0.114));
+}
+
+// Four counters to four random numbers (Jarzynski & Olano 2020).
+fn pcg4d(counters: vec4<u32>) -> vec4<u32> {
+    var v = counters * 1664525u + 1013904223u;
+    v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
+    v ^= v >> vec4(16u);
+    v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
+    return v;
+}
+
+fn defocus_std(camera: Camera, inverse_depth: f32) -> f32 {
+    let d = clamp(inverse_depth, camera.inverse_depths.x, camera.inverse_depths.y);
+    let p = (camera.lens.x * d + camera.lens.y) * d + camera.lens.z;
+    let sigma = min(select(max(p, 0.0), abs(p), camera.thin_lens != 0u), 200.0);
+    // Too small to be seen: what is in focus stays as it is whatever the rounding of its depth.
+    return select(sigma, 0.0, sigma < 1.0 / 128.0);
+}

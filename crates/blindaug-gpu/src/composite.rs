@@ -1,0 +1,512 @@
+//! The virtual layer over the frame, as if the camera had filmed it: [`blindaug::composite::composite`] on the GPU.
+
+use crate::camera::Uniforms;
+use crate::gpu::{array_view, texture};
+use crate::kernel::{Binding, Kernel, bind, layout};
+use crate::timer::Timer;
+use crate::{noise, shaders};
+use blindaug::model::CameraModel;
+use blindaug::synth::defocus::{self, Bokeh};
+use blindaug::{Error, Result, filter};
+use wgpu::util::DeviceExt;
+use wgpu::{BindGroup, BufferUsages, ShaderStages, Texture, TextureFormat, TextureUsages, TextureView};
+
+/// How closely the reference is followed; what it costs is in docs/gpu.md.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Quality {
+    /// For pictures that are kept, and fast GPUs.
+    #[default]
+    High,
+    /// For headsets and desktops.
+    Medium,
+    /// For phones.
+    Low,
+}
+
+/// How to composite.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Leave out what the camera does: no blur, no noise.
+    pub naive: bool,
+    /// Leave out the noise.
+    pub no_noise: bool,
+    /// The shape of out-of-focus points.
+    pub bokeh: Bokeh,
+    /// The noise is a function of this and the frame's number.
+    pub seed: u64,
+    /// How closely the reference is followed.
+    pub quality: Quality,
+}
+
+/// Depth as a texture of one channel, or a depth buffer: inverse depth in 1/m is `scale * value + offset`. Of a perspective
+/// projection that is always so: with reversed infinite depth, `scale` is 1 / near and `offset` 0.
+#[derive(Clone, Copy, Debug)]
+pub struct Depth<'a> {
+    /// Any format of one float channel that can be loaded; NaN where unknown.
+    pub texture: &'a Texture,
+    /// 1/m per unit.
+    pub scale: f32,
+    /// 1/m.
+    pub offset: f32,
+}
+
+/// How far each pixel moves to the next frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Velocity<'a> {
+    /// Two float channels; NaN where unknown.
+    pub texture: &'a Texture,
+    /// px (x right, y down) per unit of the two channels.
+    pub scale: [f32; 2],
+}
+
+/// What is composited: textures of one size, with one array layer per eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// The camera's frame, display-encoded values in a format that can be filtered and is not `Srgb` (which would decode).
+    pub frame: &'a Texture,
+    /// The rendered object: premultiplied scene-linear R, G, B, A.
+    pub color: &'a Texture,
+    /// Its depth. Without it, there is no defocus.
+    pub depth: Option<Depth<'a>>,
+    /// Its motion. Without it, there is no motion blur.
+    pub velocity: Option<Velocity<'a>>,
+}
+
+/// Format of everything in between.
+const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
+
+/// Octaves of the image that defocus reads: `COARSEST` + 1 of defocus.wgsl.
+const OCTAVES: usize = 8;
+
+/// Variances of the table of discrete Gaussians, and the largest, px^2: as in defocus.wgsl.
+const GAUSSIANS: usize = 64;
+const GAUSSIAN_MOST: f32 = 3.25;
+
+/// How many disks there are in the table, the distance of their stds, px, and the rows of each: as in defocus.wgsl.
+const DISKS: usize = 235;
+const DISK_STEP: f32 = 1.0 / 64.0;
+const DISK_ROWS: usize = 12;
+
+/// `Quality` of defocus.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct DefocusQuality {
+    least_variance: [f32; 2],
+    reach: f32,
+    bokeh: u32,
+}
+
+impl DefocusQuality {
+    fn new(options: &Options) -> Self {
+        let (least_variance, reach) = match options.quality {
+            Quality::High => ([0.5, 3.0], 3.3),
+            Quality::Medium => ([0.3, 1.5], 2.6),
+            Quality::Low => ([0.15, 0.75], 2.2),
+        };
+        Self { least_variance, reach, bokeh: u32::from(options.bokeh == Bokeh::Disk) }
+    }
+}
+
+/// The effects and the compositor: everything that does not depend on the size of frames. Made once.
+#[derive(Debug)]
+pub struct Compositor {
+    prepare: Kernel,
+    spread: Kernel,
+    pull: Kernel,
+    top: Kernel,
+    push: Kernel,
+    blur: Kernel,
+    halve: Kernel,
+    defocus: Kernel,
+    composite: wgpu::RenderPipeline,
+    composite_layout: wgpu::BindGroupLayout,
+    bilinear: wgpu::Sampler,
+    gaussians: wgpu::Buffer,
+    disks: wgpu::Buffer,
+    tile: TextureView,
+    nothing: TextureView,
+    target: TextureFormat,
+}
+
+impl Compositor {
+    /// For targets of this format, which can be rendered to. Makes the noise tile of `seed`, too.
+    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, target: TextureFormat) -> Self {
+        use Binding::{Buffer, BufferMut, Sampler, Target, Texels, Texture, Uniform};
+        let between = Target(BETWEEN);
+        let of_extension = |entry, side, bindings: &[Binding]| {
+            Kernel::new(device, shaders::EXTENSION, entry, [side, side, 1], bindings)
+        };
+        let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
+        of_defocus.extend([Texture; OCTAVES]);
+        of_defocus.push(Buffer);
+        let table = |label, contents| {
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some(label),
+                contents,
+                usage: BufferUsages::STORAGE,
+            })
+        };
+        let composite_layout = layout(
+            device,
+            "composite",
+            ShaderStages::FRAGMENT,
+            &[Uniform, Sampler, Texture, Texture, Texels, Texels],
+        );
+        Self {
+            prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut]),
+            spread: of_extension("spread", 16, &[Uniform, Texels, Texels, Texels, Buffer, between]),
+            pull: of_extension("pull", 8, &[Texture, Sampler, between]),
+            top: of_extension("top", 1, &[Texture, Sampler, Texels, between]),
+            push: of_extension("push", 8, &[Texture, Sampler, Texels, between]),
+            blur: of_extension("blur", 16, &[Texture, Sampler, Texels, between, Uniform]),
+            halve: of_extension("halve", 8, &[Texture, Sampler, between]),
+            defocus: Kernel::new(device, shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
+            composite: composite_pipeline(device, &composite_layout, target),
+            composite_layout,
+            bilinear: device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("bilinear"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            gaussians: table("discrete Gaussians", bytemuck::cast_slice(&gaussian_table())),
+            disks: table("disks", bytemuck::cast_slice(&disk_table())),
+            tile: array_view(&noise::tile(device, queue, 0)),
+            nothing: array_view(
+                &texture(device, "nothing", [1, 1, 1], BETWEEN, TextureUsages::TEXTURE_BINDING)
+                    .expect("every device holds a texture of one pixel"),
+            ),
+            target,
+        }
+    }
+
+    /// Everything that frames of these textures' size need; they are bound once and may be drawn to again and again.
+    ///
+    /// # Errors
+    /// If sizes differ or are too large for the device.
+    pub fn bind(&self, device: &wgpu::Device, inputs: &Inputs) -> Result<Bound> {
+        Bound::new(self, device, inputs)
+    }
+
+    /// Records the passes of one frame. Nothing is allocated or read back. `targets`: a view per eye, of the frame's size and the
+    /// format that this was made for, which gets display-encoded values. Parts of the model that are unknown are not applied, nor
+    /// are those without their evidence (depth, velocity); the camera's sharpening is not.
+    ///
+    /// # Errors
+    /// If the model is for another width or in relative inverse depth, or there are not as many targets as eyes.
+    #[expect(clippy::too_many_arguments, reason = "each is a thing of its own")]
+    pub fn encode(
+        &self,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        bound: &Bound,
+        model: &CameraModel,
+        options: &Options,
+        number: u64,
+        targets: &[TextureView],
+        timer: Option<&Timer>,
+    ) -> Result<()> {
+        let [w, h, eyes] = bound.size;
+        if targets.len() != eyes as usize {
+            return Err(Error::new(format!(
+                "there are {} targets for {eyes} eyes; give one each",
+                targets.len()
+            )));
+        }
+        let mut camera = Uniforms::new(model, w as usize, bound.velocity_scale, options, number)?;
+        camera.size = [w, h];
+        camera.depth_map = bound.depth_map;
+        camera.linear_target = u32::from(self.target.is_srgb());
+        let defocuses = camera.defocuses() && bound.has_depth;
+        queue.write_buffer(&bound.camera, 0, bytemuck::bytes_of(&camera));
+        queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&DefocusQuality::new(options)));
+        encoder.clear_buffer(&bound.most, 0, None);
+
+        let compute = |step: u32| wgpu::ComputePassDescriptor {
+            label: None,
+            timestamp_writes: timer.map(|t| t.compute(step)),
+        };
+        let mut pass = encoder.begin_compute_pass(&compute(0));
+        let whole = [w, h, eyes];
+        self.prepare.run(&mut pass, &bound.prepare, whole);
+        if camera.blurs() {
+            self.spread.run(&mut pass, &bound.spread, whole);
+            for (group, [w, h]) in &bound.pull {
+                self.pull.run(&mut pass, group, [*w, *h, eyes]);
+            }
+            self.top.run(&mut pass, &bound.top, [1, 1, eyes]);
+            for (group, [w, h]) in &bound.push {
+                self.push.run(&mut pass, group, [*w, *h, eyes]);
+            }
+            self.blur.run(&mut pass, &bound.blur, whole);
+        }
+        drop(pass);
+        let mut pass = encoder.begin_compute_pass(&compute(1));
+        for (group, [w, h]) in bound.halve.iter().filter(|_| defocuses) {
+            self.halve.run(&mut pass, group, [*w, *h, eyes]);
+        }
+        drop(pass);
+        let mut pass = encoder.begin_compute_pass(&compute(2));
+        if defocuses {
+            self.defocus.run(&mut pass, &bound.defocus, whole);
+        }
+        drop(pass);
+        let group = match (defocuses, camera.blurs()) {
+            (true, _) => &bound.composite_focused,
+            (false, true) => &bound.composite_sharp,
+            (false, false) => &bound.composite_still,
+        };
+        for (eye, target) in (0..).zip(targets) {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: None,
+                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                    view: target,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                        store: wgpu::StoreOp::Store,
+                    },
+                })],
+                timestamp_writes: timer.map(|t| t.render(3, eye == 0, eye + 1 == eyes)),
+                ..Default::default()
+            });
+            pass.set_pipeline(&self.composite);
+            pass.set_bind_group(0, group, &[]);
+            pass.draw(0..3, eye..eye + 1);
+        }
+        if let Some(timer) = timer {
+            timer.resolve(encoder);
+        }
+        Ok(())
+    }
+}
+
+fn composite_pipeline(
+    device: &wgpu::Device,
+    group: &wgpu::BindGroupLayout,
+    target: TextureFormat,
+) -> wgpu::RenderPipeline {
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some("composite"),
+        source: wgpu::ShaderSource::Wgsl(shaders::COMPOSITE.into()),
+    });
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some("composite"),
+        bind_group_layouts: &[Some(group)],
+        immediate_size: 0,
+    });
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("composite"),
+        layout: Some(&layout),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("whole"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some("composite"),
+            compilation_options: Default::default(),
+            targets: &[Some(target.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+fn view(v: &TextureView) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::TextureView(v)
+}
+
+/// 8 taps of the discrete Gaussian for each of some variances.
+fn gaussian_table() -> [[f32; 8]; GAUSSIANS] {
+    std::array::from_fn(|i| {
+        let variance = GAUSSIAN_MOST * i as f32 / (GAUSSIANS - 1) as f32;
+        let kernel = filter::gaussian_kernel(variance.sqrt());
+        std::array::from_fn(|tap| kernel.get(tap).copied().unwrap_or(0.0))
+    })
+}
+
+/// Half the lengths of the rows of disks of rising std, px.
+fn disk_table() -> Vec<[f32; DISK_ROWS]> {
+    let disk = |i: usize| {
+        let halves = defocus::disk_half_widths(i as f32 * DISK_STEP);
+        std::array::from_fn(|dy| halves.get(dy).copied().unwrap_or(0.0))
+    };
+    (0..DISKS).map(disk).collect()
+}
+
+/// The textures of a [`Compositor`]'s frames and what lies between them.
+#[derive(Debug)]
+pub struct Bound {
+    size: [u32; 3],
+    has_depth: bool,
+    depth_map: [f32; 2],
+    velocity_scale: [f32; 2],
+    camera: wgpu::Buffer,
+    quality: wgpu::Buffer,
+    most: wgpu::Buffer,
+    prepare: BindGroup,
+    spread: BindGroup,
+    /// To the second finest level and on; with the sizes of the levels that are written.
+    pull: Vec<(BindGroup, [u32; 2])>,
+    top: BindGroup,
+    /// From the second coarsest level to the second finest.
+    push: Vec<(BindGroup, [u32; 2])>,
+    blur: BindGroup,
+    halve: Vec<(BindGroup, [u32; 2])>,
+    defocus: BindGroup,
+    /// Of the focused layer; of the sharp one along its path; of the sharp one.
+    composite_focused: BindGroup,
+    composite_sharp: BindGroup,
+    composite_still: BindGroup,
+}
+
+impl Bound {
+    fn new(of: &Compositor, device: &wgpu::Device, inputs: &Inputs) -> Result<Self> {
+        let size = inputs.frame.size();
+        let check = |name: &str, other: Option<&Texture>| match other.map(Texture::size) {
+            Some(s) if s != size => Err(Error::new(format!(
+                "{name} has {} x {} pixels for {} eyes but the frame {} x {} for {}; give textures of one size",
+                s.width,
+                s.height,
+                s.depth_or_array_layers,
+                size.width,
+                size.height,
+                size.depth_or_array_layers
+            ))),
+            _ => Ok(()),
+        };
+        check("the virtual layer", Some(inputs.color))?;
+        check("the virtual layer's depth", inputs.depth.map(|d| d.texture))?;
+        check("the virtual layer's velocity", inputs.velocity.map(|v| v.texture))?;
+        let (w, h, eyes) = (size.width, size.height, size.depth_or_array_layers);
+        let between = |label: &str, [w, h]: [u32; 2]| {
+            let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING;
+            texture(device, label, [w as usize, h as usize, eyes as usize], BETWEEN, usage)
+                .map(|t| array_view(&t))
+        };
+        // Down to one pixel, which is halved once at least.
+        let mut sizes = vec![[w, h]];
+        while sizes.len() < 2 || sizes[sizes.len() - 1] != [1, 1] {
+            sizes.push(sizes[sizes.len() - 1].map(|s| s.div_ceil(2)));
+        }
+        let level = |i: usize| sizes[i.min(sizes.len() - 1)];
+        let views = |label: &str, levels: std::ops::Range<usize>| -> Result<Vec<TextureView>> {
+            levels.map(|i| between(label, level(i))).collect()
+        };
+        let octaves = views("octave", 0..OCTAVES)?;
+        let known = views("known", 0..sizes.len())?;
+        let filled = views("filled", 0..sizes.len())?;
+        // What is known at full size is no longer needed when the focused layer is written.
+        let focused = &known[0];
+        let uniform = |label, size| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let camera = uniform("camera", size_of::<Uniforms>() as u64);
+        let quality = uniform("quality", size_of::<DefocusQuality>() as u64);
+        let most = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("largest alpha"),
+            size: 4 * u64::from(eyes),
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let bilinear = wgpu::BindingResource::Sampler(&of.bilinear);
+        let [camera_binding, quality_binding, most_binding] =
+            [&camera, &quality, &most].map(|b| b.as_entire_binding());
+        let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
+        let frame = array_view(inputs.frame);
+        let color = array_view(inputs.color);
+        let depth = input(inputs.depth.map(|d| d.texture));
+        let velocity = input(inputs.velocity.map(|v| v.texture));
+        let halved = |kernel: &Kernel, levels: &[TextureView]| {
+            (1..levels.len())
+                .map(|i| {
+                    let resources = [view(&levels[i - 1]), bilinear.clone(), view(&levels[i])];
+                    (kernel.bind(device, &resources), level(i))
+                })
+                .collect()
+        };
+        let last = sizes.len() - 1;
+        let pushed = |kernel: &Kernel, coarser: usize, i: usize| {
+            kernel
+                .bind(device, &[view(&filled[coarser]), bilinear.clone(), view(&known[i]), view(&filled[i])])
+        };
+        let mut of_defocus = vec![
+            camera_binding.clone(),
+            quality_binding,
+            bilinear.clone(),
+            of.gaussians.as_entire_binding(),
+            view(&filled[0]),
+            view(focused),
+        ];
+        of_defocus.extend(octaves.iter().map(view));
+        of_defocus.push(of.disks.as_entire_binding());
+        let composited = |layer: &TextureView, blur: &TextureView| {
+            let resources = [
+                camera_binding.clone(),
+                bilinear.clone(),
+                view(&frame),
+                view(layer),
+                view(blur),
+                view(&of.tile),
+            ];
+            bind(device, &of.composite_layout, &resources)
+        };
+        Ok(Self {
+            size: [w, h, eyes],
+            has_depth: inputs.depth.is_some(),
+            depth_map: inputs.depth.map_or([0.0; 2], |d| [d.scale, d.offset]),
+            velocity_scale: inputs.velocity.map_or([0.0; 2], |v| v.scale),
+            prepare: of.prepare.bind(
+                device,
+                &[camera_binding.clone(), view(&color), view(&octaves[0]), most_binding.clone()],
+            ),
+            spread: of.spread.bind(
+                device,
+                &[
+                    camera_binding.clone(),
+                    view(&octaves[0]),
+                    view(&depth),
+                    view(&velocity),
+                    most_binding.clone(),
+                    view(&known[0]),
+                ],
+            ),
+            pull: halved(&of.pull, &known),
+            top: of.top.bind(
+                device,
+                &[view(&filled[last - 1]), bilinear.clone(), view(&known[last]), view(&filled[last])],
+            ),
+            push: (1..last).rev().map(|i| (pushed(&of.push, i + 1, i), level(i))).collect(),
+            blur: of.blur.bind(
+                device,
+                &[
+                    view(&filled[1]),
+                    bilinear.clone(),
+                    view(&known[0]),
+                    view(&filled[0]),
+                    camera_binding.clone(),
+                ],
+            ),
+            halve: halved(&of.halve, &octaves),
+            defocus: of.defocus.bind(device, &of_defocus),
+            composite_focused: composited(focused, &filled[0]),
+            composite_sharp: composited(&octaves[0], &filled[0]),
+            composite_still: composited(&octaves[0], &of.nothing),
+            camera,
+            quality,
+            most,
+        })
+    }
+}

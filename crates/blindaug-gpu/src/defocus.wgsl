@@ -1,0 +1,211 @@
+// Each pixel as the mean of its surroundings by its own kernel (Potmesil & Chakravarty 1982). A wide kernel is applied to a
+// smaller image: octave o is the image halved o times, and so blurred by a variance of (4^o - 1) / 3 px^2 already.
+
+struct Quality {
+    // The least variance that is left to blur on an octave, px^2 of the octave: Gaussian and disk.
+    least_variance: vec2<f32>,
+    // Where a Gaussian ends, std.
+    reach: f32,
+    bokeh: u32,
+}
+
+@group(0) @binding(0) var<uniform> camera: Camera;
+@group(0) @binding(1) var<uniform> quality: Quality;
+@group(0) @binding(2) var bilinear: sampler;
+// 8 taps of the discrete Gaussian for each of GAUSSIANS variances, evenly from 0 to GAUSSIAN_MOST px^2.
+@group(0) @binding(3) var<storage, read> gaussians: array<vec4<f32>>;
+// Half the lengths of the rows of DISKS disks of stds DISK_STEP px apart, DISK_ROWS for each, from the middle one on.
+@group(0) @binding(14) var<storage, read> disks: array<vec4<f32>>;
+@group(0) @binding(4) var blur: texture_2d_array<f32>;
+@group(0) @binding(5) var focused: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(6) var octave_0: texture_2d_array<f32>;
+@group(0) @binding(7) var octave_1: texture_2d_array<f32>;
+@group(0) @binding(8) var octave_2: texture_2d_array<f32>;
+@group(0) @binding(9) var octave_3: texture_2d_array<f32>;
+@group(0) @binding(10) var octave_4: texture_2d_array<f32>;
+@group(0) @binding(11) var octave_5: texture_2d_array<f32>;
+@group(0) @binding(12) var octave_6: texture_2d_array<f32>;
+@group(0) @binding(13) var octave_7: texture_2d_array<f32>;
+
+const COARSEST = 7u;
+const GAUSSIANS = 64u;
+const GAUSSIAN_MOST = 3.25;
+const DISKS = 235u;
+const DISK_STEP = 0.015625;
+const DISK_ROWS = 12u;
+
+// At pixel position `at` of an octave, whose pixel centres are at integer coordinates.
+fn tap(octave: u32, at: vec2<f32>, eye: u32) -> vec4<f32> {
+    switch octave {
+        case 0u: { return textureSampleLevel(octave_0, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_0)), eye, 0.0); }
+        case 1u: { return textureSampleLevel(octave_1, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_1)), eye, 0.0); }
+        case 2u: { return textureSampleLevel(octave_2, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_2)), eye, 0.0); }
+        case 3u: { return textureSampleLevel(octave_3, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_3)), eye, 0.0); }
+        case 4u: { return textureSampleLevel(octave_4, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_4)), eye, 0.0); }
+        case 5u: { return textureSampleLevel(octave_5, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_5)), eye, 0.0); }
+        case 6u: { return textureSampleLevel(octave_6, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_6)), eye, 0.0); }
+        default: { return textureSampleLevel(octave_7, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_7)), eye, 0.0); }
+    }
+}
+
+// The coarsest octave that leaves at least this variance to blur.
+fn octave_of(variance: f32, least: f32) -> u32 {
+    // (variance - (4^o - 1) / 3) / 4^o >= least
+    let o = 0.5 * log2(max((variance + 1.0 / 3.0) / (least + 1.0 / 3.0), 1.0));
+    return min(u32(o), COARSEST);
+}
+
+// Weight and place of the j-th pair of taps beside the centre of the discrete Gaussian of this variance; of the centre for j = 0.
+fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
+    let at = min(variance / GAUSSIAN_MOST, 1.0) * f32(GAUSSIANS - 1u);
+    let first = min(u32(at), GAUSSIANS - 2u);
+    let low = mix(gaussians[2u * first], gaussians[2u * first + 2u], at - f32(first));
+    let high = mix(gaussians[2u * first + 1u], gaussians[2u * first + 3u], at - f32(first));
+    switch abs(j) {
+        case 0: { return vec2(low.x, 0.0); }
+        case 1: { return vec2(low.y + low.z, 1.0 + low.z / max(low.y + low.z, 1e-20)); }
+        case 2: { return vec2(low.w + high.x, 3.0 + high.x / max(low.w + high.x, 1e-20)); }
+        default: { return vec2(high.y + high.z, 5.0 + high.z / max(high.y + high.z, 1e-20)); }
+    }
+}
+
+// On the image itself, where the kernel's centre is a pixel's.
+fn gaussian_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+    let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance) + 0.5, 1.0, 6.0)));
+    var sum = vec4(0.0);
+    var total = 0.0;
+    for (var j = -pairs; j <= pairs; j++) {
+        let row = gaussian_pair(variance, j);
+        for (var i = -pairs; i <= pairs; i++) {
+            let column = gaussian_pair(variance, i);
+            let weight = row.x * column.x;
+            sum += weight * tap(0u, at + vec2(f32(sign(i)) * column.y, f32(sign(j)) * row.y), eye);
+            total += weight;
+        }
+    }
+    return sum / total;
+}
+
+// Weight and place of two neighbouring taps of a Gaussian around 0, the first at x.
+fn gaussian_taps(x: f32, variance: f32) -> vec2<f32> {
+    let first = exp(-0.5 * x * x / variance);
+    let second = exp(-0.5 * (x + 1.0) * (x + 1.0) / variance);
+    return vec2(first + second, x + second / (first + second));
+}
+
+fn gaussian_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+    let taps = i32(ceil(quality.reach * sqrt(variance)));
+    let nearest = floor(at);
+    let start = nearest - at - f32(taps - 1);
+    var sum = vec4(0.0);
+    var total = 0.0;
+    for (var j = 0; j < taps; j++) {
+        let row = gaussian_taps(start.y + 2.0 * f32(j), variance);
+        for (var i = 0; i < taps; i++) {
+            let column = gaussian_taps(start.x + 2.0 * f32(i), variance);
+            let weight = row.x * column.x;
+            sum += weight * tap(octave, at + vec2(column.y, row.y), eye);
+            total += weight;
+        }
+    }
+    return sum / total;
+}
+
+// Half the length of row `dy` of a disk on the image itself.
+fn half_width(first: u32, dy: i32) -> f32 {
+    return disks[first + u32(abs(dy)) / 4u][abs(dy) & 3];
+}
+
+// A uniform disk on the image itself, as rows of spans whose ends count by the part of a pixel that they cover.
+fn disk_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+    let first = DISK_ROWS / 4u * min(u32(sqrt(variance) / DISK_STEP + 0.5), DISKS - 1u);
+    var sum = vec4(0.0);
+    var total = 0.0;
+    for (var dy = 1 - i32(DISK_ROWS); dy < i32(DISK_ROWS); dy++) {
+        let reach = half_width(first, dy);
+        let most = i32(ceil(reach - 0.5));
+        for (var dx = -most; dx <= most && reach > 0.0; dx++) {
+            let weight = clamp(reach + 0.5 - f32(abs(dx)), 0.0, min(2.0 * reach, 1.0));
+            sum += weight * tap(0u, at + vec2(f32(dx), f32(dy)), eye);
+            total += weight;
+        }
+    }
+    return sum / total;
+}
+
+// A uniform disk on a smaller image; a pixel on its rim counts by about the part that it covers.
+fn disk_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+    // A rim that rises along 1 px adds 5/48 px^2 to the variance radius^2 / 4.
+    let radius = sqrt(max(4.0 * variance - 5.0 / 12.0, 0.25));
+    let most = i32(ceil(radius + 0.5));
+    let nearest = floor(at + 0.5);
+    var sum = vec4(0.0);
+    var total = 0.0;
+    for (var j = -most; j <= most; j++) {
+        for (var i = -most; i <= most; i++) {
+            let pixel = nearest + vec2(f32(i), f32(j));
+            let weight = clamp(radius + 0.5 - distance(pixel, at), 0.0, 1.0);
+            if weight > 0.0 {
+                sum += weight * tap(octave, pixel, eye);
+                total += weight;
+            }
+        }
+    }
+    return sum / total;
+}
+
+var<workgroup> largest_std: atomic<u32>;
+var<workgroup> seen: atomic<u32>;
+
+@compute @workgroup_size(8, 8)
+fn defocus(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    if thread == 0u {
+        atomicStore(&largest_std, 0u);
+        atomicStore(&seen, 0u);
+    }
+    workgroupBarrier();
+    let inside = all(id.xy < camera.size);
+    let sigma = select(0.0, textureLoad(blur, id.xy, id.z, 0).z, inside);
+    atomicMax(&largest_std, bitcast<u32>(sigma));
+    workgroupBarrier();
+    // Is there anything within reach? On an octave whose pixels are as large as the reach, 5 x 5 of them tell.
+    let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_std)) + 8.0;
+    let coarse = u32(ceil(log2(reach)));
+    if thread < 25u && coarse <= COARSEST {
+        let middle = (vec2<f32>(group.xy) * 8.0 + 4.0) / exp2(f32(coarse));
+        let at = floor(middle) + vec2(f32(thread % 5u), f32(thread / 5u)) - 2.0;
+        if tap(coarse, at, id.z).w > 0.0 {
+            atomicStore(&seen, 1u);
+        }
+    }
+    workgroupBarrier();
+    if !inside {
+        return;
+    }
+    let at = vec2<f32>(id.xy);
+    var out = vec4(0.0);
+    if sigma == 0.0 {
+        out = textureLoad(octave_0, id.xy, id.z, 0);
+    } else if atomicLoad(&seen) != 0u || coarse > COARSEST {
+        let variance = sigma * sigma;
+        let disk = quality.bokeh != 0u;
+        let octave = octave_of(variance, select(quality.least_variance.x, quality.least_variance.y, disk));
+        let scale = exp2(-f32(octave));
+        // (4^o - 1) / 3 of the variance is there already.
+        let left = variance * scale * scale - (1.0 - scale * scale) / 3.0;
+        if disk && octave == 0u {
+            out = disk_here(at, left, id.z);
+        } else if disk {
+            out = disk_on(octave, at * scale, left, id.z);
+        } else if octave == 0u && left < GAUSSIAN_MOST {
+            out = gaussian_here(at, left, id.z);
+        } else {
+            out = gaussian_on(octave, at * scale, left, id.z);
+        }
+    }
+    textureStore(focused, id.xy, id.z, out);
+}

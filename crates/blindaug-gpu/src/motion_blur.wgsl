@@ -1,0 +1,25 @@
+// The mean over the path that a pixel travels while the shutter is open (Potmesil & Chakravarty 1983), centred on it.
+
+// Interleaved gradient noise (Jimenez 2014): neighbours differ as much as they can.
+fn gradient_noise(at: vec2<f32>) -> f32 {
+    return fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
+}
+
+// The midpoint rule with ceil(length) + 1 taps. Paths that need more than `most` taps are jittered, so that they leave noise
+// rather than steps.
+fn motion_blurred(image: texture_2d_array<f32>, bilinear: sampler, at: vec2<f32>, path: vec2<f32>, eye: u32, most: f32, jitter: vec2<f32>) -> vec4<f32> {
+    let length = length(path);
+    let wanted = ceil(length) + 1.0;
+    let taps = min(wanted, most);
+    var phase = 0.5;
+    if wanted > most {
+        phase = gradient_noise(at + jitter);
+    }
+    let size = vec2<f32>(textureDimensions(image));
+    var sum = vec4(0.0);
+    for (var i = 0.0; i < taps; i += 1.0) {
+        let t = (i + phase) / taps - 0.5;
+        sum += textureSampleLevel(image, bilinear, (at + t * path + 0.5) / size, eye, 0.0);
+    }
+    return sum / taps;
+}

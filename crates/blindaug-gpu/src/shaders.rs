@@ -1,0 +1,46 @@
+//! The shaders' texts. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
+
+pub(crate) const EXTENSION: &str = concat!(include_str!("common.wgsl"), include_str!("extension.wgsl"));
+pub(crate) const DEFOCUS: &str = concat!(include_str!("common.wgsl"), include_str!("defocus.wgsl"));
+pub(crate) const NOISE_TILE: &str = concat!(include_str!("common.wgsl"), include_str!("noise_tile.wgsl"));
+pub(crate) const COMPOSITE: &str = concat!(
+    include_str!("common.wgsl"),
+    include_str!("motion_blur.wgsl"),
+    include_str!("noise.wgsl"),
+    include_str!("composite.wgsl")
+);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    fn problem(source: &str) -> Option<String> {
+        let module = match naga::front::wgsl::parse_str(source) {
+            Ok(module) => module,
+            Err(e) => return Some(e.emit_to_string(source)),
+        };
+        // Without capabilities: what every device can do.
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        validator.validate(&module).err().map(|e| e.emit_to_string(source))
+    }
+
+    #[test]
+    fn every_shader_is_valid_for_every_device() {
+        let texts = [EXTENSION, DEFOCUS, NOISE_TILE, COMPOSITE];
+        for text in texts {
+            assert_eq!(problem(text), None);
+        }
+        // None is left out.
+        for file in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src")).unwrap() {
+            let path = file.unwrap().path();
+            if path.extension().is_some_and(|e| e == "wgsl") {
+                let text = std::fs::read_to_string(&path).unwrap();
+                assert!(texts.iter().any(|t| t.contains(&text)), "{} is in no list", path.display());
+            }
+        }
+        // What must fail.
+        assert!(problem("fn f() -> f32 { return 1u; }").is_some());
+        assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());
+    }
+}
