@@ -2,11 +2,13 @@
 
 use blindaug::composite::{self, Shot, VirtualLayer};
 use blindaug::model::{
-    Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel,
+    BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
+    NOISE_LEVELS, NoiseLevel, NoiseModel,
 };
-use blindaug::synth::defocus::Bokeh;
+use blindaug::pyramid;
+use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster};
-use blindaug_gpu::{Compositor, Depth, Gpu, Inputs, Options, Quality, Velocity, array_view};
+use blindaug_gpu::{Compositor, Depth, Gpu, Inputs, Options, Quality, Velocity};
 use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
@@ -87,21 +89,55 @@ fn rgba(image: &Raster<[f32; 3]>) -> Raster<[f32; 4]> {
     image.map(|[r, g, b]| [r, g, b, 1.0])
 }
 
-fn on_gpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Raster<[f32; 3]> {
-    let (w, h) = frame.0.size();
-    let frame = GPU.upload(&[&rgba(&frame.0)], TextureFormat::Rgba8Unorm).unwrap();
-    let color = GPU.upload(&[&layer.color.0], TextureFormat::Rgba16Float).unwrap();
-    let depth = layer.inverse_depth.as_ref().map(|d| GPU.upload(&[d], TextureFormat::R32Float).unwrap());
-    let velocity = layer.flow.as_ref().map(|f| GPU.upload(&[f], TextureFormat::Rg16Float).unwrap());
-    let inputs = Inputs {
-        frame: &frame,
-        color: &color,
-        depth: depth.as_ref().map(|texture| Depth { texture, scale: 1.0, offset: 0.0 }),
-        velocity: velocity.as_ref().map(|texture| Velocity { texture, scale: [1.0; 2] }),
-    };
+/// Textures of some eyes.
+struct Eyes {
+    frame: wgpu::Texture,
+    color: wgpu::Texture,
+    depth: Option<wgpu::Texture>,
+    velocity: Option<wgpu::Texture>,
+}
+
+impl Eyes {
+    fn new(frames: &[&Encoded], layers: &[&VirtualLayer]) -> Self {
+        let each = |of: &dyn Fn(&VirtualLayer) -> Option<Plane>| {
+            layers.iter().map(|l| of(l)).collect::<Option<Vec<_>>>()
+        };
+        let frames: Vec<_> = frames.iter().map(|f| rgba(&f.0)).collect();
+        let color: Vec<_> = layers.iter().map(|l| &l.color.0).collect();
+        let depth = each(&|l| l.inverse_depth.clone());
+        let flow = layers.iter().map(|l| l.flow.as_ref()).collect::<Option<Vec<_>>>();
+        Self {
+            frame: GPU.upload(&frames.iter().collect::<Vec<_>>(), TextureFormat::Rgba8Unorm).unwrap(),
+            color: GPU.upload(&color, TextureFormat::Rgba16Float).unwrap(),
+            depth: depth.map(|d| GPU.upload(&d.iter().collect::<Vec<_>>(), TextureFormat::R32Float).unwrap()),
+            velocity: flow.map(|f| GPU.upload(&f, TextureFormat::Rg16Float).unwrap()),
+        }
+    }
+
+    fn inputs(&self) -> Inputs<'_> {
+        Inputs {
+            frame: &self.frame,
+            color: &self.color,
+            depth: self.depth.as_ref().map(|texture| Depth { texture, scale: 1.0, offset: 0.0 }),
+            velocity: self.velocity.as_ref().map(|texture| Velocity { texture, scale: [1.0; 2] }),
+        }
+    }
+
+    fn composite(&self, model: &CameraModel, options: &Options, number: u64) -> Vec<Raster<[f32; 3]>> {
+        composite_of(&self.inputs(), model, options, number)
+    }
+}
+
+/// The eyes' composites.
+fn composite_of(
+    inputs: &Inputs,
+    model: &CameraModel,
+    options: &Options,
+    number: u64,
+) -> Vec<Raster<[f32; 3]>> {
     let target = GPU.device.create_texture(&wgpu::TextureDescriptor {
         label: None,
-        size: wgpu::Extent3d { width: w as u32, height: h as u32, depth_or_array_layers: 1 },
+        size: inputs.frame.size(),
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
@@ -109,12 +145,25 @@ fn on_gpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &
         usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
         view_formats: &[],
     });
-    let bound = COMPOSITOR.bind(&GPU.device, &inputs).unwrap();
+    let view = |eye| {
+        target.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: eye,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    };
+    let views: Vec<_> = (0..target.depth_or_array_layers()).map(view).collect();
+    let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
-    let views = [target.create_view(&Default::default())];
-    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, model, options, 3, &views, None).unwrap();
+    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, model, options, number, &views, None).unwrap();
     GPU.queue.submit([encoder.finish()]);
-    GPU.download::<[f32; 4]>(&target).unwrap()[0].map(|[r, g, b, _]| [r, g, b])
+    let images = GPU.download::<[f32; 4]>(&target).unwrap();
+    images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect()
+}
+
+fn on_gpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Raster<[f32; 3]> {
+    Eyes::new(&[frame], &[layer]).composite(model, options, 3).remove(0)
 }
 
 fn on_cpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Raster<[f32; 3]> {
@@ -128,56 +177,393 @@ fn on_cpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &
     composite::composite(&shot, layer, model, &options).unwrap().0
 }
 
-/// (root mean square, largest) difference.
-fn difference(a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>) -> (f32, f32) {
-    let pairs = || a.data().as_flattened().iter().zip(b.data().as_flattened());
-    let mean = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f32>() / (3 * a.data().len()) as f32;
-    (mean.sqrt(), pairs().map(|(a, b)| (a - b).abs()).fold(0.0, f32::max))
+/// Root mean square difference of encoded values.
+fn difference(a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>) -> f32 {
+    let pairs = a.data().as_flattened().iter().zip(b.data().as_flattened());
+    (pairs.map(|(a, b)| (a - b).powi(2)).sum::<f32>() / (3 * a.data().len()) as f32).sqrt()
+}
+
+/// Half floats between passes and in the target: 2^-11 of the value and half that again.
+const ROUNDING: f32 = 5e-4;
+
+/// Where blur is computed on a smaller image, its rim is as soft as that image's pixels; and beyond the frame's edge the last
+/// pixel of the smaller image is repeated instead of that of the frame. Both grow as the image that is used shrinks.
+fn blur_tolerance(quality: Quality, bokeh: Bokeh) -> f32 {
+    match (quality, bokeh) {
+        (Quality::High, Bokeh::Gaussian) => 0.002,
+        (Quality::Medium, Bokeh::Gaussian) => 0.0025,
+        (Quality::Low, Bokeh::Gaussian) => 0.0035,
+        (Quality::High, Bokeh::Disk) => 0.003,
+        (Quality::Medium, Bokeh::Disk) => 0.0035,
+        (Quality::Low, Bokeh::Disk) => 0.006,
+    }
+}
+
+const QUALITIES: [Quality; 3] = [Quality::High, Quality::Medium, Quality::Low];
+
+fn options(quality: Quality, bokeh: Bokeh) -> Options {
+    Options { quality, bokeh, ..Default::default() }
+}
+
+/// Cameras with one effect or several; `wrong` is by how much they are off.
+fn cameras(w: usize, h: usize, wrong: f32) -> Vec<(&'static str, CameraModel)> {
+    let c = || camera(w, h);
+    let quadratic = DefocusCurve::Quadratic { a: 4.0, b: 9.0, c: -1.5, inverse_depth_range: [0.25, 0.6] };
+    let mut of_paper = c();
+    of_paper.defocus = Estimate::Known(DefocusModel::given(quadratic, DepthKind::Metric));
+    of_paper.blur_space = BlurSpace::Encoded;
+    if let (Estimate::Known(d), true) = (&mut of_paper.defocus, wrong != 1.0)
+        && let DefocusCurve::Quadratic { c, .. } = &mut d.curve
+    {
+        *c *= wrong.powi(2);
+    }
+    vec![
+        ("slightly out of focus", with_lens(c(), wrong * 1.0, 1.0)),
+        ("out of focus", with_lens(c(), wrong * 4.0, 1.0)),
+        ("far out of focus", with_lens(c(), wrong * 12.0, 1.0)),
+        ("in focus inside", with_lens(c(), wrong * 12.0, 0.4)),
+        ("the paper's, in encoded values", of_paper),
+        ("motion", with_exposure(c(), wrong * 0.7)),
+        ("lens and motion", with_lens(with_exposure(c(), wrong * 0.7), wrong * 8.0, 0.4)),
+    ]
 }
 
 #[test]
-fn explore() {
-    for (w, h) in [(1, 1), (3, 2), (160, 120), (257, 129)] {
+fn every_blur_agrees_with_the_reference() {
+    for (w, h) in [(1, 1), (3, 2), (5, 90), (160, 120), (257, 129)] {
         let (frame, layer) = (frame(w, h), layer(w, h));
-        let c = || camera(w, h);
-        for (name, model) in [
-            ("none", c()),
-            ("lens0.6", with_lens(c(), 1.0, 1.0)),
-            ("lens2", with_lens(c(), 4.0, 1.0)),
-            ("lens6", with_lens(c(), 12.0, 1.0)),
-            ("focus", with_lens(c(), 12.0, 0.4)),
-            ("motion", with_exposure(c(), 0.7)),
-            ("both", with_lens(with_exposure(c(), 0.7), 8.0, 0.4)),
-        ] {
-            for quality in [Quality::High, Quality::Medium, Quality::Low] {
-                for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-                    let options = Options { quality, bokeh, ..Default::default() };
-                    let (gpu, cpu) =
-                        (on_gpu(&frame, &layer, &model, &options), on_cpu(&frame, &layer, &model, &options));
-                    println!("{w}x{h} {name} {quality:?} {bokeh:?} {:?}", difference(&gpu, &cpu));
+        let (right, wrong) = (cameras(w, h, 1.0), cameras(w, h, 1.2));
+        for ((name, model), (_, wrong)) in right.iter().zip(&wrong) {
+            for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
+                let reference = on_cpu(&frame, &layer, model, &options(Quality::High, bokeh));
+                for quality in QUALITIES {
+                    let options = options(quality, bokeh);
+                    let got = difference(&on_gpu(&frame, &layer, model, &options), &reference);
+                    let tolerance = blur_tolerance(quality, bokeh);
+                    println!("{w} x {h}, {name}, {quality:?}, {bokeh:?}: {got:.5} (tolerance {tolerance})");
+                    assert!(got < tolerance, "{w} x {h}, {name}, {quality:?}, {bokeh:?}: {got}");
+                }
+                // Another camera is told apart.
+                if (w, h) == (160, 120) {
+                    let other = on_gpu(&frame, &layer, wrong, &options(Quality::High, bokeh));
+                    let got = difference(&other, &reference);
+                    assert!(got > blur_tolerance(Quality::High, bokeh), "{name}, {bokeh:?}: {got}");
                 }
             }
         }
     }
 }
+
 #[test]
-fn where_is_it() {
-    let (w, h) = (160, 120);
-    let (frame, layer) = (frame(w, h), layer(w, h));
-    let model = with_lens(camera(w, h), 12.0, 1.0);
+fn without_effects_it_is_the_naive_composite() {
+    let (frame, layer) = (frame(97, 61), layer(97, 61));
+    let model = with_noise(with_lens(with_exposure(camera(97, 61), 0.5), 9.0, 1.0), 1.0);
+    let naive = Options { naive: true, ..Default::default() };
+    let reference = on_cpu(&frame, &layer, &model, &naive);
+    for model in [&model, &camera(97, 61)] {
+        assert!(difference(&on_gpu(&frame, &layer, model, &naive), &reference) < ROUNDING);
+    }
+    assert!(difference(&on_gpu(&frame, &layer, &model, &Options::default()), &reference) > 10.0 * ROUNDING);
+    // Nothing virtual: the frame, bit by bit.
+    let empty = VirtualLayer { color: Premultiplied(Raster::filled(97, 61, [0.0; 4])), ..layer };
+    let out = on_gpu(&frame, &empty, &model, &Options::default());
+    let eight_bit = |i: &Raster<[f32; 3]>| i.map(|v| v.map(|v| (v * 255.0).round()));
+    assert_eq!(eight_bit(&out), eight_bit(&frame.0));
+}
+
+#[test]
+fn eyes_do_not_see_each_other() {
+    let (w, h) = (70, 50);
+    let frames = [frame(w, h), Encoded(frame(w, h).0.map(|[r, g, b]| [b, r, g]))];
+    let mut other = layer(w, h);
+    other.color = Premultiplied(Raster::from_fn(w, h, |x, y| layer(w, h).color.0.at(w - 1 - x, y)));
+    other.inverse_depth = other.inverse_depth.map(|d| Raster::from_fn(w, h, |x, y| d.at(w - 1 - x, y)));
+    other.flow = None;
+    let flow = layer(w, h).flow.unwrap();
+    other.flow = Some(Raster::from_fn(w, h, |x, y| flow.at(w - 1 - x, y)));
+    let layers = [layer(w, h), other];
+    let model = with_lens(with_exposure(camera(w, h), 0.7), 8.0, 0.4);
     let options = Options::default();
-    let (gpu, cpu) = (on_gpu(&frame, &layer, &model, &options), on_cpu(&frame, &layer, &model, &options));
-    let mut all: Vec<_> = (0..w * h)
-        .map(|i| (i % w, i / w))
-        .map(|(x, y)| ((gpu.at(x, y)[0] - cpu.at(x, y)[0]).abs(), x, y))
-        .collect();
-    all.sort_by(|a, b| b.0.total_cmp(&a.0));
-    for (e, x, y) in &all[..30] {
-        println!(
-            "{e} {x} {y} gpu {:?} cpu {:?} frame {:?}",
-            gpu.at(*x, *y),
-            cpu.at(*x, *y),
-            frame.0.at(*x, *y)
+    let both = Eyes::new(&frames.each_ref(), &layers.each_ref()).composite(&model, &options, 3);
+    for eye in 0..2 {
+        assert_eq!(both[eye], on_gpu(&frames[eye], &layers[eye], &model, &options));
+    }
+    assert!(difference(&both[0], &both[1]) > 0.05);
+    // But their noise differs.
+    let noisy = with_noise(camera(w, h), 1.0);
+    let both = Eyes::new(&[&frames[0]; 2], &[&layers[0]; 2]).composite(&noisy, &options, 3);
+    assert!(difference(&both[0], &both[1]) > 0.005);
+}
+
+#[test]
+fn a_depth_buffer_and_any_unit_of_velocity_do() {
+    let (w, h) = (64, 48);
+    let (frame, layer) = (frame(w, h), layer(w, h));
+    let model = with_lens(with_exposure(camera(w, h), 0.7), 8.0, 0.4);
+    let reference = on_gpu(&frame, &layer, &model, &Options::default());
+    // Reversed depth of a near plane at 0.1 m; velocity in normalised device coordinates, which point up.
+    let buffer = layer.inverse_depth.as_ref().map(|d| d.map(|d| if d.is_nan() { 0.0 } else { 0.1 * d }));
+    let device = layer.flow.as_ref().map(|f| f.map(|[u, v]| [2.0 * u / w as f32, -2.0 * v / h as f32]));
+    let eyes = Eyes::new(&[&frame], &[&VirtualLayer { inverse_depth: buffer, flow: device, ..layer }]);
+    let mut inputs = eyes.inputs();
+    inputs.depth.as_mut().unwrap().scale = 10.0;
+    inputs.velocity.as_mut().unwrap().scale = [w as f32 / 2.0, -(h as f32) / 2.0];
+    let again = &composite_of(&inputs, &model, &Options::default(), 3)[0];
+    let got = difference(again, &reference);
+    assert!(got < ROUNDING, "{got}");
+    inputs.depth.as_mut().unwrap().scale = 8.0;
+    let wrong = &composite_of(&inputs, &model, &Options::default(), 3)[0];
+    assert!(difference(wrong, &reference) > 10.0 * ROUNDING);
+}
+
+#[test]
+fn broken_values_stay_where_they_are() {
+    let (w, h) = (40, 30);
+    let mut layer = layer(w, h);
+    let model = with_noise(with_lens(with_exposure(camera(w, h), 1.0), 20.0, 0.4), 1.0);
+    let frame = frame(w, h);
+    for (i, bad) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX].into_iter().enumerate() {
+        layer.color.0.row_mut(14)[16 + i] = [bad, 1.0, 1.0, 1.0];
+        layer.color.0.row_mut(15)[16 + i] = [1.0, 1.0, 1.0, bad];
+        layer.inverse_depth.as_mut().unwrap().row_mut(12)[16 + i] = bad;
+        layer.flow.as_mut().unwrap().row_mut(13)[16 + i] = [bad, 1.0];
+    }
+    let out = on_gpu(&frame, &layer, &model, &Options::default());
+    assert!(out.data().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
+    let unknown = VirtualLayer {
+        color: layer.color.clone(),
+        inverse_depth: Some(Plane::filled(w, h, f32::NAN)),
+        flow: Some(Flow::filled(w, h, [f32::NAN; 2])),
+    };
+    let out = on_gpu(&frame, &unknown, &model, &Options::default());
+    assert!(out.data().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
+}
+
+#[test]
+fn what_does_not_fit_is_said() {
+    let (small, large) =
+        (Eyes::new(&[&frame(8, 8)], &[&layer(8, 8)]), Eyes::new(&[&frame(9, 8)], &[&layer(9, 8)]));
+    let mixed = Inputs { color: &large.color, ..small.inputs() };
+    let error = |e: blindaug::Result<blindaug_gpu::Bound>| e.unwrap_err().to_string();
+    assert_eq!(
+        error(COMPOSITOR.bind(&GPU.device, &mixed)),
+        "the virtual layer has 9 x 8 pixels for 1 eyes but the frame 8 x 8 for 1; give textures of one size"
+    );
+    let bound = COMPOSITOR.bind(&GPU.device, &small.inputs()).unwrap();
+    let encode = |model: &CameraModel, targets: &[wgpu::TextureView]| {
+        let mut encoder = GPU.device.create_command_encoder(&Default::default());
+        let options = Options::default();
+        COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, model, &options, 0, targets, None).unwrap_err()
+    };
+    assert!(encode(&camera(8, 8), &[]).to_string().starts_with("there are 0 targets for 1 eyes"));
+    let view = [small.color.create_view(&Default::default())];
+    assert!(encode(&camera(9, 8), &view).to_string().contains("9 px wide but the frame is 8"));
+    let mut relative = with_lens(camera(8, 8), 3.0, 0.5);
+    if let Estimate::Known(d) = &mut relative.defocus {
+        d.depth_kind = DepthKind::Relative;
+    }
+    assert!(encode(&relative, &view).to_string().contains("relative inverse depth"));
+    let huge = Raster::filled(40_000, 1, 0.0f32);
+    let error = GPU.upload(&[&huge], TextureFormat::R32Float).unwrap_err().to_string();
+    assert!(error.contains("more than this graphics device can hold"), "{error}");
+    assert!(GPU.upload::<f32>(&[], TextureFormat::R32Float).is_err());
+    assert!(GPU.upload(&[&Raster::filled(0, 4, 0.0f32)], TextureFormat::R32Float).is_err());
+}
+
+/// Half floats of values up to 4, and what sines and logarithms of GPUs may be off by: 2^-11 (Vulkan's specification).
+const TILE_TOLERANCE: f32 = 0.002;
+
+#[test]
+fn the_noise_tile_is_that_of_the_reference() {
+    let side = blindaug_gpu::noise::TILE;
+    let tile = |seed| {
+        let texture = blindaug_gpu::noise::tile(&GPU.device, &GPU.queue, seed);
+        GPU.download::<[f32; 4]>(&texture).unwrap()
+    };
+    let tiles = tile(7 + (3 << 40));
+    let bands = synth::noise::tileable_bands(side, 7 + (3 << 40));
+    let of_tile = |level: usize, x, y| -> [f32; 3] {
+        std::array::from_fn(|c| if level < 3 { tiles[level].at(x, y)[c] } else { tiles[c].at(x, y)[3] })
+    };
+    for (level, band) in bands.iter().enumerate() {
+        let got = difference(&Raster::from_fn(side, side, |x, y| of_tile(level, x, y)), band);
+        println!("level {level}: {got}");
+        assert!(got < TILE_TOLERANCE, "level {level}: {got}");
+    }
+    let other = tile(8);
+    let got = difference(&other[0].map(|[r, g, b, _]| [r, g, b]), &bands[0]);
+    assert!(got > 1.0, "{got}");
+}
+
+/// An opaque grey layer.
+fn grey(w: usize, h: usize, value: f32, alpha: f32) -> VirtualLayer {
+    let linear = blindaug::Transfer::Srgb.decode(value) * alpha;
+    VirtualLayer {
+        color: Premultiplied(Raster::filled(w, h, [linear, linear, linear, alpha])),
+        inverse_depth: None,
+        flow: None,
+    }
+}
+
+/// Std of each pyramid level and channel of an image less a constant.
+fn band_stds(image: &Raster<[f32; 3]>) -> Vec<[f32; 3]> {
+    let (bands, _) = pyramid::laplacian(image, NOISE_LEVELS);
+    let std = |band: &Raster<[f32; 3]>| {
+        let inside = band.crop(8, 8, band.width() - 16, band.height() - 16);
+        std::array::from_fn(|c| {
+            let n = inside.data().len() as f32;
+            let mean = inside.data().iter().map(|v| v[c]).sum::<f32>() / n;
+            (inside.data().iter().map(|v| (v[c] - mean).powi(2)).sum::<f32>() / n).sqrt()
+        })
+    };
+    bands.iter().map(std).collect()
+}
+
+/// The largest relative difference of two such sets. The coarsest level has the fewest samples.
+fn band_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
+    let pairs = a.as_flattened().iter().zip(b.as_flattened());
+    pairs.map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max)
+}
+
+/// Of the std of a level, from about 2000 independent samples in the coarsest one on either side: 4 standard errors.
+const NOISE_TOLERANCE: f32 = 0.06;
+
+#[test]
+fn noise_has_the_reference_s_std_in_each_level() {
+    let (w, h) = (512, 384);
+    let frame = frame(w, h);
+    for value in [0.2, 0.6] {
+        let layer = grey(w, h, value, 1.0);
+        let model = with_noise(camera(w, h), 1.0);
+        let gpu = on_gpu(&frame, &layer, &model, &Options::default());
+        let cpu = on_cpu(&frame, &layer, &model, &Options::default());
+        let got = band_difference(&band_stds(&gpu), &band_stds(&cpu));
+        println!("grey of {value}: {got}");
+        assert!(got < NOISE_TOLERANCE, "{got}");
+        let wrong = on_gpu(&frame, &layer, &with_noise(camera(w, h), 1.1), &Options::default());
+        assert!(band_difference(&band_stds(&wrong), &band_stds(&cpu)) > NOISE_TOLERANCE);
+    }
+    // Nothing is predicted past clipping.
+    let white = on_gpu(&frame, &grey(w, h, 0.99, 1.0), &with_noise(camera(w, h), 1.0), &Options::default());
+    assert!(white.data().as_flattened().iter().all(|v| (v - 0.97).abs() < ROUNDING));
+}
+
+#[test]
+fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
+    let (w, h) = (512, 384);
+    let model = with_noise(camera(w, h), 1.0);
+    let Estimate::Known(noise) = &model.noise else { unreachable!() };
+    let filmed = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
+    let filmed = Encoded(filmed.map(|n| n.map(|n| ((0.5 + n).clamp(0.0, 1.0) * 255.0).round() / 255.0)));
+    for alpha in [0.25, 0.75] {
+        let layer = grey(w, h, 0.5, alpha);
+        let gpu = on_gpu(&filmed, &layer, &model, &Options::default());
+        let cpu = on_cpu(&filmed, &layer, &model, &Options::default());
+        let got = band_difference(&band_stds(&gpu), &band_stds(&cpu));
+        let frame = band_difference(&band_stds(&gpu), &band_stds(&filmed.0));
+        println!("alpha {alpha}: {got} from the reference, {frame} from the frame");
+        assert!(got < NOISE_TOLERANCE && frame < 0.1, "{got} {frame}");
+        // Without the rule, noise is missing.
+        let none = Options { no_noise: true, ..Default::default() };
+        let without = on_gpu(&filmed, &layer, &model, &none);
+        assert!(band_difference(&band_stds(&without), &band_stds(&filmed.0)) > 0.15);
+    }
+}
+
+#[test]
+fn noise_does_not_repeat() {
+    let (w, h) = (1024, 96);
+    let (frame, layer) = (frame(w, h), grey(w, h, 0.5, 1.0));
+    let model = with_noise(camera(w, h), 1.0);
+    let noise = |number| {
+        let image = Eyes::new(&[&frame], &[&layer]).composite(&model, &Options::default(), number).remove(0);
+        image.map(|v| v[1] - 0.5)
+    };
+    let correlation = |a: &Plane, b: &Plane, lag: usize| {
+        let pairs = || (0..h).flat_map(|y| (0..w - lag).map(move |x| (x, y)));
+        let product: f32 = pairs().map(|(x, y)| a.at(x, y) * b.at(x + lag, y)).sum();
+        product / pairs().map(|(x, y)| a.at(x, y).powi(2)).sum::<f32>()
+    };
+    let (one, two) = (noise(1), noise(2));
+    assert!(correlation(&one, &one, 0) > 0.999);
+    for lag in [64, 128, 192, 256, 384, 512] {
+        let got = correlation(&one, &one, lag);
+        assert!(got.abs() < 0.05, "lag {lag}: {got}");
+    }
+    assert!(correlation(&one, &two, 0).abs() < 0.05);
+    assert_eq!(one, noise(1));
+    // A tile laid side by side repeats.
+    let tiled = Plane::from_fn(w, h, |x, y| one.at(x % 256, y));
+    assert!(correlation(&tiled, &tiled, 256) > 0.9);
+    // No seam where cells meet: neighbours differ as much everywhere.
+    let step = |x: usize| (0..h).map(|y| (one.at(x, y) - one.at(x + 1, y)).powi(2)).sum::<f32>();
+    let steps: Vec<f32> = (0..w - 1).map(step).collect();
+    let mean = steps.iter().sum::<f32>() / steps.len() as f32;
+    assert!(steps.iter().all(|s| (0.4..2.0).contains(&(s / mean))));
+}
+
+#[test]
+fn it_agrees_at_4k() {
+    let (w, h) = (3840, 2160);
+    let model = with_lens(with_exposure(camera(w, h), 0.5), 40.0, 0.35);
+    // An object of a tenth of the frame, as such frames have.
+    let small = layer(500, 400);
+    let put = |x: usize, y: usize| (1700..2200).contains(&x) && (900..1300).contains(&y);
+    let layer = VirtualLayer {
+        color: Premultiplied(Raster::from_fn(w, h, |x, y| {
+            if put(x, y) { small.color.0.at(x - 1700, y - 900) } else { [0.0; 4] }
+        })),
+        inverse_depth: small.inverse_depth.as_ref().map(|d| {
+            Raster::from_fn(w, h, |x, y| if put(x, y) { d.at(x - 1700, y - 900) } else { f32::NAN })
+        }),
+        flow: small.flow.as_ref().map(|f| {
+            Raster::from_fn(w, h, |x, y| if put(x, y) { f.at(x - 1700, y - 900) } else { [f32::NAN; 2] })
+        }),
+    };
+    let frame = frame(w, h);
+    let [gpu, cpu, naive] = [
+        on_gpu(&frame, &layer, &model, &Options::default()),
+        on_cpu(&frame, &layer, &model, &Options::default()),
+        on_cpu(&frame, &layer, &model, &Options { naive: true, ..Default::default() }),
+    ]
+    .map(|i| i.crop(1600, 800, 700, 600));
+    let got = difference(&gpu, &cpu);
+    println!("4K: {got}");
+    assert!(got < blur_tolerance(Quality::High, Bokeh::Gaussian), "{got}");
+    assert!(difference(&gpu, &naive) > 0.05);
+}
+
+/// The rendered clip `shelf3` with the camera it was rendered with; `None`, said loudly, without the shared data.
+fn rendered_clip() -> Option<(Encoded, VirtualLayer, CameraModel)> {
+    let shared = std::env::var("BLINDAUG_SHARED")
+        .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_string());
+    let clip = std::path::PathBuf::from(shared).join("data/clips/shelf3");
+    if !clip.is_dir() {
+        eprintln!(
+            "NOT TESTED: no clip in {} (set BLINDAUG_SHARED to the folder that holds data/clips)",
+            clip.display()
         );
+        return None;
+    }
+    let frame = blindaug_io::read_frame(clip.join("full_plain/0003.png")).unwrap();
+    let layer = blindaug_io::read_virtual_layer(clip.join("virtual/0003.exr")).unwrap();
+    let (w, h) = layer.color.0.size();
+    let model = with_noise(with_lens(with_exposure(camera(w, h), 0.5), 3.6, 1.0 / 1.3), 0.5);
+    let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
+    Some((frame, layer, model))
+}
+
+#[test]
+fn a_rendered_object_over_a_filmed_frame_agrees() {
+    let Some((frame, layer, model)) = rendered_clip() else { return };
+    for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
+        let options = Options { no_noise: true, bokeh, ..Default::default() };
+        let (gpu, cpu) = (on_gpu(&frame, &layer, &model, &options), on_cpu(&frame, &layer, &model, &options));
+        let got = difference(&gpu, &cpu);
+        println!("{bokeh:?}: {got}");
+        assert!(got < blur_tolerance(Quality::High, bokeh), "{got}");
+        let naive = on_cpu(&frame, &layer, &model, &Options { naive: true, ..options });
+        println!("naive: {}", difference(&gpu, &naive));
+        assert!(difference(&gpu, &naive) > blur_tolerance(Quality::High, bokeh));
     }
 }
