@@ -39,3 +39,7 @@ av1:
 # The exported shaders through a compiler; needs glslang-tools.
 shaders:
     tools/check-shaders.sh
+
+# What the GPU's passes cost: bytes, taps and times.
+bench-gpu *ARGS:
+    cargo bench -p blindaug-gpu --bench composite -- {{ARGS}}

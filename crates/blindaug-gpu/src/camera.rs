@@ -20,10 +20,11 @@ pub(crate) struct Uniforms {
     noise: u32,
     encoded_space: u32,
     pub(crate) linear_target: u32,
+    pub(crate) origin: [u32; 2],
     pub(crate) size: [u32; 2],
     key: [u32; 2],
     most_taps: f32,
-    _padding: [u32; 3],
+    _padding: u32,
 }
 
 impl Uniforms {
@@ -98,7 +99,7 @@ impl Uniforms {
 }
 
 impl Quality {
-    fn most_taps(self) -> f32 {
+    pub(crate) fn most_taps(self) -> f32 {
         match self {
             Self::High => 128.0,
             Self::Medium => 24.0,

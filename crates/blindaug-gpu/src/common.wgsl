@@ -19,11 +19,24 @@ struct Camera {
     encoded_space: u32,
     // The target's hardware encodes what is written.
     linear_target: u32,
+    // Where the layer may be seen: everything between the passes is as large as this.
+    origin: vec2<u32>,
     size: vec2<u32>,
     // The frame's noise, and its share of the jitter.
     key: vec2<u32>,
     // Of motion blur, per pixel.
     most_taps: f32,
+}
+
+// Of an image that was halved so many times.
+fn size_at(camera: Camera, level: u32) -> vec2<u32> {
+    return (camera.size + (vec2(1u) << vec2(level)) - 1u) >> vec2(level);
+}
+
+// Texture coordinates of pixel position `at` (pixel centres are at integers) in the part of a texture that is used; outside, the
+// nearest pixel inside.
+fn coordinates(at: vec2<f32>, used: vec2<u32>, all: vec2<u32>) -> vec2<f32> {
+    return (clamp(at, vec2(0.0), vec2<f32>(used) - 1.0) + 0.5) / vec2<f32>(all);
 }
 
 fn is_finite(v: f32) -> bool {

@@ -72,6 +72,45 @@ pub struct Inputs<'a> {
     pub velocity: Option<Velocity<'a>>,
 }
 
+/// A part of the frame, px from its top left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Area {
+    /// Left edge.
+    pub x: u32,
+    /// Top edge.
+    pub y: u32,
+    /// Width.
+    pub width: u32,
+    /// Height.
+    pub height: u32,
+}
+
+impl Area {
+    /// What of it lies in a frame of this size.
+    fn within(self, width: u32, height: u32) -> Self {
+        let (x, y) = (self.x.min(width), self.y.min(height));
+        Self { x, y, width: self.width.min(width - x), height: self.height.min(height - y) }
+    }
+}
+
+/// One frame to composite.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// The camera that filmed it.
+    pub model: &'a CameraModel,
+    /// How to composite.
+    pub options: Options,
+    /// The frame's number, so that each has its own noise.
+    pub number: u64,
+    /// Where the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]); the rest is the camera's frame and
+    /// costs no more than its copy. `None`: anywhere.
+    pub area: Option<Area>,
+    /// A view per eye, of the frame's size and the format that the compositor was made for, which gets display-encoded values.
+    pub targets: &'a [TextureView],
+    /// Times the steps.
+    pub timer: Option<&'a Timer>,
+}
+
 /// Format of everything in between.
 const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 
@@ -94,6 +133,33 @@ struct DefocusQuality {
     least_variance: [f32; 2],
     reach: f32,
     bokeh: u32,
+}
+
+impl Options {
+    /// How often the layer is read for a pixel of this defocus std, px; the counterpart of defocus.wgsl.
+    pub fn defocus_taps(&self, sigma_px: f32) -> u32 {
+        let DefocusQuality { least_variance: [gaussian, disk], reach, .. } = DefocusQuality::new(self);
+        let least = if self.bokeh == Bokeh::Disk { disk } else { gaussian };
+        let variance = sigma_px * sigma_px;
+        let octave = (0.5 * ((variance + 1.0 / 3.0) / (least + 1.0 / 3.0)).max(1.0).log2()) as i32;
+        let scale = 0.25f32.powi(octave.min(OCTAVES as i32 - 1));
+        let left = variance * scale - (1.0 - scale) / 3.0;
+        match self.bokeh {
+            _ if sigma_px <= 0.0 => 1,
+            Bokeh::Gaussian if octave == 0 && left < GAUSSIAN_MOST => {
+                let pairs = (0.5 * (reach * left.sqrt() + 0.5).clamp(1.0, 6.0)).ceil() as u32;
+                (2 * pairs + 1).pow(2)
+            }
+            Bokeh::Gaussian => ((reach * left.sqrt()).ceil() as u32).pow(2),
+            // The area of the disk with its rim.
+            Bokeh::Disk => (std::f32::consts::PI * (2.0 * left.sqrt() + 0.5).powi(2)).ceil() as u32,
+        }
+    }
+
+    /// How often the layer is read for a pixel whose path is this long, px.
+    pub fn motion_blur_taps(&self, path_px: f32) -> u32 {
+        (path_px.ceil() + 1.0).min(self.quality.most_taps()) as u32
+    }
 }
 
 impl DefocusQuality {
@@ -136,6 +202,8 @@ impl Compositor {
         let of_extension = |entry, side, bindings: &[Binding]| {
             Kernel::new(device, shaders::EXTENSION, entry, [side, side, 1], bindings)
         };
+        let halving = [Uniform, Uniform, Sampler, Texture, between];
+        let doubling = [Uniform, Uniform, Sampler, Texture, Texels, between];
         let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
         of_defocus.extend([Texture; OCTAVES]);
         of_defocus.push(Buffer);
@@ -155,11 +223,11 @@ impl Compositor {
         Self {
             prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut]),
             spread: of_extension("spread", 16, &[Uniform, Texels, Texels, Texels, Buffer, between]),
-            pull: of_extension("pull", 8, &[Texture, Sampler, between]),
-            top: of_extension("top", 1, &[Texture, Sampler, Texels, between]),
-            push: of_extension("push", 8, &[Texture, Sampler, Texels, between]),
-            blur: of_extension("blur", 16, &[Texture, Sampler, Texels, between, Uniform]),
-            halve: of_extension("halve", 8, &[Texture, Sampler, between]),
+            pull: of_extension("pull", 8, &halving),
+            top: of_extension("top", 1, &doubling),
+            push: of_extension("push", 8, &doubling),
+            blur: of_extension("blur", 16, &doubling),
+            halve: of_extension("halve", 8, &halving),
             defocus: Kernel::new(device, shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
             composite: composite_pipeline(device, &composite_layout, target),
             composite_layout,
@@ -188,24 +256,19 @@ impl Compositor {
         Bound::new(self, device, inputs)
     }
 
-    /// Records the passes of one frame. Nothing is allocated or read back. `targets`: a view per eye, of the frame's size and the
-    /// format that this was made for, which gets display-encoded values. Parts of the model that are unknown are not applied, nor
+    /// Records the passes of one frame. Nothing is allocated or read back. Parts of the model that are unknown are not applied, nor
     /// are those without their evidence (depth, velocity); the camera's sharpening is not.
     ///
     /// # Errors
     /// If the model is for another width or in relative inverse depth, or there are not as many targets as eyes.
-    #[expect(clippy::too_many_arguments, reason = "each is a thing of its own")]
     pub fn encode(
         &self,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
         bound: &Bound,
-        model: &CameraModel,
-        options: &Options,
-        number: u64,
-        targets: &[TextureView],
-        timer: Option<&Timer>,
+        frame: &Frame,
     ) -> Result<()> {
+        let Frame { model, options, number, area, targets, timer } = *frame;
         let [w, h, eyes] = bound.size;
         if targets.len() != eyes as usize {
             return Err(Error::new(format!(
@@ -213,45 +276,55 @@ impl Compositor {
                 targets.len()
             )));
         }
-        let mut camera = Uniforms::new(model, w as usize, bound.velocity_scale, options, number)?;
-        camera.size = [w, h];
+        let mut camera = Uniforms::new(model, w as usize, bound.velocity_scale, &options, number)?;
         camera.depth_map = bound.depth_map;
         camera.linear_target = u32::from(self.target.is_srgb());
-        let defocuses = camera.defocuses() && bound.has_depth;
+        let whole = Area { x: 0, y: 0, width: w, height: h };
+        let Area { x, y, width, height } = area.map_or(whole, |a| a.within(w, h));
+        camera.origin = [x, y];
+        camera.size = [width, height];
+        let seen = width > 0 && height > 0;
+        let blurs = seen && camera.blurs();
+        let defocuses = seen && camera.defocuses() && bound.has_depth;
         queue.write_buffer(&bound.camera, 0, bytemuck::bytes_of(&camera));
-        queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&DefocusQuality::new(options)));
+        queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&DefocusQuality::new(&options)));
         encoder.clear_buffer(&bound.most, 0, None);
 
         let compute = |step: u32| wgpu::ComputePassDescriptor {
             label: None,
             timestamp_writes: timer.map(|t| t.compute(step)),
         };
+        let at_level = |level: usize| {
+            let halved = |s: u32| (s + (1 << level) - 1) >> level;
+            [halved(width), halved(height), eyes]
+        };
         let mut pass = encoder.begin_compute_pass(&compute(0));
-        let whole = [w, h, eyes];
-        self.prepare.run(&mut pass, &bound.prepare, whole);
-        if camera.blurs() {
-            self.spread.run(&mut pass, &bound.spread, whole);
-            for (group, [w, h]) in &bound.pull {
-                self.pull.run(&mut pass, group, [*w, *h, eyes]);
+        if seen {
+            self.prepare.run(&mut pass, &bound.prepare, at_level(0));
+        }
+        if blurs {
+            self.spread.run(&mut pass, &bound.spread, at_level(0));
+            for (level, group) in bound.pull.iter().enumerate() {
+                self.pull.run(&mut pass, group, at_level(level + 1));
             }
             self.top.run(&mut pass, &bound.top, [1, 1, eyes]);
-            for (group, [w, h]) in &bound.push {
-                self.push.run(&mut pass, group, [*w, *h, eyes]);
+            for (level, group) in bound.push.iter().enumerate().skip(1).rev() {
+                self.push.run(&mut pass, group, at_level(level));
             }
-            self.blur.run(&mut pass, &bound.blur, whole);
+            self.blur.run(&mut pass, &bound.push[0], at_level(0));
         }
         drop(pass);
         let mut pass = encoder.begin_compute_pass(&compute(1));
-        for (group, [w, h]) in bound.halve.iter().filter(|_| defocuses) {
-            self.halve.run(&mut pass, group, [*w, *h, eyes]);
+        for (level, group) in bound.halve.iter().enumerate().filter(|_| defocuses) {
+            self.halve.run(&mut pass, group, at_level(level + 1));
         }
         drop(pass);
         let mut pass = encoder.begin_compute_pass(&compute(2));
         if defocuses {
-            self.defocus.run(&mut pass, &bound.defocus, whole);
+            self.defocus.run(&mut pass, &bound.defocus, at_level(0));
         }
         drop(pass);
-        let group = match (defocuses, camera.blurs()) {
+        let group = match (defocuses, blurs) {
             (true, _) => &bound.composite_focused,
             (false, true) => &bound.composite_sharp,
             (false, false) => &bound.composite_still,
@@ -353,13 +426,13 @@ pub struct Bound {
     most: wgpu::Buffer,
     prepare: BindGroup,
     spread: BindGroup,
-    /// To the second finest level and on; with the sizes of the levels that are written.
-    pull: Vec<(BindGroup, [u32; 2])>,
+    /// By the level that is read.
+    pull: Vec<BindGroup>,
     top: BindGroup,
-    /// From the second coarsest level to the second finest.
-    push: Vec<(BindGroup, [u32; 2])>,
-    blur: BindGroup,
-    halve: Vec<(BindGroup, [u32; 2])>,
+    /// By the level that is written; the finest is for `blur`.
+    push: Vec<BindGroup>,
+    /// By the level that is read.
+    halve: Vec<BindGroup>,
     defocus: BindGroup,
     /// Of the focused layer; of the sharp one along its path; of the sharp one.
     composite_focused: BindGroup,
@@ -429,19 +502,36 @@ impl Bound {
         let color = array_view(inputs.color);
         let depth = input(inputs.depth.map(|d| d.texture));
         let velocity = input(inputs.velocity.map(|v| v.texture));
-        let halved = |kernel: &Kernel, levels: &[TextureView]| {
-            (1..levels.len())
-                .map(|i| {
-                    let resources = [view(&levels[i - 1]), bilinear.clone(), view(&levels[i])];
-                    (kernel.bind(device, &resources), level(i))
-                })
-                .collect()
-        };
         let last = sizes.len() - 1;
-        let pushed = |kernel: &Kernel, coarser: usize, i: usize| {
-            kernel
-                .bind(device, &[view(&filled[coarser]), bilinear.clone(), view(&known[i]), view(&filled[i])])
+        let level_of: Vec<_> = (0..OCTAVES.max(last) as u32)
+            .map(|level| {
+                device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                    label: Some("level"),
+                    contents: bytemuck::bytes_of(&level),
+                    usage: BufferUsages::UNIFORM,
+                })
+            })
+            .collect();
+        let of_level = |i: usize| {
+            [
+                camera_binding.clone(),
+                level_of[i].as_entire_binding(),
+                wgpu::BindingResource::Sampler(&of.bilinear),
+            ]
         };
+        let halved = |kernel: &Kernel, levels: &[TextureView]| -> Vec<BindGroup> {
+            let halved = |i: usize| {
+                let [camera, level, sampler] = of_level(i);
+                kernel.bind(device, &[camera, level, sampler, view(&levels[i]), view(&levels[i + 1])])
+            };
+            (0..levels.len() - 1).map(halved).collect()
+        };
+        let doubled = |kernel: &Kernel, coarser: usize, i: usize| {
+            let [camera, level, sampler] = of_level(i.min(last - 1));
+            let images = [view(&filled[coarser]), view(&known[i]), view(&filled[i])];
+            kernel.bind(device, &[&[camera, level, sampler], &images[..]].concat())
+        };
+        let pushes = |i: usize| doubled(if i == 0 { &of.blur } else { &of.push }, i + 1, i);
         let mut of_defocus = vec![
             camera_binding.clone(),
             quality_binding,
@@ -484,21 +574,9 @@ impl Bound {
                 ],
             ),
             pull: halved(&of.pull, &known),
-            top: of.top.bind(
-                device,
-                &[view(&filled[last - 1]), bilinear.clone(), view(&known[last]), view(&filled[last])],
-            ),
-            push: (1..last).rev().map(|i| (pushed(&of.push, i + 1, i), level(i))).collect(),
-            blur: of.blur.bind(
-                device,
-                &[
-                    view(&filled[1]),
-                    bilinear.clone(),
-                    view(&known[0]),
-                    view(&filled[0]),
-                    camera_binding.clone(),
-                ],
-            ),
+            // Reads no coarser level.
+            top: doubled(&of.top, last - 1, last),
+            push: (0..last).map(pushes).collect(),
             halve: halved(&of.halve, &octaves),
             defocus: of.defocus.bind(device, &of_defocus),
             composite_focused: composited(focused, &filled[0]),

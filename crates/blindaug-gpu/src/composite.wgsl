@@ -30,13 +30,13 @@ fn smoothed(at: vec2<f32>, eye: u32) -> vec3<f32> {
     // Taps 0, 1 and 2, 3 and 4 of the kernel.
     var weights = array<f32, 3>(0.26656, 0.32303, 0.04369);
     var places = array<f32, 3>(0.0, 1.33924, 3.17429);
-    let size = vec2<f32>(textureDimensions(frame));
+    let size = textureDimensions(frame);
     var sum = vec3(0.0);
     for (var j = -2; j <= 2; j++) {
         for (var i = -2; i <= 2; i++) {
             let offset = vec2(f32(sign(i)) * places[abs(i)], f32(sign(j)) * places[abs(j)]);
             let weight = weights[abs(i)] * weights[abs(j)];
-            sum += weight * textureSampleLevel(frame, bilinear, (at + offset + 0.5) / size, eye, 0.0).rgb;
+            sum += weight * textureSampleLevel(frame, bilinear, coordinates(at + offset, size, size), eye, 0.0).rgb;
         }
     }
     return sum;
@@ -84,9 +84,16 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
 fn composite(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
     let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
-    let path = textureLoad(blur, pixel, in.eye, 0).xy;
-    let jitter = vec2<f32>(camera.key % vec2(64u));
-    let layer = motion_blurred(focused, bilinear, vec2<f32>(pixel), path, in.eye, camera.most_taps, jitter);
+    let at = pixel - camera.origin;
+    var layer = vec4(0.0);
+    // Left of and above the origin, the difference wraps.
+    if all(at < camera.size) {
+        let path = textureLoad(blur, at, in.eye, 0).xy;
+        let jitter = vec2<f32>(camera.key % vec2(64u));
+        layer = motion_blurred(
+            focused, bilinear, camera.size, vec2<f32>(at), path, in.eye, camera.most_taps, jitter,
+        );
+    }
     // Nothing virtual is seen: the frame, bit by bit.
     if layer.a <= 0.0 {
         return to_target(filmed);

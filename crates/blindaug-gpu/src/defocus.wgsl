@@ -36,15 +36,16 @@ const DISK_ROWS = 12u;
 
 // At pixel position `at` of an octave, whose pixel centres are at integer coordinates.
 fn tap(octave: u32, at: vec2<f32>, eye: u32) -> vec4<f32> {
+    let used = size_at(camera, octave);
     switch octave {
-        case 0u: { return textureSampleLevel(octave_0, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_0)), eye, 0.0); }
-        case 1u: { return textureSampleLevel(octave_1, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_1)), eye, 0.0); }
-        case 2u: { return textureSampleLevel(octave_2, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_2)), eye, 0.0); }
-        case 3u: { return textureSampleLevel(octave_3, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_3)), eye, 0.0); }
-        case 4u: { return textureSampleLevel(octave_4, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_4)), eye, 0.0); }
-        case 5u: { return textureSampleLevel(octave_5, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_5)), eye, 0.0); }
-        case 6u: { return textureSampleLevel(octave_6, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_6)), eye, 0.0); }
-        default: { return textureSampleLevel(octave_7, bilinear, (at + 0.5) / vec2<f32>(textureDimensions(octave_7)), eye, 0.0); }
+        case 0u: { return textureSampleLevel(octave_0, bilinear, coordinates(at, used, textureDimensions(octave_0)), eye, 0.0); }
+        case 1u: { return textureSampleLevel(octave_1, bilinear, coordinates(at, used, textureDimensions(octave_1)), eye, 0.0); }
+        case 2u: { return textureSampleLevel(octave_2, bilinear, coordinates(at, used, textureDimensions(octave_2)), eye, 0.0); }
+        case 3u: { return textureSampleLevel(octave_3, bilinear, coordinates(at, used, textureDimensions(octave_3)), eye, 0.0); }
+        case 4u: { return textureSampleLevel(octave_4, bilinear, coordinates(at, used, textureDimensions(octave_4)), eye, 0.0); }
+        case 5u: { return textureSampleLevel(octave_5, bilinear, coordinates(at, used, textureDimensions(octave_5)), eye, 0.0); }
+        case 6u: { return textureSampleLevel(octave_6, bilinear, coordinates(at, used, textureDimensions(octave_6)), eye, 0.0); }
+        default: { return textureSampleLevel(octave_7, bilinear, coordinates(at, used, textureDimensions(octave_7)), eye, 0.0); }
     }
 }
 

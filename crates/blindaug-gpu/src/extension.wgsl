@@ -16,7 +16,7 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
     }
     workgroupBarrier();
     if all(id.xy < camera.size) {
-        var v = textureLoad(layer, id.xy, id.z, 0);
+        var v = textureLoad(layer, camera.origin + id.xy, id.z, 0);
         // Broken pixels are empty.
         if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
             v = vec4(0.0);
@@ -49,8 +49,13 @@ fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let alpha = textureLoad(prepared, id.xy, id.z, 0).w / max(bitcast<f32>(most_of_eye[id.z]), 1e-6);
-    let d = camera.depth_map.x * textureLoad(depth, id.xy, id.z, 0).x + camera.depth_map.y;
-    let path = camera.path_scale * textureLoad(velocity, id.xy, id.z, 0).xy;
+    if alpha <= 0.0 {
+        textureStore(known, id.xy, id.z, vec4(0.0));
+        return;
+    }
+    let at = camera.origin + id.xy;
+    let d = camera.depth_map.x * textureLoad(depth, at, id.z, 0).x + camera.depth_map.y;
+    let path = camera.path_scale * textureLoad(velocity, at, id.z, 0).xy;
     let value = vec3(clamp(d, -60000.0, 60000.0), clamp(path, vec2(-60000.0), vec2(60000.0)));
     var weight = alpha * alpha;
     weight *= weight;
@@ -62,20 +67,23 @@ fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-@group(0) @binding(0) var finer: texture_2d_array<f32>;
-@group(0) @binding(1) var bilinear: sampler;
-@group(0) @binding(2) var half: texture_storage_2d_array<rgba16float, write>;
+// How often the finer of the two images was halved.
+@group(0) @binding(1) var<uniform> level: u32;
+@group(0) @binding(2) var bilinear: sampler;
+@group(0) @binding(3) var finer: texture_2d_array<f32>;
+@group(0) @binding(4) var coarse: texture_storage_2d_array<rgba16float, write>;
 
-// Half the size by the binomial kernel [1 4 6 4 1] / 16, two taps at a time; the nearest pixel inside is repeated.
+// Half the size by the binomial kernel [1 4 6 4 1] / 16, two taps at a time.
 fn halved(id: vec3<u32>) -> vec4<f32> {
-    let size = vec2<f32>(textureDimensions(finer));
-    let centre = 2.0 * vec2<f32>(id.xy) + 0.5;
+    let used = size_at(camera, level);
+    let all = textureDimensions(finer);
     var sum = vec4(0.0);
     for (var j = -1; j <= 1; j++) {
         for (var i = -1; i <= 1; i++) {
             let at = vec2(f32(i), f32(j));
             let weight = (0.375 - 0.0625 * abs(at.x)) * (0.375 - 0.0625 * abs(at.y));
-            sum += weight * textureSampleLevel(finer, bilinear, (centre + 1.2 * at) / size, id.z, 0.0);
+            let tap = coordinates(2.0 * vec2<f32>(id.xy) + 1.2 * at, used, all);
+            sum += weight * textureSampleLevel(finer, bilinear, tap, id.z, 0.0);
         }
     }
     return sum;
@@ -83,25 +91,25 @@ fn halved(id: vec3<u32>) -> vec4<f32> {
 
 @compute @workgroup_size(8, 8)
 fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < textureDimensions(half)) {
-        textureStore(half, id.xy, id.z, halved(id));
+    if all(id.xy < size_at(camera, level + 1u)) {
+        textureStore(coarse, id.xy, id.z, halved(id));
     }
 }
 
 // The same of weighted values. A coarse pixel that saw a few fine ones knows its value.
 @compute @workgroup_size(8, 8)
 fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= textureDimensions(half)) {
+    if any(id.xy >= size_at(camera, level + 1u)) {
         return;
     }
     let sum = halved(id);
     let confidence = select(0.0, min(4.0 * sum.w, 1.0), sum.w > 1e-6);
-    textureStore(half, id.xy, id.z, vec4(sum.xyz / max(sum.w, 1e-6), 1.0) * confidence);
+    textureStore(coarse, id.xy, id.z, vec4(sum.xyz / max(sum.w, 1e-6), 1.0) * confidence);
 }
 
-@group(0) @binding(0) var coarser: texture_2d_array<f32>;
-@group(0) @binding(2) var own: texture_2d_array<f32>;
-@group(0) @binding(3) var filled: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(3) var coarser: texture_2d_array<f32>;
+@group(0) @binding(4) var own: texture_2d_array<f32>;
+@group(0) @binding(5) var filled: texture_storage_2d_array<rgba16float, write>;
 
 // Where a level knows nothing, what the next coarser one says: doubled, even pixels see (1 6 1) / 8 of it, odd ones (1 1) / 2.
 fn pushed(id: vec3<u32>) -> vec3<f32> {
@@ -109,15 +117,16 @@ fn pushed(id: vec3<u32>) -> vec3<f32> {
     if here.w >= 1.0 {
         return here.xyz;
     }
-    let size = vec2<f32>(textureDimensions(coarser));
+    let used = size_at(camera, level + 1u);
+    let all = textureDimensions(coarser);
     let odd = vec2<f32>(id.xy & vec2(1u));
-    let at = vec2<f32>(id.xy >> vec2(1u)) + 0.5 + 0.5 * odd;
+    let at = vec2<f32>(id.xy >> vec2(1u)) + 0.5 * odd;
     let apart = 0.25 * (1.0 - odd);
     var sum = vec3(0.0);
     for (var j = -1; j <= 1; j += 2) {
         for (var i = -1; i <= 1; i += 2) {
-            let tap = at + apart * vec2(f32(i), f32(j));
-            sum += textureSampleLevel(coarser, bilinear, tap / size, id.z, 0.0).xyz;
+            let tap = coordinates(at + apart * vec2(f32(i), f32(j)), used, all);
+            sum += textureSampleLevel(coarser, bilinear, tap, id.z, 0.0).xyz;
         }
     }
     return 0.25 * sum * (1.0 - here.w) + here.xyz;
@@ -125,7 +134,7 @@ fn pushed(id: vec3<u32>) -> vec3<f32> {
 
 @compute @workgroup_size(8, 8)
 fn push(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < textureDimensions(filled)) {
+    if all(id.xy < size_at(camera, level)) {
         textureStore(filled, id.xy, id.z, vec4(pushed(id), 1.0));
     }
 }
@@ -137,14 +146,11 @@ fn top(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(filled, id.xy, id.z, vec4(here.xyz / max(here.w, 1e-6), 1.0));
 }
 
-@group(0) @binding(4) var<uniform> camera_of_blur: Camera;
-
 // The finest level, as what blurs a pixel: the path while the shutter is open, px, and the defocus std, px.
 @compute @workgroup_size(16, 16)
 fn blur(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= textureDimensions(filled)) {
-        return;
+    if all(id.xy < camera.size) {
+        let v = pushed(id);
+        textureStore(filled, id.xy, id.z, vec4(v.yz, defocus_std(camera, v.x), 1.0));
     }
-    let v = pushed(id);
-    textureStore(filled, id.xy, id.z, vec4(v.yz, defocus_std(camera_of_blur, v.x), 1.0));
 }

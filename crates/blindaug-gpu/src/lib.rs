@@ -9,6 +9,6 @@ pub mod noise;
 mod shaders;
 mod timer;
 
-pub use composite::{Bound, Compositor, Depth, Inputs, Options, Quality, Velocity};
+pub use composite::{Area, Bound, Compositor, Depth, Frame, Inputs, Options, Quality, Velocity};
 pub use gpu::{Gpu, array_view};
 pub use timer::{STEPS, Timer};

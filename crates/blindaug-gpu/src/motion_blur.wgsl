@@ -7,7 +7,16 @@ fn gradient_noise(at: vec2<f32>) -> f32 {
 
 // The midpoint rule with ceil(length) + 1 taps. Paths that need more than `most` taps are jittered, so that they leave noise
 // rather than steps.
-fn motion_blurred(image: texture_2d_array<f32>, bilinear: sampler, at: vec2<f32>, path: vec2<f32>, eye: u32, most: f32, jitter: vec2<f32>) -> vec4<f32> {
+fn motion_blurred(
+    image: texture_2d_array<f32>,
+    bilinear: sampler,
+    used: vec2<u32>,
+    at: vec2<f32>,
+    path: vec2<f32>,
+    eye: u32,
+    most: f32,
+    jitter: vec2<f32>,
+) -> vec4<f32> {
     let length = length(path);
     let wanted = ceil(length) + 1.0;
     let taps = min(wanted, most);
@@ -15,11 +24,11 @@ fn motion_blurred(image: texture_2d_array<f32>, bilinear: sampler, at: vec2<f32>
     if wanted > most {
         phase = gradient_noise(at + jitter);
     }
-    let size = vec2<f32>(textureDimensions(image));
+    let all = textureDimensions(image);
     var sum = vec4(0.0);
     for (var i = 0.0; i < taps; i += 1.0) {
         let t = (i + phase) / taps - 0.5;
-        sum += textureSampleLevel(image, bilinear, (at + t * path + 0.5) / size, eye, 0.0);
+        sum += textureSampleLevel(image, bilinear, coordinates(at + t * path, used, all), eye, 0.0);
     }
     return sum / taps;
 }

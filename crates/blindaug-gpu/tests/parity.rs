@@ -8,12 +8,12 @@ use blindaug::model::{
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster};
-use blindaug_gpu::{Compositor, Depth, Gpu, Inputs, Options, Quality, Velocity};
+use blindaug_gpu::{Area, Compositor, Depth, Frame, Inputs, Options, Quality, Velocity};
 use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
-static GPU: LazyLock<Gpu> =
-    LazyLock::new(|| Gpu::new().expect("the tests need a graphics device, see the message"));
+mod common;
+use common::{GPU, no_gpu};
 static COMPOSITOR: LazyLock<Compositor> =
     LazyLock::new(|| Compositor::new(&GPU.device, &GPU.queue, TextureFormat::Rgba16Float));
 
@@ -124,7 +124,7 @@ impl Eyes {
     }
 
     fn composite(&self, model: &CameraModel, options: &Options, number: u64) -> Vec<Raster<[f32; 3]>> {
-        composite_of(&self.inputs(), model, options, number)
+        composite_of(&self.inputs(), model, options, number, None)
     }
 }
 
@@ -134,6 +134,7 @@ fn composite_of(
     model: &CameraModel,
     options: &Options,
     number: u64,
+    area: Option<Area>,
 ) -> Vec<Raster<[f32; 3]>> {
     let target = GPU.device.create_texture(&wgpu::TextureDescriptor {
         label: None,
@@ -156,7 +157,8 @@ fn composite_of(
     let views: Vec<_> = (0..target.depth_or_array_layers()).map(view).collect();
     let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
-    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, model, options, number, &views, None).unwrap();
+    let frame = Frame { model, options: *options, number, area, targets: &views, timer: None };
+    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap();
     GPU.queue.submit([encoder.finish()]);
     let images = GPU.download::<[f32; 4]>(&target).unwrap();
     images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect()
@@ -230,6 +232,9 @@ fn cameras(w: usize, h: usize, wrong: f32) -> Vec<(&'static str, CameraModel)> {
 
 #[test]
 fn every_blur_agrees_with_the_reference() {
+    if no_gpu() {
+        return;
+    }
     for (w, h) in [(1, 1), (3, 2), (5, 90), (160, 120), (257, 129)] {
         let (frame, layer) = (frame(w, h), layer(w, h));
         let (right, wrong) = (cameras(w, h, 1.0), cameras(w, h, 1.2));
@@ -256,6 +261,9 @@ fn every_blur_agrees_with_the_reference() {
 
 #[test]
 fn without_effects_it_is_the_naive_composite() {
+    if no_gpu() {
+        return;
+    }
     let (frame, layer) = (frame(97, 61), layer(97, 61));
     let model = with_noise(with_lens(with_exposure(camera(97, 61), 0.5), 9.0, 1.0), 1.0);
     let naive = Options { naive: true, ..Default::default() };
@@ -273,6 +281,9 @@ fn without_effects_it_is_the_naive_composite() {
 
 #[test]
 fn eyes_do_not_see_each_other() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (70, 50);
     let frames = [frame(w, h), Encoded(frame(w, h).0.map(|[r, g, b]| [b, r, g]))];
     let mut other = layer(w, h);
@@ -297,6 +308,9 @@ fn eyes_do_not_see_each_other() {
 
 #[test]
 fn a_depth_buffer_and_any_unit_of_velocity_do() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (64, 48);
     let (frame, layer) = (frame(w, h), layer(w, h));
     let model = with_lens(with_exposure(camera(w, h), 0.7), 8.0, 0.4);
@@ -308,16 +322,19 @@ fn a_depth_buffer_and_any_unit_of_velocity_do() {
     let mut inputs = eyes.inputs();
     inputs.depth.as_mut().unwrap().scale = 10.0;
     inputs.velocity.as_mut().unwrap().scale = [w as f32 / 2.0, -(h as f32) / 2.0];
-    let again = &composite_of(&inputs, &model, &Options::default(), 3)[0];
+    let again = &composite_of(&inputs, &model, &Options::default(), 3, None)[0];
     let got = difference(again, &reference);
     assert!(got < ROUNDING, "{got}");
     inputs.depth.as_mut().unwrap().scale = 8.0;
-    let wrong = &composite_of(&inputs, &model, &Options::default(), 3)[0];
+    let wrong = &composite_of(&inputs, &model, &Options::default(), 3, None)[0];
     assert!(difference(wrong, &reference) > 10.0 * ROUNDING);
 }
 
 #[test]
 fn broken_values_stay_where_they_are() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (40, 30);
     let mut layer = layer(w, h);
     let model = with_noise(with_lens(with_exposure(camera(w, h), 1.0), 20.0, 0.4), 1.0);
@@ -341,6 +358,9 @@ fn broken_values_stay_where_they_are() {
 
 #[test]
 fn what_does_not_fit_is_said() {
+    if no_gpu() {
+        return;
+    }
     let (small, large) =
         (Eyes::new(&[&frame(8, 8)], &[&layer(8, 8)]), Eyes::new(&[&frame(9, 8)], &[&layer(9, 8)]));
     let mixed = Inputs { color: &large.color, ..small.inputs() };
@@ -353,7 +373,8 @@ fn what_does_not_fit_is_said() {
     let encode = |model: &CameraModel, targets: &[wgpu::TextureView]| {
         let mut encoder = GPU.device.create_command_encoder(&Default::default());
         let options = Options::default();
-        COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, model, &options, 0, targets, None).unwrap_err()
+        let frame = Frame { model, options, number: 0, area: None, targets, timer: None };
+        COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap_err()
     };
     assert!(encode(&camera(8, 8), &[]).to_string().starts_with("there are 0 targets for 1 eyes"));
     let view = [small.color.create_view(&Default::default())];
@@ -375,6 +396,9 @@ const TILE_TOLERANCE: f32 = 0.002;
 
 #[test]
 fn the_noise_tile_is_that_of_the_reference() {
+    if no_gpu() {
+        return;
+    }
     let side = blindaug_gpu::noise::TILE;
     let tile = |seed| {
         let texture = blindaug_gpu::noise::tile(&GPU.device, &GPU.queue, seed);
@@ -430,6 +454,9 @@ const NOISE_TOLERANCE: f32 = 0.06;
 
 #[test]
 fn noise_has_the_reference_s_std_in_each_level() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (512, 384);
     let frame = frame(w, h);
     for value in [0.2, 0.6] {
@@ -450,6 +477,9 @@ fn noise_has_the_reference_s_std_in_each_level() {
 
 #[test]
 fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (512, 384);
     let model = with_noise(camera(w, h), 1.0);
     let Estimate::Known(noise) = &model.noise else { unreachable!() };
@@ -472,6 +502,9 @@ fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
 
 #[test]
 fn noise_does_not_repeat() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (1024, 96);
     let (frame, layer) = (frame(w, h), grey(w, h, 0.5, 1.0));
     let model = with_noise(camera(w, h), 1.0);
@@ -504,6 +537,9 @@ fn noise_does_not_repeat() {
 
 #[test]
 fn it_agrees_at_4k() {
+    if no_gpu() {
+        return;
+    }
     let (w, h) = (3840, 2160);
     let model = with_lens(with_exposure(camera(w, h), 0.5), 40.0, 0.35);
     // An object of a tenth of the frame, as such frames have.
@@ -555,6 +591,9 @@ fn rendered_clip() -> Option<(Encoded, VirtualLayer, CameraModel)> {
 
 #[test]
 fn a_rendered_object_over_a_filmed_frame_agrees() {
+    if no_gpu() {
+        return;
+    }
     let Some((frame, layer, model)) = rendered_clip() else { return };
     for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
         let options = Options { no_noise: true, bokeh, ..Default::default() };
@@ -565,5 +604,32 @@ fn a_rendered_object_over_a_filmed_frame_agrees() {
         let naive = on_cpu(&frame, &layer, &model, &Options { naive: true, ..options });
         println!("naive: {}", difference(&gpu, &naive));
         assert!(difference(&gpu, &naive) > blur_tolerance(Quality::High, bokeh));
+    }
+}
+
+#[test]
+fn within_an_area_it_is_the_same() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (301, 200);
+    let (frame, whole) = (frame(w, h), layer(w, h));
+    // The object in the middle, 60 px from the area's edges, so that blur ends before them.
+    let color = Premultiplied(Raster::from_fn(w, h, |x, y| {
+        if (120..180).contains(&x) && (80..130).contains(&y) { whole.color.0.at(x, y) } else { [0.0; 4] }
+    }));
+    let layer = VirtualLayer { color, ..whole };
+    let eyes = Eyes::new(&[&frame], &[&layer]);
+    let model = with_noise(with_lens(with_exposure(camera(w, h), 0.7), 10.0, 0.35), 1.0);
+    let of = |area| composite_of(&eyes.inputs(), &model, &Options::default(), 3, area).remove(0);
+    let everywhere = of(None);
+    for (x, y, width, height) in [(61, 21, 180, 170), (40, 12, 261, 999), (0, 0, 301, 200)] {
+        let got = difference(&of(Some(Area { x, y, width, height })), &everywhere);
+        assert!(got < ROUNDING, "{got}");
+    }
+    let cut = of(Some(Area { x: 61, y: 21, width: 90, height: 170 }));
+    assert!(difference(&cut, &everywhere) > 10.0 * ROUNDING);
+    for nothing in [Area { x: 5, y: 5, width: 0, height: 9 }, Area { x: 999, y: 999, width: 5, height: 5 }] {
+        assert!(difference(&of(Some(nothing)), &frame.0) < ROUNDING);
     }
 }

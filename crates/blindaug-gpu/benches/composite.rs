@@ -1,0 +1,279 @@
+//! What a frame of the compositor costs, step by step, beside what moving its bytes costs: `cargo bench -p blindaug-gpu`.
+//!
+//! At 2 x 2064 x 2208 on a GPU, at 640 x 360 on a software one; `cargo bench -p blindaug-gpu -- WIDTH HEIGHT EYES` chooses.
+
+use blindaug::model::{
+    Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
+};
+use blindaug::synth::defocus::Bokeh;
+use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result};
+use blindaug_gpu::{Compositor, Depth, Frame, Gpu, Inputs, Options, Quality, STEPS, Timer, Velocity};
+use std::time::Instant;
+use wgpu::TextureFormat;
+
+fn main() -> Result<()> {
+    let gpu = Gpu::new()?;
+    let sizes: Vec<usize> = std::env::args().filter_map(|a| a.parse().ok()).collect();
+    let software = gpu.info.device_type == wgpu::DeviceType::Cpu;
+    let [w, h, eyes] = match sizes[..] {
+        [] if software => [640, 360, 1],
+        [] => [2064, 2208, 2],
+        [w, h, eyes] => [w, h, eyes],
+        _ => return Err(Error::new("give three numbers: width and height in px, and eyes")),
+    };
+    let frames = if software { 5 } else { 50 };
+    println!("{} ({:?}), {eyes} x {w} x {h}, median of {frames} frames", gpu.info.name, gpu.info.backend);
+    if software {
+        println!("This device computes on the CPU: its times say nothing of a GPU; bytes and taps do.");
+    }
+    let bandwidth = copy_bandwidth(&gpu, if software { 32 << 20 } else { 512 << 20 }, frames)?;
+    println!("copy bandwidth {:.1} GB/s (read and written)\n", bandwidth * 1e-9);
+    let scene = Scene::new(&gpu, w, h, eyes)?;
+    let compositor = Compositor::new(&gpu.device, &gpu.queue, TextureFormat::Rgba8Unorm);
+    println!(
+        "| quality, bokeh | step | bytes/px | taps/px, mean over the object, most | ms | of the bandwidth's bound |"
+    );
+    println!("|---|---|---|---|---|---|");
+    for (quality, bokeh) in [
+        (Quality::High, Bokeh::Gaussian),
+        (Quality::Medium, Bokeh::Gaussian),
+        (Quality::Low, Bokeh::Gaussian),
+        (Quality::High, Bokeh::Disk),
+        (Quality::Medium, Bokeh::Disk),
+        (Quality::Low, Bokeh::Disk),
+    ] {
+        let options = Options { quality, bokeh, ..Default::default() };
+        let times = scene.time(&gpu, &compositor, &options, frames)?;
+        let taps = scene.taps(&options);
+        let bound = |bytes: f64| 1e3 * bytes * (w * h * eyes) as f64 / bandwidth;
+        let row = |step: &str, bytes: f64, taps: &str, ms: Option<f64>| {
+            let time = ms.map_or("|".into(), |ms| format!("{ms:.3} | {:.0} %", 100.0 * bound(bytes) / ms));
+            println!("| {quality:?}, {bokeh:?} | {step} | {bytes:.0} | {taps} | {time} |");
+        };
+        for (i, (step, bytes)) in STEPS.iter().zip(BYTES).enumerate() {
+            let taps = match *step {
+                "defocus" => taps.defocus.as_str(),
+                "composite" => taps.motion.as_str(),
+                _ => "",
+            };
+            row(step, bytes, taps, times.steps.map(|ms| f64::from(ms[i])));
+        }
+        row("whole frame", BYTES.iter().sum(), "", Some(times.frame));
+    }
+    phone(&scene);
+    Ok(())
+}
+
+/// Of an Adreno 740 class part, assumed: 70 % of 64 bit of LPDDR5X at 8533 MT/s, in bytes/s; bilinear samples of four half floats
+/// per second.
+const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
+
+/// Bilinear samples per pixel of [`STEPS`], but for those that depend on blur: pull 9/4 * 4/3 and push 4 * 4/3; halving 9/4 * 4/3;
+/// none; three of the tile.
+const SAMPLES: [f64; STEPS.len()] = [3.0 + 16.0 / 3.0, 3.0, 0.0, 3.0];
+
+/// From the counts: a step takes what its bytes or its samples take, whichever is longer; outside the object's area, the frame is
+/// read and written.
+fn phone(scene: &Scene) {
+    let (bandwidth, rate) = PHONE;
+    println!(
+        "\nEstimated, not measured: 2 x 2064 x 2208 at {:.0} GB/s and {:.0} G samples/s\n",
+        bandwidth * 1e-9,
+        rate * 1e-9
+    );
+    println!("| quality | the object's area | ms | of a frame at 45 Hz | 72 Hz | 90 Hz |");
+    println!("|---|---|---|---|---|---|");
+    let pixels = 2.0 * 2064.0 * 2208.0;
+    for quality in [Quality::High, Quality::Medium, Quality::Low] {
+        let options = Options { quality, ..Default::default() };
+        let mean = |taps: &dyn Fn(&(f32, f32)) -> u32| {
+            scene.blur.iter().map(|b| f64::from(taps(b))).sum::<f64>() / scene.blur.len().max(1) as f64
+        };
+        let mut samples = SAMPLES;
+        samples[2] += mean(&|b| options.defocus_taps(b.0));
+        samples[3] += mean(&|b| options.motion_blur_taps(b.1));
+        let inside: f64 = BYTES.iter().zip(samples).map(|(bytes, n)| (bytes / bandwidth).max(n / rate)).sum();
+        for share in [0.05, 0.2, 0.5] {
+            let ms = 1e3 * pixels * (share * inside + (1.0 - share) * 8.0 / bandwidth);
+            let of = |hz: f64| format!("{:.0} %", 0.1 * ms * hz);
+            let share = 100.0 * share;
+            println!("| {quality:?} | {share:.0} % | {ms:.1} | {} | {} | {} |", of(45.0), of(72.0), of(90.0));
+        }
+    }
+}
+
+/// Bytes per pixel that each of [`STEPS`] must move if each texel is read once and written once: half floats in four channels
+/// (8 bytes) in between, depth, velocity, the frame and the target 4 each; pyramids a third of their finest level.
+const BYTES: [f64; STEPS.len()] = [
+    // Prepare 8 + 8; spread 8 + 4 + 4 + 8; pull 8 * 4/3 + 8/3; push 3 * 8/3; blur 8 + 2 + 8.
+    16.0 + 24.0 + 32.0 / 3.0 + 8.0 / 3.0 + 8.0 + 18.0,
+    32.0 / 3.0 + 8.0 / 3.0,
+    // Blur 8, octaves 8 * 4/3, result 8.
+    8.0 + 32.0 / 3.0 + 8.0,
+    // Frame 4, layer 8, blur 8, target 4; the tile stays in the cache.
+    24.0,
+];
+
+struct Times {
+    /// ms, if the device has timestamps.
+    steps: Option<[f32; STEPS.len()]>,
+    /// ms from submission to the end.
+    frame: f64,
+}
+
+/// Bytes per second, read and written, of copies of a buffer of this size.
+fn copy_bandwidth(gpu: &Gpu, size: u64, times: usize) -> Result<f64> {
+    let buffer = || {
+        gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("copy"),
+            size,
+            usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    };
+    let (a, b) = (buffer(), buffer());
+    let copies = 4;
+    let mut best = f64::INFINITY;
+    for _ in 0..times {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for _ in 0..copies {
+            encoder.copy_buffer_to_buffer(&a, 0, &b, 0, size);
+        }
+        gpu.wait()?;
+        let start = Instant::now();
+        gpu.queue.submit([encoder.finish()]);
+        gpu.wait()?;
+        best = best.min(start.elapsed().as_secs_f64());
+    }
+    Ok((2 * copies * size) as f64 / best)
+}
+
+struct Scene {
+    frame: wgpu::Texture,
+    color: wgpu::Texture,
+    depth: wgpu::Texture,
+    velocity: wgpu::Texture,
+    target: wgpu::Texture,
+    camera: CameraModel,
+    /// Of the object's pixels: defocus std and path, px.
+    blur: Vec<(f32, f32)>,
+}
+
+struct Taps {
+    defocus: String,
+    motion: String,
+}
+
+impl Scene {
+    /// An object over 40 % of the frame, out of focus by up to 6 px and moving by up to 20.
+    fn new(gpu: &Gpu, w: usize, h: usize, eyes: usize) -> Result<Self> {
+        let inside = |x: usize, y: usize| {
+            let (u, v) = (x as f32 / w as f32 - 0.5, y as f32 / h as f32 - 0.5);
+            u.hypot(v) < 0.357
+        };
+        let frame = Raster::from_fn(w, h, |x, y| [0.3 + 0.2 * ((x * 7 + y * 13) % 31) as f32 / 31.0; 4]);
+        let color = Raster::from_fn(w, h, |x, y| {
+            if inside(x, y) { [0.5, ((x / 8 + y / 8) % 2) as f32, 0.2, 1.0] } else { [0.0; 4] }
+        });
+        let depth = Plane::from_fn(w, h, |x, _| 0.2 + 0.6 * x as f32 / w as f32);
+        let flow = Flow::from_fn(w, h, |x, y| [25.0 * y as f32 / h as f32, 10.0 * x as f32 / w as f32]);
+        let mut camera =
+            CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 1 }, "not given");
+        let lens = DefocusModel::given_lens(10.0, 0.5);
+        camera.defocus = Estimate::Known(lens);
+        camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.75)));
+        let level = NoiseLevel { slope: [0.02; 3], intercept: [0.01; 3] };
+        camera.noise = Estimate::Known(NoiseModel::given([level; 4], 1.0));
+        let blur = (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| inside(x, y)).map(|(x, y)| {
+            let [u, v] = flow.at(x, y);
+            (lens.sigma_px(depth.at(x, y)), 0.75 * u.hypot(v))
+        });
+        let blur = blur.collect();
+        let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("target"),
+            size: wgpu::Extent3d { width: w as u32, height: h as u32, depth_or_array_layers: eyes as u32 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: TextureFormat::Rgba8Unorm,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        Ok(Self {
+            frame: gpu.upload(&vec![&frame; eyes], TextureFormat::Rgba8Unorm)?,
+            color: gpu.upload(&vec![&color; eyes], TextureFormat::Rgba16Float)?,
+            depth: gpu.upload(&vec![&depth; eyes], TextureFormat::R32Float)?,
+            velocity: gpu.upload(&vec![&flow; eyes], TextureFormat::Rg16Float)?,
+            target,
+            camera,
+            blur,
+        })
+    }
+
+    fn taps(&self, options: &Options) -> Taps {
+        let words = |taps: Vec<u32>| {
+            let mean = taps.iter().map(|&t| f64::from(t)).sum::<f64>() / taps.len().max(1) as f64;
+            format!("{mean:.0}, {}", taps.iter().max().copied().unwrap_or(0))
+        };
+        Taps {
+            defocus: words(self.blur.iter().map(|b| options.defocus_taps(b.0)).collect()),
+            motion: words(self.blur.iter().map(|b| options.motion_blur_taps(b.1)).collect()),
+        }
+    }
+
+    fn time(&self, gpu: &Gpu, compositor: &Compositor, options: &Options, frames: usize) -> Result<Times> {
+        let inputs = Inputs {
+            frame: &self.frame,
+            color: &self.color,
+            depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0 }),
+            velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
+        };
+        let bound = compositor.bind(&gpu.device, &inputs)?;
+        let views: Vec<_> = (0..self.target.depth_or_array_layers())
+            .map(|eye| {
+                self.target.create_view(&wgpu::TextureViewDescriptor {
+                    dimension: Some(wgpu::TextureViewDimension::D2),
+                    base_array_layer: eye,
+                    array_layer_count: Some(1),
+                    ..Default::default()
+                })
+            })
+            .collect();
+        // A software device's timestamps do not tell when a step ended.
+        let software = gpu.info.device_type == wgpu::DeviceType::Cpu;
+        let timer = Timer::new(gpu).ok().filter(|_| !software);
+        let (mut whole, mut steps) = (Vec::new(), vec![Vec::new(); STEPS.len()]);
+        // The first ones warm up.
+        for number in 0..frames as u64 + 2 {
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            let frame = Frame {
+                model: &self.camera,
+                options: *options,
+                number,
+                area: None,
+                targets: &views,
+                timer: timer.as_ref(),
+            };
+            compositor.encode(&gpu.queue, &mut encoder, &bound, &frame)?;
+            gpu.wait()?;
+            let start = Instant::now();
+            gpu.queue.submit([encoder.finish()]);
+            gpu.wait()?;
+            let elapsed = 1e3 * start.elapsed().as_secs_f64();
+            if number < 2 {
+                continue;
+            }
+            whole.push(elapsed);
+            if let Some(timer) = &timer {
+                steps.iter_mut().zip(timer.read(gpu)?).for_each(|(s, ms)| s.push(ms));
+            }
+        }
+        whole.sort_by(f64::total_cmp);
+        let median = |mut ms: Vec<f32>| {
+            ms.sort_by(f32::total_cmp);
+            ms[ms.len() / 2]
+        };
+        let steps = timer.map(|_| std::array::from_fn(|i| median(std::mem::take(&mut steps[i]))));
+        Ok(Times { steps, frame: whole[whole.len() / 2] })
+    }
+}
