@@ -1,5 +1,51 @@
 //! A camera's noise, motion blur and defocus on virtual content in real time, on any device that
 //! [wgpu](https://docs.rs/wgpu) reaches. The reference for everything here is the crate `blindaug`.
+//!
+//! ```
+//! use blindaug::{CameraModel, Raster, model::Capture};
+//! use blindaug_gpu::{Compositor, Frame, Gpu, Inputs, Options};
+//! use wgpu::{TextureFormat, TextureUsages};
+//!
+//! # fn main() -> blindaug::Result<()> {
+//! # let Ok(_) = Gpu::new() else { return Ok(()) };
+//! // A renderer has its own device and textures; this makes some.
+//! let gpu = Gpu::new()?;
+//! let frame = gpu.upload(&[&Raster::filled(64, 48, [0.5f32, 0.5, 0.5, 1.0])], TextureFormat::Rgba8Unorm)?;
+//! let color = gpu.upload(&[&Raster::filled(64, 48, [0.0f32; 4])], TextureFormat::Rgba16Float)?;
+//! let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
+//!     label: None,
+//!     size: frame.size(),
+//!     mip_level_count: 1,
+//!     sample_count: 1,
+//!     dimension: wgpu::TextureDimension::D2,
+//!     format: TextureFormat::Rgba8Unorm,
+//!     usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC,
+//!     view_formats: &[],
+//! });
+//! let camera = CameraModel::unknown(Capture { width: 64, height: 48, fps: None, frames_used: 0 }, "not yet");
+//!
+//! // Once, and once per size.
+//! let compositor = Compositor::new(&gpu.device, &gpu.queue, target.format());
+//! let inputs = Inputs { frame: &frame, color: &color, depth: None, velocity: None };
+//! let bound = compositor.bind(&gpu.device, &inputs)?;
+//! // Each frame.
+//! let mut encoder = gpu.device.create_command_encoder(&Default::default());
+//! let targets = [target.create_view(&Default::default())];
+//! let of_frame = Frame {
+//!     model: &camera,
+//!     options: Options::default(),
+//!     number: 0,
+//!     area: None,
+//!     targets: &targets,
+//!     timer: None,
+//! };
+//! compositor.encode(&gpu.queue, &mut encoder, &bound, &of_frame)?;
+//! gpu.queue.submit([encoder.finish()]);
+//! # let out = gpu.download::<[f32; 4]>(&target)?;
+//! # assert!((out[0].at(5, 5)[0] - 0.5).abs() < 0.01);
+//! # Ok(())
+//! # }
+//! ```
 
 mod camera;
 mod composite;

@@ -633,3 +633,38 @@ fn within_an_area_it_is_the_same() {
         assert!(difference(&of(Some(nothing)), &frame.0) < ROUNDING);
     }
 }
+
+#[test]
+fn layers_of_different_depth_are_composited_one_after_the_other() {
+    if no_gpu() {
+        return;
+    }
+    // A sharp square in front of a wall that is far out of focus.
+    let (w, h) = (120, 90);
+    let square = |x: usize, y: usize| (40..80).contains(&x) && (30..60).contains(&y);
+    let flat =
+        |color: [f32; 4], inverse_depth: f32, here: &(dyn Fn(usize, usize) -> bool + Sync)| VirtualLayer {
+            color: Premultiplied(Raster::from_fn(w, h, |x, y| if here(x, y) { color } else { [0.0; 4] })),
+            inverse_depth: Some(Plane::filled(w, h, inverse_depth)),
+            flow: None,
+        };
+    let wall = flat([0.1, 0.1, 0.1, 1.0], 0.1, &|_, _| true);
+    let near = flat([0.9, 0.8, 0.7, 1.0], 0.5, &square);
+    let both = VirtualLayer {
+        color: Premultiplied(Raster::from_fn(w, h, |x, y| {
+            if square(x, y) { near.color.0.at(x, y) } else { wall.color.0.at(x, y) }
+        })),
+        inverse_depth: Some(Plane::from_fn(w, h, |x, y| if square(x, y) { 0.5 } else { 0.1 })),
+        flow: None,
+    };
+    let (frame, model, options) = (frame(w, h), with_lens(camera(w, h), 5.0, 0.5), Options::default());
+    let behind = Encoded(on_gpu(&frame, &wall, &model, &options));
+    let gpu = on_gpu(&behind, &near, &model, &options);
+    let cpu = on_cpu(&Encoded(on_cpu(&frame, &wall, &model, &options)), &near, &model, &options);
+    // The frame in between is one of 8 bits.
+    assert!(difference(&gpu, &cpu) < 0.5 / 255.0);
+    // The wall beside the square is that of the wall alone; as one layer, the square bleeds into it.
+    let bleeding = |image: &Raster<[f32; 3]>| (image.at(84, 45)[0] - behind.0.at(84, 45)[0]).abs();
+    assert!(bleeding(&gpu) < 1.0 / 255.0, "{}", bleeding(&gpu));
+    assert!(bleeding(&on_gpu(&frame, &both, &model, &options)) > 0.1);
+}
