@@ -12,7 +12,7 @@
 //! object.) Last comes the noise that is missing.
 
 use crate::model::{CameraModel, NoiseModel};
-use crate::synth::{Blur, Space, defocus::Bokeh, extended, noise, sharpening};
+use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
 use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, luma, pyramid};
 
 /// A rendered object, sharp.
@@ -302,20 +302,20 @@ impl Object {
 
     fn new(shot: &Shot, place: Place, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Self> {
         let color = place.crop(&layer.color.0).map(|v| space.of_premultiplied(v));
-        // Depth and flow of a pixel that the object covers in part may be those of what is behind: the fully covered ones speak.
-        let most = color.data().iter().map(|c| c[3]).fold(0.0, f32::max).max(1e-6);
-        let weight = |x: usize, y: usize| (color.at(x, y)[3] / most).powi(8);
-        let depth = layer.inverse_depth.as_ref().map(|d| extended(&place.crop(d), weight));
-        let flow = layer.flow.as_ref().map(|f| extended(&place.crop(f), weight));
+        let depth = layer.inverse_depth.as_ref().map(|d| place.crop(d));
+        let flow = layer.flow.as_ref().map(|f| place.crop(f));
         let front = match (&depth, shot.inverse_depth) {
-            (Some(depth), Some(real)) => Front::new(shot, place, depth, &place.crop(real), space, blur)?,
+            (Some(depth), Some(real)) => {
+                let depth = extended(depth, coverage_weight(&color));
+                Front::new(shot, place, &depth, &place.crop(real), space, blur)?
+            }
             _ => None,
         };
-        let color = match &front {
-            Some(front) => front.uncut(&color),
-            None => color,
+        let (color, depth) = match &front {
+            Some(front) => (front.uncut(&color), depth.map(|d| extended(&d, |_, _| 1.0))),
+            None => (color, depth),
         };
-        let blurred = blur.of(&color, depth.as_ref(), flow.as_ref())?;
+        let blurred = blur.of_layer(&color, depth.as_ref(), flow.as_ref())?;
         let pixels = Raster::from_fn(place.w, place.h, |x, y| {
             let [r, g, b, a] = blurred.at(x, y);
             if a <= 0.0 {

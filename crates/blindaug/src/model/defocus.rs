@@ -88,6 +88,20 @@ impl DefocusModel {
         }
     }
 
+    /// The inverse depth behind the focus at which the std reaches `sigma_px`; `None` if it does not.
+    pub fn end_of_focus(&self, sigma_px: f32) -> Option<f32> {
+        match self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
+                (s > sigma_px).then(|| f * (1.0 - sigma_px / s))
+            }
+            DefocusCurve::Quadratic { a, b, c, .. } => {
+                // The smaller root of a d^2 + b d + c = sigma_px.
+                let discriminant = b * b - 4.0 * a * (c - sigma_px);
+                (a > 0.0 && discriminant > 0.0).then(|| (-b - discriminant.sqrt()) / (2.0 * a))
+            }
+        }
+    }
+
     /// The same lens for frames `s` times as wide.
     pub(super) fn scaled(mut self, s: f32) -> Self {
         match &mut self.curve {
