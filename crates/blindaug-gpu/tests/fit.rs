@@ -1,0 +1,186 @@
+//! The fits on the device against those of the crate blindaug.
+
+use blindaug::fit::{BlurPoint, defocus, motion_blur};
+use blindaug::model::ExposureFraction;
+use blindaug::synth::{self, defocus::Bokeh};
+use blindaug::{Flow, Plane, filter};
+use blindaug_gpu::{Gpu, fit};
+use std::sync::OnceLock;
+use wgpu::{Texture, TextureFormat};
+
+fn gpu() -> &'static Gpu {
+    static GPU: OnceLock<Gpu> = OnceLock::new();
+    GPU.get_or_init(|| Gpu::new().expect("a graphics device, be it Mesa's software one"))
+}
+
+fn plane(plane: &Plane) -> Texture {
+    gpu().upload(&[plane], TextureFormat::R32Float).expect("it fits")
+}
+
+/// What `poll` gives once the device is done.
+fn result<T>(mut poll: impl FnMut() -> blindaug::Result<Option<T>>) -> T {
+    gpu().wait().expect("the device works");
+    poll().expect("the device works").expect("the device is done")
+}
+
+/// Waves of many lengths and directions: texture at every scale.
+fn texture(w: usize, h: usize) -> Plane {
+    Plane::from_fn(w, h, |x, y| {
+        let (x, y) = (x as f32, y as f32);
+        let wave = |k: i32| {
+            let k = k as f32;
+            let f = 0.04 * 1.17f32.powf(k);
+            ((x * (2.4 * k).cos() + y * (2.4 * k).sin()) * f + k).sin() / (1.0 + 0.3 * k)
+        };
+        0.4 + 0.09 * (0..20).map(wave).sum::<f32>()
+    })
+}
+
+/// Of 100 stds between 0 and 10 px, two neighbours may be equally good: sums in another order choose the other one.
+const SEARCHED_STD: f32 = 0.101;
+/// Share of the places that only one of the two takes: those whose contrast lies at the threshold.
+const OTHER_PLACES: f32 = 0.01;
+
+/// Largest difference of the stds of places in both, and the share of places in one of them alone.
+fn differences(a: &[BlurPoint], b: &[BlurPoint]) -> (f32, f32) {
+    let (mut std, mut alone) = (0.0f32, 0);
+    for p in a {
+        match b.iter().find(|q| q.inverse_depth == p.inverse_depth) {
+            Some(q) => std = std.max((p.sigma_px - q.sigma_px).abs()),
+            None => alone += 1,
+        }
+    }
+    (std, (alone + b.len() + alone - a.len()) as f32 / a.len().max(1) as f32)
+}
+
+#[test]
+fn the_pooled_search_finds_what_the_cpu_finds() {
+    let (w, h) = (131, 90);
+    let sharp = texture(w, h);
+    // Another at every place, so that places can be told apart; not known everywhere.
+    let depth =
+        Plane::from_fn(
+            w,
+            h,
+            |x, y| {
+                if x < 9 { f32::NAN } else { 0.1 + x as f32 / 150.0 + y as f32 / 100_000.0 }
+            },
+        );
+    let observed =
+        synth::defocus::defocus(&sharp, &depth.map(|d| 4.0 * (d.max(0.1) - 0.3).abs()), Bokeh::Disk)
+            .expect("one size");
+    let expected = defocus::pooled_search(&observed, &sharp, &depth);
+    let target = plane(&observed);
+    let search = fit::defocus::PooledSearch::new(&gpu().device, &target, &plane(&sharp), &plane(&depth))
+        .expect("one size");
+    let found = || {
+        assert!(search.submit(&gpu().device, &gpu().queue));
+        assert!(!search.submit(&gpu().device, &gpu().queue), "the first one's result is still to come");
+        result(|| search.poll(&gpu().device))
+    };
+    let (std, alone) = differences(&expected, &found());
+    println!("{} places, std {std}, share in one alone {alone}", expected.len());
+    assert!(expected.len() > 200 && std <= SEARCHED_STD && alone <= OTHER_PLACES, "{std} {alone}");
+    let lens = |points: &[BlurPoint]| defocus::quadratic(points).expect("many depths").0;
+    let (a, b) = (lens(&expected), lens(&found()));
+    println!("{a:?} {b:?}");
+    let at = |[a, b, c]: [f32; 3], d: f32| a * d * d + b * d + c;
+    assert!([0.2, 0.5, 0.9].iter().all(|&d| (at(a, d) - at(b, d)).abs() < 0.01));
+
+    // Other pixels in the same texture give another answer.
+    gpu().write(&target, &[&filter::gaussian_blur(&observed, 1.0)]);
+    let (std, alone) = differences(&expected, &found());
+    println!("negative control: std {std}, {alone}");
+    assert!(std > SEARCHED_STD, "{std} {alone}");
+}
+
+/// The search's last step: of two exposures as far apart that are equally good, sums in another order choose the other one.
+const SEARCHED_EXPOSURE: f32 = 0.0021;
+/// Of thousands of places, those at whose threshold of contrast a rounding decides: so many may be in one search alone.
+const OTHER_SAMPLES: usize = 3;
+/// Relative: of the variance and of the curve, which are sums over places in another order and at exposures a step apart.
+const VARIANCE: f64 = 0.05;
+const CURVE: f32 = 0.01;
+
+#[test]
+fn the_exposure_search_finds_what_the_cpu_finds() {
+    let (w, h) = (144, 120);
+    let sharp = texture(w, h);
+    // Unknown at the left, with an edge at the top.
+    let flow = Flow::from_fn(w, h, |x, y| match (x, y) {
+        (0..20, _) => [f32::NAN; 2],
+        (_, 0..30) => [-7.0, 5.0],
+        _ => [9.0 + 0.02 * y as f32, 4.0 - 0.02 * x as f32],
+    });
+    let known = flow.map(|f| if f[0].is_finite() { f } else { [0.0; 2] });
+    let observed = |lambda| {
+        let blurred =
+            synth::motion_blur::motion_blur(&sharp, &known, ExposureFraction(lambda)).expect("one size");
+        // Noise, so that there is something to weigh.
+        Plane::from_fn(w, h, |x, y| blurred.at(x, y) + 0.01 * ((x * 7919 + y * 104_729) % 101) as f32 / 101.0)
+    };
+    let weight = Plane::from_fn(w, h, |x, _| 100.0 + x as f32 / 10.0);
+    let target = plane(&observed(0.43));
+    let flow_texture = gpu().upload(&[&flow], TextureFormat::Rg32Float).expect("it fits");
+    let search = fit::motion_blur::ExposureSearch::new(
+        &gpu().device,
+        &target,
+        &plane(&weight),
+        &plane(&sharp),
+        &flow_texture,
+    )
+    .expect("one size");
+    let found = || {
+        assert!(search.submit(&gpu().device, &gpu().queue));
+        assert!(!search.submit(&gpu().device, &gpu().queue), "the first one's result is still to come");
+        result(|| search.poll(&gpu().device))
+    };
+    let expected = motion_blur::fit_exposure(&observed(0.43), &weight, &sharp, &flow).expect("much moves");
+    let fit = found().expect("much moves");
+    let apart = (fit.exposure.0 - expected.exposure.0).abs();
+    let variance = (fit.variance / expected.variance - 1.0).abs();
+    let (mut curve, mut depth) = (0.0f32, 0.0f32);
+    for (a, b) in fit.curve.iter().zip(&expected.curve) {
+        assert!((a[0] - b[0]).abs() < 1e-6);
+        curve = curve.max((a[1] - b[1]).abs());
+        depth = depth.max(-b[1]);
+    }
+    println!(
+        "{} and {}, apart {apart}; samples {} and {}, variance {variance}, curve {}",
+        fit.exposure.0,
+        expected.exposure.0,
+        fit.samples,
+        expected.samples,
+        curve / depth
+    );
+    assert!(apart <= SEARCHED_EXPOSURE && (expected.exposure.0 - 0.43).abs() < 0.05);
+    assert!(
+        fit.samples.abs_diff(expected.samples) <= OTHER_SAMPLES && fit.curve.len() == expected.curve.len()
+    );
+    assert!(variance <= VARIANCE && curve <= CURVE * depth);
+
+    gpu().write(&target, &[&observed(0.47)]);
+    let wrong = found().expect("much moves");
+    assert!((wrong.exposure.0 - expected.exposure.0).abs() > SEARCHED_EXPOSURE);
+
+    // Nothing moves, and then nothing is known to.
+    for still in [0.0, f32::NAN] {
+        gpu().write(&flow_texture, &[&Flow::filled(w, h, [still; 2])]);
+        assert!(found().is_none());
+    }
+}
+
+#[test]
+fn tiny_and_unequal_images_are_an_answer_or_an_error() {
+    let Gpu { device, queue, .. } = gpu();
+    let (one, other) = (plane(&Plane::filled(1, 1, f32::NAN)), plane(&Plane::filled(2, 1, 0.0)));
+    let search = fit::defocus::PooledSearch::new(device, &one, &one, &one).expect("one size");
+    assert!(search.submit(device, queue));
+    assert!(result(|| search.poll(device)).is_empty());
+    assert!(search.poll(device).expect("the device works").is_none());
+    let search = fit::motion_blur::ExposureSearch::new(device, &one, &one, &one, &one).expect("one size");
+    assert!(search.submit(device, queue));
+    assert!(result(|| search.poll(device)).is_none());
+    assert!(fit::defocus::PooledSearch::new(device, &one, &one, &other).is_err());
+    assert!(fit::motion_blur::ExposureSearch::new(device, &one, &one, &other, &one).is_err());
+}
