@@ -1,7 +1,11 @@
 //! The fits on the device against those of the crate blindaug.
 
-use blindaug::fit::{BlurPoint, defocus, motion_blur};
-use blindaug::model::ExposureFraction;
+#[path = "../../blindaug/tests/leaves/mod.rs"]
+mod leaves;
+
+use blindaug::fit::noise::LumaNoise;
+use blindaug::fit::{BlurPoint, defocus, motion_blur, spectral};
+use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Flow, Plane, filter};
 use blindaug_gpu::{Gpu, fit};
@@ -170,8 +174,133 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     }
 }
 
+/// Nats per tile: exponentials and logarithms of a few hundred bins in f32, whose last digits the shaders' language leaves to the device,
+/// and powers instead of the CPU's table of the transfer curve.
+const OBJECTION: f32 = 0.001;
+/// Of how sure a tile is of its std, 0 to 1, for the same reasons.
+const WEIGHT: f32 = 0.001;
+/// Relative: of the lens, whose search ends in steps of 1/1000.
+const LENS: f32 = 0.004;
+
+/// Largest difference of two curves.
+fn apart(a: &[[f32; 2]], b: &[[f32; 2]]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a[1] - b[1]).abs()).fold(0.0, f32::max)
+}
+
+/// Largest difference of how sure tiles are, place by place; 1 if they are not the same or find another std.
+fn other_points(a: &[BlurPoint], b: &[BlurPoint]) -> f32 {
+    let sorted = |points: &[BlurPoint]| {
+        let mut points = points.to_vec();
+        let key = |p: &BlurPoint| [p.inverse_depth, p.sigma_px, p.weight];
+        points.sort_by(|p, q| key(p).partial_cmp(&key(q)).expect("finite"));
+        points
+    };
+    let differ = |p: &BlurPoint, q: &BlurPoint| {
+        if a.len() == b.len() && p.inverse_depth == q.inverse_depth && p.sigma_px == q.sigma_px {
+            (p.weight - q.weight).abs()
+        } else {
+            1.0
+        }
+    };
+    sorted(a).iter().zip(sorted(b)).map(|(p, q)| differ(p, &q)).fold(0.0, f32::max)
+}
+
+/// Relative difference of two lenses.
+fn other_lens(a: &spectral::LensFit, b: &spectral::LensFit) -> f32 {
+    (a.lens.slope / b.lens.slope - 1.0).abs().max((a.lens.focus / b.lens.focus - 1.0).abs())
+}
+
 #[test]
-fn tiny_and_unequal_images_are_an_answer_or_an_error() {
+fn the_tiles_say_what_they_say_to_the_cpu() {
+    const CAMERA: leaves::Camera = leaves::Camera { exposure: 0.6, ..leaves::CAMERA };
+    let Gpu { device, queue, .. } = gpu();
+    let shot = &leaves::Scene::new(3, (256, 250)).clip(1, |_| CAMERA)[0];
+    // Not known everywhere.
+    let flow = Flow::from_fn(256, 250, |x, y| if y < 20 { [f32::NAN; 2] } else { shot.flow.at(x, y) });
+    let rgba = shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0]);
+    let frame = gpu().upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
+    let flow_texture = gpu().upload(&[&flow], TextureFormat::Rg32Float).expect("it fits");
+    let depth = plane(&shot.inverse_depth);
+    let noise = synth::noise::white_band_std().map(|std| LumaNoise { slope: 0.001, intercept: 0.008 * std });
+    let sharpening = SharpeningModel::given(0.5, 1.0);
+    let exposure = ExposureFraction(CAMERA.exposure);
+    for space in [BlurSpace::Linear, BlurSpace::Encoded] {
+        let evidence = fit::spectral::Evidence::new(device, &frame, Some(&flow_texture), Some(&depth), space)
+            .expect("one size");
+        let look = |noise: &[LumaNoise; 4], exposure| {
+            assert!(evidence.submit(device, queue, noise, exposure, Some(&sharpening)));
+            assert!(
+                !evidence.submit(device, queue, noise, exposure, None),
+                "the first one's result is still to come"
+            );
+            result(|| evidence.poll(device))
+        };
+        let tiles =
+            spectral::tiles(&shot.frame, Some(&flow), Some(&shot.inverse_depth), space).expect("one size");
+        let expected = spectral::fit_exposure(&[&tiles], &[], &noise).expect("much moves");
+        let expected_lens =
+            spectral::fit_lens(&[&tiles], &noise, exposure, Some(&sharpening)).expect("many depths");
+        let found = look(&noise, exposure);
+        let fit = spectral::exposure_of(&found.exposure, 1).expect("much moves");
+        let lens = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
+        let objections = apart(&fit.curve, &expected.curve) / expected.samples as f32;
+        let (points, lenses) =
+            (other_points(&lens.points, &expected_lens.points), other_lens(&lens, &expected_lens));
+        println!(
+            "{space:?}: {} witnesses of {:?}, nats per tile {objections}; {} of {:?}, weight {points}, lens {lenses}",
+            fit.samples, fit.exposure, lens.samples, lens.lens
+        );
+        assert!(
+            fit.samples == expected.samples && fit.exposure == expected.exposure && objections <= OBJECTION
+        );
+        assert!(lens.samples == expected_lens.samples && points <= WEIGHT && lenses <= LENS);
+
+        // With another noise the tiles object to other exposures, and with another exposure they find another lens.
+        let found =
+            look(&noise.map(|n| LumaNoise { intercept: 1.2 * n.intercept, ..n }), ExposureFraction(0.5));
+        let wrong = spectral::exposure_of(&found.exposure, 1).expect("much moves");
+        assert!(apart(&wrong.curve, &expected.curve) / expected.samples as f32 > OBJECTION);
+        let wrong = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
+        assert!(other_lens(&wrong, &expected_lens) > LENS);
+    }
+}
+
+#[test]
+fn of_many_tiles_those_of_most_contrast_are_kept_and_nothing_need_move() {
+    let Gpu { device, queue, .. } = gpu();
+    let (w, h) = (640, 360);
+    let sharp = texture(w, h);
+    let depth = Plane::from_fn(w, h, |x, y| 0.2 + x as f32 / 1000.0 + y as f32 / 100_000.0);
+    let sigma = depth.map(|d| 6.0 * (d - 0.3).abs());
+    let image = synth::defocus::defocus(&sharp, &sigma, Bokeh::Disk).expect("one size");
+    let rgba = image.map(|v| [v, v, v, 1.0]);
+    let noise = [LumaNoise { slope: 0.0, intercept: 0.0005 }; 4];
+    let space = BlurSpace::Encoded;
+    let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
+    let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
+    assert_eq!(tiles.len(), spectral::TILES_PER_FRAME);
+    let exposure = ExposureFraction(0.0);
+    let expected = spectral::fit_lens(&[&tiles], &noise, exposure, None).expect("many depths");
+    let frame = gpu().upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
+    let evidence =
+        fit::spectral::Evidence::new(device, &frame, None, Some(&plane(&depth)), space).expect("one size");
+    let look = || {
+        assert!(evidence.submit(device, queue, &noise, exposure, None));
+        let found = result(|| evidence.poll(device));
+        assert!(found.exposure.is_empty());
+        spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths")
+    };
+    let points = other_points(&look().points, &expected.points);
+    println!("{} witnesses, weight {points}", expected.samples);
+    assert!(points <= WEIGHT);
+
+    gpu().write(&frame, &[&sharp.map(|v| [v, v, v, 1.0])]);
+    assert!(other_points(&look().points, &expected.points) > WEIGHT);
+}
+
+#[test]
+fn tiny_unequal_and_unknown_images_are_an_answer_or_an_error() {
     let Gpu { device, queue, .. } = gpu();
     let (one, other) = (plane(&Plane::filled(1, 1, f32::NAN)), plane(&Plane::filled(2, 1, 0.0)));
     let search = fit::defocus::PooledSearch::new(device, &one, &one, &one).expect("one size");
@@ -183,4 +312,15 @@ fn tiny_and_unequal_images_are_an_answer_or_an_error() {
     assert!(result(|| search.poll(device)).is_none());
     assert!(fit::defocus::PooledSearch::new(device, &one, &one, &other).is_err());
     assert!(fit::motion_blur::ExposureSearch::new(device, &one, &one, &other, &one).is_err());
+    let evidence = |frame: &Texture, flow| {
+        fit::spectral::Evidence::new(device, frame, flow, Some(frame), BlurSpace::Linear)
+    };
+    assert!(evidence(&one, Some(&other)).is_err());
+    for (w, h) in [(1, 1), (48, 48), (97, 49)] {
+        let unknown = plane(&Plane::filled(w, h, f32::NAN));
+        let evidence = evidence(&unknown, None).expect("one size");
+        assert!(evidence.submit(device, queue, &Default::default(), ExposureFraction(0.5), None));
+        let found = result(|| evidence.poll(device));
+        assert!(found.exposure.is_empty() && found.lens.is_empty());
+    }
 }

@@ -8,11 +8,13 @@
 //! |---|---|
 //! | [`defocus::PooledSearch`] | `defocus::pooled_search` |
 //! | [`motion_blur::ExposureSearch`] | `motion_blur::fit_exposure` |
+//! | [`spectral::Evidence`] | `spectral::tiles` and the likelihoods that `spectral::fit_exposure` and `spectral::fit_lens` sum |
 
 pub mod defocus;
 pub mod motion_blur;
+pub mod spectral;
 
-use crate::kernel::Kernel;
+use crate::kernel::{Binding, Kernel};
 use blindaug::{Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -109,16 +111,50 @@ struct Stage {
 }
 
 impl Stage {
+    /// [`Kernel::new`] with what its bindings take.
+    fn new(
+        device: &wgpu::Device,
+        source: &str,
+        entry: &str,
+        workgroup: [u32; 3],
+        threads: [u32; 3],
+        bindings: &[Bound],
+    ) -> Self {
+        let (kinds, resources): (Vec<_>, Vec<_>) = bindings.iter().cloned().unzip();
+        let kernel = Kernel::new(device, source, entry, workgroup, &kinds);
+        let group = kernel.bind(device, &resources);
+        Self { kernel, group, threads }
+    }
+
     fn run(&self, pass: &mut wgpu::ComputePass) {
         self.kernel.run(pass, &self.group, self.threads);
     }
+}
+
+/// What a binding takes.
+type Bound<'a> = (Binding, wgpu::BindingResource<'a>);
+
+fn view(view: &wgpu::TextureView) -> Bound<'_> {
+    (Binding::Texels, wgpu::BindingResource::TextureView(view))
+}
+
+fn uniform(buffer: &wgpu::Buffer) -> Bound<'_> {
+    (Binding::Uniform, buffer.as_entire_binding())
+}
+
+fn read(buffer: &wgpu::Buffer) -> Bound<'_> {
+    (Binding::Buffer, buffer.as_entire_binding())
+}
+
+fn write(buffer: &wgpu::Buffer) -> Bound<'_> {
+    (Binding::BufferMut, buffer.as_entire_binding())
 }
 
 /// A buffer of which nothing but the device knows the contents.
 fn storage(device: &wgpu::Device, label: &str, bytes: usize) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
-        size: bytes.max(16) as u64,
+        size: bytes as u64,
         usage: wgpu::BufferUsages::STORAGE,
         mapped_at_creation: false,
     })

@@ -1,12 +1,11 @@
 //! Exposure from a frame and its version without motion blur: the paper's search, made continuous.
 
-use super::{Readback, Stage, common_size, filled, storage};
+use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
-use crate::kernel::{Binding, Kernel};
 use blindaug::Result;
 use blindaug::fit::motion_blur::ExposureFit;
 use blindaug::model::ExposureFraction;
-use wgpu::{BindingResource, BufferUsages};
+use wgpu::BufferUsages;
 
 const SOURCE: &str = include_str!("motion_blur.wgsl");
 /// Exposure fractions that are predicted, and those of the curve.
@@ -56,48 +55,38 @@ impl ExposureSearch {
         let places = storage(device, "places", 16 * count);
         let predictions = storage(device, "predictions", 4 * STEPS * count);
         let [target, inverse_std, sharp, flow] = [target, inverse_std, sharp, flow].map(array_view);
-        let view = BindingResource::TextureView;
-        let (params, places) = (params.as_entire_binding(), places.as_entire_binding());
-        let (predictions, result) = (predictions.as_entire_binding(), found.source.as_entire_binding());
-        let stage = |entry, workgroup, threads, bindings: &[(Binding, &BindingResource)]| {
-            let (kinds, resources): (Vec<_>, Vec<_>) =
-                bindings.iter().map(|(k, r)| (*k, (*r).clone())).unzip();
-            let kernel = Kernel::new(device, SOURCE, entry, workgroup, &kinds);
-            let group = kernel.bind(device, &resources);
-            Stage { kernel, group, threads }
-        };
-        use Binding::{Buffer, BufferMut, Texels, Uniform};
+        let params = uniform(&params);
         let stages = vec![
-            stage(
+            Stage::new(
+                device,
+                SOURCE,
                 "places",
                 [8, 8, 1],
                 [columns, rows, 1],
                 &[
-                    (Uniform, &params),
-                    (Texels, &view(&sharp)),
-                    (Texels, &view(&flow)),
-                    (Texels, &view(&target)),
-                    (Texels, &view(&inverse_std)),
-                    (BufferMut, &places),
+                    params.clone(),
+                    view(&sharp),
+                    view(&flow),
+                    view(&target),
+                    view(&inverse_std),
+                    write(&places),
                 ],
             ),
-            stage(
+            Stage::new(
+                device,
+                SOURCE,
                 "predict",
                 [64, 1, 1],
                 [STEPS as u32 * columns, rows, 1],
-                &[
-                    (Uniform, &params),
-                    (Texels, &view(&sharp)),
-                    (Texels, &view(&flow)),
-                    (Buffer, &places),
-                    (BufferMut, &predictions),
-                ],
+                &[params.clone(), view(&sharp), view(&flow), read(&places), write(&predictions)],
             ),
-            stage(
+            Stage::new(
+                device,
+                SOURCE,
                 "search",
                 [128, 1, 1],
                 [128, 1, 1],
-                &[(Uniform, &params), (Buffer, &places), (Buffer, &predictions), (BufferMut, &result)],
+                &[params, read(&places), read(&predictions), write(&found.source)],
             ),
         ];
         Ok(Self { stages, found })
