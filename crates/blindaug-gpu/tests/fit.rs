@@ -4,10 +4,11 @@
 mod leaves;
 
 use blindaug::fit::noise::LumaNoise;
-use blindaug::fit::{BlurPoint, defocus, motion_blur, spectral};
-use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
+use blindaug::fit::track::Tracker;
+use blindaug::fit::{BlurPoint, Evidence, Observation, defocus, motion_blur, spectral};
+use blindaug::model::{BlurSpace, DepthKind, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
-use blindaug::{Flow, Plane, filter};
+use blindaug::{Flow, Plane, Raster, filter};
 use blindaug_gpu::{Gpu, fit};
 use std::sync::OnceLock;
 use wgpu::{Texture, TextureFormat};
@@ -75,9 +76,9 @@ fn the_pooled_search_finds_what_the_cpu_finds() {
             .expect("one size");
     let expected = defocus::pooled_search(&observed, &sharp, &depth);
     let target = plane(&observed);
-    let search = fit::defocus::PooledSearch::new(&gpu().device, &target, &plane(&sharp), &plane(&depth))
+    let mut search = fit::defocus::PooledSearch::new(&gpu().device, &target, &plane(&sharp), &plane(&depth))
         .expect("one size");
-    let found = || {
+    let mut found = || {
         assert!(search.submit(&gpu().device, &gpu().queue));
         assert!(!search.submit(&gpu().device, &gpu().queue), "the first one's result is still to come");
         result(|| search.poll(&gpu().device))
@@ -126,7 +127,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     let weight = Plane::from_fn(w, h, |x, _| 100.0 + x as f32 / 10.0);
     let target = plane(&observed(0.43));
     let flow_texture = gpu().upload(&[&flow], TextureFormat::Rg32Float).expect("it fits");
-    let search = fit::motion_blur::ExposureSearch::new(
+    let mut search = fit::motion_blur::ExposureSearch::new(
         &gpu().device,
         &target,
         &plane(&weight),
@@ -134,7 +135,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
         &flow_texture,
     )
     .expect("one size");
-    let found = || {
+    let mut found = || {
         assert!(search.submit(&gpu().device, &gpu().queue));
         assert!(!search.submit(&gpu().device, &gpu().queue), "the first one's result is still to come");
         result(|| search.poll(&gpu().device))
@@ -226,9 +227,10 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
     let sharpening = SharpeningModel::given(0.5, 1.0);
     let exposure = ExposureFraction(CAMERA.exposure);
     for space in [BlurSpace::Linear, BlurSpace::Encoded] {
-        let evidence = fit::spectral::Evidence::new(device, &frame, Some(&flow_texture), Some(&depth), space)
-            .expect("one size");
-        let look = |noise: &[LumaNoise; 4], exposure| {
+        let mut evidence =
+            fit::spectral::TileEvidence::new(device, &frame, Some(&flow_texture), Some(&depth), space)
+                .expect("one size");
+        let mut look = |noise: &[LumaNoise; 4], exposure| {
             assert!(evidence.submit(device, queue, noise, exposure, Some(&sharpening)));
             assert!(
                 !evidence.submit(device, queue, noise, exposure, None),
@@ -283,9 +285,9 @@ fn of_many_tiles_those_of_most_contrast_are_kept_and_nothing_need_move() {
     let exposure = ExposureFraction(0.0);
     let expected = spectral::fit_lens(&[&tiles], &noise, exposure, None).expect("many depths");
     let frame = gpu().upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
-    let evidence =
-        fit::spectral::Evidence::new(device, &frame, None, Some(&plane(&depth)), space).expect("one size");
-    let look = || {
+    let mut evidence = fit::spectral::TileEvidence::new(device, &frame, None, Some(&plane(&depth)), space)
+        .expect("one size");
+    let mut look = || {
         assert!(evidence.submit(device, queue, &noise, exposure, None));
         let found = result(|| evidence.poll(device));
         assert!(found.exposure.is_empty());
@@ -299,26 +301,87 @@ fn of_many_tiles_those_of_most_contrast_are_kept_and_nothing_need_move() {
     assert!(other_points(&look().points, &expected.points) > WEIGHT);
 }
 
+/// The tracker looks at some tiles of a frame, the device at all of them: the difference is that of two samples, as wide as
+/// their intervals.
+const TRACKED_EXPOSURE: f32 = 0.1;
+
+#[test]
+fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds() {
+    let Gpu { device, queue, .. } = gpu();
+    let (w, h) = (256, 200);
+    let scene = leaves::Scene::new(5, (w, h));
+    let unknown = Flow::filled(w, h, [f32::NAN; 2]);
+    let frame =
+        gpu().upload(&[&Raster::filled(w, h, [0.0f32; 4])], TextureFormat::Rgba32Float).expect("it fits");
+    let flow = gpu().upload(&[&unknown], TextureFormat::Rg32Float).expect("it fits");
+    let depth = plane(&Plane::filled(w, h, f32::NAN));
+    let mut evidence =
+        fit::spectral::TileEvidence::new(device, &frame, Some(&flow), Some(&depth), BlurSpace::Linear)
+            .expect("one size");
+    // What the tracker says after four frames, all of which it looks at itself, or the first alone.
+    let mut tracked = |exposure: f32, itself: bool| {
+        let clip = scene.clip(5, |_| leaves::Camera { exposure, ..leaves::CAMERA });
+        let mut tracker = Tracker::new(BlurSpace::Linear, None);
+        assert!(tracker.push_witnesses(&[], &[], DepthKind::Metric).is_err());
+        for (i, pair) in clip.windows(2).enumerate() {
+            let shot = &pair[0];
+            if itself || i == 0 {
+                let observation = Observation {
+                    frame: &shot.frame,
+                    next: Some(&pair[1].frame),
+                    previous: None,
+                    evidence: fit_evidence(shot),
+                };
+                tracker.push(&observation).expect("one size");
+            } else {
+                gpu().write(&frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
+                gpu().write(&flow, &[&shot.flow]);
+                gpu().write(&depth, &[&shot.inverse_depth]);
+                let (noise, exposure) = tracker.luma_noise_and_exposure();
+                let sharpening = tracker.model().and_then(|m| m.sharpening);
+                assert!(evidence.submit(device, queue, noise, exposure, sharpening.as_ref()));
+                let found = result(|| evidence.poll(device));
+                tracker.push_witnesses(&found.exposure, &found.lens, DepthKind::Metric).expect("of this fit");
+            }
+        }
+        let model = tracker.model().expect("four frames");
+        (model.motion_blur.known().map(|m| m.exposure.0), model.defocus.known().is_some())
+    };
+    let (expected, found, wrong) = (tracked(0.5, true), tracked(0.5, false), tracked(0.8, false));
+    println!("{expected:?} {found:?} {wrong:?}");
+    let apart = |of: (Option<f32>, bool)| (of.0.expect("much moves") - expected.0.expect("much moves")).abs();
+    assert!(apart(found) <= TRACKED_EXPOSURE && found.1 == expected.1);
+    assert!(apart(wrong) > TRACKED_EXPOSURE);
+}
+
+fn fit_evidence(shot: &leaves::Shot) -> Evidence<'_> {
+    Evidence {
+        flow: Some(&shot.flow),
+        inverse_depth: Some((&shot.inverse_depth, DepthKind::Metric)),
+        ..Default::default()
+    }
+}
+
 #[test]
 fn tiny_unequal_and_unknown_images_are_an_answer_or_an_error() {
     let Gpu { device, queue, .. } = gpu();
     let (one, other) = (plane(&Plane::filled(1, 1, f32::NAN)), plane(&Plane::filled(2, 1, 0.0)));
-    let search = fit::defocus::PooledSearch::new(device, &one, &one, &one).expect("one size");
+    let mut search = fit::defocus::PooledSearch::new(device, &one, &one, &one).expect("one size");
     assert!(search.submit(device, queue));
     assert!(result(|| search.poll(device)).is_empty());
     assert!(search.poll(device).expect("the device works").is_none());
-    let search = fit::motion_blur::ExposureSearch::new(device, &one, &one, &one, &one).expect("one size");
+    let mut search = fit::motion_blur::ExposureSearch::new(device, &one, &one, &one, &one).expect("one size");
     assert!(search.submit(device, queue));
     assert!(result(|| search.poll(device)).is_none());
     assert!(fit::defocus::PooledSearch::new(device, &one, &one, &other).is_err());
     assert!(fit::motion_blur::ExposureSearch::new(device, &one, &one, &other, &one).is_err());
     let evidence = |frame: &Texture, flow| {
-        fit::spectral::Evidence::new(device, frame, flow, Some(frame), BlurSpace::Linear)
+        fit::spectral::TileEvidence::new(device, frame, flow, Some(frame), BlurSpace::Linear)
     };
     assert!(evidence(&one, Some(&other)).is_err());
     for (w, h) in [(1, 1), (48, 48), (97, 49)] {
         let unknown = plane(&Plane::filled(w, h, f32::NAN));
-        let evidence = evidence(&unknown, None).expect("one size");
+        let mut evidence = evidence(&unknown, None).expect("one size");
         assert!(evidence.submit(device, queue, &Default::default(), ExposureFraction(0.5), None));
         let found = result(|| evidence.poll(device));
         assert!(found.exposure.is_empty() && found.lens.is_empty());

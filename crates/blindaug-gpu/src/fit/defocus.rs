@@ -101,7 +101,7 @@ impl PooledSearch {
 
     /// Starts a search in the textures as they are. `false`, and nothing is done, as long as the result of the last one has not been
     /// picked up.
-    pub fn submit(&self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
+    pub fn submit(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
         if !self.found.is_idle() {
             return false;
         }
@@ -120,7 +120,7 @@ impl PooledSearch {
     ///
     /// # Errors
     /// If the device was lost.
-    pub fn poll(&self, device: &wgpu::Device) -> Result<Option<Vec<BlurPoint>>> {
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Vec<BlurPoint>>> {
         self.found.poll(device, |found| {
             let (found, _) = found.as_chunks();
             let searched = found[..(self.points[0] * self.points[1]) as usize].iter().map(

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | [`defocus::PooledSearch`] | `defocus::pooled_search` |
 //! | [`motion_blur::ExposureSearch`] | `motion_blur::fit_exposure` |
-//! | [`spectral::Evidence`] | `spectral::tiles` and the likelihoods that `spectral::fit_exposure` and `spectral::fit_lens` sum |
+//! | [`spectral::TileEvidence`] | `spectral::tiles` and the likelihoods that `spectral::fit_exposure` and `spectral::fit_lens` sum |
 
 pub mod defocus;
 pub mod motion_blur;
@@ -58,7 +58,7 @@ impl Readback {
 
     /// Runs what `encode` puts into a pass, and sends the buffer back.
     fn submit(
-        &self,
+        &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         label: &str,
@@ -85,7 +85,7 @@ impl Readback {
     ///
     /// # Errors
     /// If the device was lost.
-    fn poll<T>(&self, device: &wgpu::Device, read: impl FnOnce(&[f32]) -> T) -> Result<Option<T>> {
+    fn poll<T>(&mut self, device: &wgpu::Device, read: impl FnOnce(&[f32]) -> T) -> Result<Option<T>> {
         let lost = |why: &dyn std::fmt::Display| {
             Error::new(format!("the graphics device stopped working ({why}); make it anew"))
         };

@@ -94,7 +94,7 @@ impl ExposureSearch {
 
     /// Starts a search in the textures as they are. `false`, and nothing is done, as long as the result of the last one has not been
     /// picked up.
-    pub fn submit(&self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
+    pub fn submit(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
         if !self.found.is_idle() {
             return false;
         }
@@ -108,7 +108,7 @@ impl ExposureSearch {
     ///
     /// # Errors
     /// If the device was lost.
-    pub fn poll(&self, device: &wgpu::Device) -> Result<Option<Option<ExposureFit>>> {
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Option<ExposureFit>>> {
         self.found.poll(device, |found| {
             let (lambda, samples, information, variance) = (found[0], found[1], found[2], found[3]);
             let (curve, max) = (&found[4..4 + CURVE], found[4 + CURVE]);

@@ -161,7 +161,7 @@ const THREADS = 128u;
 // Of the blocks of the image whose places err alike, px.
 const BLOCK = 48u;
 
-var<workgroup> partial: array<f32, THREADS * STEPS>;
+var<workgroup> partials: array<f32, THREADS * STEPS>;
 var<workgroup> sums: array<f32, STEPS>;
 var<workgroup> histogram: array<atomic<u32>, 16>;
 
@@ -176,13 +176,13 @@ fn residual(place: u32, lambda: f32) -> f32 {
     return (seen[place].observed - model(place, lambda)) * seen[place].weight;
 }
 
-// Sums of the threads' `partial`, into `sums`.
+// Sums of the threads' `partials`, into `sums`.
 fn add_up(thread: u32) {
     workgroupBarrier();
     if thread < STEPS {
         var sum = 0.0;
         for (var i = 0u; i < THREADS; i++) {
-            sum += partial[i * STEPS + thread];
+            sum += partials[i * STEPS + thread];
         }
         sums[thread] = sum;
     }
@@ -201,7 +201,7 @@ fn score(thread: u32, scale: f32, first: f32, step: f32) {
         }
     }
     for (var k = 0u; k < STEPS; k++) {
-        partial[thread * STEPS + k] = own[k];
+        partials[thread * STEPS + k] = own[k];
     }
     add_up(thread);
 }
@@ -264,12 +264,12 @@ fn influence(place: u32, scale: f32, lambda: f32) -> vec3f {
 
 @compute @workgroup_size(128)
 fn search(@builtin(local_invocation_index) thread: u32) {
-    partial[thread * STEPS] = 0.0;
+    partials[thread * STEPS] = 0.0;
     for (var i = thread; i < arrayLength(&seen); i += THREADS) {
-        partial[thread * STEPS] += select(0.0, 1.0, seen[i].at.x >= 0.0);
+        partials[thread * STEPS] += select(0.0, 1.0, seen[i].at.x >= 0.0);
     }
     for (var k = 1u; k < STEPS; k++) {
-        partial[thread * STEPS + k] = 0.0;
+        partials[thread * STEPS + k] = 0.0;
     }
     add_up(thread);
     let count = u32(sums[0]);
@@ -305,8 +305,8 @@ fn search(@builtin(local_invocation_index) thread: u32) {
         }
         variance += own * own;
     }
-    partial[thread * STEPS] = information;
-    partial[thread * STEPS + 1u] = variance;
+    partials[thread * STEPS] = information;
+    partials[thread * STEPS + 1u] = variance;
     add_up(thread);
     if thread == 0u {
         result[0] = lambda;

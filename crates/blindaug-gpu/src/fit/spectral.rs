@@ -31,7 +31,8 @@ const WITNESS: usize = 5 + EXPOSURES + SIGMAS;
 const GAINS: usize = 128;
 
 /// What the tiles of a frame say of exposure and defocus. [`blindaug::fit::spectral::exposure_of`] and
-/// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on.
+/// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on, and
+/// [`blindaug::fit::track::Tracker::push_witnesses`] follows them over time.
 #[derive(Clone, Debug, Default)]
 pub struct Witnesses {
     /// Tiles that move; as of frame 0.
@@ -44,7 +45,7 @@ pub struct Witnesses {
 /// their likelihoods over exposure and defocus, with the amplitudes profiled out. As [`blindaug::fit::spectral::tiles`],
 /// [`blindaug::fit::spectral::fit_exposure`] and [`blindaug::fit::spectral::fit_lens`] do, up to what the tiles agree on.
 #[derive(Debug)]
-pub struct Evidence {
+pub struct TileEvidence {
     params: wgpu::Buffer,
     /// The words of `params` that stay as they are.
     constant: [u32; 9],
@@ -53,7 +54,7 @@ pub struct Evidence {
     witnesses: Readback,
 }
 
-impl Evidence {
+impl TileEvidence {
     /// Of display-encoded frames, 3 channels or more, flow to the next frame in px (NaN: unknown) and inverse depth (NaN: no reading);
     /// of each texture the first layer counts. What is not given says nothing.
     ///
@@ -109,7 +110,7 @@ impl Evidence {
     /// nothing is known of it) and the camera's sharpening. `false`, and nothing is done, as long as what came of the last frame has not
     /// been picked up.
     pub fn submit(
-        &self,
+        &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         noise: &[LumaNoise; NOISE_LEVELS],
@@ -136,7 +137,7 @@ impl Evidence {
     ///
     /// # Errors
     /// If the device was lost.
-    pub fn poll(&self, device: &wgpu::Device) -> Result<Option<Witnesses>> {
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Witnesses>> {
         self.witnesses.poll(device, |values| {
             let mut out = Witnesses::default();
             if self.stages.is_empty() {

@@ -911,13 +911,6 @@ pub(super) fn exposure_interval(
     interval(estimate, &(0..bootstraps).map(replica).collect::<Vec<f32>>(), EXPOSURE_FLOOR)
 }
 
-/// What the tiles of one frame object to the exposures of a curve, each with its block of the image.
-pub(super) fn exposure_objections(tiles: &[Tile], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<(u32, Vec<f32>)> {
-    let moving: Vec<Prepared> =
-        prepare(&[tiles], noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
-    par::map(moving.len(), |i| (moving[i].tile.block, moving[i].objections()))
-}
-
 /// What a tile, or a pair of them, says of the exposure.
 #[derive(Clone, Debug)]
 pub struct ExposureWitness {
@@ -931,6 +924,20 @@ pub struct ExposureWitness {
     pub objections: Vec<f32>,
 }
 
+/// The tiles that move, as witnesses of the exposure.
+pub(super) fn exposure_witnesses(
+    frames: &[&[Tile]],
+    noise: &[LumaNoise; NOISE_LEVELS],
+) -> Vec<ExposureWitness> {
+    let moving: Vec<Prepared> =
+        prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
+    par::map(moving.len(), |i| {
+        let Prepared { tile, frame, .. } = moving[i];
+        let speed = tile.speed * tile.scale;
+        ExposureWitness { block: tile.block, frame, speed, objections: moving[i].objections() }
+    })
+}
+
 /// The exposure that the tiles of all frames agree on, and the pairs of each frame with the one before.
 ///
 /// # Errors
@@ -940,13 +947,7 @@ pub fn fit_exposure(
     pairs: &[&[Pair]],
     noise: &[LumaNoise; NOISE_LEVELS],
 ) -> std::result::Result<ExposureFit, String> {
-    let prepared: Vec<Prepared> =
-        prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
-    let mut witnesses = par::map(prepared.len(), |i| {
-        let Prepared { tile, frame, .. } = prepared[i];
-        let speed = tile.speed * tile.scale;
-        ExposureWitness { block: tile.block, frame, speed, objections: prepared[i].objections() }
-    });
+    let mut witnesses = exposure_witnesses(frames, noise);
     let of_tiles = exposure_of(&witnesses, frames.len())?;
     // Pairs sharpen what tiles tell. Where those cannot tell, a few pairs may be sure of anything.
     let pairs: Vec<(usize, &Pair)> =
