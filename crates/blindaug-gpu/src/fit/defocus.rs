@@ -26,16 +26,14 @@ pub struct PooledSearch {
 
 /// Words of the shader's `Step`, as far apart as bind groups may start.
 const STEP: usize = 64;
-/// Of them, those of a kernel's half.
-const TAPS: usize = 16;
 
 /// The step to a std, px, from the one before.
 fn step([w, h]: [u32; 2], before: f32, sigma: f32) -> [u32; STEP] {
     let kernel = filter::gaussian_kernel((sigma * sigma - before * before).sqrt());
     let mut words = [0; STEP];
     words[..4].copy_from_slice(&[w, h, sigma.to_bits(), kernel.len() as u32 - 1]);
-    // The stds' steps are at most 1.5 px, whose kernels are shorter.
-    words[4..][..TAPS].iter_mut().zip(kernel).for_each(|(word, tap)| *word = tap.to_bits());
+    // The stds' steps are at most 1.5 px, whose kernels reach less far than the shader's.
+    words[4..].iter_mut().step_by(4).zip(kernel).for_each(|(word, tap)| *word = tap.to_bits());
     words
 }
 

@@ -1,20 +1,22 @@
 // The paper's search: the std whose blur of the sharp image is closest to the target, at every 4th pixel, the error summed over 9x9 px.
 // CPU twin: pooled_search in crates/blindaug/src/fit/defocus.rs.
 
+const MAX_RADIUS = 11u;
+
 struct Step {
     size: vec2u,
     // Of this level, px.
     sigma: f32,
     // Of the kernel that makes this level from the one before.
     radius: u32,
-    // Its right half, centre first; the last are 0.
-    half_kernel: array<vec4f, 4>,
+    // Its right half, centre first, in the first components; the last are 0.
+    half_kernel: array<vec4f, MAX_RADIUS + 1u>,
 }
 
 @group(0) @binding(0) var<uniform> step: Step;
 
 fn tap(j: u32) -> f32 {
-    return step.half_kernel[j / 4u][j % 4u];
+    return step.half_kernel[j].x;
 }
 
 fn inside(p: vec2i) -> vec2i {
@@ -25,7 +27,6 @@ fn inside(p: vec2i) -> vec2i {
 @group(0) @binding(2) var level: texture_storage_2d_array<r32float, write>;
 
 const SIDE = 16u;
-const MAX_RADIUS = 15u;
 const PADDED = SIDE + 2u * MAX_RADIUS;
 var<workgroup> window: array<f32, PADDED * PADDED>;
 var<workgroup> rows: array<f32, SIDE * PADDED>;

@@ -385,7 +385,7 @@ fn transform(fft: &Arc<dyn Fft<f32>>, light: &Plane, (x0, y0): (usize, usize)) -
     columns
 }
 
-/// Frequencies in x of a tile's periodogram: [`BAND`] ends in the last.
+/// Frequencies in x of a tile's periodogram that are looked at.
 pub const COLUMNS: usize = (BAND.end * TILE as f32) as usize + 1;
 
 /// A frequency of a tile's periodogram, cycles per px of the tile.
