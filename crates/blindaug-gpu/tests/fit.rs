@@ -337,13 +337,17 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
                 gpu().write(&frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
                 gpu().write(&flow, &[&shot.flow]);
                 gpu().write(&depth, &[&shot.inverse_depth]);
-                let (noise, exposure) = tracker.luma_noise_and_exposure();
-                let sharpening = tracker.model().and_then(|m| m.sharpening);
-                assert!(evidence.submit(device, queue, noise, exposure, sharpening.as_ref()));
+                let model = tracker.model().expect("a frame was pushed");
+                let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
+                let sharpening = model.sharpening.as_ref();
+                assert!(evidence.submit(device, queue, tracker.luma_noise(), exposure, sharpening));
                 let found = result(|| evidence.poll(device));
                 tracker.push_witnesses(&found.exposure, &found.lens, DepthKind::Metric).expect("of this fit");
             }
         }
+        let outside =
+            spectral::ExposureWitness { block: 25, frame: 0, speed: 3.0, objections: vec![0.0; 251] };
+        assert!(tracker.push_witnesses(&[outside], &[], DepthKind::Metric).is_err());
         let model = tracker.model().expect("four frames");
         (model.motion_blur.known().map(|m| m.exposure.0), model.defocus.known().is_some())
     };

@@ -171,7 +171,8 @@ impl Tracker {
     }
 
     /// Takes what was found elsewhere of a frame, as on a graphics device, instead of looking at it: what its tiles say of the exposure and
-    /// of the lens, and what their inverse depth is measured in. The noise stays as it is until a frame is pushed again.
+    /// of the lens, and what their inverse depth is measured in. They must have been found with [`Tracker::luma_noise`] and the last model's
+    /// exposure and sharpening. The noise stays as it is until a frame is pushed again.
     ///
     /// # Errors
     /// If no frame was pushed before, a witness is not one of [`spectral`], or depth is in another unit than before.
@@ -211,9 +212,9 @@ impl Tracker {
         Ok(self.model.insert(model))
     }
 
-    /// The noise of luma as it is known so far, and the exposure (0 if nothing is known of it): what witnesses are found with.
-    pub fn luma_noise_and_exposure(&self) -> (&[LumaNoise; NOISE_LEVELS], ExposureFraction) {
-        (&self.luma_noise, self.exposure())
+    /// The noise of luma as it is known so far, per level; 0 before the first frame.
+    pub fn luma_noise(&self) -> &[LumaNoise; NOISE_LEVELS] {
+        &self.luma_noise
     }
 
     /// Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
