@@ -227,6 +227,7 @@ impl Scene {
             color: &self.color,
             depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0 }),
             velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
+            apart: false,
         };
         let bound = compositor.bind(&gpu.device, &inputs)?;
         let views: Vec<_> = (0..self.target.depth_or_array_layers())

@@ -2,6 +2,7 @@
 
 use crate::composite::{Options, Quality};
 use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, DepthKind, NOISE_LEVELS};
+use blindaug::synth::CUT_PX;
 use blindaug::{Error, Result};
 
 /// `Camera` of common.wgsl, field by field.
@@ -24,7 +25,9 @@ pub(crate) struct Uniforms {
     pub(crate) size: [u32; 2],
     key: [u32; 2],
     most_taps: f32,
-    _padding: u32,
+    cut: f32,
+    pub(crate) slabs: u32,
+    _padding: [u32; 3],
 }
 
 impl Uniforms {
@@ -53,6 +56,7 @@ impl Uniforms {
                 number as u32,
             ],
             most_taps: options.quality.most_taps(),
+            cut: f32::MIN,
             ..Self::default()
         };
         if options.naive {
@@ -65,6 +69,7 @@ impl Uniforms {
                      (DefocusModel::to_metric), or mark the defocus unknown",
                 ));
             }
+            uniforms.cut = defocus.end_of_focus(CUT_PX).unwrap_or(f32::MIN);
             (uniforms.lens, uniforms.thin_lens, uniforms.inverse_depths) = match defocus.curve {
                 DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
                     ([0.0, -s / f, s], 1, [f32::MIN, f32::MAX])

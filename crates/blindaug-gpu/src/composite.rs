@@ -70,6 +70,9 @@ pub struct Inputs<'a> {
     pub depth: Option<Depth<'a>>,
     /// Its motion. Without it, there is no motion blur.
     pub velocity: Option<Velocity<'a>>,
+    /// Whether what lies far behind the focus is blurred apart from the rest, so that something sharp does not bleed into it
+    /// ([`blindaug::synth::Blur::of_layer`]). Takes twice the memory, and twice the time where the object has both.
+    pub apart: bool,
 }
 
 /// A part of the frame, px from its top left.
@@ -202,11 +205,11 @@ impl Compositor {
         let of_extension = |entry, side, bindings: &[Binding]| {
             Kernel::new(device, shaders::EXTENSION, entry, [side, side, 1], bindings)
         };
-        let halving = [Uniform, Uniform, Sampler, Texture, between];
-        let doubling = [Uniform, Uniform, Sampler, Texture, Texels, between];
+        let halving = [Uniform, Uniform, Sampler, Texture, Buffer, between];
+        let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
         let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
         of_defocus.extend([Texture; OCTAVES]);
-        of_defocus.push(Buffer);
+        of_defocus.extend([Buffer, Buffer, between]);
         let table = |label, contents| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some(label),
@@ -218,10 +221,10 @@ impl Compositor {
             device,
             "composite",
             ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texture, Texels, Texels],
+            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Buffer, Texture],
         );
         Self {
-            prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut]),
+            prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut, Texels]),
             spread: of_extension("spread", 16, &[Uniform, Texels, Texels, Texels, Buffer, between]),
             pull: of_extension("pull", 8, &halving),
             top: of_extension("top", 1, &doubling),
@@ -278,6 +281,7 @@ impl Compositor {
         }
         let mut camera = Uniforms::new(model, w as usize, bound.velocity_scale, &options, number)?;
         camera.depth_map = bound.depth_map;
+        camera.slabs = bound.slabs;
         camera.linear_target = u32::from(self.target.is_srgb());
         let whole = Area { x: 0, y: 0, width: w, height: h };
         let Area { x, y, width, height } = area.map_or(whole, |a| a.within(w, h));
@@ -296,7 +300,7 @@ impl Compositor {
         };
         let at_level = |level: usize| {
             let halved = |s: u32| (s + (1 << level) - 1) >> level;
-            [halved(width), halved(height), eyes]
+            [halved(width), halved(height), bound.slabs * eyes]
         };
         let mut pass = encoder.begin_compute_pass(&compute(0));
         if seen {
@@ -307,7 +311,7 @@ impl Compositor {
             for (level, group) in bound.pull.iter().enumerate() {
                 self.pull.run(&mut pass, group, at_level(level + 1));
             }
-            self.top.run(&mut pass, &bound.top, [1, 1, eyes]);
+            self.top.run(&mut pass, &bound.top, [1, 1, bound.slabs * eyes]);
             for (level, group) in bound.push.iter().enumerate().skip(1).rev() {
                 self.push.run(&mut pass, group, at_level(level));
             }
@@ -417,7 +421,9 @@ fn disk_table() -> Vec<[f32; DISK_ROWS]> {
 /// The textures of a [`Compositor`]'s frames and what lies between them.
 #[derive(Debug)]
 pub struct Bound {
+    /// Width, height, eyes.
     size: [u32; 3],
+    slabs: u32,
     has_depth: bool,
     depth_map: [f32; 2],
     velocity_scale: [f32; 2],
@@ -459,9 +465,10 @@ impl Bound {
         check("the virtual layer's depth", inputs.depth.map(|d| d.texture))?;
         check("the virtual layer's velocity", inputs.velocity.map(|v| v.texture))?;
         let (w, h, eyes) = (size.width, size.height, size.depth_or_array_layers);
-        let between = |label: &str, [w, h]: [u32; 2]| {
+        let slabs = if inputs.apart && inputs.depth.is_some() { 2 } else { 1 };
+        let between = |label: &str, [w, h]: [u32; 2], layers: u32| {
             let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING;
-            texture(device, label, [w as usize, h as usize, eyes as usize], BETWEEN, usage)
+            texture(device, label, [w as usize, h as usize, layers as usize], BETWEEN, usage)
                 .map(|t| array_view(&t))
         };
         // Down to one pixel, which is halved once at least.
@@ -471,13 +478,15 @@ impl Bound {
         }
         let level = |i: usize| sizes[i.min(sizes.len() - 1)];
         let views = |label: &str, levels: std::ops::Range<usize>| -> Result<Vec<TextureView>> {
-            levels.map(|i| between(label, level(i))).collect()
+            levels.map(|i| between(label, level(i), slabs * eyes)).collect()
         };
         let octaves = views("octave", 0..OCTAVES)?;
         let known = views("known", 0..sizes.len())?;
         let filled = views("filled", 0..sizes.len())?;
         // What is known at full size is no longer needed when the focused layer is written.
         let focused = &known[0];
+        let hidden =
+            if slabs == 2 { between("hidden", [w, h], eyes)? } else { between("hidden", [1, 1], 1)? };
         let uniform = |label, size| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
@@ -490,7 +499,7 @@ impl Bound {
         let quality = uniform("quality", size_of::<DefocusQuality>() as u64);
         let most = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("largest alpha"),
-            size: 4 * u64::from(eyes),
+            size: 4 * u64::from(slabs * eyes),
             usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
@@ -522,14 +531,16 @@ impl Bound {
         let halved = |kernel: &Kernel, levels: &[TextureView]| -> Vec<BindGroup> {
             let halved = |i: usize| {
                 let [camera, level, sampler] = of_level(i);
-                kernel.bind(device, &[camera, level, sampler, view(&levels[i]), view(&levels[i + 1])])
+                let most = most_binding.clone();
+                kernel.bind(device, &[camera, level, sampler, view(&levels[i]), most, view(&levels[i + 1])])
             };
             (0..levels.len() - 1).map(halved).collect()
         };
         let doubled = |kernel: &Kernel, coarser: usize, i: usize| {
             let [camera, level, sampler] = of_level(i.min(last - 1));
-            let images = [view(&filled[coarser]), view(&known[i]), view(&filled[i])];
-            kernel.bind(device, &[&[camera, level, sampler], &images[..]].concat())
+            let (most, images) = (most_binding.clone(), [&filled[coarser], &known[i], &filled[i]].map(view));
+            let [coarser, own, filled] = images;
+            kernel.bind(device, &[camera, level, sampler, coarser, most, own, filled])
         };
         let pushes = |i: usize| doubled(if i == 0 { &of.blur } else { &of.push }, i + 1, i);
         let mut of_defocus = vec![
@@ -541,7 +552,7 @@ impl Bound {
             view(focused),
         ];
         of_defocus.extend(octaves.iter().map(view));
-        of_defocus.push(of.disks.as_entire_binding());
+        of_defocus.extend([of.disks.as_entire_binding(), most_binding.clone(), view(&hidden)]);
         let composited = |layer: &TextureView, blur: &TextureView| {
             let resources = [
                 camera_binding.clone(),
@@ -550,17 +561,26 @@ impl Bound {
                 view(layer),
                 view(blur),
                 view(&of.tile),
+                most_binding.clone(),
+                view(&hidden),
             ];
             bind(device, &of.composite_layout, &resources)
         };
         Ok(Self {
             size: [w, h, eyes],
+            slabs,
             has_depth: inputs.depth.is_some(),
             depth_map: inputs.depth.map_or([0.0; 2], |d| [d.scale, d.offset]),
             velocity_scale: inputs.velocity.map_or([0.0; 2], |v| v.scale),
             prepare: of.prepare.bind(
                 device,
-                &[camera_binding.clone(), view(&color), view(&octaves[0]), most_binding.clone()],
+                &[
+                    camera_binding.clone(),
+                    view(&color),
+                    view(&octaves[0]),
+                    most_binding.clone(),
+                    view(&depth),
+                ],
             ),
             spread: of.spread.bind(
                 device,

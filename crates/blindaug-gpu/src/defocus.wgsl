@@ -16,6 +16,10 @@ struct Quality {
 @group(0) @binding(3) var<storage, read> gaussians: array<vec4<f32>>;
 // Half the lengths of the rows of DISKS disks of stds DISK_STEP px apart, DISK_ROWS for each, from the middle one on.
 @group(0) @binding(14) var<storage, read> disks: array<vec4<f32>>;
+// As `most` of extension.wgsl.
+@group(0) @binding(15) var<storage, read> most_of: array<u32>;
+// How much of a farther slab's kernel the nearer one hides; per eye.
+@group(0) @binding(16) var hidden: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(4) var blur: texture_2d_array<f32>;
 @group(0) @binding(5) var focused: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var octave_0: texture_2d_array<f32>;
@@ -35,17 +39,17 @@ const DISK_STEP = 0.015625;
 const DISK_ROWS = 12u;
 
 // At pixel position `at` of an octave, whose pixel centres are at integer coordinates.
-fn tap(octave: u32, at: vec2<f32>, eye: u32) -> vec4<f32> {
+fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {
     let used = size_at(camera, octave);
     switch octave {
-        case 0u: { return textureSampleLevel(octave_0, bilinear, coordinates(at, used, textureDimensions(octave_0)), eye, 0.0); }
-        case 1u: { return textureSampleLevel(octave_1, bilinear, coordinates(at, used, textureDimensions(octave_1)), eye, 0.0); }
-        case 2u: { return textureSampleLevel(octave_2, bilinear, coordinates(at, used, textureDimensions(octave_2)), eye, 0.0); }
-        case 3u: { return textureSampleLevel(octave_3, bilinear, coordinates(at, used, textureDimensions(octave_3)), eye, 0.0); }
-        case 4u: { return textureSampleLevel(octave_4, bilinear, coordinates(at, used, textureDimensions(octave_4)), eye, 0.0); }
-        case 5u: { return textureSampleLevel(octave_5, bilinear, coordinates(at, used, textureDimensions(octave_5)), eye, 0.0); }
-        case 6u: { return textureSampleLevel(octave_6, bilinear, coordinates(at, used, textureDimensions(octave_6)), eye, 0.0); }
-        default: { return textureSampleLevel(octave_7, bilinear, coordinates(at, used, textureDimensions(octave_7)), eye, 0.0); }
+        case 0u: { return textureSampleLevel(octave_0, bilinear, coordinates(at, used, textureDimensions(octave_0)), part, 0.0); }
+        case 1u: { return textureSampleLevel(octave_1, bilinear, coordinates(at, used, textureDimensions(octave_1)), part, 0.0); }
+        case 2u: { return textureSampleLevel(octave_2, bilinear, coordinates(at, used, textureDimensions(octave_2)), part, 0.0); }
+        case 3u: { return textureSampleLevel(octave_3, bilinear, coordinates(at, used, textureDimensions(octave_3)), part, 0.0); }
+        case 4u: { return textureSampleLevel(octave_4, bilinear, coordinates(at, used, textureDimensions(octave_4)), part, 0.0); }
+        case 5u: { return textureSampleLevel(octave_5, bilinear, coordinates(at, used, textureDimensions(octave_5)), part, 0.0); }
+        case 6u: { return textureSampleLevel(octave_6, bilinear, coordinates(at, used, textureDimensions(octave_6)), part, 0.0); }
+        default: { return textureSampleLevel(octave_7, bilinear, coordinates(at, used, textureDimensions(octave_7)), part, 0.0); }
     }
 }
 
@@ -71,7 +75,7 @@ fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
 }
 
 // On the image itself, where the kernel's centre is a pixel's.
-fn gaussian_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+fn gaussian_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance) + 0.5, 1.0, 6.0)));
     var sum = vec4(0.0);
     var total = 0.0;
@@ -80,7 +84,7 @@ fn gaussian_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
         for (var i = -pairs; i <= pairs; i++) {
             let column = gaussian_pair(variance, i);
             let weight = row.x * column.x;
-            sum += weight * tap(0u, at + vec2(f32(sign(i)) * column.y, f32(sign(j)) * row.y), eye);
+            sum += weight * tap(0u, at + vec2(f32(sign(i)) * column.y, f32(sign(j)) * row.y), part);
             total += weight;
         }
     }
@@ -94,7 +98,7 @@ fn gaussian_taps(x: f32, variance: f32) -> vec2<f32> {
     return vec2(first + second, x + second / (first + second));
 }
 
-fn gaussian_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+fn gaussian_on(octave: u32, at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let taps = i32(ceil(quality.reach * sqrt(variance)));
     let nearest = floor(at);
     let start = nearest - at - f32(taps - 1);
@@ -105,7 +109,7 @@ fn gaussian_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32>
         for (var i = 0; i < taps; i++) {
             let column = gaussian_taps(start.x + 2.0 * f32(i), variance);
             let weight = row.x * column.x;
-            sum += weight * tap(octave, at + vec2(column.y, row.y), eye);
+            sum += weight * tap(octave, at + vec2(column.y, row.y), part);
             total += weight;
         }
     }
@@ -118,7 +122,7 @@ fn half_width(first: u32, dy: i32) -> f32 {
 }
 
 // A uniform disk on the image itself, as rows of spans whose ends count by the part of a pixel that they cover.
-fn disk_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+fn disk_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let first = DISK_ROWS / 4u * min(u32(sqrt(variance) / DISK_STEP + 0.5), DISKS - 1u);
     var sum = vec4(0.0);
     var total = 0.0;
@@ -127,7 +131,7 @@ fn disk_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
         let most = i32(ceil(reach - 0.5));
         for (var dx = -most; dx <= most && reach > 0.0; dx++) {
             let weight = clamp(reach + 0.5 - f32(abs(dx)), 0.0, min(2.0 * reach, 1.0));
-            sum += weight * tap(0u, at + vec2(f32(dx), f32(dy)), eye);
+            sum += weight * tap(0u, at + vec2(f32(dx), f32(dy)), part);
             total += weight;
         }
     }
@@ -135,7 +139,7 @@ fn disk_here(at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
 }
 
 // A uniform disk on a smaller image; a pixel on its rim counts by about the part that it covers.
-fn disk_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
+fn disk_on(octave: u32, at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     // A rim that rises along 1 px adds 5/48 px^2 to the variance radius^2 / 4.
     let radius = sqrt(max(4.0 * variance - 5.0 / 12.0, 0.25));
     let most = i32(ceil(radius + 0.5));
@@ -147,7 +151,7 @@ fn disk_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
             let pixel = nearest + vec2(f32(i), f32(j));
             let weight = clamp(radius + 0.5 - distance(pixel, at), 0.0, 1.0);
             if weight > 0.0 {
-                sum += weight * tap(octave, pixel, eye);
+                sum += weight * tap(octave, pixel, part);
                 total += weight;
             }
         }
@@ -155,8 +159,32 @@ fn disk_on(octave: u32, at: vec2<f32>, variance: f32, eye: u32) -> vec4<f32> {
     return sum / total;
 }
 
-var<workgroup> largest_std: atomic<u32>;
+var<workgroup> largest_sigma: atomic<u32>;
 var<workgroup> seen: atomic<u32>;
+
+// Pixel `id` of a part under the kernel of this std.
+fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
+    if sigma == 0.0 {
+        return textureLoad(octave_0, id, part, 0);
+    }
+    let variance = sigma * sigma;
+    let disk = quality.bokeh != 0u;
+    let octave = octave_of(variance, select(quality.least_variance.x, quality.least_variance.y, disk));
+    let scale = exp2(-f32(octave));
+    // (4^o - 1) / 3 of the variance is there already.
+    let left = variance * scale * scale - (1.0 - scale * scale) / 3.0;
+    let at = vec2<f32>(id);
+    if disk && octave == 0u {
+        return disk_here(at, left, part);
+    }
+    if disk {
+        return disk_on(octave, at * scale, left, part);
+    }
+    if octave == 0u && left < GAUSSIAN_MOST {
+        return gaussian_here(at, left, part);
+    }
+    return gaussian_on(octave, at * scale, left, part);
+}
 
 @compute @workgroup_size(8, 8)
 fn defocus(
@@ -165,16 +193,16 @@ fn defocus(
     @builtin(local_invocation_index) thread: u32,
 ) {
     if thread == 0u {
-        atomicStore(&largest_std, 0u);
+        atomicStore(&largest_sigma, 0u);
         atomicStore(&seen, 0u);
     }
     workgroupBarrier();
-    let inside = all(id.xy < camera.size);
+    let inside = all(id.xy < camera.size) && most_of[id.z] != 0u;
     let sigma = select(0.0, textureLoad(blur, id.xy, id.z, 0).z, inside);
-    atomicMax(&largest_std, bitcast<u32>(sigma));
+    atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
     // Is there anything within reach? On an octave whose pixels are as large as the reach, 5 x 5 of them tell.
-    let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_std)) + 8.0;
+    let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_sigma)) + 8.0;
     let coarse = u32(ceil(log2(reach)));
     if thread < 25u && coarse <= COARSEST {
         let middle = (vec2<f32>(group.xy) * 8.0 + 4.0) / exp2(f32(coarse));
@@ -187,26 +215,16 @@ fn defocus(
     if !inside {
         return;
     }
-    let at = vec2<f32>(id.xy);
     var out = vec4(0.0);
-    if sigma == 0.0 {
-        out = textureLoad(octave_0, id.xy, id.z, 0);
-    } else if atomicLoad(&seen) != 0u || coarse > COARSEST {
-        let variance = sigma * sigma;
-        let disk = quality.bokeh != 0u;
-        let octave = octave_of(variance, select(quality.least_variance.x, quality.least_variance.y, disk));
-        let scale = exp2(-f32(octave));
-        // (4^o - 1) / 3 of the variance is there already.
-        let left = variance * scale * scale - (1.0 - scale * scale) / 3.0;
-        if disk && octave == 0u {
-            out = disk_here(at, left, id.z);
-        } else if disk {
-            out = disk_on(octave, at * scale, left, id.z);
-        } else if octave == 0u && left < GAUSSIAN_MOST {
-            out = gaussian_here(at, left, id.z);
-        } else {
-            out = gaussian_on(octave, at * scale, left, id.z);
+    var hides = 0.0;
+    if atomicLoad(&seen) != 0u || coarse > COARSEST {
+        out = defocused(id.xy, id.z, sigma);
+        if is_far(camera, id.z) && most_of[id.z + 1u] != 0u {
+            hides = defocused(id.xy, id.z + 1u, sigma).w;
         }
     }
     textureStore(focused, id.xy, id.z, out);
+    if is_far(camera, id.z) {
+        textureStore(hidden, id.xy, id.z / 2u, vec4(hides));
+    }
 }

@@ -4,8 +4,30 @@
 
 @group(0) @binding(1) var layer: texture_2d_array<f32>;
 @group(0) @binding(2) var color: texture_storage_2d_array<rgba16float, write>;
-// Per eye the bits of the largest alpha, which order as their floats do.
+// Per eye and slab the bits of the largest alpha, which order as their floats do.
 @group(0) @binding(3) var<storage, read_write> most: array<atomic<u32>>;
+@group(0) @binding(4) var layer_depth: texture_2d_array<f32>;
+
+// Whether a pixel belongs to the nearer slab. At silhouettes, the pixel around that is covered most tells.
+fn is_near(at: vec2<u32>, eye: u32, own_alpha: f32) -> bool {
+    var alpha = own_alpha;
+    var place = vec2<i32>(at);
+    if alpha < 0.98 {
+        let last = vec2<i32>(textureDimensions(layer)) - 1;
+        for (var j = -1; j <= 1; j++) {
+            for (var i = -1; i <= 1; i++) {
+                let beside = clamp(vec2<i32>(at) + vec2(i, j), vec2(0), last);
+                let other = textureLoad(layer, beside, eye, 0).w;
+                if other > alpha {
+                    alpha = other;
+                    place = beside;
+                }
+            }
+        }
+    }
+    let d = camera.depth_map.x * textureLoad(layer_depth, place, eye, 0).x + camera.depth_map.y;
+    return !is_finite(d) || d >= camera.cut;
+}
 
 var<workgroup> most_here: atomic<u32>;
 
@@ -16,12 +38,17 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
     }
     workgroupBarrier();
     if all(id.xy < camera.size) {
-        var v = textureLoad(layer, camera.origin + id.xy, id.z, 0);
+        let at = camera.origin + id.xy;
+        let eye = id.z / camera.slabs;
+        var v = textureLoad(layer, at, eye, 0);
         // Broken pixels are empty.
         if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
             v = vec4(0.0);
         }
         v.w = min(v.w, 1.0);
+        if camera.slabs == 2u && v.w > 0.0 && is_near(at, eye, v.w) == is_far(camera, id.z) {
+            v = vec4(0.0);
+        }
         if camera.encoded_space != 0u && v.w > 0.0 {
             v = vec4(encode(v.rgb / v.w) * v.w, v.w);
         }
@@ -38,24 +65,26 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
 @group(0) @binding(1) var prepared: texture_2d_array<f32>;
 @group(0) @binding(2) var depth: texture_2d_array<f32>;
 @group(0) @binding(3) var velocity: texture_2d_array<f32>;
-@group(0) @binding(4) var<storage, read> most_of_eye: array<u32>;
 @group(0) @binding(5) var known: texture_storage_2d_array<rgba16float, write>;
+// As `most`. A part without any is not worked on.
+@group(0) @binding(4) var<storage, read> most_of: array<u32>;
 
 // (inverse depth, flow) times its weight, and the weight. Depth and flow of a pixel that the object covers in part may be those
 // of what is behind: the fully covered ones speak.
 @compute @workgroup_size(16, 16)
 fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= camera.size) {
+    if any(id.xy >= camera.size) || most_of[id.z] == 0u {
         return;
     }
-    let alpha = textureLoad(prepared, id.xy, id.z, 0).w / max(bitcast<f32>(most_of_eye[id.z]), 1e-6);
+    let alpha = textureLoad(prepared, id.xy, id.z, 0).w / max(bitcast<f32>(most_of[id.z]), 1e-6);
     if alpha <= 0.0 {
         textureStore(known, id.xy, id.z, vec4(0.0));
         return;
     }
     let at = camera.origin + id.xy;
-    let d = camera.depth_map.x * textureLoad(depth, at, id.z, 0).x + camera.depth_map.y;
-    let path = camera.path_scale * textureLoad(velocity, at, id.z, 0).xy;
+    let eye = id.z / camera.slabs;
+    let d = camera.depth_map.x * textureLoad(depth, at, eye, 0).x + camera.depth_map.y;
+    let path = camera.path_scale * textureLoad(velocity, at, eye, 0).xy;
     let value = vec3(clamp(d, -60000.0, 60000.0), clamp(path, vec2(-60000.0), vec2(60000.0)));
     var weight = alpha * alpha;
     weight *= weight;
@@ -71,7 +100,7 @@ fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(1) var<uniform> level: u32;
 @group(0) @binding(2) var bilinear: sampler;
 @group(0) @binding(3) var finer: texture_2d_array<f32>;
-@group(0) @binding(4) var coarse: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(5) var coarse: texture_storage_2d_array<rgba16float, write>;
 
 // Half the size by the binomial kernel [1 4 6 4 1] / 16, two taps at a time.
 fn halved(id: vec3<u32>) -> vec4<f32> {
@@ -91,7 +120,7 @@ fn halved(id: vec3<u32>) -> vec4<f32> {
 
 @compute @workgroup_size(8, 8)
 fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < size_at(camera, level + 1u)) {
+    if all(id.xy < size_at(camera, level + 1u)) && most_of[id.z] != 0u {
         textureStore(coarse, id.xy, id.z, halved(id));
     }
 }
@@ -99,7 +128,7 @@ fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
 // The same of weighted values. A coarse pixel that saw a few fine ones knows its value.
 @compute @workgroup_size(8, 8)
 fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= size_at(camera, level + 1u)) {
+    if any(id.xy >= size_at(camera, level + 1u)) || most_of[id.z] == 0u {
         return;
     }
     let sum = halved(id);
@@ -108,8 +137,8 @@ fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 
 @group(0) @binding(3) var coarser: texture_2d_array<f32>;
-@group(0) @binding(4) var own: texture_2d_array<f32>;
-@group(0) @binding(5) var filled: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(5) var own: texture_2d_array<f32>;
+@group(0) @binding(6) var filled: texture_storage_2d_array<rgba16float, write>;
 
 // Where a level knows nothing, what the next coarser one says: doubled, even pixels see (1 6 1) / 8 of it, odd ones (1 1) / 2.
 fn pushed(id: vec3<u32>) -> vec3<f32> {
@@ -134,7 +163,7 @@ fn pushed(id: vec3<u32>) -> vec3<f32> {
 
 @compute @workgroup_size(8, 8)
 fn push(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < size_at(camera, level)) {
+    if all(id.xy < size_at(camera, level)) && most_of[id.z] != 0u {
         textureStore(filled, id.xy, id.z, vec4(pushed(id), 1.0));
     }
 }
@@ -149,7 +178,7 @@ fn top(@builtin(global_invocation_id) id: vec3<u32>) {
 // The finest level, as what blurs a pixel: the path while the shutter is open, px, and the defocus std, px.
 @compute @workgroup_size(16, 16)
 fn blur(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < camera.size) {
+    if all(id.xy < camera.size) && most_of[id.z] != 0u {
         let v = pushed(id);
         textureStore(filled, id.xy, id.z, vec4(v.yz, defocus_std(camera, v.x), 1.0));
     }

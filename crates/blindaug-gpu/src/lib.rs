@@ -1,4 +1,4 @@
-//! A camera's noise, motion blur and defocus on virtual content in real time, on any device that
+//! A camera's noise, motion blur and defocus on virtual content in real time, and their estimation ([`fit`]), on any device that
 //! [wgpu](https://docs.rs/wgpu) reaches. The reference for everything here is the crate `blindaug`.
 //!
 //! ```
@@ -26,7 +26,7 @@
 //!
 //! // Once, and once per size.
 //! let compositor = Compositor::new(&gpu.device, &gpu.queue, target.format());
-//! let inputs = Inputs { frame: &frame, color: &color, depth: None, velocity: None };
+//! let inputs = Inputs { frame: &frame, color: &color, depth: None, velocity: None, apart: false };
 //! let bound = compositor.bind(&gpu.device, &inputs)?;
 //! // Each frame.
 //! let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -49,6 +49,7 @@
 
 mod camera;
 mod composite;
+pub mod fit;
 mod gpu;
 mod kernel;
 pub mod noise;

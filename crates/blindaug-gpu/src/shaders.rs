@@ -1,4 +1,4 @@
-//! The shaders' texts. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
+//! The compositor's shaders. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
 
 pub(crate) const EXTENSION: &str = concat!(include_str!("common.wgsl"), include_str!("extension.wgsl"));
 pub(crate) const DEFOCUS: &str = concat!(include_str!("common.wgsl"), include_str!("defocus.wgsl"));
@@ -13,6 +13,7 @@ pub(crate) const COMPOSITE: &str = concat!(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit;
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
     fn problem(source: &str) -> Option<String> {
@@ -27,18 +28,33 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_for_every_device() {
-        let texts = [EXTENSION, DEFOCUS, NOISE_TILE, COMPOSITE];
+        let texts = [
+            EXTENSION,
+            DEFOCUS,
+            NOISE_TILE,
+            COMPOSITE,
+            fit::defocus::SOURCE,
+            fit::motion_blur::SOURCE,
+            fit::spectral::TILES,
+            fit::spectral::EXPOSURE,
+            fit::spectral::LENS,
+        ];
         for text in texts {
             assert_eq!(problem(text), None);
         }
         // None is left out.
-        for file in std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src")).unwrap() {
-            let path = file.unwrap().path();
-            if path.extension().is_some_and(|e| e == "wgsl") {
-                let text = std::fs::read_to_string(&path).unwrap();
-                assert!(texts.iter().any(|t| t.contains(&text)), "{} is in no list", path.display());
+        let mut found = 0;
+        for folder in ["/src", "/src/fit", "/src/fit/spectral"] {
+            for file in std::fs::read_dir(format!("{}{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap() {
+                let path = file.unwrap().path();
+                if path.extension().is_some_and(|e| e == "wgsl") {
+                    let text = std::fs::read_to_string(&path).unwrap();
+                    assert!(texts.iter().any(|t| t.contains(&text)), "{} is in no list", path.display());
+                    found += 1;
+                }
             }
         }
+        assert_eq!(found, 14);
         // What must fail.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());

@@ -120,6 +120,7 @@ impl Eyes {
             color: &self.color,
             depth: self.depth.as_ref().map(|texture| Depth { texture, scale: 1.0, offset: 0.0 }),
             velocity: self.velocity.as_ref().map(|texture| Velocity { texture, scale: [1.0; 2] }),
+            apart: true,
         }
     }
 
@@ -635,7 +636,7 @@ fn within_an_area_it_is_the_same() {
 }
 
 #[test]
-fn layers_of_different_depth_are_composited_one_after_the_other() {
+fn something_sharp_does_not_bleed_into_what_is_out_of_focus_behind_it() {
     if no_gpu() {
         return;
     }
@@ -663,8 +664,14 @@ fn layers_of_different_depth_are_composited_one_after_the_other() {
     let cpu = on_cpu(&Encoded(on_cpu(&frame, &wall, &model, &options)), &near, &model, &options);
     // The frame in between is one of 8 bits.
     assert!(difference(&gpu, &cpu) < 0.5 / 255.0);
-    // The wall beside the square is that of the wall alone; as one layer, the square bleeds into it.
+    // The wall beside the square is that of the wall alone, in layers of their own or in one; if not blurred apart, the square
+    // bleeds into it.
     let bleeding = |image: &Raster<[f32; 3]>| (image.at(84, 45)[0] - behind.0.at(84, 45)[0]).abs();
     assert!(bleeding(&gpu) < 1.0 / 255.0, "{}", bleeding(&gpu));
-    assert!(bleeding(&on_gpu(&frame, &both, &model, &options)) > 0.1);
+    let one = on_gpu(&frame, &both, &model, &options);
+    assert!(bleeding(&one) < 1.0 / 255.0, "{}", bleeding(&one));
+    assert!(difference(&one, &on_cpu(&frame, &both, &model, &options)) < ROUNDING);
+    let eyes = Eyes::new(&[&frame], &[&both]);
+    let together = Inputs { apart: false, ..eyes.inputs() };
+    assert!(bleeding(&composite_of(&together, &model, &options, 3, None)[0]) > 0.1);
 }

@@ -166,52 +166,83 @@ pub fn fit_lens(
     Some(LensFit { lens, covariance, samples: places.len(), range })
 }
 
+/// The stds that [`pooled_search`] tries, rising, px: [0, 10] in 100 steps, as the paper does.
+pub fn searched_stds() -> impl ExactSizeIterator<Item = f32> {
+    const STEPS: u8 = 100;
+    (0..STEPS + 1).map(|step| 10.0 * f32::from(step) / f32::from(STEPS))
+}
+
+/// Distance of the pixels that [`pooled_search`] looks at, px.
+pub const SEARCH_STRIDE: usize = 4;
+/// Half the side of the square around such a pixel over which its errors are summed, px, without the pixel itself.
+pub const SEARCH_REACH: usize = 4;
+
+/// What the search found at a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Searched {
+    /// Inverse depth there; NaN where there is no reading.
+    pub inverse_depth: f32,
+    /// The std of the least error, px.
+    pub sigma_px: f32,
+    /// The least and the greatest of the stds' summed squared errors.
+    pub errors: [f32; 2],
+}
+
 /// The paper's search: per pixel, the std in [0, 10] px (100 steps) whose blur of `sharp` is closest to `target`, the
 /// error pooled over 9x9 px, at every 4th pixel; flat regions are left out.
 pub fn pooled_search(target: &Plane, sharp: &Plane, inverse_depth: &Plane) -> Vec<BlurPoint> {
-    const STEPS: usize = 100;
-    const STRIDE: usize = 4;
     let (w, h) = sharp.size();
-    let (columns, rows) = (w / STRIDE, h / STRIDE);
-    let mut best = vec![(f32::MAX, 0.0f32); columns * rows];
-    let mut worst = vec![0.0f32; columns * rows];
+    let (columns, rows) = (w / SEARCH_STRIDE, h / SEARCH_STRIDE);
+    let window = |at: usize, end: usize| {
+        (at * SEARCH_STRIDE).saturating_sub(SEARCH_REACH)..(at * SEARCH_STRIDE + SEARCH_REACH + 1).min(end)
+    };
+    let mut searched: Vec<Searched> = (0..columns * rows)
+        .map(|i| Searched {
+            inverse_depth: inverse_depth.at(i % columns * SEARCH_STRIDE, i / columns * SEARCH_STRIDE),
+            sigma_px: 0.0,
+            errors: [f32::MAX, 0.0],
+        })
+        .collect();
     let mut level = sharp.clone();
-    for step in 0..=STEPS {
-        let sigma = 10.0 * step as f32 / STEPS as f32;
-        if step > 0 {
-            let before = 10.0 * (step - 1) as f32 / STEPS as f32;
-            level = filter::gaussian_blur(&level, (sigma * sigma - before * before).sqrt());
-        }
+    let mut before = 0.0f32;
+    for sigma in searched_stds() {
+        level = filter::gaussian_blur(&level, (sigma * sigma - before * before).sqrt());
+        before = sigma;
         let error = Raster::from_fn(w, h, |x, y| (target.at(x, y) - level.at(x, y)).powi(2));
         // Sums over 9 rows, then over 9 columns of those.
         let pooled = par::map(rows, |r| {
-            let y = r * STRIDE;
             let mut column = vec![0.0f32; w];
-            for y in y.saturating_sub(4)..(y + 5).min(h) {
+            for y in window(r, h) {
                 column.iter_mut().zip(error.row(y)).for_each(|(c, e)| *c += e);
             }
-            (0..columns)
-                .map(|c| column[(c * STRIDE).saturating_sub(4)..(c * STRIDE + 5).min(w)].iter().sum::<f32>())
-                .collect::<Vec<f32>>()
+            (0..columns).map(|c| column[window(c, w)].iter().sum::<f32>()).collect::<Vec<f32>>()
         });
-        for (i, &e) in pooled.iter().flatten().enumerate() {
-            worst[i] = worst[i].max(e);
-            if e < best[i].0 {
-                best[i] = (e, sigma);
+        for (found, &e) in searched.iter_mut().zip(pooled.iter().flatten()) {
+            let [least, greatest] = found.errors;
+            found.errors[1] = greatest.max(e);
+            if e < least {
+                found.errors[0] = e;
+                found.sigma_px = sigma;
             }
         }
     }
-    let mut contrast = worst.clone();
+    textured(&searched)
+}
+
+/// Those whose error depends on the std, as in the upper half of them, and whose depth is known.
+pub fn textured(searched: &[Searched]) -> Vec<BlurPoint> {
+    let mut contrast: Vec<f32> = searched.iter().map(|s| s.errors[1]).collect();
     contrast.sort_by(f32::total_cmp);
     let textured = contrast.get(contrast.len() / 2).copied().unwrap_or(0.0).max(1e-4);
-    (0..best.len())
-        .filter(|&i| worst[i] > textured && worst[i] > 3.0 * best[i].0)
-        .map(|i| BlurPoint {
-            inverse_depth: inverse_depth.at(i % columns * STRIDE, i / columns * STRIDE),
-            sigma_px: best[i].1,
-            weight: 1.0 - best[i].0 / worst[i],
+    searched
+        .iter()
+        .filter(|s| s.inverse_depth.is_finite())
+        .filter(|Searched { errors: [least, greatest], .. }| *greatest > textured && *greatest > 3.0 * least)
+        .map(|&Searched { inverse_depth, sigma_px, errors: [least, greatest] }| BlurPoint {
+            inverse_depth,
+            sigma_px,
+            weight: 1.0 - least / greatest,
         })
-        .filter(|p| p.inverse_depth.is_finite())
         .collect()
 }
 

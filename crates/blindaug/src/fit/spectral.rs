@@ -35,7 +35,7 @@ pub use pairs::{Pair, pairs};
 /// Side of a tile, px; tiles overlap by half.
 pub const TILE: usize = 48;
 /// At most this many tiles of a frame are kept, those of most contrast.
-const TILES_PER_FRAME: usize = 400;
+pub const TILES_PER_FRAME: usize = 400;
 /// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
 /// denoising inside the camera have touched.
 const BAND: Range<f32> = 0.03..0.35;
@@ -46,11 +46,11 @@ const MAX_LAMBDA: f32 = 1.25;
 /// Steps of the tables: this length of streak, px, within this range of exposure fractions.
 const STREAK_STEP: f32 = 0.6;
 const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
-/// Exposure fractions of a curve, over the same range.
-pub(super) const EXPOSURES: usize = 251;
+/// Exposure fractions of a curve: from 0 in steps of 0.005, to past 1.
+pub const EXPOSURES: usize = 251;
 pub(super) const EXPOSURE_STEP: f32 = 0.005;
 /// Defocus stds of the tables: steps of 0.15 px to 3, of 0.5 px to 10.
-pub(super) const SIGMAS: usize = 35;
+pub const SIGMAS: usize = 35;
 /// Prior of the spectral slope alpha: mean and std, and the values that the integral is taken over.
 const ALPHA: (f32, f32) = (2.4, 0.4);
 const ALPHAS: usize = 6;
@@ -80,7 +80,8 @@ const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
-const BOOTSTRAPS: usize = 120;
+/// Replicas of the bootstrap for a whole clip.
+pub const BOOTSTRAPS: usize = 120;
 /// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
 const BLOCKS: usize = 5;
 pub(super) const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
@@ -384,21 +385,26 @@ fn transform(fft: &Arc<dyn Fft<f32>>, light: &Plane, (x0, y0): (usize, usize)) -
     columns
 }
 
-/// Frequencies in x of a [`periodogram`].
-const COLUMNS: usize = (BAND.end * TILE as f32) as usize + 1;
+/// Frequencies in x of a tile's periodogram that are looked at.
+pub const COLUMNS: usize = (BAND.end * TILE as f32) as usize + 1;
 
-/// A frequency of a [`periodogram`].
-struct Frequency {
-    at: usize,
-    x: f32,
-    y: f32,
-    modulus: f32,
+/// A frequency of a tile's periodogram, cycles per px of the tile.
+#[derive(Clone, Copy, Debug)]
+pub struct Frequency {
+    /// Where it lies in a periodogram: in column x, [`TILE`] values of y each.
+    pub at: usize,
+    /// Across.
+    pub x: f32,
+    /// Down.
+    pub y: f32,
+    /// Of both.
+    pub modulus: f32,
     /// The half plane stands for the whole; its first column stands for itself.
     weight: f32,
 }
 
-/// Those in [`BAND`].
-fn frequencies() -> &'static [Frequency] {
+/// The frequencies that are looked at.
+pub fn frequencies() -> &'static [Frequency] {
     static FREQUENCIES: OnceLock<Vec<Frequency>> = OnceLock::new();
     FREQUENCIES.get_or_init(|| {
         let all = (0..COLUMNS).flat_map(|i| (0..TILE).map(move |j| (i, j))).map(|(i, j)| {
@@ -905,20 +911,31 @@ pub(super) fn exposure_interval(
     interval(estimate, &(0..bootstraps).map(replica).collect::<Vec<f32>>(), EXPOSURE_FLOOR)
 }
 
-/// What the tiles of one frame object to the exposures of a curve, each with its block of the image.
-pub(super) fn exposure_objections(tiles: &[Tile], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<(u32, Vec<f32>)> {
-    let moving: Vec<Prepared> =
-        prepare(&[tiles], noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
-    par::map(moving.len(), |i| (moving[i].tile.block, moving[i].objections()))
+/// What a tile, or a pair of them, says of the exposure.
+#[derive(Clone, Debug)]
+pub struct ExposureWitness {
+    /// The block of the image, < 25: witnesses of one err alike.
+    pub block: u32,
+    /// The number of the frame, from 0.
+    pub frame: usize,
+    /// px per frame interval, of the frame.
+    pub speed: f32,
+    /// What it objects to each of the [`EXPOSURES`], in nats, <= 0.
+    pub objections: Vec<f32>,
 }
 
-/// What a tile, or a pair of them, says of the exposure.
-struct ExposureWitness {
-    block: u32,
-    frame: usize,
-    /// px per frame interval, of the frame.
-    speed: f32,
-    objections: Vec<f32>,
+/// The tiles that move, as witnesses of the exposure.
+pub(super) fn exposure_witnesses(
+    frames: &[&[Tile]],
+    noise: &[LumaNoise; NOISE_LEVELS],
+) -> Vec<ExposureWitness> {
+    let moving: Vec<Prepared> =
+        prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
+    par::map(moving.len(), |i| {
+        let Prepared { tile, frame, .. } = moving[i];
+        let speed = tile.speed * tile.scale;
+        ExposureWitness { block: tile.block, frame, speed, objections: moving[i].objections() }
+    })
 }
 
 /// The exposure that the tiles of all frames agree on, and the pairs of each frame with the one before.
@@ -930,17 +947,8 @@ pub fn fit_exposure(
     pairs: &[&[Pair]],
     noise: &[LumaNoise; NOISE_LEVELS],
 ) -> std::result::Result<ExposureFit, String> {
-    let prepared: Vec<Prepared> =
-        prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
-    if prepared.len() < 6 {
-        return Err("too little in the frames moves, or what moves has no texture".into());
-    }
-    let mut witnesses = par::map(prepared.len(), |i| {
-        let Prepared { tile, frame, .. } = prepared[i];
-        let speed = tile.speed * tile.scale;
-        ExposureWitness { block: tile.block, frame, speed, objections: prepared[i].objections() }
-    });
-    let of_tiles = agreed_exposure(&witnesses, frames.len())?;
+    let mut witnesses = exposure_witnesses(frames, noise);
+    let of_tiles = exposure_of(&witnesses, frames.len())?;
     // Pairs sharpen what tiles tell. Where those cannot tell, a few pairs may be sure of anything.
     let pairs: Vec<(usize, &Pair)> =
         pairs.iter().enumerate().flat_map(|(f, pairs)| pairs.iter().map(move |p| (f, p))).collect();
@@ -953,11 +961,17 @@ pub fn fit_exposure(
     if witnesses.len() == of_tiles.samples {
         return Ok(of_tiles);
     }
-    agreed_exposure(&witnesses, frames.len())
+    exposure_of(&witnesses, frames.len())
 }
 
-/// What the witnesses of so many frames agree on.
-fn agreed_exposure(witnesses: &[ExposureWitness], frames: usize) -> std::result::Result<ExposureFit, String> {
+/// The exposure that the witnesses of so many frames agree on.
+///
+/// # Errors
+/// The reason why they cannot tell.
+pub fn exposure_of(witnesses: &[ExposureWitness], frames: usize) -> std::result::Result<ExposureFit, String> {
+    if witnesses.len() < 6 {
+        return Err("too little in the frames moves, or what moves has no texture".into());
+    }
     let summed = |which: &dyn Fn(&ExposureWitness) -> bool| {
         let mut sum = vec![0.0f32; EXPOSURES];
         for w in witnesses.iter().filter(|w| which(w)) {
@@ -1018,15 +1032,17 @@ pub fn fit_lens(
 }
 
 /// What a tile, or several of one block and depth, say of the blur there.
-#[derive(Clone, Debug, Default)]
-pub(super) struct LensWitness {
+#[derive(Clone, Debug)]
+pub struct LensWitness {
+    /// Inverse depth of the place.
     pub inverse_depth: f32,
-    /// Log-likelihood over the stds of the tables.
+    /// Log-likelihood over the [`SIGMAS`] of the tables, relative to its maximum.
     pub table: Vec<f32>,
     /// How many tiles it is the sum of.
     pub tiles: f32,
-    /// The block of the image and the part of the clip.
+    /// The block of the image, < 25: witnesses of one err alike.
     pub block: u32,
+    /// The part of the clip, < 8, likewise.
     pub shot: usize,
 }
 
@@ -1048,11 +1064,14 @@ pub(super) fn lens_witnesses(
     })
 }
 
-/// The thin lens that the witnesses agree on.
+/// The thin lens that the witnesses agree on, its intervals from so many replicas of the bootstrap.
 ///
 /// # Errors
 /// The reason why they cannot tell.
-pub(super) fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Result<LensFit, String> {
+pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Result<LensFit, String> {
+    if witnesses.iter().any(|w| w.table.len() != SIGMAS) {
+        return Err(format!("a witness of the lens must have a table of {SIGMAS} stds"));
+    }
     let tiles: f32 = witnesses.iter().map(|w| w.tiles).sum();
     if tiles < 8.0 {
         return Err("too few textured places whose depth is known".into());
@@ -1063,7 +1082,7 @@ pub(super) fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::resu
     }
     let fine = FineTables::new(witnesses);
     let lens = defocus::best_lens(range, |lens| fine.log_likelihood(lens, None));
-    let replicas: Vec<Lens> = par::map(bootstraps, |r| {
+    let replicas: Vec<Lens> = par::map(bootstraps.max(1), |r| {
         let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();
         defocus::refined_lens(lens, 5e-3, |l| fine.log_likelihood(l, Some(&weights)))
     });
@@ -1152,7 +1171,7 @@ fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<
 
 /// The part of the clip that a frame of so many lies in.
 fn shot_of(frame: usize, frames: usize) -> usize {
-    frame * SHOTS.min(frames) / frames
+    frame * SHOTS.min(frames) / frames.max(1)
 }
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
@@ -1235,8 +1254,8 @@ fn index_of_sigma(sigma: f32) -> f32 {
     if sigma <= 3.0 { sigma / 0.15 } else { 20.0 + (sigma - 3.0) / 0.5 }.clamp(0.0, (SIGMAS - 1) as f32)
 }
 
-/// Hann window of mean square 1.
-fn hann() -> &'static [f32; TILE] {
+/// The window of a tile, each way: Hann's, of mean square 1.
+pub fn hann() -> &'static [f32; TILE] {
     static WINDOW: OnceLock<[f32; TILE]> = OnceLock::new();
     WINDOW.get_or_init(|| {
         let angle = |i: usize| std::f32::consts::TAU * (i as f32 + 1.0) / (TILE as f32 + 1.0);
@@ -1246,8 +1265,9 @@ fn hann() -> &'static [f32; TILE] {
     })
 }
 
-/// `|K_DoF|^2` at a modulus of a uniform disk of std `sigma_of(s)`, averaged over the radii (+-20 %) that occur in a tile.
-fn lens_gain(s: usize, modulus: f32) -> f32 {
+/// `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px, of a uniform disk of the std of index `s < SIGMAS` of the tables, averaged over
+/// the radii (+-20 %) that occur in a tile: in straight lines between multiples of 1/256 cycles per px.
+pub fn lens_gain(s: usize, modulus: f32) -> f32 {
     const STEPS: usize = 128;
     static GAINS: OnceLock<Box<[[f32; STEPS]; SIGMAS]>> = OnceLock::new();
     let gains = GAINS.get_or_init(|| {

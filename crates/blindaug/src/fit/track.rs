@@ -15,7 +15,7 @@
 use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit};
 use super::sharpening;
-use super::spectral::{self, FineTables, LensWitness};
+use super::spectral::{self, ExposureWitness, FineTables, LensWitness};
 use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::FlowEstimator;
@@ -156,15 +156,78 @@ impl Tracker {
         model.blur_space = self.blur_space;
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
         let tiles = self.tiles(frame, &geometry);
-        model.motion_blur = self.follow_exposure(&tiles);
+        let found = spectral::exposure_witnesses(&[&tiles], &self.luma_noise);
+        model.motion_blur = self.follow_exposure(&found);
         model.sharpening = self.known.sharpening;
-        model.defocus = self.follow_lens(&tiles);
+        let (exposure, sharpening) = (self.exposure(), self.known.sharpening.as_ref());
+        let found = spectral::lens_witnesses(&[&tiles], &self.luma_noise, exposure, sharpening);
+        model.defocus = self.follow_lens(&found);
         if let Some(Cow::Owned(flow)) = geometry.flow {
             self.enlarged = flow;
         }
         self.frames += 1;
         model.validate()?;
         Ok(self.model.insert(model))
+    }
+
+    /// Takes what was found elsewhere of a frame, as on a graphics device, instead of looking at it: what its tiles say of the exposure and
+    /// of the lens, and what their inverse depth is measured in. They must have been found with [`Tracker::luma_noise`] and the last model's
+    /// exposure and sharpening. The noise stays as it is until a frame is pushed again.
+    ///
+    /// # Errors
+    /// If no frame was pushed before, a witness is not one of [`spectral`], or depth is in another unit than before.
+    pub fn push_witnesses(
+        &mut self,
+        exposure: &[ExposureWitness],
+        lens: &[LensWitness],
+        depth_kind: DepthKind,
+    ) -> Result<&CameraModel> {
+        let Some(mut model) = self.model.clone() else {
+            return Err(Error::new("nothing is known of the noise yet: push a frame first"));
+        };
+        let sound = |block: u32, values: &[f32], len: usize| {
+            (block as usize) < spectral::BLOCK_COUNT
+                && values.len() == len
+                && values.iter().all(|&v| v <= 0.0)
+        };
+        let sound_lens = |w: &LensWitness| {
+            sound(w.block, &w.table, SIGMAS) && w.inverse_depth.is_finite() && w.tiles.is_finite()
+        };
+        if !exposure.iter().all(|w| sound(w.block, &w.objections, EXPOSURES)) || !lens.iter().all(sound_lens)
+        {
+            return Err(Error::new(format!(
+                "a witness must lie in one of {} blocks and hold {EXPOSURES} objections or {SIGMAS} log-likelihoods, none of them above 0",
+                spectral::BLOCK_COUNT
+            )));
+        }
+        if !lens.is_empty() {
+            self.measure_depth_in(depth_kind)?;
+        }
+        self.changes = Changes::default();
+        model.motion_blur = self.follow_exposure(exposure);
+        model.defocus = self.follow_lens(lens);
+        self.frames += 1;
+        model.capture.frames_used = self.frames;
+        model.validate()?;
+        Ok(self.model.insert(model))
+    }
+
+    /// The noise of luma as it is known so far, per level; 0 before the first frame.
+    pub fn luma_noise(&self) -> &[LumaNoise; NOISE_LEVELS] {
+        &self.luma_noise
+    }
+
+    /// Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
+    fn exposure(&self) -> ExposureFraction {
+        self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure)
+    }
+
+    fn measure_depth_in(&mut self, kind: DepthKind) -> Result<()> {
+        if self.depth_kind.is_some_and(|k| k != kind) {
+            return Err(Error::new("depth in one unit cannot follow depth in another: give all in one"));
+        }
+        self.depth_kind = Some(kind);
+        Ok(())
     }
 
     /// The model of the last frame; `None` before the first.
@@ -223,10 +286,7 @@ impl Tracker {
             }
         }
         if let Some((given, kind)) = evidence.inverse_depth {
-            if self.depth_kind.is_some_and(|k| k != kind) {
-                return Err(Error::new("depth in one unit cannot follow depth in another: give all in one"));
-            }
-            self.depth_kind = Some(kind);
+            self.measure_depth_in(kind)?;
             geometry.inverse_depth = Some(Cow::Borrowed(given));
         }
         match parallax {
@@ -323,17 +383,16 @@ impl Tracker {
         spectral::tiles_at(frame, &chosen, flow, depth, self.blur_space)
     }
 
-    fn follow_exposure(&mut self, tiles: &[spectral::Tile]) -> Estimate<MotionBlurModel> {
+    fn follow_exposure(&mut self, found: &[ExposureWitness]) -> Estimate<MotionBlurModel> {
         let memory = &mut self.exposure;
         memory.fade();
-        let found = spectral::exposure_objections(tiles, &self.luma_noise);
         if !found.is_empty() {
             let mut evidence = vec![0.0; memory.old.len()];
             let (curves, counts) = evidence.split_at_mut(CURVES);
-            for (block, curve) in found {
-                let at = block as usize * EXPOSURES;
-                curves[at..at + EXPOSURES].iter_mut().zip(curve).for_each(|(s, v)| *s += v);
-                counts[block as usize] += 1.0;
+            for w in found {
+                let at = w.block as usize * EXPOSURES;
+                curves[at..at + EXPOSURES].iter_mut().zip(&w.objections).for_each(|(s, v)| *s += v);
+                counts[w.block as usize] += 1.0;
             }
             memory.add(evidence);
             if exposure_changed(memory) {
@@ -368,22 +427,18 @@ impl Tracker {
         Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })
     }
 
-    fn follow_lens(&mut self, tiles: &[spectral::Tile]) -> Estimate<DefocusModel> {
+    fn follow_lens(&mut self, found: &[LensWitness]) -> Estimate<DefocusModel> {
         let memory = &mut self.lens;
         memory.fade();
-        // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
-        let exposure = self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure);
-        let sharpening = self.known.sharpening.as_ref();
-        let found = spectral::lens_witnesses(&[tiles], &self.luma_noise, exposure, sharpening);
         let mut why = self.why_no_depth.clone();
         if let (false, Some(depth_kind)) = (found.is_empty(), self.depth_kind) {
             let mut evidence = vec![0.0; memory.old.len()];
             for w in found {
                 let cell = w.block as usize * DEPTHS + depth_bin(w.inverse_depth);
                 let cell = &mut evidence[cell * CELL..][..CELL];
-                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-spectral::CLIP));
-                cell[SIGMAS] += w.inverse_depth;
-                cell[SIGMAS + 1] += 1.0;
+                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-spectral::CLIP * w.tiles));
+                cell[SIGMAS] += w.tiles * w.inverse_depth;
+                cell[SIGMAS + 1] += w.tiles;
             }
             memory.add(evidence);
             if lens_changed(memory) {

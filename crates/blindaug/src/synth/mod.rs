@@ -233,7 +233,7 @@ impl Blur {
 
 /// A layer is cut where its defocus std exceeds this many px behind the focus. Below, what sharp and blurred parts take from each
 /// other is not seen.
-const CUT_PX: f32 = 1.0;
+pub const CUT_PX: f32 = 1.0;
 
 impl Blur {
     /// The inverse depth, 1/m, at which a layer is cut, so that what lies farther away is blurred apart; `None` if the lens
@@ -323,7 +323,7 @@ fn nearer_than(cut: f32, color: &Raster<[f32; 4]>, depth: &Plane) -> Raster<bool
                 }
             }
         }
-        !(d < cut)
+        d.is_nan() || d >= cut
     })
 }
 

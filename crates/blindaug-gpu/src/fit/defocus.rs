@@ -1,0 +1,134 @@
+//! Local blur from a frame and its version without defocus: the paper's per-pixel search.
+
+use super::{Readback, common_size, filled};
+use crate::gpu::{array_view, texture};
+use crate::kernel::{Binding, Kernel};
+use blindaug::fit::BlurPoint;
+use blindaug::fit::defocus::{SEARCH_STRIDE, Searched, searched_stds, textured};
+use blindaug::{Error, Result, filter};
+use wgpu::{BindGroup, BindingResource, BufferUsages, TextureFormat, TextureUsages};
+
+pub(crate) const SOURCE: &str = include_str!("defocus.wgsl");
+
+/// The search for the std in [0, 10] px (100 steps) whose Gaussian blur of the sharp image is closest to the target, the
+/// squared error summed over 9x9 px, at every 4th pixel; as [`blindaug::fit::defocus::pooled_search`] does.
+/// [`blindaug::fit::defocus::quadratic`] makes the lens of what it finds.
+#[derive(Debug)]
+pub struct PooledSearch {
+    blur: Kernel,
+    compare: Kernel,
+    /// For each std what makes its level, but for the first, and what compares it.
+    levels: Vec<(Option<BindGroup>, BindGroup)>,
+    size: [u32; 2],
+    points: [u32; 2],
+    found: Readback,
+}
+
+/// Words of the shader's `Step`, as far apart as bind groups may start.
+const STEP: usize = 64;
+
+/// The step to a std, px, from the one before.
+fn step([w, h]: [u32; 2], before: f32, sigma: f32) -> [u32; STEP] {
+    let kernel = filter::gaussian_kernel((sigma * sigma - before * before).sqrt());
+    let mut words = [0; STEP];
+    words[..4].copy_from_slice(&[w, h, sigma.to_bits(), kernel.len() as u32 - 1]);
+    // The stds' steps are at most 1.5 px, whose kernels reach less far than the shader's.
+    words[4..].iter_mut().step_by(4).zip(kernel).for_each(|(word, tap)| *word = tap.to_bits());
+    words
+}
+
+impl PooledSearch {
+    /// A search that compares `target` with blurs of `sharp`, both in the light that is blurred, where `inverse_depth` is not
+    /// NaN; of each texture the first layer's red channel counts.
+    ///
+    /// # Errors
+    /// If the textures differ in size.
+    pub fn new(
+        device: &wgpu::Device,
+        target: &wgpu::Texture,
+        sharp: &wgpu::Texture,
+        inverse_depth: &wgpu::Texture,
+    ) -> Result<Self> {
+        let size @ [w, h] = common_size(&[target, sharp, inverse_depth])?;
+        let points = size.map(|v| v / SEARCH_STRIDE as u32);
+        let blur = Kernel::new(
+            device,
+            SOURCE,
+            "blur",
+            [16, 16, 1],
+            &[Binding::Uniform, Binding::Texels, Binding::Target(TextureFormat::R32Float)],
+        );
+        let compare = Kernel::new(
+            device,
+            SOURCE,
+            "compare",
+            [8, 8, 1],
+            &[Binding::Uniform, Binding::Texels, Binding::Texels, Binding::Texels, Binding::BufferMut],
+        );
+        let usage = TextureUsages::STORAGE_BINDING | TextureUsages::TEXTURE_BINDING;
+        let level = || {
+            let texture =
+                texture(device, "level", [w as usize, h as usize, 1], TextureFormat::R32Float, usage)?;
+            Ok::<_, Error>(array_view(&texture))
+        };
+        let [target, sharp, inverse_depth] = [target, sharp, inverse_depth].map(array_view);
+        let turns = [level()?, level()?];
+        let stds: Vec<f32> = searched_stds().collect();
+        let befores = [0.0].into_iter().chain(stds.iter().copied());
+        let steps: Vec<u32> = befores.zip(&stds).flat_map(|(b, &s)| step(size, b, s)).collect();
+        let steps = filled(device, "steps of the search", &steps, BufferUsages::UNIFORM);
+        let found = Readback::new(device, "what the search found", 4 * (points[0] * points[1]) as usize);
+        let levels = (0..stds.len())
+            .map(|i| {
+                let step = BindingResource::Buffer(wgpu::BufferBinding {
+                    buffer: &steps,
+                    offset: 4 * (i * STEP) as u64,
+                    size: wgpu::BufferSize::new(4 * STEP as u64),
+                });
+                let view = BindingResource::TextureView;
+                let level = |i: usize| if i == 0 { &sharp } else { &turns[i % 2] };
+                let blur =
+                    (i > 0).then(|| blur.bind(device, &[step.clone(), view(level(i - 1)), view(level(i))]));
+                let source = found.source.as_entire_binding();
+                let compared = [step, view(&target), view(level(i)), view(&inverse_depth), source];
+                (blur, compare.bind(device, &compared))
+            })
+            .collect();
+        Ok(Self { blur, compare, levels, size, points, found })
+    }
+
+    /// Starts a search in the textures as they are. `false`, and nothing is done, as long as the result of the last one has not been
+    /// picked up.
+    pub fn submit(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
+        if !self.found.is_idle() {
+            return false;
+        }
+        self.found.submit(device, queue, "pooled search", |pass| {
+            for (blur, compare) in &self.levels {
+                if let Some(blur) = blur {
+                    self.blur.run(pass, blur, [self.size[0], self.size[1], 1]);
+                }
+                self.compare.run(pass, compare, [self.points[0], self.points[1], 1]);
+            }
+        });
+        true
+    }
+
+    /// Local blur at places that have texture and depth, once it is known.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Vec<BlurPoint>>> {
+        self.found.poll(device, |found| {
+            let (found, _) = found.as_chunks();
+            let searched = found[..(self.points[0] * self.points[1]) as usize].iter().map(
+                |&[inverse_depth, sigma_px, least, greatest]| Searched {
+                    inverse_depth,
+                    sigma_px,
+                    errors: [least, greatest],
+                },
+            );
+            textured(&searched.collect::<Vec<Searched>>())
+        })
+    }
+}

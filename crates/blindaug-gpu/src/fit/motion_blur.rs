@@ -1,0 +1,128 @@
+//! Exposure from a frame and its version without motion blur: the paper's search, made continuous.
+
+use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
+use crate::gpu::array_view;
+use blindaug::Result;
+use blindaug::fit::motion_blur::ExposureFit;
+use blindaug::model::ExposureFraction;
+use wgpu::BufferUsages;
+
+pub(crate) const SOURCE: &str = include_str!("motion_blur.wgsl");
+/// Exposure fractions that are predicted, and those of the curve.
+const STEPS: usize = 21;
+const CURVE: usize = 51;
+/// Cells as large as this many hold one place each, but for this margin, px.
+const MAX_PLACES: f32 = 8000.0;
+const MARGIN: usize = 10;
+/// Fewer places say nothing.
+const MIN_PLACES: usize = 200;
+
+/// The search for the exposure fraction for which the sharp image, blurred along the flow, is closest to the target, as
+/// [`blindaug::fit::motion_blur::fit_exposure`] does.
+#[derive(Debug)]
+pub struct ExposureSearch {
+    /// Places, predictions, search; of an image that has no place, none.
+    stages: Vec<Stage>,
+    found: Readback,
+}
+
+impl ExposureSearch {
+    /// A search in `target`, the frame without noise, and `sharp`, both in the light that is blurred, given the inverse std of the
+    /// target's noise and the flow to the next frame, px (NaN: unknown). Of each texture the first layer counts, of all but the flow its
+    /// red channel.
+    ///
+    /// # Errors
+    /// If the textures differ in size.
+    pub fn new(
+        device: &wgpu::Device,
+        target: &wgpu::Texture,
+        inverse_std: &wgpu::Texture,
+        sharp: &wgpu::Texture,
+        flow: &wgpu::Texture,
+    ) -> Result<Self> {
+        let size = common_size(&[target, inverse_std, sharp, flow])?;
+        let found = Readback::new(device, "what the search found", 4 + CURVE + 1);
+        let [w, h] = size.map(|v| v as usize);
+        let cell = ((w * h) as f32 / MAX_PLACES).sqrt().ceil().max(2.0) as usize;
+        let cells = [w, h].map(|v| v.saturating_sub(2 * MARGIN) / cell);
+        let [columns, rows] = cells.map(|v| v as u32);
+        let count = cells[0] * cells[1];
+        if count < MIN_PLACES {
+            return Ok(Self { stages: vec![], found });
+        }
+        let params = [size[0], size[1], columns, rows, cell as u32, MARGIN as u32, 0, 0];
+        let params = filled(device, "search", &params, BufferUsages::UNIFORM);
+        let places = storage(device, "places", 16 * count);
+        let predictions = storage(device, "predictions", 4 * STEPS * count);
+        let [target, inverse_std, sharp, flow] = [target, inverse_std, sharp, flow].map(array_view);
+        let params = uniform(&params);
+        let stages = vec![
+            Stage::new(
+                device,
+                SOURCE,
+                "places",
+                [8, 8, 1],
+                [columns, rows, 1],
+                &[
+                    params.clone(),
+                    view(&sharp),
+                    view(&flow),
+                    view(&target),
+                    view(&inverse_std),
+                    write(&places),
+                ],
+            ),
+            Stage::new(
+                device,
+                SOURCE,
+                "predict",
+                [64, 1, 1],
+                [STEPS as u32 * columns, rows, 1],
+                &[params.clone(), view(&sharp), view(&flow), read(&places), write(&predictions)],
+            ),
+            Stage::new(
+                device,
+                SOURCE,
+                "search",
+                [128, 1, 1],
+                [128, 1, 1],
+                &[params, read(&places), read(&predictions), write(&found.source)],
+            ),
+        ];
+        Ok(Self { stages, found })
+    }
+
+    /// Starts a search in the textures as they are. `false`, and nothing is done, as long as the result of the last one has not been
+    /// picked up.
+    pub fn submit(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
+        if !self.found.is_idle() {
+            return false;
+        }
+        self.found.submit(device, queue, "exposure search", |pass| {
+            self.stages.iter().for_each(|s| s.run(pass));
+        });
+        true
+    }
+
+    /// The exposure, once it is known; `Some(None)` if nothing with texture moves.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Option<ExposureFit>>> {
+        self.found.poll(device, |found| {
+            let (lambda, samples, information, variance) = (found[0], found[1], found[2], found[3]);
+            let (curve, max) = (&found[4..4 + CURVE], found[4 + CURVE]);
+            let step = 1.0 / (CURVE - 1) as f32;
+            (samples >= MIN_PLACES as f32).then(|| ExposureFit {
+                exposure: ExposureFraction(lambda),
+                variance: if information > 0.0 {
+                    f64::from(variance) / f64::from(information).powi(2)
+                } else {
+                    f64::INFINITY
+                },
+                samples: samples as usize,
+                curve: curve.iter().enumerate().map(|(i, v)| [i as f32 * step, v - max]).collect(),
+            })
+        })
+    }
+}

@@ -1,0 +1,256 @@
+//! Blind fit of exposure and defocus: the Whittle likelihood of local spectra, tile by tile.
+
+use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
+use crate::gpu::array_view;
+use blindaug::fit::noise::LumaNoise;
+use blindaug::fit::spectral::{
+    COLUMNS, EXPOSURES, ExposureWitness, LensWitness, SIGMAS, TILE, TILES_PER_FRAME, frequencies, hann,
+    lens_gain,
+};
+use blindaug::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
+use blindaug::synth::noise::white_band_std;
+use blindaug::{Error, Result};
+use wgpu::BufferUsages;
+
+pub(crate) const TILES: &str =
+    concat!(include_str!("spectral/common.wgsl"), include_str!("spectral/tiles.wgsl"));
+pub(crate) const EXPOSURE: &str = concat!(
+    include_str!("spectral/common.wgsl"),
+    include_str!("spectral/likelihood.wgsl"),
+    include_str!("spectral/exposure.wgsl")
+);
+pub(crate) const LENS: &str = concat!(
+    include_str!("spectral/common.wgsl"),
+    include_str!("spectral/likelihood.wgsl"),
+    include_str!("spectral/lens.wgsl")
+);
+
+/// f32 of the shader's `Tile`, of its `Params`, of a witness, and of a row of its table of lenses.
+const TILE_LEN: usize = 12;
+const PARAMS: usize = 28;
+const WITNESS: usize = 5 + EXPOSURES + SIGMAS;
+const GAINS: usize = 128;
+
+/// What the tiles of a frame say of exposure and defocus. [`blindaug::fit::spectral::exposure_of`] and
+/// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on, and
+/// [`blindaug::fit::track::Tracker::push_witnesses`] follows them over time.
+#[derive(Clone, Debug, Default)]
+pub struct Witnesses {
+    /// Tiles that move; as of frame 0.
+    pub exposure: Vec<ExposureWitness>,
+    /// Tiles of one depth; as of the first part of a clip.
+    pub lens: Vec<LensWitness>,
+}
+
+/// Looks at the frame in a texture, with the flow to the next frame and inverse depth, where known: its tiles' periodograms, and
+/// their likelihoods over exposure and defocus, with the amplitudes profiled out. As [`blindaug::fit::spectral::tiles`],
+/// [`blindaug::fit::spectral::fit_exposure`] and [`blindaug::fit::spectral::fit_lens`] do, up to what the tiles agree on.
+#[derive(Debug)]
+pub struct TileEvidence {
+    params: wgpu::Buffer,
+    /// The words of `params` that stay as they are.
+    constant: [u32; 9],
+    /// Light, places, periodograms, choice, exposure, lens; of a frame that is smaller than a tile, none.
+    stages: Vec<Stage>,
+    witnesses: Readback,
+}
+
+impl TileEvidence {
+    /// Of display-encoded frames, 3 channels or more, flow to the next frame in px (NaN: unknown) and inverse depth (NaN: no reading);
+    /// of each texture the first layer counts. What is not given says nothing.
+    ///
+    /// # Errors
+    /// If the textures differ in size, or the device cannot hold what a frame as large needs.
+    pub fn new(
+        device: &wgpu::Device,
+        frame: &wgpu::Texture,
+        flow: Option<&wgpu::Texture>,
+        inverse_depth: Option<&wgpu::Texture>,
+        space: BlurSpace,
+    ) -> Result<Self> {
+        let (or_flow, or_depth) = (flow.unwrap_or(frame), inverse_depth.unwrap_or(frame));
+        let size = common_size(&[frame, or_flow, or_depth])?;
+        let (fine, coarse) = (tiles(size), tiles(size.map(|v| v / 2)));
+        let count = (fine[0] * fine[1] + coarse[0] * coarse[1]) as usize;
+        let pixels = (size[0] * size[1]) as usize;
+        let limits = device.limits();
+        let largest = 4 * (count * COLUMNS * TILE).max(pixels + pixels / 4);
+        if largest as u64 > limits.max_storage_buffer_binding_size
+            || count > limits.max_compute_workgroups_per_dimension as usize
+        {
+            return Err(Error::new(format!(
+                "the spectra of {} x {} pixels are more than this graphics device can hold; use smaller frames",
+                size[0], size[1]
+            )));
+        }
+        let params = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("spectral fit"),
+            size: 4 * PARAMS as u64,
+            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let chosen = count.min(TILES_PER_FRAME);
+        let witnesses = Readback::new(device, "witnesses", chosen * WITNESS);
+        let flags = [space == BlurSpace::Linear, flow.is_some(), inverse_depth.is_some()];
+        let mut constant = [0; 9];
+        for (word, v) in
+            constant.iter_mut().zip([size, fine, coarse].into_iter().flatten().chain(flags.map(u32::from)))
+        {
+            *word = v;
+        }
+        let stages = if count == 0 {
+            vec![]
+        } else {
+            let views = [frame, or_flow, or_depth].map(array_view);
+            stages(device, (size, count, chosen), &params, &views, &witnesses.source)
+        };
+        Ok(Self { params, constant, stages, witnesses })
+    }
+
+    /// Starts to look at the textures as they are, given the std of the noise per level, the exposure so far (for the lens; 0 if
+    /// nothing is known of it) and the camera's sharpening. `false`, and nothing is done, as long as what came of the last frame has not
+    /// been picked up.
+    pub fn submit(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        noise: &[LumaNoise; NOISE_LEVELS],
+        exposure: ExposureFraction,
+        sharpening: Option<&SharpeningModel>,
+    ) -> bool {
+        if !self.witnesses.is_idle() {
+            return false;
+        }
+        let [amount, radius] = sharpening.map_or([0.0; 2], |s| [s.amount, s.radius_px]);
+        let levels = noise.iter().zip(white_band_std());
+        let levels = levels.flat_map(|(n, white)| [n.slope, n.intercept, white * white, 0.0]);
+        let varying = [exposure.0, amount, radius].into_iter().chain(levels).map(f32::to_bits);
+        let mut words = [0; PARAMS];
+        words.iter_mut().zip(self.constant.into_iter().chain(varying)).for_each(|(word, v)| *word = v);
+        queue.write_buffer(&self.params, 0, bytemuck::cast_slice(&words));
+        self.witnesses.submit(device, queue, "spectral fit", |pass| {
+            self.stages.iter().for_each(|s| s.run(pass));
+        });
+        true
+    }
+
+    /// What the tiles say, once it is known.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Witnesses>> {
+        self.witnesses.poll(device, |values| {
+            let mut out = Witnesses::default();
+            if self.stages.is_empty() {
+                return out;
+            }
+            for witness in values.chunks_exact(WITNESS) {
+                let (exposure, lens) = witness.split_at(3 + EXPOSURES);
+                let block = exposure[0] as u32;
+                if exposure[1] > 0.0 {
+                    let (speed, objections) = (exposure[2], exposure[3..].to_vec());
+                    out.exposure.push(ExposureWitness { block, frame: 0, speed, objections });
+                }
+                if lens[0] > 0.0 {
+                    let (inverse_depth, table) = (lens[1], lens[2..].to_vec());
+                    out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, shot: 0 });
+                }
+            }
+            out
+        })
+    }
+}
+
+/// Tiles, which overlap by half, across and down.
+fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
+    let tile = TILE as u32;
+    if w < tile || h < tile { [0; 2] } else { [w, h].map(|v| (v - tile) / (tile / 2) + 1) }
+}
+
+fn stages(
+    device: &wgpu::Device,
+    (size, count, chosen_count): ([u32; 2], usize, usize),
+    params: &wgpu::Buffer,
+    [frame, flow, inverse_depth]: &[wgpu::TextureView; 3],
+    witnesses: &wgpu::Buffer,
+) -> Vec<Stage> {
+    let params = uniform(params);
+    let pixels = (size[0] * size[1]) as usize;
+    let light = storage(device, "light", 4 * (pixels + pixels / 4));
+    let tiles = storage(device, "tiles", 4 * TILE_LEN * count);
+    let periodograms = storage(device, "periodograms", 4 * COLUMNS * TILE * count);
+    let contrasts = storage(device, "contrasts", 4 * count);
+    let chosen = storage(device, "chosen tiles", 4 * chosen_count);
+    let table = |label, contents: &[f32]| filled(device, label, contents, BufferUsages::STORAGE);
+    let turn = |i: usize| (std::f64::consts::TAU * i as f64 / TILE as f64).sin_cos();
+    let window: Vec<f32> = (hann().iter().enumerate())
+        .flat_map(|(i, &w)| [w, turn(i).0 as f32, turn(i).1 as f32, 0.0])
+        .collect();
+    let window = table("window", &window);
+    let ring = |modulus: f32| (modulus * TILE as f32) as usize;
+    let mut by_ring = frequencies().to_vec();
+    by_ring.sort_by_key(|f| ring(f.modulus));
+    let starts: Vec<u32> =
+        (0..=COLUMNS).map(|r| by_ring.partition_point(|f| ring(f.modulus) < r) as u32).collect();
+    let rings = filled(device, "rings", &starts, BufferUsages::STORAGE);
+    let by_ring: Vec<f32> = by_ring.iter().flat_map(|f| [f.x, f.y, f.modulus, f.at as f32]).collect();
+    let by_ring = table("frequencies", &by_ring);
+    let gains: Vec<f32> =
+        (0..SIGMAS * GAINS).map(|i| lens_gain(i / GAINS, 0.5 * (i % GAINS) as f32 / GAINS as f32)).collect();
+    let gains = table("lenses", &gains);
+    let shared = [
+        params.clone(),
+        read(&tiles),
+        read(&chosen),
+        read(&periodograms),
+        read(&by_ring),
+        read(&rings),
+        write(witnesses),
+    ];
+    let lens: Vec<_> = shared.iter().cloned().chain([read(&gains)]).collect();
+    let of_each = |threads: usize, n: usize| [(threads * n) as u32, 1, 1];
+    vec![
+        Stage::new(
+            device,
+            TILES,
+            "light",
+            [8, 8, 1],
+            [size[0].div_ceil(2), size[1].div_ceil(2), 1],
+            &[params.clone(), view(frame), write(&light)],
+        ),
+        Stage::new(
+            device,
+            TILES,
+            "locate",
+            [64, 1, 1],
+            of_each(64, count),
+            &[params.clone(), view(frame), view(flow), view(inverse_depth), write(&tiles)],
+        ),
+        Stage::new(
+            device,
+            TILES,
+            "periodogram",
+            [128, 1, 1],
+            of_each(128, count),
+            &[
+                params.clone(),
+                read(&light),
+                read(&tiles),
+                read(&window),
+                read(&by_ring),
+                write(&periodograms),
+                write(&contrasts),
+            ],
+        ),
+        Stage::new(
+            device,
+            TILES,
+            "choose",
+            [64, 1, 1],
+            of_each(1, count),
+            &[params, read(&contrasts), write(&chosen)],
+        ),
+        Stage::new(device, EXPOSURE, "object", [32, 1, 1], of_each(32, chosen_count), &shared),
+        Stage::new(device, LENS, "defocus", [48, 1, 1], of_each(48, chosen_count), &lens),
+    ]
+}

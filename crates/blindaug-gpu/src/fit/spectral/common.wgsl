@@ -1,0 +1,48 @@
+// What the kernels of the spectral fit share. CPU twin, with the meaning of the constants: crates/blindaug/src/fit/spectral.rs.
+
+struct Params {
+    // Of the frame, px.
+    size: vec2u,
+    // Tiles across and down, and at half the resolution.
+    tiles: vec2u,
+    coarse_tiles: vec2u,
+    linear_light: u32,
+    has_flow: u32,
+    has_depth: u32,
+    exposure: f32,
+    // Amount and radius, px, of the camera's unsharp mask.
+    sharpening: vec2f,
+    // Per level: std of the noise per luma and at none, and the variance of white noise of std 1.
+    noise: array<vec4f, 4>,
+}
+
+struct Tile {
+    // px of the tile per frame interval.
+    motion: vec2f,
+    speed: f32,
+    inverse_depth: f32,
+    noise_moments: vec3f,
+    // Whether its parts move alike (or nothing is known to move), and have one depth.
+    flags: u32,
+    corner: vec2u,
+    block: u32,
+    scale: f32,
+}
+const USABLE = 1u;
+const DEPTH_KNOWN = 2u;
+
+const TILE = 48u;
+// Columns of a periodogram, as many rings of like modulus, and at most as many bins in each.
+const COLUMNS = 17u;
+const BINS = COLUMNS * COLUMNS;
+// Chosen tiles that are none.
+const NONE = 0xffffffffu;
+const MIN_SPEED = 1.5;
+const MAX_SPEED = 60.0;
+
+@group(0) @binding(0) var<uniform> params: Params;
+
+// Arithmetic may take NaN for anything.
+fn finite(v: f32) -> bool {
+    return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
+}

@@ -1,0 +1,263 @@
+// What a tile objects to exposures: the likelihood of V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n,
+// with amplitudes, c2, c4 and e at their most likely values, by Fisher scoring. A thread looks after each ring.
+
+const THREADS = 32u;
+const MAX_LAMBDA = 1.25;
+// Of the table over lambda.
+const MAX_STEPS = 26u;
+const STREAK_STEP = 0.6;
+const EXPOSURE_STEP = 0.005;
+const STREAK_ERROR = 0.4;
+const CLIP = 8.0;
+const TOLERANCE = 1.0;
+// Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
+const PRECISIONS = vec3f(1.0, 1.0, 16.0) / TEMPER;
+
+// Of each ring's bins, in COLUMNS places.
+var<workgroup> weight: array<f32, BINS>;
+var<workgroup> power: array<f32, BINS>;
+var<workgroup> noise: array<f32, BINS>;
+var<workgroup> along: array<f32, BINS>;
+var<workgroup> cos2: array<f32, BINS>;
+var<workgroup> leaks: array<vec2f, BINS>;
+var<workgroup> shutter: array<f32, BINS>;
+// Log-likelihood, score of the nuisances and the same without what the amplitude explains, and their information.
+const SUMS = 13u;
+var<workgroup> ring_sums: array<f32, SUMS * COLUMNS>;
+var<workgroup> sums: array<f32, SUMS>;
+// What each ring's last step of each lambda gains.
+var<workgroup> gains: array<f32, MAX_STEPS * COLUMNS>;
+var<workgroup> maxima: array<f32, THREADS>;
+var<workgroup> has_contrast: u32;
+
+struct Scene {
+    // Logarithm of the ring's.
+    amplitude: f32,
+    // c2, c4, e.
+    nuisances: vec3f,
+}
+
+struct Improved {
+    scene: Scene,
+    // The log-likelihood that the step leads to, if it is quadratic, without what the amplitudes gain, and of that this ring's.
+    log_likelihood: f32,
+    gain: f32,
+}
+
+// One step in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
+fn improve(thread: u32, n: u32, before: Scene) -> Improved {
+    var own_score = 0.0;
+    var own = 0.0;
+    var mixed = vec3f(0.0);
+    var score = vec3f(0.0);
+    var log_likelihood = 0.0;
+    // Of c2 with itself; c4 with c2, itself; e with c2, c4, itself.
+    var first = 0.0;
+    var second = vec2f(0.0);
+    var third = vec3f(0.0);
+    let factor = exp(before.nuisances.z);
+    for (var i = COLUMNS * thread; i < COLUMNS * thread + n; i++) {
+        let c2 = cos2[i];
+        let c4 = 2.0 * c2 * c2 - 1.0;
+        let direction = before.nuisances.x * c2 + before.nuisances.y * c4;
+        let signal = exp(before.amplitude + direction) * shutter[i];
+        let variance = signal + factor * noise[i];
+        let ratio = power[i] / variance;
+        log_likelihood -= weight[i] * (log(variance) + ratio);
+        let excess = weight[i] * (ratio - 1.0);
+        let share = signal / variance;
+        let slopes = vec3f(share * c2, share * c4, 1.0 - share);
+        let weighted = weight[i] * slopes;
+        own_score += share * excess;
+        own += weight[i] * share * share;
+        score += slopes * excess;
+        mixed += share * weighted;
+        first += weighted.x * slopes.x;
+        second += weighted.y * slopes.xy;
+        third += weighted.z * slopes;
+    }
+    own += 1e-6;
+    if thread < COLUMNS {
+        let left = score - mixed * own_score / own;
+        let explained = mixed / own;
+        var out = array<f32, SUMS>(
+            log_likelihood, score.x, score.y, score.z, left.x, left.y, left.z,
+            first - mixed.x * explained.x,
+            second.x - mixed.y * explained.x, second.y - mixed.y * explained.y,
+            third.x - mixed.z * explained.x, third.y - mixed.z * explained.y, third.z - mixed.z * explained.z,
+        );
+        for (var k = 0u; k < SUMS; k++) {
+            ring_sums[k * COLUMNS + thread] = out[k];
+        }
+    }
+    workgroupBarrier();
+    if thread < SUMS {
+        var sum = 0.0;
+        for (var i = 0u; i < COLUMNS; i++) {
+            sum += ring_sums[thread * COLUMNS + i];
+        }
+        sums[thread] = sum;
+    }
+    workgroupBarrier();
+    let prior = PRECISIONS * before.nuisances;
+    let slope = vec3f(sums[1], sums[2], sums[3]) - prior;
+    let step = solve(vec3f(sums[4], sums[5], sums[6]) - prior);
+    let change = clamp((own_score - dot(mixed, step)) / own, -1.5, 1.5);
+    return Improved(
+        Scene(before.amplitude + change, before.nuisances + step),
+        sums[0] - 0.5 * dot(prior, before.nuisances) + 0.5 * dot(slope, step),
+        0.5 * own_score * change,
+    );
+}
+
+// The step by Cholesky's decomposition of the information; far from the solution a whole one may go too far.
+fn solve(score: vec3f) -> vec3f {
+    let l00 = sqrt(max(sums[7] + PRECISIONS.x, 1e-9));
+    let l10 = sums[8] / l00;
+    let l11 = sqrt(max(sums[9] + PRECISIONS.y - l10 * l10, 1e-9));
+    let l20 = sums[10] / l00;
+    let l21 = (sums[11] - l20 * l10) / l11;
+    let l22 = sqrt(max(sums[12] + PRECISIONS.z - l20 * l20 - l21 * l21, 1e-9));
+    var x = vec3f(score.x / l00, 0.0, 0.0);
+    x.y = (score.y - l10 * x.x) / l11;
+    x.z = (score.z - l20 * x.x - l21 * x.y) / l22;
+    x.z = x.z / l22;
+    x.y = (x.y - l21 * x.z) / l11;
+    x.x = (x.x - l10 * x.y - l20 * x.z) / l00;
+    return clamp(x, vec3f(-0.7), vec3f(0.7));
+}
+
+@compute @workgroup_size(32)
+fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
+    let witness = group.x * WITNESS;
+    let index = chosen[group.x];
+    if thread == 0u {
+        witnesses[witness + 1u] = 0.0;
+    }
+    if index == NONE {
+        return;
+    }
+    let tile = tiles[index];
+    if thread == 0u {
+        witnesses[witness] = f32(tile.block);
+        witnesses[witness + 2u] = tile.speed * tile.scale;
+    }
+    if tile.speed < MIN_SPEED {
+        return;
+    }
+    var n = 0u;
+    var scene = Scene(0.0, vec3f(0.0));
+    if thread < COLUMNS {
+        var bins: array<vec4f, COLUMNS>;
+        n = bins_of(index, tile, thread, &bins);
+        var weighted = vec2f(0.0);
+        var unweighted = vec2f(0.0);
+        for (var i = 0u; i < n; i++) {
+            let bin = bins[i];
+            let at = COLUMNS * thread + i;
+            weight[at] = bin.x;
+            power[at] = bin.y;
+            noise[at] = noise_density(tile, bin.w);
+            along[at] = bin.z;
+            let cosine = min(bin.z / bin.w, 1.0);
+            cos2[at] = 2.0 * cosine * cosine - 1.0;
+            leaks[at] = leaks_of(tile, bin);
+            let seen = vec2f(bin.y, noise[at]);
+            weighted += bin.x * seen;
+            unweighted += seen;
+        }
+        let excess = max(max(unweighted.x - unweighted.y, 0.01 * unweighted.x), 1e-12);
+        scene.amplitude = log(excess / f32(max(n, 1u)));
+        ring_sums[thread] = weighted.x;
+        ring_sums[COLUMNS + thread] = weighted.y;
+    }
+    workgroupBarrier();
+    if thread == 0u {
+        var seen = 0.0;
+        var noise = 0.0;
+        for (var i = 0u; i < COLUMNS; i++) {
+            seen += ring_sums[i];
+            noise += ring_sums[COLUMNS + i];
+        }
+        has_contrast = u32(seen > MIN_CONTRAST * noise);
+        witnesses[witness + 1u] = f32(has_contrast);
+    }
+    if workgroupUniformLoad(&has_contrast) == 0u {
+        return;
+    }
+
+    // Halves go up, also where division is not exact: whole speeds lead to them.
+    let steps = floor(MAX_LAMBDA / clamp(STREAK_STEP / tile.speed, 0.05, 0.125) + 0.5001);
+    let step = MAX_LAMBDA / steps;
+    let len = u32(steps) + 1u;
+    for (var l = 0u; l < len; l++) {
+        for (var i = COLUMNS * thread; i < COLUMNS * thread + n; i++) {
+            shutter[i] = shutter_gain(tile.speed, along[i], leaks[i], f32(l) * step);
+        }
+        // Starts near the solution except for the first value of a table.
+        let rounds = select(2u, 13u, l == 0u);
+        var improved: Improved;
+        for (var i = 0u; i < rounds; i++) {
+            improved = improve(thread, n, scene);
+            scene = improved.scene;
+        }
+        if thread < COLUMNS {
+            gains[l * COLUMNS + thread] = improved.gain;
+        }
+        if thread == 0u {
+            values[l] = improved.log_likelihood;
+        }
+    }
+    workgroupBarrier();
+    if thread < len {
+        var sum = values[thread];
+        for (var i = 0u; i < COLUMNS; i++) {
+            sum += gains[thread * COLUMNS + i];
+        }
+        values[thread] = TEMPER * sum;
+    }
+    workgroupBarrier();
+    var highest = values[0];
+    for (var i = 1u; i < len; i++) {
+        highest = max(highest, values[i]);
+    }
+
+    // Averaged over what the texture may add to the streaks. A wide blur leaves nothing between so many steps.
+    let width = STREAK_ERROR / tile.speed / EXPOSURE_STEP;
+    let stride = clamp(u32(0.25 * width), 1u, 8u);
+    let count = (EXPOSURES - 1u + stride - 1u) / stride + 1u;
+    let likelihood = MAX_STEPS;
+    for (var i = thread; i < count; i += THREADS) {
+        values[likelihood + i] = exp(interpolate(0u, len, f32(i * stride) * EXPOSURE_STEP / step) - highest);
+    }
+    workgroupBarrier();
+    let blurred = likelihood + EXPOSURES + 1u;
+    let sigma = width / f32(stride);
+    let reach = u32(3.0 * sigma);
+    for (var at = thread; at < count; at += THREADS) {
+        var sum = 0.0;
+        var total = 0.0;
+        for (var i = max(at, reach) - reach; i < min(at + reach + 1u, count); i++) {
+            let distance = (f32(i) - f32(at)) / sigma;
+            let w = exp(-0.5 * distance * distance);
+            sum += w * values[likelihood + i];
+            total += w;
+        }
+        values[blurred + at] = log(max(sum / total, 1.2e-38));
+    }
+    workgroupBarrier();
+    var own_highest = -1e30;
+    for (var i = thread; i < EXPOSURES; i += THREADS) {
+        own_highest = max(own_highest, interpolate(blurred, count, f32(i) / f32(stride)));
+    }
+    maxima[thread] = own_highest;
+    workgroupBarrier();
+    highest = maxima[0];
+    for (var i = 1u; i < THREADS; i++) {
+        highest = max(highest, maxima[i]);
+    }
+    for (var i = thread; i < EXPOSURES; i += THREADS) {
+        let v = interpolate(blurred, count, f32(i) / f32(stride)) - highest;
+        witnesses[witness + OBJECTIONS_AT + i] = clamp(v + TOLERANCE, -CLIP, 0.0);
+    }
+}

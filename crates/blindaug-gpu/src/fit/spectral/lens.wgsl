@@ -1,0 +1,200 @@
+// What a tile says of the blur there: the likelihood over the std of a = amplitude, slope of the spectrum in V = a / |w|^alpha |K_MB|^2 |K_DoF|^2 + n,
+// a profiled out and alpha integrated out. Eight threads look after each of six slopes.
+
+// |K_DoF|^2 of each std, over the modulus in steps of 1/256.
+@group(0) @binding(7) var<storage, read> lens_gains: array<f32>;
+const GAINS = 128u;
+
+const ALPHAS = 6u;
+const LANES = 8u;
+const ALPHA_STD = 0.4;
+const PIXEL_RESPONSE = 0.5;
+
+// Bins that motion blur leaves alike, those of all rings one after the other.
+var<workgroup> weight: array<f32, BINS>;
+var<workgroup> power: array<f32, BINS>;
+var<workgroup> noise: array<f32, BINS>;
+var<workgroup> modulus: array<f32, BINS>;
+var<workgroup> shutter: array<f32, BINS>;
+// What would be seen without defocus and with amplitude 1, for each slope.
+var<workgroup> scenes: array<f32, ALPHAS * BINS>;
+var<workgroup> counts: array<u32, COLUMNS>;
+var<workgroup> lane_sums: array<vec3f, ALPHAS * LANES>;
+var<workgroup> has_contrast: u32;
+
+// How many stds of the prior a slope lies from its mean.
+fn deviation(alpha: u32) -> f32 {
+    return 0.8 * (f32(alpha) - 0.5 * f32(ALPHAS - 1u));
+}
+
+// Over the threads of a slope.
+fn lanes_total(thread: u32, own: vec3f) -> vec3f {
+    lane_sums[thread] = own;
+    workgroupBarrier();
+    var sum = vec3f(0.0);
+    for (var i = 0u; i < LANES; i++) {
+        sum += lane_sums[thread / LANES * LANES + i];
+    }
+    workgroupBarrier();
+    return sum;
+}
+
+fn lens_gain(sigma: u32, modulus: f32) -> f32 {
+    let at = min(modulus * 256.0, f32(GAINS) - 1.001);
+    let i = sigma * GAINS + u32(at);
+    return lens_gains[i] + fract(at) * (lens_gains[i + 1u] - lens_gains[i]);
+}
+
+// px that an index of the tables stands for, and the other way round.
+fn sigma_of(index: u32) -> f32 {
+    return select(3.0 + 0.5 * (f32(index) - 20.0), 0.15 * f32(index), index <= 20u);
+}
+
+fn index_of(sigma: f32) -> f32 {
+    return clamp(select(20.0 + (sigma - 3.0) / 0.5, sigma / 0.15, sigma <= 3.0), 0.0, f32(SIGMAS - 1u));
+}
+
+@compute @workgroup_size(48)
+fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
+    let witness = group.x * WITNESS + LENS_AT;
+    let index = chosen[group.x];
+    if thread == 0u {
+        witnesses[witness] = 0.0;
+    }
+    if index == NONE {
+        return;
+    }
+    let tile = tiles[index];
+    if (tile.flags & DEPTH_KNOWN) == 0u {
+        return;
+    }
+    // Neighbours of a ring that motion blur leaves alike are taken together.
+    var bins: array<vec4f, COLUMNS>;
+    var gains: array<f32, COLUMNS>;
+    var densities: array<f32, COLUMNS>;
+    var n = 0u;
+    if thread < COLUMNS {
+        let all = bins_of(index, tile, thread, &bins);
+        var seen = vec3f(0.0);
+        var first = 0.0;
+        for (var i = 0u; i < all; i++) {
+            let bin = bins[i];
+            let density = noise_density(tile, bin.w);
+            let gain = shutter_gain(tile.speed, bin.z, leaks_of(tile, bin), params.exposure);
+            seen += bin.x * vec3f(bin.y, density, 0.0);
+            if n > 0u && max(first / gain, gain / first) < 1.3 {
+                let last = bins[n - 1u];
+                let sum = last.x + bin.x;
+                bins[n - 1u] = vec4f(sum, (last.x * last.yzw + bin.x * bin.yzw) / sum);
+                gains[n - 1u] = (last.x * gains[n - 1u] + bin.x * gain) / sum;
+                densities[n - 1u] = (last.x * densities[n - 1u] + bin.x * density) / sum;
+            } else {
+                first = gain;
+                bins[n] = bin;
+                gains[n] = gain;
+                densities[n] = density;
+                n++;
+            }
+        }
+        counts[thread] = n;
+        lane_sums[thread] = seen;
+    }
+    workgroupBarrier();
+    if thread == 0u {
+        var seen = vec3f(0.0);
+        for (var i = 0u; i < COLUMNS; i++) {
+            seen += lane_sums[i];
+        }
+        has_contrast = u32(seen.x > MIN_CONTRAST * seen.y);
+        witnesses[witness] = f32(has_contrast);
+        witnesses[witness + 1u] = tile.inverse_depth;
+    }
+    if workgroupUniformLoad(&has_contrast) == 0u {
+        return;
+    }
+    var start = 0u;
+    var count = 0u;
+    for (var i = 0u; i < COLUMNS; i++) {
+        start += select(0u, counts[i], i < thread);
+        count += counts[i];
+    }
+    for (var i = 0u; i < n; i++) {
+        weight[start + i] = bins[i].x;
+        power[start + i] = bins[i].y;
+        modulus[start + i] = bins[i].w;
+        noise[start + i] = densities[i];
+        shutter[start + i] = gains[i];
+    }
+    workgroupBarrier();
+    for (var i = thread; i < ALPHAS * count; i += ALPHAS * LANES) {
+        let alpha = i / count;
+        let bin = i % count;
+        let pixel = 2.0 * PI * PIXEL_RESPONSE / tile.scale * modulus[bin];
+        let x = 2.0 * PI * params.sharpening.y * modulus[bin] / tile.scale;
+        let sharpened = 1.0 + params.sharpening.x * (1.0 - exp(-0.5 * x * x));
+        let scene = pow(modulus[bin] / 0.2, -(ALPHA + ALPHA_STD * deviation(alpha))) * exp(-pixel * pixel);
+        scenes[alpha * BINS + bin] = shutter[bin] * scene * sharpened * sharpened;
+    }
+    workgroupBarrier();
+
+    let alpha = thread / LANES;
+    let lane = thread % LANES;
+    let terms = SIGMAS;
+    var log_amplitude = 0.0;
+    for (var s = 0u; s < SIGMAS; s++) {
+        if s == 0u {
+            var own = vec3f(0.0);
+            for (var i = lane; i < count; i += LANES) {
+                own += weight[i] * vec3f(power[i], scenes[alpha * BINS + i] * lens_gain(s, modulus[i]), 0.0);
+            }
+            let total = lanes_total(thread, own);
+            log_amplitude = log(max(total.x / total.y, 1e-12));
+        }
+        // Fisher scoring; starts near the solution except for the first std.
+        let rounds = select(2u, 10u, s == 0u);
+        var log_likelihood = 0.0;
+        for (var round = 0u; round < rounds; round++) {
+            let a = exp(log_amplitude);
+            var own = vec3f(0.0);
+            for (var i = lane; i < count; i += LANES) {
+                let signal = a * scenes[alpha * BINS + i] * lens_gain(s, modulus[i]);
+                let variance = signal + noise[i];
+                let share = signal / variance;
+                let ratio = power[i] / variance;
+                own += weight[i] * vec3f(share * (ratio - 1.0), share * share, -log(variance) - ratio);
+            }
+            let total = lanes_total(thread, own);
+            let change = clamp(total.x / (total.y + 1e-6), -1.5, 1.5);
+            log_amplitude = max(log_amplitude + change, -27.0);
+            // As it will be after the step, if it is quadratic.
+            log_likelihood = total.z + 0.5 * total.x * change;
+        }
+        if lane == 0u {
+            let prior = 0.5 * deviation(alpha) * deviation(alpha);
+            values[terms + s * ALPHAS + alpha] = log_likelihood * TEMPER - prior;
+        }
+    }
+    workgroupBarrier();
+    for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
+        let first = terms + s * ALPHAS;
+        var highest = values[first];
+        for (var k = 1u; k < ALPHAS; k++) {
+            highest = max(highest, values[first + k]);
+        }
+        var sum = 0.0;
+        for (var k = 0u; k < ALPHAS; k++) {
+            sum += exp(values[first + k] - highest);
+        }
+        values[s] = highest + log(sum);
+    }
+    workgroupBarrier();
+    // Over the stds in px of the frame.
+    var highest = -1e30;
+    for (var s = 0u; s < SIGMAS; s++) {
+        highest = max(highest, interpolate(0u, SIGMAS, index_of(sigma_of(s) / tile.scale)));
+    }
+    for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
+        let v = interpolate(0u, SIGMAS, index_of(sigma_of(s) / tile.scale));
+        witnesses[witness + 2u + s] = v - highest;
+    }
+}

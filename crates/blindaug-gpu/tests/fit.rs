@@ -1,0 +1,408 @@
+//! The fits on the device against those of the crate blindaug.
+
+#[path = "../../blindaug/tests/leaves/mod.rs"]
+mod leaves;
+
+mod common;
+use common::{GPU, no_gpu};
+
+use blindaug::fit::noise::LumaNoise;
+use blindaug::fit::track::Tracker;
+use blindaug::fit::{BlurPoint, Evidence, Observation, defocus, motion_blur, spectral};
+use blindaug::model::{BlurSpace, DepthKind, ExposureFraction, SharpeningModel};
+use blindaug::synth::{self, defocus::Bokeh};
+use blindaug::{Flow, Plane, Raster, filter};
+use blindaug_gpu::{Gpu, fit};
+use wgpu::{Texture, TextureFormat};
+
+fn plane(plane: &Plane) -> Texture {
+    GPU.upload(&[plane], TextureFormat::R32Float).expect("it fits")
+}
+
+/// What `poll` gives once the device is done.
+fn result<T>(mut poll: impl FnMut() -> blindaug::Result<Option<T>>) -> T {
+    GPU.wait().expect("the device works");
+    poll().expect("the device works").expect("the device is done")
+}
+
+/// Waves of many lengths and directions: texture at every scale.
+fn texture(w: usize, h: usize) -> Plane {
+    Plane::from_fn(w, h, |x, y| {
+        let (x, y) = (x as f32, y as f32);
+        let wave = |k: i32| {
+            let k = k as f32;
+            let f = 0.04 * 1.17f32.powf(k);
+            ((x * (2.4 * k).cos() + y * (2.4 * k).sin()) * f + k).sin() / (1.0 + 0.3 * k)
+        };
+        0.4 + 0.09 * (0..20).map(wave).sum::<f32>()
+    })
+}
+
+/// Of 100 stds between 0 and 10 px, two neighbours may be equally good: sums in another order choose the other one.
+const SEARCHED_STD: f32 = 0.101;
+/// Share of the places that only one of the two takes: those whose contrast lies at the threshold.
+const OTHER_PLACES: f32 = 0.01;
+
+/// Largest difference of the stds of places in both, and the share of places in one of them alone.
+fn differences(a: &[BlurPoint], b: &[BlurPoint]) -> (f32, f32) {
+    let (mut std, mut alone) = (0.0f32, 0);
+    for p in a {
+        match b.iter().find(|q| q.inverse_depth == p.inverse_depth) {
+            Some(q) => std = std.max((p.sigma_px - q.sigma_px).abs()),
+            None => alone += 1,
+        }
+    }
+    (std, (alone + b.len() + alone - a.len()) as f32 / a.len().max(1) as f32)
+}
+
+#[test]
+fn the_pooled_search_finds_what_the_cpu_finds() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (131, 90);
+    let sharp = texture(w, h);
+    // Another at every place, so that places can be told apart; not known everywhere.
+    let depth =
+        Plane::from_fn(
+            w,
+            h,
+            |x, y| {
+                if x < 9 { f32::NAN } else { 0.1 + x as f32 / 150.0 + y as f32 / 100_000.0 }
+            },
+        );
+    let observed =
+        synth::defocus::defocus(&sharp, &depth.map(|d| 4.0 * (d.max(0.1) - 0.3).abs()), Bokeh::Disk)
+            .expect("one size");
+    let expected = defocus::pooled_search(&observed, &sharp, &depth);
+    let target = plane(&observed);
+    let mut search = fit::defocus::PooledSearch::new(&GPU.device, &target, &plane(&sharp), &plane(&depth))
+        .expect("one size");
+    let mut found = || {
+        assert!(search.submit(&GPU.device, &GPU.queue));
+        assert!(!search.submit(&GPU.device, &GPU.queue), "the first one's result is still to come");
+        result(|| search.poll(&GPU.device))
+    };
+    let (std, alone) = differences(&expected, &found());
+    println!("{} places, std {std}, share in one alone {alone}", expected.len());
+    assert!(expected.len() > 200 && std <= SEARCHED_STD && alone <= OTHER_PLACES, "{std} {alone}");
+    let lens = |points: &[BlurPoint]| defocus::quadratic(points).expect("many depths").0;
+    let (a, b) = (lens(&expected), lens(&found()));
+    println!("{a:?} {b:?}");
+    let at = |[a, b, c]: [f32; 3], d: f32| a * d * d + b * d + c;
+    assert!([0.2, 0.5, 0.9].iter().all(|&d| (at(a, d) - at(b, d)).abs() < 0.01));
+
+    // Other pixels in the same texture give another answer.
+    GPU.write(&target, &[&filter::gaussian_blur(&observed, 1.0)]);
+    let (std, alone) = differences(&expected, &found());
+    println!("negative control: std {std}, {alone}");
+    assert!(std > SEARCHED_STD, "{std} {alone}");
+}
+
+/// The search's last step: of two exposures as far apart that are equally good, sums in another order choose the other one.
+const SEARCHED_EXPOSURE: f32 = 0.0021;
+/// Of thousands of places, those at whose threshold of contrast a rounding decides: so many may be in one search alone.
+const OTHER_SAMPLES: usize = 3;
+/// Relative: of the variance and of the curve, which are sums over places in another order and at exposures a step apart.
+const VARIANCE: f64 = 0.05;
+const CURVE: f32 = 0.01;
+
+#[test]
+fn the_exposure_search_finds_what_the_cpu_finds() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (144, 120);
+    let sharp = texture(w, h);
+    // Unknown at the left, with an edge at the top.
+    let flow = Flow::from_fn(w, h, |x, y| match (x, y) {
+        (0..20, _) => [f32::NAN; 2],
+        (_, 0..30) => [-7.0, 5.0],
+        _ => [9.0 + 0.02 * y as f32, 4.0 - 0.02 * x as f32],
+    });
+    let known = flow.map(|f| if f[0].is_finite() { f } else { [0.0; 2] });
+    let observed = |lambda| {
+        let blurred =
+            synth::motion_blur::motion_blur(&sharp, &known, ExposureFraction(lambda)).expect("one size");
+        // Noise, so that there is something to weigh.
+        Plane::from_fn(w, h, |x, y| blurred.at(x, y) + 0.01 * ((x * 7919 + y * 104_729) % 101) as f32 / 101.0)
+    };
+    let weight = Plane::from_fn(w, h, |x, _| 100.0 + x as f32 / 10.0);
+    let target = plane(&observed(0.43));
+    let flow_texture = GPU.upload(&[&flow], TextureFormat::Rg32Float).expect("it fits");
+    let mut search = fit::motion_blur::ExposureSearch::new(
+        &GPU.device,
+        &target,
+        &plane(&weight),
+        &plane(&sharp),
+        &flow_texture,
+    )
+    .expect("one size");
+    let mut found = || {
+        assert!(search.submit(&GPU.device, &GPU.queue));
+        assert!(!search.submit(&GPU.device, &GPU.queue), "the first one's result is still to come");
+        result(|| search.poll(&GPU.device))
+    };
+    let expected = motion_blur::fit_exposure(&observed(0.43), &weight, &sharp, &flow).expect("much moves");
+    let fit = found().expect("much moves");
+    let apart = (fit.exposure.0 - expected.exposure.0).abs();
+    let variance = (fit.variance / expected.variance - 1.0).abs();
+    let (mut curve, mut depth) = (0.0f32, 0.0f32);
+    for (a, b) in fit.curve.iter().zip(&expected.curve) {
+        assert!((a[0] - b[0]).abs() < 1e-6);
+        curve = curve.max((a[1] - b[1]).abs());
+        depth = depth.max(-b[1]);
+    }
+    println!(
+        "{} and {}, apart {apart}; samples {} and {}, variance {variance}, curve {}",
+        fit.exposure.0,
+        expected.exposure.0,
+        fit.samples,
+        expected.samples,
+        curve / depth
+    );
+    assert!(apart <= SEARCHED_EXPOSURE && (expected.exposure.0 - 0.43).abs() < 0.05);
+    assert!(
+        fit.samples.abs_diff(expected.samples) <= OTHER_SAMPLES && fit.curve.len() == expected.curve.len()
+    );
+    assert!(variance <= VARIANCE && curve <= CURVE * depth);
+
+    GPU.write(&target, &[&observed(0.47)]);
+    let wrong = found().expect("much moves");
+    assert!((wrong.exposure.0 - expected.exposure.0).abs() > SEARCHED_EXPOSURE);
+
+    // Nothing moves, and then nothing is known to.
+    for still in [0.0, f32::NAN] {
+        GPU.write(&flow_texture, &[&Flow::filled(w, h, [still; 2])]);
+        assert!(found().is_none());
+    }
+}
+
+/// Nats per tile: exponentials and logarithms of a few hundred bins in f32, whose last digits the shaders' language leaves to the device,
+/// and powers instead of the CPU's table of the transfer curve.
+const OBJECTION: f32 = 0.001;
+/// Of how sure a tile is of its std, 0 to 1, for the same reasons.
+const WEIGHT: f32 = 0.001;
+/// Relative: of the lens, whose search ends in steps of 1/1000.
+const LENS: f32 = 0.004;
+
+/// Largest difference of two curves.
+fn apart(a: &[[f32; 2]], b: &[[f32; 2]]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).map(|(a, b)| (a[1] - b[1]).abs()).fold(0.0, f32::max)
+}
+
+/// Largest difference of how sure tiles are, place by place; 1 if they are not the same or find another std.
+fn other_points(a: &[BlurPoint], b: &[BlurPoint]) -> f32 {
+    let sorted = |points: &[BlurPoint]| {
+        let mut points = points.to_vec();
+        let key = |p: &BlurPoint| [p.inverse_depth, p.sigma_px, p.weight];
+        points.sort_by(|p, q| key(p).partial_cmp(&key(q)).expect("finite"));
+        points
+    };
+    let differ = |p: &BlurPoint, q: &BlurPoint| {
+        if a.len() == b.len() && p.inverse_depth == q.inverse_depth && p.sigma_px == q.sigma_px {
+            (p.weight - q.weight).abs()
+        } else {
+            1.0
+        }
+    };
+    sorted(a).iter().zip(sorted(b)).map(|(p, q)| differ(p, &q)).fold(0.0, f32::max)
+}
+
+/// Relative difference of two lenses.
+fn other_lens(a: &spectral::LensFit, b: &spectral::LensFit) -> f32 {
+    (a.lens.slope / b.lens.slope - 1.0).abs().max((a.lens.focus / b.lens.focus - 1.0).abs())
+}
+
+#[test]
+fn the_tiles_say_what_they_say_to_the_cpu() {
+    if no_gpu() {
+        return;
+    }
+    const CAMERA: leaves::Camera = leaves::Camera { exposure: 0.6, ..leaves::CAMERA };
+    let Gpu { device, queue, .. } = &*GPU;
+    let shot = &leaves::Scene::new(3, (256, 250)).clip(1, |_| CAMERA)[0];
+    // Not known everywhere.
+    let flow = Flow::from_fn(256, 250, |x, y| if y < 20 { [f32::NAN; 2] } else { shot.flow.at(x, y) });
+    let rgba = shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0]);
+    let frame = GPU.upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
+    let flow_texture = GPU.upload(&[&flow], TextureFormat::Rg32Float).expect("it fits");
+    let depth = plane(&shot.inverse_depth);
+    let noise = synth::noise::white_band_std().map(|std| LumaNoise { slope: 0.001, intercept: 0.008 * std });
+    let sharpening = SharpeningModel::given(0.5, 1.0);
+    let exposure = ExposureFraction(CAMERA.exposure);
+    for space in [BlurSpace::Linear, BlurSpace::Encoded] {
+        let mut evidence =
+            fit::spectral::TileEvidence::new(device, &frame, Some(&flow_texture), Some(&depth), space)
+                .expect("one size");
+        let mut look = |noise: &[LumaNoise; 4], exposure| {
+            assert!(evidence.submit(device, queue, noise, exposure, Some(&sharpening)));
+            assert!(
+                !evidence.submit(device, queue, noise, exposure, None),
+                "the first one's result is still to come"
+            );
+            result(|| evidence.poll(device))
+        };
+        let tiles =
+            spectral::tiles(&shot.frame, Some(&flow), Some(&shot.inverse_depth), space).expect("one size");
+        let expected = spectral::fit_exposure(&[&tiles], &[], &noise).expect("much moves");
+        let expected_lens =
+            spectral::fit_lens(&[&tiles], &noise, exposure, Some(&sharpening)).expect("many depths");
+        let found = look(&noise, exposure);
+        let fit = spectral::exposure_of(&found.exposure, 1).expect("much moves");
+        let lens = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
+        let objections = apart(&fit.curve, &expected.curve) / expected.samples as f32;
+        let (points, lenses) =
+            (other_points(&lens.points, &expected_lens.points), other_lens(&lens, &expected_lens));
+        println!(
+            "{space:?}: {} witnesses of {:?}, nats per tile {objections}; {} of {:?}, weight {points}, lens {lenses}",
+            fit.samples, fit.exposure, lens.samples, lens.lens
+        );
+        assert!(
+            fit.samples == expected.samples && fit.exposure == expected.exposure && objections <= OBJECTION
+        );
+        assert!(lens.samples == expected_lens.samples && points <= WEIGHT && lenses <= LENS);
+
+        // With another noise the tiles object to other exposures, and with another exposure they find another lens.
+        let found =
+            look(&noise.map(|n| LumaNoise { intercept: 1.2 * n.intercept, ..n }), ExposureFraction(0.5));
+        let wrong = spectral::exposure_of(&found.exposure, 1).expect("much moves");
+        assert!(apart(&wrong.curve, &expected.curve) / expected.samples as f32 > OBJECTION);
+        let wrong = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
+        assert!(other_lens(&wrong, &expected_lens) > LENS);
+    }
+}
+
+#[test]
+fn of_many_tiles_those_of_most_contrast_are_kept_and_nothing_need_move() {
+    if no_gpu() {
+        return;
+    }
+    let Gpu { device, queue, .. } = &*GPU;
+    let (w, h) = (640, 360);
+    let sharp = texture(w, h);
+    let depth = Plane::from_fn(w, h, |x, y| 0.2 + x as f32 / 1000.0 + y as f32 / 100_000.0);
+    let sigma = depth.map(|d| 6.0 * (d - 0.3).abs());
+    let image = synth::defocus::defocus(&sharp, &sigma, Bokeh::Disk).expect("one size");
+    let rgba = image.map(|v| [v, v, v, 1.0]);
+    let noise = [LumaNoise { slope: 0.0, intercept: 0.0005 }; 4];
+    let space = BlurSpace::Encoded;
+    let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
+    let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
+    assert_eq!(tiles.len(), spectral::TILES_PER_FRAME);
+    let exposure = ExposureFraction(0.0);
+    let expected = spectral::fit_lens(&[&tiles], &noise, exposure, None).expect("many depths");
+    let frame = GPU.upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
+    let mut evidence = fit::spectral::TileEvidence::new(device, &frame, None, Some(&plane(&depth)), space)
+        .expect("one size");
+    let mut look = || {
+        assert!(evidence.submit(device, queue, &noise, exposure, None));
+        let found = result(|| evidence.poll(device));
+        assert!(found.exposure.is_empty());
+        spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths")
+    };
+    let points = other_points(&look().points, &expected.points);
+    println!("{} witnesses, weight {points}", expected.samples);
+    assert!(points <= WEIGHT);
+
+    GPU.write(&frame, &[&sharp.map(|v| [v, v, v, 1.0])]);
+    assert!(other_points(&look().points, &expected.points) > WEIGHT);
+}
+
+/// The tracker looks at some tiles of a frame, the device at all of them: the difference is that of two samples, as wide as
+/// their intervals.
+const TRACKED_EXPOSURE: f32 = 0.1;
+
+#[test]
+fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds() {
+    if no_gpu() {
+        return;
+    }
+    let Gpu { device, queue, .. } = &*GPU;
+    let (w, h) = (256, 200);
+    let scene = leaves::Scene::new(5, (w, h));
+    let unknown = Flow::filled(w, h, [f32::NAN; 2]);
+    let frame =
+        GPU.upload(&[&Raster::filled(w, h, [0.0f32; 4])], TextureFormat::Rgba32Float).expect("it fits");
+    let flow = GPU.upload(&[&unknown], TextureFormat::Rg32Float).expect("it fits");
+    let depth = plane(&Plane::filled(w, h, f32::NAN));
+    let mut evidence =
+        fit::spectral::TileEvidence::new(device, &frame, Some(&flow), Some(&depth), BlurSpace::Linear)
+            .expect("one size");
+    // What the tracker says after four frames, all of which it looks at itself, or the first alone.
+    let mut tracked = |exposure: f32, itself: bool| {
+        let clip = scene.clip(5, |_| leaves::Camera { exposure, ..leaves::CAMERA });
+        let mut tracker = Tracker::new(BlurSpace::Linear, None);
+        assert!(tracker.push_witnesses(&[], &[], DepthKind::Metric).is_err());
+        for (i, pair) in clip.windows(2).enumerate() {
+            let shot = &pair[0];
+            if itself || i == 0 {
+                let observation = Observation {
+                    frame: &shot.frame,
+                    next: Some(&pair[1].frame),
+                    previous: None,
+                    evidence: fit_evidence(shot),
+                };
+                tracker.push(&observation).expect("one size");
+            } else {
+                GPU.write(&frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
+                GPU.write(&flow, &[&shot.flow]);
+                GPU.write(&depth, &[&shot.inverse_depth]);
+                let model = tracker.model().expect("a frame was pushed");
+                let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
+                let sharpening = model.sharpening.as_ref();
+                assert!(evidence.submit(device, queue, tracker.luma_noise(), exposure, sharpening));
+                let found = result(|| evidence.poll(device));
+                tracker.push_witnesses(&found.exposure, &found.lens, DepthKind::Metric).expect("of this fit");
+            }
+        }
+        let outside =
+            spectral::ExposureWitness { block: 25, frame: 0, speed: 3.0, objections: vec![0.0; 251] };
+        assert!(tracker.push_witnesses(&[outside], &[], DepthKind::Metric).is_err());
+        let model = tracker.model().expect("four frames");
+        (model.motion_blur.known().map(|m| m.exposure.0), model.defocus.known().is_some())
+    };
+    let (expected, found, wrong) = (tracked(0.5, true), tracked(0.5, false), tracked(0.8, false));
+    println!("{expected:?} {found:?} {wrong:?}");
+    let apart = |of: (Option<f32>, bool)| (of.0.expect("much moves") - expected.0.expect("much moves")).abs();
+    assert!(apart(found) <= TRACKED_EXPOSURE && found.1 == expected.1);
+    assert!(apart(wrong) > TRACKED_EXPOSURE);
+}
+
+fn fit_evidence(shot: &leaves::Shot) -> Evidence<'_> {
+    Evidence {
+        flow: Some(&shot.flow),
+        inverse_depth: Some((&shot.inverse_depth, DepthKind::Metric)),
+        ..Default::default()
+    }
+}
+
+#[test]
+fn tiny_unequal_and_unknown_images_are_an_answer_or_an_error() {
+    if no_gpu() {
+        return;
+    }
+    let Gpu { device, queue, .. } = &*GPU;
+    let (one, other) = (plane(&Plane::filled(1, 1, f32::NAN)), plane(&Plane::filled(2, 1, 0.0)));
+    let mut search = fit::defocus::PooledSearch::new(device, &one, &one, &one).expect("one size");
+    assert!(search.submit(device, queue));
+    assert!(result(|| search.poll(device)).is_empty());
+    assert!(search.poll(device).expect("the device works").is_none());
+    let mut search = fit::motion_blur::ExposureSearch::new(device, &one, &one, &one, &one).expect("one size");
+    assert!(search.submit(device, queue));
+    assert!(result(|| search.poll(device)).is_none());
+    assert!(fit::defocus::PooledSearch::new(device, &one, &one, &other).is_err());
+    assert!(fit::motion_blur::ExposureSearch::new(device, &one, &one, &other, &one).is_err());
+    let evidence = |frame: &Texture, flow| {
+        fit::spectral::TileEvidence::new(device, frame, flow, Some(frame), BlurSpace::Linear)
+    };
+    assert!(evidence(&one, Some(&other)).is_err());
+    for (w, h) in [(1, 1), (48, 48), (97, 49)] {
+        let unknown = plane(&Plane::filled(w, h, f32::NAN));
+        let mut evidence = evidence(&unknown, None).expect("one size");
+        assert!(evidence.submit(device, queue, &Default::default(), ExposureFraction(0.5), None));
+        let found = result(|| evidence.poll(device));
+        assert!(found.exposure.is_empty() && found.lens.is_empty());
+    }
+}
