@@ -516,6 +516,11 @@ impl Output {
         }
     }
 
+    /// Whether there are frames in it from before that are to be left.
+    pub fn has_frames(&self) -> bool {
+        matches!(&self.sink, Sink::Folder(done) if !done.is_empty())
+    }
+
     /// Writes the next frame.
     pub fn write(&mut self, number: u64, frame: Encoded) -> Result<()> {
         match &mut self.sink {
