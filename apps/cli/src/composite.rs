@@ -517,6 +517,7 @@ impl Output {
     }
 
     /// Whether there are frames in it from before that are to be left.
+    #[cfg(feature = "live")]
     pub fn has_frames(&self) -> bool {
         matches!(&self.sink, Sink::Folder(done) if !done.is_empty())
     }

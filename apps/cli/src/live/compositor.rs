@@ -1,43 +1,65 @@
-//! The object over a frame, on the processor.
+//! The object over a frame.
 
-use super::render::Layer;
-use blindaug::{
-    CameraModel, Encoded, Pixel, Premultiplied, Raster, Result,
-    composite::{Options, Shot, VirtualLayer, composite},
-};
-use blindaug_gpu::Gpu;
+use super::{render::Layer, source::Shot};
+use blindaug::{CameraModel, Result};
+use blindaug_gpu::{Bound, Compositor as Effects, Depth, Frame, Gpu, Inputs, Options, Velocity, texture};
+use wgpu::{TextureFormat, TextureUsages, TextureView};
 
-/// Composites into textures.
-pub struct Compositor;
+/// Composites one layer over frames of its size.
+pub struct Compositor {
+    effects: Effects,
+    bound: Bound,
+    /// Display-encoded.
+    frame: wgpu::Texture,
+}
 
 impl Compositor {
-    /// Composites the layer over a frame, once for each of the options, into a texture of display-encoded values each.
+    /// Into textures of this format.
     ///
     /// # Errors
-    /// If the device was lost.
+    /// If the device cannot hold what lies between.
+    pub fn new(gpu: &Gpu, layer: &Layer, target: TextureFormat) -> Result<Self> {
+        let size = layer.color.size();
+        let size = [size.width as usize, size.height as usize, 1];
+        let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
+        let frame = texture(&gpu.device, "frame", size, TextureFormat::Rgba8Unorm, usage)?;
+        let effects = Effects::new(&gpu.device, &gpu.queue, target);
+        let inputs = Inputs {
+            frame: &frame,
+            color: &layer.color,
+            depth: Some(Depth { texture: &layer.inverse_depth, scale: 1.0, offset: 0.0 }),
+            velocity: Some(Velocity { texture: &layer.velocity, scale: [1.0; 2] }),
+        };
+        let bound = effects.bind(&gpu.device, &inputs)?;
+        Ok(Self { effects, bound, frame })
+    }
+
+    /// Composites the layer over a frame, once for each of the options.
+    ///
+    /// # Errors
+    /// If the model is for frames of another width.
     pub fn composite(
         &self,
         gpu: &Gpu,
-        (frame, number): (&Encoded, u64),
-        layer: &Layer,
+        shot: &Shot,
         camera: &CameraModel,
-        targets: &[(Options, &wgpu::Texture)],
+        targets: &[(Options, &TextureView)],
     ) -> Result<()> {
-        let layer = VirtualLayer {
-            color: Premultiplied(only(gpu, &layer.color)?),
-            inverse_depth: Some(only(gpu, &layer.inverse_depth)?),
-            flow: Some(only(gpu, &layer.velocity)?),
-        };
-        let shot = Shot { frame, number, inverse_depth: None, flow: None, with_and_without: None };
+        gpu.write(&self.frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
         for (options, target) in targets {
-            let Encoded(made) = composite(&shot, &layer, camera, options)?;
-            gpu.write(target, &[&made.map(|[r, g, b]| [r, g, b, 1.0])]);
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            let frame = Frame {
+                model: camera,
+                options: *options,
+                number: shot.number,
+                area: None,
+                targets: &[(*target).clone()],
+                timer: None,
+            };
+            self.effects.encode(&gpu.queue, &mut encoder, &self.bound, &frame)?;
+            // Each on its own: the next one writes the same uniforms.
+            gpu.queue.submit([encoder.finish()]);
         }
         Ok(())
     }
-}
-
-/// A texture's one image.
-fn only<P: Pixel>(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Raster<P>> {
-    Ok(gpu.download(texture)?.swap_remove(0))
 }

@@ -4,7 +4,7 @@ use super::{
     Scene,
     estimation::Estimation,
     source::Loop,
-    stage::{Look, Times},
+    stage::{Look, Stage, Times},
 };
 use crate::{
     composite::Output,
@@ -17,11 +17,10 @@ use std::time::{Duration, Instant};
 const TELL: Duration = Duration::from_secs(1);
 
 /// Makes so many frames and writes them.
-pub fn run(scene: &Scene, look: &Look, frames: u64, output: &mut Output) -> Result<()> {
+pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<()> {
     let source = &scene.source;
     let mut clip = Loop::new(source)?;
     let mut estimation = Estimation::new(scene.camera, scene.home, source.fps());
-    let mut stage = scene.stage()?;
     let mut told = Told::new(frames);
     let mut last = None;
     while let Some(shot) = clip.next()? {

@@ -15,7 +15,7 @@ use crate::{
     composite::{DEFAULT_FPS, Output, Style},
     console::{Failure, Result, failure, note},
 };
-use blindaug_gpu::Gpu;
+use blindaug_gpu::{Gpu, Options, Quality};
 use blindaug_io::FrameSource;
 use estimation::Home;
 use glam::DVec2;
@@ -118,12 +118,15 @@ pub fn run(args: &Live) -> Result<()> {
     let camera = Pinhole::new(source.size(), args.fov);
     let home = Home { at: FOOT, distance: args.distance };
     let seen = args.distance * camera.size.1 as f64 / camera.focal_length;
-    let look =
-        Look { split: args.split as f32, size: (args.size * seen) as f32, options: args.style.options() };
+    let blindaug::composite::Options { no_noise, bokeh, seed, .. } = args.style.options();
+    let options = Options { naive: false, no_noise, bokeh, seed, quality: Quality::default() };
+    let look = Look { split: args.split as f32, size: (args.size * seen) as f32, options };
     let scene = Scene { source, object, camera, home };
     let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {
         return window::run(scene, look);
     };
+    // Before the output, so that nothing is left where there is no device.
+    let stage = scene.stage()?;
     let mut output = Output::open(path, &scene.source, args.overwrite, None)?;
     if output.has_frames() {
         return Err(failure(
@@ -131,6 +134,19 @@ pub fn run(args: &Live) -> Result<()> {
             "there are frames in this folder already; add --overwrite, or give another one",
         ));
     }
-    headless::run(&scene, &look, frames, &mut output)?;
+    headless::run(&scene, stage, &look, frames, &mut output)?;
     output.finish()
+}
+
+/// The graphics device of the tests: without one they say so, or fail where BLINDAUG_NEED_GPU is set.
+#[cfg(test)]
+fn tested_gpu() -> Option<Gpu> {
+    match Gpu::new() {
+        Ok(gpu) => Some(gpu),
+        Err(why) if std::env::var_os("BLINDAUG_NEED_GPU").is_some() => panic!("{why}"),
+        Err(why) => {
+            eprintln!("NOT TESTED: {why}");
+            None
+        }
+    }
 }

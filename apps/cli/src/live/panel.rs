@@ -10,6 +10,7 @@ use blindaug::{
     model::{DefocusCurve, DepthKind, Estimate as Parameter},
     synth::{defocus::Bokeh, noise::total_std},
 };
+use blindaug_gpu::Quality;
 use egui::{
     CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
     TextureId, Ui, pos2, vec2,
@@ -172,13 +173,16 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
     ui.add(Slider::new(&mut home.at.y, 0.0..=1.0).text("down"));
     ui.separator();
     ui.heading("Composite");
-    ComboBox::from_label("bokeh").selected_text(format!("{:?}", look.options.bokeh).to_lowercase()).show_ui(
-        ui,
-        |ui| {
-            ui.selectable_value(&mut look.options.bokeh, Bokeh::Gaussian, "gaussian");
-            ui.selectable_value(&mut look.options.bokeh, Bokeh::Disk, "disk");
-        },
-    );
+    ComboBox::from_label("bokeh").selected_text(lower(look.options.bokeh)).show_ui(ui, |ui| {
+        for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
+            ui.selectable_value(&mut look.options.bokeh, bokeh, lower(bokeh));
+        }
+    });
+    ComboBox::from_label("quality").selected_text(lower(look.options.quality)).show_ui(ui, |ui| {
+        for quality in [Quality::High, Quality::Medium, Quality::Low] {
+            ui.selectable_value(&mut look.options.quality, quality, lower(quality));
+        }
+    });
     ui.checkbox(&mut look.options.no_noise, "leave the noise out");
     ui.checkbox(paused, format!("pause at frame {}", shown.number));
     let clicked = ui.button(if shown.recording { "Stop recording" } else { "Record" }).clicked();
@@ -186,4 +190,9 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
         ui.add(egui::Label::new(&shown.message).wrap());
     }
     clicked.then_some(Action::Record)
+}
+
+/// A value's name.
+fn lower(value: impl std::fmt::Debug) -> String {
+    format!("{value:?}").to_lowercase()
 }

@@ -369,7 +369,7 @@ fn upload(gpu: &Gpu, image: &Texture) -> Result<TextureView> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::object::Material;
+    use crate::live::{object::Material, tested_gpu};
     use blindaug::{Flow, Plane, Raster};
     use glam::{DMat3, DVec3};
 
@@ -381,12 +381,11 @@ mod tests {
         velocity: Flow,
     }
 
-    fn drawn(object: Object, poses: [Pose; 2], size: f32) -> Drawn {
-        let gpu = Gpu::new().expect("a graphics device; install mesa-vulkan-drivers for one in software");
+    fn drawn(gpu: &Gpu, object: Object, poses: [Pose; 2], size: f32) -> Drawn {
         let camera = Pinhole::new(SIZE, 50.0);
-        let renderer = Renderer::new(&gpu, object, camera).unwrap();
+        let renderer = Renderer::new(gpu, object, camera).unwrap();
         let light = Light { ambient: Vec3::splat(0.5), direct: Vec3::ZERO };
-        renderer.draw(&gpu, &Moment { poses, seconds: [0.0, 0.04], size, light });
+        renderer.draw(gpu, &Moment { poses, seconds: [0.0, 0.04], size, light });
         let Layer { color, inverse_depth, velocity } = renderer.layer();
         Drawn {
             color: gpu.download(color).unwrap().remove(0),
@@ -401,10 +400,11 @@ mod tests {
 
     #[test]
     fn depth_and_velocity_of_a_moving_square_are_what_geometry_says() {
+        let Some(gpu) = tested_gpu() else { return };
         // 1 m wide, turned and moving, so that depth and velocity differ from px to px.
         let poses = [pose(0.5, [-0.03, 0.31, 2.0]), pose(0.6, [0.02, 0.33, 1.9])];
         let square = Object::square(Material::default());
-        let Drawn { color, inverse_depth, velocity } = drawn(square, poses, 1.0);
+        let Drawn { color, inverse_depth, velocity } = drawn(&gpu, square, poses, 1.0);
         let camera = Pinhole::new(SIZE, 50.0);
         let mut inside = 0;
         for (y, x) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (y, x))) {
@@ -432,16 +432,17 @@ mod tests {
         let expected = (camera.focal_length * 0.5).powi(2) * 0.5f64.cos();
         assert!((f64::from(inside) / expected - 1.0).abs() < 0.2, "{inside} of {expected}");
         // Negative control: a square that stands still has no velocity.
-        let Drawn { velocity, .. } = drawn(Object::square(Material::default()), [poses[0]; 2], 1.0);
+        let Drawn { velocity, .. } = drawn(&gpu, Object::square(Material::default()), [poses[0]; 2], 1.0);
         assert!(velocity.data().iter().flatten().all(|v| v.abs() < 1e-3));
     }
 
     #[test]
     fn color_is_premultiplied_and_edges_are_soft() {
+        let Some(gpu) = tested_gpu() else { return };
         let color = [0.8, 0.4, 0.2, 1.0];
         let material = Material { base_color: color, ..Material::default() };
         let Drawn { color: drawn, .. } =
-            drawn(Object::square(material), [pose(0.0, [0.013, 0.517, 2.0]); 2], 1.0);
+            drawn(&gpu, Object::square(material), [pose(0.0, [0.013, 0.517, 2.0]); 2], 1.0);
         let most = drawn.data().iter().find(|c| c[3] == 1.0).unwrap();
         // Ambient light of 0.5 on the base color and the 4 % of a dielectric.
         for c in 0..3 {

@@ -8,8 +8,8 @@ use super::{
     render::{Light, Moment, Renderer, bind},
     source::Shot,
 };
-use blindaug::{Encoded, Error, Result, Transfer, composite::Options, luma};
-use blindaug_gpu::{Gpu, texture};
+use blindaug::{Encoded, Error, Result, Transfer, luma};
+use blindaug_gpu::{Gpu, Options, texture};
 use bytemuck::bytes_of;
 use glam::Vec3;
 use std::{
@@ -54,8 +54,8 @@ pub struct Stage {
     renderer: Renderer,
     compositor: Compositor,
     fps: f64,
-    naive: wgpu::Texture,
-    filmed: wgpu::Texture,
+    naive: TextureView,
+    filmed: TextureView,
     split: wgpu::Buffer,
     group: wgpu::BindGroup,
     join: wgpu::RenderPipeline,
@@ -87,8 +87,6 @@ impl Stage {
         let (w, h) = camera.size;
         let made =
             |usage| texture(device, "composite", [w, h, 1], FORMAT, usage | TextureUsages::TEXTURE_BINDING);
-        let composite = TextureUsages::COPY_DST | TextureUsages::RENDER_ATTACHMENT;
-        let (naive, filmed) = (made(composite)?, made(composite)?);
         let picture = made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC)?;
         let module = device.create_shader_module(wgpu::include_wgsl!("split.wgsl"));
         let join = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -119,11 +117,12 @@ impl Stage {
             mapped_at_creation: false,
         });
         let view = |t: &wgpu::Texture| t.create_view(&Default::default());
-        let views = [view(&naive), view(&filmed)];
-        let [a, b] = views.each_ref().map(BindingResource::TextureView);
+        let naive = view(&made(TextureUsages::RENDER_ATTACHMENT)?);
+        let filmed = view(&made(TextureUsages::RENDER_ATTACHMENT)?);
+        let [a, b] = [&naive, &filmed].map(BindingResource::TextureView);
         let group = bind(device, &join.get_bind_group_layout(0), &[a, b, split.as_entire_binding()]);
         let picture_view = view(&picture);
-        let compositor = Compositor;
+        let compositor = Compositor::new(&gpu, renderer.layer(), FORMAT)?;
         Ok(Self {
             gpu,
             trouble,
@@ -165,8 +164,7 @@ impl Stage {
         if look.split < 1.0 {
             targets.push((look.options, &self.filmed));
         }
-        let frame = (&*shot.frame, shot.number);
-        self.compositor.composite(&self.gpu, frame, self.renderer.layer(), &estimate.camera, &targets)?;
+        self.compositor.composite(&self.gpu, shot, &estimate.camera, &targets)?;
         self.gpu.queue.write_buffer(&self.split, 0, bytes_of(&[look.split; 4]));
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         {
@@ -243,39 +241,44 @@ fn light(frame: &Encoded) -> Light {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::estimation::{Estimation, Home};
+    use crate::live::{
+        estimation::{Estimation, Home},
+        tested_gpu,
+    };
     use blindaug::Raster;
     use glam::DVec2;
 
     #[test]
     fn a_lost_device_is_told_and_another_one_goes_on() {
+        let Some(gpu) = tested_gpu() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::from_fn(64, 48, |x, y| [0.3 + 0.005 * (x + y) as f32; 3])));
         let shot = Shot { number: 1, lap: 0, frame: frame.clone(), next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
         let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
         let look = Look { split: 0.0, size: 1.0, options: Options::default() };
-        let stage = || Stage::new(Gpu::new().unwrap(), Object::built_in(), camera, 25.0).unwrap();
-        let first = stage();
+        let stage = |gpu| Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
+        let first = stage(gpu);
         first.draw(&shot, &estimate, &look).unwrap();
         let before = first.read().unwrap();
         assert_ne!(before, *frame);
         first.gpu().device.destroy();
         let e = first.draw(&shot, &estimate, &look).unwrap_err().to_string();
         assert!(e.contains("graphics device") && !e.contains('\n'), "{e}");
-        let again = stage();
+        let again = stage(Gpu::new().unwrap());
         again.draw(&shot, &estimate, &look).unwrap();
         assert_eq!(again.read().unwrap(), before);
     }
 
     #[test]
     fn the_line_is_where_it_is_asked_for() {
+        let Some(gpu) = tested_gpu() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::filled(64, 48, [0.25; 3])));
         let shot = Shot { number: 1, lap: 0, frame, next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
         let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
-        let stage = Stage::new(Gpu::new().unwrap(), Object::built_in(), camera, 25.0).unwrap();
+        let stage = Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         for (split, line) in [(0.25, Some(16)), (0.0, None), (1.0, None)] {
             stage.draw(&shot, &estimate, &Look { split, size: 0.1, options: Options::default() }).unwrap();
             let picture = stage.read().unwrap();

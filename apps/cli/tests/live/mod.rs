@@ -5,6 +5,18 @@ use blindaug_io::{FrameSource, read_frame};
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
+/// Says so, loudly, if there is no graphics device, or fails where BLINDAUG_NEED_GPU is set.
+fn no_gpu() -> bool {
+    match blindaug_gpu::Gpu::new() {
+        Ok(_) => false,
+        Err(why) if std::env::var_os("BLINDAUG_NEED_GPU").is_some() => panic!("{why}"),
+        Err(why) => {
+            eprintln!("NOT TESTED: {why}");
+            true
+        }
+    }
+}
+
 /// A clip of four frames.
 fn clip() -> TempDir {
     let dir = TempDir::new().unwrap();
@@ -14,6 +26,9 @@ fn clip() -> TempDir {
 
 #[test]
 fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
+    if no_gpu() {
+        return;
+    }
     let dir = clip();
     let live = |more: &str| succeeds(dir.path(), &format!("live frames --headless --frames 6 {more}"));
     let said = live("-o a");
@@ -79,6 +94,9 @@ fn what_cannot_be_read_ends_in_a_sentence_and_leaves_nothing() {
 
 #[test]
 fn a_video_comes_out_of_a_video() {
+    if no_gpu() {
+        return;
+    }
     let shared = std::env::var_os("BLINDAUG_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
     let video = shared.join("data/video/bikes.mp4");
