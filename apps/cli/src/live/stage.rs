@@ -70,17 +70,19 @@ impl Stage {
     /// If the device cannot hold them.
     pub fn new(gpu: Gpu, object: Object, camera: Pinhole, fps: f64) -> Result<Self> {
         let trouble = Arc::new(Mutex::new(None));
-        let complain = |sentence: String| {
+        let complain = |sentence: &'static str| {
             let trouble = trouble.clone();
             move |more: &dyn std::fmt::Display| {
+                let more = more.to_string();
+                let why = if more.is_empty() { more } else { format!(" ({more})").replace('\n', " ") };
                 if let Ok(mut trouble) = trouble.lock() {
-                    trouble.get_or_insert_with(|| format!("{sentence} ({more})").replace('\n', " "));
+                    trouble.get_or_insert_with(|| format!("{sentence}{why}"));
                 }
             }
         };
-        let lost = complain("the graphics device was lost".into());
+        let lost = complain("the graphics device was lost");
         gpu.device.set_device_lost_callback(move |_, why| lost(&why));
-        let failed = complain("the graphics device failed".into());
+        let failed = complain("the graphics device failed");
         gpu.device.on_uncaptured_error(Arc::new(move |e: wgpu::Error| failed(&e)));
         let device = &gpu.device;
         let renderer = Renderer::new(&gpu, object, camera)?;
