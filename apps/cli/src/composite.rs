@@ -87,11 +87,24 @@ struct OutputArgs {
     fps: Option<f64>,
 }
 
+impl OutputArgs {
+    fn open(&self, source: &FrameSource) -> Result<Output> {
+        Output::open(&self.output, source, self.overwrite, self.fps)
+    }
+}
+
 #[derive(clap::Args)]
 struct Look {
     /// Relates a model in relative inverse depth d to metres: d = S / Z + O
     #[arg(long, value_name = "S[,O]")]
     scene_scale: Option<SceneScale>,
+    #[command(flatten)]
+    style: Style,
+}
+
+/// What of the camera is applied, and how.
+#[derive(clap::Args)]
+pub struct Style {
     /// Leave the noise out
     #[arg(long)]
     no_noise: bool,
@@ -109,8 +122,9 @@ enum BokehArg {
     Disk,
 }
 
-impl Look {
-    fn options(&self) -> Options {
+impl Style {
+    /// As the composite takes them.
+    pub fn options(&self) -> Options {
         Options {
             naive: false,
             no_noise: self.no_noise,
@@ -168,8 +182,8 @@ pub fn run(args: &Composite) -> Result<()> {
         Some(path) if !args.naive => in_metres(open_camera(path, &scene.footage)?, path, scale)?,
         _ => naive(scene.footage.size()).into(),
     };
-    let mut output = Output::open(&args.output, &scene.footage)?;
-    composite(&scene, &track, &args.look.options(), &mut output)?;
+    let mut output = args.output.open(&scene.footage)?;
+    composite(&scene, &track, &args.look.style.options(), &mut output)?;
     output.finish()
 }
 
@@ -207,9 +221,9 @@ pub fn run_apply(args: &Apply) -> Result<()> {
             None
         }
     };
-    let Options { no_noise, bokeh, seed, .. } = args.look.options();
+    let Options { no_noise, bokeh, seed, .. } = args.look.style.options();
     let options = synth::Options { bokeh, no_noise, seed };
-    let mut output = Output::open(&args.output, &clip)?;
+    let mut output = args.output.open(&clip)?;
     let mut missing = Missing::default();
     let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
     for_each_frame("applying", &clip, &mut output, moving && flow.is_none(), |frame, neighbours| {
@@ -452,19 +466,20 @@ enum Sink {
 }
 
 impl Output {
-    fn open(args: &OutputArgs, source: &FrameSource) -> Result<Self> {
-        let path = &args.output;
+    /// A folder as by [`Output::folder`], or a video by its extension, which is not replaced unless it is to be overwritten. The
+    /// frame rate is the source's where it is not given.
+    pub fn open(path: &Path, source: &FrameSource, overwrite: bool, fps: Option<f64>) -> Result<Self> {
         if !VideoWriter::is_video(path) {
-            return Self::folder(path, source, args.overwrite);
+            return Self::folder(path, source, overwrite);
         }
         console::check_writable(path)?;
         if same_file(path, source.path()) {
             return Err(failure(path, "this is the input itself; give another name"));
         }
-        if path.exists() && !args.overwrite {
+        if path.exists() && !overwrite {
             return Err(failure(path, "this video is there already; add --overwrite, or give another name"));
         }
-        let fps = args.fps.or(source.fps()).unwrap_or_else(|| {
+        let fps = fps.or(source.fps()).unwrap_or_else(|| {
             note(format_args!(
                 "{}: at {DEFAULT_FPS} frames a second, since the input does not say; --fps N for another",
                 path.display()
@@ -472,7 +487,7 @@ impl Output {
             DEFAULT_FPS
         });
         let video = VideoWriter::create(path, source.size(), fps)?;
-        Ok(Self { path: path.clone(), sink: Sink::Video(video), written: 0, stopped: None })
+        Ok(Self { path: path.into(), sink: Sink::Video(video), written: 0, stopped: None })
     }
 
     /// A folder of PNG, which is made if it is not there. Those that are in it are left, unless they are to be overwritten.
@@ -501,7 +516,14 @@ impl Output {
         }
     }
 
-    fn write(&mut self, number: u64, frame: Encoded) -> Result<()> {
+    /// Whether there are frames in it from before that are to be left.
+    #[cfg(feature = "live")]
+    pub fn has_frames(&self) -> bool {
+        matches!(&self.sink, Sink::Folder(done) if !done.is_empty())
+    }
+
+    /// Writes the next frame.
+    pub fn write(&mut self, number: u64, frame: Encoded) -> Result<()> {
         match &mut self.sink {
             Sink::Folder(_) => write_png(self.path.join(png_name(number)), &frame)?,
             Sink::Video(video) => video.write(&frame)?,
@@ -550,7 +572,7 @@ fn numbers_of_pngs(folder: &Path) -> Result<BTreeSet<u64>> {
 }
 
 /// Of a video that is made from images.
-const DEFAULT_FPS: f64 = 30.0;
+pub const DEFAULT_FPS: f64 = 30.0;
 
 fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)

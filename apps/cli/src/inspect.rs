@@ -76,9 +76,8 @@ pub fn table(track: &CameraTrack) -> String {
         (0..).zip(frames).filter(|(i, f)| i % step == 0 || *i == frames.len() - 1 || !f.changed.is_empty());
     for (_, f) in shown {
         let unknown = || "unknown".to_owned();
-        let exposure = f.camera.motion_blur.known().map_or_else(unknown, |m| {
-            format!("{:.2} [{:.2}, {:.2}]", m.exposure.0, m.interval[0], m.interval[1])
-        });
+        let exposure =
+            f.camera.motion_blur.known().map_or_else(unknown, |m| with_interval(m.exposure.0, m.interval));
         let facts = f.camera.defocus.known().map(DefocusFacts::of);
         let metric = lens.ends_with(" m");
         let number = |v: Option<f32>| v.map_or_else(unknown, |v| format!("{v:.2}"));
@@ -339,6 +338,11 @@ fn origin(method: Method, samples: u64, unit: &str) -> String {
 
 fn unit_of_samples(method: Method) -> &'static str {
     if method == Method::Spectral { "tiles" } else { "places" }
+}
+
+/// "0.48 [0.45, 0.51]".
+pub fn with_interval(value: f32, [lo, hi]: [f32; 2]) -> String {
+    format!("{value:.2} [{lo:.2}, {hi:.2}]")
 }
 
 /// Three significant digits or so, without zeros at the end.

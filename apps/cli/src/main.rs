@@ -7,6 +7,8 @@ mod demo;
 mod estimate;
 mod export;
 mod inspect;
+#[cfg(feature = "live")]
+mod live;
 mod report;
 mod validate;
 
@@ -36,6 +38,8 @@ enum Command {
     Inspect(inspect::Inspect),
     Export(export::Export),
     Validate(validate::Validate),
+    #[cfg(feature = "live")]
+    Live(live::Live),
 }
 
 fn main() -> ExitCode {
@@ -49,6 +53,8 @@ fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),
+        #[cfg(feature = "live")]
+        Command::Live(args) => live::run(args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

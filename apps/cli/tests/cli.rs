@@ -1,5 +1,8 @@
 //! The binary as a person meets it: every command, what it says, and what it leaves behind when something is wrong.
 
+#[cfg(feature = "live")]
+mod live;
+
 use blindaug::{
     CameraModel, Encoded, Raster,
     model::{

@@ -23,22 +23,34 @@ impl Gpu {
     /// # Errors
     /// If there is none.
     pub fn new() -> Result<Self> {
-        block_on(Self::request())
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        Ok(block_on(Self::request(&instance, None))?.0)
     }
 
-    async fn request() -> Result<Self> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    /// As [`Gpu::new`], of those that can draw on a window's surface; with its adapter, which knows what the surface can be.
+    ///
+    /// # Errors
+    /// If there is none.
+    pub fn for_surface(instance: &wgpu::Instance, surface: &wgpu::Surface) -> Result<(Self, wgpu::Adapter)> {
+        block_on(Self::request(instance, Some(surface)))
+    }
+
+    async fn request(
+        instance: &wgpu::Instance,
+        surface: Option<&wgpu::Surface<'_>>,
+    ) -> Result<(Self, wgpu::Adapter)> {
         let none = |e: &dyn std::fmt::Display| {
             Error::new(format!(
                 "no graphics device was found ({e}); install a driver for Vulkan, Metal or DirectX 12, or Mesa's software one \
                  (Debian: apt-get install mesa-vulkan-drivers)"
             ))
         };
-        let adapter = match wgpu::util::initialize_adapter_from_env(&instance, None).await {
+        let adapter = match wgpu::util::initialize_adapter_from_env(instance, surface).await {
             Ok(adapter) => adapter,
             Err(_) => instance
                 .request_adapter(&wgpu::RequestAdapterOptions {
                     power_preference: wgpu::PowerPreference::HighPerformance,
+                    compatible_surface: surface,
                     ..Default::default()
                 })
                 .await
@@ -53,7 +65,7 @@ impl Gpu {
             })
             .await
             .map_err(|e| none(&e))?;
-        Ok(Self { device, queue, info: adapter.get_info() })
+        Ok((Self { device, queue, info: adapter.get_info() }, adapter))
     }
 
     /// Waits until everything that was submitted is done.
@@ -184,7 +196,7 @@ impl Gpu {
 ///
 /// # Errors
 /// If the device cannot hold one as large.
-pub(crate) fn texture(
+pub fn texture(
     device: &wgpu::Device,
     label: &str,
     [w, h, layers]: [usize; 3],

@@ -57,5 +57,5 @@ mod shaders;
 mod timer;
 
 pub use composite::{Area, Bound, Compositor, Depth, Frame, Inputs, Options, Quality, Velocity};
-pub use gpu::{Gpu, array_view};
+pub use gpu::{Gpu, array_view, texture};
 pub use timer::{STEPS, Timer};

@@ -24,7 +24,8 @@ impl Error {
         Self { path: path.as_ref().into(), sentence: sentence.into() }
     }
 
-    pub(crate) fn cannot_read(path: &Path, e: &io::Error) -> Self {
+    /// An error of a file that cannot be read.
+    pub fn cannot_read(path: &Path, e: &io::Error) -> Self {
         Self::new(
             path,
             match e.kind() {
@@ -64,7 +65,10 @@ pub(crate) fn one_line(text: &str) -> String {
 }
 
 /// What a decoder returns; a panic of it becomes an error of the file, without a message of its own.
-pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T>) -> Result<T> {
+///
+/// # Errors
+/// That of the decoder, or that the file is damaged, if it panics.
+pub fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T>) -> Result<T> {
     thread_local!(static GUARDED: Cell<bool> = const { Cell::new(false) });
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

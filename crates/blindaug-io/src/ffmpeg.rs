@@ -43,6 +43,8 @@ fn command(program: &OsStr) -> Command {
 #[derive(Debug)]
 pub(crate) struct Ffmpeg {
     program: OsString,
+    /// The options that name it.
+    input: Vec<OsString>,
     /// What to ask for: what the video has, if possible, so that ffmpeg converts nothing.
     pixels: Pixels,
     format: YuvFormat,
@@ -53,9 +55,18 @@ pub(crate) struct Ffmpeg {
 impl Ffmpeg {
     /// Asks ffmpeg what the video is.
     pub(crate) fn open(program: OsString, path: &Path) -> Result<(Self, VideoHead)> {
+        Self::open_input(program, path, vec!["-i".into(), file_url(path)])
+    }
+
+    /// Asks ffmpeg what a camera gives; `path` is what errors call it.
+    pub(crate) fn open_camera(program: OsString, path: &Path, name: &str) -> Result<(Self, VideoHead)> {
+        Self::open_input(program, path, camera_input(name, std::env::consts::OS))
+    }
+
+    fn open_input(program: OsString, path: &Path, input: Vec<OsString>) -> Result<(Self, VideoHead)> {
         let output = Command::new(&program)
-            .args(["-nostdin", "-hide_banner", "-i"])
-            .arg(file_url(path))
+            .args(["-nostdin", "-hide_banner"])
+            .args(&input)
             .stdin(Stdio::null())
             .output()
             .map_err(|e| Error::new(path, format!("ffmpeg cannot be started ({e})")))?;
@@ -65,12 +76,15 @@ impl Ffmpeg {
             let why = last_words(&text);
             return Err(Error::new(
                 path,
-                format!("not an image or a video that can be read, or a damaged one (ffmpeg: {why})"),
+                format!(
+                    "not an image, a video or a camera that can be read, or a damaged one (ffmpeg: {why})"
+                ),
             ));
         };
         let size = check_size(path, width, height)?;
         let format = YuvFormat { size, chroma_shift: pixels.chroma_shift, bits: pixels.bits };
-        let mut ffmpeg = Self { program, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
+        let mut ffmpeg =
+            Self { program, input, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
         if let Err(e) = ffmpeg.frames(path).and_then(|mut f| f.next_frame())
             && e.sentence().contains("Option not found")
         {
@@ -84,17 +98,8 @@ impl Ffmpeg {
         let (width, height) = self.format.size;
         let mut command = command(&self.program);
         command
-            .args([
-                "-nostdin",
-                "-hide_banner",
-                "-nostats",
-                "-loglevel",
-                "error",
-                "-xerror",
-                "-noautorotate",
-                "-i",
-            ])
-            .arg(file_url(path))
+            .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-xerror", "-noautorotate"])
+            .args(&self.input)
             .args(["-map", "0:v:0"]);
         if self.pixels.converted {
             command.args(["-vf", "scale=flags=accurate_rnd:out_color_matrix=bt709:out_range=full"]);
@@ -176,6 +181,18 @@ fn file_url(path: &Path) -> OsString {
     let mut url = OsString::from("file:");
     url.push(path);
     url
+}
+
+/// What ffmpeg on an operating system calls a camera: a number, or a name as ffmpeg lists them.
+fn camera_input(name: &str, system: &str) -> Vec<OsString> {
+    let numbered = name.parse::<u32>().is_ok();
+    let input: &[&str] = match system {
+        "macos" => &["-f", "avfoundation", "-framerate", "30", "-i", name],
+        "windows" => &["-f", "dshow", "-i", &format!("video={name}")],
+        _ if numbered => &["-f", "v4l2", "-i", &format!("/dev/video{name}")],
+        _ => &["-f", "v4l2", "-i", name],
+    };
+    input.iter().map(OsString::from).collect()
 }
 
 /// Frames as they come out of ffmpeg.
@@ -523,6 +540,15 @@ mod tests {
                 && !VideoWriter::is_video("folder.d")
                 && !VideoWriter::is_video("mp4")
         );
+    }
+
+    #[test]
+    fn cameras_are_called_what_the_system_calls_them() {
+        let last = |name, system| camera_input(name, system).pop().unwrap();
+        assert_eq!(last("0", "linux"), "/dev/video0");
+        assert_eq!(last("/dev/v4l/by-id/x", "linux"), "/dev/v4l/by-id/x");
+        assert_eq!(last("0", "macos"), "0");
+        assert_eq!(last("USB Video", "windows"), "video=USB Video");
     }
 
     #[test]

@@ -10,13 +10,13 @@
 //! | frames | PNG, JPEG, TIFF, BMP, PNM, EXR | [`read_frame`], [`read_linear`] |
 //! | virtual layers | EXR | [`read_virtual_layer`] |
 //! | depth | EXR, PNG, PGM, TIFF | [`read_inverse_depth`] |
-//! | frames in order | folders, single images, videos | [`FrameSource`] |
+//! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
 //! | what belongs to them | folders, by number | [`SideFolder`], [`PaperScene`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
 //! | frames out | PNG | [`write_png`] |
 //! | videos out | | [`VideoWriter`] |
 //!
-//! Videos are decoded by the `ffmpeg` program, or without one by a built-in decoder of H.264 in MP4. The environment
+//! Cameras are read and videos decoded by the `ffmpeg` program; without one, videos by a built-in decoder of H.264 in MP4. The environment
 //! variable `BLINDAUG_FFMPEG` names another program; `none` forbids it.
 
 mod camera;
@@ -35,7 +35,7 @@ mod yuv;
 
 pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
-pub use error::{Error, Result};
+pub use error::{Error, Result, guarded};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
 pub use files::write_atomically;

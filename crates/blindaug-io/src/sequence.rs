@@ -133,7 +133,18 @@ impl FrameSource {
         Ok(Self { path: path.into(), range, size, kind, notes })
     }
 
-    /// The file or folder.
+    /// Opens a camera: `name` is its number, or on Windows and elsewhere the name that ffmpeg lists it by. Its frames have no end.
+    ///
+    /// # Errors
+    /// If there is no such camera, it is in use, or there is no ffmpeg program.
+    pub fn camera(name: &str) -> Result<Self> {
+        let path = PathBuf::from(format!("camera:{name}"));
+        let video = Video::open_camera(&path, name)?;
+        let (size, notes) = (video.size(), video.notes().to_vec());
+        Ok(Self { path, range: FrameRange::default(), size, kind: Kind::Video(Box::new(video)), notes })
+    }
+
+    /// The file, folder or camera.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -52,6 +52,18 @@ impl Video {
         Self::with_first_frame(path, Decoder::Ffmpeg(ffmpeg), head)
     }
 
+    /// Opens a camera with the `ffmpeg` program; `path` is what errors call it.
+    pub(crate) fn open_camera(path: &Path, name: &str) -> Result<Self> {
+        let Some(program) = ffmpeg::find() else {
+            return Err(Error::new(
+                path,
+                "a camera is read by the ffmpeg program, and there is none: install it",
+            ));
+        };
+        let (ffmpeg, head) = Ffmpeg::open_camera(program, path, name)?;
+        Self::with_first_frame(path, Decoder::Ffmpeg(ffmpeg), head)
+    }
+
     pub(crate) fn open_built_in(path: &Path) -> Result<Self> {
         let (mp4, head) = Mp4::open(path)?;
         Self::with_first_frame(path, Decoder::BuiltIn(mp4), head)

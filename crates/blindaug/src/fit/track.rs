@@ -82,8 +82,12 @@ pub struct Tracker {
     size: Option<(usize, usize)>,
     frames: usize,
     flow: FlowEstimator,
-    /// The last frame's, for its memory.
+    /// The last one that was found.
     enlarged: Flow,
+    /// Whether the last frame's was.
+    has_flow: bool,
+    /// The last one that was found.
+    inverse_depth: Option<Plane>,
     parallax: ParallaxTracker,
     noise: NoiseMemory,
     luma_noise: [LumaNoise; NOISE_LEVELS],
@@ -122,6 +126,8 @@ impl Tracker {
             frames: 0,
             flow: FlowEstimator::new(),
             enlarged: Flow::filled(0, 0, [0.0; 2]),
+            has_flow: false,
+            inverse_depth: None,
             parallax: ParallaxTracker::new().near_the_last(),
             noise: NoiseMemory::default(),
             luma_noise: Default::default(),
@@ -162,8 +168,12 @@ impl Tracker {
         let (exposure, sharpening) = (self.exposure(), self.known.sharpening.as_ref());
         let found = spectral::lens_witnesses(&[&tiles], &self.luma_noise, exposure, sharpening);
         model.defocus = self.follow_lens(&found);
+        self.has_flow = matches!(geometry.flow, Some(Cow::Owned(_)));
         if let Some(Cow::Owned(flow)) = geometry.flow {
             self.enlarged = flow;
+        }
+        if let Some(Cow::Owned(depth)) = geometry.inverse_depth {
+            self.inverse_depth = Some(depth);
         }
         self.frames += 1;
         model.validate()?;
@@ -235,6 +245,17 @@ impl Tracker {
         self.model.as_ref()
     }
 
+    /// The last frame's flow to the next one (to the previous one where there was no next), px, NaN where it is unknown;
+    /// `None` where it was given, or not found.
+    pub fn flow(&self) -> Option<&Flow> {
+        self.has_flow.then_some(&self.enlarged)
+    }
+
+    /// The last relative inverse depth that parallax gave, in the models' unit of it; of one of the last frames.
+    pub fn inverse_depth(&self) -> Option<&Plane> {
+        self.inverse_depth.as_ref()
+    }
+
     /// Which parameters the last frame was found to have changed.
     pub fn changes(&self) -> Changes {
         self.changes
@@ -272,6 +293,7 @@ impl Tracker {
             }
             if pair.confirmed() < SCALE_CONFIRMED {
                 self.parallax = ParallaxTracker::new().near_the_last();
+                self.inverse_depth = None;
                 if self.depth_kind == Some(DepthKind::Relative) {
                     // In another unit from here on.
                     self.lens.forget_old();

@@ -1,0 +1,162 @@
+//! The camera and the object's place, estimated while the frames come.
+
+use super::{
+    placement::{Pinhole, Placed, Placement},
+    source::Shot,
+};
+use blindaug::{
+    CameraModel, Plane, Result,
+    fit::{Evidence, Observation, track::Tracker},
+    model::{BlurSpace, DepthKind, Estimate as Parameter, TrackedCamera},
+};
+use glam::DVec2;
+use std::time::{Duration, Instant};
+
+/// The share of the frame's width around the object's foot where depth is looked at.
+const AROUND: f64 = 0.1;
+/// It is not guessed for more frames ahead than this where the object is.
+const FARTHEST: u64 = 10;
+/// How much of the last scale of relative depth is kept from frame to frame.
+const KEPT: f32 = 0.9;
+
+/// Where the object is to stand until a plane is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Home {
+    /// Its foot, in shares of the frame's width and height.
+    pub at: DVec2,
+    /// How far away, m.
+    pub distance: f64,
+}
+
+/// What was estimated at a frame.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    /// The frame's number and the camera, as the tracker gives it.
+    pub tracked: TrackedCamera,
+    /// The camera with its lens over inverse depth in 1/m, to be applied.
+    pub camera: CameraModel,
+    /// Where the object stands.
+    pub placed: Placed,
+    /// As it is for the next frame.
+    placement: Placement,
+    /// How long it took.
+    pub time: Duration,
+}
+
+impl Estimate {
+    /// Where the object stands in this frame or a later one, up to which it goes on as it went.
+    pub fn placed_at(&self, number: u64) -> Placed {
+        let mut placement = self.placement;
+        let later = number.saturating_sub(self.tracked.frame).min(FARTHEST);
+        (0..later).fold(self.placed, |_, _| placement.skip())
+    }
+}
+
+/// Estimates frame after frame.
+pub struct Estimation {
+    tracker: Tracker,
+    pinhole: Pinhole,
+    home: Home,
+    placement: Placement,
+    /// Relative inverse depth of what is 1 m away.
+    scale: Option<f32>,
+    /// Of the last frame.
+    number: u64,
+    lap: u64,
+}
+
+impl Estimation {
+    /// Of a camera that is nearly this one.
+    pub fn new(pinhole: Pinhole, home: Home, fps: Option<f64>) -> Self {
+        Self {
+            tracker: Tracker::new(BlurSpace::Linear, fps),
+            pinhole,
+            home,
+            placement: Placement::new(pinhole, home.at, home.distance),
+            scale: None,
+            number: 0,
+            lap: 0,
+        }
+    }
+
+    /// Looks at a frame. Frames may have been left out before it: the object then goes on over them as it went.
+    ///
+    /// # Errors
+    /// If its size differs from the first one's.
+    pub fn push(&mut self, shot: &Shot, home: Home) -> Result<Estimate> {
+        let start = Instant::now();
+        let Shot { number, lap, frame, next, previous } = shot;
+        let observation = Observation {
+            frame,
+            next: next.as_deref(),
+            previous: previous.as_deref(),
+            evidence: Evidence::default(),
+        };
+        let camera = self.tracker.push(&observation)?.clone();
+        if home != self.home || *lap != self.lap {
+            (self.home, self.lap) = (home, *lap);
+            self.placement = Placement::new(self.pinhole, home.at, home.distance);
+        } else {
+            for _ in self.number + 1..*number {
+                self.placement.skip();
+            }
+        }
+        self.number = *number;
+        // Of a clip's last frame, flow is to the one before it.
+        let placed = match next {
+            Some(_) => self.placement.push(self.tracker.flow()),
+            None => self.placement.skip(),
+        };
+        let scale = self.tracker.inverse_depth().and_then(|d| self.scale_at(d, &placed));
+        self.scale = match (scale, self.scale) {
+            (Some(new), Some(old)) => Some(KEPT * old + (1.0 - KEPT) * new),
+            (new, old) => new.or(old),
+        };
+        Ok(Estimate {
+            tracked: TrackedCamera {
+                frame: *number,
+                changed: self.tracker.changes(),
+                camera: camera.clone(),
+            },
+            camera: in_metres(camera, self.scale),
+            placed,
+            placement: self.placement,
+            time: start.elapsed(),
+        })
+    }
+
+    /// What stands where the object does is as far away.
+    fn scale_at(&self, inverse_depth: &Plane, placed: &Placed) -> Option<f32> {
+        let place = placed.now.translation;
+        let foot = self.pinhole.centre() + self.pinhole.focal_length * place.truncate() / place.z;
+        let (w, h) = inverse_depth.size();
+        let reach = DVec2::splat(AROUND * w as f64);
+        let inside = |v: f64, size: usize| v.clamp(0.0, size as f64) as usize;
+        let (low, high) = (foot - reach, foot + reach);
+        let rows = inside(low.y, h)..inside(high.y, h);
+        let columns = inside(low.x, w)..inside(high.x, w);
+        let mut near: Vec<f32> = rows
+            .flat_map(|y| inverse_depth.row(y)[columns.clone()].iter().copied())
+            .filter(|d| d.is_finite())
+            .collect();
+        if near.is_empty() {
+            return None;
+        }
+        let middle = near.len() / 2;
+        let (_, median, _) = near.select_nth_unstable_by(middle, f32::total_cmp);
+        (*median > 0.0).then_some(*median * place.z as f32)
+    }
+}
+
+/// The camera with its lens over inverse depth in 1/m, where `scale` is the relative inverse depth of what is 1 m away.
+fn in_metres(mut camera: CameraModel, scale: Option<f32>) -> CameraModel {
+    if let Parameter::Known(lens) = &mut camera.defocus
+        && lens.depth_kind == DepthKind::Relative
+    {
+        camera.defocus = match scale {
+            Some(scale) => Parameter::Known(lens.to_metric(scale, 0.0)),
+            None => Parameter::Unknown("nothing is known of the depth where the object stands".into()),
+        };
+    }
+    camera
+}

@@ -1,0 +1,89 @@
+//! The same pictures as the window's, without it: every frame in turn, each estimated, so that a run repeats.
+
+use super::{
+    Scene,
+    estimation::Estimation,
+    source::Loop,
+    stage::{Look, Stage, Times},
+};
+use crate::{
+    composite::Output,
+    console::{self, Result, failure, note},
+    inspect::count,
+};
+use std::time::{Duration, Instant};
+
+/// How often it is told how far it has come.
+const TELL: Duration = Duration::from_secs(1);
+
+/// Makes so many frames and writes them.
+pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<()> {
+    let source = &scene.source;
+    let mut clip = Loop::new(source)?;
+    let mut estimation = Estimation::new(scene.camera, scene.home, source.fps());
+    let mut told = Told::new(frames);
+    let mut last = None;
+    while let Some(shot) = clip.next()? {
+        let start = Instant::now();
+        let of_frame =
+            |e: blindaug::Error| failure(source.path(), format_args!("frame {}: {e}", shot.number));
+        let estimate = estimation.push(&shot, scene.home).map_err(of_frame)?;
+        let times = match stage.draw(&shot, &estimate, look) {
+            Ok(times) => times,
+            Err(e) => {
+                note(format_args!("{e}; starting again on a new one"));
+                stage = scene.stage()?;
+                stage.draw(&shot, &estimate, look).map_err(of_frame)?
+            }
+        };
+        output.write(shot.number, stage.read().map_err(of_frame)?)?;
+        told.step(shot.number, start.elapsed(), estimate.time, times);
+        last = Some(estimate.tracked);
+        if shot.number == frames || console::interrupted() {
+            break;
+        }
+    }
+    match last {
+        Some(tracked) => console::print(&format!("{}\n", tracked.to_json_line())),
+        None => Err(failure(source.path(), "there are no frames in it")),
+    }
+}
+
+/// What is said each second: the mean times of a frame since then.
+struct Told {
+    total: u64,
+    since: Instant,
+    frames: u32,
+    whole: Duration,
+    estimate: Duration,
+    times: Times,
+}
+
+impl Told {
+    fn new(total: u64) -> Self {
+        let zero = Duration::ZERO;
+        Self { total, since: Instant::now(), frames: 0, whole: zero, estimate: zero, times: Times::default() }
+    }
+
+    fn step(&mut self, number: u64, whole: Duration, estimate: Duration, times: Times) {
+        self.frames += 1;
+        self.whole += whole;
+        self.estimate += estimate;
+        self.times.render += times.render;
+        self.times.composite += times.composite;
+        if self.since.elapsed() < TELL && number < self.total {
+            return;
+        }
+        let ms = |sum: Duration| 1e3 * sum.as_secs_f64() / f64::from(self.frames);
+        note(format_args!(
+            "{} of {}, {:.1} ms a frame (estimate {:.1}, render {:.1}, composite {:.1})",
+            number,
+            count(self.total, "frame"),
+            ms(self.whole),
+            ms(self.estimate),
+            ms(self.times.render),
+            ms(self.times.composite)
+        ));
+        *self = Self::new(self.total);
+    }
+}

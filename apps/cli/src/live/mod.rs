@@ -1,0 +1,152 @@
+//! `blindaug live`: an animated object in the footage of a camera or a video while it runs.
+
+mod compositor;
+mod estimation;
+mod headless;
+mod object;
+mod panel;
+mod placement;
+mod render;
+mod source;
+mod stage;
+mod window;
+
+use crate::{
+    composite::{DEFAULT_FPS, Output, Style},
+    console::{Failure, Result, failure, note},
+};
+use blindaug_gpu::{Gpu, Options, Quality};
+use blindaug_io::FrameSource;
+use estimation::Home;
+use glam::DVec2;
+use object::Object;
+use placement::Pinhole;
+use stage::{Look, Stage};
+use std::path::PathBuf;
+
+/// Where the object's foot is at first, in shares of the frame's width and height.
+const FOOT: DVec2 = DVec2::new(0.5, 0.75);
+
+/// Put an animated object into the footage of a camera or a video while it runs
+#[derive(clap::Args)]
+pub struct Live {
+    /// A video, a folder of images, or a camera: camera:0, on Windows camera:NAME
+    #[arg(default_value = "camera:0")]
+    input: PathBuf,
+    /// The object, glTF 2.0, of which the first animation is played [default: one that is built in]
+    #[arg(long, value_name = "FILE.glb")]
+    object: Option<PathBuf>,
+    /// The object's longest side, as a share of the height that is seen at its distance, 0.01 to 10
+    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, 0.01, 10.0))]
+    size: f64,
+    /// How far away the object and the plane that it stands on are at first, 0.1 to 100 m
+    #[arg(long, value_name = "METRES", default_value = "2", value_parser = |t: &str| within(t, 0.1, 100.0))]
+    distance: f64,
+    /// The camera's vertical field of view, 5 to 150 degrees
+    #[arg(long, value_name = "DEGREES", default_value = "50", value_parser = |t: &str| within(t, 5.0, 150.0))]
+    fov: f64,
+    /// Where the line is, as a share of the width, 0 to 1: left of it the object is pasted as it is
+    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, 0.0, 1.0))]
+    split: f64,
+    #[command(flatten)]
+    style: Style,
+    /// Without a window: write so many frames and print the last one's camera model; a clip starts again at its end
+    #[arg(long, requires_all = ["frames", "output"])]
+    headless: bool,
+    /// How many frames to write
+    #[arg(long, value_name = "N", requires = "headless", value_parser = clap::value_parser!(u64).range(1..))]
+    frames: Option<u64>,
+    /// A folder, which gets a PNG per frame, or a video by its extension
+    #[arg(short, long, value_name = "OUT", requires = "headless")]
+    output: Option<PathBuf>,
+    /// Replace what is there already
+    #[arg(long, requires = "headless")]
+    overwrite: bool,
+}
+
+/// Parses a number in [low, high].
+fn within(text: &str, low: f64, high: f64) -> std::result::Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if (low..=high).contains(&v) => Ok(v),
+        _ => Err(format!("it must be a number from {low} to {high}")),
+    }
+}
+
+/// What is filmed and what is put into it.
+struct Scene {
+    source: FrameSource,
+    object: Object,
+    camera: Pinhole,
+    home: Home,
+}
+
+impl Scene {
+    /// A stage on a device of its own.
+    fn stage(&self) -> Result<Stage> {
+        Gpu::new().map_err(|e| Failure(e.to_string())).and_then(|gpu| self.stage_on(gpu))
+    }
+
+    fn stage_on(&self, gpu: Gpu) -> Result<Stage> {
+        Stage::new(gpu, self.object.clone(), self.camera, self.fps()).map_err(|e| Failure(e.to_string()))
+    }
+
+    fn fps(&self) -> f64 {
+        self.source.fps().unwrap_or(DEFAULT_FPS)
+    }
+
+    fn is_camera(&self) -> bool {
+        source::names_camera(self.source.path())
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Live) -> Result<()> {
+    let source = source::open(&args.input)?;
+    for sentence in source.notes() {
+        note(format_args!("{}: {sentence}", args.input.display()));
+    }
+    let object = match &args.object {
+        Some(path) => {
+            let object = Object::load(path)?;
+            for sentence in &object.notes {
+                note(format_args!("{}: {sentence}", path.display()));
+            }
+            object
+        }
+        None => Object::built_in(),
+    };
+    let camera = Pinhole::new(source.size(), args.fov);
+    let home = Home { at: FOOT, distance: args.distance };
+    let seen = args.distance * camera.size.1 as f64 / camera.focal_length;
+    let blindaug::composite::Options { no_noise, bokeh, seed, .. } = args.style.options();
+    let options = Options { naive: false, no_noise, bokeh, seed, quality: Quality::default() };
+    let look = Look { split: args.split as f32, size: (args.size * seen) as f32, options };
+    let scene = Scene { source, object, camera, home };
+    let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {
+        return window::run(scene, look);
+    };
+    // Before the output, so that nothing is left where there is no device.
+    let stage = scene.stage()?;
+    let mut output = Output::open(path, &scene.source, args.overwrite, None)?;
+    if output.has_frames() {
+        return Err(failure(
+            path,
+            "there are frames in this folder already; add --overwrite, or give another one",
+        ));
+    }
+    headless::run(&scene, stage, &look, frames, &mut output)?;
+    output.finish()
+}
+
+/// The graphics device of the tests: without one they say so, or fail where BLINDAUG_NEED_GPU is set.
+#[cfg(test)]
+fn tested_gpu() -> Option<Gpu> {
+    match Gpu::new() {
+        Ok(gpu) => Some(gpu),
+        Err(why) if std::env::var_os("BLINDAUG_NEED_GPU").is_some() => panic!("{why}"),
+        Err(why) => {
+            eprintln!("NOT TESTED: {why}");
+            None
+        }
+    }
+}

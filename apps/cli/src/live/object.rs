@@ -1,0 +1,722 @@
+//! The object: triangles, materials and an animation, from a glTF file or made here.
+
+use blindaug_io::{Error, Result, guarded};
+use bytemuck::{Pod, Zeroable};
+use glam::{EulerRot, Mat4, Quat, Vec3, Vec4};
+use gltf::{Document, Gltf, animation::Interpolation, animation::util::ReadOutputs, buffer, mesh::Mode};
+use std::{f32::consts::TAU, ops::Range, path::Path};
+
+/// A corner of a triangle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Vertex {
+    /// In the joints' coordinates before they move.
+    pub position: [f32; 3],
+    /// Of any length.
+    pub normal: [f32; 3],
+    /// In the base colour's texture, in [0, 1], (0, 0) top left.
+    pub uv: [f32; 2],
+    /// Multiplies the base colour; linear.
+    pub color: [f32; 4],
+    /// Which joints move it, from the part's first on.
+    pub joints: [u32; 4],
+    /// By how much; they sum to 1.
+    pub weights: [f32; 4],
+}
+
+/// What a surface is made of: metallic-roughness, as in glTF.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Linear, with alpha.
+    pub base_color: [f32; 4],
+    /// In [0, 1].
+    pub metallic: f32,
+    /// In [0, 1].
+    pub roughness: f32,
+    /// Where alpha is less, there is no surface.
+    pub alpha_cutoff: f32,
+    /// Index into [`Object::textures`].
+    pub texture: Option<usize>,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self { base_color: [1.0; 4], metallic: 0.0, roughness: 0.5, alpha_cutoff: 0.0, texture: None }
+    }
+}
+
+/// sRGB with alpha, 8 bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Texture {
+    /// Width and height, px.
+    pub size: [u32; 2],
+    /// Four bytes per texel.
+    pub texels: Vec<u8>,
+}
+
+/// Triangles of one material that move together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Into [`Object::indices`].
+    pub indices: Range<u32>,
+    /// The material.
+    pub material: Material,
+    /// Index of its first joint's matrix in what [`Object::joints`] gives.
+    pub first_joint: u32,
+}
+
+/// Translation, rotation and scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Transform {
+    translation: Vec3,
+    rotation: Quat,
+    scale: Vec3,
+}
+
+impl Transform {
+    const IDENTITY: Self = Self { translation: Vec3::ZERO, rotation: Quat::IDENTITY, scale: Vec3::ONE };
+
+    fn matrix(&self) -> Mat4 {
+        Mat4::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    /// Comes before it in the list.
+    parent: Option<usize>,
+    rest: Transform,
+}
+
+/// What moves the vertices: a node, and where the vertices are in its coordinates.
+#[derive(Clone, Debug)]
+struct Joint {
+    node: usize,
+    inverse_bind: Mat4,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Property {
+    Translation,
+    Rotation,
+    Scale,
+}
+
+/// One property of one node over time.
+#[derive(Clone, Debug)]
+struct Channel {
+    node: usize,
+    property: Property,
+    interpolation: Interpolation,
+    /// Rising, s.
+    times: Vec<f32>,
+    /// One per time; of cubic splines three: tangent in, value, tangent out.
+    values: Vec<Vec4>,
+}
+
+/// An animated object. Its coordinates are glTF's: x right, y up, z towards who looks at it.
+#[derive(Clone, Debug, Default)]
+pub struct Object {
+    /// The corners of all triangles.
+    pub vertices: Vec<Vertex>,
+    /// Three per triangle.
+    pub indices: Vec<u32>,
+    /// What is drawn.
+    pub parts: Vec<Part>,
+    /// Images that the materials use.
+    pub textures: Vec<Texture>,
+    /// What a person should know about how it was read, a sentence each.
+    pub notes: Vec<String>,
+    nodes: Vec<Node>,
+    joints: Vec<Joint>,
+    channels: Vec<Channel>,
+    /// When the animation starts again, s; 0: nothing moves.
+    duration: f32,
+}
+
+impl Object {
+    /// The joints' matrices at a time, s, as the animation has it: it starts again at its end.
+    pub fn joints(&self, seconds: f64) -> Vec<Mat4> {
+        let time = if self.duration > 0.0 { (seconds % f64::from(self.duration)) as f32 } else { 0.0 };
+        let mut local: Vec<Transform> = self.nodes.iter().map(|n| n.rest).collect();
+        for channel in &self.channels {
+            channel.apply(time, &mut local[channel.node]);
+        }
+        let mut global: Vec<Mat4> = Vec::with_capacity(local.len());
+        for (node, local) in self.nodes.iter().zip(&local) {
+            let parent = node.parent.map_or(Mat4::IDENTITY, |p| global[p]);
+            global.push(parent * local.matrix());
+        }
+        self.joints.iter().map(|j| global[j.node] * j.inverse_bind).collect()
+    }
+
+    /// Brings it to stand on the origin with 1 as its longest side, as it is when the animation starts.
+    pub fn unit(&self) -> Mat4 {
+        let joints = self.joints(0.0);
+        let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        for part in &self.parts {
+            let corners = &self.indices[part.indices.start as usize..part.indices.end as usize];
+            for vertex in corners.iter().map(|&i| &self.vertices[i as usize]) {
+                let position: Vec3 = (0..4)
+                    .map(|i| {
+                        let joint = joints[(part.first_joint + vertex.joints[i]) as usize];
+                        vertex.weights[i] * joint.transform_point3(vertex.position.into())
+                    })
+                    .sum();
+                bounds = [bounds[0].min(position), bounds[1].max(position)];
+            }
+        }
+        let [low, high] = bounds;
+        let longest = (high - low).max_element();
+        if !(longest.is_finite() && longest > 0.0) {
+            return Mat4::IDENTITY;
+        }
+        let foot = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
+        Mat4::from_scale(Vec3::splat(longest.recip())) * Mat4::from_translation(-foot)
+    }
+
+    /// A ring that rolls on the spot, with a ball that circles it: what is shown without a file.
+    pub fn built_in() -> Self {
+        const SECONDS: f32 = 4.0;
+        const STEPS: u16 = 16;
+        let mut object = Self { duration: SECONDS, ..Self::default() };
+        let node =
+            |parent, translation| Node { parent, rest: Transform { translation, ..Transform::IDENTITY } };
+        object.nodes = vec![
+            node(None, Vec3::new(0.0, 0.5, 0.0)),
+            node(None, Vec3::new(0.0, 0.5, 0.0)),
+            node(Some(1), Vec3::X * 0.42),
+        ];
+        let times: Vec<f32> = (0..=STEPS).map(|i| SECONDS * f32::from(i) / f32::from(STEPS)).collect();
+        let turning = |node, turn: &dyn Fn(f32) -> Quat| Channel {
+            node,
+            property: Property::Rotation,
+            interpolation: Interpolation::Linear,
+            values: times.iter().map(|t| turn(TAU * t / SECONDS).into()).collect(),
+            times: times.clone(),
+        };
+        let channels = vec![
+            turning(0, &|a| Quat::from_euler(EulerRot::YXZ, a, 0.35 * a.sin(), 0.0)),
+            turning(1, &|a| Quat::from_euler(EulerRot::ZYX, 0.4, -2.0 * a, 0.0)),
+        ];
+        object.channels = channels;
+        let ring = |[u, v]: [f32; 2]| {
+            let (a, b) = (TAU * u, TAU * v);
+            let out = Vec3::new(a.cos(), a.sin(), 0.0);
+            let normal = out * b.cos() + Vec3::Z * b.sin();
+            (0.34 * out + 0.13 * normal, normal)
+        };
+        let ball = |[u, v]: [f32; 2]| {
+            let (a, b) = (TAU * u, 0.5 * TAU * v);
+            let normal = Vec3::new(a.cos() * b.sin(), b.cos(), a.sin() * b.sin());
+            (0.08 * normal, normal)
+        };
+        let stripes = |[u, v]: [f32; 2]| {
+            let odd = ((12.0 * u) as u32 + (4.0 * v) as u32) % 2 == 1;
+            if odd { [0.75, 0.12, 0.05, 1.0] } else { [0.8, 0.75, 0.65, 1.0] }
+        };
+        let material = |metallic, roughness| Material { metallic, roughness, ..Material::default() };
+        object.add_surface(0, [96, 32], &ring, &stripes, material(0.0, 0.35));
+        object.add_surface(2, [32, 16], &ball, &|_| [0.9, 0.65, 0.25, 1.0], material(1.0, 0.3));
+        object
+    }
+
+    /// Adds a surface over [0, 1] x [0, 1] in quads of one colour each.
+    fn add_surface(
+        &mut self,
+        node: usize,
+        [columns, rows]: [u16; 2],
+        place: &dyn Fn([f32; 2]) -> (Vec3, Vec3),
+        color: &dyn Fn([f32; 2]) -> [f32; 4],
+        material: Material,
+    ) {
+        let start = self.indices.len() as u32;
+        let at = |x: f32, y: f32| [x / f32::from(columns), y / f32::from(rows)];
+        for (x, y) in (0..rows).flat_map(|y| (0..columns).map(move |x| (f32::from(x), f32::from(y)))) {
+            let first = self.vertices.len() as u32;
+            let color = color(at(x + 0.5, y + 0.5));
+            for uv in [at(x, y), at(x + 1.0, y), at(x + 1.0, y + 1.0), at(x, y + 1.0)] {
+                let (position, normal) = place(uv);
+                let (position, normal) = (position.into(), normal.into());
+                let weights = [1.0, 0.0, 0.0, 0.0];
+                self.vertices.push(Vertex { position, normal, uv, color, joints: [0; 4], weights });
+            }
+            self.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
+        }
+        let first_joint = self.joints.len() as u32;
+        self.joints.push(Joint { node, inverse_bind: Mat4::IDENTITY });
+        self.parts.push(Part { indices: start..self.indices.len() as u32, material, first_joint });
+    }
+
+    /// Reads the default scene of a .glb or .gltf file with its first animation: nodes that move, and skins. Of materials the
+    /// base colour with its texture and the factors of metallic-roughness are used.
+    ///
+    /// # Errors
+    /// If the file is missing, damaged, or has no triangles.
+    pub fn load(path: &Path) -> Result<Self> {
+        // The parser checks much, but not all that a file may say of itself.
+        guarded(path, || Reader::open(path)?.object())
+    }
+}
+
+impl Channel {
+    fn apply(&self, time: f32, transform: &mut Transform) {
+        let value = self.at(time);
+        match self.property {
+            Property::Translation => transform.translation = value.truncate(),
+            Property::Rotation => transform.rotation = Quat::from_vec4(value).normalize(),
+            Property::Scale => transform.scale = value.truncate(),
+        }
+    }
+
+    /// The value at a time: the first one before the first time, the last one after the last.
+    fn at(&self, time: f32) -> Vec4 {
+        let after = self.times.partition_point(|&t| t <= time);
+        let cubic = self.interpolation == Interpolation::CubicSpline;
+        let value = |i: usize| if cubic { self.values[3 * i + 1] } else { self.values[i] };
+        if after == 0 || after == self.times.len() {
+            return value(after.saturating_sub(1));
+        }
+        let (a, b) = (value(after - 1), value(after));
+        let span = self.times[after] - self.times[after - 1];
+        let t = (time - self.times[after - 1]) / span;
+        match (self.interpolation, self.property) {
+            (Interpolation::Step, _) => a,
+            (Interpolation::Linear, Property::Rotation) => {
+                Quat::from_vec4(a).normalize().slerp(Quat::from_vec4(b).normalize(), t).into()
+            }
+            (Interpolation::Linear, _) => a.lerp(b, t),
+            (Interpolation::CubicSpline, _) => {
+                let (out, into) = (span * self.values[3 * after - 1], span * self.values[3 * after]);
+                let (t2, t3) = (t * t, t * t * t);
+                a * (2.0 * t3 - 3.0 * t2 + 1.0)
+                    + out * (t3 - 2.0 * t2 + t)
+                    + b * (3.0 * t2 - 2.0 * t3)
+                    + into * (t3 - t2)
+            }
+        }
+    }
+}
+
+/// A glTF file with its buffers.
+struct Reader<'a> {
+    path: &'a Path,
+    document: Document,
+    buffers: Vec<buffer::Data>,
+    object: Object,
+    /// From a node's index in the file to that in the object.
+    nodes: Vec<Option<usize>>,
+    /// From an image's index in the file to that in the object.
+    images: Vec<Option<usize>>,
+}
+
+impl<'a> Reader<'a> {
+    fn open(path: &'a Path) -> Result<Self> {
+        let bytes = std::fs::read(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let fail = |e: gltf::Error| {
+            Error::new(
+                path,
+                format!("not a glTF file that can be read, or a damaged one ({e})").replace('\n', " "),
+            )
+        };
+        let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(fail)?;
+        let buffers = gltf::import_buffers(&document, path.parent(), blob).map_err(fail)?;
+        let nodes = vec![None; document.nodes().len()];
+        let images = vec![None; document.images().len()];
+        Ok(Self { path, document, buffers, object: Object::default(), nodes, images })
+    }
+
+    fn fail(&self, sentence: &str) -> Error {
+        Error::new(self.path, sentence)
+    }
+
+    fn object(mut self) -> Result<Object> {
+        let document = self.document.clone();
+        let Some(scene) = document.default_scene().or(document.scenes().next()) else {
+            return Err(self.fail("there is no scene in it"));
+        };
+        let mut order = Vec::new();
+        let mut waiting: Vec<(gltf::Node, Option<usize>)> = scene.nodes().map(|n| (n, None)).collect();
+        while let Some((node, parent)) = waiting.pop() {
+            if self.nodes[node.index()].is_some() {
+                return Err(self.fail("the file is damaged (a node has two parents)"));
+            }
+            let (translation, rotation, scale) = node.transform().decomposed();
+            let rest = Transform {
+                translation: translation.into(),
+                rotation: Quat::from_array(rotation),
+                scale: scale.into(),
+            };
+            let index = self.object.nodes.len();
+            self.nodes[node.index()] = Some(index);
+            self.object.nodes.push(Node { parent, rest });
+            waiting.extend(node.children().map(|child| (child, Some(index))));
+            order.push(node);
+        }
+        for node in &order {
+            self.add_meshes(node)?;
+        }
+        if self.object.indices.is_empty() {
+            return Err(self.fail("there are no triangles in its scene"));
+        }
+        if let Some(animation) = document.animations().next() {
+            self.add_animation(&animation)?;
+        }
+        if document.animations().len() > 1 {
+            self.object
+                .notes
+                .push(format!("of its {} animations the first one is played", document.animations().len()));
+        }
+        Ok(self.object)
+    }
+
+    fn add_meshes(&mut self, node: &gltf::Node) -> Result<()> {
+        let Some(mesh) = node.mesh() else { return Ok(()) };
+        let first_joint = self.object.joints.len() as u32;
+        let Some(own) = self.nodes[node.index()] else { return Ok(()) };
+        match node.skin() {
+            None => self.object.joints.push(Joint { node: own, inverse_bind: Mat4::IDENTITY }),
+            Some(skin) => {
+                let buffers = &self.buffers;
+                let reader = skin.reader(|b| buffers.get(b.index()).map(|d| &d[..]));
+                let mut inverse_binds = reader.read_inverse_bind_matrices().into_iter().flatten();
+                for joint in skin.joints() {
+                    let Some(node) = self.nodes[joint.index()] else {
+                        return Err(self.fail("the file is damaged (a skin's joint is not in its scene)"));
+                    };
+                    let inverse_bind =
+                        inverse_binds.next().map_or(Mat4::IDENTITY, |m| Mat4::from_cols_array_2d(&m));
+                    self.object.joints.push(Joint { node, inverse_bind });
+                }
+            }
+        }
+        let joints = self.object.joints.len() as u32 - first_joint;
+        if joints == 0 {
+            return Err(self.fail("the file is damaged (a skin without joints)"));
+        }
+        for primitive in mesh.primitives() {
+            let mut note = |sentence: &str| {
+                if !self.object.notes.iter().any(|n| n == sentence) {
+                    self.object.notes.push(sentence.into());
+                }
+            };
+            if primitive.mode() != Mode::Triangles {
+                note("lines, points, strips and fans are not shown");
+                continue;
+            }
+            if primitive.morph_targets().len() > 0 {
+                note("morph targets are not moved");
+            }
+            if primitive.material().alpha_mode() == gltf::material::AlphaMode::Blend {
+                note("transparent surfaces are shown as opaque ones where their alpha is over 0.5");
+            }
+            let material = self.material(&primitive.material())?;
+            self.add_triangles(&primitive, material, (first_joint, joints))?;
+        }
+        Ok(())
+    }
+
+    fn add_triangles(
+        &mut self,
+        primitive: &gltf::Primitive,
+        material: Material,
+        (first_joint, joint_count): (u32, u32),
+    ) -> Result<()> {
+        let buffers = &self.buffers;
+        let reader = primitive.reader(|b| buffers.get(b.index()).map(|d| &d[..]));
+        let Some(positions) = reader.read_positions() else {
+            return Err(self.fail("the file is damaged (triangles without positions)"));
+        };
+        let mut vertices: Vec<Vertex> = positions
+            .map(|position| Vertex {
+                position,
+                color: [1.0; 4],
+                weights: [1.0, 0.0, 0.0, 0.0],
+                ..Vertex::default()
+            })
+            .collect();
+        let corners: Vec<u32> = match reader.read_indices() {
+            Some(indices) => indices.into_u32().collect(),
+            None => (0..vertices.len() as u32).collect(),
+        };
+        let finite = vertices.iter().all(|v| v.position.iter().all(|v| v.is_finite()));
+        if !finite || corners.iter().any(|&i| i as usize >= vertices.len()) {
+            return Err(self.fail("the file is damaged (triangles with corners that are not there)"));
+        }
+        let texture_set = primitive
+            .material()
+            .pbr_metallic_roughness()
+            .base_color_texture()
+            .map_or(0, |texture| texture.tex_coord());
+        for (vertex, uv) in vertices
+            .iter_mut()
+            .zip(reader.read_tex_coords(texture_set).into_iter().flat_map(|t| t.into_f32()))
+        {
+            vertex.uv = uv;
+        }
+        for (vertex, color) in
+            vertices.iter_mut().zip(reader.read_colors(0).into_iter().flat_map(|c| c.into_rgba_f32()))
+        {
+            vertex.color = color;
+        }
+        if joint_count > 1
+            && let (Some(joints), Some(weights)) = (reader.read_joints(0), reader.read_weights(0))
+        {
+            for (vertex, (joints, weights)) in
+                vertices.iter_mut().zip(joints.into_u16().zip(weights.into_f32()))
+            {
+                let sum: f32 = weights.iter().sum();
+                vertex.joints = joints.map(u32::from);
+                vertex.weights = if sum > 0.0 { weights.map(|w| w / sum) } else { [1.0, 0.0, 0.0, 0.0] };
+            }
+            if vertices.iter().any(|v| v.joints.iter().any(|&j| j >= joint_count)) {
+                return Err(self.fail("the file is damaged (a corner is moved by a joint that is not there)"));
+            }
+        }
+        match reader.read_normals() {
+            Some(normals) => vertices.iter_mut().zip(normals).for_each(|(v, normal)| v.normal = normal),
+            None => add_normals(&mut vertices, &corners),
+        }
+        let (first, start) = (self.object.vertices.len() as u32, self.object.indices.len() as u32);
+        self.object.vertices.append(&mut vertices);
+        self.object.indices.extend(corners.chunks_exact(3).flatten().map(|i| first + i));
+        let indices = start..self.object.indices.len() as u32;
+        self.object.parts.push(Part { indices, material, first_joint });
+        Ok(())
+    }
+
+    fn material(&mut self, material: &gltf::Material) -> Result<Material> {
+        let pbr = material.pbr_metallic_roughness();
+        let alpha_cutoff = match material.alpha_mode() {
+            gltf::material::AlphaMode::Opaque => 0.0,
+            _ => material.alpha_cutoff().unwrap_or(0.5),
+        };
+        let texture = pbr.base_color_texture().map(|t| self.texture(&t.texture().source())).transpose()?;
+        Ok(Material {
+            base_color: pbr.base_color_factor(),
+            metallic: pbr.metallic_factor(),
+            roughness: pbr.roughness_factor(),
+            alpha_cutoff,
+            texture,
+        })
+    }
+
+    fn texture(&mut self, image: &gltf::Image) -> Result<usize> {
+        if let Some(known) = self.images[image.index()] {
+            return Ok(known);
+        }
+        let data = gltf::image::Data::from_source(image.source(), self.path.parent(), &self.buffers)
+            .map_err(|e| {
+                Error::new(self.path, format!("one of its textures cannot be read ({e})").replace('\n', " "))
+            })?;
+        use gltf::image::Format;
+        let texels = match data.format {
+            Format::R8 => data.pixels.iter().flat_map(|&v| [v, v, v, 255]).collect(),
+            Format::R8G8 => data.pixels.chunks_exact(2).flat_map(|p| [p[0], p[0], p[0], p[1]]).collect(),
+            Format::R8G8B8 => data.pixels.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect(),
+            Format::R8G8B8A8 => data.pixels,
+            _ => return Err(self.fail("one of its textures has more than 8 bit; save it with 8 bit")),
+        };
+        let index = self.object.textures.len();
+        self.object.textures.push(Texture { size: [data.width, data.height], texels });
+        self.images[image.index()] = Some(index);
+        Ok(index)
+    }
+
+    fn add_animation(&mut self, animation: &gltf::Animation) -> Result<()> {
+        for channel in animation.channels() {
+            let buffers = &self.buffers;
+            let Some(node) = self.nodes[channel.target().node().index()] else { continue };
+            let reader = channel.reader(|b| buffers.get(b.index()).map(|d| &d[..]));
+            let (Some(times), Some(values)) = (reader.read_inputs(), reader.read_outputs()) else {
+                return Err(self.fail("the file is damaged (an animation without values)"));
+            };
+            let times: Vec<f32> = times.collect();
+            let vector = |v: [f32; 3]| Vec3::from(v).extend(0.0);
+            let (property, values): (_, Vec<Vec4>) = match values {
+                ReadOutputs::Translations(v) => (Property::Translation, v.map(vector).collect()),
+                ReadOutputs::Rotations(v) => (Property::Rotation, v.into_f32().map(Vec4::from).collect()),
+                ReadOutputs::Scales(v) => (Property::Scale, v.map(vector).collect()),
+                // Said of the mesh.
+                ReadOutputs::MorphTargetWeights(_) => continue,
+            };
+            let interpolation = channel.sampler().interpolation();
+            let wanted =
+                if interpolation == Interpolation::CubicSpline { 3 * times.len() } else { times.len() };
+            let rising = times.iter().all(|t| t.is_finite()) && times.is_sorted_by(|a, b| a < b);
+            if times.is_empty() || !rising || values.len() != wanted || values.iter().any(|v| !v.is_finite())
+            {
+                return Err(self.fail("the file is damaged (an animation's times and values do not fit)"));
+            }
+            self.object.duration = self.object.duration.max(times[times.len() - 1]);
+            self.object.channels.push(Channel { node, property, interpolation, times, values });
+        }
+        Ok(())
+    }
+}
+
+/// Those of the triangles around a corner, by their areas.
+fn add_normals(vertices: &mut [Vertex], corners: &[u32]) {
+    for triangle in corners.chunks_exact(3) {
+        let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(vertices[triangle[i] as usize].position));
+        let normal = (b - a).cross(c - a);
+        for &i in triangle {
+            let vertex = &mut vertices[i as usize];
+            vertex.normal = (Vec3::from(vertex.normal) + normal).into();
+        }
+    }
+}
+
+#[cfg(test)]
+impl Object {
+    /// A square that faces the camera and does not move.
+    pub fn square(material: Material) -> Self {
+        let nodes = vec![Node { parent: None, rest: Transform::IDENTITY }];
+        let mut object = Self { nodes, ..Self::default() };
+        object.add_surface(0, [1, 1], &|[u, v]| (Vec3::new(u, v, 0.0), Vec3::Z), &|_| [1.0; 4], material);
+        object
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_object_starts_again_without_a_jump_and_is_brought_to_unit_size() {
+        let object = Object::built_in();
+        let apart = |a: f64, b: f64| {
+            let difference = |(a, b): (&Mat4, &Mat4)| {
+                (*a - *b).to_cols_array().iter().map(|v| v.abs()).fold(0.0, f32::max)
+            };
+            object.joints(a).iter().zip(&object.joints(b)).map(difference).fold(0.0, f32::max)
+        };
+        assert!(apart(0.0, 3.9999) < 1e-3 && apart(0.0, 4.0) < 1e-6 && apart(0.5, 1.0) > 0.1);
+        let unit = object.unit();
+        let corners = object.vertices.iter().map(|v| unit.transform_point3(v.position.into()));
+        assert!(corners.fold(0.0f32, |m, p| m.max(p.abs().max_element())) < 2.0);
+    }
+
+    /// A triangle that a joint moves 1 m to the right within 2 s.
+    fn file() -> Vec<u8> {
+        let mut binary = Vec::new();
+        let mut views = Vec::new();
+        let mut add = |bytes: &[u8]| {
+            views.push(format!(
+                r#"{{"buffer":0,"byteOffset":{},"byteLength":{}}}"#,
+                binary.len(),
+                bytes.len()
+            ));
+            binary.extend_from_slice(bytes);
+        };
+        let floats = |values: &[f32]| bytemuck::cast_slice::<_, u8>(values).to_vec();
+        add(&floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]));
+        add(&floats(&[0.0, 2.0]));
+        add(&floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]));
+        add(&[0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0]);
+        add(&floats(&[1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0]));
+        let json = format!(
+            r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0,1]}}],
+            "nodes":[{{"mesh":0,"skin":0}},{{"children":[2]}},{{}}],
+            "skins":[{{"joints":[1,2]}}],
+            "materials":[{{"pbrMetallicRoughness":{{"baseColorFactor":[0.5,0.25,0.125,1],"metallicFactor":0}}}}],
+            "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0,"JOINTS_0":3,"WEIGHTS_0":4}},"material":0}}]}}],
+            "animations":[{{"samplers":[{{"input":1,"output":2}}],"channels":[{{"sampler":0,"target":{{"node":2,"path":"translation"}}}}]}}],
+            "buffers":[{{"byteLength":{}}}],"bufferViews":[{}],
+            "accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}},
+            {{"bufferView":1,"componentType":5126,"count":2,"type":"SCALAR","min":[0],"max":[2]}},
+            {{"bufferView":2,"componentType":5126,"count":2,"type":"VEC3"}},
+            {{"bufferView":3,"componentType":5121,"count":3,"type":"VEC4"}},
+            {{"bufferView":4,"componentType":5126,"count":3,"type":"VEC4"}}]}}"#,
+            binary.len(),
+            views.join(",")
+        );
+        let mut json = json.into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let length = |n: usize| (n as u32).to_le_bytes();
+        let mut file = b"glTF\x02\0\0\0".to_vec();
+        file.extend(length(12 + 8 + json.len() + 8 + binary.len()));
+        for (kind, chunk) in [(b"JSON", json), (b"BIN\0", binary)] {
+            file.extend(length(chunk.len()));
+            file.extend(kind);
+            file.extend(chunk);
+        }
+        file
+    }
+
+    #[test]
+    fn a_skin_in_a_file_moves_as_it_says() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("skin.glb");
+        std::fs::write(&path, file()).unwrap();
+        let object = Object::load(&path).unwrap();
+        assert_eq!((object.parts.len(), object.indices.len(), object.notes.len()), (1, 3, 0));
+        assert_eq!(object.parts[0].material.base_color, [0.5, 0.25, 0.125, 1.0]);
+        // Half of each joint, of which the second one moves.
+        let vertex = object.vertices[1];
+        assert_eq!((vertex.joints, vertex.weights), ([0, 1, 0, 0], [0.5, 0.5, 0.0, 0.0]));
+        assert_eq!(vertex.normal, [0.0, 0.0, 1.0]);
+        for (seconds, x) in [(0.0, 0.0), (0.5, 0.25), (1.5, 0.75), (2.5, 0.25)] {
+            let joints = object.joints(seconds);
+            assert_eq!((joints[0].w_axis.x, joints[1].w_axis.x), (0.0, x));
+        }
+    }
+
+    #[test]
+    fn damaged_files_end_in_a_sentence() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("hurt.glb");
+        let whole = file();
+        let load = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).unwrap();
+            let object = Object::load(&path);
+            if let Err(e) = &object {
+                let e = e.to_string();
+                assert!(e.contains("hurt.glb: ") && !e.contains('\n'), "{e}");
+            }
+            object
+        };
+        for i in 0..40 {
+            assert!(load(&whole[..whole.len() * i / 40]).is_err());
+        }
+        // Whatever is wrong, what is loaded can be drawn.
+        let mut random = 1u32;
+        let mut next = |n: usize| {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (random >> 8) as usize % n
+        };
+        for _ in 0..300 {
+            let mut hurt = whole.clone();
+            hurt[next(whole.len())] = b"0123456789,[]{}\xff"[next(16)];
+            if let Ok(object) = load(&hurt) {
+                let joints = object.joints(0.7).len() as u32;
+                assert!(object.indices.iter().all(|&i| (i as usize) < object.vertices.len()));
+                assert!(object.parts.iter().all(|p| p.first_joint < joints && !p.indices.is_empty()));
+                object.unit();
+            }
+        }
+    }
+
+    #[test]
+    fn values_are_interpolated_as_gltf_says() {
+        let channel = |interpolation, values: &[f32]| Channel {
+            node: 0,
+            property: Property::Translation,
+            interpolation,
+            times: vec![1.0, 3.0],
+            values: values.iter().map(|&v| Vec4::splat(v)).collect(),
+        };
+        let at = |c: &Channel, times: [f32; 4]| times.map(|t| c.at(t).x);
+        assert_eq!(
+            at(&channel(Interpolation::Linear, &[2.0, 4.0]), [0.0, 1.0, 1.5, 9.0]),
+            [2.0, 2.0, 2.5, 4.0]
+        );
+        assert_eq!(
+            at(&channel(Interpolation::Step, &[2.0, 4.0]), [0.0, 1.0, 2.9, 3.0]),
+            [2.0, 2.0, 2.0, 4.0]
+        );
+        // A straight line, as a spline with tangents of its slope.
+        let spline = channel(Interpolation::CubicSpline, &[1.0, 2.0, 1.0, 1.0, 4.0, 1.0]);
+        assert_eq!(at(&spline, [0.0, 1.5, 2.0, 3.5]), [2.0, 2.5, 3.0, 4.0]);
+    }
+}

@@ -1,0 +1,198 @@
+//! What is in the window: the picture, and beside it the camera's parameters, frame times and controls.
+
+use super::{
+    estimation::{Estimate, Home},
+    stage::{Look, Times},
+};
+use crate::inspect::with_interval;
+use blindaug::{
+    CameraModel,
+    model::{DefocusCurve, DepthKind, Estimate as Parameter},
+    synth::{defocus::Bokeh, noise::total_std},
+};
+use blindaug_gpu::Quality;
+use egui::{
+    CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
+    TextureId, Ui, pos2, vec2,
+};
+use std::time::{Duration, Instant};
+
+/// How much of the mean frame times is kept from frame to frame.
+const KEPT: f32 = 0.9;
+
+/// What can be changed in the window.
+#[derive(Clone, Copy, Debug)]
+pub struct Controls {
+    /// How the picture is made.
+    pub look: Look,
+    /// Where the object stands until a plane is found; another place starts anew.
+    pub home: Home,
+    /// Whether the frame stands still.
+    pub paused: bool,
+}
+
+/// What was clicked.
+#[derive(Clone, Copy, Debug)]
+pub enum Action {
+    /// Start to record, or stop.
+    Record,
+}
+
+/// What the panel tells.
+#[derive(Default)]
+pub struct Shown {
+    /// Whether the picture is recorded.
+    pub recording: bool,
+    /// What happened last, in a sentence.
+    pub message: String,
+    number: u64,
+    on_plane: bool,
+    /// Name and value, or why it is unknown.
+    parameters: Vec<(&'static str, String)>,
+    /// Name and mean, ms.
+    times: [(&'static str, f32); 4],
+    last: Option<Instant>,
+}
+
+impl Shown {
+    /// Takes what belongs to a picture; `new`: of another frame than the last one.
+    pub fn add(&mut self, number: u64, estimate: &Estimate, times: Times, new: bool) {
+        self.number = number;
+        self.on_plane = estimate.placed.on_plane;
+        self.parameters = parameters(&estimate.tracked.camera);
+        if !new {
+            return;
+        }
+        let between = self.last.replace(Instant::now()).map_or(Duration::ZERO, |last| last.elapsed());
+        let fresh = [
+            ("estimate", estimate.time),
+            ("render", times.render),
+            ("composite", times.composite),
+            ("between frames", between),
+        ];
+        for (mean, (name, time)) in self.times.iter_mut().zip(fresh) {
+            let ms = 1e3 * time.as_secs_f32();
+            *mean = (name, if mean.1 > 0.0 { KEPT * mean.1 + (1.0 - KEPT) * ms } else { ms });
+        }
+    }
+}
+
+/// The camera's parameters in a few words each.
+fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
+    let mut rows = Vec::new();
+    match &camera.motion_blur {
+        Parameter::Known(m) => rows.push(("exposure", with_interval(m.exposure.0, m.interval))),
+        Parameter::Unknown(why) => rows.push(("exposure", format!("unknown: {why}"))),
+    }
+    match &camera.noise {
+        Parameter::Known(n) => {
+            let [r, g, b] = total_std(n, 0.5).map(|v| 255.0 * v);
+            rows.push(("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}")));
+        }
+        Parameter::Unknown(why) => rows.push(("noise", format!("unknown: {why}"))),
+    }
+    match &camera.defocus {
+        Parameter::Known(lens) => match lens.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
+                let i =
+                    interval.map_or([[s; 2], [f; 2]], |i| [i.sigma_px_at_infinity, i.focus_inverse_depth]);
+                let unit =
+                    if lens.depth_kind == DepthKind::Metric { "focus, 1/m" } else { "focus, relative" };
+                rows.push(("blur at infinity, px", with_interval(s, i[0])));
+                rows.push((unit, with_interval(f, i[1])));
+            }
+            DefocusCurve::Quadratic { a, b, c, .. } => {
+                rows.push(("defocus", format!("{a:.2} d² + {b:.2} d + {c:.2} px")));
+            }
+        },
+        Parameter::Unknown(why) => rows.push(("defocus", format!("unknown: {why}"))),
+    }
+    match &camera.sharpening {
+        Some(s) => rows.push(("sharpening", with_interval(s.amount, s.interval))),
+        None => rows.push(("sharpening", "none seen".into())),
+    }
+    rows
+}
+
+/// Shows everything, with a panel of this width, in points.
+pub fn show(
+    ui: &mut Ui,
+    width: f32,
+    picture: (TextureId, (usize, usize)),
+    shown: &Shown,
+    controls: &mut Controls,
+) -> Option<Action> {
+    let mut action = None;
+    Panel::right("panel").exact_size(width).resizable(false).show(ui, |ui| {
+        ScrollArea::vertical().show(ui, |ui| action = beside(ui, shown, controls));
+    });
+    CentralPanel::default().frame(Frame::NONE).show(ui, |ui| view(ui, picture, &mut controls.look.split));
+    action
+}
+
+/// The picture, as large as fits; the line follows the pointer that drags.
+fn view(ui: &mut Ui, (texture, (w, h)): (TextureId, (usize, usize)), split: &mut f32) {
+    let room = ui.available_rect_before_wrap();
+    let size = vec2(w as f32, h as f32);
+    let scale = (room.size() / size).min_elem();
+    let rect = Rect::from_center_size(room.center(), scale * size);
+    let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
+    if let Some(at) = response.interact_pointer_pos() {
+        *split = ((at.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
+    }
+    response.on_hover_cursor(CursorIcon::ResizeHorizontal);
+    ui.painter().image(texture, rect, Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0)), Color32::WHITE);
+}
+
+fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action> {
+    let Controls { look, home, paused } = controls;
+    ui.heading("Camera");
+    Grid::new("parameters").num_columns(2).striped(true).show(ui, |ui| {
+        for (name, value) in &shown.parameters {
+            ui.label(*name);
+            ui.add(egui::Label::new(value).wrap());
+            ui.end_row();
+        }
+    });
+    ui.small("Intervals are 95 %; noise is the std of R, G, B at luminance 0.5.");
+    ui.separator();
+    ui.heading("Frame times");
+    Grid::new("times").num_columns(2).striped(true).show(ui, |ui| {
+        for (name, ms) in &shown.times {
+            ui.label(*name);
+            ui.label(format!("{ms:.1} ms"));
+            ui.end_row();
+        }
+    });
+    ui.separator();
+    ui.heading("Object");
+    ui.label(if shown.on_plane { "on a plane that is tracked" } else { "fixed in view: no plane was found" });
+    ui.add(Slider::new(&mut look.size, 0.05..=5.0).logarithmic(true).text("longest side, m"));
+    ui.add(Slider::new(&mut home.distance, 0.5..=10.0).logarithmic(true).text("distance, m"));
+    ui.add(Slider::new(&mut home.at.x, 0.0..=1.0).text("across"));
+    ui.add(Slider::new(&mut home.at.y, 0.0..=1.0).text("down"));
+    ui.separator();
+    ui.heading("Composite");
+    ComboBox::from_label("bokeh").selected_text(lower(look.options.bokeh)).show_ui(ui, |ui| {
+        for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
+            ui.selectable_value(&mut look.options.bokeh, bokeh, lower(bokeh));
+        }
+    });
+    ComboBox::from_label("quality").selected_text(lower(look.options.quality)).show_ui(ui, |ui| {
+        for quality in [Quality::High, Quality::Medium, Quality::Low] {
+            ui.selectable_value(&mut look.options.quality, quality, lower(quality));
+        }
+    });
+    ui.checkbox(&mut look.options.no_noise, "leave the noise out");
+    ui.checkbox(paused, format!("pause at frame {}", shown.number));
+    let clicked = ui.button(if shown.recording { "Stop recording" } else { "Record" }).clicked();
+    if !shown.message.is_empty() {
+        ui.add(egui::Label::new(&shown.message).wrap());
+    }
+    clicked.then_some(Action::Record)
+}
+
+/// A value's name.
+fn lower(value: impl std::fmt::Debug) -> String {
+    format!("{value:?}").to_lowercase()
+}

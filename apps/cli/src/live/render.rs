@@ -1,0 +1,458 @@
+//! Draws the object: its color, inverse depth and velocity in a frame, each in a texture of the frame's size.
+//!
+//! It is drawn with 2 x 2 samples per px: color and alpha of a px are their mean, so that edges are soft; depth and velocity are
+//! those of the nearest sample, since a mean of two surfaces' would be neither's.
+
+use super::{
+    object::{Object, Part, Texture, Vertex},
+    placement::{Pinhole, Pose},
+};
+use blindaug::Result;
+use blindaug_gpu::{Gpu, texture};
+use bytemuck::{Pod, Zeroable, bytes_of, cast_slice};
+use glam::{Mat4, Vec3, Vec4};
+use wgpu::{
+    BindingResource, BufferUsages, TextureFormat, TextureUsages, TextureView,
+    util::{BufferInitDescriptor, DeviceExt},
+};
+
+/// Premultiplied and scene-linear; inverse depth, 1/m; velocity, px.
+const FORMATS: [TextureFormat; 3] =
+    [TextureFormat::Rgba16Float, TextureFormat::R32Float, TextureFormat::Rg16Float];
+const DEPTH: TextureFormat = TextureFormat::Depth32Float;
+/// Samples per px along each axis.
+const SAMPLES: usize = 2;
+/// Depth of the near plane, m.
+const NEAR: f32 = 0.01;
+
+/// Light on the object, as radiance that a white surface reflects; linear.
+#[derive(Clone, Copy, Debug)]
+pub struct Light {
+    /// From all sides.
+    pub ambient: Vec3,
+    /// From one.
+    pub direct: Vec3,
+}
+
+/// Where the object is and what it looks like in a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// Where it stands in the frame and in the next one.
+    pub poses: [Pose; 2],
+    /// Its animation's time in the frame and in the next one, s.
+    pub seconds: [f64; 2],
+    /// Its longest side, m.
+    pub size: f32,
+    /// What shines on it.
+    pub light: Light,
+}
+
+/// The object in a frame.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    /// [`TextureFormat::Rgba16Float`]: premultiplied and scene-linear.
+    pub color: wgpu::Texture,
+    /// [`TextureFormat::R32Float`], 1/m; 0 where there is nothing.
+    pub inverse_depth: wgpu::Texture,
+    /// [`TextureFormat::Rg16Float`]: px from the frame to the next one, x right, y down.
+    pub velocity: wgpu::Texture,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Scene {
+    clip_from_object: [Mat4; 2],
+    camera_from_object: Mat4,
+    light_direction: [f32; 3],
+    width: f32,
+    light: [f32; 3],
+    height: f32,
+    ambient: [f32; 3],
+    near: f32,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct PartOnDevice {
+    base_color: [f32; 4],
+    metallic: f32,
+    roughness: f32,
+    alpha_cutoff: f32,
+    first_joint: u32,
+}
+
+/// Draws one object into frames of one size.
+pub struct Renderer {
+    camera: Pinhole,
+    object: Object,
+    unit: Mat4,
+    vertices: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    scene: wgpu::Buffer,
+    joints: wgpu::Buffer,
+    group: wgpu::BindGroup,
+    /// Of each part.
+    textures: Vec<wgpu::BindGroup>,
+    surface: wgpu::RenderPipeline,
+    samples: [TextureView; 3],
+    depth: TextureView,
+    sample_group: wgpu::BindGroup,
+    resolve: wgpu::RenderPipeline,
+    layer: Layer,
+    layer_views: [TextureView; 3],
+}
+
+impl Renderer {
+    /// Draws as a camera sees it.
+    ///
+    /// # Errors
+    /// If the device cannot hold textures of twice the frame's size.
+    pub fn new(gpu: &Gpu, object: Object, camera: Pinhole) -> Result<Self> {
+        let device = &gpu.device;
+        let module = device.create_shader_module(wgpu::include_wgsl!("object.wgsl"));
+        let buffer = |contents: &[u8], usage| {
+            device.create_buffer_init(&BufferInitDescriptor { label: Some("object"), contents, usage })
+        };
+        let parts: Vec<PartOnDevice> = object
+            .parts
+            .iter()
+            .map(|Part { material: m, first_joint, .. }| PartOnDevice {
+                base_color: m.base_color,
+                metallic: m.metallic,
+                roughness: m.roughness,
+                alpha_cutoff: m.alpha_cutoff,
+                first_joint: *first_joint,
+            })
+            .collect();
+        let joints = object.joints(0.0).len() * 2 * size_of::<Mat4>();
+        let scene = buffer(&[0; size_of::<Scene>()], BufferUsages::UNIFORM | BufferUsages::COPY_DST);
+        let joints = buffer(&vec![0; joints], BufferUsages::STORAGE | BufferUsages::COPY_DST);
+        let parts = buffer(cast_slice(&parts), BufferUsages::STORAGE);
+        let attributes = wgpu::vertex_attr_array![
+            0 => Float32x3, 1 => Float32x3, 2 => Float32x2, 3 => Float32x4, 4 => Uint32x4, 5 => Float32x4];
+        let surface = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("object"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("vertex"),
+                compilation_options: Default::default(),
+                buffers: &[Some(wgpu::VertexBufferLayout {
+                    array_stride: size_of::<Vertex>() as u64,
+                    step_mode: wgpu::VertexStepMode::Vertex,
+                    attributes: &attributes,
+                })],
+            },
+            primitive: Default::default(),
+            depth_stencil: Some(wgpu::DepthStencilState {
+                format: DEPTH,
+                depth_write_enabled: Some(true),
+                // Near is 1, infinitely far 0: a float's precision then is the same everywhere.
+                depth_compare: Some(wgpu::CompareFunction::Greater),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("surface"),
+                compilation_options: Default::default(),
+                targets: &FORMATS.map(|f| Some(f.into())),
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
+        let group = bind(
+            device,
+            &surface.get_bind_group_layout(0),
+            &[scene.as_entire_binding(), joints.as_entire_binding(), parts.as_entire_binding()],
+        );
+        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        let white = Texture { size: [1, 1], texels: vec![255; 4] };
+        let images: Vec<TextureView> =
+            object.textures.iter().chain([&white]).map(|t| upload(gpu, t)).collect::<Result<_>>()?;
+        let textures = object
+            .parts
+            .iter()
+            .map(|part| {
+                let image = &images[part.material.texture.unwrap_or(images.len() - 1)];
+                let resources = [BindingResource::TextureView(image), BindingResource::Sampler(&sampler)];
+                bind(device, &surface.get_bind_group_layout(1), &resources)
+            })
+            .collect();
+        let resolve = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some("resolve"),
+            layout: None,
+            vertex: wgpu::VertexState {
+                module: &module,
+                entry_point: Some("whole"),
+                compilation_options: Default::default(),
+                buffers: &[],
+            },
+            primitive: Default::default(),
+            depth_stencil: None,
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &module,
+                entry_point: Some("resolved"),
+                compilation_options: Default::default(),
+                targets: &FORMATS.map(|f| Some(f.into())),
+            }),
+            multiview_mask: None,
+            cache: None,
+        });
+        let (w, h) = camera.size;
+        let target = |format, scale, more| {
+            let usage = TextureUsages::RENDER_ATTACHMENT | more;
+            texture(device, "object", [scale * w, scale * h, 1], format, usage)
+        };
+        let view = |t: &wgpu::Texture| t.create_view(&Default::default());
+        let sampled = |format| Ok(view(&target(format, SAMPLES, TextureUsages::TEXTURE_BINDING)?));
+        let samples = [sampled(FORMATS[0])?, sampled(FORMATS[1])?, sampled(FORMATS[2])?];
+        let depth = view(&target(DEPTH, SAMPLES, TextureUsages::empty())?);
+        let sample_group = bind(
+            device,
+            &resolve.get_bind_group_layout(0),
+            &samples.each_ref().map(BindingResource::TextureView),
+        );
+        let out = |format| target(format, 1, TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_SRC);
+        let layer =
+            Layer { color: out(FORMATS[0])?, inverse_depth: out(FORMATS[1])?, velocity: out(FORMATS[2])? };
+        let layer_views = [view(&layer.color), view(&layer.inverse_depth), view(&layer.velocity)];
+        Ok(Self {
+            camera,
+            unit: object.unit(),
+            vertices: buffer(cast_slice(&object.vertices), BufferUsages::VERTEX),
+            indices: buffer(cast_slice(&object.indices), BufferUsages::INDEX),
+            object,
+            scene,
+            joints,
+            group,
+            textures,
+            surface,
+            samples,
+            depth,
+            sample_group,
+            resolve,
+            layer,
+            layer_views,
+        })
+    }
+
+    /// What was drawn last.
+    pub fn layer(&self) -> &Layer {
+        &self.layer
+    }
+
+    /// Draws the object at a moment.
+    pub fn draw(&self, gpu: &Gpu, moment: &Moment) {
+        let in_camera = moment.poses.map(|pose| self.camera_from_object(&pose, moment.size));
+        let joints = moment.seconds.map(|s| self.object.joints(s)).concat();
+        gpu.queue.write_buffer(&self.joints, 0, cast_slice(&joints));
+        let (w, h) = self.camera.size;
+        let scene = Scene {
+            clip_from_object: in_camera.map(|m| self.projection() * m),
+            camera_from_object: in_camera[0],
+            // From above on the left, behind who looks at it.
+            light_direction: Vec3::new(-0.5, -0.7, -0.6).normalize().into(),
+            width: w as f32,
+            light: moment.light.direct.into(),
+            height: h as f32,
+            ambient: moment.light.ambient.into(),
+            near: NEAR,
+        };
+        gpu.queue.write_buffer(&self.scene, 0, bytes_of(&scene));
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("object"),
+                color_attachments: &self.samples.each_ref().map(attachment),
+                depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                    view: &self.depth,
+                    depth_ops: Some(wgpu::Operations {
+                        load: wgpu::LoadOp::Clear(0.0),
+                        store: wgpu::StoreOp::Discard,
+                    }),
+                    stencil_ops: None,
+                }),
+                ..Default::default()
+            });
+            pass.set_pipeline(&self.surface);
+            pass.set_bind_group(0, &self.group, &[]);
+            pass.set_vertex_buffer(0, self.vertices.slice(..));
+            pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
+            for (i, (part, texture)) in (0..).zip(self.object.parts.iter().zip(&self.textures)) {
+                pass.set_bind_group(1, texture, &[]);
+                pass.draw_indexed(part.indices.clone(), 0, i..i + 1);
+            }
+        }
+        {
+            let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+                label: Some("resolve"),
+                color_attachments: &self.layer_views.each_ref().map(attachment),
+                ..Default::default()
+            });
+            pass.set_pipeline(&self.resolve);
+            pass.set_bind_group(0, &self.sample_group, &[]);
+            pass.draw(0..3, 0..1);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    fn camera_from_object(&self, pose: &Pose, size: f32) -> Mat4 {
+        let pose =
+            Mat4::from_translation(pose.translation.as_vec3()) * Mat4::from_mat3(pose.rotation.as_mat3());
+        // glTF's y is up, and its z towards the camera.
+        pose * Mat4::from_scale(Vec3::new(size, -size, -size)) * self.unit
+    }
+
+    /// From camera to clip coordinates; depth is that of the near plane over that of the point.
+    fn projection(&self) -> Mat4 {
+        let (w, h) = self.camera.size;
+        let f = 2.0 * self.camera.focal_length as f32;
+        let row = |x, y, z, w| Vec4::new(x, y, z, w);
+        Mat4::from_cols(
+            row(f / w as f32, 0.0, 0.0, 0.0),
+            row(0.0, -f / h as f32, 0.0, 0.0),
+            row(0.0, 0.0, 0.0, 1.0),
+            row(0.0, 0.0, NEAR, 0.0),
+        )
+    }
+}
+
+/// Cleared to 0.
+fn attachment(view: &TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+    Some(wgpu::RenderPassColorAttachment {
+        view,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations {
+            load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+            store: wgpu::StoreOp::Store,
+        },
+    })
+}
+
+/// Resources in the order of a layout's bindings.
+pub fn bind(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    resources: &[BindingResource],
+) -> wgpu::BindGroup {
+    let entries: Vec<_> = (0..)
+        .zip(resources)
+        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.clone() })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+}
+
+fn upload(gpu: &Gpu, image: &Texture) -> Result<TextureView> {
+    let [w, h] = image.size;
+    let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
+    let format = TextureFormat::Rgba8UnormSrgb;
+    let texture = texture(&gpu.device, "base color", [w as usize, h as usize, 1], format, usage)?;
+    gpu.queue.write_texture(
+        texture.as_image_copy(),
+        &image.texels,
+        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * w), rows_per_image: Some(h) },
+        texture.size(),
+    );
+    Ok(texture.create_view(&Default::default()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::{object::Material, tested_gpu};
+    use blindaug::{Flow, Plane, Raster};
+    use glam::{DMat3, DVec3};
+
+    const SIZE: (usize, usize) = (64, 48);
+
+    struct Drawn {
+        color: Raster<[f32; 4]>,
+        inverse_depth: Plane,
+        velocity: Flow,
+    }
+
+    fn drawn(gpu: &Gpu, object: Object, poses: [Pose; 2], size: f32) -> Drawn {
+        let camera = Pinhole::new(SIZE, 50.0);
+        let renderer = Renderer::new(gpu, object, camera).unwrap();
+        let light = Light { ambient: Vec3::splat(0.5), direct: Vec3::ZERO };
+        renderer.draw(gpu, &Moment { poses, seconds: [0.0, 0.04], size, light });
+        let Layer { color, inverse_depth, velocity } = renderer.layer();
+        Drawn {
+            color: gpu.download(color).unwrap().remove(0),
+            inverse_depth: gpu.download(inverse_depth).unwrap().remove(0),
+            velocity: gpu.download(velocity).unwrap().remove(0),
+        }
+    }
+
+    fn pose(angle: f64, translation: [f64; 3]) -> Pose {
+        Pose { rotation: DMat3::from_rotation_y(angle), translation: DVec3::from(translation) }
+    }
+
+    #[test]
+    fn depth_and_velocity_of_a_moving_square_are_what_geometry_says() {
+        let Some(gpu) = tested_gpu() else { return };
+        // 1 m wide, turned and moving, so that depth and velocity differ from px to px.
+        let poses = [pose(0.5, [-0.03, 0.31, 2.0]), pose(0.6, [0.02, 0.33, 1.9])];
+        let square = Object::square(Material::default());
+        let Drawn { color, inverse_depth, velocity } = drawn(&gpu, square, poses, 1.0);
+        let camera = Pinhole::new(SIZE, 50.0);
+        let mut inside = 0;
+        for (y, x) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (y, x))) {
+            if color.at(x, y)[3] < 1.0 {
+                continue;
+            }
+            inside += 1;
+            // Depth and velocity are those of the nearest of the four samples, a quarter of a px away.
+            let errors = [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)].map(|(a, b)| {
+                let at = glam::DVec2::new(x as f64 + a, y as f64 + b) - camera.centre();
+                let ray = (at / camera.focal_length).extend(1.0);
+                let now = poses[0];
+                let point = ray * now.rotation.z_axis.dot(now.translation) / now.rotation.z_axis.dot(ray);
+                let local = now.rotation.transpose() * (point - now.translation);
+                let next = poses[1].rotation * local + poses[1].translation;
+                let then = next.truncate() / next.z * camera.focal_length;
+                let [u, v] = velocity.at(x, y).map(f64::from);
+                let depth = f64::from(inverse_depth.at(x, y)) * point.z - 1.0;
+                (then - at - glam::DVec2::new(u, v)).length().max(1e3 * depth.abs())
+            });
+            let error = errors.into_iter().fold(f64::INFINITY, f64::min);
+            assert!(error < 0.01, "({x}, {y}): {error}");
+        }
+        // 1 m at 2 m.
+        let expected = (camera.focal_length * 0.5).powi(2) * 0.5f64.cos();
+        assert!((f64::from(inside) / expected - 1.0).abs() < 0.2, "{inside} of {expected}");
+        // Negative control: a square that stands still has no velocity.
+        let Drawn { velocity, .. } = drawn(&gpu, Object::square(Material::default()), [poses[0]; 2], 1.0);
+        assert!(velocity.data().iter().flatten().all(|v| v.abs() < 1e-3));
+    }
+
+    #[test]
+    fn color_is_premultiplied_and_edges_are_soft() {
+        let Some(gpu) = tested_gpu() else { return };
+        let color = [0.8, 0.4, 0.2, 1.0];
+        let material = Material { base_color: color, ..Material::default() };
+        let Drawn { color: drawn, .. } =
+            drawn(&gpu, Object::square(material), [pose(0.0, [0.013, 0.517, 2.0]); 2], 1.0);
+        let most = drawn.data().iter().find(|c| c[3] == 1.0).unwrap();
+        // Ambient light of 0.5 on the base color and the 4 % of a dielectric.
+        for c in 0..3 {
+            assert!((most[c] - 0.5 * (color[c] + 0.04)).abs() < 2e-3, "{most:?}");
+        }
+        let soft: Vec<_> = drawn.data().iter().filter(|c| c[3] > 0.0 && c[3] < 1.0).collect();
+        assert!(soft.len() > 20);
+        for pixel in soft {
+            assert!((0..3).all(|c| (pixel[c] - pixel[3] * most[c]).abs() < 2e-3), "{pixel:?}");
+        }
+        assert!(drawn.data().iter().all(|c| c[3] > 0.0 || *c == [0.0; 4]));
+    }
+}

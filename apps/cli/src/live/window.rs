@@ -1,0 +1,512 @@
+//! The window: the picture with a line to drag, the camera's parameters, and controls.
+
+use super::{
+    Scene,
+    estimation::{Estimate, Estimation, Home},
+    panel::{self, Action, Controls, Shown},
+    source::{Loop, Shot},
+    stage::{Look, Stage, Times},
+};
+use crate::{
+    composite::Output,
+    console::{self, Failure, Result, failure, note},
+};
+use blindaug::Encoded;
+use blindaug_gpu::Gpu;
+use std::{
+    path::PathBuf,
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel},
+    },
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
+use winit::{
+    application::ApplicationHandler,
+    dpi::{LogicalSize, PhysicalSize},
+    event::WindowEvent,
+    event_loop::{ActiveEventLoop, EventLoop, EventLoopProxy, OwnedDisplayHandle},
+    window::{Window, WindowId},
+};
+
+/// Width of the panel beside the picture, in points.
+const PANEL: f32 = 290.0;
+/// Width of the picture at first, in points.
+const PICTURE: f64 = 960.0;
+/// Frames that wait to be recorded.
+const QUEUE: usize = 4;
+
+/// There is a new frame or estimate.
+#[derive(Debug)]
+struct News;
+
+/// Tells the window that there is something new, once until it has looked: else, where drawing is slower than the frames come,
+/// the window would never get to anything else.
+#[derive(Clone)]
+struct Bell {
+    window: EventLoopProxy<News>,
+    rung: Arc<AtomicBool>,
+}
+
+impl Bell {
+    /// Whether there still is a window.
+    fn ring(&self) -> bool {
+        self.rung.swap(true, Ordering::AcqRel) || self.window.send_event(News).is_ok()
+    }
+}
+
+/// Opens the window and runs until it is closed.
+pub fn run(scene: Scene, look: Look) -> Result<()> {
+    let no_window = |e: &dyn std::fmt::Display| {
+        Failure(
+            format!("no window can be opened ({e}); add --headless --frames N -o OUT to do without")
+                .replace('\n', " "),
+        )
+    };
+    let events = EventLoop::<News>::with_user_event().build().map_err(|e| no_window(&e))?;
+    let scene = Arc::new(scene);
+    let bell = Bell { window: events.create_proxy(), rung: Arc::default() };
+    let reader = Reader::start(scene.clone(), bell.clone());
+    let worker = Worker::start(&scene, bell.clone());
+    let mut app = App {
+        display: events.owned_display_handle(),
+        controls: Controls { look, home: scene.home, paused: false },
+        scene,
+        bell,
+        has_news: false,
+        reader,
+        worker,
+        window: None,
+        graphics: None,
+        pending: None,
+        shown: Shown::default(),
+        shot: None,
+        estimate: None,
+        recording: None,
+        recovering: false,
+        result: Ok(()),
+    };
+    events.run_app(&mut app).map_err(|e| no_window(&e))?;
+    app.stop_recording();
+    app.result
+}
+
+/// Reads frames at their rate and keeps the newest.
+struct Reader {
+    newest: Arc<Mutex<Option<Result<Shot>>>>,
+    paused: Arc<AtomicBool>,
+}
+
+impl Reader {
+    fn start(scene: Arc<Scene>, bell: Bell) -> Self {
+        let reader = Self { newest: Arc::default(), paused: Arc::default() };
+        let (newest, paused) = (reader.newest.clone(), reader.paused.clone());
+        std::thread::spawn(move || {
+            let source = &scene.source;
+            let period = Duration::from_secs_f64(scene.fps().recip());
+            let mut due = Instant::now();
+            let mut clip = match Loop::new(source) {
+                Ok(clip) => clip,
+                Err(e) => return drop(newest.lock().map(|mut n| *n = Some(Err(e.into())))),
+            };
+            loop {
+                let shot = clip
+                    .next()
+                    .map_err(Failure::from)
+                    .and_then(|shot| shot.ok_or_else(|| failure(source.path(), "there are no frames in it")));
+                let ended = shot.is_err();
+                // A camera is as fast as it is; a clip is waited for.
+                while paused.load(Ordering::Relaxed) && !scene.is_camera() {
+                    std::thread::sleep(period);
+                    // The controls act on the frame that stands still.
+                    if !bell.ring() {
+                        return;
+                    }
+                }
+                std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                due = Instant::now().max(due + period);
+                if let (Ok(mut newest), false) = (newest.lock(), paused.load(Ordering::Relaxed)) {
+                    *newest = Some(shot);
+                }
+                if !bell.ring() || ended {
+                    return;
+                }
+            }
+        });
+        reader
+    }
+
+    fn newest(&self) -> Option<Result<Shot>> {
+        self.newest.lock().ok()?.take()
+    }
+}
+
+/// Estimates what it is given, one frame at a time.
+struct Worker {
+    /// Takes a frame only while it waits for one.
+    shots: SyncSender<(Shot, Home)>,
+    estimates: Receiver<Result<Estimate>>,
+}
+
+impl Worker {
+    fn start(scene: &Arc<Scene>, bell: Bell) -> Self {
+        let (shots, given) = sync_channel::<(Shot, Home)>(0);
+        let (made, estimates): (Sender<Result<Estimate>>, _) = channel();
+        let scene = scene.clone();
+        std::thread::spawn(move || {
+            let mut estimation = Estimation::new(scene.camera, scene.home, scene.source.fps());
+            for (shot, home) in given {
+                let estimate = estimation.push(&shot, home).map_err(|e| failure(scene.source.path(), e));
+                if made.send(estimate).is_err() || !bell.ring() {
+                    return;
+                }
+            }
+        });
+        Self { shots, estimates }
+    }
+}
+
+/// Writes pictures to a video.
+struct Recording {
+    path: PathBuf,
+    pictures: SyncSender<(u64, Encoded)>,
+    writer: JoinHandle<Result<()>>,
+    /// Of the frame that was recorded last.
+    number: u64,
+}
+
+impl Recording {
+    /// To the first free name in the working directory.
+    fn start(scene: &Scene) -> Result<Self> {
+        let name = |i: u32| PathBuf::from(format!("blindaug-live-{i}.mp4"));
+        let path = (1..).map(name).find(|p| !p.exists()).unwrap_or_else(|| name(0));
+        let mut output = Output::open(&path, &scene.source, false, None)?;
+        let (pictures, given) = sync_channel::<(u64, Encoded)>(QUEUE);
+        let writer = std::thread::spawn(move || {
+            for (number, picture) in given {
+                output.write(number, picture)?;
+            }
+            output.finish()
+        });
+        Ok(Self { path, pictures, writer, number: 0 })
+    }
+
+    /// Adds a picture, more than once where frames before it were not shown, so that the video keeps its pace.
+    fn write(&mut self, number: u64, picture: &Encoded) {
+        let times = if self.number == 0 { 1 } else { number.saturating_sub(self.number) };
+        for _ in 0..times {
+            // If it has failed, it says so at the end.
+            let _ = self.pictures.send((number, picture.clone()));
+        }
+        self.number = number;
+    }
+
+    fn finish(self) -> Result<PathBuf> {
+        drop(self.pictures);
+        match self.writer.join() {
+            Ok(result) => result.map(|()| self.path),
+            Err(_) => Err(failure(&self.path, "the video cannot be written")),
+        }
+    }
+}
+
+/// What belongs to a device and a surface.
+struct Graphics {
+    window: Arc<Window>,
+    surface: wgpu::Surface<'static>,
+    config: wgpu::SurfaceConfiguration,
+    stage: Stage,
+    context: egui::Context,
+    input: egui_winit::State,
+    renderer: egui_wgpu::Renderer,
+    picture: egui::TextureId,
+}
+
+impl Graphics {
+    fn new(display: &OwnedDisplayHandle, window: &Arc<Window>, scene: &Scene) -> Result<Self> {
+        let wrong = |e: &dyn std::fmt::Display| Failure(e.to_string().replace('\n', " "));
+        let descriptor =
+            wgpu::InstanceDescriptor::new_with_display_handle_from_env(Box::new(display.clone()));
+        let instance = wgpu::Instance::new(descriptor);
+        let surface = instance.create_surface(window.clone()).map_err(|e| wrong(&e))?;
+        let (gpu, adapter) = Gpu::for_surface(&instance, &surface).map_err(|e| wrong(&e))?;
+        let PhysicalSize { width, height } = window.inner_size();
+        let Some(mut config) = surface.get_default_config(&adapter, width.max(1), height.max(1)) else {
+            return Err(Failure("the graphics device cannot draw in this window".into()));
+        };
+        // The picture's values and the controls' colors are display-encoded already.
+        let formats = surface.get_capabilities(&adapter).formats;
+        config.format = formats.into_iter().find(|f| !f.is_srgb()).unwrap_or(config.format);
+        surface.configure(&gpu.device, &config);
+        let mut renderer = egui_wgpu::Renderer::new(&gpu.device, config.format, Default::default());
+        let stage = scene.stage_on(gpu)?;
+        let device = &stage.gpu().device;
+        let picture = renderer.register_native_texture(device, stage.picture(), wgpu::FilterMode::Linear);
+        let context = egui::Context::default();
+        let largest = device.limits().max_texture_dimension_2d as usize;
+        let scale = Some(window.scale_factor() as f32);
+        let input = egui_winit::State::new(
+            context.clone(),
+            egui::ViewportId::ROOT,
+            window,
+            scale,
+            None,
+            Some(largest),
+        );
+        Ok(Self { window: window.clone(), surface, config, stage, context, input, renderer, picture })
+    }
+
+    fn resize(&mut self, size: PhysicalSize<u32>) {
+        // A minimised window has no pixels.
+        (self.config.width, self.config.height) = (size.width.max(1), size.height.max(1));
+        self.surface.configure(&self.stage.gpu().device, &self.config);
+    }
+
+    /// Draws the window. What was clicked is returned, or nothing if there is no surface to draw on just now.
+    fn draw(&mut self, scene: &Scene, shown: &Shown, controls: &mut Controls) -> Result<Option<Action>> {
+        use wgpu::CurrentSurfaceTexture as Current;
+        let mut outdated = false;
+        let target = match self.surface.get_current_texture() {
+            Current::Success(target) => target,
+            Current::Suboptimal(target) => {
+                outdated = true;
+                target
+            }
+            Current::Outdated => {
+                self.resize(self.window.inner_size());
+                self.window.request_redraw();
+                return Ok(None);
+            }
+            Current::Timeout | Current::Occluded => return Ok(None),
+            Current::Lost | Current::Validation => {
+                return Err(Failure("the window's surface was lost".into()));
+            }
+        };
+        let mut action = None;
+        let input = self.input.take_egui_input(&self.window);
+        let picture = (self.picture, scene.source.size());
+        let mut output =
+            self.context.run_ui(input, |ui| action = panel::show(ui, PANEL, picture, shown, controls));
+        self.input.handle_platform_output(&self.window, output.platform_output);
+        if output.viewport_output.values().any(|v| v.repaint_delay.is_zero()) {
+            self.window.request_redraw();
+        }
+        let triangles = self.context.tessellate(output.shapes, output.pixels_per_point);
+        let screen = egui_wgpu::ScreenDescriptor {
+            size_in_pixels: [self.config.width, self.config.height],
+            pixels_per_point: output.pixels_per_point,
+        };
+        let Gpu { device, queue, .. } = self.stage.gpu();
+        for (id, deltas) in output.textures_delta.set.drain() {
+            for delta in &deltas {
+                self.renderer.update_texture(device, queue, id, delta);
+            }
+        }
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut commands = self.renderer.update_buffers(device, queue, &mut encoder, &triangles, &screen);
+        let view = target.texture.create_view(&Default::default());
+        let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("window"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            ..Default::default()
+        });
+        self.renderer.render(&mut pass.forget_lifetime(), &triangles, &screen);
+        commands.push(encoder.finish());
+        queue.submit(commands);
+        queue.present(target);
+        for id in output.textures_delta.free.drain() {
+            self.renderer.free_texture(&id);
+        }
+        if outdated {
+            self.resize(self.window.inner_size());
+        }
+        self.stage.check().map_err(|e| Failure(e.to_string()))?;
+        Ok(action)
+    }
+}
+
+struct App {
+    display: OwnedDisplayHandle,
+    scene: Arc<Scene>,
+    controls: Controls,
+    bell: Bell,
+    has_news: bool,
+    reader: Reader,
+    worker: Worker,
+    window: Option<Arc<Window>>,
+    graphics: Option<Graphics>,
+    /// The newest frame, while its estimate is waited for.
+    pending: Option<Shot>,
+    /// The frame in the picture.
+    shot: Option<Shot>,
+    estimate: Option<Estimate>,
+    shown: Shown,
+    recording: Option<Recording>,
+    /// Nothing has been drawn since the graphics were made anew.
+    recovering: bool,
+    result: Result<()>,
+}
+
+impl App {
+    /// Takes new frames and estimates, and makes the picture. A frame is shown when it has been estimated or when the next one
+    /// is there, whatever comes first.
+    fn follow(&mut self) -> Result<()> {
+        let mut due = None;
+        if let Some(shot) = self.reader.newest() {
+            let shot = shot?;
+            match self.worker.shots.try_send((shot.clone(), self.controls.home)) {
+                Err(TrySendError::Disconnected(_)) => return Err(Failure("the estimation has ended".into())),
+                Ok(()) | Err(TrySendError::Full(_)) => {}
+            }
+            due = self.pending.replace(shot);
+        }
+        while let Ok(estimate) = self.worker.estimates.try_recv() {
+            self.estimate = Some(estimate?);
+        }
+        let estimated = self.estimate.as_ref().map_or(0, |e| e.tracked.frame);
+        if self.pending.as_ref().is_some_and(|p| p.number <= estimated) {
+            due = self.pending.take();
+        }
+        let new = due.is_some();
+        self.shot = due.or(self.shot.take());
+        // While nothing moves, the controls still act.
+        if new || self.controls.paused {
+            self.make_picture(new)?;
+        }
+        Ok(())
+    }
+
+    fn make_picture(&mut self, new: bool) -> Result<()> {
+        let (Some(shot), Some(estimate), Some(graphics)) = (&self.shot, &self.estimate, &self.graphics)
+        else {
+            return Ok(());
+        };
+        let of_device = |e: blindaug::Error| Failure(e.to_string());
+        let times: Times = graphics.stage.draw(shot, estimate, &self.controls.look).map_err(of_device)?;
+        self.shown.add(shot.number, estimate, times, new);
+        if let (Some(recording), true) = (&mut self.recording, new) {
+            recording.write(shot.number, &graphics.stage.read().map_err(of_device)?);
+        }
+        Ok(())
+    }
+
+    fn redraw(&mut self) -> Result<()> {
+        let Some(graphics) = &mut self.graphics else { return Ok(()) };
+        let action = graphics.draw(&self.scene, &self.shown, &mut self.controls)?;
+        self.recovering = false;
+        self.reader.paused.store(self.controls.paused, Ordering::Relaxed);
+        match action {
+            Some(Action::Record) if self.recording.is_some() => self.stop_recording(),
+            Some(Action::Record) => match Recording::start(&self.scene) {
+                Ok(recording) => {
+                    self.shown.message = format!("recording to {}", recording.path.display());
+                    self.recording = Some(recording);
+                }
+                Err(Failure(sentence)) => self.shown.message = sentence,
+            },
+            None => {}
+        }
+        self.shown.recording = self.recording.is_some();
+        Ok(())
+    }
+
+    fn stop_recording(&mut self) {
+        let Some(recording) = self.recording.take() else { return };
+        self.shown.message = match recording.finish() {
+            Ok(path) => format!("written: {}", path.display()),
+            Err(Failure(sentence)) => sentence,
+        };
+    }
+
+    /// Ends it, unless new graphics may help.
+    fn settle(&mut self, events: &ActiveEventLoop, result: Result<()>) {
+        let Err(e) = result else { return };
+        let on_device =
+            self.graphics.as_ref().is_some_and(|g| g.stage.check().is_err() || e.0.contains("surface"));
+        if let (Some(window), true, false) = (&self.window, on_device, self.recovering) {
+            note(format_args!("{}; starting again on a new one", e.0));
+            // The old surface must be gone before the window gets another.
+            self.graphics = None;
+            self.recovering = true;
+            match Graphics::new(&self.display, window, &self.scene) {
+                Ok(graphics) => {
+                    self.graphics = Some(graphics);
+                    window.request_redraw();
+                    return;
+                }
+                Err(e) => self.result = Err(e),
+            }
+        } else {
+            self.result = Err(e);
+        }
+        events.exit();
+    }
+}
+
+impl ApplicationHandler<News> for App {
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        if self.window.is_some() {
+            return;
+        }
+        let (w, h) = self.scene.source.size();
+        let height = (PICTURE * h as f64 / w as f64).clamp(600.0, 960.0);
+        let size = LogicalSize::new(PICTURE + f64::from(PANEL), height);
+        let attributes = Window::default_attributes().with_title("blindaug live").with_inner_size(size);
+        let made =
+            events.create_window(attributes).map_err(|e| Failure(format!("no window can be opened ({e})")));
+        let made = made.map(Arc::new).and_then(|window| {
+            self.graphics = Some(Graphics::new(&self.display, &window, &self.scene)?);
+            Ok(window)
+        });
+        match made {
+            Ok(window) => self.window = Some(window),
+            Err(e) => self.settle(events, Err(e)),
+        }
+    }
+
+    fn user_event(&mut self, _: &ActiveEventLoop, _: News) {
+        self.has_news = true;
+    }
+
+    fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        // Here the window has had its turn, however fast the news come.
+        if !std::mem::take(&mut self.has_news) {
+            return;
+        }
+        if console::interrupted() {
+            return events.exit();
+        }
+        self.bell.rung.store(false, Ordering::Release);
+        let result = self.follow();
+        self.settle(events, result);
+        if let Some(window) = &self.window {
+            window.request_redraw();
+        }
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let Some(graphics) = &mut self.graphics else { return };
+        if graphics.input.on_window_event(&graphics.window, &event).repaint {
+            graphics.window.request_redraw();
+        }
+        match event {
+            WindowEvent::CloseRequested => events.exit(),
+            WindowEvent::Resized(size) => graphics.resize(size),
+            WindowEvent::RedrawRequested => {
+                let result = self.redraw();
+                self.settle(events, result);
+            }
+            _ => {}
+        }
+    }
+}
