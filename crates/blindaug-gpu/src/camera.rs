@@ -5,6 +5,9 @@ use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, DepthKind, NOISE_LEV
 use blindaug::synth::CUT_PX;
 use blindaug::{Error, Result};
 
+/// All inverse depths; shaders need not know infinity.
+const EVERYTHING: [f32; 2] = [f32::MIN, f32::MAX];
+
 /// `Camera` of common.wgsl, field by field.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
@@ -25,9 +28,9 @@ pub(crate) struct Uniforms {
     pub(crate) size: [u32; 2],
     key: [u32; 2],
     most_taps: f32,
-    cut: f32,
     pub(crate) slabs: u32,
-    _padding: [u32; 3],
+    cuts: [f32; 2],
+    _padding: [u32; 2],
 }
 
 impl Uniforms {
@@ -56,7 +59,7 @@ impl Uniforms {
                 number as u32,
             ],
             most_taps: options.quality.most_taps(),
-            cut: f32::MIN,
+            cuts: EVERYTHING,
             ..Self::default()
         };
         if options.naive {
@@ -69,10 +72,10 @@ impl Uniforms {
                      (DefocusModel::to_metric), or mark the defocus unknown",
                 ));
             }
-            uniforms.cut = defocus.end_of_focus(CUT_PX).unwrap_or(f32::MIN);
+            uniforms.cuts = defocus.focus_range(CUT_PX).map(|d| d.clamp(f32::MIN, f32::MAX));
             (uniforms.lens, uniforms.thin_lens, uniforms.inverse_depths) = match defocus.curve {
                 DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
-                    ([0.0, -s / f, s], 1, [f32::MIN, f32::MAX])
+                    ([0.0, -s / f, s], 1, EVERYTHING)
                 }
                 DefocusCurve::Quadratic { a, b, c, inverse_depth_range } => {
                     ([a, b, c], 0, inverse_depth_range)

@@ -26,15 +26,12 @@ struct Camera {
     key: vec2<u32>,
     // Of motion blur, per pixel.
     most_taps: f32,
-    // Of two slabs, what is nearer than this inverse depth is the second.
-    cut: f32,
     slabs: u32,
+    // Of three slabs, the first is behind the first of these inverse depths, the last in front of the second.
+    cuts: vec2<f32>,
 }
 
-// Between the passes, there is a texture layer per eye and slab: the farther slab of an eye, then the nearer one.
-fn is_far(camera: Camera, part: u32) -> bool {
-    return camera.slabs == 2u && (part & 1u) == 0u;
-}
+// Between the passes, there is a texture layer, called a part, for each slab of each eye: eye * slabs + slab, farthest first.
 
 // Of an image that was halved so many times.
 fn size_at(camera: Camera, level: u32) -> vec2<u32> {

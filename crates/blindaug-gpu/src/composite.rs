@@ -70,8 +70,9 @@ pub struct Inputs<'a> {
     pub depth: Option<Depth<'a>>,
     /// Its motion. Without it, there is no motion blur.
     pub velocity: Option<Velocity<'a>>,
-    /// Whether what lies far behind the focus is blurred apart from the rest, so that something sharp does not bleed into it
-    /// ([`blindaug::synth::Blur::of_layer`]). Takes twice the memory, and twice the time where the object has both.
+    /// Whether what lies behind the focus, in it and in front of it is blurred apart, so that something sharp does not bleed into
+    /// blurred surroundings ([`blindaug::synth::Blur::of_layer`]). Takes three times the memory, and the time of as many layers as
+    /// the object has such parts.
     pub apart: bool,
 }
 
@@ -209,7 +210,7 @@ impl Compositor {
         let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
         let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
         of_defocus.extend([Texture; OCTAVES]);
-        of_defocus.extend([Buffer, Buffer, between]);
+        of_defocus.extend([Buffer, Buffer]);
         let table = |label, contents| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some(label),
@@ -221,7 +222,7 @@ impl Compositor {
             device,
             "composite",
             ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Buffer, Texture],
+            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Buffer],
         );
         Self {
             prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut, Texels]),
@@ -465,7 +466,7 @@ impl Bound {
         check("the virtual layer's depth", inputs.depth.map(|d| d.texture))?;
         check("the virtual layer's velocity", inputs.velocity.map(|v| v.texture))?;
         let (w, h, eyes) = (size.width, size.height, size.depth_or_array_layers);
-        let slabs = if inputs.apart && inputs.depth.is_some() { 2 } else { 1 };
+        let slabs = if inputs.apart && inputs.depth.is_some() { 3 } else { 1 };
         let between = |label: &str, [w, h]: [u32; 2], layers: u32| {
             let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING;
             texture(device, label, [w as usize, h as usize, layers as usize], BETWEEN, usage)
@@ -552,7 +553,7 @@ impl Bound {
             view(focused),
         ];
         of_defocus.extend(octaves.iter().map(view));
-        of_defocus.extend([of.disks.as_entire_binding(), most_binding.clone(), view(&hidden)]);
+        of_defocus.extend([of.disks.as_entire_binding(), most_binding.clone()]);
         let composited = |layer: &TextureView, blur: &TextureView| {
             let resources = [
                 camera_binding.clone(),
@@ -562,7 +563,6 @@ impl Bound {
                 view(blur),
                 view(&of.tile),
                 most_binding.clone(),
-                view(&hidden),
             ];
             bind(device, &of.composite_layout, &resources)
         };

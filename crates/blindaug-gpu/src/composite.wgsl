@@ -9,10 +9,6 @@
 
 // As in defocus.wgsl.
 @group(0) @binding(6) var<storage, read> most_of: array<u32>;
-@group(0) @binding(7) var hidden: texture_2d_array<f32>;
-
-// The least share of a kernel that must see the farther slab, for that to be known there.
-const LEAST_SEEN = 1.0 / 64.0;
 
 struct Vertex {
     @builtin(position) position: vec4<f32>,
@@ -87,12 +83,12 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
     return vec4(v, 1.0);
 }
 
-// Layer `from_layer` of an image along the path of a part's pixel.
-fn along_path(image: texture_2d_array<f32>, at: vec2<u32>, from_layer: u32, part: u32) -> vec4<f32> {
+// A part of the layer along the path of its pixel.
+fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
     let path = textureLoad(blur, at, part, 0).xy;
     let jitter = vec2<f32>(camera.key % vec2(64u));
     return motion_blurred(
-        image, bilinear, camera.size, vec2<f32>(at), path, from_layer, camera.most_taps, jitter,
+        focused, bilinear, camera.size, vec2<f32>(at), path, part, camera.most_taps, jitter,
     );
 }
 
@@ -104,14 +100,12 @@ fn composite(in: Vertex) -> @location(0) vec4<f32> {
     var layer = vec4(0.0);
     // Left of and above the origin, the difference wraps.
     if all(at < camera.size) {
-        let near = in.eye * camera.slabs + camera.slabs - 1u;
-        if most_of[near] != 0u {
-            layer = along_path(focused, at, near, near);
-        }
-        if camera.slabs == 2u && most_of[near - 1u] != 0u {
-            let far = along_path(focused, at, near - 1u, near - 1u);
-            let hides = along_path(hidden, at, in.eye, near - 1u).x;
-            layer += (1.0 - layer.a) / max(1.0 - hides, LEAST_SEEN) * far;
+        // From the nearest slab on.
+        for (var slab = camera.slabs; slab > 0u; slab--) {
+            let part = in.eye * camera.slabs + slab - 1u;
+            if most_of[part] != 0u {
+                layer += (1.0 - layer.a) * along_path(at, part);
+            }
         }
     }
     // Nothing virtual is seen: the frame, bit by bit.

@@ -18,8 +18,6 @@ struct Quality {
 @group(0) @binding(14) var<storage, read> disks: array<vec4<f32>>;
 // As `most` of extension.wgsl.
 @group(0) @binding(15) var<storage, read> most_of: array<u32>;
-// How much of a farther slab's kernel the nearer one hides; per eye.
-@group(0) @binding(16) var hidden: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(4) var blur: texture_2d_array<f32>;
 @group(0) @binding(5) var focused: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var octave_0: texture_2d_array<f32>;
@@ -186,6 +184,50 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     return gaussian_on(octave, at * scale, left, part);
 }
 
+// The nearer parts of a part's eye end before this one.
+fn end_of_eye(part: u32) -> u32 {
+    return (part / camera.slabs + 1u) * camera.slabs;
+}
+
+// From this share of a kernel on that sees a part, it tells all there is of the part.
+const SEEN = 0.25;
+
+// A blurred part over the share of its kernel that nearer parts do not hide; where that is small, the rest is what smaller and
+// smaller images say (normalised convolution, Knutsson & Westin 1993).
+fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
+    let own = defocused(id, part, sigma);
+    var hides = 0.0;
+    for (var nearer = part + 1u; nearer < end_of_eye(part); nearer++) {
+        if most_of[nearer] != 0u {
+            hides += defocused(id, nearer, sigma).w;
+        }
+    }
+    if hides <= 0.0 {
+        return own;
+    }
+    var share = max(1.0 - hides, 0.0);
+    var known = min(share / SEEN, 1.0);
+    var sum = vec4(0.0);
+    if share > 0.0 {
+        sum = known / share * own;
+    }
+    for (var octave = 1u; octave <= COARSEST && known < 1.0; octave++) {
+        let at = vec2<f32>(id) * exp2(-f32(octave));
+        share = 1.0;
+        for (var nearer = part + 1u; nearer < end_of_eye(part); nearer++) {
+            if most_of[nearer] != 0u {
+                share -= tap(octave, at, nearer).w;
+            }
+        }
+        if share > 0.0 {
+            let weight = (1.0 - known) * min(share / SEEN, 1.0);
+            sum += weight / share * tap(octave, at, part);
+            known += weight;
+        }
+    }
+    return sum / max(known, 1e-6);
+}
+
 @compute @workgroup_size(8, 8)
 fn defocus(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -216,15 +258,8 @@ fn defocus(
         return;
     }
     var out = vec4(0.0);
-    var hides = 0.0;
     if atomicLoad(&seen) != 0u || coarse > COARSEST {
-        out = defocused(id.xy, id.z, sigma);
-        if is_far(camera, id.z) && most_of[id.z + 1u] != 0u {
-            hides = defocused(id.xy, id.z + 1u, sigma).w;
-        }
+        out = seen_of(id.xy, id.z, sigma);
     }
     textureStore(focused, id.xy, id.z, out);
-    if is_far(camera, id.z) {
-        textureStore(hidden, id.xy, id.z / 2u, vec4(hides));
-    }
 }

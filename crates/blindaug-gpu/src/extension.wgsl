@@ -8,8 +8,8 @@
 @group(0) @binding(3) var<storage, read_write> most: array<atomic<u32>>;
 @group(0) @binding(4) var layer_depth: texture_2d_array<f32>;
 
-// Whether a pixel belongs to the nearer slab. At silhouettes, the pixel around that is covered most tells.
-fn is_near(at: vec2<u32>, eye: u32, own_alpha: f32) -> bool {
+// Which slab a pixel belongs to. At silhouettes, the pixel around that is covered most tells.
+fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
     var alpha = own_alpha;
     var place = vec2<i32>(at);
     if alpha < 0.98 {
@@ -26,7 +26,10 @@ fn is_near(at: vec2<u32>, eye: u32, own_alpha: f32) -> bool {
         }
     }
     let d = camera.depth_map.x * textureLoad(layer_depth, place, eye, 0).x + camera.depth_map.y;
-    return !is_finite(d) || d >= camera.cut;
+    if !is_finite(d) {
+        return 1u;
+    }
+    return select(select(1u, 2u, d > camera.cuts.y), 0u, d < camera.cuts.x);
 }
 
 var<workgroup> most_here: atomic<u32>;
@@ -46,7 +49,7 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
             v = vec4(0.0);
         }
         v.w = min(v.w, 1.0);
-        if camera.slabs == 2u && v.w > 0.0 && is_near(at, eye, v.w) == is_far(camera, id.z) {
+        if camera.slabs > 1u && v.w > 0.0 && slab_of(at, eye, v.w) != id.z % camera.slabs {
             v = vec4(0.0);
         }
         if camera.encoded_space != 0u && v.w > 0.0 {

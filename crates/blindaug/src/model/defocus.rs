@@ -88,16 +88,25 @@ impl DefocusModel {
         }
     }
 
-    /// The inverse depth behind the focus at which the std reaches `sigma_px`; `None` if it does not.
-    pub fn end_of_focus(&self, sigma_px: f32) -> Option<f32> {
+    /// The inverse depths behind and before the focus at which the std reaches `sigma_px`; infinite where it does not.
+    pub fn focus_range(&self, sigma_px: f32) -> [f32; 2] {
+        let everything = [f32::NEG_INFINITY, f32::INFINITY];
         match self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
-                (s > sigma_px).then(|| f * (1.0 - sigma_px / s))
+                if s > 0.0 {
+                    [f * (1.0 - sigma_px / s), f * (1.0 + sigma_px / s)]
+                } else {
+                    everything
+                }
             }
             DefocusCurve::Quadratic { a, b, c, .. } => {
-                // The smaller root of a d^2 + b d + c = sigma_px.
+                // a d^2 + b d + c = sigma_px
                 let discriminant = b * b - 4.0 * a * (c - sigma_px);
-                (a > 0.0 && discriminant > 0.0).then(|| (-b - discriminant.sqrt()) / (2.0 * a))
+                if a > 0.0 && discriminant > 0.0 {
+                    [-1.0, 1.0].map(|sign| (-b + sign * discriminant.sqrt()) / (2.0 * a))
+                } else {
+                    everything
+                }
             }
         }
     }

@@ -231,22 +231,23 @@ impl Blur {
     }
 }
 
-/// A layer is cut where its defocus std exceeds this many px behind the focus. Below, what sharp and blurred parts take from each
-/// other is not seen.
+/// A layer is cut where its defocus std exceeds this many px. Below, what sharp and blurred parts take from each other is not
+/// seen.
 pub const CUT_PX: f32 = 1.0;
 
 impl Blur {
-    /// The inverse depth, 1/m, at which a layer is cut, so that what lies farther away is blurred apart; `None` if the lens
-    /// focuses there.
-    pub fn cut(&self) -> Option<f32> {
-        self.defocus.and_then(|lens| lens.end_of_focus(CUT_PX))
+    /// The inverse depths, 1/m, at which a layer is cut into what is behind the focus, in it, and in front of it; `None` without
+    /// a lens.
+    pub fn cuts(&self) -> Option<[f32; 2]> {
+        self.defocus.map(|lens| lens.focus_range(CUT_PX))
     }
 
     /// Blurs a layer of premultiplied colour, whose depth and flow are known where it covers pixels.
     ///
-    /// Depth and flow are continued past its silhouette. What lies far behind the focus is blurred apart ([`Blur::cut`]), so that
-    /// something sharp does not bleed into blurred surroundings, nor is cut out of them: of the farther part, what the nearer one
-    /// hides is not counted (normalised convolution, Knutsson & Westin 1993).
+    /// Depth and flow are continued past its silhouette. What is behind the focus, in it and in front of it is blurred apart
+    /// ([`Blur::cuts`]), so that something sharp does not bleed into blurred surroundings, nor ends where they do: of a farther part,
+    /// what nearer ones hide is not counted (normalised convolution, Knutsson & Westin 1993), and where they hide all of a
+    /// kernel, a smaller image tells what is around.
     ///
     /// # Errors
     /// If depth or flow has another size than the layer.
@@ -257,49 +258,77 @@ impl Blur {
         flow: Option<&Flow>,
     ) -> Result<Raster<[f32; 4]>> {
         let (w, h) = color.size();
-        let part = |near: bool, other: Option<&Raster<bool>>| {
-            // Alpha of the nearer part comes fifth.
-            Raster::from_fn(w, h, |x, y| {
-                let [r, g, b, a] = color.at(x, y);
-                match other {
-                    Some(is_near) if is_near.at(x, y) != near => {
-                        [0.0, 0.0, 0.0, 0.0, if near { 0.0 } else { a }]
-                    }
-                    _ => [r, g, b, a, 0.0],
-                }
-            })
+        let slabs = match (inverse_depth, self.cuts()) {
+            (Some(depth), Some(cuts)) if depth.size() == color.size() => slabs(color, depth, cuts),
+            _ => Raster::filled(w, h, 1),
         };
-        let blurred = |part: &Raster<[f32; 5]>| {
-            let weight = coverage_weight(part);
+        let used = |slab: u8| color.data().iter().zip(slabs.data()).any(|(c, &s)| s == slab && c[3] > 0.0);
+        let mut out: Option<Raster<[f32; 4]>> = None;
+        for slab in (0..3).filter(|&s| used(s)) {
+            // Alpha of the nearer parts comes fifth.
+            let part = Raster::from_fn(w, h, |x, y| {
+                let ([r, g, b, a], at) = (color.at(x, y), slabs.at(x, y));
+                if at == slab {
+                    [r, g, b, a, 0.0]
+                } else {
+                    [0.0, 0.0, 0.0, 0.0, if at > slab { a } else { 0.0 }]
+                }
+            });
+            let weight = coverage_weight(&part);
             let depth = inverse_depth.map(|d| extended(d, &weight));
             let flow = flow.map(|f| extended(f, &weight));
-            self.of(part, depth.as_ref(), flow.as_ref())
-        };
-        let is_near = match (inverse_depth, self.cut()) {
-            (Some(depth), Some(cut)) if depth.size() == color.size() => Some(nearer_than(cut, color, depth)),
-            _ => None,
-        };
-        let covers = |near: bool| {
-            let pairs =
-                |n: &Raster<bool>| color.data().iter().zip(n.data()).any(|(c, &n)| n == near && c[3] > 0.0);
-            is_near.as_ref().is_some_and(pairs)
-        };
-        let color_of = |[r, g, b, a, _]: [f32; 5]| [r, g, b, a];
-        if !(covers(true) && covers(false)) {
-            return Ok(blurred(&part(true, None))?.map(color_of));
+            let hides = part.data().iter().any(|p| p[4] > 0.0);
+            let focused = Self { exposure: None, ..*self }.of(&part, depth.as_ref(), None)?;
+            let focused =
+                if hides { seen(&focused, &part) } else { focused.map(|[r, g, b, a, _]| [r, g, b, a]) };
+            let blurred = Self { defocus: None, ..*self }.of(&focused, None, flow.as_ref())?;
+            out = Some(match out {
+                None => blurred,
+                Some(behind) => Raster::from_fn(w, h, |x, y| {
+                    let (n, f) = (blurred.at(x, y), behind.at(x, y));
+                    std::array::from_fn(|c| n[c] + (1.0 - n[3]) * f[c])
+                }),
+            });
         }
-        let near = blurred(&part(true, is_near.as_ref()))?;
-        let far = blurred(&part(false, is_near.as_ref()))?;
-        Ok(Raster::from_fn(w, h, |x, y| {
-            let (n, f) = (near.at(x, y), far.at(x, y));
-            let share = (1.0 - n[3]) / (1.0 - f[4]).max(LEAST_SEEN);
-            color_of(std::array::from_fn(|c| n[c] + share * f[c]))
-        }))
+        Ok(out.unwrap_or_else(|| color.clone()))
     }
 }
 
-/// The least share of a kernel that must see the farther part, for that to be known there.
-const LEAST_SEEN: f32 = 1.0 / 64.0;
+/// From this share of a kernel on that sees a part, it tells all there is of the part.
+const SEEN: f32 = 0.25;
+
+/// How often a part is halved to find what lies around what hides it.
+const FILL_OCTAVES: usize = 7;
+
+/// A blurred part (R, G, B, A, alpha of what is nearer) over the share of its kernels that see it; where that is small, the rest is
+/// what smaller and smaller images of the sharp part say.
+fn seen(blurred: &Raster<[f32; 5]>, sharp: &Raster<[f32; 5]>) -> Raster<[f32; 4]> {
+    let mut octaves = vec![pyramid::downsample(sharp)];
+    while octaves.len() < FILL_OCTAVES {
+        octaves.push(pyramid::downsample(&octaves[octaves.len() - 1]));
+    }
+    Raster::from_fn(blurred.width(), blurred.height(), |x, y| {
+        let (mut sum, mut known) = ([0.0f32; 4], 0.0);
+        let mut add = |v: [f32; 5]| {
+            let share = (1.0 - v[4]).max(0.0);
+            let weight = (1.0 - known) * (share / SEEN).min(1.0);
+            if weight > 0.0 {
+                for (s, v) in sum.iter_mut().zip(v) {
+                    *s += weight / share * v;
+                }
+                known += weight;
+            }
+            known < 1.0
+        };
+        let mut more = add(blurred.at(x, y));
+        let mut scale = 1.0;
+        for octave in &octaves {
+            scale *= 0.5;
+            more = more && add(octave.bilinear(scale * x as f32, scale * y as f32));
+        }
+        sum.map(|v| v / known.max(1e-6))
+    })
+}
 
 /// Depth and flow of a pixel that a layer covers in part may be those of what is behind: the fully covered ones speak.
 pub(crate) fn coverage_weight<const N: usize>(
@@ -309,8 +338,9 @@ pub(crate) fn coverage_weight<const N: usize>(
     move |x, y| (layer.at(x, y)[3] / most).powi(8)
 }
 
-/// Which pixels are nearer than an inverse depth; unknown ones are. At silhouettes, the pixel around that is covered most tells.
-fn nearer_than(cut: f32, color: &Raster<[f32; 4]>, depth: &Plane) -> Raster<bool> {
+/// Per pixel: 0 behind the first inverse depth, 2 in front of the second, 1 elsewhere and where depth is unknown. At silhouettes,
+/// the pixel around that is covered most tells.
+fn slabs(color: &Raster<[f32; 4]>, depth: &Plane, [behind, before]: [f32; 2]) -> Raster<u8> {
     let (w, h) = color.size();
     Raster::from_fn(w, h, |x, y| {
         let (mut alpha, mut d) = (color.at(x, y)[3], depth.at(x, y));
@@ -323,7 +353,13 @@ fn nearer_than(cut: f32, color: &Raster<[f32; 4]>, depth: &Plane) -> Raster<bool
                 }
             }
         }
-        d.is_nan() || d >= cut
+        if d < behind {
+            0
+        } else if d > before {
+            2
+        } else {
+            1
+        }
     })
 }
 
@@ -598,7 +634,7 @@ mod tests {
 
     #[test]
     fn parts_of_a_layer_at_different_depths_do_not_bleed() {
-        // A sharp square in front of a wall that is out of focus.
+        // A square in front of a wall, one of them in focus.
         let square = |x: usize, y: usize| (70..120).contains(&x) && (40..90).contains(&y);
         let wall = |_: usize, _: usize| true;
         let flat = |v: f32, here: &(dyn Fn(usize, usize) -> bool + Sync)| {
@@ -608,34 +644,39 @@ mod tests {
             Raster::from_fn(
                 W,
                 H,
-                |x, y| if square(x, y) { [0.9, 0.9, 0.9, 1.0] } else { [0.1, 0.1, 0.1, 1.0] },
+                |x, y| {
+                    if square(x, y) { [0.9, 0.9, 0.9, 1.0] } else { [0.1, 0.1, 0.1, 1.0] }
+                },
             );
         let [far, near] = DEPTHS;
         let depth = Plane::from_fn(W, H, |x, y| if square(x, y) { near } else { far });
-        let blur = Blur::new(&camera(6.0, near, 0.0), W, Bokeh::Gaussian).unwrap();
-        // The truth: each whole, one over the other.
-        let apart = |v, here: &(dyn Fn(usize, usize) -> bool + Sync), d| {
-            blur.of(&flat(v, here), Some(&Plane::filled(W, H, d)), None).unwrap()
-        };
-        let (behind, front) = (apart(0.1, &wall, far), apart(0.9, &square, near));
-        let error = |image: &Raster<[f32; 4]>| {
-            let of = |x, y| {
-                let (f, b) = (front.at(x, y), behind.at(x, y));
-                (0..4).map(|c| (f[c] + (1.0 - f[3]) * b[c] - image.at(x, y)[c]).abs()).fold(0.0, f32::max)
+        for (focus, sigma_at_infinity) in [(near, 6.0), (far, 1.5)] {
+            let blur = Blur::new(&camera(sigma_at_infinity, focus, 0.0), W, Bokeh::Gaussian).unwrap();
+            // The truth: each whole, one over the other.
+            let apart = |v, here: &(dyn Fn(usize, usize) -> bool + Sync), d| {
+                blur.of(&flat(v, here), Some(&Plane::filled(W, H, d)), None).unwrap()
             };
-            (0..W * H).map(|i| of(i % W, i / W)).fold(0.0, f32::max)
-        };
-        let got = error(&blur.of_layer(&layer, Some(&depth), None).unwrap());
-        assert!(got < 0.01, "{got}");
-        let together = error(&blur.of(&layer, Some(&depth), None).unwrap());
-        assert!(together > 0.2, "{together}");
+            let (behind, front) = (apart(0.1, &wall, far), apart(0.9, &square, near));
+            let error = |image: &Raster<[f32; 4]>| {
+                let of = |x, y| {
+                    let (f, b) = (front.at(x, y), behind.at(x, y));
+                    (0..4).map(|c| (f[c] + (1.0 - f[3]) * b[c] - image.at(x, y)[c]).abs()).fold(0.0, f32::max)
+                };
+                (0..W * H).map(|i| of(i % W, i / W)).fold(0.0, f32::max)
+            };
+            let got = error(&blur.of_layer(&layer, Some(&depth), None).unwrap());
+            assert!(got < 0.01, "focus {focus}: {got}");
+            let together = error(&blur.of(&layer, Some(&depth), None).unwrap());
+            assert!(together > 0.2, "focus {focus}: {together}");
+        }
     }
 
     #[test]
     fn a_surface_that_leaves_the_focus_has_no_seam() {
         let blur = Blur::new(&camera(6.0, 0.5, 0.0), W, Bokeh::Gaussian).unwrap();
-        let cut = blur.cut().unwrap();
-        assert!((blur.sigma_px(cut) - 1.0).abs() < 1e-4 && cut < 0.5);
+        let [behind, before] = blur.cuts().unwrap();
+        assert!((blur.sigma_px(behind) - 1.0).abs() < 1e-4 && behind < 0.5);
+        assert!((blur.sigma_px(before) - 1.0).abs() < 1e-4 && before > 0.5);
         let depth = Plane::from_fn(W, H, |x, _| 0.2 + 0.6 * x as f32 / W as f32);
         let even = Raster::filled(W, H, [0.3, 0.6, 0.2, 1.0]);
         let got = blur.of_layer(&even, Some(&depth), None).unwrap();
