@@ -16,8 +16,8 @@ pub(crate) struct Uniforms {
     thin_lens: u32,
     inverse_depths: [f32; 2],
     pub(crate) depth_map: [f32; 2],
-    pub(crate) real_depth_map: [f32; 2],
     path_scale: [f32; 2],
+    _to_16_bytes: [u32; 2],
     slope: [[f32; 4]; NOISE_LEVELS],
     intercept: [[f32; 4]; NOISE_LEVELS],
     clip: f32,
@@ -100,9 +100,9 @@ impl Uniforms {
         self.lens != [0.0; 3]
     }
 
-    /// Whether anything is blurred at all.
-    pub(crate) fn blurs(&self) -> bool {
-        self.defocuses() || self.path_scale != [0.0; 2]
+    /// Whether anything moves while the shutter is open.
+    pub(crate) fn moves(&self) -> bool {
+        self.path_scale != [0.0; 2]
     }
 }
 

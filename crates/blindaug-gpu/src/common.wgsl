@@ -7,7 +7,6 @@ struct Camera {
     inverse_depths: vec2<f32>,
     // Inverse depth in 1/m is scale * depth texture + offset.
     depth_map: vec2<f32>,
-    real_depth_map: vec2<f32>,
     // px per frame interval of a unit of the velocity texture, times the exposure fraction: the path while the shutter is open.
     path_scale: vec2<f32>,
     // Noise std per level: slope * Y + intercept.

@@ -1,7 +1,7 @@
 //! The virtual layer over the frame, as if the camera had filmed it: [`blindaug::composite::composite`] on the GPU.
 
 use crate::camera::Uniforms;
-use crate::gpu::{array_view, texture};
+use crate::gpu::{array_view, aspect, texture};
 use crate::kernel::{Binding, Kernel, bind, layout};
 use crate::timer::Timer;
 use crate::{noise, shaders};
@@ -9,7 +9,10 @@ use blindaug::model::CameraModel;
 use blindaug::synth::defocus::{self, Bokeh};
 use blindaug::{Error, Result, filter};
 use wgpu::util::DeviceExt;
-use wgpu::{BindGroup, BufferUsages, ShaderStages, Texture, TextureFormat, TextureUsages, TextureView};
+use wgpu::{
+    BindGroup, BufferUsages, ShaderStages, Texture, TextureFormat, TextureSampleType, TextureUsages,
+    TextureView,
+};
 
 /// How closely the reference is followed; what it costs is in docs/gpu.md.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -32,7 +35,7 @@ pub struct Options {
     pub no_noise: bool,
     /// The shape of out-of-focus points.
     pub bokeh: Bokeh,
-    /// The noise is a function of this and the frame's number.
+    /// The noise is a function of this and the frame's number. Layers that are composited one after the other need one each.
     pub seed: u64,
     /// How closely the reference is followed.
     pub quality: Quality,
@@ -199,7 +202,7 @@ pub struct Compositor {
 }
 
 impl Compositor {
-    /// For targets of this format, which can be rendered to. Makes the noise tile of `seed`, too.
+    /// For targets of this format, which can be rendered to. Makes the noise tile, too.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, target: TextureFormat) -> Self {
         use Binding::{Buffer, BufferMut, Sampler, Target, Texels, Texture, Uniform};
         let between = Target(BETWEEN);
@@ -260,7 +263,8 @@ impl Compositor {
         Bound::new(self, device, inputs)
     }
 
-    /// Records the passes of one frame. Nothing is allocated or read back. Parts of the model that are unknown are not applied, nor
+    /// Records the passes of one frame, which must be submitted before the next is recorded with the same `bound` (its numbers
+    /// are written through the queue). Nothing is allocated or read back. Parts of the model that are unknown are not applied, nor
     /// are those without their evidence (depth, velocity); the camera's sharpening is not.
     ///
     /// # Errors
@@ -289,8 +293,8 @@ impl Compositor {
         camera.origin = [x, y];
         camera.size = [width, height];
         let seen = width > 0 && height > 0;
-        let blurs = seen && camera.blurs();
         let defocuses = seen && camera.defocuses() && bound.has_depth;
+        let blurs = defocuses || seen && camera.moves();
         queue.write_buffer(&bound.camera, 0, bytemuck::bytes_of(&camera));
         queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&DefocusQuality::new(&options)));
         encoder.clear_buffer(&bound.most, 0, None);
@@ -465,6 +469,32 @@ impl Bound {
         check("the virtual layer", Some(inputs.color))?;
         check("the virtual layer's depth", inputs.depth.map(|d| d.texture))?;
         check("the virtual layer's velocity", inputs.velocity.map(|v| v.texture))?;
+        let readable = |name: &str,
+                        texture: Option<&Texture>,
+                        fits: &dyn Fn(TextureSampleType) -> bool,
+                        format: &str| {
+            let Some(texture) = texture else { return Ok(()) };
+            let kind = texture.format().sample_type(Some(aspect(texture)), Some(device.features()));
+            let usable =
+                texture.usage().contains(TextureUsages::TEXTURE_BINDING) && texture.sample_count() == 1;
+            if usable && kind.is_some_and(fits) {
+                return Ok(());
+            }
+            Err(Error::new(format!(
+                "{name} is a texture of {:?} with {} samples and usage {:?}; give one of {format}, one sample, for TEXTURE_BINDING",
+                texture.format(),
+                texture.sample_count(),
+                texture.usage()
+            )))
+        };
+        let float = |t| matches!(t, TextureSampleType::Float { .. });
+        let of_frame =
+            |t| t == TextureSampleType::Float { filterable: true } && !inputs.frame.format().is_srgb();
+        readable("the frame", Some(inputs.frame), &of_frame, "floats that can be filtered and are not Srgb")?;
+        readable("the virtual layer", Some(inputs.color), &float, "floats")?;
+        let of_depth = |t| float(t) || t == TextureSampleType::Depth;
+        readable("the virtual layer's depth", inputs.depth.map(|d| d.texture), &of_depth, "floats or depth")?;
+        readable("the virtual layer's velocity", inputs.velocity.map(|v| v.texture), &float, "floats")?;
         let (w, h, eyes) = (size.width, size.height, size.depth_or_array_layers);
         let slabs = if inputs.apart && inputs.depth.is_some() { 3 } else { 1 };
         let between = |label: &str, [w, h]: [u32; 2], layers: u32| {
@@ -486,8 +516,6 @@ impl Bound {
         let filled = views("filled", 0..sizes.len())?;
         // What is known at full size is no longer needed when the focused layer is written.
         let focused = &known[0];
-        let hidden =
-            if slabs == 2 { between("hidden", [w, h], eyes)? } else { between("hidden", [1, 1], 1)? };
         let uniform = |label, size| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),

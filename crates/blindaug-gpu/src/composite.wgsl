@@ -73,7 +73,7 @@ fn missing_noise(pixel: vec2<u32>, eye: u32, filmed: vec3<f32>, clean: vec3<f32>
         let there = gain * model_std(level, frame_luma);
         sigma[level] = sqrt(max(want * want - there * there, vec3(0.0)));
     }
-    return noise(tile, pixel, camera.key + vec2(eye, 0u), sigma);
+    return noise(tile, pixel, camera.key ^ vec2(eye * 0x9e3779b9u), sigma);
 }
 
 fn to_target(v: vec3<f32>) -> vec4<f32> {

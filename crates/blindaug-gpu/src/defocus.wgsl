@@ -159,6 +159,7 @@ fn disk_on(octave: u32, at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
 
 var<workgroup> largest_sigma: atomic<u32>;
 var<workgroup> seen: atomic<u32>;
+var<workgroup> nearer_seen: atomic<u32>;
 
 // Pixel `id` of a part under the kernel of this std.
 fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
@@ -237,6 +238,7 @@ fn defocus(
     if thread == 0u {
         atomicStore(&largest_sigma, 0u);
         atomicStore(&seen, 0u);
+        atomicStore(&nearer_seen, 0u);
     }
     workgroupBarrier();
     let inside = all(id.xy < camera.size) && most_of[id.z] != 0u;
@@ -252,6 +254,11 @@ fn defocus(
         if tap(coarse, at, id.z).w > 0.0 {
             atomicStore(&seen, 1u);
         }
+        for (var nearer = id.z + 1u; nearer < end_of_eye(id.z); nearer++) {
+            if most_of[nearer] != 0u && tap(coarse, at, nearer).w > 0.0 {
+                atomicStore(&nearer_seen, 1u);
+            }
+        }
     }
     workgroupBarrier();
     if !inside {
@@ -259,7 +266,11 @@ fn defocus(
     }
     var out = vec4(0.0);
     if atomicLoad(&seen) != 0u || coarse > COARSEST {
-        out = seen_of(id.xy, id.z, sigma);
+        if atomicLoad(&nearer_seen) != 0u || coarse > COARSEST {
+            out = seen_of(id.xy, id.z, sigma);
+        } else {
+            out = defocused(id.xy, id.z, sigma);
+        }
     }
     textureStore(focused, id.xy, id.z, out);
 }

@@ -55,9 +55,10 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
         if camera.encoded_space != 0u && v.w > 0.0 {
             v = vec4(encode(v.rgb / v.w) * v.w, v.w);
         }
-        // The largest half float.
-        textureStore(color, id.xy, id.z, min(v, vec4(65504.0)));
-        atomicMax(&most_here, bitcast<u32>(v.w));
+        // The range of half floats.
+        textureStore(color, id.xy, id.z, clamp(v, vec4(-65504.0), vec4(65504.0)));
+        // The magnitude's bits: -0 would be the largest.
+        atomicMax(&most_here, bitcast<u32>(abs(v.w)));
     }
     workgroupBarrier();
     if thread == 0u {

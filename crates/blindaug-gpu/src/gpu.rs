@@ -77,8 +77,8 @@ impl Gpu {
         waited.map(|_| ()).map_err(|e| Error::new(format!("the graphics device stopped working: {e}")))
     }
 
-    /// A texture with one array layer per image. Formats of 32 bit floats take images of their number of channels,
-    /// half floats and [`TextureFormat::Rgba8Unorm`] images of four.
+    /// A texture with one array layer per image: `Rgba8Unorm`, or `R`, `Rg`, `Rgba` of 16 or 32 bit floats, which take images of
+    /// their number of channels.
     ///
     /// # Errors
     /// If there is no image, sizes differ, or the device cannot hold one as large.
@@ -108,7 +108,10 @@ impl Gpu {
             TextureFormat::R16Float | TextureFormat::Rg16Float | TextureFormat::Rgba16Float => {
                 flat.flat_map(|v| f16::from_f32(v).to_ne_bytes()).collect()
             }
-            _ => flat.flat_map(f32::to_ne_bytes).collect(),
+            TextureFormat::R32Float | TextureFormat::Rg32Float | TextureFormat::Rgba32Float => {
+                flat.flat_map(f32::to_ne_bytes).collect()
+            }
+            format => panic!("{format:?} is none of the formats that can be written"),
         };
         let size = texture.size();
         let rows = (size.height * size.depth_or_array_layers) as usize;
@@ -130,7 +133,7 @@ impl Gpu {
     /// If the device was lost.
     ///
     /// # Panics
-    /// If the format has another number of channels.
+    /// If the format is none that [`Gpu::upload`] makes, or has another number of channels.
     pub fn download<P: Pixel>(&self, texture: &wgpu::Texture) -> Result<Vec<Raster<P>>> {
         let size = texture.size();
         let (w, h, layers) = (size.width as usize, size.height as usize, size.depth_or_array_layers as usize);
@@ -164,7 +167,10 @@ impl Gpu {
                 TextureFormat::R16Float | TextureFormat::Rg16Float | TextureFormat::Rgba16Float => {
                     line.chunks_exact(2).map(|b| f16::from_ne_bytes([b[0], b[1]]).to_f32()).collect()
                 }
-                _ => line.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect(),
+                TextureFormat::R32Float | TextureFormat::Rg32Float | TextureFormat::Rgba32Float => {
+                    line.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect()
+                }
+                format => panic!("{format:?} is none of the formats that can be read"),
             }
         };
         let images = bytes.chunks_exact(row * h).map(|image| {
@@ -227,9 +233,19 @@ pub fn texture(
     }))
 }
 
+/// What of a texture shaders read: of a depth buffer, not its stencil.
+pub(crate) fn aspect(texture: &wgpu::Texture) -> wgpu::TextureAspect {
+    if texture.format().has_depth_aspect() {
+        wgpu::TextureAspect::DepthOnly
+    } else {
+        wgpu::TextureAspect::All
+    }
+}
+
 /// The view of all layers that the kernels take.
 pub fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
+        aspect: aspect(texture),
         dimension: Some(wgpu::TextureViewDimension::D2Array),
         ..Default::default()
     })

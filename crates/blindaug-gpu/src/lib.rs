@@ -1,5 +1,5 @@
-//! A camera's noise, motion blur and defocus on virtual content in real time, and their estimation ([`fit`]), on any device that
-//! [wgpu](https://docs.rs/wgpu) reaches. The reference for everything here is the crate `blindaug`.
+//! A camera's noise, motion blur and defocus on virtual content in real time, and their estimation ([`fit`]), by
+//! [wgpu](https://docs.rs/wgpu) on Vulkan, Metal, DirectX 12 and WebGPU. The reference for everything here is the crate `blindaug`.
 //!
 //! ```
 //! use blindaug::{CameraModel, Raster, model::Capture};

@@ -340,7 +340,9 @@ fn broken_values_stay_where_they_are() {
     let mut layer = layer(w, h);
     let model = with_noise(with_lens(with_exposure(camera(w, h), 1.0), 20.0, 0.4), 1.0);
     let frame = frame(w, h);
-    for (i, bad) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX].into_iter().enumerate() {
+    for (i, bad) in
+        [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -f32::MAX, -0.0].into_iter().enumerate()
+    {
         layer.color.0.row_mut(14)[16 + i] = [bad, 1.0, 1.0, 1.0];
         layer.color.0.row_mut(15)[16 + i] = [1.0, 1.0, 1.0, bad];
         layer.inverse_depth.as_mut().unwrap().row_mut(12)[16 + i] = bad;
@@ -385,6 +387,24 @@ fn what_does_not_fit_is_said() {
         d.depth_kind = DepthKind::Relative;
     }
     assert!(encode(&relative, &view).to_string().contains("relative inverse depth"));
+    let srgb = GPU.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: small.frame.size(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: TextureFormat::Rgba8UnormSrgb,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
+    });
+    let floats = GPU.upload(&[&Raster::filled(8, 8, [0.0f32; 4])], TextureFormat::Rgba32Float).unwrap();
+    for frame in [&srgb, &floats] {
+        let error = error(COMPOSITOR.bind(&GPU.device, &Inputs { frame, ..small.inputs() }));
+        assert!(
+            error.starts_with("the frame is a texture of Rgba") && error.contains("give one of floats"),
+            "{error}"
+        );
+    }
     let huge = Raster::filled(40_000, 1, 0.0f32);
     let error = GPU.upload(&[&huge], TextureFormat::R32Float).unwrap_err().to_string();
     assert!(error.contains("more than this graphics device can hold"), "{error}");
@@ -499,6 +519,28 @@ fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
         let without = on_gpu(&filmed, &layer, &model, &none);
         assert!(band_difference(&band_stds(&without), &band_stds(&filmed.0)) > 0.15);
     }
+}
+
+#[test]
+fn noise_of_layers_does_not_add_up() {
+    if no_gpu() {
+        return;
+    }
+    // Two half-transparent layers, one after the other.
+    let (w, h) = (512, 384);
+    let model = with_noise(camera(w, h), 1.0);
+    let Estimate::Known(noise) = &model.noise else { unreachable!() };
+    let filmed = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
+    let filmed = Encoded(filmed.map(|n| n.map(|n| ((0.5 + n).clamp(0.0, 1.0) * 255.0).round() / 255.0)));
+    let layer = grey(w, h, 0.5, 0.6);
+    let twice = |second: u64| {
+        let first = Encoded(on_gpu(&filmed, &layer, &model, &Options::default()));
+        on_gpu(&first, &layer, &model, &Options { seed: second, ..Default::default() })
+    };
+    let off = |image: &Raster<[f32; 3]>| band_difference(&band_stds(image), &band_stds(&filmed.0));
+    let [another, same] = [twice(1), twice(0)].map(|i| off(&i));
+    println!("seeds of their own: {another}, the same: {same}");
+    assert!(another < 0.1 && same > 0.2, "{another} {same}");
 }
 
 #[test]

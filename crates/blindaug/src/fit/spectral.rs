@@ -969,6 +969,9 @@ pub fn fit_exposure(
 /// # Errors
 /// The reason why they cannot tell.
 pub fn exposure_of(witnesses: &[ExposureWitness], frames: usize) -> std::result::Result<ExposureFit, String> {
+    if witnesses.iter().any(|w| w.objections.len() != EXPOSURES) {
+        return Err(format!("a witness of the exposure must hold {EXPOSURES} objections"));
+    }
     if witnesses.len() < 6 {
         return Err("too little in the frames moves, or what moves has no texture".into());
     }

@@ -198,21 +198,25 @@ impl Tracker {
         let sound = |block: u32, values: &[f32], len: usize| {
             (block as usize) < spectral::BLOCK_COUNT
                 && values.len() == len
-                && values.iter().all(|&v| v <= 0.0)
+                && values.iter().all(|&v| v <= 0.0 && v.is_finite())
         };
         let sound_lens = |w: &LensWitness| {
-            sound(w.block, &w.table, SIGMAS) && w.inverse_depth.is_finite() && w.tiles.is_finite()
+            sound(w.block, &w.table, SIGMAS)
+                && w.inverse_depth.is_finite()
+                && w.tiles.is_finite()
+                && w.tiles > 0.0
         };
         if !exposure.iter().all(|w| sound(w.block, &w.objections, EXPOSURES)) || !lens.iter().all(sound_lens)
         {
             return Err(Error::new(format!(
-                "a witness must lie in one of {} blocks and hold {EXPOSURES} objections or {SIGMAS} log-likelihoods, none of them above 0",
+                "a witness must lie in one of {} blocks and hold {EXPOSURES} objections or {SIGMAS} log-likelihoods, finite and none of them above 0",
                 spectral::BLOCK_COUNT
             )));
         }
         if !lens.is_empty() {
             self.measure_depth_in(depth_kind)?;
         }
+        self.has_flow = false;
         self.changes = Changes::default();
         model.motion_blur = self.follow_exposure(exposure);
         model.defocus = self.follow_lens(lens);

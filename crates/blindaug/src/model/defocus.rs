@@ -99,14 +99,22 @@ impl DefocusModel {
                     everything
                 }
             }
-            DefocusCurve::Quadratic { a, b, c, .. } => {
-                // a d^2 + b d + c = sigma_px
-                let discriminant = b * b - 4.0 * a * (c - sigma_px);
-                if a > 0.0 && discriminant > 0.0 {
-                    [-1.0, 1.0].map(|sign| (-b + sign * discriminant.sqrt()) / (2.0 * a))
-                } else {
-                    everything
+            DefocusCurve::Quadratic { inverse_depth_range: [lo, hi], .. } => {
+                // Beyond the range the std stays; inside, halve the way from where it is least to either end.
+                let least = |a: f32, b: f32| if self.sigma_px(b) < self.sigma_px(a) { b } else { a };
+                let focus = (0..=64).map(|i| lo + (hi - lo) * i as f32 / 64.0).reduce(least).unwrap_or(lo);
+                if self.sigma_px(focus) >= sigma_px {
+                    return everything;
                 }
+                let towards = |end: f32| {
+                    let (mut inside, mut outside) = (focus, end);
+                    for _ in 0..32 {
+                        let middle = 0.5 * (inside + outside);
+                        if self.sigma_px(middle) < sigma_px { inside = middle } else { outside = middle }
+                    }
+                    (self.sigma_px(end) > sigma_px).then_some(outside)
+                };
+                [towards(lo).unwrap_or(everything[0]), towards(hi).unwrap_or(everything[1])]
             }
         }
     }
@@ -194,5 +202,30 @@ mod tests {
         let m = model(DefocusCurve::Quadratic { a: 4.0, b: -4.0, c: 0.5, inverse_depth_range: [0.0, 1.0] });
         assert_eq!(m.sigma_px(5.0), m.sigma_px(1.0));
         assert_eq!(m.sigma_px(0.5), 0.0);
+    }
+
+    #[test]
+    fn the_focus_ends_where_the_curve_says() {
+        let quadratic = |a, b, c| DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [0.1, 0.9] };
+        let lens =
+            DefocusCurve::ThinLens { sigma_px_at_infinity: 4.0, focus_inverse_depth: 0.5, interval: None };
+        for curve in
+            [lens, quadratic(30.0, -30.0, 7.6), quadratic(0.0, 5.0, -1.0), quadratic(-10.0, 14.0, -2.5)]
+        {
+            let model = model(curve);
+            let [behind, before] = model.focus_range(1.0);
+            assert!(behind < before);
+            let ends: Vec<f32> = [behind, before].into_iter().filter(|d| d.is_finite()).collect();
+            assert!(!ends.is_empty());
+            for end in ends {
+                assert!((model.sigma_px(end) - 1.0).abs() < 1e-3, "{curve:?}: {end} {}", model.sigma_px(end));
+            }
+            let inside = behind.max(0.1).midpoint(before.min(0.9));
+            assert!(model.sigma_px(inside) < 1.0, "{curve:?}: {inside}");
+        }
+        // Never sharp, never blurred, and reached only where nothing was seen.
+        for curve in [quadratic(0.0, 0.0, 2.0), quadratic(0.0, 0.0, 0.5), quadratic(0.0, 1.0, 0.05)] {
+            assert_eq!(model(curve).focus_range(1.0), [f32::NEG_INFINITY, f32::INFINITY], "{curve:?}");
+        }
     }
 }
