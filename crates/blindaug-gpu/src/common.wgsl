@@ -43,34 +43,6 @@ fn coordinates(at: vec2<f32>, used: vec2<u32>, all: vec2<u32>) -> vec2<f32> {
     return (clamp(at, vec2(0.0), vec2<f32>(used) - 1.0) + 0.5) / vec2<f32>(all);
 }
 
-fn is_finite(v: f32) -> bool {
-    return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
-}
-
-// IEC 61966-2-1, continued past 1, and below 0 by its mirror image.
-fn encode(v: vec3<f32>) -> vec3<f32> {
-    let x = abs(v);
-    let y = select(1.055 * pow(x, vec3(1.0 / 2.4)) - 0.055, 12.92 * x, x <= vec3(0.0031308));
-    return sign(v) * y;
-}
-
-fn decode(v: vec3<f32>) -> vec3<f32> {
-    let y = abs(v);
-    let x = select(pow((y + 0.055) / 1.055, vec3(2.4)), y / 12.92, y <= vec3(0.04045));
-    return sign(v) * x;
-}
-
-// d encoded / d linear at a linear value.
-fn encoding_slope(v: vec3<f32>) -> vec3<f32> {
-    let x = abs(v);
-    return select(1.055 / 2.4 * pow(x, vec3(1.0 / 2.4 - 1.0)), vec3(12.92), x <= vec3(0.0031308));
-}
-
-// Y of YCbCr (Rec. 601) of encoded values.
-fn luma(v: vec3<f32>) -> f32 {
-    return dot(v, vec3(0.299, 0.587, 0.114));
-}
-
 // Four counters to four random numbers (Jarzynski & Olano 2020).
 fn pcg4d(counters: vec4<u32>) -> vec4<u32> {
     var v = counters * 1664525u + 1013904223u;

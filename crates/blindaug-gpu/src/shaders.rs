@@ -1,9 +1,13 @@
 //! The compositor's shaders. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
 
-pub(crate) const EXTENSION: &str = concat!(include_str!("common.wgsl"), include_str!("extension.wgsl"));
-pub(crate) const DEFOCUS: &str = concat!(include_str!("common.wgsl"), include_str!("defocus.wgsl"));
-pub(crate) const NOISE_TILE: &str = concat!(include_str!("common.wgsl"), include_str!("noise_tile.wgsl"));
+pub(crate) const EXTENSION: &str =
+    concat!(include_str!("shared.wgsl"), include_str!("common.wgsl"), include_str!("extension.wgsl"));
+pub(crate) const DEFOCUS: &str =
+    concat!(include_str!("shared.wgsl"), include_str!("common.wgsl"), include_str!("defocus.wgsl"));
+pub(crate) const NOISE_TILE: &str =
+    concat!(include_str!("shared.wgsl"), include_str!("common.wgsl"), include_str!("noise_tile.wgsl"));
 pub(crate) const COMPOSITE: &str = concat!(
+    include_str!("shared.wgsl"),
     include_str!("common.wgsl"),
     include_str!("motion_blur.wgsl"),
     include_str!("noise.wgsl"),
@@ -54,7 +58,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(found, 14);
+        assert_eq!(found, 15);
         // What must fail.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());

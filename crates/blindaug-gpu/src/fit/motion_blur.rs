@@ -7,7 +7,7 @@ use blindaug::fit::motion_blur::ExposureFit;
 use blindaug::model::ExposureFraction;
 use wgpu::BufferUsages;
 
-pub(crate) const SOURCE: &str = include_str!("motion_blur.wgsl");
+pub(crate) const SOURCE: &str = concat!(include_str!("../shared.wgsl"), include_str!("motion_blur.wgsl"));
 /// Exposure fractions that are predicted, and those of the curve.
 const STEPS: usize = 21;
 const CURVE: usize = 51;

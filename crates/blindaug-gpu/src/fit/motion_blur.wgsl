@@ -27,11 +27,6 @@ const STEPS = 21u;
 @group(0) @binding(1) var sharp: texture_2d_array<f32>;
 @group(0) @binding(2) var flow: texture_2d_array<f32>;
 
-// Arithmetic may take NaN for anything.
-fn finite(v: f32) -> bool {
-    return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
-}
-
 fn inside(p: vec2i) -> vec2i {
     return clamp(p, vec2i(0), vec2i(params.size) - 1);
 }
@@ -39,7 +34,7 @@ fn inside(p: vec2i) -> vec2i {
 // 0 where it is unknown.
 fn flow_at(p: vec2i) -> vec2f {
     let f = textureLoad(flow, inside(p), 0, 0).xy;
-    return select(vec2f(0.0), f, finite(f.x) && finite(f.y));
+    return select(vec2f(0.0), f, is_finite(f.x) && is_finite(f.y));
 }
 
 // Catmull & Rom.
@@ -96,7 +91,7 @@ fn moves(p: vec2i) -> bool {
         let sign = 8 * (i % 2) * 2 - 8;
         let near = inside(p + select(vec2i(0, sign), vec2i(sign, 0), i < 2));
         let other = textureLoad(flow, near, 0, 0).xy;
-        if !finite(other.x) || !finite(other.y) || length(other - own) >= 0.15 * speed + 0.3 {
+        if !is_finite(other.x) || !is_finite(other.y) || length(other - own) >= 0.15 * speed + 0.3 {
             return false;
         }
     }

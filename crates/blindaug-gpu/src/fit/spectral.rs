@@ -12,8 +12,11 @@ use blindaug::synth::noise::white_band_std;
 use blindaug::{Error, Result};
 use wgpu::BufferUsages;
 
-pub(crate) const TILES: &str =
-    concat!(include_str!("spectral/common.wgsl"), include_str!("spectral/tiles.wgsl"));
+pub(crate) const TILES: &str = concat!(
+    include_str!("../shared.wgsl"),
+    include_str!("spectral/common.wgsl"),
+    include_str!("spectral/tiles.wgsl")
+);
 pub(crate) const EXPOSURE: &str = concat!(
     include_str!("spectral/common.wgsl"),
     include_str!("spectral/likelihood.wgsl"),

@@ -41,8 +41,3 @@ const MIN_SPEED = 1.5;
 const MAX_SPEED = 60.0;
 
 @group(0) @binding(0) var<uniform> params: Params;
-
-// Arithmetic may take NaN for anything.
-fn finite(v: f32) -> bool {
-    return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
-}

@@ -4,21 +4,6 @@
 // The light that is blurred, of the frame and then of means of 2x2 px.
 @group(0) @binding(2) var<storage, read_write> light_out: array<f32>;
 
-fn luma(p: vec3f) -> f32 {
-    return dot(p, vec3f(0.299, 0.587, 0.114));
-}
-
-// Inverse sRGB.
-fn decode(encoded: f32) -> f32 {
-    let v = abs(encoded);
-    return sign(encoded) * select(pow((v + 0.055) / 1.055, 2.4), v / 12.92, v <= 0.04045);
-}
-
-// d encoded / d linear.
-fn slope(linear: f32) -> f32 {
-    return select(1.055 / 2.4 * pow(linear, 1.0 / 2.4 - 1.0), 12.92, linear <= 0.0031308);
-}
-
 @compute @workgroup_size(8, 8)
 fn light(@builtin(global_invocation_id) id: vec3u) {
     var sum = 0.0;
@@ -28,7 +13,7 @@ fn light(@builtin(global_invocation_id) id: vec3u) {
             let v = textureLoad(frame, p, 0, 0).xyz;
             var out = luma(v);
             if params.linear_light != 0u {
-                out = dot(vec3f(decode(v.x), decode(v.y), decode(v.z)), vec3f(0.2126, 0.7152, 0.0722));
+                out = dot(decode(v), vec3f(0.2126, 0.7152, 0.0722));
             }
             light_out[p.y * params.size.x + p.x] = out;
             sum += out;
@@ -83,7 +68,7 @@ fn moments_of(v: f32) -> vec3f {
         return vec3f(v * v, v, 1.0);
     }
     let y = max(v, 0.02);
-    let s = slope(decode(y));
+    let s = encoding_slope(decode(vec3f(y))).x;
     return vec3f(y * y, y, 1.0) / (s * s);
 }
 
@@ -103,8 +88,8 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
         let p = scale * (corner + 2u * vec2u(i % (TILE / 2u), i / (TILE / 2u)));
         let f = textureLoad(flow, p, 0, 0).xy / f32(scale);
         let d = textureLoad(inverse_depth, p, 0, 0).x;
-        let moves = params.has_flow != 0u && finite(f.x) && finite(f.y);
-        let placed = params.has_depth != 0u && finite(d);
+        let moves = params.has_flow != 0u && is_finite(f.x) && is_finite(f.y);
+        let placed = params.has_depth != 0u && is_finite(d);
         keys[0][i] = select(UNKNOWN, key_of(f.x), moves);
         keys[1][i] = select(UNKNOWN, key_of(f.y), moves);
         keys[2][i] = select(UNKNOWN, key_of(d), placed);
@@ -331,7 +316,7 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
     partials[thread] = own;
     let contrast = sum_of_partials();
     if thread == 0u {
-        contrasts[group.x] = select(-1.0, contrast, finite(contrast));
+        contrasts[group.x] = select(-1.0, contrast, is_finite(contrast));
     }
 }
 
