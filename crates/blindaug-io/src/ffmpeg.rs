@@ -45,6 +45,8 @@ pub(crate) struct Ffmpeg {
     program: OsString,
     /// The options that name it.
     input: Vec<OsString>,
+    /// A frame that it garbles is no reason to end, and it has no last one.
+    is_camera: bool,
     /// What to ask for: what the video has, if possible, so that ffmpeg converts nothing.
     pixels: Pixels,
     format: YuvFormat,
@@ -55,15 +57,20 @@ pub(crate) struct Ffmpeg {
 impl Ffmpeg {
     /// Asks ffmpeg what the video is.
     pub(crate) fn open(program: OsString, path: &Path) -> Result<(Self, VideoHead)> {
-        Self::open_input(program, path, vec!["-i".into(), file_url(path)])
+        Self::open_input(program, path, vec!["-i".into(), file_url(path)], false)
     }
 
     /// Asks ffmpeg what a camera gives; `path` is what errors call it.
     pub(crate) fn open_camera(program: OsString, path: &Path, name: &str) -> Result<(Self, VideoHead)> {
-        Self::open_input(program, path, camera_input(name, std::env::consts::OS))
+        Self::open_input(program, path, camera_input(name, std::env::consts::OS), true)
     }
 
-    fn open_input(program: OsString, path: &Path, input: Vec<OsString>) -> Result<(Self, VideoHead)> {
+    fn open_input(
+        program: OsString,
+        path: &Path,
+        input: Vec<OsString>,
+        is_camera: bool,
+    ) -> Result<(Self, VideoHead)> {
         let output = Command::new(&program)
             .args(["-nostdin", "-hide_banner"])
             .args(&input)
@@ -84,7 +91,7 @@ impl Ffmpeg {
         let size = check_size(path, width, height)?;
         let format = YuvFormat { size, chroma_shift: pixels.chroma_shift, bits: pixels.bits };
         let mut ffmpeg =
-            Self { program, input, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
+            Self { program, input, is_camera, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
         if let Err(e) = ffmpeg.frames(path).and_then(|mut f| f.next_frame())
             && e.sentence().contains("Option not found")
         {
@@ -98,7 +105,8 @@ impl Ffmpeg {
         let (width, height) = self.format.size;
         let mut command = command(&self.program);
         command
-            .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-xerror", "-noautorotate"])
+            .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-noautorotate"])
+            .args((!self.is_camera).then_some("-xerror"))
             .args(&self.input)
             .args(["-map", "0:v:0"]);
         if self.pixels.converted {
@@ -117,6 +125,7 @@ impl Ffmpeg {
         };
         Ok(FfmpegFrames {
             path: path.into(),
+            is_camera: self.is_camera,
             format: self.format,
             program: Running { child, words: Some(listen(stderr)) },
             frames: stdout,
@@ -198,6 +207,7 @@ fn camera_input(name: &str, system: &str) -> Vec<OsString> {
 /// Frames as they come out of ffmpeg.
 pub(crate) struct FfmpegFrames {
     path: PathBuf,
+    is_camera: bool,
     format: YuvFormat,
     program: Running,
     frames: ChildStdout,
@@ -225,6 +235,15 @@ impl FfmpegFrames {
     /// After the last frame: was it the last one of the video?
     fn end(&mut self) -> Result<()> {
         let (success, words) = self.program.wait();
+        if self.is_camera {
+            let why = last_words(&words);
+            return Err(Error::new(
+                &self.path,
+                format!(
+                    "the camera stopped giving frames (ffmpeg: {why}); check that it is connected and that no other program uses it"
+                ),
+            ));
+        }
         let repair = "try to repair it with ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4, or use fewer frames with --frames";
         if !success {
             let (next, why) = (self.decoded + 1, last_words(&words));
@@ -540,6 +559,26 @@ mod tests {
                 && !VideoWriter::is_video("folder.d")
                 && !VideoWriter::is_video("mp4")
         );
+    }
+
+    #[test]
+    fn a_camera_that_stops_is_said_to() {
+        let Some(program) = find() else {
+            eprintln!("NOT TESTED: there is no ffmpeg");
+            return;
+        };
+        let frames = |is_camera| {
+            let input = ["-f", "lavfi", "-i", "testsrc=duration=0.2:size=64x48:rate=10"].map(OsString::from);
+            let path = Path::new("camera:0");
+            let (ffmpeg, _) = Ffmpeg::open_input(program.clone(), path, input.into(), is_camera).unwrap();
+            let mut frames = ffmpeg.frames(path).unwrap();
+            assert!((0..2).all(|_| frames.next_frame().unwrap().is_some()));
+            frames.next_frame()
+        };
+        let e = frames(true).err().unwrap().to_string();
+        assert!(e.starts_with("camera:0: the camera stopped giving frames") && !e.contains('\n'), "{e}");
+        // Anything else may end.
+        assert!(frames(false).unwrap().is_none());
     }
 
     #[test]

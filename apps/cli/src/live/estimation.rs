@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// The share of the frame's width around the object's foot where depth is looked at.
 const AROUND: f64 = 0.1;
-/// It is not guessed for more frames ahead than this where the object is.
+/// It is not guessed for more frames ahead than this where the object is; when more were left out, it is placed anew.
 const FARTHEST: u64 = 10;
 /// How much of the last scale of relative depth is kept from frame to frame.
 const KEPT: f32 = 0.9;
@@ -79,7 +79,7 @@ impl Estimation {
         }
     }
 
-    /// Looks at a frame. Frames may have been left out before it: the object then goes on over them as it went.
+    /// Looks at a frame. A few frames may have been left out before it: the object then goes on over them as it went.
     ///
     /// # Errors
     /// If its size differs from the first one's.
@@ -93,11 +93,13 @@ impl Estimation {
             evidence: Evidence::default(),
         };
         let camera = self.tracker.push(&observation)?.clone();
-        if home != self.home || *lap != self.lap {
+        let left_out = number.saturating_sub(self.number + 1);
+        if home != self.home || *lap != self.lap || left_out > FARTHEST {
             (self.home, self.lap) = (home, *lap);
             self.placement = Placement::new(self.pinhole, home.at, home.distance);
+            self.scale = None;
         } else {
-            for _ in self.number + 1..*number {
+            for _ in 0..left_out {
                 self.placement.skip();
             }
         }
@@ -107,8 +109,10 @@ impl Estimation {
             Some(_) => self.placement.push(self.tracker.flow()),
             None => self.placement.skip(),
         };
-        let scale = self.tracker.inverse_depth().and_then(|d| self.scale_at(d, &placed));
-        self.scale = match (scale, self.scale) {
+        let inverse_depth = self.tracker.inverse_depth();
+        let scale = inverse_depth.and_then(|d| self.scale_at(d, &placed));
+        // Depth that is found again after a cut is in another unit.
+        self.scale = match (scale, self.scale.filter(|_| inverse_depth.is_some())) {
             (Some(new), Some(old)) => Some(KEPT * old + (1.0 - KEPT) * new),
             (new, old) => new.or(old),
         };
@@ -159,4 +163,34 @@ fn in_metres(mut camera: CameraModel, scale: Option<f32>) -> CameraModel {
         };
     }
     camera
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::{Encoded, Flow, Raster};
+    use std::sync::Arc;
+
+    #[test]
+    fn after_a_long_gap_and_a_new_start_nothing_of_before_is_kept() {
+        let pinhole = Pinhole::new((64, 48), 50.0);
+        let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
+        let frame = Arc::new(Encoded(Raster::filled(64, 48, [0.25; 3])));
+        let pushed = |number, lap| {
+            let mut estimation = Estimation::new(pinhole, home, None);
+            for _ in 0..6 {
+                estimation.placement.push(Some(&Flow::filled(64, 48, [1.0, 0.0])));
+            }
+            (estimation.number, estimation.scale) = (6, Some(5.0));
+            let shot = Shot { number, lap, frame: frame.clone(), next: None, previous: None };
+            let placed = estimation.push(&shot, home).unwrap().placed;
+            // Of a picture without anything in it there is no depth.
+            assert_eq!(estimation.scale, None);
+            placed
+        };
+        let at_home = Placement::new(pinhole, home.at, home.distance).skip().now;
+        assert!(pushed(7, 0).on_plane && pushed(7 + FARTHEST, 0).on_plane);
+        assert_eq!(pushed(8 + FARTHEST, 0).now, at_home);
+        assert_eq!(pushed(7, 1).now, at_home);
+    }
 }

@@ -16,13 +16,12 @@ use std::time::{Duration, Instant};
 /// How often it is told how far it has come.
 const TELL: Duration = Duration::from_secs(1);
 
-/// Makes so many frames and writes them.
-pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<()> {
+/// Makes so many frames and writes them, or fewer after Ctrl-C; how many is returned.
+pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<u64> {
     let source = &scene.source;
-    let mut clip = Loop::new(source)?;
-    let mut estimation = Estimation::new(scene.camera, scene.home, source.fps());
+    let mut clip = Loop::new(source);
+    let mut estimation = Estimation::new(scene.camera, scene.home, scene.fps);
     let mut told = Told::new(frames);
-    let mut last = None;
     while let Some(shot) = clip.next()? {
         let start = Instant::now();
         let of_frame =
@@ -38,15 +37,14 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
         };
         output.write(shot.number, stage.read().map_err(of_frame)?)?;
         told.step(shot.number, start.elapsed(), estimate.time, times);
-        last = Some(estimate.tracked);
+        if shot.number == frames {
+            console::print(&format!("{}\n", estimate.tracked.to_json_line()))?;
+        }
         if shot.number == frames || console::interrupted() {
-            break;
+            return Ok(shot.number);
         }
     }
-    match last {
-        Some(tracked) => console::print(&format!("{}\n", tracked.to_json_line())),
-        None => Err(failure(source.path(), "there are no frames in it")),
-    }
+    Err(failure(source.path(), "there are no frames in it"))
 }
 
 /// What is said each second: the mean times of a frame since then.

@@ -22,10 +22,13 @@ use glam::DVec2;
 use object::Object;
 use placement::Pinhole;
 use stage::{Look, Stage};
-use std::path::PathBuf;
+use std::{ops::RangeInclusive, path::PathBuf};
 
 /// Where the object's foot is at first, in shares of the frame's width and height.
 const FOOT: DVec2 = DVec2::new(0.5, 0.75);
+/// What --size and --distance, and the window's sliders, may be.
+const SIZES: RangeInclusive<f64> = 0.01..=10.0;
+const DISTANCES: RangeInclusive<f64> = 0.1..=100.0;
 
 /// Put an animated object into the footage of a camera or a video while it runs
 #[derive(clap::Args)]
@@ -37,17 +40,20 @@ pub struct Live {
     #[arg(long, value_name = "FILE.glb")]
     object: Option<PathBuf>,
     /// The object's longest side, as a share of the height that is seen at its distance, 0.01 to 10
-    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, 0.01, 10.0))]
+    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, SIZES))]
     size: f64,
     /// How far away the object and the plane that it stands on are at first, 0.1 to 100 m
-    #[arg(long, value_name = "METRES", default_value = "2", value_parser = |t: &str| within(t, 0.1, 100.0))]
+    #[arg(long, value_name = "METRES", default_value = "2", value_parser = |t: &str| within(t, DISTANCES))]
     distance: f64,
     /// The camera's vertical field of view, 5 to 150 degrees
-    #[arg(long, value_name = "DEGREES", default_value = "50", value_parser = |t: &str| within(t, 5.0, 150.0))]
+    #[arg(long, value_name = "DEGREES", default_value = "50", value_parser = |t: &str| within(t, 5.0..=150.0))]
     fov: f64,
     /// Where the line is, as a share of the width, 0 to 1: left of it the object is pasted as it is
-    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, 0.0, 1.0))]
+    #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, 0.0..=1.0))]
     split: f64,
+    /// Frames per second, where the input does not say it: of the clip, the animation and the video that is written
+    #[arg(long, value_name = "N", value_parser = crate::frame_rate)]
+    fps: Option<f64>,
     #[command(flatten)]
     style: Style,
     /// Without a window: write so many frames and print the last one's camera model; a clip starts again at its end
@@ -64,11 +70,11 @@ pub struct Live {
     overwrite: bool,
 }
 
-/// Parses a number in [low, high].
-fn within(text: &str, low: f64, high: f64) -> std::result::Result<f64, String> {
+/// Parses a number in a range.
+fn within(text: &str, range: RangeInclusive<f64>) -> std::result::Result<f64, String> {
     match text.trim().parse::<f64>() {
-        Ok(v) if (low..=high).contains(&v) => Ok(v),
-        _ => Err(format!("it must be a number from {low} to {high}")),
+        Ok(v) if range.contains(&v) => Ok(v),
+        _ => Err(format!("it must be a number from {} to {}", range.start(), range.end())),
     }
 }
 
@@ -78,6 +84,8 @@ struct Scene {
     object: Object,
     camera: Pinhole,
     home: Home,
+    /// Frames per second, as given or else as the source says.
+    fps: Option<f64>,
 }
 
 impl Scene {
@@ -87,11 +95,17 @@ impl Scene {
     }
 
     fn stage_on(&self, gpu: Gpu) -> Result<Stage> {
-        Stage::new(gpu, self.object.clone(), self.camera, self.fps()).map_err(|e| Failure(e.to_string()))
+        Stage::new(gpu, self.object.clone(), self.camera, self.pace()).map_err(|e| Failure(e.to_string()))
     }
 
-    fn fps(&self) -> f64 {
-        self.source.fps().unwrap_or(DEFAULT_FPS)
+    /// How many frames a second are played.
+    fn pace(&self) -> f64 {
+        self.fps.unwrap_or(DEFAULT_FPS)
+    }
+
+    /// The height that is seen at the home distance, m.
+    fn seen(&self) -> f64 {
+        self.home.distance * self.camera.size.1 as f64 / self.camera.focal_length
     }
 
     fn is_camera(&self) -> bool {
@@ -117,25 +131,31 @@ pub fn run(args: &Live) -> Result<()> {
     };
     let camera = Pinhole::new(source.size(), args.fov);
     let home = Home { at: FOOT, distance: args.distance };
-    let seen = args.distance * camera.size.1 as f64 / camera.focal_length;
+    let fps = args.fps.or(source.fps());
+    let scene = Scene { source, object, camera, home, fps };
     let blindaug::composite::Options { no_noise, bokeh, seed, .. } = args.style.options();
     let options = Options { naive: false, no_noise, bokeh, seed, quality: Quality::default() };
-    let look = Look { split: args.split as f32, size: (args.size * seen) as f32, options };
-    let scene = Scene { source, object, camera, home };
+    let look = Look { split: args.split as f32, size: (args.size * scene.seen()) as f32, options };
     let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {
         return window::run(scene, look);
     };
     // Before the output, so that nothing is left where there is no device.
     let stage = scene.stage()?;
-    let mut output = Output::open(path, &scene.source, args.overwrite, None)?;
+    let mut output = Output::open(path, &scene.source, args.overwrite, scene.fps)?;
     if output.has_frames() {
         return Err(failure(
             path,
             "there are frames in this folder already; add --overwrite, or give another one",
         ));
     }
-    headless::run(&scene, stage, &look, frames, &mut output)?;
-    output.finish()
+    let last = headless::run(&scene, stage, &look, frames, &mut output)?;
+    output.finish()?;
+    if last < frames {
+        let sentence =
+            format!("stopped after frame {last} of {frames}; for all of them, run it again with --overwrite");
+        return Err(failure(path, sentence));
+    }
+    Ok(())
 }
 
 /// The graphics device of the tests: without one they say so, or fail where BLINDAUG_NEED_GPU is set.
@@ -148,5 +168,32 @@ fn tested_gpu() -> Option<Gpu> {
             eprintln!("NOT TESTED: {why}");
             None
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    fn problem(source: &str) -> Option<String> {
+        let module = match naga::front::wgsl::parse_str(source) {
+            Ok(module) => module,
+            Err(e) => return Some(e.emit_to_string(source)),
+        };
+        // Without capabilities: what every device can do.
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        validator.validate(&module).err().map(|e| e.emit_to_string(source))
+    }
+
+    #[test]
+    fn every_shader_is_valid_for_every_device() {
+        let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/live")).unwrap();
+        let shaders = files.map(|f| f.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "wgsl"));
+        // Each is a module of its own.
+        let problems: Vec<_> = shaders.map(|p| problem(&std::fs::read_to_string(p).unwrap())).collect();
+        assert_eq!(problems, [None, None]);
+        // What must fail.
+        assert!(problem("fn f() -> f32 { return 1u; }").is_some());
+        assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());
     }
 }

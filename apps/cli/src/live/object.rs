@@ -6,13 +6,16 @@ use glam::{EulerRot, Mat4, Quat, Vec3, Vec4};
 use gltf::{Document, Gltf, animation::Interpolation, animation::util::ReadOutputs, buffer, mesh::Mode};
 use std::{f32::consts::TAU, ops::Range, path::Path};
 
+/// How often in its animation the object's size is looked at after the start.
+const UNIT_LOOKS: u8 = 8;
+
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Vertex {
     /// In the joints' coordinates before they move.
     pub position: [f32; 3],
-    /// Of any length.
+    /// Of length 1; 0 where it is unknown.
     pub normal: [f32; 3],
     /// In the base colour's texture, in [0, 1], (0, 0) top left.
     pub uv: [f32; 2],
@@ -135,9 +138,32 @@ pub struct Object {
 }
 
 impl Object {
-    /// The joints' matrices at a time, s, as the animation has it: it starts again at its end.
-    pub fn joints(&self, seconds: f64) -> Vec<Mat4> {
-        let time = if self.duration > 0.0 { (seconds % f64::from(self.duration)) as f32 } else { 0.0 };
+    /// The joints' matrices in a frame and in the one `step` seconds later. The animation starts again at its end; over that
+    /// seam, where the object may jump, it goes on as it came, so that the jump is no motion.
+    pub fn moving(&self, seconds: f64, step: f64) -> [Vec<Mat4>; 2] {
+        let duration = f64::from(self.duration);
+        if duration <= 0.0 {
+            let joints = self.joints(0.0);
+            return [joints.clone(), joints];
+        }
+        let time = seconds % duration;
+        let now = self.joints(time as f32);
+        let next = if time + step <= duration {
+            self.joints((time + step) as f32)
+        } else {
+            let before = self.joints((time - step) as f32);
+            now.iter().zip(&before).map(|(&now, &before)| 2.0 * now - before).collect()
+        };
+        [now, next]
+    }
+
+    /// How many joints there are.
+    pub fn joint_count(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// The joints' matrices at a time of the animation, s.
+    fn joints(&self, time: f32) -> Vec<Mat4> {
         let mut local: Vec<Transform> = self.nodes.iter().map(|n| n.rest).collect();
         for channel in &self.channels {
             channel.apply(time, &mut local[channel.node]);
@@ -150,9 +176,26 @@ impl Object {
         self.joints.iter().map(|j| global[j.node] * j.inverse_bind).collect()
     }
 
-    /// Brings it to stand on the origin with 1 as its longest side, as it is when the animation starts.
+    /// Brings it to stand on the origin with 1 as its longest side, which is looked for throughout the animation: it may grow out
+    /// of a point. It stands where it does as soon as it is at least half as large.
     pub fn unit(&self) -> Mat4 {
-        let joints = self.joints(0.0);
+        let looks = if self.duration > 0.0 { UNIT_LOOKS } else { 0 };
+        let side = |&[low, high]: &[Vec3; 2]| (high - low).max_element();
+        let boxes: Vec<[Vec3; 2]> = (0..=looks)
+            .map(|i| self.bounds(self.duration * f32::from(i) / f32::from(UNIT_LOOKS)))
+            .filter(|b| side(b).is_finite())
+            .collect();
+        let longest = boxes.iter().map(side).fold(0.0, f32::max);
+        let Some([low, high]) = boxes.iter().find(|b| longest > 0.0 && side(b) >= 0.5 * longest) else {
+            return Mat4::IDENTITY;
+        };
+        let foot = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
+        Mat4::from_scale(Vec3::splat(longest.recip())) * Mat4::from_translation(-foot)
+    }
+
+    /// The lowest and the highest coordinates at a time of the animation, s.
+    fn bounds(&self, time: f32) -> [Vec3; 2] {
+        let joints = self.joints(time);
         let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
         for part in &self.parts {
             let corners = &self.indices[part.indices.start as usize..part.indices.end as usize];
@@ -166,13 +209,7 @@ impl Object {
                 bounds = [bounds[0].min(position), bounds[1].max(position)];
             }
         }
-        let [low, high] = bounds;
-        let longest = (high - low).max_element();
-        if !(longest.is_finite() && longest > 0.0) {
-            return Mat4::IDENTITY;
-        }
-        let foot = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
-        Mat4::from_scale(Vec3::splat(longest.recip())) * Mat4::from_translation(-foot)
+        bounds
     }
 
     /// A ring that rolls on the spot, with a ball that circles it: what is shown without a file.
@@ -465,9 +502,7 @@ impl<'a> Reader<'a> {
             for (vertex, (joints, weights)) in
                 vertices.iter_mut().zip(joints.into_u16().zip(weights.into_f32()))
             {
-                let sum: f32 = weights.iter().sum();
-                vertex.joints = joints.map(u32::from);
-                vertex.weights = if sum > 0.0 { weights.map(|w| w / sum) } else { [1.0, 0.0, 0.0, 0.0] };
+                (vertex.joints, vertex.weights) = (joints.map(u32::from), weights);
             }
             if vertices.iter().any(|v| v.joints.iter().any(|&j| j >= joint_count)) {
                 return Err(self.fail("the file is damaged (a corner is moved by a joint that is not there)"));
@@ -476,6 +511,19 @@ impl<'a> Reader<'a> {
         match reader.read_normals() {
             Some(normals) => vertices.iter_mut().zip(normals).for_each(|(v, normal)| v.normal = normal),
             None => add_normals(&mut vertices, &corners),
+        }
+        let numbers = |v: &Vertex| {
+            v.normal.iter().chain(&v.uv).chain(&v.color).chain(&v.weights).all(|v| v.is_finite())
+        };
+        if !vertices.iter().all(numbers) {
+            return Err(self.fail(
+                "the file is damaged (normals, colours, weights or texture coordinates that are not numbers)",
+            ));
+        }
+        for vertex in &mut vertices {
+            let sum: f32 = vertex.weights.iter().sum();
+            vertex.weights = if sum > 0.0 { vertex.weights.map(|w| w / sum) } else { [1.0, 0.0, 0.0, 0.0] };
+            vertex.normal = Vec3::from(vertex.normal).normalize_or_zero().into();
         }
         let (first, start) = (self.object.vertices.len() as u32, self.object.indices.len() as u32);
         self.object.vertices.append(&mut vertices);
@@ -585,7 +633,7 @@ mod tests {
     #[test]
     fn the_built_in_object_starts_again_without_a_jump_and_is_brought_to_unit_size() {
         let object = Object::built_in();
-        let apart = |a: f64, b: f64| {
+        let apart = |a: f32, b: f32| {
             let difference = |(a, b): (&Mat4, &Mat4)| {
                 (*a - *b).to_cols_array().iter().map(|v| v.abs()).fold(0.0, f32::max)
             };
@@ -657,9 +705,34 @@ mod tests {
         assert_eq!((vertex.joints, vertex.weights), ([0, 1, 0, 0], [0.5, 0.5, 0.0, 0.0]));
         assert_eq!(vertex.normal, [0.0, 0.0, 1.0]);
         for (seconds, x) in [(0.0, 0.0), (0.5, 0.25), (1.5, 0.75), (2.5, 0.25)] {
-            let joints = object.joints(seconds);
+            let [joints, _] = object.moving(seconds, 0.04);
             assert_eq!((joints[0].w_axis.x, joints[1].w_axis.x), (0.0, x));
         }
+        // Its jump back is no motion.
+        let fps = 24.7;
+        for frame in 0..200 {
+            let [now, next] = object.moving(f64::from(frame) / fps, fps.recip());
+            let speed = f64::from(next[1].w_axis.x - now[1].w_axis.x) * fps;
+            assert!((speed - 0.5).abs() < 1e-4, "frame {frame}: {speed} m/s");
+        }
+    }
+
+    #[test]
+    fn an_object_that_grows_out_of_a_point_has_the_size_that_it_grows_to() {
+        let mut object = Object::square(Material::default());
+        let still = object.unit();
+        object.duration = 2.0;
+        object.channels.push(Channel {
+            node: 0,
+            property: Property::Scale,
+            interpolation: Interpolation::Linear,
+            times: vec![0.0, 2.0],
+            values: vec![Vec4::ZERO, Vec4::splat(3.0)],
+        });
+        assert_eq!((still.x_axis.x, object.unit().x_axis.x), (1.0, 1.0 / 3.0));
+        // One that vanishes for good has none.
+        object.channels[0].values[1] = Vec4::ZERO;
+        assert_eq!(object.unit(), Mat4::IDENTITY);
     }
 
     #[test]
@@ -679,6 +752,11 @@ mod tests {
         for i in 0..40 {
             assert!(load(&whole[..whole.len() * i / 40]).is_err());
         }
+        // The last number is a weight.
+        for number in [f32::NAN, f32::INFINITY] {
+            let hurt = [&whole[..whole.len() - 4], &number.to_le_bytes()].concat();
+            assert!(load(&hurt).unwrap_err().to_string().contains("not numbers"));
+        }
         // Whatever is wrong, what is loaded can be drawn.
         let mut random = 1u32;
         let mut next = |n: usize| {
@@ -689,7 +767,7 @@ mod tests {
             let mut hurt = whole.clone();
             hurt[next(whole.len())] = b"0123456789,[]{}\xff"[next(16)];
             if let Ok(object) = load(&hurt) {
-                let joints = object.joints(0.7).len() as u32;
+                let joints = object.moving(0.7, 0.1)[1].len() as u32;
                 assert!(object.indices.iter().all(|&i| (i as usize) < object.vertices.len()));
                 assert!(object.parts.iter().all(|p| p.first_joint < joints && !p.indices.is_empty()));
                 object.unit();

@@ -104,6 +104,9 @@ fn shaded(albedo: vec3f, metallic: f32, roughness: f32, normal: vec3f, view: vec
     return direct + scene.ambient * (diffuse + f0);
 }
 
+// A highlight of a px must not, blurred, hide everything around it.
+const BRIGHTEST = 64.0;
+
 @fragment
 fn surface(in: Vertex, @builtin(front_facing) front: bool) -> Surface {
     let part = parts[in.part];
@@ -112,9 +115,13 @@ fn surface(in: Vertex, @builtin(front_facing) front: bool) -> Surface {
         discard;
     }
     let view = -normalize(in.place);
-    let normal = normalize(in.normal);
+    // Where it has no normal, it faces who looks at it.
+    let length = length(in.normal);
+    let outward = select(view, in.normal / length, length > 0.0);
+    let normal = select(-outward, outward, dot(outward, view) > 0.0);
     var out: Surface;
-    out.color = vec4f(shaded(color.rgb, part.metallic, part.roughness, select(-normal, normal, dot(normal, view) > 0.0), view), 1.0);
+    let light = shaded(color.rgb, part.metallic, part.roughness, normal, view);
+    out.color = vec4f(clamp(light, vec3f(0.0), vec3f(BRIGHTEST)), 1.0);
     out.inverse_depth = in.position.z / scene.near;
     // Behind the camera there is no picture.
     let next = in.next.xy / max(in.next.w, scene.near);

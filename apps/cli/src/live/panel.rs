@@ -1,6 +1,7 @@
 //! What is in the window: the picture, and beside it the camera's parameters, frame times and controls.
 
 use super::{
+    DISTANCES,
     estimation::{Estimate, Home},
     stage::{Look, Times},
 };
@@ -15,16 +16,21 @@ use egui::{
     CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
     TextureId, Ui, pos2, vec2,
 };
-use std::time::{Duration, Instant};
+use std::{
+    ops::RangeInclusive,
+    time::{Duration, Instant},
+};
 
 /// How much of the mean frame times is kept from frame to frame.
 const KEPT: f32 = 0.9;
 
 /// What can be changed in the window.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Controls {
     /// How the picture is made.
     pub look: Look,
+    /// What the object's longest side may be, m.
+    pub sizes: RangeInclusive<f32>,
     /// Where the object stands until a plane is found; another place starts anew.
     pub home: Home,
     /// Whether the frame stands still.
@@ -137,7 +143,7 @@ fn view(ui: &mut Ui, (texture, (w, h)): (TextureId, (usize, usize)), split: &mut
     let scale = (room.size() / size).min_elem();
     let rect = Rect::from_center_size(room.center(), scale * size);
     let response = ui.interact(rect, ui.scope_id().with("picture"), Sense::click_and_drag());
-    if let Some(at) = response.interact_pointer_pos() {
+    if let (Some(at), true) = (response.interact_pointer_pos(), rect.width() > 0.0) {
         *split = ((at.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
     }
     response.on_hover_cursor(CursorIcon::ResizeHorizontal);
@@ -145,7 +151,7 @@ fn view(ui: &mut Ui, (texture, (w, h)): (TextureId, (usize, usize)), split: &mut
 }
 
 fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action> {
-    let Controls { look, home, paused } = controls;
+    let Controls { look, sizes, home, paused } = controls;
     ui.heading("Camera");
     Grid::new("parameters").num_columns(2).striped(true).show(ui, |ui| {
         for (name, value) in &shown.parameters {
@@ -167,8 +173,8 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
     ui.separator();
     ui.heading("Object");
     ui.label(if shown.on_plane { "on a plane that is tracked" } else { "fixed in view: no plane was found" });
-    ui.add(Slider::new(&mut look.size, 0.05..=5.0).logarithmic(true).text("longest side, m"));
-    ui.add(Slider::new(&mut home.distance, 0.5..=10.0).logarithmic(true).text("distance, m"));
+    ui.add(Slider::new(&mut look.size, sizes.clone()).logarithmic(true).text("longest side, m"));
+    ui.add(Slider::new(&mut home.distance, DISTANCES).logarithmic(true).text("distance, m"));
     ui.add(Slider::new(&mut home.at.x, 0.0..=1.0).text("across"));
     ui.add(Slider::new(&mut home.at.y, 0.0..=1.0).text("down"));
     ui.separator();

@@ -60,6 +60,12 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// Of a plane that faces the camera, with its origin at a px.
+    fn facing(camera: &Pinhole, at: DVec2, distance: f64) -> Self {
+        let place = (at - camera.centre()) / camera.focal_length;
+        Self { rotation: DMat3::IDENTITY, translation: distance * place.extend(1.0) }
+    }
+
     /// From the plane's coordinates to px.
     fn homography(&self, camera: &Pinhole) -> DMat3 {
         let DMat3 { x_axis, y_axis, .. } = self.rotation;
@@ -110,8 +116,7 @@ impl Placement {
     /// The object stands at `at` (shares of the picture's width and height) and `distance` metres away.
     pub fn new(camera: Pinhole, at: DVec2, distance: f64) -> Self {
         let (w, h) = camera.size;
-        let place = (at * DVec2::new(w as f64, h as f64) - camera.centre()) / camera.focal_length;
-        let home = Pose { rotation: DMat3::IDENTITY, translation: distance * place.extend(1.0) };
+        let home = Pose::facing(&camera, at * DVec2::new(w as f64, h as f64), distance);
         let plane = home.homography(&camera);
         Self { camera, home, plane, step: DMat3::IDENTITY, on_plane: false, against: 0 }
     }
@@ -124,6 +129,12 @@ impl Placement {
         self.against = if found.is_some() == self.on_plane { 0 } else { self.against + 1 };
         if self.against >= AGREEING {
             (self.on_plane, self.against) = (!self.on_plane, 0);
+            if self.on_plane {
+                // Nothing is known of its tilt and distance, whatever those of the last plane were.
+                let foot = moved(&self.plane, DVec2::ZERO);
+                let plane = Pose::facing(&self.camera, foot, self.home.translation.z);
+                self.plane = plane.homography(&self.camera);
+            }
         }
         self.step = match (self.on_plane, found) {
             (true, Some(found)) => found,
@@ -364,6 +375,27 @@ mod tests {
         // It stays where it was lost.
         let Placed { now, next, .. } = placement.push(None);
         assert!(now == next && pixel(&now, DVec3::ZERO).x > 165.0);
+    }
+
+    #[test]
+    fn a_plane_that_is_found_again_faces_the_camera_at_the_distance_of_the_first_one() {
+        let mut rng = StdRng::seed_from_u64(4);
+        let mut placement = placement();
+        for frame in 0..40 {
+            let step =
+                filmed(frame + 1).homography(&camera()) * filmed(frame).homography(&camera()).inverse();
+            placement.push(Some(&flow_of(&step)));
+        }
+        let [.., lost] = [(); 3].map(|()| placement.push(Some(&noise(&mut rng))));
+        let is_facing = |p: &Placed| {
+            (p.now.translation.z - 2.0).abs() < 1e-9
+                && (p.now.rotation - DMat3::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-9)
+        };
+        assert!(!lost.on_plane && !is_facing(&lost));
+        let still = flow_of(&DMat3::IDENTITY);
+        let [.., found] = [(); 3].map(|()| placement.push(Some(&still)));
+        assert!(found.on_plane && is_facing(&found));
+        assert!((pixel(&found.now, DVec3::ZERO) - pixel(&lost.now, DVec3::ZERO)).length() < 1e-6);
     }
 
     #[test]

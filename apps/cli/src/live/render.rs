@@ -7,7 +7,7 @@ use super::{
     object::{Object, Part, Texture, Vertex},
     placement::{Pinhole, Pose},
 };
-use blindaug::Result;
+use blindaug::{Error, Result};
 use blindaug_gpu::{Gpu, texture};
 use bytemuck::{Pod, Zeroable, bytes_of, cast_slice};
 use glam::{Mat4, Vec3, Vec4};
@@ -39,8 +39,10 @@ pub struct Light {
 pub struct Moment {
     /// Where it stands in the frame and in the next one.
     pub poses: [Pose; 2],
-    /// Its animation's time in the frame and in the next one, s.
-    pub seconds: [f64; 2],
+    /// Its animation's time, s.
+    pub seconds: f64,
+    /// How long it is to the next frame, s.
+    pub step: f64,
     /// Its longest side, m.
     pub size: f32,
     /// What shines on it.
@@ -106,12 +108,13 @@ impl Renderer {
     /// Draws as a camera sees it.
     ///
     /// # Errors
-    /// If the device cannot hold textures of twice the frame's size.
+    /// If the device cannot hold the object, or textures of twice the frame's size.
     pub fn new(gpu: &Gpu, object: Object, camera: Pinhole) -> Result<Self> {
         let device = &gpu.device;
         let module = device.create_shader_module(wgpu::include_wgsl!("object.wgsl"));
-        let buffer = |contents: &[u8], usage| {
-            device.create_buffer_init(&BufferInitDescriptor { label: Some("object"), contents, usage })
+        let buffer = |contents: &[u8], usage| -> Result<wgpu::Buffer> {
+            check_fits(contents.len() as u64, usage, &device.limits())?;
+            Ok(device.create_buffer_init(&BufferInitDescriptor { label: Some("object"), contents, usage }))
         };
         let parts: Vec<PartOnDevice> = object
             .parts
@@ -124,10 +127,10 @@ impl Renderer {
                 first_joint: *first_joint,
             })
             .collect();
-        let joints = object.joints(0.0).len() * 2 * size_of::<Mat4>();
-        let scene = buffer(&[0; size_of::<Scene>()], BufferUsages::UNIFORM | BufferUsages::COPY_DST);
-        let joints = buffer(&vec![0; joints], BufferUsages::STORAGE | BufferUsages::COPY_DST);
-        let parts = buffer(cast_slice(&parts), BufferUsages::STORAGE);
+        let joints = object.joint_count() * 2 * size_of::<Mat4>();
+        let scene = buffer(&[0; size_of::<Scene>()], BufferUsages::UNIFORM | BufferUsages::COPY_DST)?;
+        let joints = buffer(&vec![0; joints], BufferUsages::STORAGE | BufferUsages::COPY_DST)?;
+        let parts = buffer(cast_slice(&parts), BufferUsages::STORAGE)?;
         let attributes = wgpu::vertex_attr_array![
             0 => Float32x3, 1 => Float32x3, 2 => Float32x2, 3 => Float32x4, 4 => Uint32x4, 5 => Float32x4];
         let surface = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
@@ -228,8 +231,8 @@ impl Renderer {
         Ok(Self {
             camera,
             unit: object.unit(),
-            vertices: buffer(cast_slice(&object.vertices), BufferUsages::VERTEX),
-            indices: buffer(cast_slice(&object.indices), BufferUsages::INDEX),
+            vertices: buffer(cast_slice(&object.vertices), BufferUsages::VERTEX)?,
+            indices: buffer(cast_slice(&object.indices), BufferUsages::INDEX)?,
             object,
             scene,
             joints,
@@ -253,7 +256,7 @@ impl Renderer {
     /// Draws the object at a moment.
     pub fn draw(&self, gpu: &Gpu, moment: &Moment) {
         let in_camera = moment.poses.map(|pose| self.camera_from_object(&pose, moment.size));
-        let joints = moment.seconds.map(|s| self.object.joints(s)).concat();
+        let joints = self.object.moving(moment.seconds, moment.step).concat();
         gpu.queue.write_buffer(&self.joints, 0, cast_slice(&joints));
         let (w, h) = self.camera.size;
         let scene = Scene {
@@ -326,6 +329,23 @@ impl Renderer {
     }
 }
 
+/// Fails if a device with these limits holds no buffer of so many bytes.
+fn check_fits(bytes: u64, usage: BufferUsages, limits: &wgpu::Limits) -> Result<()> {
+    let most = if usage.contains(BufferUsages::STORAGE) {
+        limits.max_buffer_size.min(limits.max_storage_buffer_binding_size)
+    } else {
+        limits.max_buffer_size
+    };
+    if bytes <= most {
+        return Ok(());
+    }
+    Err(Error::new(format!(
+        "the object is too large for the graphics device ({} MiB at once, of at most {}); give one with fewer triangles or joints",
+        bytes.div_ceil(1 << 20),
+        most >> 20
+    )))
+}
+
 /// Cleared to 0.
 fn attachment(view: &TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
     Some(wgpu::RenderPassColorAttachment {
@@ -385,7 +405,7 @@ mod tests {
         let camera = Pinhole::new(SIZE, 50.0);
         let renderer = Renderer::new(gpu, object, camera).unwrap();
         let light = Light { ambient: Vec3::splat(0.5), direct: Vec3::ZERO };
-        renderer.draw(gpu, &Moment { poses, seconds: [0.0, 0.04], size, light });
+        renderer.draw(gpu, &Moment { poses, seconds: 0.0, step: 0.04, size, light });
         let Layer { color, inverse_depth, velocity } = renderer.layer();
         Drawn {
             color: gpu.download(color).unwrap().remove(0),
@@ -434,6 +454,30 @@ mod tests {
         // Negative control: a square that stands still has no velocity.
         let Drawn { velocity, .. } = drawn(&gpu, Object::square(Material::default()), [poses[0]; 2], 1.0);
         assert!(velocity.data().iter().flatten().all(|v| v.abs() < 1e-3));
+    }
+
+    #[test]
+    fn what_the_device_cannot_hold_ends_in_a_sentence() {
+        let limits = wgpu::Limits {
+            max_buffer_size: 3 << 20,
+            max_storage_buffer_binding_size: 2 << 20,
+            ..Default::default()
+        };
+        for (usage, most) in [(BufferUsages::VERTEX, 3 << 20), (BufferUsages::STORAGE, 2 << 20)] {
+            assert!(check_fits(most, usage, &limits).is_ok());
+            let e = check_fits(most + 1, usage, &limits).unwrap_err().to_string();
+            assert!(e.contains("too large") && !e.contains('\n'), "{e}");
+        }
+    }
+
+    #[test]
+    fn surfaces_without_a_normal_and_glaring_ones_have_finite_colors() {
+        let Some(gpu) = tested_gpu() else { return };
+        let mut square = Object::square(Material { base_color: [1e6, 1e6, 1e6, 1.0], ..Material::default() });
+        square.vertices.iter_mut().for_each(|v| v.normal = [0.0; 3]);
+        let Drawn { color, .. } = drawn(&gpu, square, [pose(0.0, [0.0, 0.5, 2.0]); 2], 1.0);
+        assert!(color.data().iter().flatten().all(|v| (0.0..=64.0).contains(v)));
+        assert!(color.data().contains(&[64.0, 64.0, 64.0, 1.0]));
     }
 
     #[test]

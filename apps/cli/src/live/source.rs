@@ -48,12 +48,8 @@ pub struct Loop<'a> {
 
 impl<'a> Loop<'a> {
     /// Starts with the first frame.
-    ///
-    /// # Errors
-    /// If it cannot be read.
-    pub fn new(source: &'a FrameSource) -> Result<Self> {
-        let frames = source.frames();
-        Ok(Self { source, frames, previous: None, current: None, count: 0, lap: 0 })
+    pub fn new(source: &'a FrameSource) -> Self {
+        Self { source, frames: source.frames(), previous: None, current: None, count: 0, lap: 0 }
     }
 
     /// The next frame; `None` if there are no frames at all.
@@ -96,7 +92,7 @@ mod tests {
             blindaug_io::write_png(dir.path().join(format!("{i}.png")), &frame).unwrap();
         }
         let source = open(dir.path()).unwrap();
-        let mut frames = Loop::new(&source).unwrap();
+        let mut frames = Loop::new(&source);
         let value =
             |f: &Option<Arc<Encoded>>| f.as_ref().map_or(0, |f| (255.0 * f.0.at(0, 0)[0]).round() as u8);
         for number in 1..=8u64 {

@@ -147,11 +147,11 @@ impl Stage {
     /// If the device was lost or fails; then another stage is needed.
     pub fn draw(&self, shot: &Shot, estimate: &Estimate, look: &Look) -> Result<Times> {
         let start = Instant::now();
-        let at = |number: u64| number as f64 / self.fps;
         let placed = estimate.placed_at(shot.number);
         let moment = Moment {
             poses: [placed.now, placed.next],
-            seconds: [at(shot.number), at(shot.number + 1)],
+            seconds: shot.number as f64 / self.fps,
+            step: self.fps.recip(),
             size: look.size,
             light: light(&shot.frame),
         };

@@ -1,7 +1,7 @@
 //! The window: the picture with a line to drag, the camera's parameters, and controls.
 
 use super::{
-    Scene,
+    SIZES, Scene,
     estimation::{Estimate, Estimation, Home},
     panel::{self, Action, Controls, Shown},
     source::{Loop, Shot},
@@ -27,7 +27,7 @@ use winit::{
     application::ApplicationHandler,
     dpi::{LogicalSize, PhysicalSize},
     event::WindowEvent,
-    event_loop::{ActiveEventLoop, EventLoop, EventLoopProxy, OwnedDisplayHandle},
+    event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy, OwnedDisplayHandle},
     window::{Window, WindowId},
 };
 
@@ -37,6 +37,8 @@ const PANEL: f32 = 290.0;
 const PICTURE: f64 = 960.0;
 /// Frames that wait to be recorded.
 const QUEUE: usize = 4;
+/// How often Ctrl-C is looked for.
+const WAKE: Duration = Duration::from_millis(100);
 
 /// There is a new frame or estimate.
 #[derive(Debug)]
@@ -66,13 +68,15 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
         )
     };
     let events = EventLoop::<News>::with_user_event().build().map_err(|e| no_window(&e))?;
+    let [smallest, largest] = [SIZES.start(), SIZES.end()].map(|share| (share * scene.seen()) as f32);
+    let sizes = smallest..=largest;
     let scene = Arc::new(scene);
     let bell = Bell { window: events.create_proxy(), rung: Arc::default() };
     let reader = Reader::start(scene.clone(), bell.clone());
     let worker = Worker::start(&scene, bell.clone());
     let mut app = App {
         display: events.owned_display_handle(),
-        controls: Controls { look, home: scene.home, paused: false },
+        controls: Controls { look, sizes, home: scene.home, paused: false },
         scene,
         bell,
         has_news: false,
@@ -88,9 +92,11 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
         recovering: false,
         result: Ok(()),
     };
-    events.run_app(&mut app).map_err(|e| no_window(&e))?;
-    app.stop_recording();
-    app.result
+    let ran = events.run_app(&mut app).map_err(|e| no_window(&e));
+    // Whatever happened, what was recorded is kept.
+    let recorded = app.stop_recording();
+    ran?;
+    app.result.and(recorded)
 }
 
 /// Reads frames at their rate and keeps the newest.
@@ -105,29 +111,30 @@ impl Reader {
         let (newest, paused) = (reader.newest.clone(), reader.paused.clone());
         std::thread::spawn(move || {
             let source = &scene.source;
-            let period = Duration::from_secs_f64(scene.fps().recip());
+            let period = Duration::from_secs_f64(scene.pace().recip());
             let mut due = Instant::now();
-            let mut clip = match Loop::new(source) {
-                Ok(clip) => clip,
-                Err(e) => return drop(newest.lock().map(|mut n| *n = Some(Err(e.into())))),
-            };
+            let mut clip = Loop::new(source);
             loop {
                 let shot = clip
                     .next()
                     .map_err(Failure::from)
                     .and_then(|shot| shot.ok_or_else(|| failure(source.path(), "there are no frames in it")));
                 let ended = shot.is_err();
-                // A camera is as fast as it is; a clip is waited for.
-                while paused.load(Ordering::Relaxed) && !scene.is_camera() {
-                    std::thread::sleep(period);
-                    // The controls act on the frame that stands still.
-                    if !bell.ring() {
-                        return;
+                // A camera is as fast as it is, whatever it says, and goes on while the picture stands still; a clip waits.
+                let is_live = scene.is_camera();
+                if !is_live {
+                    while paused.load(Ordering::Relaxed) && !ended {
+                        std::thread::sleep(period);
+                        // The controls act on the frame that stands still.
+                        if !bell.ring() {
+                            return;
+                        }
                     }
+                    std::thread::sleep(due.saturating_duration_since(Instant::now()));
+                    due = Instant::now().max(due + period);
                 }
-                std::thread::sleep(due.saturating_duration_since(Instant::now()));
-                due = Instant::now().max(due + period);
-                if let (Ok(mut newest), false) = (newest.lock(), paused.load(Ordering::Relaxed)) {
+                let is_left_out = is_live && !ended && paused.load(Ordering::Relaxed);
+                if let (Ok(mut newest), false) = (newest.lock(), is_left_out) {
                     *newest = Some(shot);
                 }
                 if !bell.ring() || ended {
@@ -156,7 +163,7 @@ impl Worker {
         let (made, estimates): (Sender<Result<Estimate>>, _) = channel();
         let scene = scene.clone();
         std::thread::spawn(move || {
-            let mut estimation = Estimation::new(scene.camera, scene.home, scene.source.fps());
+            let mut estimation = Estimation::new(scene.camera, scene.home, scene.fps);
             for (shot, home) in given {
                 let estimate = estimation.push(&shot, home).map_err(|e| failure(scene.source.path(), e));
                 if made.send(estimate).is_err() || !bell.ring() {
@@ -173,7 +180,7 @@ struct Recording {
     path: PathBuf,
     pictures: SyncSender<(u64, Encoded)>,
     writer: JoinHandle<Result<()>>,
-    /// Of the frame that was recorded last.
+    /// Of the frame that was recorded last; 0: what comes next follows at once.
     number: u64,
 }
 
@@ -182,7 +189,7 @@ impl Recording {
     fn start(scene: &Scene) -> Result<Self> {
         let name = |i: u32| PathBuf::from(format!("blindaug-live-{i}.mp4"));
         let path = (1..).map(name).find(|p| !p.exists()).unwrap_or_else(|| name(0));
-        let mut output = Output::open(&path, &scene.source, false, None)?;
+        let mut output = Output::open(&path, &scene.source, false, scene.fps)?;
         let (pictures, given) = sync_channel::<(u64, Encoded)>(QUEUE);
         let writer = std::thread::spawn(move || {
             for (number, picture) in given {
@@ -209,6 +216,19 @@ impl Recording {
             Ok(result) => result.map(|()| self.path),
             Err(_) => Err(failure(&self.path, "the video cannot be written")),
         }
+    }
+}
+
+/// Why the window does not go on.
+enum Trouble {
+    /// Another surface may help.
+    Surface(&'static str),
+    Other(Failure),
+}
+
+impl From<Failure> for Trouble {
+    fn from(failure: Failure) -> Self {
+        Self::Other(failure)
     }
 }
 
@@ -265,7 +285,12 @@ impl Graphics {
     }
 
     /// Draws the window. What was clicked is returned, or nothing if there is no surface to draw on just now.
-    fn draw(&mut self, scene: &Scene, shown: &Shown, controls: &mut Controls) -> Result<Option<Action>> {
+    fn draw(
+        &mut self,
+        scene: &Scene,
+        shown: &Shown,
+        controls: &mut Controls,
+    ) -> std::result::Result<Option<Action>, Trouble> {
         use wgpu::CurrentSurfaceTexture as Current;
         let mut outdated = false;
         let target = match self.surface.get_current_texture() {
@@ -281,7 +306,7 @@ impl Graphics {
             }
             Current::Timeout | Current::Occluded => return Ok(None),
             Current::Lost | Current::Validation => {
-                return Err(Failure("the window's surface was lost".into()));
+                return Err(Trouble::Surface("the window's surface was lost"));
             }
         };
         let mut action = None;
@@ -400,13 +425,21 @@ impl App {
         Ok(())
     }
 
-    fn redraw(&mut self) -> Result<()> {
+    fn redraw(&mut self) -> std::result::Result<(), Trouble> {
         let Some(graphics) = &mut self.graphics else { return Ok(()) };
         let action = graphics.draw(&self.scene, &self.shown, &mut self.controls)?;
         self.recovering = false;
-        self.reader.paused.store(self.controls.paused, Ordering::Relaxed);
+        let was_paused = self.reader.paused.swap(self.controls.paused, Ordering::Relaxed);
+        if let (Some(recording), true) = (&mut self.recording, was_paused || self.controls.paused) {
+            // What a camera filmed meanwhile is no gap to be filled.
+            recording.number = 0;
+        }
         match action {
-            Some(Action::Record) if self.recording.is_some() => self.stop_recording(),
+            Some(Action::Record) if self.recording.is_some() => {
+                if let Err(Failure(sentence)) = self.stop_recording() {
+                    self.shown.message = sentence;
+                }
+            }
             Some(Action::Record) => match Recording::start(&self.scene) {
                 Ok(recording) => {
                     self.shown.message = format!("recording to {}", recording.path.display());
@@ -420,19 +453,23 @@ impl App {
         Ok(())
     }
 
-    fn stop_recording(&mut self) {
-        let Some(recording) = self.recording.take() else { return };
-        self.shown.message = match recording.finish() {
-            Ok(path) => format!("written: {}", path.display()),
-            Err(Failure(sentence)) => sentence,
-        };
+    /// Completes the recording, if there is one.
+    fn stop_recording(&mut self) -> Result<()> {
+        if let Some(recording) = self.recording.take() {
+            self.shown.message = format!("written: {}", recording.finish()?.display());
+        }
+        Ok(())
     }
 
     /// Ends it, unless new graphics may help.
-    fn settle(&mut self, events: &ActiveEventLoop, result: Result<()>) {
-        let Err(e) = result else { return };
-        let on_device =
-            self.graphics.as_ref().is_some_and(|g| g.stage.check().is_err() || e.0.contains("surface"));
+    fn settle(&mut self, events: &ActiveEventLoop, result: std::result::Result<(), Trouble>) {
+        let on_surface = matches!(result, Err(Trouble::Surface(_)));
+        let e = match result {
+            Ok(()) => return,
+            Err(Trouble::Surface(sentence)) => Failure(sentence.into()),
+            Err(Trouble::Other(e)) => e,
+        };
+        let on_device = on_surface || self.graphics.as_ref().is_some_and(|g| g.stage.check().is_err());
         if let (Some(window), true, false) = (&self.window, on_device, self.recovering) {
             note(format_args!("{}; starting again on a new one", e.0));
             // The old surface must be gone before the window gets another.
@@ -470,7 +507,7 @@ impl ApplicationHandler<News> for App {
         });
         match made {
             Ok(window) => self.window = Some(window),
-            Err(e) => self.settle(events, Err(e)),
+            Err(e) => self.settle(events, Err(e.into())),
         }
     }
 
@@ -479,16 +516,18 @@ impl ApplicationHandler<News> for App {
     }
 
     fn about_to_wait(&mut self, events: &ActiveEventLoop) {
+        if console::interrupted() {
+            return events.exit();
+        }
+        // Ctrl-C wakes nothing.
+        events.set_control_flow(ControlFlow::WaitUntil(Instant::now() + WAKE));
         // Here the window has had its turn, however fast the news come.
         if !std::mem::take(&mut self.has_news) {
             return;
         }
-        if console::interrupted() {
-            return events.exit();
-        }
         self.bell.rung.store(false, Ordering::Release);
         let result = self.follow();
-        self.settle(events, result);
+        self.settle(events, result.map_err(Trouble::from));
         if let Some(window) = &self.window {
             window.request_redraw();
         }

@@ -1,8 +1,12 @@
 //! `blindaug live` without its window.
 
-use super::{fails, files_in, run, succeeds, write_frames};
+use super::{blindaug, fails, files_in, run, sentence_of, succeeds, write_frames};
 use blindaug_io::{FrameSource, read_frame};
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
 use tempfile::TempDir;
 
 /// Says so, loudly, if there is no graphics device, or fails where BLINDAUG_NEED_GPU is set.
@@ -62,6 +66,37 @@ fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
     live("-o a --overwrite");
 }
 
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_the_frames_so_far_and_says_that_there_should_be_more() {
+    if no_gpu() {
+        return;
+    }
+    let dir = clip();
+    let d = dir.path();
+    let mut command = blindaug();
+    command.current_dir(d).args("live frames --headless --frames 100000 -o out".split_whitespace());
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let start = Instant::now();
+    while !d.join("out/0002.png").exists() {
+        assert!(start.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let said = sentence_of(&output, "live");
+    let made = files_in(&d.join("out"));
+    let wanted = format!(
+        "stopped after frame {} of 100000; for all of them, run it again with --overwrite",
+        made.len()
+    );
+    assert!(said.contains(&wanted), "{said}");
+    assert!(output.stdout.is_empty());
+    for name in &made {
+        read_frame(d.join("out").join(name)).unwrap();
+    }
+}
+
 #[test]
 fn what_cannot_be_read_ends_in_a_sentence_and_leaves_nothing() {
     let dir = clip();
@@ -84,9 +119,15 @@ fn what_cannot_be_read_ends_in_a_sentence_and_leaves_nothing() {
             assert!(!dir.path().join("out").exists(), "{arguments}");
         }
     }
-    for wrong in
-        ["--headless", "--headless --frames 0 -o out", "--frames 3", "--split 2", "--fov 0", "--distance x"]
-    {
+    for wrong in [
+        "--headless",
+        "--headless --frames 0 -o out",
+        "--frames 3",
+        "--split 2",
+        "--fov 0",
+        "--distance x",
+        "--fps 0",
+    ] {
         let output = run(dir.path(), &format!("live frames {wrong}"));
         assert_eq!(output.status.code(), Some(2), "{wrong}");
     }
@@ -106,7 +147,10 @@ fn a_video_comes_out_of_a_video() {
     }
     let dir = TempDir::new().unwrap();
     let video = video.display();
-    succeeds(dir.path(), &format!("live {video} --headless --frames 5 -o out.mp4 --bokeh disk --size 1"));
+    succeeds(
+        dir.path(),
+        &format!("live {video} --headless --frames 5 -o out.mp4 --bokeh disk --size 1 --fps 10"),
+    );
     let made = FrameSource::open(dir.path().join("out.mp4"), Default::default()).unwrap();
-    assert_eq!((made.size(), made.fps(), made.frames().count()), ((640, 272), Some(25.0), 5));
+    assert_eq!((made.size(), made.fps(), made.frames().count()), ((640, 272), Some(10.0), 5));
 }
