@@ -2,12 +2,13 @@
 //!
 //! At 2 x 2064 x 2208 on a GPU, at 640 x 360 on a software one; `cargo bench -p blindaug-gpu -- WIDTH HEIGHT EYES` chooses.
 
+use blindaug::composite::Options;
 use blindaug::model::{
     Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
 };
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result};
-use blindaug_gpu::{Compositor, Depth, Frame, Gpu, Inputs, Options, Quality, STEPS, Timer, Velocity};
+use blindaug_gpu::{Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity};
 use std::time::Instant;
 use wgpu::TextureFormat;
 
@@ -42,9 +43,8 @@ fn main() -> Result<()> {
         (Quality::Medium, Bokeh::Disk),
         (Quality::Low, Bokeh::Disk),
     ] {
-        let options = Options { quality, bokeh, ..Default::default() };
-        let times = scene.time(&gpu, &compositor, &options, frames)?;
-        let taps = scene.taps(&options);
+        let times = scene.time(&gpu, &compositor, (quality, bokeh), frames)?;
+        let taps = scene.taps(quality, bokeh);
         let bound = |bytes: f64| 1e3 * bytes * (w * h * eyes) as f64 / bandwidth;
         let row = |step: &str, bytes: f64, taps: &str, ms: Option<f64>| {
             let time = ms.map_or("|".into(), |ms| format!("{ms:.3} | {:.0} %", 100.0 * bound(bytes) / ms));
@@ -85,13 +85,12 @@ fn phone(scene: &Scene) {
     println!("|---|---|---|---|---|---|");
     let pixels = 2.0 * 2064.0 * 2208.0;
     for quality in [Quality::High, Quality::Medium, Quality::Low] {
-        let options = Options { quality, ..Default::default() };
         let mean = |taps: &dyn Fn(&(f32, f32)) -> u32| {
             scene.blur.iter().map(|b| f64::from(taps(b))).sum::<f64>() / scene.blur.len().max(1) as f64
         };
         let mut samples = SAMPLES;
-        samples[2] += mean(&|b| options.defocus_taps(b.0));
-        samples[3] += mean(&|b| options.motion_blur_taps(b.1));
+        samples[2] += mean(&|b| quality.defocus_taps(Bokeh::Gaussian, b.0));
+        samples[3] += mean(&|b| quality.motion_blur_taps(b.1));
         let inside: f64 = BYTES.iter().zip(samples).map(|(bytes, n)| (bytes / bandwidth).max(n / rate)).sum();
         for share in [0.05, 0.2, 0.5] {
             let ms = 1e3 * pixels * (share * inside + (1.0 - share) * 8.0 / bandwidth);
@@ -210,18 +209,24 @@ impl Scene {
         })
     }
 
-    fn taps(&self, options: &Options) -> Taps {
+    fn taps(&self, quality: Quality, bokeh: Bokeh) -> Taps {
         let words = |taps: Vec<u32>| {
             let mean = taps.iter().map(|&t| f64::from(t)).sum::<f64>() / taps.len().max(1) as f64;
             format!("{mean:.0}, {}", taps.iter().max().copied().unwrap_or(0))
         };
         Taps {
-            defocus: words(self.blur.iter().map(|b| options.defocus_taps(b.0)).collect()),
-            motion: words(self.blur.iter().map(|b| options.motion_blur_taps(b.1)).collect()),
+            defocus: words(self.blur.iter().map(|b| quality.defocus_taps(bokeh, b.0)).collect()),
+            motion: words(self.blur.iter().map(|b| quality.motion_blur_taps(b.1)).collect()),
         }
     }
 
-    fn time(&self, gpu: &Gpu, compositor: &Compositor, options: &Options, frames: usize) -> Result<Times> {
+    fn time(
+        &self,
+        gpu: &Gpu,
+        compositor: &Compositor,
+        (quality, bokeh): (Quality, Bokeh),
+        frames: usize,
+    ) -> Result<Times> {
         let inputs = Inputs {
             frame: &self.frame,
             color: &self.color,
@@ -249,7 +254,8 @@ impl Scene {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {
                 model: &self.camera,
-                options: *options,
+                options: Options { bokeh, ..Default::default() },
+                quality,
                 number,
                 area: None,
                 targets: &views,

@@ -1,9 +1,10 @@
 //! What the shaders know of a camera model.
 
-use crate::composite::{Options, Quality};
-use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, DepthKind, NOISE_LEVELS};
-use blindaug::synth::CUT_PX;
-use blindaug::{Error, Result};
+use crate::composite::Quality;
+use blindaug::Result;
+use blindaug::composite::Options;
+use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, NOISE_LEVELS};
+use blindaug::synth::Blur;
 
 /// All inverse depths; shaders need not know infinity.
 const EVERYTHING: [f32; 2] = [f32::MIN, f32::MAX];
@@ -43,14 +44,10 @@ impl Uniforms {
         width: usize,
         velocity_scale: [f32; 2],
         options: &Options,
+        quality: Quality,
         number: u64,
     ) -> Result<Self> {
-        if model.capture.width != width {
-            return Err(Error::new(format!(
-                "the camera model is for frames {} px wide but the frame is {width}; scale it first (CameraModel::scaled_to)",
-                model.capture.width
-            )));
-        }
+        model.check_width(width)?;
         let mut uniforms = Self {
             clip: 1.0,
             encoded_space: u32::from(model.blur_space == BlurSpace::Encoded),
@@ -58,21 +55,17 @@ impl Uniforms {
                 options.seed as u32 ^ (options.seed >> 32) as u32 ^ ((number >> 32) as u32).rotate_left(16),
                 number as u32,
             ],
-            most_taps: options.quality.most_taps(),
+            most_taps: quality.most_taps(),
             cuts: EVERYTHING,
             ..Self::default()
         };
         if options.naive {
             return Ok(uniforms);
         }
+        if let Some(cuts) = Blur::new(model, width, options.bokeh)?.cuts() {
+            uniforms.cuts = cuts.map(|d| d.clamp(f32::MIN, f32::MAX));
+        }
         if let Some(defocus) = model.defocus.known() {
-            if defocus.depth_kind == DepthKind::Relative {
-                return Err(Error::new(
-                    "the camera model's defocus is in relative inverse depth; say how that relates to metres \
-                     (DefocusModel::to_metric), or mark the defocus unknown",
-                ));
-            }
-            uniforms.cuts = defocus.focus_range(CUT_PX).map(|d| d.clamp(f32::MIN, f32::MAX));
             (uniforms.lens, uniforms.thin_lens, uniforms.inverse_depths) = match defocus.curve {
                 DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
                     ([0.0, -s / f, s], 1, EVERYTHING)

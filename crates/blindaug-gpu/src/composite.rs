@@ -2,9 +2,10 @@
 
 use crate::camera::Uniforms;
 use crate::gpu::{array_view, aspect, texture};
-use crate::kernel::{Binding, Kernel, bind, layout};
+use crate::kernel::{Binding, Kernel, bind, full_screen, layout};
 use crate::timer::Timer;
 use crate::{noise, shaders};
+use blindaug::composite::Options;
 use blindaug::model::CameraModel;
 use blindaug::synth::defocus::{self, Bokeh};
 use blindaug::{Error, Result, filter};
@@ -24,21 +25,6 @@ pub enum Quality {
     Medium,
     /// For phones.
     Low,
-}
-
-/// How to composite.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
-    /// Leave out what the camera does: no blur, no noise.
-    pub naive: bool,
-    /// Leave out the noise.
-    pub no_noise: bool,
-    /// The shape of out-of-focus points.
-    pub bokeh: Bokeh,
-    /// The noise is a function of this and the frame's number. Layers that are composited one after the other need one each.
-    pub seed: u64,
-    /// How closely the reference is followed.
-    pub quality: Quality,
 }
 
 /// Depth as a texture of one channel, or a depth buffer: inverse depth in 1/m is `scale * value + offset`. Of a perspective
@@ -105,8 +91,10 @@ impl Area {
 pub struct Frame<'a> {
     /// The camera that filmed it.
     pub model: &'a CameraModel,
-    /// How to composite.
+    /// How to composite. Layers that are composited one after the other need a seed each.
     pub options: Options,
+    /// How closely the reference is followed.
+    pub quality: Quality,
     /// The frame's number, so that each has its own noise.
     pub number: u64,
     /// Where the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]); the rest is the camera's frame and
@@ -142,16 +130,16 @@ struct DefocusQuality {
     bokeh: u32,
 }
 
-impl Options {
+impl Quality {
     /// How often the layer is read for a pixel of this defocus std, px; the counterpart of defocus.wgsl.
-    pub fn defocus_taps(&self, sigma_px: f32) -> u32 {
-        let DefocusQuality { least_variance: [gaussian, disk], reach, .. } = DefocusQuality::new(self);
-        let least = if self.bokeh == Bokeh::Disk { disk } else { gaussian };
+    pub fn defocus_taps(self, bokeh: Bokeh, sigma_px: f32) -> u32 {
+        let DefocusQuality { least_variance: [gaussian, disk], reach, .. } = DefocusQuality::new(self, bokeh);
+        let least = if bokeh == Bokeh::Disk { disk } else { gaussian };
         let variance = sigma_px * sigma_px;
         let octave = (0.5 * ((variance + 1.0 / 3.0) / (least + 1.0 / 3.0)).max(1.0).log2()) as i32;
         let scale = 0.25f32.powi(octave.min(OCTAVES as i32 - 1));
         let left = variance * scale - (1.0 - scale) / 3.0;
-        match self.bokeh {
+        match bokeh {
             _ if sigma_px <= 0.0 => 1,
             Bokeh::Gaussian if octave == 0 && left < GAUSSIAN_MOST => {
                 let pairs = (0.5 * (reach * left.sqrt() + 0.5).clamp(1.0, 6.0)).ceil() as u32;
@@ -164,19 +152,19 @@ impl Options {
     }
 
     /// How often the layer is read for a pixel whose path is this long, px.
-    pub fn motion_blur_taps(&self, path_px: f32) -> u32 {
-        (path_px.ceil() + 1.0).min(self.quality.most_taps()) as u32
+    pub fn motion_blur_taps(self, path_px: f32) -> u32 {
+        (path_px.ceil() + 1.0).min(self.most_taps()) as u32
     }
 }
 
 impl DefocusQuality {
-    fn new(options: &Options) -> Self {
-        let (least_variance, reach) = match options.quality {
+    fn new(quality: Quality, bokeh: Bokeh) -> Self {
+        let (least_variance, reach) = match quality {
             Quality::High => ([0.5, 3.0], 3.3),
             Quality::Medium => ([0.3, 1.5], 2.6),
             Quality::Low => ([0.15, 0.75], 2.2),
         };
-        Self { least_variance, reach, bokeh: u32::from(options.bokeh == Bokeh::Disk) }
+        Self { least_variance, reach, bokeh: u32::from(bokeh == Bokeh::Disk) }
     }
 }
 
@@ -276,7 +264,7 @@ impl Compositor {
         bound: &Bound,
         frame: &Frame,
     ) -> Result<()> {
-        let Frame { model, options, number, area, targets, timer } = *frame;
+        let Frame { model, options, quality, number, area, targets, timer } = *frame;
         let [w, h, eyes] = bound.size;
         if targets.len() != eyes as usize {
             return Err(Error::new(format!(
@@ -284,7 +272,7 @@ impl Compositor {
                 targets.len()
             )));
         }
-        let mut camera = Uniforms::new(model, w as usize, bound.velocity_scale, &options, number)?;
+        let mut camera = Uniforms::new(model, w as usize, bound.velocity_scale, &options, quality, number)?;
         camera.depth_map = bound.depth_map;
         camera.slabs = bound.slabs;
         camera.linear_target = u32::from(self.target.is_srgb());
@@ -296,7 +284,11 @@ impl Compositor {
         let defocuses = seen && camera.defocuses() && bound.has_depth;
         let blurs = defocuses || seen && camera.moves();
         queue.write_buffer(&bound.camera, 0, bytemuck::bytes_of(&camera));
-        queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&DefocusQuality::new(&options)));
+        queue.write_buffer(
+            &bound.quality,
+            0,
+            bytemuck::bytes_of(&DefocusQuality::new(quality, options.bokeh)),
+        );
         encoder.clear_buffer(&bound.most, 0, None);
 
         let compute = |step: u32| wgpu::ComputePassDescriptor {
@@ -378,27 +370,7 @@ fn composite_pipeline(
         bind_group_layouts: &[Some(group)],
         immediate_size: 0,
     });
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("composite"),
-        layout: Some(&layout),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("whole"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: Default::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("composite"),
-            compilation_options: Default::default(),
-            targets: &[Some(target.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    full_screen(device, Some(&layout), &module, "composite", &[target])
 }
 
 fn view(v: &TextureView) -> wgpu::BindingResource<'_> {
@@ -550,13 +522,7 @@ impl Bound {
                 })
             })
             .collect();
-        let of_level = |i: usize| {
-            [
-                camera_binding.clone(),
-                level_of[i].as_entire_binding(),
-                wgpu::BindingResource::Sampler(&of.bilinear),
-            ]
-        };
+        let of_level = |i: usize| [camera_binding.clone(), level_of[i].as_entire_binding(), bilinear.clone()];
         let halved = |kernel: &Kernel, levels: &[TextureView]| -> Vec<BindGroup> {
             let halved = |i: usize| {
                 let [camera, level, sampler] = of_level(i);

@@ -27,6 +27,21 @@ impl Gpu {
         Ok(block_on(Self::request(&instance, None))?.0)
     }
 
+    /// As [`Gpu::new`], for tests: says loudly that they test nothing if there is none.
+    ///
+    /// # Panics
+    /// If there is none and the environment variable `BLINDAUG_NEED_GPU` is set.
+    pub fn for_tests() -> Option<Self> {
+        match Self::new() {
+            Ok(gpu) => Some(gpu),
+            Err(why) if std::env::var_os("BLINDAUG_NEED_GPU").is_some() => panic!("{why}"),
+            Err(why) => {
+                eprintln!("NOT TESTED: {why}");
+                None
+            }
+        }
+    }
+
     /// As [`Gpu::new`], of those that can draw on a window's surface; with its adapter, which knows what the surface can be.
     ///
     /// # Errors

@@ -57,7 +57,7 @@ pub(crate) fn layout(
 }
 
 /// Resources in the order of a layout's bindings.
-pub(crate) fn bind(
+pub fn bind(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
     resources: &[wgpu::BindingResource],
@@ -68,6 +68,39 @@ pub(crate) fn bind(
         .map(|(i, r)| wgpu::BindGroupEntry { binding: i as u32, resource: r.clone() })
         .collect();
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+}
+
+/// A pipeline that draws everything with a fragment shader, into targets of some formats; vertex shader `whole` makes one triangle.
+/// Without a layout, it is the shaders' own.
+pub fn full_screen(
+    device: &wgpu::Device,
+    layout: Option<&wgpu::PipelineLayout>,
+    module: &wgpu::ShaderModule,
+    fragment: &str,
+    targets: &[TextureFormat],
+) -> wgpu::RenderPipeline {
+    let targets: Vec<_> = targets.iter().map(|&format| Some(format.into())).collect();
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(fragment),
+        layout,
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("whole"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
 }
 
 /// A compute pipeline and the layout of its one bind group.

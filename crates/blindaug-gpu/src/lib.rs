@@ -2,8 +2,8 @@
 //! [wgpu](https://docs.rs/wgpu) on Vulkan, Metal, DirectX 12 and WebGPU. The reference for everything here is the crate `blindaug`.
 //!
 //! ```
-//! use blindaug::{CameraModel, Raster, model::Capture};
-//! use blindaug_gpu::{Compositor, Frame, Gpu, Inputs, Options};
+//! use blindaug::{CameraModel, Raster, composite::Options, model::Capture};
+//! use blindaug_gpu::{Compositor, Frame, Gpu, Inputs, Quality};
 //! use wgpu::{TextureFormat, TextureUsages};
 //!
 //! # fn main() -> blindaug::Result<()> {
@@ -34,6 +34,7 @@
 //! let of_frame = Frame {
 //!     model: &camera,
 //!     options: Options::default(),
+//!     quality: Quality::High,
 //!     number: 0,
 //!     area: None,
 //!     targets: &targets,
@@ -56,6 +57,7 @@ pub mod noise;
 mod shaders;
 mod timer;
 
-pub use composite::{Area, Bound, Compositor, Depth, Frame, Inputs, Options, Quality, Velocity};
+pub use composite::{Area, Bound, Compositor, Depth, Frame, Inputs, Quality, Velocity};
 pub use gpu::{Gpu, array_view, texture};
+pub use kernel::{bind, full_screen};
 pub use timer::{STEPS, Timer};

@@ -1,6 +1,6 @@
 //! The GPU against the reference on the CPU.
 
-use blindaug::composite::{self, Shot, VirtualLayer};
+use blindaug::composite::{self, Options, Shot, VirtualLayer};
 use blindaug::model::{
     BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
     NOISE_LEVELS, NoiseLevel, NoiseModel,
@@ -8,7 +8,7 @@ use blindaug::model::{
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster};
-use blindaug_gpu::{Area, Compositor, Depth, Frame, Inputs, Options, Quality, Velocity};
+use blindaug_gpu::{Area, Compositor, Depth, Frame, Inputs, Quality, Velocity};
 use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
@@ -125,18 +125,18 @@ impl Eyes {
     }
 
     fn composite(&self, model: &CameraModel, options: &Options, number: u64) -> Vec<Raster<[f32; 3]>> {
-        composite_of(&self.inputs(), model, options, number, None)
+        composite_of(&self.inputs(), Frame { number, ..of_frame(model, options) })
     }
 }
 
-/// The eyes' composites.
-fn composite_of(
-    inputs: &Inputs,
-    model: &CameraModel,
-    options: &Options,
-    number: u64,
-    area: Option<Area>,
-) -> Vec<Raster<[f32; 3]>> {
+/// Of frame 3, everywhere, in high quality; without targets.
+fn of_frame<'a>(model: &'a CameraModel, options: &Options) -> Frame<'a> {
+    let (options, quality) = (*options, Quality::High);
+    Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
+}
+
+/// The eyes' composites; the targets are made here.
+fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
     let target = GPU.device.create_texture(&wgpu::TextureDescriptor {
         label: None,
         size: inputs.frame.size(),
@@ -158,8 +158,7 @@ fn composite_of(
     let views: Vec<_> = (0..target.depth_or_array_layers()).map(view).collect();
     let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
-    let frame = Frame { model, options: *options, number, area, targets: &views, timer: None };
-    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap();
+    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &Frame { targets: &views, ..frame }).unwrap();
     GPU.queue.submit([encoder.finish()]);
     let images = GPU.download::<[f32; 4]>(&target).unwrap();
     images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect()
@@ -171,13 +170,7 @@ fn on_gpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &
 
 fn on_cpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Raster<[f32; 3]> {
     let shot = Shot { frame, number: 3, inverse_depth: None, flow: None, with_and_without: None };
-    let options = composite::Options {
-        naive: options.naive,
-        no_noise: options.no_noise,
-        bokeh: options.bokeh,
-        seed: options.seed,
-    };
-    composite::composite(&shot, layer, model, &options).unwrap().0
+    composite::composite(&shot, layer, model, options).unwrap().0
 }
 
 /// Root mean square difference of encoded values.
@@ -203,10 +196,6 @@ fn blur_tolerance(quality: Quality, bokeh: Bokeh) -> f32 {
 }
 
 const QUALITIES: [Quality; 3] = [Quality::High, Quality::Medium, Quality::Low];
-
-fn options(quality: Quality, bokeh: Bokeh) -> Options {
-    Options { quality, bokeh, ..Default::default() }
-}
 
 /// Cameras with one effect or several; `wrong` is by how much they are off.
 fn cameras(w: usize, h: usize, wrong: f32) -> Vec<(&'static str, CameraModel)> {
@@ -241,17 +230,19 @@ fn every_blur_agrees_with_the_reference() {
         let (right, wrong) = (cameras(w, h, 1.0), cameras(w, h, 1.2));
         for ((name, model), (_, wrong)) in right.iter().zip(&wrong) {
             for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-                let reference = on_cpu(&frame, &layer, model, &options(Quality::High, bokeh));
+                let options = Options { bokeh, ..Default::default() };
+                let reference = on_cpu(&frame, &layer, model, &options);
+                let eyes = Eyes::new(&[&frame], &[&layer]);
                 for quality in QUALITIES {
-                    let options = options(quality, bokeh);
-                    let got = difference(&on_gpu(&frame, &layer, model, &options), &reference);
+                    let of_frame = Frame { quality, ..of_frame(model, &options) };
+                    let got = difference(&composite_of(&eyes.inputs(), of_frame)[0], &reference);
                     let tolerance = blur_tolerance(quality, bokeh);
                     println!("{w} x {h}, {name}, {quality:?}, {bokeh:?}: {got:.5} (tolerance {tolerance})");
                     assert!(got < tolerance, "{w} x {h}, {name}, {quality:?}, {bokeh:?}: {got}");
                 }
                 // Another camera is told apart.
                 if (w, h) == (160, 120) {
-                    let other = on_gpu(&frame, &layer, wrong, &options(Quality::High, bokeh));
+                    let other = on_gpu(&frame, &layer, wrong, &options);
                     let got = difference(&other, &reference);
                     assert!(got > blur_tolerance(Quality::High, bokeh), "{name}, {bokeh:?}: {got}");
                 }
@@ -323,11 +314,11 @@ fn a_depth_buffer_and_any_unit_of_velocity_do() {
     let mut inputs = eyes.inputs();
     inputs.depth.as_mut().unwrap().scale = 10.0;
     inputs.velocity.as_mut().unwrap().scale = [w as f32 / 2.0, -(h as f32) / 2.0];
-    let again = &composite_of(&inputs, &model, &Options::default(), 3, None)[0];
+    let again = &composite_of(&inputs, of_frame(&model, &Options::default()))[0];
     let got = difference(again, &reference);
     assert!(got < ROUNDING, "{got}");
     inputs.depth.as_mut().unwrap().scale = 8.0;
-    let wrong = &composite_of(&inputs, &model, &Options::default(), 3, None)[0];
+    let wrong = &composite_of(&inputs, of_frame(&model, &Options::default()))[0];
     assert!(difference(wrong, &reference) > 10.0 * ROUNDING);
 }
 
@@ -376,7 +367,7 @@ fn what_does_not_fit_is_said() {
     let encode = |model: &CameraModel, targets: &[wgpu::TextureView]| {
         let mut encoder = GPU.device.create_command_encoder(&Default::default());
         let options = Options::default();
-        let frame = Frame { model, options, number: 0, area: None, targets, timer: None };
+        let frame = Frame { targets, ..of_frame(model, &options) };
         COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap_err()
     };
     assert!(encode(&camera(8, 8), &[]).to_string().starts_with("there are 0 targets for 1 eyes"));
@@ -496,6 +487,13 @@ fn noise_has_the_reference_s_std_in_each_level() {
     assert!(white.data().as_flattened().iter().all(|v| (v - 0.97).abs() < ROUNDING));
 }
 
+/// Middle grey as a camera films it, in 8 bit.
+fn filmed_grey(model: &CameraModel, w: usize, h: usize) -> Encoded {
+    let Estimate::Known(noise) = &model.noise else { unreachable!() };
+    let noise = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
+    Encoded(noise.map(|n| n.map(|n| ((0.5 + n).clamp(0.0, 1.0) * 255.0).round() / 255.0)))
+}
+
 #[test]
 fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
     if no_gpu() {
@@ -503,9 +501,7 @@ fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
     }
     let (w, h) = (512, 384);
     let model = with_noise(camera(w, h), 1.0);
-    let Estimate::Known(noise) = &model.noise else { unreachable!() };
-    let filmed = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
-    let filmed = Encoded(filmed.map(|n| n.map(|n| ((0.5 + n).clamp(0.0, 1.0) * 255.0).round() / 255.0)));
+    let filmed = filmed_grey(&model, w, h);
     for alpha in [0.25, 0.75] {
         let layer = grey(w, h, 0.5, alpha);
         let gpu = on_gpu(&filmed, &layer, &model, &Options::default());
@@ -529,9 +525,7 @@ fn noise_of_layers_does_not_add_up() {
     // Two half-transparent layers, one after the other.
     let (w, h) = (512, 384);
     let model = with_noise(camera(w, h), 1.0);
-    let Estimate::Known(noise) = &model.noise else { unreachable!() };
-    let filmed = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
-    let filmed = Encoded(filmed.map(|n| n.map(|n| ((0.5 + n).clamp(0.0, 1.0) * 255.0).round() / 255.0)));
+    let filmed = filmed_grey(&model, w, h);
     let layer = grey(w, h, 0.5, 0.6);
     let twice = |second: u64| {
         let first = Encoded(on_gpu(&filmed, &layer, &model, &Options::default()));
@@ -664,7 +658,9 @@ fn within_an_area_it_is_the_same() {
     let layer = VirtualLayer { color, ..whole };
     let eyes = Eyes::new(&[&frame], &[&layer]);
     let model = with_noise(with_lens(with_exposure(camera(w, h), 0.7), 10.0, 0.35), 1.0);
-    let of = |area| composite_of(&eyes.inputs(), &model, &Options::default(), 3, area).remove(0);
+    let of = |area| {
+        composite_of(&eyes.inputs(), Frame { area, ..of_frame(&model, &Options::default()) }).remove(0)
+    };
     let everywhere = of(None);
     for (x, y, width, height) in [(61, 21, 180, 170), (40, 12, 261, 999), (0, 0, 301, 200)] {
         let got = difference(&of(Some(Area { x, y, width, height })), &everywhere);
@@ -716,7 +712,7 @@ fn something_sharp_does_not_bleed_into_blurred_surroundings() {
         let separate = on_gpu(&behind, &layer(&square), &model, &options);
         let eyes = Eyes::new(&[&frame], &[&both]);
         let together = Inputs { apart: false, ..eyes.inputs() };
-        let together = &composite_of(&together, &model, &options, 3, None)[0];
+        let together = &composite_of(&together, of_frame(&model, &options))[0];
         let [apart, together] = [&one, together].map(|i| difference(i, &separate));
         println!("focus {focus}: {apart} apart, {together} together");
         assert!(apart < 0.01 && together > 2.0 * apart, "focus {focus}: {apart} {together}");

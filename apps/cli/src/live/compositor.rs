@@ -1,8 +1,8 @@
 //! The object over a frame.
 
 use super::{render::Layer, source::Shot};
-use blindaug::{CameraModel, Result};
-use blindaug_gpu::{Bound, Compositor as Effects, Depth, Frame, Gpu, Inputs, Options, Velocity, texture};
+use blindaug::{CameraModel, Result, composite::Options};
+use blindaug_gpu::{Bound, Compositor as Effects, Depth, Frame, Gpu, Inputs, Quality, Velocity, texture};
 use wgpu::{TextureFormat, TextureUsages, TextureView};
 
 /// Composites one layer over frames of its size.
@@ -44,6 +44,7 @@ impl Compositor {
         gpu: &Gpu,
         shot: &Shot,
         camera: &CameraModel,
+        quality: Quality,
         targets: &[(Options, &TextureView)],
     ) -> Result<()> {
         gpu.write(&self.frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
@@ -52,6 +53,7 @@ impl Compositor {
             let frame = Frame {
                 model: camera,
                 options: *options,
+                quality,
                 number: shot.number,
                 area: None,
                 targets: &[(*target).clone()],

@@ -15,7 +15,8 @@ use crate::{
     composite::{DEFAULT_FPS, Output, Style},
     console::{Failure, Result, failure, note},
 };
-use blindaug_gpu::{Gpu, Options, Quality};
+use blindaug::composite::Options;
+use blindaug_gpu::{Gpu, Quality};
 use blindaug_io::FrameSource;
 use estimation::Home;
 use glam::DVec2;
@@ -133,9 +134,12 @@ pub fn run(args: &Live) -> Result<()> {
     let home = Home { at: FOOT, distance: args.distance };
     let fps = args.fps.or(source.fps());
     let scene = Scene { source, object, camera, home, fps };
-    let blindaug::composite::Options { no_noise, bokeh, seed, .. } = args.style.options();
-    let options = Options { naive: false, no_noise, bokeh, seed, quality: Quality::default() };
-    let look = Look { split: args.split as f32, size: (args.size * scene.seen()) as f32, options };
+    let look = Look {
+        split: args.split as f32,
+        size: (args.size * scene.seen()) as f32,
+        options: Options { naive: false, ..args.style.options() },
+        quality: Quality::default(),
+    };
     let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {
         return window::run(scene, look);
     };
@@ -156,19 +160,6 @@ pub fn run(args: &Live) -> Result<()> {
         return Err(failure(path, sentence));
     }
     Ok(())
-}
-
-/// The graphics device of the tests: without one they say so, or fail where BLINDAUG_NEED_GPU is set.
-#[cfg(test)]
-fn tested_gpu() -> Option<Gpu> {
-    match Gpu::new() {
-        Ok(gpu) => Some(gpu),
-        Err(why) if std::env::var_os("BLINDAUG_NEED_GPU").is_some() => panic!("{why}"),
-        Err(why) => {
-            eprintln!("NOT TESTED: {why}");
-            None
-        }
-    }
 }
 
 #[cfg(test)]

@@ -184,9 +184,9 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
             ui.selectable_value(&mut look.options.bokeh, bokeh, lower(bokeh));
         }
     });
-    ComboBox::from_label("quality").selected_text(lower(look.options.quality)).show_ui(ui, |ui| {
+    ComboBox::from_label("quality").selected_text(lower(look.quality)).show_ui(ui, |ui| {
         for quality in [Quality::High, Quality::Medium, Quality::Low] {
-            ui.selectable_value(&mut look.options.quality, quality, lower(quality));
+            ui.selectable_value(&mut look.quality, quality, lower(quality));
         }
     });
     ui.checkbox(&mut look.options.no_noise, "leave the noise out");

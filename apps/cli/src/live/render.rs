@@ -8,7 +8,7 @@ use super::{
     placement::{Pinhole, Pose},
 };
 use blindaug::{Error, Result};
-use blindaug_gpu::{Gpu, texture};
+use blindaug_gpu::{Gpu, bind, full_screen, texture};
 use bytemuck::{Pod, Zeroable, bytes_of, cast_slice};
 use glam::{Mat4, Vec3, Vec4};
 use wgpu::{
@@ -189,27 +189,7 @@ impl Renderer {
                 bind(device, &surface.get_bind_group_layout(1), &resources)
             })
             .collect();
-        let resolve = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("resolve"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("whole"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            primitive: Default::default(),
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("resolved"),
-                compilation_options: Default::default(),
-                targets: &FORMATS.map(|f| Some(f.into())),
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
+        let resolve = full_screen(device, None, &module, "resolved", &FORMATS);
         let (w, h) = camera.size;
         let target = |format, scale, more| {
             let usage = TextureUsages::RENDER_ATTACHMENT | more;
@@ -347,7 +327,7 @@ fn check_fits(bytes: u64, usage: BufferUsages, limits: &wgpu::Limits) -> Result<
 }
 
 /// Cleared to 0.
-fn attachment(view: &TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
+pub fn attachment(view: &TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
     Some(wgpu::RenderPassColorAttachment {
         view,
         depth_slice: None,
@@ -357,19 +337,6 @@ fn attachment(view: &TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>>
             store: wgpu::StoreOp::Store,
         },
     })
-}
-
-/// Resources in the order of a layout's bindings.
-pub fn bind(
-    device: &wgpu::Device,
-    layout: &wgpu::BindGroupLayout,
-    resources: &[BindingResource],
-) -> wgpu::BindGroup {
-    let entries: Vec<_> = (0..)
-        .zip(resources)
-        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.clone() })
-        .collect();
-    device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
 fn upload(gpu: &Gpu, image: &Texture) -> Result<TextureView> {
@@ -389,7 +356,7 @@ fn upload(gpu: &Gpu, image: &Texture) -> Result<TextureView> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::{object::Material, tested_gpu};
+    use crate::live::object::Material;
     use blindaug::{Flow, Plane, Raster};
     use glam::{DMat3, DVec3};
 
@@ -420,7 +387,7 @@ mod tests {
 
     #[test]
     fn depth_and_velocity_of_a_moving_square_are_what_geometry_says() {
-        let Some(gpu) = tested_gpu() else { return };
+        let Some(gpu) = Gpu::for_tests() else { return };
         // 1 m wide, turned and moving, so that depth and velocity differ from px to px.
         let poses = [pose(0.5, [-0.03, 0.31, 2.0]), pose(0.6, [0.02, 0.33, 1.9])];
         let square = Object::square(Material::default());
@@ -472,7 +439,7 @@ mod tests {
 
     #[test]
     fn surfaces_without_a_normal_and_glaring_ones_have_finite_colors() {
-        let Some(gpu) = tested_gpu() else { return };
+        let Some(gpu) = Gpu::for_tests() else { return };
         let mut square = Object::square(Material { base_color: [1e6, 1e6, 1e6, 1.0], ..Material::default() });
         square.vertices.iter_mut().for_each(|v| v.normal = [0.0; 3]);
         let Drawn { color, .. } = drawn(&gpu, square, [pose(0.0, [0.0, 0.5, 2.0]); 2], 1.0);
@@ -482,7 +449,7 @@ mod tests {
 
     #[test]
     fn color_is_premultiplied_and_edges_are_soft() {
-        let Some(gpu) = tested_gpu() else { return };
+        let Some(gpu) = Gpu::for_tests() else { return };
         let color = [0.8, 0.4, 0.2, 1.0];
         let material = Material { base_color: color, ..Material::default() };
         let Drawn { color: drawn, .. } =

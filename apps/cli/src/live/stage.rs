@@ -5,11 +5,11 @@ use super::{
     estimation::Estimate,
     object::Object,
     placement::Pinhole,
-    render::{Light, Moment, Renderer, bind},
+    render::{Light, Moment, Renderer, attachment},
     source::Shot,
 };
-use blindaug::{Encoded, Error, Result, Transfer, luma};
-use blindaug_gpu::{Gpu, Options, texture};
+use blindaug::{Encoded, Error, Result, Transfer, composite::Options, luma};
+use blindaug_gpu::{Gpu, Quality, bind, full_screen, texture};
 use bytemuck::bytes_of;
 use glam::Vec3;
 use std::{
@@ -35,6 +35,8 @@ pub struct Look {
     pub size: f32,
     /// Of the composite right of the line.
     pub options: Options,
+    /// Of both.
+    pub quality: Quality,
 }
 
 /// How long the parts of a picture took.
@@ -91,27 +93,7 @@ impl Stage {
             |usage| texture(device, "composite", [w, h, 1], FORMAT, usage | TextureUsages::TEXTURE_BINDING);
         let picture = made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_SRC)?;
         let module = device.create_shader_module(wgpu::include_wgsl!("split.wgsl"));
-        let join = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("split"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("whole"),
-                compilation_options: Default::default(),
-                buffers: &[],
-            },
-            primitive: Default::default(),
-            depth_stencil: None,
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("joined"),
-                compilation_options: Default::default(),
-                targets: &[Some(FORMAT.into())],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
+        let join = full_screen(device, None, &module, "joined", &[FORMAT]);
         let split = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("split"),
             size: size_of::<[f32; 4]>() as u64,
@@ -166,21 +148,13 @@ impl Stage {
         if look.split < 1.0 {
             targets.push((look.options, &self.filmed));
         }
-        self.compositor.composite(&self.gpu, shot, &estimate.camera, &targets)?;
+        self.compositor.composite(&self.gpu, shot, &estimate.camera, look.quality, &targets)?;
         self.gpu.queue.write_buffer(&self.split, 0, bytes_of(&[look.split; 4]));
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("split"),
-                color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                    view: &self.picture_view,
-                    depth_slice: None,
-                    resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                        store: wgpu::StoreOp::Store,
-                    },
-                })],
+                color_attachments: &[attachment(&self.picture_view)],
                 ..Default::default()
             });
             pass.set_pipeline(&self.join);
@@ -243,22 +217,19 @@ fn light(frame: &Encoded) -> Light {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::{
-        estimation::{Estimation, Home},
-        tested_gpu,
-    };
+    use crate::live::estimation::{Estimation, Home};
     use blindaug::Raster;
     use glam::DVec2;
 
     #[test]
     fn a_lost_device_is_told_and_another_one_goes_on() {
-        let Some(gpu) = tested_gpu() else { return };
+        let Some(gpu) = Gpu::for_tests() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::from_fn(64, 48, |x, y| [0.3 + 0.005 * (x + y) as f32; 3])));
         let shot = Shot { number: 1, lap: 0, frame: frame.clone(), next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
         let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
-        let look = Look { split: 0.0, size: 1.0, options: Options::default() };
+        let look = Look { split: 0.0, size: 1.0, options: Options::default(), quality: Quality::High };
         let stage = |gpu| Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         let first = stage(gpu);
         first.draw(&shot, &estimate, &look).unwrap();
@@ -274,7 +245,7 @@ mod tests {
 
     #[test]
     fn the_line_is_where_it_is_asked_for() {
-        let Some(gpu) = tested_gpu() else { return };
+        let Some(gpu) = Gpu::for_tests() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::filled(64, 48, [0.25; 3])));
         let shot = Shot { number: 1, lap: 0, frame, next: None, previous: None };
@@ -282,7 +253,8 @@ mod tests {
         let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
         let stage = Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         for (split, line) in [(0.25, Some(16)), (0.0, None), (1.0, None)] {
-            stage.draw(&shot, &estimate, &Look { split, size: 0.1, options: Options::default() }).unwrap();
+            let look = Look { split, size: 0.1, options: Options::default(), quality: Quality::High };
+            stage.draw(&shot, &estimate, &look).unwrap();
             let picture = stage.read().unwrap();
             let white: Vec<usize> = (0..64).filter(|&x| picture.0.at(x, 1) == [1.0; 3]).collect();
             assert_eq!(white, line.map_or(vec![], |x: usize| vec![x - 1, x]));

@@ -1,6 +1,7 @@
 //! `blindaug live` without its window.
 
 use super::{blindaug, fails, files_in, run, sentence_of, succeeds, write_frames};
+use blindaug_gpu::Gpu;
 use blindaug_io::{FrameSource, read_frame};
 use std::{
     path::{Path, PathBuf},
@@ -8,18 +9,6 @@ use std::{
     time::{Duration, Instant},
 };
 use tempfile::TempDir;
-
-/// Says so, loudly, if there is no graphics device, or fails where BLINDAUG_NEED_GPU is set.
-fn no_gpu() -> bool {
-    match blindaug_gpu::Gpu::new() {
-        Ok(_) => false,
-        Err(why) if std::env::var_os("BLINDAUG_NEED_GPU").is_some() => panic!("{why}"),
-        Err(why) => {
-            eprintln!("NOT TESTED: {why}");
-            true
-        }
-    }
-}
 
 /// A clip of four frames.
 fn clip() -> TempDir {
@@ -30,7 +19,7 @@ fn clip() -> TempDir {
 
 #[test]
 fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
-    if no_gpu() {
+    if Gpu::for_tests().is_none() {
         return;
     }
     let dir = clip();
@@ -69,7 +58,7 @@ fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_keeps_the_frames_so_far_and_says_that_there_should_be_more() {
-    if no_gpu() {
+    if Gpu::for_tests().is_none() {
         return;
     }
     let dir = clip();
@@ -135,7 +124,7 @@ fn what_cannot_be_read_ends_in_a_sentence_and_leaves_nothing() {
 
 #[test]
 fn a_video_comes_out_of_a_video() {
-    if no_gpu() {
+    if Gpu::for_tests().is_none() {
         return;
     }
     let shared = std::env::var_os("BLINDAUG_SHARED")

@@ -213,6 +213,20 @@ impl CameraModel {
         self.sharpening.as_ref().map_or(Ok(()), SharpeningModel::validate)
     }
 
+    /// Whether the model is for frames as wide as these.
+    ///
+    /// # Errors
+    /// If it is for another width.
+    pub fn check_width(&self, width: usize) -> Result<()> {
+        if self.capture.width == width {
+            return Ok(());
+        }
+        Err(Error::new(format!(
+            "the camera model is for frames {} px wide but the frame is {width}; scale it first (CameraModel::scaled_to)",
+            self.capture.width
+        )))
+    }
+
     /// The model for frames of another width: blur in px scales with it; noise and exposure stay.
     ///
     /// Noise is kept per pixel of the new size, as of a camera of the same sensor quality.

@@ -23,12 +23,7 @@ impl Blur {
     /// # Errors
     /// If the model is for another width, or its defocus is in relative inverse depth (the depths here are metric).
     pub fn new(model: &CameraModel, width: usize, bokeh: Bokeh) -> Result<Self> {
-        if model.capture.width != width {
-            return Err(Error::new(format!(
-                "the camera model is for frames {} px wide but the frame is {width}; scale it first (CameraModel::scaled_to)",
-                model.capture.width
-            )));
-        }
+        model.check_width(width)?;
         let defocus = model.defocus.known().copied();
         if defocus.is_some_and(|d| d.depth_kind == DepthKind::Relative) {
             return Err(Error::new(
@@ -233,7 +228,7 @@ impl Blur {
 
 /// A layer is cut where its defocus std exceeds this many px. Below, what sharp and blurred parts take from each other is not
 /// seen.
-pub const CUT_PX: f32 = 1.0;
+const CUT_PX: f32 = 1.0;
 
 impl Blur {
     /// The inverse depths, 1/m, at which a layer is cut into what is behind the focus, in it, and in front of it; `None` without
@@ -265,23 +260,22 @@ impl Blur {
         let used = |slab: u8| color.data().iter().zip(slabs.data()).any(|(c, &s)| s == slab && c[3] > 0.0);
         let mut out: Option<Raster<[f32; 4]>> = None;
         for slab in (0..3).filter(|&s| used(s)) {
-            // Alpha of the nearer parts comes fifth.
-            let part = Raster::from_fn(w, h, |x, y| {
-                let ([r, g, b, a], at) = (color.at(x, y), slabs.at(x, y));
-                if at == slab {
-                    [r, g, b, a, 0.0]
-                } else {
-                    [0.0, 0.0, 0.0, 0.0, if at > slab { a } else { 0.0 }]
-                }
-            });
-            let weight = coverage_weight(&part);
+            let own =
+                Raster::from_fn(w, h, |x, y| if slabs.at(x, y) == slab { color.at(x, y) } else { [0.0; 4] });
+            let weight = coverage_weight(&own);
             let depth = inverse_depth.map(|d| extended(d, &weight));
             let flow = flow.map(|f| extended(f, &weight));
-            let hides = part.data().iter().any(|p| p[4] > 0.0);
-            let focused = Self { exposure: None, ..*self }.of(&part, depth.as_ref(), None)?;
-            let focused =
-                if hides { seen(&focused, &part) } else { focused.map(|[r, g, b, a, _]| [r, g, b, a]) };
-            let blurred = Self { defocus: None, ..*self }.of(&focused, None, flow.as_ref())?;
+            let blurred = if (slab + 1..3).any(used) {
+                // Alpha of the nearer parts comes fifth.
+                let part = Raster::from_fn(w, h, |x, y| {
+                    let ([r, g, b, a], nearer) = (own.at(x, y), slabs.at(x, y) > slab);
+                    [r, g, b, a, if nearer { color.at(x, y)[3] } else { 0.0 }]
+                });
+                let focused = Self { exposure: None, ..*self }.of(&part, depth.as_ref(), None)?;
+                Self { defocus: None, ..*self }.of(&seen(&focused, &part), None, flow.as_ref())?
+            } else {
+                self.of(&own, depth.as_ref(), flow.as_ref())?
+            };
             out = Some(match out {
                 None => blurred,
                 Some(behind) => Raster::from_fn(w, h, |x, y| {
@@ -331,9 +325,7 @@ fn seen(blurred: &Raster<[f32; 5]>, sharp: &Raster<[f32; 5]>) -> Raster<[f32; 4]
 }
 
 /// Depth and flow of a pixel that a layer covers in part may be those of what is behind: the fully covered ones speak.
-pub(crate) fn coverage_weight<const N: usize>(
-    layer: &Raster<[f32; N]>,
-) -> impl Fn(usize, usize) -> f32 + Sync {
+pub(crate) fn coverage_weight(layer: &Raster<[f32; 4]>) -> impl Fn(usize, usize) -> f32 + Sync {
     let most = layer.data().iter().map(|c| c[3]).fold(0.0, f32::max).max(1e-6);
     move |x, y| (layer.at(x, y)[3] / most).powi(8)
 }
