@@ -1,0 +1,321 @@
+//! Removal over a window of frames, in the paper's order: the noise of a frame; the motion blur of frames without noise; the defocus of
+//! frames without both. Flow and depth are of what is sharp then.
+
+use crate::manifest::{Manifest, Slot};
+use crate::network::Network;
+use blindaug::model::DepthKind;
+use blindaug::{Encoded, Flow, Plane};
+use blindaug_io::{Error, Result};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// What makes something of a frame and its neighbours: an `Encoded` frame, a `Flow`, or a `(Plane, DepthKind)` of inverse depth.
+/// Everything has the frame's size.
+pub trait Operator<T>: Send + Sync {
+    /// Which frames it takes, relative to the one asked for.
+    fn frames(&self) -> &[i32];
+
+    /// Makes it of these.
+    ///
+    /// # Errors
+    /// In one sentence that names the network's file.
+    fn run(&self, frames: &[&Encoded]) -> Result<T>;
+}
+
+impl Operator<Encoded> for Network {
+    fn frames(&self) -> &[i32] {
+        &self.manifest().input.frames
+    }
+
+    fn run(&self, frames: &[&Encoded]) -> Result<Encoded> {
+        self.image(frames)
+    }
+}
+
+impl Operator<Flow> for Network {
+    fn frames(&self) -> &[i32] {
+        &self.manifest().input.frames
+    }
+
+    fn run(&self, frames: &[&Encoded]) -> Result<Flow> {
+        self.flow(frames)
+    }
+}
+
+impl Operator<(Plane, DepthKind)> for Network {
+    fn frames(&self) -> &[i32] {
+        &self.manifest().input.frames
+    }
+
+    fn run(&self, frames: &[&Encoded]) -> Result<(Plane, DepthKind)> {
+        self.inverse_depth(frames)
+    }
+}
+
+/// What is in a slot.
+pub type Filled<T> = Option<Box<dyn Operator<T>>>;
+
+/// What fills the five slots; empty ones are left to the classical methods.
+#[derive(Default)]
+pub struct Slots {
+    /// Noise.
+    pub remove_noise: Filled<Encoded>,
+    /// Motion blur.
+    pub remove_motion_blur: Filled<Encoded>,
+    /// Defocus.
+    pub remove_defocus: Filled<Encoded>,
+    /// Flow to the next frame.
+    pub get_flow: Filled<Flow>,
+    /// Inverse depth.
+    pub get_depth: Filled<(Plane, DepthKind)>,
+}
+
+impl Slots {
+    /// Puts a network into its slot.
+    pub fn fill(&mut self, network: Network) {
+        let Manifest { operator, .. } = *network.manifest();
+        match operator {
+            Slot::RemoveNoise => self.remove_noise = Some(Box::new(network)),
+            Slot::RemoveMotionBlur => self.remove_motion_blur = Some(Box::new(network)),
+            Slot::RemoveDefocus => self.remove_defocus = Some(Box::new(network)),
+            Slot::GetFlow => self.get_flow = Some(Box::new(network)),
+            Slot::GetDepth => self.get_depth = Some(Box::new(network)),
+        }
+    }
+
+    /// Whether no slot is filled.
+    pub fn is_empty(&self) -> bool {
+        self.removal().iter().all(|o| o.1.is_none()) && self.get_flow.is_none() && self.get_depth.is_none()
+    }
+
+    fn removal(&self) -> [(Slot, &Filled<Encoded>); 3] {
+        [
+            (Slot::RemoveNoise, &self.remove_noise),
+            (Slot::RemoveMotionBlur, &self.remove_motion_blur),
+            (Slot::RemoveDefocus, &self.remove_defocus),
+        ]
+    }
+}
+
+/// What the networks made of a frame. `None`: its slot is empty, or it failed.
+#[derive(Default)]
+pub struct Removed {
+    /// Without noise.
+    pub denoised: Option<Arc<Encoded>>,
+    /// Without noise and motion blur.
+    pub motion_deblurred: Option<Arc<Encoded>>,
+    /// Without defocus, and without what the slots before removed.
+    pub defocus_deblurred: Option<Arc<Encoded>>,
+    /// To the next frame.
+    pub flow: Option<Flow>,
+    /// And what it is in.
+    pub inverse_depth: Option<(Plane, DepthKind)>,
+    /// Networks that failed, and why: their slots are empty from now on.
+    pub failed: Vec<(Slot, Error)>,
+}
+
+/// The slots, run on one frame after another; what is needed again is kept.
+#[derive(Default)]
+pub struct Chain {
+    slots: Slots,
+    kept: BTreeMap<(Slot, u64), Arc<Encoded>>,
+}
+
+/// Successive frames with their numbers, and which of them is asked for.
+struct Window<'a> {
+    frames: &'a [(u64, &'a Encoded)],
+    at: usize,
+}
+
+impl Window<'_> {
+    /// The frame so many later, or the last there is in that direction.
+    fn beside(&self, at: usize, later: i32) -> usize {
+        at.saturating_add_signed(later as isize).min(self.frames.len() - 1)
+    }
+}
+
+impl Chain {
+    /// A chain of these.
+    pub fn new(slots: Slots) -> Self {
+        Self { slots, kept: BTreeMap::new() }
+    }
+
+    /// What is in the slots now.
+    pub fn slots(&self) -> &Slots {
+        &self.slots
+    }
+
+    /// How many frames before and after one it looks at.
+    pub fn reach(&self) -> usize {
+        fn of<T>(operator: &Filled<T>) -> usize {
+            let frames = operator.iter().flat_map(|o| o.frames());
+            frames.map(|f| f.unsigned_abs() as usize).max().unwrap_or(0)
+        }
+        let removal: usize = self.slots.removal().iter().map(|o| of(o.1)).sum();
+        removal + of(&self.slots.get_flow).max(of(&self.slots.get_depth))
+    }
+
+    /// Runs all slots on frame `at` of successive ones, numbered without gaps. Where neighbours are missing, the nearest frame stands
+    /// in; flow needs the next one.
+    pub fn run(&mut self, frames: &[(u64, &Encoded)], at: usize) -> Removed {
+        let window = Window { frames, at };
+        let mut removed = Removed::default();
+        // What failed may have been a neighbour's: each slot that fails is emptied, and the rest goes on without it.
+        let stages = [Slot::RemoveNoise, Slot::RemoveMotionBlur, Slot::RemoveDefocus];
+        for (stage, slot) in stages.into_iter().enumerate() {
+            if self.slots.removal()[stage].1.is_none() {
+                continue;
+            }
+            match self.image(stage + 1, at, &window) {
+                Ok(image) => match slot {
+                    Slot::RemoveNoise => removed.denoised = Some(image),
+                    Slot::RemoveMotionBlur => removed.motion_deblurred = Some(image),
+                    _ => removed.defocus_deblurred = Some(image),
+                },
+                Err(e) => {
+                    removed.failed.push((slot, e));
+                    match slot {
+                        Slot::RemoveNoise => self.slots.remove_noise = None,
+                        Slot::RemoveMotionBlur => self.slots.remove_motion_blur = None,
+                        _ => self.slots.remove_defocus = None,
+                    }
+                }
+            }
+        }
+        if at + 1 < frames.len()
+            && let Some(result) = self.of_sharp(&window, |slots| &slots.get_flow)
+        {
+            match result {
+                Ok(flow) => removed.flow = Some(flow),
+                Err(e) => {
+                    self.slots.get_flow = None;
+                    removed.failed.push((Slot::GetFlow, e));
+                }
+            }
+        }
+        if let Some(result) = self.of_sharp(&window, |slots| &slots.get_depth) {
+            match result {
+                Ok(depth) => removed.inverse_depth = Some(depth),
+                Err(e) => {
+                    self.slots.get_depth = None;
+                    removed.failed.push((Slot::GetDepth, e));
+                }
+            }
+        }
+        let oldest = frames[at].0.saturating_sub(self.reach() as u64);
+        self.kept.retain(|(_, number), _| *number >= oldest);
+        removed
+    }
+
+    /// What an operator makes of the sharpest frames there are.
+    fn of_sharp<T>(&mut self, window: &Window, operator: impl Fn(&Slots) -> &Filled<T>) -> Option<Result<T>> {
+        let wanted = operator(&self.slots).as_ref()?.frames().to_vec();
+        let sharp: Result<Vec<_>> =
+            wanted.iter().map(|f| self.image(3, window.beside(window.at, *f), window)).collect();
+        let run = |sharp: Vec<Arc<Encoded>>| {
+            let frames: Vec<&Encoded> = sharp.iter().map(Arc::as_ref).collect();
+            operator(&self.slots).as_ref().map(|o| o.run(&frames))
+        };
+        match sharp {
+            Ok(sharp) => run(sharp),
+            Err(e) => Some(Err(e)),
+        }
+    }
+
+    /// Frame `i` of the window after the first `stages` of the removal.
+    fn image(&mut self, stages: usize, i: usize, window: &Window) -> Result<Arc<Encoded>> {
+        let (number, frame) = window.frames[i];
+        let Some(stage) = stages.checked_sub(1) else { return Ok(Arc::new(frame.clone())) };
+        let (slot, operator) = self.slots.removal()[stage];
+        let Some(operator) = operator else { return self.image(stage, i, window) };
+        if let Some(image) = self.kept.get(&(slot, number)) {
+            return Ok(image.clone());
+        }
+        let wanted = operator.frames().to_vec();
+        let inputs = wanted
+            .iter()
+            .map(|f| self.image(stage, window.beside(i, *f), window))
+            .collect::<Result<Vec<_>>>()?;
+        let inputs: Vec<&Encoded> = inputs.iter().map(Arc::as_ref).collect();
+        let image = self.slots.removal()[stage].1.as_ref().map(|o| o.run(&inputs)).transpose()?;
+        let image = Arc::new(image.unwrap_or_else(|| frame.clone()));
+        self.kept.insert((slot, number), image.clone());
+        Ok(image)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::Raster;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Gives the mean of its frames plus a constant, and counts.
+    struct Mean(Vec<i32>, f32, Arc<AtomicUsize>);
+
+    impl Operator<Encoded> for Mean {
+        fn frames(&self) -> &[i32] {
+            &self.0
+        }
+
+        fn run(&self, frames: &[&Encoded]) -> Result<Encoded> {
+            self.2.fetch_add(1, Ordering::Relaxed);
+            let sum: f32 = frames.iter().map(|f| f.0.at(0, 0)[0]).sum();
+            if self.1.is_nan() {
+                return Err(Error::new("x.onnx", "it fails"));
+            }
+            Ok(Encoded(Raster::filled(1, 1, [sum / frames.len() as f32 + self.1; 3])))
+        }
+    }
+
+    fn frames(n: usize) -> Vec<Encoded> {
+        (0..n).map(|i| Encoded(Raster::filled(1, 1, [0.1 * i as f32; 3]))).collect()
+    }
+
+    fn run(chain: &mut Chain, frames: &[Encoded], at: usize) -> Removed {
+        let numbered: Vec<(u64, &Encoded)> = (5..).zip(frames).collect();
+        chain.run(&numbered, at)
+    }
+
+    #[test]
+    fn each_step_sees_what_the_one_before_made_and_nothing_is_made_twice() {
+        let count = Arc::new(AtomicUsize::new(0));
+        let of = |frames: &[i32], add| -> Filled<Encoded> {
+            Some(Box::new(Mean(frames.to_vec(), add, count.clone())))
+        };
+        let slots = Slots {
+            remove_noise: of(&[0], 1.0),
+            remove_motion_blur: of(&[-1, 0, 1], 0.0),
+            ..Slots::default()
+        };
+        let mut chain = Chain::new(slots);
+        assert_eq!(chain.reach(), 1);
+        let frames = frames(4);
+        let value = |i: &Option<Arc<Encoded>>| i.as_ref().map(|i| (i.0.at(0, 0)[0] * 1000.0).round());
+        let first = run(&mut chain, &frames, 0);
+        // At the start frame 0 stands in for the one before it.
+        assert_eq!((value(&first.denoised), value(&first.motion_deblurred)), (Some(1000.0), Some(1033.0)));
+        assert!(first.defocus_deblurred.is_none() && first.failed.is_empty());
+        let second = run(&mut chain, &frames, 1);
+        assert_eq!((value(&second.denoised), value(&second.motion_deblurred)), (Some(1100.0), Some(1100.0)));
+        // Three frames denoised, two deblurred.
+        assert_eq!(count.load(Ordering::Relaxed), 5);
+    }
+
+    #[test]
+    fn a_network_that_fails_is_left_out_and_named() {
+        let count = Arc::new(AtomicUsize::new(0));
+        let slots = Slots {
+            remove_noise: Some(Box::new(Mean(vec![0], 1.0, count.clone()))),
+            remove_motion_blur: Some(Box::new(Mean(vec![0], f32::NAN, count.clone()))),
+            remove_defocus: Some(Box::new(Mean(vec![0], 0.5, count))),
+            ..Slots::default()
+        };
+        let mut chain = Chain::new(slots);
+        let first = run(&mut chain, &frames(1), 0);
+        assert!(matches!(&first.failed[..], [(Slot::RemoveMotionBlur, e)] if e.sentence() == "it fails"));
+        assert!(first.denoised.is_some() && first.motion_deblurred.is_none());
+        assert_eq!(first.defocus_deblurred.map(|i| i.0.at(0, 0)[0]), Some(1.5));
+        assert!(run(&mut chain, &frames(2), 1).failed.is_empty());
+    }
+}

@@ -1,0 +1,25 @@
+//! Networks for the five operators of the paper's pipeline: removal of noise, of motion blur and of defocus, optical flow and depth.
+//!
+//! Which network fills which of the [`Slots`] is data, not code: a [`Manifest`] (TOML) beside an ONNX file says what the network
+//! takes and gives. [`Store`] finds manifests and files, [`Network`] runs one on frames of any size, and [`Chain`] puts them one after another as
+//! in the paper.
+//!
+//! | | what | shapes |
+//! |---|---|---|
+//! | [`manifest`] | what a network takes and gives | |
+//! | [`runtime`] | ONNX: `rten`, or ONNX Runtime where `ORT_DYLIB_PATH` names it | tensors of f32 |
+//! | [`network`] | padding, tiles, value ranges | frames in, frame / flow / inverse depth of the same size out |
+//! | [`chain`] | removal over a window of frames | |
+//! | [`store`] | the built-in networks and the user's model folder | |
+
+pub mod chain;
+pub mod manifest;
+pub mod network;
+pub mod runtime;
+pub mod store;
+mod tiles;
+
+pub use chain::{Chain, Operator, Removed, Slots};
+pub use manifest::{Manifest, Slot};
+pub use network::Network;
+pub use store::{State, Store};
