@@ -56,11 +56,14 @@ def scunet():
     return net, Wrapped(net, lambda n, x: n(x))
 
 
-def restormer():
-    from spandrel_extra_arches.architectures.Restormer import Restormer
+def restormer(norm):
+    def build():
+        from spandrel_extra_arches.architectures.Restormer import Restormer
 
-    net = Restormer(LayerNorm_type="BiasFree")
-    return net, Wrapped(net, lambda n, x: n(x))
+        net = Restormer(LayerNorm_type=norm)
+        return net, Wrapped(net, lambda n, x: n(x))
+
+    return build
 
 
 def raft(which):
@@ -84,7 +87,7 @@ def ptlflow(which):
                 part.postprocess_predictions = lambda flow, *_, **__: flow
                 part.preprocess_images = lambda images, *_, **__: (images, None)
         if which == "flownet2":
-            # It takes BGR and centres both images on their common mean of each channel.
+            # The original centres both images on their common mean of each channel.
             def call(n, a, b):
                 both = torch.stack([a, b], 1)
                 return n({"images": both - both.mean((1, 3, 4), keepdim=True)})["flows"][:, 0]
@@ -160,7 +163,9 @@ NETS = {
     "nafnet-sidd-width32": (nafnet([2, 2, 4, 8], 12, [2, 2, 2, 2]), "spandrel", (256, 256), True),
     "nafnet-gopro-width32": (nafnet([1, 1, 1, 28], 1, [1, 1, 1, 1]), "spandrel", (256, 256), True),
     "scunet-color-real": (scunet, "spandrel", (256, 256), False),
-    "restormer-real-denoising": (restormer, "spandrel spandrel_extra_arches", (256, 256), True),
+    "restormer-real-denoising": (restormer("BiasFree"), "spandrel spandrel_extra_arches", (256, 256), True),
+    "restormer-motion-deblurring": (restormer("WithBias"), "spandrel spandrel_extra_arches", (256, 256), True),
+    "restormer-defocus-deblurring": (restormer("WithBias"), "spandrel spandrel_extra_arches", (256, 256), True),
     "raft-large": (raft("raft_large"), "torchvision", (512, 384), True),
     "raft-small": (raft("raft_small"), "torchvision", (512, 384), True),
     "sea-raft-m": (ptlflow("sea_raft_m"), "ptlflow", (512, 384), True),
