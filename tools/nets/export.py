@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Exports known networks to ONNX, from their authors' weights: export.py NAME WEIGHTS -o FILE.onnx
 
-WEIGHTS is a file of PyTorch or safetensors. --random takes random weights instead, which is enough to try a runtime.
+WEIGHTS is a file of PyTorch or safetensors, or a folder with config.json for networks in transformers. --random takes random
+weights instead, which is enough to try a runtime.
 --size W H is the size of networks that are exported at one size; --list shows them all. See README.md beside it.
 """
 import argparse
 import math
+import os
 import sys
 
 import torch
@@ -81,7 +83,9 @@ def ptlflow(which):
         import importlib
 
         folder = {"sea_raft_m": "sea_raft", "flownet2": "flownet"}[which]
-        net = getattr(importlib.import_module("ptlflow.models." + folder), which)()
+        # The package's own default is a tuple, which it then changes.
+        options = {"block_dims": [64, 128, 256]} if which == "sea_raft_m" else {}
+        net = getattr(importlib.import_module("ptlflow.models." + folder), which)(**options)
         for part in net.modules():
             if hasattr(part, "preprocess_images"):
                 part.postprocess_predictions = lambda flow, *_, **__: flow
@@ -211,7 +215,12 @@ def build(name, weights=None):
         net, module = make()
     except ImportError as e:
         sys.exit(f"{name}: {e}; pip install {packages}")
-    load(net, weights) if weights else randomise(net)
+    if weights and os.path.isdir(weights):
+        module.net = type(net).from_pretrained(weights)
+    elif weights:
+        load(net, weights)
+    else:
+        randomise(net)
     return module.eval(), width, height, dynamic
 
 
