@@ -73,6 +73,9 @@ def check(folder, name):
     start = time.time()
     got = session.run(None, {i.name: x.numpy() for i, x in zip(session.get_inputs(), inputs)})[0]
     seconds = time.time() - start
+    if name.startswith("depth-pro"):
+        # Inverse depth, which random weights leave near zero.
+        got, wanted = 1 / got, 1 / wanted
     error = np.abs(got - wanted).max() / np.abs(wanted).max() if got.shape == wanted.shape else np.inf
     # `not` and `<=`, so that NaN fails.
     good = bool(error <= TOLERANCE) and wanted.std() > 0

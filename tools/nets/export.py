@@ -119,7 +119,10 @@ def dpt_large():
 
 def depth_anything_v2_small():
     from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
+    from transformers.models.depth_anything import modeling_depth_anything
 
+    # It rounds the output's size, which would make the size at the export a part of the graph.
+    modeling_depth_anything.int = lambda v: v if isinstance(v, torch.Tensor) else int(v)
     backbone = Dinov2Config(
         hidden_size=384,
         num_hidden_layers=12,
