@@ -4,6 +4,7 @@ use crate::{
     composite::{self, DepthMaps, Output, Scene},
     console::{self, Failure, Result, note},
     estimate::{self, DepthArgs, Footage, open_source},
+    networks::Networks,
     report::{self, Picture, ReportInput, TruthRow},
 };
 use blindaug::{
@@ -135,9 +136,15 @@ pub fn run(args: &Demo) -> Result<()> {
     // shadows has anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
     let (frames, depth) = (clip.join("frames"), clip.join("scene"));
     let options = fit::Options { fps: Some(truth.fps), ..fit::Options::default() };
-    let blind = estimate::fit(&Footage::with_depth(&frames, &depth, None)?, options, false)?;
+    let blind = estimate::fit(
+        &Footage::with_depth(&frames, &depth, None)?,
+        Networks::default(),
+        None,
+        options,
+        false,
+    )?;
     let footage = Footage::with_depth(&frames, &depth, Some(&clip.join("without")))?;
-    let fitted = estimate::fit(&footage, options, true)?;
+    let fitted = estimate::fit(&footage, Networks::default(), None, options, true)?;
     let model = &fitted.estimation.model;
     let camera = out.join("camera.json");
     write_camera(&camera, model)?;

@@ -3,6 +3,7 @@
 use crate::{
     console::{self, Failure, Progress, Result, failure, note, warn},
     inspect,
+    networks::{EvidenceWriter, Networks},
     report::{self, ReportInput, Sample, TrackReportInput},
 };
 use blindaug::{
@@ -14,8 +15,10 @@ use blindaug_io::{
     CameraTrackWriter, DepthFormat, DepthValues, Frame, FrameRange, FrameSource, PaperScene, SideFolder,
     read_camera_track, write_camera,
 };
+use blindaug_nets::Removed;
 use clap::ValueEnum;
 use std::{
+    collections::VecDeque,
     fmt::Write,
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
@@ -44,10 +47,17 @@ pub struct Estimate {
     /// The scene in the folder of --evidence
     #[arg(long, value_name = "NAME", requires = "evidence")]
     scene: Option<String>,
-    /// How blur is estimated: from local spectra, or by its removal (with --clean: by comparison with those frames); auto takes
-    /// what is surer
+    /// How blur is estimated: from local spectra, or by its removal (with --clean: by comparison with those frames; else with
+    /// networks, see --network); auto takes what is surer
     #[arg(long, value_enum, default_value = "auto")]
     method: MethodArg,
+    /// A network that removes noise or blur, or finds flow or depth: a name of `blindaug models list`, or a manifest; may be
+    /// repeated. `none`: no network [default: with --method removal the built-in ones]
+    #[arg(long, value_name = "NAME")]
+    network: Vec<String>,
+    /// Write what the estimate rests on, every frame used, in the layout that --evidence reads
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["evidence", "track"])]
+    save_evidence: Option<PathBuf>,
     /// Use only these frames, by number, both ends included
     #[arg(long, value_name = "FIRST..LAST")]
     frames: Option<FrameRange>,
@@ -164,10 +174,22 @@ pub fn run(args: &Estimate) -> Result<()> {
                 "--track looks at local spectra and fits a thin lens: leave --method and --curve out".into(),
             ));
         }
-        return track(&Footage::open(args)?, options, &args.output, args.report.as_deref());
+        let networks = Networks::named(&args.network, false)?;
+        if networks.remove() {
+            return Err(Failure("--track does not remove blur: name only networks of flow and depth".into()));
+        }
+        return track(&Footage::open(args)?, networks, options, &args.output, args.report.as_deref());
     }
     let footage = Footage::open(args)?;
-    let fitted = fit(&footage, options, args.report.is_some())?;
+    let given = footage.clean.is_some() || footage.motion_deblurred.is_some() || footage.denoised.is_some();
+    let networks = Networks::named(&args.network, options.family == Family::Removal && !given)?;
+    if networks.remove() && (given || options.family == Family::Spectral) {
+        let why = if given { "such frames are given" } else { "--method spectral removes nothing" };
+        return Err(Failure(format!("{why}: name only networks of flow and depth")));
+    }
+    let save =
+        args.save_evidence.as_deref().map(|d| EvidenceWriter::new(d, footage.source.path())).transpose()?;
+    let fitted = fit(&footage, networks, save, options, args.report.is_some())?;
     let Estimation { model, diagnostics } = &fitted.estimation;
     write_camera(&args.output, model)?;
     let mut text = inspect::words(model, &[]);
@@ -213,7 +235,10 @@ pub struct Footage {
     flow: Option<SideFolder<Flow>>,
     denoised: Option<SideFolder<Encoded>>,
     motion_deblurred: Option<SideFolder<Encoded>>,
+    defocus_deblurred: Option<SideFolder<Encoded>>,
     clean: Option<SideFolder<Encoded>>,
+    /// Whether these are of the paper's layout: what networks made.
+    by_network: bool,
 }
 
 /// Says what was found in a folder.
@@ -234,12 +259,26 @@ pub fn open_source(path: &Path, range: Option<FrameRange>) -> Result<FrameSource
 }
 
 impl Footage {
+    /// Frames of which nothing is known.
+    fn of(source: FrameSource) -> Self {
+        Self {
+            source,
+            depth: None,
+            flow: None,
+            denoised: None,
+            motion_deblurred: None,
+            defocus_deblurred: None,
+            clean: None,
+            by_network: false,
+        }
+    }
+
     /// Frames with known depth in metres.
     pub fn with_depth(frames: &Path, depth: &Path, clean: Option<&Path>) -> Result<Self> {
         let depth = DepthArgs::metric(depth).open()?;
         let source = open_source(frames, None)?;
         let clean = clean.map(|c| SideFolder::frames(c, "clean frames").map(opened)).transpose()?;
-        Ok(Self { source, depth, flow: None, denoised: None, motion_deblurred: None, clean })
+        Ok(Self { depth, clean, ..Self::of(source) })
     }
 
     fn open(args: &Estimate) -> Result<Self> {
@@ -251,14 +290,19 @@ impl Footage {
             return Err(Failure("no input was given".into()));
         };
         let source = open_source(input, args.frames)?;
-        let mut footage =
-            Self { source, depth: None, flow: None, denoised: None, motion_deblurred: None, clean: None };
+        let mut footage = Self::of(source);
         if let Some(paper) = paper {
             footage.depth = paper.depth.map(|d| (opened(d), DepthKind::Relative));
             footage.flow = paper.flow.map(opened);
             footage.denoised = paper.denoised.map(opened);
             footage.motion_deblurred = paper.de_motion_blurred.map(opened);
-            footage.clean = paper.de_focus_blurred.map(opened);
+            let last = paper.de_focus_blurred.map(opened);
+            // What was never rid of motion blur still has it.
+            match footage.motion_deblurred {
+                Some(_) => footage.clean = last,
+                None => footage.defocus_deblurred = last,
+            }
+            footage.by_network = true;
         }
         if let Some(depth) = args.depth.open()? {
             footage.depth = Some(depth);
@@ -268,6 +312,7 @@ impl Footage {
         }
         if let Some(path) = &args.clean {
             footage.clean = Some(opened(SideFolder::frames(path, "clean frames")?));
+            footage.by_network = false;
         }
         Ok(footage)
     }
@@ -350,8 +395,13 @@ trait Viewer {
     /// Whether it will look at the next frame, or only count it.
     fn wants_next(&self) -> bool;
 
-    /// Takes a frame and what belongs to it.
-    fn view(&mut self, number: u64, observation: &Observation) -> Result<()>;
+    /// Takes a frame and what belongs to it, and saves what it finds of flow and depth.
+    fn view(
+        &mut self,
+        number: u64,
+        observation: &Observation,
+        save: &mut Option<EvidenceWriter>,
+    ) -> Result<()>;
 }
 
 /// Which frames were seen.
@@ -363,8 +413,14 @@ struct Seen {
     interrupted: bool,
 }
 
-/// Shows a clip's frames with what is known of them, three at a time in memory.
-fn show(footage: &Footage, what: &'static str, viewer: &mut impl Viewer) -> Result<Seen> {
+/// Shows a clip's frames with what is known of them, a few at a time in memory.
+fn show(
+    footage: &Footage,
+    networks: &mut Networks,
+    save: &mut Option<EvidenceWriter>,
+    what: &'static str,
+    viewer: &mut impl Viewer,
+) -> Result<Seen> {
     let source = &footage.source;
     let size = source.size();
     let depth_kind = footage.depth.as_ref().map(|d| d.1);
@@ -372,48 +428,79 @@ fn show(footage: &Footage, what: &'static str, viewer: &mut impl Viewer) -> Resu
     let mut flow = Side::new(&footage.flow);
     let mut denoised = Side::new(&footage.denoised);
     let mut motion_deblurred = Side::new(&footage.motion_deblurred);
+    let mut defocus_deblurred = Side::new(&footage.defocus_deblurred);
     let mut clean = Side::new(&footage.clean);
 
     check_match(source, depth.as_ref().map(|s| s.folder))?;
     check_match(source, flow.as_ref().map(|s| s.folder))?;
-    for side in [&denoised, &motion_deblurred, &clean] {
+    for side in [&denoised, &motion_deblurred, &defocus_deblurred, &clean] {
         check_match(source, side.as_ref().map(|s| s.folder))?;
     }
 
     let mut progress = Progress::new(what, source.len_hint());
     let mut frames = source.frames();
-    let mut previous: Option<Frame> = None;
-    let mut current = frames.next().transpose()?;
+    let mut window: VecDeque<Frame> = VecDeque::new();
+    let reach = networks.reach().max(1);
+    let mut at = 0;
     let mut seen = Seen { frames: 0, first: 0, last: 0, interrupted: false };
     let mut consecutive = false;
-    while let Some(frame) = current.take() {
+    loop {
+        while window.len() <= at + reach
+            && let Some(frame) = frames.next().transpose()?
+        {
+            window.push_back(frame);
+        }
+        let Some(frame) = window.get(at) else { break };
         let number = frame.number;
-        let next = frames.next().transpose()?;
         // A gap in the numbers is a gap in time.
-        let after = next.as_ref().filter(|n| n.number == number + 1).map(|n| &n.image);
-        let before = previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image);
+        let (run, own) = successive(&window, at);
+        let after = run.get(own + 1).map(|f| f.1);
+        let before = own.checked_sub(1).map(|i| run[i].1);
         consecutive |= after.is_some();
         let wanted = viewer.wants_next();
         let flow = Side::get(&mut flow, number, size, wanted)?;
         let inverse_depth = Side::get(&mut depth, number, size, wanted)?;
         let denoised = Side::get(&mut denoised, number, size, wanted)?;
         let motion_deblurred = Side::get(&mut motion_deblurred, number, size, wanted)?;
+        let defocus_deblurred = Side::get(&mut defocus_deblurred, number, size, wanted)?;
         let clean = Side::get(&mut clean, number, size, wanted)?;
-        let evidence = Evidence {
-            flow: flow.as_ref(),
-            inverse_depth: inverse_depth.as_ref().zip(depth_kind),
-            denoised: denoised.as_ref(),
-            motion_deblurred: motion_deblurred.as_ref(),
-            clean: clean.as_ref(),
+        let removed =
+            if wanted && !networks.is_empty() { networks.run(&run, own) } else { Removed::default() };
+        // After motion blur too, what is without defocus is clean.
+        let (both, defocus_only) = match removed.motion_deblurred {
+            Some(_) => (removed.defocus_deblurred.as_deref(), None),
+            None => (None, removed.defocus_deblurred.as_deref()),
         };
-        viewer.view(number, &Observation { frame: &frame.image, next: after, previous: before, evidence })?;
+        let evidence = Evidence {
+            flow: flow.as_ref().or(removed.flow.as_ref()),
+            inverse_depth: inverse_depth
+                .as_ref()
+                .zip(depth_kind)
+                .or(removed.inverse_depth.as_ref().map(|(d, kind)| (d, *kind))),
+            denoised: denoised.as_ref().or(removed.denoised.as_deref()),
+            motion_deblurred: motion_deblurred.as_ref().or(removed.motion_deblurred.as_deref()),
+            defocus_deblurred: defocus_deblurred.as_ref().or(defocus_only),
+            clean: clean.as_ref().or(both),
+            by_network: footage.by_network || networks.remove(),
+        };
+        if let Some(save) = save {
+            save.images(number, &frame.image, &evidence)?;
+        }
+        viewer.view(
+            number,
+            &Observation { frame: &frame.image, next: after, previous: before, evidence },
+            save,
+        )?;
         seen.first = if seen.frames == 0 { number } else { seen.first };
         seen.last = number;
         seen.frames += 1;
         progress.step();
-        previous = Some(frame);
-        current = next;
-        seen.interrupted = console::interrupted() && current.is_some();
+        at += 1;
+        if at > reach {
+            window.pop_front();
+            at -= 1;
+        }
+        seen.interrupted = console::interrupted() && at < window.len();
         if seen.interrupted {
             break;
         }
@@ -424,11 +511,20 @@ fn show(footage: &Footage, what: &'static str, viewer: &mut impl Viewer) -> Resu
     Side::report(flow, "flow", count);
     Side::report(denoised, "denoised frames", count);
     Side::report(motion_deblurred, "motion-deblurred frames", count);
+    Side::report(defocus_deblurred, "defocus-deblurred frames", count);
     Side::report(clean, "clean frames", count);
     if seen.frames > 1 && !consecutive {
         warn("no two frames have successive numbers, so there is no motion to see");
     }
     Ok(seen)
+}
+
+/// The frames around one that follow each other without a gap, and where it is among them.
+fn successive(window: &VecDeque<Frame>, at: usize) -> (Vec<(u64, &Encoded)>, usize) {
+    let follows = |i: usize| window[i].number + 1 == window[i + 1].number;
+    let first = (0..at).rev().find(|&i| !follows(i)).map_or(0, |i| i + 1);
+    let last = (at..window.len() - 1).find(|&i| !follows(i)).unwrap_or(window.len() - 1);
+    (window.range(first..=last).map(|f| (f.number, &f.image)).collect(), at - first)
 }
 
 fn of_frame(source: &FrameSource, number: u64, e: blindaug::Error) -> Failure {
@@ -450,7 +546,7 @@ impl<'a> Samples<'a> {
     }
 }
 
-impl Viewer for Samples<'_> {
+impl Samples<'_> {
     /// Spread over the clip where its length is known, else the first ones.
     fn wants_next(&self) -> bool {
         let spread = |i: usize| match self.source.len_hint() {
@@ -461,7 +557,7 @@ impl Viewer for Samples<'_> {
         self.wanted && kept < SAMPLES && self.seen >= spread(kept)
     }
 
-    fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
+    fn keep(&mut self, number: u64, observation: &Observation) -> Result<()> {
         if self.wants_next() {
             let Observation { frame, next, evidence, .. } = *observation;
             let flow = match (evidence.flow, next) {
@@ -496,19 +592,37 @@ impl Viewer for WholeClip<'_> {
         self.estimator.wants_next() || self.samples.wants_next()
     }
 
-    fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
-        self.estimator.add(observation).map_err(|e| of_frame(self.source, number, e))?;
-        self.samples.view(number, observation)
+    fn view(
+        &mut self,
+        number: u64,
+        observation: &Observation,
+        save: &mut Option<EvidenceWriter>,
+    ) -> Result<()> {
+        let used = self.estimator.add(observation).map_err(|e| of_frame(self.source, number, e))?;
+        if let (true, Some(save)) = (used, save) {
+            save.geometry(number, &self.estimator)?;
+        }
+        self.samples.keep(number, observation)
     }
 }
 
 /// Estimates the model of a clip.
-pub fn fit(footage: &Footage, mut options: Options, keep_samples: bool) -> Result<Fitted> {
+pub fn fit(
+    footage: &Footage,
+    mut networks: Networks,
+    mut save: Option<EvidenceWriter>,
+    mut options: Options,
+    keep_samples: bool,
+) -> Result<Fitted> {
     let source = &footage.source;
     options.fps = options.fps.or(source.fps());
     let estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
     let mut clip = WholeClip { source, estimator, samples: Samples::new(source, keep_samples) };
-    let Seen { first, last, interrupted, .. } = show(footage, "estimating", &mut clip)?;
+    let Seen { first, last, interrupted, .. } =
+        show(footage, &mut networks, &mut save, "estimating", &mut clip)?;
+    if let Some(save) = save {
+        save.finish();
+    }
     let estimation = clip.estimator.estimate().map_err(|e| failure(source.path(), e))?;
     Ok(Fitted { estimation, samples: clip.samples.kept, first, last, interrupted })
 }
@@ -526,21 +640,27 @@ impl Viewer for Following<'_> {
         true
     }
 
-    fn view(&mut self, number: u64, observation: &Observation) -> Result<()> {
+    fn view(&mut self, number: u64, observation: &Observation, _: &mut Option<EvidenceWriter>) -> Result<()> {
         let camera = self.tracker.push(observation).map_err(|e| of_frame(self.source, number, e))?.clone();
         self.writer.write(&TrackedCamera { frame: number, changed: self.tracker.changes(), camera })?;
-        self.samples.view(number, observation)
+        self.samples.keep(number, observation)
     }
 }
 
 /// Writes the models of a clip's frames, and tells them.
-fn track(footage: &Footage, options: Options, output: &Path, report: Option<&Path>) -> Result<()> {
+fn track(
+    footage: &Footage,
+    mut networks: Networks,
+    options: Options,
+    output: &Path,
+    report: Option<&Path>,
+) -> Result<()> {
     let source = &footage.source;
     let tracker = Tracker::new(options.blur_space, options.fps.or(source.fps()));
     let writer = CameraTrackWriter::create(output)?;
     let mut following =
         Following { source, tracker, writer, samples: Samples::new(source, report.is_some()) };
-    let seen = show(footage, "tracking", &mut following)?;
+    let seen = show(footage, &mut networks, &mut None, "tracking", &mut following)?;
     following.writer.finish()?;
     let track = read_camera_track(output)?;
     console::print(&inspect::table(&track))?;

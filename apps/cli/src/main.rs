@@ -9,6 +9,8 @@ mod export;
 mod inspect;
 #[cfg(feature = "live")]
 mod live;
+mod models;
+mod networks;
 mod report;
 mod validate;
 
@@ -38,6 +40,7 @@ enum Command {
     Inspect(inspect::Inspect),
     Export(export::Export),
     Validate(validate::Validate),
+    Models(models::Models),
     #[cfg(feature = "live")]
     Live(live::Live),
 }
@@ -53,6 +56,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),
+        Command::Models(args) => models::run(args),
         #[cfg(feature = "live")]
         Command::Live(args) => live::run(args),
     };

@@ -5,7 +5,7 @@ use ::image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader,
     Limits, codecs::png::PngEncoder, metadata::Orientation,
 };
-use blindaug::{Encoded, Linear, Raster, Transfer};
+use blindaug::{Encoded, Linear, Plane, Raster, Transfer};
 use std::{
     fs::File,
     io::{BufReader, BufWriter, Read, Write},
@@ -164,7 +164,7 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
 /// # Errors
 /// If the file cannot be written; then nothing is left of it.
 pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
-    write_png_of(path.as_ref(), &frame.0, ExtendedColorType::Rgb8)
+    write_png_of(path.as_ref(), frame.0.size(), &bytes_of(&frame.0), ExtendedColorType::Rgb8)
 }
 
 /// Writes four values in [0, 1] per pixel as an RGBA PNG of 8 bits, alpha being one of them.
@@ -172,19 +172,45 @@ pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
 /// # Errors
 /// If the file cannot be written; then nothing is left of it.
 pub fn write_texture(path: impl AsRef<Path>, texture: &Raster<[f32; 4]>) -> Result<()> {
-    write_png_of(path.as_ref(), texture, ExtendedColorType::Rgba8)
+    write_png_of(path.as_ref(), texture.size(), &bytes_of(texture), ExtendedColorType::Rgba8)
 }
 
-fn write_png_of<const N: usize>(
+/// Writes a frame as [`write_png`] does, with 16 bits per value.
+///
+/// # Errors
+/// If the file cannot be written; then nothing is left of it.
+pub fn write_png16(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
+    let bytes = bytes16_of(frame.0.data().as_flattened());
+    write_png_of(path.as_ref(), frame.0.size(), &bytes, ExtendedColorType::Rgb16)
+}
+
+/// Writes values in [0, 1] as a grey PNG of 16 bits; NaN becomes 0.
+///
+/// # Errors
+/// If the file cannot be written; then nothing is left of it.
+pub fn write_grey16(path: impl AsRef<Path>, plane: &Plane) -> Result<()> {
+    write_png_of(path.as_ref(), plane.size(), &bytes16_of(plane.data()), ExtendedColorType::L16)
+}
+
+fn bytes_of<const N: usize>(image: &Raster<[f32; N]>) -> Vec<u8> {
+    image.data().as_flattened().iter().map(|&v| byte_from_encoded(v)).collect()
+}
+
+/// In the byte order of this machine, as encoders take them.
+fn bytes16_of(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
+}
+
+fn write_png_of(
     path: &Path,
-    image: &Raster<[f32; N]>,
+    (width, height): (usize, usize),
+    bytes: &[u8],
     color: ExtendedColorType,
 ) -> Result<()> {
-    let bytes: Vec<u8> = image.data().as_flattened().iter().map(|&v| byte_from_encoded(v)).collect();
-    let (width, height) = (image.width() as u32, image.height() as u32);
+    let (width, height) = (width as u32, height as u32);
     write_atomically(path, |partial| {
         let mut file = BufWriter::new(File::create(partial)?);
-        PngEncoder::new(&mut file).write_image(&bytes, width, height, color).map_err(|e| match e {
+        PngEncoder::new(&mut file).write_image(bytes, width, height, color).map_err(|e| match e {
             ImageError::IoError(e) => e,
             e => std::io::Error::other(e),
         })?;

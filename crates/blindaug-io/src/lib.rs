@@ -13,7 +13,7 @@
 //! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
 //! | what belongs to them | folders, by number | [`SideFolder`], [`PaperScene`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
-//! | frames out | PNG | [`write_png`] |
+//! | frames out | PNG | [`write_png`], [`write_png16`], [`write_grey16`] |
 //! | videos out | | [`VideoWriter`] |
 //!
 //! Cameras are read and videos decoded by the `ffmpeg` program; without one, videos by a built-in decoder of H.264 in MP4. The environment
@@ -40,6 +40,8 @@ pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
 pub use files::write_atomically;
 pub use flow::{read_flow, write_flo};
-pub use image::{MAX_PIXELS, MAX_SIDE, read_frame, read_linear, write_png, write_texture};
+pub use image::{
+    MAX_PIXELS, MAX_SIDE, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture,
+};
 pub use sequence::{Frame, FrameRange, FrameSource, Frames};
 pub use side::{PaperScene, SideFolder};

@@ -10,9 +10,10 @@
 //! | [`runtime`] | ONNX: `rten`, or ONNX Runtime where `ORT_DYLIB_PATH` names it | tensors of f32 |
 //! | [`network`] | padding, tiles, value ranges | frames in, frame / flow / inverse depth of the same size out |
 //! | [`chain`] | removal over a window of frames | |
-//! | [`store`] | the built-in networks and the user's model folder | |
+//! | [`store`], [`install`] | the built-in networks and the user's model folder | |
 
 pub mod chain;
+pub mod install;
 pub mod manifest;
 pub mod network;
 pub mod runtime;

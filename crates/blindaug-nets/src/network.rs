@@ -2,6 +2,7 @@
 
 use crate::manifest::{Channels, Input, Kind, Layout, Manifest, Order};
 use crate::runtime::{Session, Tensor};
+use crate::store::not_installed;
 use crate::tiles::{Span, reflected, spans, weight};
 use blindaug::fit::noise::NoiseEvidence;
 use blindaug::model::{DepthKind, Method};
@@ -28,13 +29,7 @@ impl Network {
         let manifest = Manifest::read(path)?;
         let file = path.with_file_name(&manifest.file);
         let onnx = std::fs::read(&file).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => Error::new(
-                &file,
-                format!(
-                    "the network {} is not installed: there is no such file (`blindaug models install {}` says how to get it)",
-                    manifest.name, manifest.name
-                ),
-            ),
+            std::io::ErrorKind::NotFound => not_installed(&file, &manifest.name),
             _ => Error::cannot_read(&file, &e),
         })?;
         Self::new(manifest, &file, onnx)

@@ -9,7 +9,27 @@ use std::path::{Path, PathBuf};
 const BUILT_IN: [(&str, &[u8]); 0] = [];
 
 /// Manifests of networks that others have trained, whose weights are not part of this crate.
-const KNOWN: [&str; 0] = [];
+const KNOWN: [&str; 19] = [
+    include_str!("../manifests/depth-anything-v2-small.toml"),
+    include_str!("../manifests/depth-pro.toml"),
+    include_str!("../manifests/dpt-large.toml"),
+    include_str!("../manifests/drbnet-single.toml"),
+    include_str!("../manifests/ffdnet-color.toml"),
+    include_str!("../manifests/flownet2.toml"),
+    include_str!("../manifests/maxim-deblurring.toml"),
+    include_str!("../manifests/maxim-denoising.toml"),
+    include_str!("../manifests/midas-small.toml"),
+    include_str!("../manifests/nafnet-gopro-width32.toml"),
+    include_str!("../manifests/nafnet-sidd-width32.toml"),
+    include_str!("../manifests/raft-large.toml"),
+    include_str!("../manifests/raft-small.toml"),
+    include_str!("../manifests/restormer-defocus-deblurring.toml"),
+    include_str!("../manifests/restormer-motion-deblurring.toml"),
+    include_str!("../manifests/restormer-real-denoising.toml"),
+    include_str!("../manifests/scunet-color-real.toml"),
+    include_str!("../manifests/sea-raft-m.toml"),
+    include_str!("../manifests/shift-net-gopro.toml"),
+];
 
 /// Where a network's weights are.
 #[derive(Clone, Debug, PartialEq)]
@@ -72,47 +92,69 @@ impl Store {
         (networks, problems)
     }
 
-    /// A network by its name, or the path of its manifest.
+    /// What a network is, by its name or the path of its manifest.
     ///
     /// # Errors
-    /// If there is none of that name, or it is damaged.
+    /// If there is none of that name, or its manifest is damaged.
+    pub fn find(&self, name: &str) -> Result<Manifest> {
+        if name.ends_with(".toml") {
+            return Manifest::read(Path::new(name));
+        }
+        let own = self.manifest_path(name);
+        if own.is_file() {
+            return Manifest::read(&own);
+        }
+        let texts = BUILT_IN.iter().map(|(text, _)| *text).chain(KNOWN);
+        texts.map(parsed).find(|m| m.name == name).ok_or_else(|| {
+            Error::new(
+                own,
+                format!("there is no network {name} (`blindaug models list` names all); a new one needs this manifest"),
+            )
+        })
+    }
+
+    /// A network by its name, or the path of its manifest, ready to run.
+    ///
+    /// # Errors
+    /// If there is none of that name, it is not installed, or it is damaged.
     pub fn open(&self, name: &str) -> Result<Network> {
         if name.ends_with(".toml") {
             return Network::open(Path::new(name));
         }
-        let own = self.folder.join(name).join(format!("{name}.toml"));
+        let own = self.manifest_path(name);
         if own.is_file() {
             return Network::open(&own);
         }
-        if let Some((text, onnx)) = BUILT_IN.iter().find(|(text, _)| parsed(text).name == name) {
-            let manifest = parsed(text);
-            let file = PathBuf::from(&manifest.file);
-            return Network::new(manifest, &file, onnx.to_vec());
+        match BUILT_IN.iter().find(|(text, _)| parsed(text).name == name) {
+            Some(built_in) => opened(built_in),
+            None => {
+                let manifest = self.find(name)?;
+                Err(not_installed(&own.with_file_name(&manifest.file), name))
+            }
         }
-        if KNOWN.iter().any(|text| parsed(text).name == name) {
-            return Err(Error::new(
-                own,
-                format!(
-                    "the network {name} is not installed: `blindaug models install {name}` says how to get it"
-                ),
-            ));
-        }
-        Err(Error::new(
-            own,
-            format!(
-                "there is no network {name} (`blindaug models list` names all); a new one needs this manifest"
-            ),
-        ))
     }
 
-    /// The manifest of a known network and its text, to be installed; of one in the model folder too.
-    pub fn manifest(&self, name: &str) -> Result<(Manifest, String)> {
-        let own = self.folder.join(name).join(format!("{name}.toml"));
+    /// The text of a network's manifest.
+    ///
+    /// # Errors
+    /// As of [`Store::find`].
+    pub fn manifest_text(&self, name: &str) -> Result<String> {
         if let Some(text) = KNOWN.iter().find(|text| parsed(text).name == name) {
-            return Ok((parsed(text), (*text).to_owned()));
+            return Ok((*text).to_owned());
         }
-        let text = std::fs::read_to_string(&own).map_err(|e| Error::cannot_read(&own, &e))?;
-        Ok((Manifest::parse(&text, &own)?, text))
+        self.find(name)?;
+        let own = self.manifest_path(name);
+        std::fs::read_to_string(&own).map_err(|e| Error::cannot_read(&own, &e))
+    }
+
+    /// Where the manifest of a network of the model folder is.
+    pub fn manifest_path(&self, name: &str) -> PathBuf {
+        self.folder.join(name).join(format!("{name}.toml"))
+    }
+
+    /// Whether a network of this name is built in.
+    pub fn is_built_in(name: &str) -> bool {
+        BUILT_IN.iter().any(|(text, _)| parsed(text).name == name)
     }
 
     /// The built-in networks.
@@ -120,12 +162,7 @@ impl Store {
     /// # Errors
     /// None that an intact program gives cause for.
     pub fn built_in() -> Result<Vec<Network>> {
-        let open = |(text, onnx): &(&str, &[u8])| {
-            let manifest = parsed(text);
-            let file = PathBuf::from(&manifest.file);
-            Network::new(manifest, &file, onnx.to_vec())
-        };
-        BUILT_IN.iter().map(open).collect()
+        BUILT_IN.iter().map(opened).collect()
     }
 
     /// The manifests in the model folder.
@@ -143,4 +180,88 @@ impl Store {
 /// A manifest of this crate; a test parses all of them.
 fn parsed(text: &str) -> Manifest {
     Manifest::parse(text, Path::new("built-in manifest")).expect("a test parses the manifests of this crate")
+}
+
+/// A built-in network.
+fn opened((text, onnx): &(&str, &[u8])) -> Result<Network> {
+    let manifest = parsed(text);
+    let file = PathBuf::from(&manifest.file);
+    Network::new(manifest, &file, onnx.to_vec())
+}
+
+/// A network whose file is missing.
+pub(crate) fn not_installed(file: &Path, name: &str) -> Error {
+    Error::new(
+        file,
+        format!(
+            "the network {name} is not installed: there is no such file (`blindaug models install {name}` says how to get it)"
+        ),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_manifests_of_this_crate_are_sound_and_have_names_of_their_own() {
+        let (all, problems) = Store::at("missing".into()).list();
+        assert_eq!((all.len(), problems), (BUILT_IN.len() + KNOWN.len(), vec![]));
+        let mut names: Vec<_> = all.iter().map(|n| &n.0.name).collect();
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), all.len());
+        for (manifest, _) in &all {
+            let Manifest { licence, source, install, .. } = manifest;
+            assert!(!licence.is_empty() && source.starts_with("http"), "{}", manifest.name);
+            let from =
+                install.as_ref().map(|i| [&i.url, &i.pip, &i.npm].iter().filter(|f| f.is_some()).count());
+            assert!(from.is_none_or(|n| n == 1), "{}", manifest.name);
+        }
+        let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/manifests")).unwrap().count();
+        assert_eq!(files, KNOWN.len());
+    }
+
+    #[test]
+    fn the_built_in_networks_run() {
+        let frame = blindaug::Encoded(blindaug::Raster::from_fn(70, 50, |x, y| {
+            [0.01 * x as f32, 0.5, 0.02 * y as f32]
+        }));
+        for network in Store::built_in().unwrap() {
+            let frames = vec![&frame; network.manifest().input.frames.len()];
+            assert_eq!(network.image(&frames).unwrap().0.size(), (70, 50));
+        }
+    }
+
+    #[test]
+    fn a_network_of_ones_own_is_a_manifest_and_a_file_in_the_model_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path().into());
+        let own = store.manifest_path("mine");
+        std::fs::create_dir(own.parent().unwrap()).unwrap();
+        let text = "name = 'mine'\noperator = 'removeDoF'\ntitle = 't'\nlicence = 'MIT'\nsource = 's'\nfile = 'box.onnx'\n[output]\nkind = 'image'";
+        std::fs::write(&own, text).unwrap();
+        let e = store.open("mine").err().unwrap().to_string();
+        assert!(e.contains("mine is not installed"), "{e}");
+        std::fs::copy(
+            concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/box.onnx"),
+            own.with_file_name("box.onnx"),
+        )
+        .unwrap();
+        assert_eq!(store.open("mine").unwrap().manifest().title, "t");
+        assert!(
+            store
+                .list()
+                .0
+                .iter()
+                .any(|(m, state)| m.name == "mine" && *state == State::Installed(own.clone()))
+        );
+        std::fs::write(&own, "name = 3").unwrap();
+        let (_, problems) = store.list();
+        assert!(matches!(&problems[..], [e] if e.sentence().starts_with("line 1")), "{problems:?}");
+        let e = store.open("raft-small").err().unwrap().to_string();
+        assert!(e.contains("raft-small is not installed"), "{e}");
+        let e = store.open("nothing").err().unwrap().to_string();
+        assert!(e.contains("there is no network nothing"), "{e}");
+    }
 }

@@ -84,8 +84,12 @@ pub struct Evidence<'a> {
     pub denoised: Option<&'a Encoded>,
     /// The frame without noise and motion blur.
     pub motion_deblurred: Option<&'a Encoded>,
+    /// The frame without noise and defocus, its motion blur still there.
+    pub defocus_deblurred: Option<&'a Encoded>,
     /// The frame without noise, motion blur and defocus.
     pub clean: Option<&'a Encoded>,
+    /// Whether these images are what a network made of the frame, not known: what it leaves of blur and noise widens the intervals.
+    pub by_network: bool,
 }
 
 /// What an estimator gives.
@@ -144,6 +148,8 @@ pub struct Estimator {
     /// The flow from the frame of that index to the next.
     last_flow: Option<(usize, Flow)>,
     cuts: usize,
+    /// Whether images that were given are what a network made.
+    by_network: bool,
 }
 
 /// An exposure, its curve, and that of each frame.
@@ -174,6 +180,9 @@ const MIN_CONFIRMED: f32 = 0.4;
 /// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
 const REMOVAL_LENS_FLOOR: f32 = 0.04;
+/// The same where a network made the clean frames: errors on scenes of their own, docs/accuracy.md.
+const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
+const NETWORK_LENS_FLOOR: f32 = 0.3;
 
 impl Estimator {
     /// At most this many frames are used at once.
@@ -195,6 +204,7 @@ impl Estimator {
             last_depth: None,
             last_flow: None,
             cuts: 0,
+            by_network: false,
         }
     }
 
@@ -219,6 +229,7 @@ impl Estimator {
         check_sizes(&mut self.size, observation)?;
         let index = self.given;
         self.given += 1;
+        self.by_network |= evidence.by_network;
         if !index.is_multiple_of(self.stride) {
             return Ok(false);
         }
@@ -300,8 +311,9 @@ impl Estimator {
                 kept.pairs = spectral::pairs([before, frame], [last, own], self.options.blur_space);
             }
         }
-        let given_clean = evidence.denoised.or(evidence.motion_deblurred).or(evidence.clean).is_some();
-        if self.options.family == Family::Removal && !given_clean {
+        // For what no given image answers.
+        let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
+        if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
             kept.removal = self.removal_tiles(observation, &kept, to_next.as_ref(), depth.as_ref());
         }
         if self.options.family != Family::Spectral {
@@ -392,6 +404,13 @@ impl Estimator {
                 kept.search = defocus::pooled_search(&target, &still, d);
             }
         }
+        if let Some(sharp) = evidence.defocus_deblurred {
+            let sharp = light(sharp);
+            kept.lens = lens_alone(&target, &sharp);
+            if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
+                kept.search = defocus::pooled_search(&target, &sharp, d);
+            }
+        }
         match (evidence.denoised, evidence.clean) {
             (Some(denoised), _) => kept.denoised.add_denoised(frame, denoised)?,
             (None, Some(clean)) => {
@@ -431,6 +450,17 @@ impl Estimator {
         smooth.map(|v| if linear { Transfer::Srgb.slope(Transfer::Srgb.decode(v.clamp(0.02, 1.0))) } else { 1.0 } * 100.0)
     }
 
+    /// The flow to the next frame that was used of the frame added last.
+    pub fn flow(&self) -> Option<&Flow> {
+        self.last_flow.as_ref().filter(|f| f.0 + 1 == self.given).map(|f| &f.1)
+    }
+
+    /// The inverse depth that was used of the frame added last, and what it is in.
+    pub fn inverse_depth(&self) -> Option<(&Plane, DepthKind)> {
+        let depth = self.last_depth.as_ref().filter(|d| d.0 + 1 == self.given);
+        depth.map(|d| &d.1).zip(self.depth_kind)
+    }
+
     /// The model that the frames so far give.
     ///
     /// # Errors
@@ -466,7 +496,8 @@ impl Estimator {
         let denoised = || merged(Method::Removal, &|f| &f.denoised);
         let spatial = || merged(Method::Spatial, &|f| &f.spatial);
         let order: [&dyn Fn() -> NoiseFit; 3] = match self.options.family {
-            Family::Removal => [&denoised, &temporal, &spatial],
+            // A network's residual has some of the image in it.
+            Family::Removal if !self.by_network => [&denoised, &temporal, &spatial],
             _ => [&temporal, &denoised, &spatial],
         };
         let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
@@ -511,7 +542,7 @@ impl Estimator {
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];
         let (known, curve, per_frame, by_tiles) = match (blind, compared) {
-            (Ok(b), Some(c)) if width(b.interval) <= width(c.0.interval) => {
+            (Ok(b), Some(c)) if method != Method::Removal && width(b.interval) <= width(c.0.interval) => {
                 (blind_model(method, &b), b.curve, b.per_frame, true)
             }
             (_, Some((m, curve, per_frame))) => (m, curve, per_frame, false),
@@ -539,7 +570,8 @@ impl Estimator {
         let fits: Vec<(usize, &motion_blur::ExposureFit)> =
             self.frames.iter().filter_map(|f| f.exposure.as_ref().map(|e| (f.index, e))).collect();
         let values: Vec<(f32, f64)> = fits.iter().map(|(_, e)| (e.exposure.0, e.variance)).collect();
-        let (value, interval) = aggregate(&values, REMOVAL_EXPOSURE_FLOOR)?;
+        let floor = if self.by_network { NETWORK_EXPOSURE_FLOOR } else { REMOVAL_EXPOSURE_FLOOR };
+        let (value, interval) = aggregate(&values, floor)?;
         let typical = fits
             .iter()
             .min_by(|a, b| (a.1.exposure.0 - value).abs().total_cmp(&(b.1.exposure.0 - value).abs()))?;
@@ -577,7 +609,11 @@ impl Estimator {
             (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points)
         };
         let (lens, sigma, focus, method, samples, points) = match (blind, compared) {
-            (Ok(b), Some(c)) if width(b.sigma_px_at_infinity) <= width(c.1) => of_tiles(b),
+            (Ok(b), Some(c))
+                if blind_method != Method::Removal && width(b.sigma_px_at_infinity) <= width(c.1) =>
+            {
+                of_tiles(b)
+            }
             (_, Some((lens, sigma, focus, samples))) => {
                 let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
                 (lens, sigma, focus, Method::Removal, samples, searched)
@@ -614,7 +650,8 @@ impl Estimator {
         let of = |value: &dyn Fn(defocus::Lens) -> f32, variance: &dyn Fn(&defocus::LensFit) -> f64| {
             let values: Vec<(f32, f64)> = fits.iter().map(|f| (value(f.lens), variance(f))).collect();
             let middle = median(values.iter().map(|v| v.0).collect())?;
-            aggregate(&values, REMOVAL_LENS_FLOOR * middle)
+            let floor = if self.by_network { NETWORK_LENS_FLOOR } else { REMOVAL_LENS_FLOOR };
+            aggregate(&values, floor * middle)
         };
         let infinity = |f: &defocus::LensFit| {
             let g = [f64::from(f.lens.focus), f64::from(f.lens.slope)];
@@ -647,7 +684,8 @@ fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Observation) ->
         return Err(Error::new("the frame has no pixels"));
     }
     let first = *first.get_or_insert(size);
-    let images = [*next, *previous, evidence.denoised, evidence.motion_deblurred, evidence.clean];
+    let removed = [evidence.denoised, evidence.motion_deblurred, evidence.defocus_deblurred, evidence.clean];
+    let images = [*next, *previous].into_iter().chain(removed).collect::<Vec<_>>();
     let others = images.iter().flatten().map(|i| i.0.size());
     let others =
         others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
