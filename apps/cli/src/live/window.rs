@@ -266,7 +266,7 @@ impl Graphics {
         let wrong = |e: &dyn std::fmt::Display| Failure(e.to_string().replace('\n', " "));
         let descriptor =
             wgpu::InstanceDescriptor::new_with_display_handle_from_env(Box::new(display.clone()));
-        let instance = wgpu::Instance::new(descriptor);
+        let instance = Gpu::instance(descriptor);
         let surface = instance.create_surface(window.clone()).map_err(|e| wrong(&e))?;
         let (gpu, adapter) = Gpu::for_surface(&instance, &surface).map_err(|e| wrong(&e))?;
         let PhysicalSize { width, height } = window.inner_size();
