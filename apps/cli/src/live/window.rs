@@ -267,7 +267,9 @@ impl Graphics {
         let descriptor =
             wgpu::InstanceDescriptor::new_with_display_handle_from_env(Box::new(display.clone()));
         let instance = Gpu::instance(descriptor);
-        let surface = instance.create_surface(window.clone()).map_err(|e| wrong(&e))?;
+        // Where there is no device at all, that is why.
+        let why = |e: wgpu::CreateSurfaceError| Gpu::new().err().map_or_else(|| wrong(&e), |e| wrong(&e));
+        let surface = instance.create_surface(window.clone()).map_err(why)?;
         let (gpu, adapter) = Gpu::for_surface(&instance, &surface).map_err(|e| wrong(&e))?;
         let PhysicalSize { width, height } = window.inner_size();
         let Some(mut config) = surface.get_default_config(&adapter, width.max(1), height.max(1)) else {
