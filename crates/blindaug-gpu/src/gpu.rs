@@ -23,8 +23,14 @@ impl Gpu {
     /// # Errors
     /// If there is none.
     pub fn new() -> Result<Self> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let instance = Self::instance(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         Ok(block_on(Self::request(&instance, None))?.0)
+    }
+
+    /// Where devices are looked for: not on OpenGL, which cannot do what is needed, and would fail later.
+    pub fn instance(mut descriptor: wgpu::InstanceDescriptor) -> wgpu::Instance {
+        descriptor.backends.remove(wgpu::Backends::GL);
+        wgpu::Instance::new(descriptor)
     }
 
     /// As [`Gpu::new`], for tests: says loudly that they test nothing if there is none.
@@ -275,5 +281,19 @@ fn block_on<T>(future: impl Future<Output = T>) -> T {
             return t;
         }
         std::thread::yield_now();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_there_is_only_opengl_there_is_no_device() {
+        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+        descriptor.backends = wgpu::Backends::GL;
+        let found = block_on(Gpu::request(&Gpu::instance(descriptor), None));
+        let e = found.err().unwrap().to_string();
+        assert!(e.starts_with("no graphics device was found") && !e.contains('\n'), "{e}");
     }
 }

@@ -254,11 +254,11 @@ impl FfmpegFrames {
             return Err(Error::new(&self.path, what));
         }
         // Frames that ffmpeg patched up are not what a camera recorded.
-        let damage = ["error while decoding", "corrupt", "partial file", "Invalid NAL"];
+        let damage = ["error while decoding", "corrupt", "partial file", "Invalid NAL", "ended prematurely"];
         match words.lines().find(|l| damage.iter().any(|d| l.contains(d))) {
             Some(line) => Err(Error::new(
                 &self.path,
-                format!("some frames of the video are damaged (ffmpeg: {}); {repair}", one_line(line)),
+                format!("the video is damaged or cut short (ffmpeg: {}); {repair}", one_line(line)),
             )),
             None => Ok(()),
         }
@@ -424,6 +424,8 @@ impl VideoWriter {
         let even = |n: usize| n + n % 2;
         let mut child = command(&program)
             .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-y"])
+            // Without this, ffmpeg 5 succeeds where the end of the file finds no room.
+            .arg("-xerror")
             .args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-s"])
             .arg(format!("{}x{}", even(size.0), even(size.1)))
             .arg("-r")
@@ -510,6 +512,42 @@ mod tests {
     fn parse(stream: &str) -> VideoStream {
         VideoStream::parse(&format!("  Duration: 00:01:10.50, start: 0.0\n  Stream #0:0: Video: {stream}\n"))
             .unwrap()
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_full_disk_is_told_and_nothing_is_left() {
+        let Some(ffmpeg) = find() else {
+            eprintln!("NOT TESTED: there is no ffmpeg program");
+            return;
+        };
+        let dir = tempfile::tempdir().unwrap();
+        const SIZE: usize = 128;
+        // Files have room for so many half KiB.
+        let written = |limit: &str, name: &str| {
+            let program = dir.path().join("ffmpeg.sh");
+            // Written by another process: one that this one has open for writing could not be started.
+            let script = format!(
+                "cat > \"$0\" <<'END'\n#!/bin/sh\ntrap '' XFSZ\nulimit -f {limit}\nexec '{}' \"$@\"\nEND\nchmod +x \"$0\"",
+                ffmpeg.display()
+            );
+            let made =
+                Command::new("sh").args(["-c".as_ref(), script.as_ref(), program.as_os_str()]).status();
+            assert!(made.unwrap().success());
+            let path = dir.path().join(name);
+            let mut writer = VideoWriter::create_with(Some(program.into()), &path, (SIZE, SIZE), 25.0)?;
+            let value = |x, y| ((x * 73_856_093) ^ (y * 19_349_663)) as f32 % 251.0 / 251.0;
+            let frame = blindaug::Raster::from_fn(SIZE, SIZE, |x: usize, y: usize| [value(x, y); 3]);
+            (0..4).try_for_each(|_| writer.write(&Encoded(frame.clone())))?;
+            writer.finish()
+        };
+        for name in ["a.mp4", "a.mkv", "a.avi"] {
+            let e = written("8", name).unwrap_err().to_string();
+            assert!(e.contains("cannot be written (ffmpeg: ") && e.contains("too large"), "{e}");
+        }
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
+        written("unlimited", "a.mp4").unwrap();
+        assert!(dir.path().join("a.mp4").metadata().unwrap().len() > 10_000);
     }
 
     #[test]

@@ -79,7 +79,8 @@ impl Estimation {
         }
     }
 
-    /// Looks at a frame. A few frames may have been left out before it: the object then goes on over them as it went.
+    /// Looks at a frame. A few frames may have been left out before it: the object then goes on over them as it went. Of the last
+    /// frame once more, only where the object stands is new.
     ///
     /// # Errors
     /// If its size differs from the first one's.
@@ -92,7 +93,11 @@ impl Estimation {
             previous: previous.as_deref(),
             evidence: Evidence::default(),
         };
-        let camera = self.tracker.push(&observation)?.clone();
+        let camera = match self.tracker.model() {
+            Some(camera) if *number == self.number => camera,
+            _ => self.tracker.push(&observation)?,
+        }
+        .clone();
         let left_out = number.saturating_sub(self.number + 1);
         if home != self.home || *lap != self.lap || left_out > FARTHEST {
             (self.home, self.lap) = (home, *lap);
@@ -192,5 +197,33 @@ mod tests {
         assert!(pushed(7, 0).on_plane && pushed(7 + FARTHEST, 0).on_plane);
         assert_eq!(pushed(8 + FARTHEST, 0).now, at_home);
         assert_eq!(pushed(7, 1).now, at_home);
+    }
+
+    #[test]
+    fn the_object_is_moved_in_a_frame_that_stands_still() {
+        let pinhole = Pinhole::new((64, 48), 50.0);
+        let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
+        let frame =
+            |i| Arc::new(Encoded(Raster::from_fn(64, 48, |x, y| [((x + i) * y % 7) as f32 / 7.0; 3])));
+        let shot = |i| Shot {
+            number: i as u64,
+            lap: 0,
+            frame: frame(i),
+            next: Some(frame(i + 1)),
+            previous: (i > 1).then(|| frame(i - 1)),
+        };
+        let mut moved = Estimation::new(pinhole, home, None);
+        let mut still = Estimation::new(pinhole, home, None);
+        let elsewhere = Home { at: DVec2::new(0.2, 0.6), distance: 5.0 };
+        let first = moved.push(&shot(1), home).unwrap();
+        still.push(&shot(1), home).unwrap();
+        let again = moved.push(&shot(1), elsewhere).unwrap();
+        assert_eq!(again.tracked, first.tracked);
+        assert_eq!(again.placed.now, Placement::new(pinhole, elsewhere.at, elsewhere.distance).skip().now);
+        // The camera is estimated as if nothing had been moved.
+        assert_eq!(
+            moved.push(&shot(2), elsewhere).unwrap().tracked,
+            still.push(&shot(2), home).unwrap().tracked
+        );
     }
 }

@@ -16,13 +16,12 @@ use egui::{
     CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
     TextureId, Ui, pos2, vec2,
 };
-use std::{
-    ops::RangeInclusive,
-    time::{Duration, Instant},
-};
+use std::{ops::RangeInclusive, time::Instant};
 
 /// How much of the mean frame times is kept from frame to frame.
 const KEPT: f32 = 0.9;
+/// Width of a column of names or values at least, in points: the longest name's, for a table that has just got it.
+const COLUMN: f32 = 104.0;
 
 /// What can be changed in the window.
 #[derive(Clone, Debug)]
@@ -66,19 +65,22 @@ impl Shown {
         self.number = number;
         self.on_plane = estimate.placed.on_plane;
         self.parameters = parameters(&estimate.tracked.camera);
+        // How long the picture stood still is no time between frames.
+        let last = if new { self.last.replace(Instant::now()) } else { self.last.take() };
         if !new {
             return;
         }
-        let between = self.last.replace(Instant::now()).map_or(Duration::ZERO, |last| last.elapsed());
         let fresh = [
-            ("estimate", estimate.time),
-            ("render", times.render),
-            ("composite", times.composite),
-            ("between frames", between),
+            ("estimate", Some(estimate.time)),
+            ("render", Some(times.render)),
+            ("composite", Some(times.composite)),
+            ("between frames", last.map(|last| last.elapsed())),
         ];
-        for (mean, (name, time)) in self.times.iter_mut().zip(fresh) {
+        for ((shown, mean), (name, time)) in self.times.iter_mut().zip(fresh) {
+            *shown = name;
+            let Some(time) = time else { continue };
             let ms = 1e3 * time.as_secs_f32();
-            *mean = (name, if mean.1 > 0.0 { KEPT * mean.1 + (1.0 - KEPT) * ms } else { ms });
+            *mean = if *mean > 0.0 { KEPT * *mean + (1.0 - KEPT) * ms } else { ms };
         }
     }
 }
@@ -152,25 +154,6 @@ fn view(ui: &mut Ui, (texture, (w, h)): (TextureId, (usize, usize)), split: &mut
 
 fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action> {
     let Controls { look, sizes, home, paused } = controls;
-    ui.heading("Camera");
-    Grid::new("parameters").num_columns(2).striped(true).show(ui, |ui| {
-        for (name, value) in &shown.parameters {
-            ui.label(*name);
-            ui.add(egui::Label::new(value).wrap());
-            ui.end_row();
-        }
-    });
-    ui.small("Intervals are 95 %; noise is the std of R, G, B at luminance 0.5.");
-    ui.separator();
-    ui.heading("Frame times");
-    Grid::new("times").num_columns(2).striped(true).show(ui, |ui| {
-        for (name, ms) in &shown.times {
-            ui.label(*name);
-            ui.label(format!("{ms:.1} ms"));
-            ui.end_row();
-        }
-    });
-    ui.separator();
     ui.heading("Object");
     ui.label(if shown.on_plane { "on a plane that is tracked" } else { "fixed in view: no plane was found" });
     ui.add(Slider::new(&mut look.size, sizes.clone()).logarithmic(true).text("longest side, m"));
@@ -195,6 +178,26 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
     if !shown.message.is_empty() {
         ui.add(egui::Label::new(&shown.message).wrap());
     }
+    ui.separator();
+    // Below the controls, which so stay where they are whatever is told.
+    ui.heading("Camera");
+    Grid::new("parameters").num_columns(2).min_col_width(COLUMN).striped(true).show(ui, |ui| {
+        for (name, value) in &shown.parameters {
+            ui.label(*name);
+            ui.add(egui::Label::new(value).wrap());
+            ui.end_row();
+        }
+    });
+    ui.small("Intervals are 95 %; noise is the std of R, G, B at luminance 0.5.");
+    ui.separator();
+    ui.heading("Frame times");
+    Grid::new("times").num_columns(2).min_col_width(COLUMN).striped(true).show(ui, |ui| {
+        for (name, ms) in &shown.times {
+            ui.label(*name);
+            ui.label(format!("{ms:.1} ms"));
+            ui.end_row();
+        }
+    });
     clicked.then_some(Action::Record)
 }
 

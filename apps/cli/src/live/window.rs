@@ -61,12 +61,6 @@ impl Bell {
 
 /// Opens the window and runs until it is closed.
 pub fn run(scene: Scene, look: Look) -> Result<()> {
-    let no_window = |e: &dyn std::fmt::Display| {
-        Failure(
-            format!("no window can be opened ({e}); add --headless --frames N -o OUT to do without")
-                .replace('\n', " "),
-        )
-    };
     let events = EventLoop::<News>::with_user_event().build().map_err(|e| no_window(&e))?;
     let [smallest, largest] = [SIZES.start(), SIZES.end()].map(|share| (share * scene.seen()) as f32);
     let sizes = smallest..=largest;
@@ -97,6 +91,17 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
     let recorded = app.stop_recording();
     ran?;
     app.result.and(recorded)
+}
+
+fn no_window(e: &dyn std::fmt::Display) -> Failure {
+    let why = without_place(&e.to_string());
+    Failure(format!("no window can be opened ({why}); add --headless --frames N -o OUT to do without"))
+}
+
+/// Why the system refused something, in a line, without where in winit's source that was seen.
+fn without_place(why: &str) -> String {
+    let rest = why.strip_prefix("os error at ").and_then(|rest| rest.split_once(": "));
+    rest.map_or(why, |(_, rest)| rest).replace('\n', " ")
 }
 
 /// Reads frames at their rate and keeps the newest.
@@ -155,13 +160,15 @@ struct Worker {
     /// Takes a frame only while it waits for one.
     shots: SyncSender<(Shot, Home)>,
     estimates: Receiver<Result<Estimate>>,
+    /// Of the frame that it took last.
+    home: Home,
 }
 
 impl Worker {
     fn start(scene: &Arc<Scene>, bell: Bell) -> Self {
         let (shots, given) = sync_channel::<(Shot, Home)>(0);
         let (made, estimates): (Sender<Result<Estimate>>, _) = channel();
-        let scene = scene.clone();
+        let (scene, first) = (scene.clone(), scene.home);
         std::thread::spawn(move || {
             let mut estimation = Estimation::new(scene.camera, scene.home, scene.fps);
             for (shot, home) in given {
@@ -171,7 +178,17 @@ impl Worker {
                 }
             }
         });
-        Self { shots, estimates }
+        Self { shots, estimates, home: first }
+    }
+
+    /// Gives it a frame if it waits for one.
+    fn offer(&mut self, shot: &Shot, home: Home) -> Result<()> {
+        match self.shots.try_send((shot.clone(), home)) {
+            Ok(()) => self.home = home,
+            Err(TrySendError::Full(_)) => {}
+            Err(TrySendError::Disconnected(_)) => return Err(Failure("the estimation has ended".into())),
+        }
+        Ok(())
     }
 }
 
@@ -249,8 +266,10 @@ impl Graphics {
         let wrong = |e: &dyn std::fmt::Display| Failure(e.to_string().replace('\n', " "));
         let descriptor =
             wgpu::InstanceDescriptor::new_with_display_handle_from_env(Box::new(display.clone()));
-        let instance = wgpu::Instance::new(descriptor);
-        let surface = instance.create_surface(window.clone()).map_err(|e| wrong(&e))?;
+        let instance = Gpu::instance(descriptor);
+        // Where there is no device at all, that is why.
+        let why = |e: wgpu::CreateSurfaceError| Gpu::new().err().map_or_else(|| wrong(&e), |e| wrong(&e));
+        let surface = instance.create_surface(window.clone()).map_err(why)?;
         let (gpu, adapter) = Gpu::for_surface(&instance, &surface).map_err(|e| wrong(&e))?;
         let PhysicalSize { width, height } = window.inner_size();
         let Some(mut config) = surface.get_default_config(&adapter, width.max(1), height.max(1)) else {
@@ -387,13 +406,16 @@ impl App {
     /// is there, whatever comes first.
     fn follow(&mut self) -> Result<()> {
         let mut due = None;
+        let Controls { home, paused, .. } = self.controls;
         if let Some(shot) = self.reader.newest() {
             let shot = shot?;
-            match self.worker.shots.try_send((shot.clone(), self.controls.home)) {
-                Err(TrySendError::Disconnected(_)) => return Err(Failure("the estimation has ended".into())),
-                Ok(()) | Err(TrySendError::Full(_)) => {}
-            }
+            self.worker.offer(&shot, home)?;
             due = self.pending.replace(shot);
+        } else if let (Some(shot), true) = (self.pending.as_ref().or(self.shot.as_ref()), paused)
+            && home != self.worker.home
+        {
+            // The object is moved in the frame that stands still.
+            self.worker.offer(shot, home)?;
         }
         while let Ok(estimate) = self.worker.estimates.try_recv() {
             self.estimate = Some(estimate?);
@@ -499,8 +521,7 @@ impl ApplicationHandler<News> for App {
         let height = (PICTURE * h as f64 / w as f64).clamp(600.0, 960.0);
         let size = LogicalSize::new(PICTURE + f64::from(PANEL), height);
         let attributes = Window::default_attributes().with_title("blindaug live").with_inner_size(size);
-        let made =
-            events.create_window(attributes).map_err(|e| Failure(format!("no window can be opened ({e})")));
+        let made = events.create_window(attributes).map_err(|e| no_window(&e));
         let made = made.map(Arc::new).and_then(|window| {
             self.graphics = Some(Graphics::new(&self.display, &window, &self.scene)?);
             Ok(window)
@@ -547,5 +568,17 @@ impl ApplicationHandler<News> for App {
             }
             _ => {}
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn why_there_is_no_window_names_no_source_file() {
+        let said = "os error at /home/me/winit-0.30/src/linux/mod.rs:788: Failed to open it:\nno server";
+        assert_eq!(without_place(said), "Failed to open it: no server");
+        assert_eq!(without_place("neither this: nor that"), "neither this: nor that");
     }
 }
