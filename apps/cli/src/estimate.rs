@@ -3,7 +3,7 @@
 use crate::{
     console::{self, Failure, Progress, Result, failure, note, warn},
     inspect,
-    networks::{EvidenceWriter, Networks},
+    networks::{EvidenceWriter, Networks, or_removed},
     report::{self, ReportInput, Sample, TrackReportInput},
 };
 use blindaug::{
@@ -466,23 +466,16 @@ fn show(
         let clean = Side::get(&mut clean, number, size, wanted)?;
         let removed =
             if wanted && !networks.is_empty() { networks.run(&run, own) } else { Removed::default() };
-        // After motion blur too, what is without defocus is clean.
-        let (both, defocus_only) = match removed.motion_deblurred {
-            Some(_) => (removed.defocus_deblurred.as_deref(), None),
-            None => (None, removed.defocus_deblurred.as_deref()),
+        let given = Evidence {
+            flow: flow.as_ref(),
+            inverse_depth: inverse_depth.as_ref().zip(depth_kind),
+            denoised: denoised.as_ref(),
+            motion_deblurred: motion_deblurred.as_ref(),
+            defocus_deblurred: defocus_deblurred.as_ref(),
+            clean: clean.as_ref(),
+            by_network: footage.by_network,
         };
-        let evidence = Evidence {
-            flow: flow.as_ref().or(removed.flow.as_ref()),
-            inverse_depth: inverse_depth
-                .as_ref()
-                .zip(depth_kind)
-                .or(removed.inverse_depth.as_ref().map(|(d, kind)| (d, *kind))),
-            denoised: denoised.as_ref().or(removed.denoised.as_deref()),
-            motion_deblurred: motion_deblurred.as_ref().or(removed.motion_deblurred.as_deref()),
-            defocus_deblurred: defocus_deblurred.as_ref().or(defocus_only),
-            clean: clean.as_ref().or(both),
-            by_network: footage.by_network || networks.remove(),
-        };
+        let evidence = or_removed(given, &removed);
         if let Some(save) = save {
             save.images(number, &frame.image, &evidence)?;
         }

@@ -1,7 +1,10 @@
 //! Networks of the paper's pipeline: which are used, and what they and the estimator find, kept in files.
 
 use crate::console::{Failure, Result, failure, make_folder, note, warn};
-use blindaug::{Encoded, fit::Estimator};
+use blindaug::{
+    Encoded,
+    fit::{Estimator, Evidence},
+};
 use blindaug_io::{write_flo, write_grey16, write_png16};
 use blindaug_nets::{Chain, Removed, Slot, Slots, Store};
 use std::path::{Path, PathBuf};
@@ -57,6 +60,11 @@ impl Networks {
         slots.remove_noise.is_some() || slots.remove_motion_blur.is_some() || slots.remove_defocus.is_some()
     }
 
+    /// Forgets the frames so far: another clip begins.
+    pub fn clear(&mut self) {
+        self.chain.clear();
+    }
+
     /// How many frames before and after one they look at.
     pub fn reach(&self) -> usize {
         self.chain.reach()
@@ -69,6 +77,26 @@ impl Networks {
             fall_back(slot, &e);
         }
         removed
+    }
+}
+
+/// What is given, and where nothing is, what networks made.
+pub fn or_removed<'a>(given: Evidence<'a>, removed: &'a Removed) -> Evidence<'a> {
+    let Removed { denoised, motion_deblurred, defocus_deblurred, flow, inverse_depth, .. } = removed;
+    // After motion blur too, what is without defocus is clean.
+    let (clean, defocus_only) = match motion_deblurred {
+        Some(_) => (defocus_deblurred.as_deref(), None),
+        None => (None, defocus_deblurred.as_deref()),
+    };
+    Evidence {
+        flow: given.flow.or(flow.as_ref()),
+        inverse_depth: given.inverse_depth.or(inverse_depth.as_ref().map(|(d, kind)| (d, *kind))),
+        denoised: given.denoised.or(denoised.as_deref()),
+        motion_deblurred: given.motion_deblurred.or(motion_deblurred.as_deref()),
+        defocus_deblurred: given.defocus_deblurred.or(defocus_only),
+        clean: given.clean.or(clean),
+        by_network: given.by_network
+            || [denoised, motion_deblurred, defocus_deblurred].iter().any(|i| i.is_some()),
     }
 }
 
@@ -100,7 +128,7 @@ impl EvidenceWriter {
     }
 
     /// A frame and what was removed from it.
-    pub fn images(&mut self, number: u64, frame: &Encoded, evidence: &blindaug::fit::Evidence) -> Result<()> {
+    pub fn images(&mut self, number: u64, frame: &Encoded, evidence: &Evidence) -> Result<()> {
         let images = [
             ("original", Some(frame)),
             ("denoised", evidence.denoised),

@@ -7,6 +7,7 @@ mod page;
 mod scene;
 
 use crate::console::{self, Progress, Result, failure, note};
+use crate::networks::Networks;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Transfer};
@@ -39,6 +40,10 @@ pub struct Validate {
     /// Only the clips, no scenes
     #[arg(long, requires = "clips")]
     only_clips: bool,
+    /// A network that removes noise or blur, for the rows "by networks": a name of `blindaug models list`, or a manifest; may be
+    /// repeated. `none`: leave these rows out [default: the built-in ones]
+    #[arg(long, value_name = "NAME")]
+    network: Vec<String>,
     /// A minute: one small scene, few settings
     #[arg(long, conflicts_with_all = ["scenes", "frames"])]
     quick: bool,
@@ -78,6 +83,8 @@ struct Case {
     frames: u64,
     size: (usize, usize),
     setting: Option<Setting>,
+    /// As named on the command line.
+    networks: Vec<String>,
 }
 
 /// A case with what came out.
@@ -96,12 +103,13 @@ pub fn run(args: &Validate) -> Result<()> {
     let (done, pictures) = (args.output.join("cases"), args.output.join("pictures"));
     console::make_folder(&done)?;
     console::make_folder(&pictures)?;
+    let mut networks = Networks::named(&args.network, true)?;
     let clips = args.clips.as_deref().map(clips::conditions).transpose()?.unwrap_or_default();
     let mut cases: Vec<(Case, Option<&Condition>)> = vec![];
     if !args.only_clips {
         cases.extend(own_cases(args).into_iter().map(|c| (c, None)));
     }
-    cases.extend(clips.iter().map(|condition| (clip_case(condition), Some(condition))));
+    cases.extend(clips.iter().map(|condition| (clip_case(condition, &args.network), Some(condition))));
     let mut outcomes = vec![];
     let mut already = 0;
     let mut progress = Progress::counting("validating", "cases", Some(cases.len()));
@@ -116,8 +124,8 @@ pub fn run(args: &Validate) -> Result<()> {
             }
             None => {
                 let outcome = match condition {
-                    Some(condition) => measure_clip(case, condition)?,
-                    None => measure_own(case, &mut sharp, &pictures)?,
+                    Some(condition) => measure_clip(case, condition, &mut networks)?,
+                    None => measure_own(case, &mut sharp, &mut networks, &pictures)?,
                 };
                 let text = serde_json::to_string_pretty(&outcome).expect("an outcome is plain data");
                 write_atomically(&path, |partial| std::fs::write(partial, &text))?;
@@ -203,6 +211,7 @@ fn own_cases(args: &Validate) -> Vec<Case> {
                     frames,
                     size,
                     setting: Some(*setting),
+                    networks: args.network.clone(),
                 });
             }
         }
@@ -210,7 +219,7 @@ fn own_cases(args: &Validate) -> Vec<Case> {
     cases
 }
 
-fn clip_case(condition: &Condition) -> Case {
+fn clip_case(condition: &Condition, networks: &[String]) -> Case {
     Case {
         name: format!("clip-{}", condition.title().replace(' ', "-")),
         experiment: Experiment::Clip,
@@ -219,6 +228,7 @@ fn clip_case(condition: &Condition) -> Case {
         frames: 0,
         size: (0, 0),
         setting: None,
+        networks: networks.to_vec(),
     }
 }
 
@@ -247,7 +257,12 @@ impl SharpScene {
     }
 }
 
-fn measure_own(case: &Case, sharp: &mut SharpScene, pictures: &Path) -> Result<Outcome> {
+fn measure_own(
+    case: &Case,
+    sharp: &mut SharpScene,
+    networks: &mut Networks,
+    pictures: &Path,
+) -> Result<Outcome> {
     let (Some(camera), Some(setting)) = (case.camera, case.setting) else {
         return Err(failure(pictures, "a case without a camera"));
     };
@@ -263,8 +278,8 @@ fn measure_own(case: &Case, sharp: &mut SharpScene, pictures: &Path) -> Result<O
         footage.frames.push(filmed.frame);
     }
     let mut measured = vec![];
-    for given in Given::ALL {
-        let (m, estimation) = measure(footage, given).map_err(|e| failure(pictures, e))?;
+    for given in Given::with(networks) {
+        let (m, estimation) = measure(footage, given, networks).map_err(|e| failure(pictures, e))?;
         measured.push(m);
         // For the page: what is seen of the first scene when depth is given.
         if given == Given::Depth && case.scene == 1 && case.experiment == Experiment::All {
@@ -300,12 +315,12 @@ fn write_pictures(case: &Case, footage: &Footage, estimation: &Estimation, pictu
     Ok(())
 }
 
-fn measure_clip(case: &Case, condition: &Condition) -> Result<Outcome> {
+fn measure_clip(case: &Case, condition: &Condition, networks: &mut Networks) -> Result<Outcome> {
     let footage = condition.read()?;
     let mut measured = vec![];
     let mut fidelity = None;
-    for given in Given::ALL {
-        let (m, estimation) = measure(&footage, given).map_err(|e| failure(&condition.clip, e))?;
+    for given in Given::with(networks) {
+        let (m, estimation) = measure(&footage, given, networks).map_err(|e| failure(&condition.clip, e))?;
         measured.push(m);
         if given == Given::Depth {
             fidelity = condition.fidelity(&estimation.model)?;

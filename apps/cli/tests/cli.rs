@@ -2,6 +2,7 @@
 
 #[cfg(feature = "live")]
 mod live;
+mod networks;
 
 use blindaug::{
     CameraModel, Encoded, Raster,

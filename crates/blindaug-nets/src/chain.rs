@@ -140,6 +140,11 @@ impl Chain {
         Self { slots, kept: BTreeMap::new() }
     }
 
+    /// Forgets the frames so far: another clip begins.
+    pub fn clear(&mut self) {
+        self.kept.clear();
+    }
+
     /// What is in the slots now.
     pub fn slots(&self) -> &Slots {
         &self.slots

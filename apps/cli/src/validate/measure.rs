@@ -1,5 +1,6 @@
 //! Estimates beside the truth.
 
+use crate::networks::{Networks, or_removed};
 use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
 use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::{Encoded, Flow, Plane, Raster, Result, pyramid};
@@ -16,16 +17,37 @@ pub enum Given {
     DepthAndFlow,
     /// Depth and flow; by removal of blur instead of from spectra.
     DepthAndFlowByRemoval,
+    /// Depth and flow; by networks that remove blur.
+    DepthAndFlowByNetworks,
     /// Depth, as AR devices do.
     Depth,
     /// Nothing: the paper's FULLPIPELINE.
     Nothing,
+    /// Nothing; by networks that remove blur: the paper's FULLPIPELINE in its own way.
+    NothingByNetworks,
 }
 
 impl Given {
     /// From much to little.
-    pub const ALL: [Self; 5] =
-        [Self::Everything, Self::DepthAndFlow, Self::DepthAndFlowByRemoval, Self::Depth, Self::Nothing];
+    pub const ALL: [Self; 7] = [
+        Self::Everything,
+        Self::DepthAndFlow,
+        Self::DepthAndFlowByRemoval,
+        Self::DepthAndFlowByNetworks,
+        Self::Depth,
+        Self::Nothing,
+        Self::NothingByNetworks,
+    ];
+
+    /// Those that can be measured with these networks.
+    pub fn with(networks: &Networks) -> Vec<Self> {
+        let any = !networks.is_empty();
+        Self::ALL.into_iter().filter(|g| any || !g.by_networks()).collect()
+    }
+
+    fn by_networks(self) -> bool {
+        matches!(self, Self::DepthAndFlowByNetworks | Self::NothingByNetworks)
+    }
 
     /// In words.
     pub fn words(self) -> &'static str {
@@ -33,8 +55,10 @@ impl Given {
             Self::Everything => "clean frames, depth, flow",
             Self::DepthAndFlow => "depth and flow",
             Self::DepthAndFlowByRemoval => "depth and flow, by removal",
+            Self::DepthAndFlowByNetworks => "depth and flow, by networks",
             Self::Depth => "depth",
             Self::Nothing => "nothing",
+            Self::NothingByNetworks => "nothing, by networks",
         }
     }
 }
@@ -192,9 +216,9 @@ pub struct Measured {
 ///
 /// # Errors
 /// None that sound footage gives cause for.
-pub fn measure(footage: &Footage, given: Given) -> Result<(Measured, Estimation)> {
+pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Result<(Measured, Estimation)> {
     let start = Instant::now();
-    let estimation = estimate(footage, given)?;
+    let estimation = estimate(footage, given, networks)?;
     let seconds = start.elapsed().as_secs_f32();
     let model = &estimation.model;
     let noise = match (&model.noise, &footage.noise) {
@@ -220,9 +244,12 @@ pub fn measure(footage: &Footage, given: Given) -> Result<(Measured, Estimation)
     Ok((measured, estimation))
 }
 
-fn estimate(footage: &Footage, given: Given) -> Result<Estimation> {
+fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<Estimation> {
     let everything = given == Given::Everything;
-    let by_removal = everything || given == Given::DepthAndFlowByRemoval;
+    let by_networks = given.by_networks();
+    let by_removal = everything || by_networks || given == Given::DepthAndFlowByRemoval;
+    let numbered: Vec<(u64, &Encoded)> = (0..).zip(&footage.frames).collect();
+    networks.clear();
     let mut estimator = Estimator::new(Options {
         family: if by_removal { Family::Removal } else { Family::Spectral },
         ..Options::default()
@@ -231,18 +258,22 @@ fn estimate(footage: &Footage, given: Given) -> Result<Estimation> {
     let several = footage.frames.len() > 1;
     for (i, frame) in footage.frames.iter().enumerate() {
         // Of a single frame nothing is known of how it moves.
-        let flow = (several && given <= Given::DepthAndFlowByRemoval).then(|| &footage.flow[i]);
+        let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
+        let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
+        let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
         estimator.add(&Observation {
             frame,
             next: footage.frames.get(i + 1),
             previous: i.checked_sub(1).map(|i| &footage.frames[i]),
-            evidence: Evidence {
-                flow,
-                inverse_depth: (given <= Given::Depth)
-                    .then(|| (&footage.inverse_depth[i], DepthKind::Metric)),
-                clean: everything.then(|| &footage.clean[i]),
-                ..Evidence::default()
-            },
+            evidence: or_removed(
+                Evidence {
+                    flow,
+                    inverse_depth: depth,
+                    clean: everything.then(|| &footage.clean[i]),
+                    ..Evidence::default()
+                },
+                &removed,
+            ),
         })?;
     }
     estimator.estimate()

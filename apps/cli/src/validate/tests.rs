@@ -22,7 +22,7 @@ fn measured(given: Given, which: impl Fn(&str) -> bool) -> Option<Vec<(Truth, Me
             .filter(|c| which(&c.name))
             .map(|c| {
                 let footage = c.read().unwrap();
-                (footage.truth, measure(&footage, given).unwrap().0)
+                (footage.truth, measure(&footage, given, &mut Networks::default()).unwrap().0)
             })
             .collect(),
     )
@@ -65,7 +65,8 @@ fn estimates_from_clean_frames_are_nearer() {
 fn the_estimated_camera_beats_the_naive_composite() {
     let Some(folder) = shared_clips() else { return };
     for condition in clips::conditions(&folder).unwrap().iter().filter(|c| c.name == "full_without") {
-        let (_, estimation) = measure(&condition.read().unwrap(), Given::Depth).unwrap();
+        let (_, estimation) =
+            measure(&condition.read().unwrap(), Given::Depth, &mut Networks::default()).unwrap();
         let f = condition.fidelity(&estimation.model).unwrap().expect("there is an object");
         println!("{}: {f:?}", condition.title());
         assert!(f.estimated > f.naive + 5.0 && f.oracle > 38.0, "{}: {f:?}", condition.title());
@@ -84,6 +85,7 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
         only_clips: false,
         quick: true,
         overwrite,
+        network: vec![],
     };
     run(&args(false)).unwrap();
     let read = || -> Vec<Outcome> {
