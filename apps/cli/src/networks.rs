@@ -65,6 +65,11 @@ impl Networks {
         self.chain.clear();
     }
 
+    /// Whether one of them removes noise.
+    pub fn remove_noise(&self) -> bool {
+        self.chain.slots().remove_noise.is_some()
+    }
+
     /// How many frames before and after one they look at.
     pub fn reach(&self) -> usize {
         self.chain.reach()

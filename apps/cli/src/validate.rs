@@ -5,6 +5,7 @@ mod clips;
 mod measure;
 mod page;
 mod scene;
+mod still;
 
 use crate::console::{self, Progress, Result, failure, note};
 use crate::networks::Networks;
@@ -37,6 +38,9 @@ pub struct Validate {
     /// Also rendered clips: a folder with a folder per clip, each with truth.json
     #[arg(long, value_name = "DIR")]
     clips: Option<PathBuf>,
+    /// Only noise, of this real clip of a camera that stood still: beside the median over time
+    #[arg(long, value_name = "CLIP", conflicts_with_all = ["scenes", "frames", "clips", "quick"])]
+    still: Option<PathBuf>,
     /// Only the clips, no scenes
     #[arg(long, requires = "clips")]
     only_clips: bool,
@@ -99,11 +103,14 @@ struct Outcome {
 
 /// Runs the command.
 pub fn run(args: &Validate) -> Result<()> {
+    let mut networks = Networks::named(&args.network, true)?;
+    if let Some(clip) = &args.still {
+        return console::print(&still::measure(clip, &mut networks)?);
+    }
     console::make_folder(&args.output)?;
     let (done, pictures) = (args.output.join("cases"), args.output.join("pictures"));
     console::make_folder(&done)?;
     console::make_folder(&pictures)?;
-    let mut networks = Networks::named(&args.network, true)?;
     let clips = args.clips.as_deref().map(clips::conditions).transpose()?.unwrap_or_default();
     let mut cases: Vec<(Case, Option<&Condition>)> = vec![];
     if !args.only_clips {

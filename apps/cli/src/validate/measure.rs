@@ -109,15 +109,21 @@ impl NoiseTruth {
     /// Adds the noise of a frame, of which it is known what it would be without.
     pub fn add(&mut self, frame: &Encoded, without_noise: &Encoded) {
         let (w, h) = frame.0.size();
+        self.add_where(frame, without_noise, &Plane::filled(w, h, 1.0));
+    }
+
+    /// The same, only where `known` is 1; elsewhere it is 0.
+    pub fn add_where(&mut self, frame: &Encoded, without_noise: &Encoded, known: &Plane) {
+        let (w, h) = frame.0.size();
         let noise = Raster::from_fn(w, h, |x, y| {
             let (a, b) = (frame.0.at(x, y), without_noise.0.at(x, y));
-            std::array::from_fn::<f32, 3, _>(|c| a[c] - b[c])
+            std::array::from_fn::<f32, 3, _>(|c| known.at(x, y) * (a[c] - b[c]))
         });
         let (bands, _) = pyramid::laplacian(&noise, NOISE_LEVELS);
         let mut luma = without_noise.luma();
         // Where values clip, noise is cut off; the model speaks of what is not.
         let whole = |p: [f32; 3]| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 };
-        let mut weight = without_noise.0.map(whole);
+        let mut weight = Plane::from_fn(w, h, |x, y| known.at(x, y) * whole(without_noise.0.at(x, y)));
         for (level, band) in bands.iter().enumerate() {
             if level > 0 {
                 (luma, weight) = (pyramid::downsample(&luma), pyramid::downsample(&weight));
@@ -323,7 +329,7 @@ fn lens(model: &DefocusModel, estimation: &Estimation, footage: &Footage) -> Opt
 }
 
 /// (level, |estimated / true - 1|) per level, channel and luminance.
-fn noise_errors(model: &NoiseModel, truth: &NoiseTruth) -> Vec<(usize, f32)> {
+pub fn noise_errors(model: &NoiseModel, truth: &NoiseTruth) -> Vec<(usize, f32)> {
     truth
         .points()
         .map(|(level, c, y, std)| (level, (model.levels[level].sigma(y)[c] / std.max(1e-6) - 1.0).abs()))

@@ -86,6 +86,7 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
         quick: true,
         overwrite,
         network: vec![],
+        still: None,
     };
     run(&args(false)).unwrap();
     let read = || -> Vec<Outcome> {

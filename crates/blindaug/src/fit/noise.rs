@@ -80,6 +80,25 @@ pub struct NoiseEvidence {
     brightest: Box<[u64; 256]>,
 }
 
+/// Side of the blocks that video coders copy, px.
+const COPIED: usize = 8;
+
+/// Blocks that are the same in both frames to the last bit: a coder that takes them for still copies them, noise and all, so
+/// they say nothing of it. Where all are the same there is no noise.
+fn copied_blocks(frame: &Encoded, next: &Encoded, rows: Range<usize>) -> Raster<bool> {
+    let (w, height) = (frame.0.width(), rows.len());
+    let same = Raster::from_fn(w.div_ceil(COPIED), height.div_ceil(COPIED), |bx, by| {
+        let columns = bx * COPIED..((bx + 1) * COPIED).min(w);
+        (by * COPIED..((by + 1) * COPIED).min(height)).all(|y| {
+            let y = rows.start + y;
+            frame.0.row(y)[columns.clone()] == next.0.row(y)[columns.clone()]
+        })
+    });
+    let copied = same.data().iter().filter(|s| **s).count();
+    // Also of two frames that differ by a few blocks only: what differs is not a sample of what is there.
+    if copied * 20 > same.data().len() * 19 { same.map(|_| false) } else { same }
+}
+
 impl NoiseEvidence {
     /// No evidence yet; `method` is [`Method::Temporal`], [`Method::Spatial`] or [`Method::Removal`].
     pub fn new(method: Method) -> Self {
@@ -135,9 +154,10 @@ impl NoiseEvidence {
             let b = next.0.cubic(tx, ty);
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
         });
+        let copied = copied_blocks(frame, next, rows);
         let valid = Raster::from_fn(w, height, |x, y| {
             let [tx, ty] = target(x, y);
-            inside(tx, ty) && !clips(frame.0.at(x, top + y))
+            inside(tx, ty) && !clips(frame.0.at(x, top + y)) && !copied.at(x / COPIED, y / COPIED)
         });
         // The taps change the noise of the second frame, by how far the target lies from a pixel's centre. They are cubic, for
         // linear ones leave as much of the texture in the coarse levels as there is noise.
