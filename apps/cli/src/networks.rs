@@ -6,13 +6,14 @@ use blindaug::{
     fit::{Estimator, Evidence},
 };
 use blindaug_io::{write_flo, write_grey16, write_png16};
-use blindaug_nets::{Chain, Removed, Slot, Slots, Store};
+use blindaug_nets::{Chain, Network, Removed, Slot, Slots, Store};
 use std::path::{Path, PathBuf};
 
 /// The networks that a command uses.
 #[derive(Default)]
 pub struct Networks {
     chain: Chain,
+    names: Vec<String>,
 }
 
 impl Networks {
@@ -31,6 +32,11 @@ impl Networks {
             };
         }
         let mut slots = Slots::default();
+        let mut used = vec![];
+        let mut fill = |network: Network| {
+            used.push(network.manifest().name.clone());
+            slots.fill(network);
+        };
         let mut filled: Vec<(Slot, String)> = vec![];
         for name in names {
             let manifest = store.find(name)?;
@@ -39,14 +45,19 @@ impl Networks {
             }
             filled.push((manifest.operator, name.clone()));
             match store.open(name) {
-                Ok(network) => slots.fill(network),
+                Ok(network) => fill(network),
                 Err(e) => fall_back(manifest.operator, &e),
             }
         }
         if names.is_empty() && removal {
-            Store::built_in()?.into_iter().for_each(|network| slots.fill(network));
+            Store::built_in()?.into_iter().for_each(fill);
         }
-        Ok(Self { chain: Chain::new(slots) })
+        Ok(Self { chain: Chain::new(slots), names: used })
+    }
+
+    /// Their names, joined by commas.
+    pub fn names(&self) -> String {
+        self.names.join(", ")
     }
 
     /// Whether there is none.

@@ -119,6 +119,8 @@ pub struct Removed {
 pub struct Chain {
     slots: Slots,
     kept: BTreeMap<(Slot, u64), Arc<Encoded>>,
+    /// The least and most of relative inverse depth in the clip's first frame.
+    depth_range: Option<[f32; 2]>,
 }
 
 /// Successive frames with their numbers, and which of them is asked for.
@@ -137,12 +139,13 @@ impl Window<'_> {
 impl Chain {
     /// A chain of these.
     pub fn new(slots: Slots) -> Self {
-        Self { slots, kept: BTreeMap::new() }
+        Self { slots, ..Self::default() }
     }
 
     /// Forgets the frames so far: another clip begins.
     pub fn clear(&mut self) {
         self.kept.clear();
+        self.depth_range = None;
     }
 
     /// What is in the slots now.
@@ -200,6 +203,9 @@ impl Chain {
         }
         if let Some(result) = self.of_sharp(&window, |slots| &slots.get_depth) {
             match result {
+                Ok((depth, DepthKind::Relative)) => {
+                    removed.inverse_depth = Some((self.scaled(depth), DepthKind::Relative));
+                }
                 Ok(depth) => removed.inverse_depth = Some(depth),
                 Err(e) => {
                     self.slots.get_depth = None;
@@ -210,6 +216,13 @@ impl Chain {
         let oldest = frames[at].0.saturating_sub(self.reach() as u64);
         self.kept.retain(|(_, number), _| *number >= oldest);
         removed
+    }
+
+    /// Relative inverse depth, of any range, as 0 (far) to 1 in the clip's first frame; the same for all frames, so that they agree.
+    fn scaled(&mut self, depth: Plane) -> Plane {
+        let range = || depth.data().iter().fold([f32::MAX, f32::MIN], |[lo, hi], &v| [lo.min(v), hi.max(v)]);
+        let [lo, hi] = *self.depth_range.get_or_insert_with(range);
+        depth.map(|v| ((v - lo) / (hi - lo).max(1e-6)).max(0.0))
     }
 
     /// What an operator makes of the sharpest frames there are.
@@ -305,6 +318,31 @@ mod tests {
         assert_eq!((value(&second.denoised), value(&second.motion_deblurred)), (Some(1100.0), Some(1100.0)));
         // Three frames denoised, two deblurred.
         assert_eq!(count.load(Ordering::Relaxed), 5);
+    }
+
+    /// Gives its frame's red, and another unit each time it would be scaled by itself.
+    struct Red;
+
+    impl Operator<(Plane, DepthKind)> for Red {
+        fn frames(&self) -> &[i32] {
+            &[0]
+        }
+
+        fn run(&self, frames: &[&Encoded]) -> Result<(Plane, DepthKind)> {
+            Ok((frames[0].0.map(|p| 40.0 * p[0] - 3.0), DepthKind::Relative))
+        }
+    }
+
+    #[test]
+    fn relative_depth_has_one_scale_in_all_frames() {
+        let mut chain = Chain::new(Slots { get_depth: Some(Box::new(Red)), ..Slots::default() });
+        let frame = |most: f32| Encoded(Raster::from_fn(11, 1, |x, _| [0.1 * x as f32 * most; 3]));
+        let frames = [frame(0.5), frame(1.0)];
+        let of = |removed: Removed| removed.inverse_depth.map(|d| [0, 5, 10].map(|x| (d.0.at(x, 0) * 100.0).round()));
+        assert_eq!(of(run(&mut chain, &frames, 0)), Some([0.0, 50.0, 100.0]));
+        assert_eq!(of(run(&mut chain, &frames, 1)), Some([0.0, 100.0, 200.0]));
+        chain.clear();
+        assert_eq!(of(run(&mut chain, &frames, 1)), Some([0.0, 50.0, 100.0]));
     }
 
     #[test]

@@ -128,7 +128,8 @@ impl Network {
         Ok(Raster::from_fn(w, h, |x, y| [0, 1].map(|c| scale[c] * values[c].at(x, y))))
     }
 
-    /// Inverse depth, 1/m or relative, and which of the two.
+    /// Inverse depth, 1/m or relative, and which of the two. What is relative is as the network gives it: of any range, but the same
+    /// for all frames of a clip.
     ///
     /// # Errors
     /// As of [`Network::image`].
@@ -139,9 +140,7 @@ impl Network {
         if self.manifest.output.kind == Kind::Depth {
             return Ok((depth.map(|z| if z > 0.0 { z.recip() } else { f32::NAN }), DepthKind::Metric));
         }
-        // Only its order and ratios of differences mean something: brought to 0 to 1.
-        let (lo, hi) = depth.data().iter().fold((f32::MAX, f32::MIN), |(l, h), &v| (l.min(v), h.max(v)));
-        Ok((depth.map(|v| (v - lo) / (hi - lo).max(1e-6)), DepthKind::Relative))
+        Ok((depth, DepthKind::Relative))
     }
 
     fn error(&self, sentence: String) -> Error {

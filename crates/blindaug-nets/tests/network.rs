@@ -150,7 +150,7 @@ fn flow_and_depth_come_in_their_units() {
     let ramp = Encoded(Raster::from_fn(96, 72, |x, _| [0.0, 0.2 + 0.5 * x as f32 / 95.0, 0.0]));
     let (depth, kind) = relative.inverse_depth(&[&ramp]).unwrap();
     assert_eq!((kind, depth.size()), (DepthKind::Relative, (96, 72)));
-    assert!((depth.at(48, 30) - 0.5).abs() < 0.02 && depth.at(0, 0) < 0.02 && depth.at(95, 71) > 0.98);
+    assert!((0..96).all(|x| (depth.at(x, 30) - ramp.0.at(x, 30)[1]).abs() < 0.02));
     let metric = opened("getDepth", "depth.onnx", "[input]\nsize = [32, 24]\n[output]\nkind = 'depth'");
     let (depth, kind) = metric.inverse_depth(&[&ramp]).unwrap();
     assert_eq!(kind, DepthKind::Metric);
