@@ -187,6 +187,9 @@ pub fn run(args: &Estimate) -> Result<()> {
         let why = if given { "such frames are given" } else { "--method spectral removes nothing" };
         return Err(Failure(format!("{why}: name only networks of flow and depth")));
     }
+    if !networks.is_empty() {
+        note(format_args!("networks: {}", networks.names()));
+    }
     let save =
         args.save_evidence.as_deref().map(|d| EvidenceWriter::new(d, footage.source.path())).transpose()?;
     let fitted = fit(&footage, networks, save, options, args.report.is_some())?;

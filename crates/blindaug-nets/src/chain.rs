@@ -338,7 +338,9 @@ mod tests {
         let mut chain = Chain::new(Slots { get_depth: Some(Box::new(Red)), ..Slots::default() });
         let frame = |most: f32| Encoded(Raster::from_fn(11, 1, |x, _| [0.1 * x as f32 * most; 3]));
         let frames = [frame(0.5), frame(1.0)];
-        let of = |removed: Removed| removed.inverse_depth.map(|d| [0, 5, 10].map(|x| (d.0.at(x, 0) * 100.0).round()));
+        let of = |removed: Removed| {
+            removed.inverse_depth.map(|d| [0, 5, 10].map(|x| (d.0.at(x, 0) * 100.0).round()))
+        };
         assert_eq!(of(run(&mut chain, &frames, 0)), Some([0.0, 50.0, 100.0]));
         assert_eq!(of(run(&mut chain, &frames, 1)), Some([0.0, 100.0, 200.0]));
         chain.clear();
