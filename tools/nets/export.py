@@ -201,13 +201,26 @@ def load(net, path):
         print(f"not used: {len(unexpected)} weights, such as {unexpected[0]}", file=sys.stderr)
 
 
-def randomise(net):
-    """Some weights start at zero, which would hide what comes before them."""
+def randomise(net, module):
+    """Weights with which a signal neither dies out nor grows, and with which nothing is hidden behind a zero."""
     torch.manual_seed(1)
     with torch.no_grad():
         for p in net.parameters():
-            if p.count_nonzero() == 0:
-                p.normal_(0, 0.05)
+            if p.dim() > 1 and 0 < p.std() < 0.025:
+                p.normal_(0, p[0].numel() ** -0.5)
+            elif p.count_nonzero() == 0:
+                # Above zero, as some outputs end in a ReLU.
+                p.uniform_(0, 0.1)
+        if hasattr(net, "flow_head"):
+            # SEA-RAFT's flow would leave the image and jump with rounding.
+            net.flow_head[-1].weight.mul_(0.01)
+        norms = [m for m in module.eval().modules() if isinstance(m, nn.BatchNorm2d)]
+        if norms:
+            for m in norms:
+                m.momentum = 1
+                m.train()
+            inputs = [torch.rand(1, 3, 128, 128) for _ in range(2 if isinstance(module, Pair) else 1)]
+            module(*inputs)
 
 
 def build(name, weights=None):
@@ -223,7 +236,7 @@ def build(name, weights=None):
     elif weights:
         load(net, weights)
     else:
-        randomise(net)
+        randomise(net, module)
     return module.eval(), width, height, dynamic
 
 
