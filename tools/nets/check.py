@@ -22,7 +22,7 @@ import export
 CRATE = pathlib.Path(__file__).resolve().parents[2] / "crates/blindaug-nets"
 TOLERANCE = 1e-4
 # Random networks have no use for large images. Other sizes than that of the export where the network permits.
-SIZES = {"raft-large": (320, 256), "raft-small": (320, 256), "sea-raft-m": (320, 256), "depth-anything-v2-small": (322, 252)}
+SIZES = {"raft-large": (320, 256), "raft-small": (320, 256), "sea-raft-m": (320, 256)}
 
 
 def scene(width, height, seed=3):

@@ -119,10 +119,7 @@ def dpt_large():
 
 def depth_anything_v2_small():
     from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
-    from transformers.models.depth_anything import modeling_depth_anything
 
-    # It rounds the output's size, which would make the size at the export a part of the graph.
-    modeling_depth_anything.int = lambda v: v if isinstance(v, torch.Tensor) else int(v)
     backbone = Dinov2Config(
         hidden_size=384,
         num_hidden_layers=12,
@@ -134,6 +131,17 @@ def depth_anything_v2_small():
         apply_layernorm=True,
     )
     net = DepthAnythingForDepthEstimation(DepthAnythingConfig(backbone_config=backbone))
+    # Positions are resampled bicubically for other sizes than 518 x 518, which not all runtimes can: they become constants.
+    embeddings, known = net.backbone.embeddings, {}
+    resample = embeddings.interpolate_pos_encoding
+
+    def positions(tokens, height, width):
+        size = int(height), int(width)
+        if size not in known:
+            known[size] = resample(tokens, *size).detach()
+        return known[size]
+
+    embeddings.interpolate_pos_encoding = positions
     return net, Wrapped(net, lambda n, x: n(x).predicted_depth[:, None])
 
 
@@ -178,7 +186,7 @@ NETS = {
     "sea-raft-m": (ptlflow("sea_raft_m"), "ptlflow", (512, 384), True),
     "flownet2": (ptlflow("flownet2"), "ptlflow", (512, 384), False),
     "dpt-large": (dpt_large, "transformers", (384, 384), False),
-    "depth-anything-v2-small": (depth_anything_v2_small, "transformers", (518, 518), True),
+    "depth-anything-v2-small": (depth_anything_v2_small, "transformers", (518, 518), False),
     "depth-pro": (depth_pro, "transformers", (1536, 1536), False),
     "depth-pro-tiny": (lambda: depth_pro(small=True), "transformers", (256, 256), False),
 }
@@ -232,7 +240,7 @@ def build(name, weights=None):
     except ImportError as e:
         sys.exit(f"{name}: {e}; pip install {packages}")
     if weights and os.path.isdir(weights):
-        module.net = type(net).from_pretrained(weights)
+        net.load_state_dict(type(net).from_pretrained(weights).state_dict())
     elif weights:
         load(net, weights)
     else:
@@ -245,9 +253,12 @@ def export(module, path, width, height, dynamic):
     names = ["first", "second"] if pair else ["image"]
     output = "flow" if pair else "output"
     sides = {2: "height", 3: "width"}
+    inputs = tuple(torch.rand(1, 3, height, width) for _ in names)
+    if not dynamic:
+        module(*inputs)  # computes what is kept for this size
     torch.onnx.export(
         module,
-        tuple(torch.rand(1, 3, height, width) for _ in names),
+        inputs,
         path,
         input_names=names,
         output_names=[output],
