@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """check.py FOLDER NAME...: exports networks with random weights and runs them in ONNX Runtime against PyTorch.
 
-Leaves FOLDER/NAME/NAME.onnx with its manifest beside it. ffdnet-color and maxim-denoising are converted from their packages, with their real weights.
+Leaves FOLDER/NAME/NAME.onnx with its manifest beside it. ffdnet-color and maxim-denoising are converted from their packages,
+with their real weights.
 """
 import importlib
 import pathlib

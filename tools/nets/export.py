@@ -102,6 +102,25 @@ def ptlflow(which):
     return build
 
 
+def constant_positions(net):
+    """DINOv2 resamples its positions bicubically, which not all runtimes can: they become constants of the size at the export."""
+
+    def kept(resample):
+        known = {}
+
+        def positions(tokens, height, width):
+            size = int(height), int(width)
+            if size not in known:
+                known[size] = resample(tokens, *size).detach()
+            return known[size]
+
+        return positions
+
+    for part in net.modules():
+        if type(part).__name__ == "Dinov2Embeddings":
+            part.interpolate_pos_encoding = kept(part.interpolate_pos_encoding)
+
+
 def dpt_large():
     from transformers import DPTConfig, DPTForDepthEstimation
 
@@ -131,17 +150,7 @@ def depth_anything_v2_small():
         apply_layernorm=True,
     )
     net = DepthAnythingForDepthEstimation(DepthAnythingConfig(backbone_config=backbone))
-    # Positions are resampled bicubically for other sizes than 518 x 518, which not all runtimes can: they become constants.
-    embeddings, known = net.backbone.embeddings, {}
-    resample = embeddings.interpolate_pos_encoding
-
-    def positions(tokens, height, width):
-        size = int(height), int(width)
-        if size not in known:
-            known[size] = resample(tokens, *size).detach()
-        return known[size]
-
-    embeddings.interpolate_pos_encoding = positions
+    constant_positions(net)
     return net, Wrapped(net, lambda n, x: n(x).predicted_depth[:, None])
 
 
@@ -163,6 +172,7 @@ def depth_pro(small=False):
             use_fov_model=True,
         )
     net = DepthProForDepthEstimation(config or DepthProConfig(use_fov_model=True))
+    constant_positions(net)
 
     def metres(n, x):
         out = n(x)
