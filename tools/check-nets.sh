@@ -4,8 +4,8 @@
 #   tools/check-nets.sh [FOLDER [NAME...]]      # FOLDER for the networks, otherwise a temporary one
 #
 # PYTHON: a Python that has tools/nets/requirements.txt, otherwise one is made in FOLDER, which downloads 6 GB.
-# BLINDAUG: the program, otherwise built. Without NAMEs: all but the three that take more than 4 GB of memory or packages of their own
-# (depth-pro; sea-raft-m and flownet2 need ptlflow). All of it takes half an hour on two cores.
+# BLINDAUG: the program, otherwise built. Without NAMEs: all but those that take more than 4 GB of memory or more to install:
+# depth-pro, sea-raft-m and flownet2 (ptlflow), maxim-denoising (npm, 83 MB). Takes some minutes on two cores.
 # Run with torch 2.15, torchvision 0.29, transformers 5.23, spandrel 0.4.2, onnxruntime 1.31, Python 3.11.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)

@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """check.py FOLDER NAME...: exports networks with random weights and runs them in ONNX Runtime against PyTorch.
 
-Leaves FOLDER/NAME/NAME.onnx with its manifest beside it. ffdnet-color is converted from its package, with its real weights.
+Leaves FOLDER/NAME/NAME.onnx with its manifest beside it. ffdnet-color and maxim-denoising are converted from their packages,
+with their real weights.
 """
 import importlib
 import pathlib
 import shutil
 import subprocess
 import sys
+import tarfile
 import time
 import types
 import zipfile
@@ -15,6 +17,7 @@ import zipfile
 import numpy as np
 import onnxruntime
 import torch
+from PIL import Image
 from torch.nn import functional
 
 import export
@@ -22,7 +25,7 @@ import export
 CRATE = pathlib.Path(__file__).resolve().parents[2] / "crates/blindaug-nets"
 TOLERANCE = 1e-4
 # Random networks have no use for large images. Other sizes than that of the export where the network permits.
-SIZES = {"raft-large": (320, 256), "raft-small": (320, 256), "sea-raft-m": (320, 256), "depth-anything-v2-small": (322, 252)}
+SIZES = {"raft-large": (320, 256), "raft-small": (320, 256), "sea-raft-m": (320, 256)}
 
 
 def scene(width, height, seed=3):
@@ -50,9 +53,32 @@ def ffdnet(folder):
     return net.eval(), [image + 0.1 * torch.randn(image.shape), torch.full((1, 1, 1, 1), 0.1)], path
 
 
+def maxim(folder, name):
+    """The package has a picture, and what its own program makes of it, rounded down to 8 bits."""
+    subprocess.run(["npm", "pack", "--silent", f"@upscalerjs/{name}@0.1.0"], check=True, cwd=folder)
+    package = next(folder.glob("*.tgz"))
+    path = folder / f"{name}.onnx"
+    subprocess.run([sys.executable, CRATE / "convert/maxim.py", package, path], check=True)
+    with tarfile.open(package) as t:
+        before, after = (np.asarray(Image.open(t.extractfile(f"package/assets/{n}.png")).convert("RGB")) for n in ("fixture", "result"))
+    image = before[None].astype(np.float32) / 255
+    start = time.time()
+    got = onnxruntime.InferenceSession(str(path)).run(None, {"image": image})[0][0]
+    seconds = time.time() - start
+    same = (np.floor(got.clip(0, 1) * 255) == after).mean()
+    good = same > 0.9999
+    print(f"{name:28} {'x'.join(str(v) for v in got.shape):14} {seconds:6.1f} s   {100 * same:.3f} % the same{'' if good else '   BAD'}", flush=True)
+    return good
+
+
 def check(folder, name):
     folder = folder / name
     folder.mkdir(parents=True, exist_ok=True)
+    manifest = CRATE / f"manifests/{name}.toml"
+    if manifest.exists():
+        shutil.copy(manifest, folder)
+    if name == "maxim-denoising":
+        return maxim(folder, name)
     if name == "ffdnet-color":
         module, inputs, path = ffdnet(folder)
     else:
@@ -64,9 +90,6 @@ def check(folder, name):
             width, height = SIZES.get(name, (192, 128))
         first = scene(width, height)
         inputs = [first, torch.roll(first, (3, 5), (2, 3))] if isinstance(module, export.Pair) else [first]
-    manifest = CRATE / f"manifests/{name}.toml"
-    if manifest.exists():
-        shutil.copy(manifest, folder)
     with torch.no_grad():
         wanted = module(*inputs).numpy()
     session = onnxruntime.InferenceSession(str(path))

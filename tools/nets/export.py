@@ -102,6 +102,25 @@ def ptlflow(which):
     return build
 
 
+def constant_positions(net):
+    """DINOv2 resamples its positions bicubically, which not all runtimes can: they become constants of the size at the export."""
+
+    def kept(resample):
+        known = {}
+
+        def positions(tokens, height, width):
+            size = int(height), int(width)
+            if size not in known:
+                known[size] = resample(tokens, *size).detach()
+            return known[size]
+
+        return positions
+
+    for part in net.modules():
+        if type(part).__name__ == "Dinov2Embeddings":
+            part.interpolate_pos_encoding = kept(part.interpolate_pos_encoding)
+
+
 def dpt_large():
     from transformers import DPTConfig, DPTForDepthEstimation
 
@@ -119,10 +138,7 @@ def dpt_large():
 
 def depth_anything_v2_small():
     from transformers import DepthAnythingConfig, DepthAnythingForDepthEstimation, Dinov2Config
-    from transformers.models.depth_anything import modeling_depth_anything
 
-    # It rounds the output's size, which would make the size at the export a part of the graph.
-    modeling_depth_anything.int = lambda v: v if isinstance(v, torch.Tensor) else int(v)
     backbone = Dinov2Config(
         hidden_size=384,
         num_hidden_layers=12,
@@ -134,6 +150,7 @@ def depth_anything_v2_small():
         apply_layernorm=True,
     )
     net = DepthAnythingForDepthEstimation(DepthAnythingConfig(backbone_config=backbone))
+    constant_positions(net)
     return net, Wrapped(net, lambda n, x: n(x).predicted_depth[:, None])
 
 
@@ -155,6 +172,7 @@ def depth_pro(small=False):
             use_fov_model=True,
         )
     net = DepthProForDepthEstimation(config or DepthProConfig(use_fov_model=True))
+    constant_positions(net)
 
     def metres(n, x):
         out = n(x)
@@ -178,7 +196,7 @@ NETS = {
     "sea-raft-m": (ptlflow("sea_raft_m"), "ptlflow", (512, 384), True),
     "flownet2": (ptlflow("flownet2"), "ptlflow", (512, 384), False),
     "dpt-large": (dpt_large, "transformers", (384, 384), False),
-    "depth-anything-v2-small": (depth_anything_v2_small, "transformers", (518, 518), True),
+    "depth-anything-v2-small": (depth_anything_v2_small, "transformers", (518, 518), False),
     "depth-pro": (depth_pro, "transformers", (1536, 1536), False),
     "depth-pro-tiny": (lambda: depth_pro(small=True), "transformers", (256, 256), False),
 }
@@ -201,13 +219,26 @@ def load(net, path):
         print(f"not used: {len(unexpected)} weights, such as {unexpected[0]}", file=sys.stderr)
 
 
-def randomise(net):
-    """Some weights start at zero, which would hide what comes before them."""
+def randomise(net, module):
+    """Weights with which a signal neither dies out nor grows, and with which nothing is hidden behind a zero."""
     torch.manual_seed(1)
     with torch.no_grad():
         for p in net.parameters():
-            if p.count_nonzero() == 0:
-                p.normal_(0, 0.05)
+            if p.dim() > 1 and 0 < p.std() < 0.025:
+                p.normal_(0, p[0].numel() ** -0.5)
+            elif p.count_nonzero() == 0:
+                # Above zero, as some outputs end in a ReLU.
+                p.uniform_(0, 0.1)
+        if hasattr(net, "flow_head"):
+            # SEA-RAFT's flow would leave the image and jump with rounding.
+            net.flow_head[-1].weight.mul_(0.01)
+        norms = [m for m in module.eval().modules() if isinstance(m, nn.BatchNorm2d)]
+        if norms:
+            for m in norms:
+                m.momentum = 1
+                m.train()
+            inputs = [torch.rand(1, 3, 128, 128) for _ in range(2 if isinstance(module, Pair) else 1)]
+            module(*inputs)
 
 
 def build(name, weights=None):
@@ -219,11 +250,11 @@ def build(name, weights=None):
     except ImportError as e:
         sys.exit(f"{name}: {e}; pip install {packages}")
     if weights and os.path.isdir(weights):
-        module.net = type(net).from_pretrained(weights)
+        net.load_state_dict(type(net).from_pretrained(weights).state_dict())
     elif weights:
         load(net, weights)
     else:
-        randomise(net)
+        randomise(net, module)
     return module.eval(), width, height, dynamic
 
 
@@ -232,9 +263,12 @@ def export(module, path, width, height, dynamic):
     names = ["first", "second"] if pair else ["image"]
     output = "flow" if pair else "output"
     sides = {2: "height", 3: "width"}
+    inputs = tuple(torch.rand(1, 3, height, width) for _ in names)
+    if not dynamic:
+        module(*inputs)  # computes what is kept for this size
     torch.onnx.export(
         module,
-        tuple(torch.rand(1, 3, height, width) for _ in names),
+        inputs,
         path,
         input_names=names,
         output_names=[output],
