@@ -171,13 +171,13 @@ impl Network {
             return Err(self.error("the frames must have pixels, and one size".into()));
         }
         let noise = input.noise.as_ref().map(|_| noise_std(first));
+        let tile = self.tile_side(input.size.map_or((w, h), |[w, h]| (w, h)))?;
         if let Some([sw, sh]) = input.size {
             let small: Vec<Encoded> = frames.iter().map(|f| Encoded(resampled(&f.0, sw, sh))).collect();
             let whole = [sw, sh].map(|len| Span { start: 0, len });
             let values = self.tile(&small.iter().collect::<Vec<_>>(), whole, noise)?;
             return Ok(values.iter().map(|v| resampled(v, w, h)).collect());
         }
-        let tile = self.tile_side((w, h))?;
         let overlap = input.overlap.min(tile / 2);
         let (columns, rows) = (spans(w, tile, overlap), spans(h, tile, overlap));
         let mut sums: Vec<Plane> = vec![];
@@ -207,7 +207,7 @@ impl Network {
         Ok(sums)
     }
 
-    /// The side of tiles: that of the manifest, or less where memory is short.
+    /// The side of tiles for images of this size: that of the manifest, or less where memory is short.
     fn tile_side(&self, (w, h): (usize, usize)) -> Result<usize> {
         let Input { tile, multiple, memory, .. } = self.manifest.input;
         let mut side = tile.unwrap_or(w.max(h));
@@ -217,7 +217,7 @@ impl Network {
             let smaller = side / 2 / multiple * multiple;
             if tile.is_none() || smaller < 64.max(2 * self.manifest.input.overlap) {
                 return Err(self.error(format!(
-                    "{} needs {} MB of memory for a frame of {w} x {h} px and {} MB are free: close other programs, or use smaller frames",
+                    "{} needs {} MB of memory for {w} x {h} px and {} MB are free: close other programs, or use smaller frames",
                     self.manifest.name,
                     needed(side) >> 20,
                     free >> 20
