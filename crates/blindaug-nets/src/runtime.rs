@@ -38,6 +38,14 @@ impl Session {
             let runtime = guarded(path, || with_ort(path, &library, &onnx))?;
             return Ok(Self { path: path.into(), runtime });
         }
+        // rten takes a cubic Resize for a linear one without a word. In the file: the string's length, and the string.
+        if onnx.windows(6).any(|w| w == b"\x05cubic") {
+            return Err(Error::new(
+                path,
+                "the network resizes by cubic interpolation, which the built-in runtime lacks: export it with linear one, or set \
+                 ORT_DYLIB_PATH to ONNX Runtime's library",
+            ));
+        }
         let model = guarded(path, || rten::Model::load(onnx).map_err(|e| unusable(path, &e)))?;
         Ok(Self { path: path.into(), runtime: Runtime::Rten(Box::new(model)) })
     }

@@ -165,6 +165,10 @@ fn a_damaged_or_foreign_file_is_an_error_that_says_so() {
         let e = error("removeDoF", whole[..n].to_vec(), IMAGE);
         assert!(e.starts_with("x.onnx: ") && e.contains("it may be cut short"), "{n}: {e}");
     }
+    if std::env::var_os("ORT_DYLIB_PATH").is_none() {
+        let e = error("removeDoF", read("cubic.onnx"), IMAGE);
+        assert!(e.contains("cubic interpolation"), "{e}");
+    }
     let e = error("removeDoF", read("nan.onnx"), IMAGE);
     assert!(e.contains("gives values that are no numbers"), "{e}");
     let e = error("removeDoF", read("flow.onnx"), IMAGE);

@@ -68,3 +68,12 @@ network(
     ("y", [1, 24, 32]),
     [("k", green)],
 )
+
+# What rten would get wrong.
+network(
+    "cubic",
+    [("x", RGB)],
+    [helper.make_node("Resize", ["x", "", "s"], ["y"], mode="cubic")],
+    ("y", RGB),
+    [("s", [1, 1, 2, 2])],
+)
