@@ -40,6 +40,7 @@ impl Networks {
         let mut filled: Vec<(Slot, String)> = vec![];
         for name in names {
             let manifest = store.find(name)?;
+            store.check_installed(name)?;
             if let Some((slot, other)) = filled.iter().find(|f| f.0 == manifest.operator) {
                 return Err(Failure(format!("{other} and {name} are both for {}: name one", slot.name())));
             }

@@ -134,6 +134,18 @@ impl Store {
         }
     }
 
+    /// Fails if the file of a network is nowhere.
+    ///
+    /// # Errors
+    /// As of [`Store::find`], or if it is not installed.
+    pub fn check_installed(&self, name: &str) -> Result<()> {
+        let Manifest { file, .. } = self.find(name)?;
+        let own = if name.ends_with(".toml") { PathBuf::from(name) } else { self.manifest_path(name) };
+        let file = own.with_file_name(file);
+        let there = file.is_file() || !own.is_file() && Self::is_built_in(name);
+        if there { Ok(()) } else { Err(not_installed(&file, name)) }
+    }
+
     /// The text of a network's manifest.
     ///
     /// # Errors

@@ -102,6 +102,7 @@ fn networks_that_do_not_fit_together_are_refused() {
     let dir = clip();
     for (arguments, sentence) in [
         ("estimate frames -o c.json --network nothing", "there is no network nothing"),
+        ("estimate frames -o c.json --network raft-small", "raft-small is not installed"),
         ("estimate frames -o c.json --network missing.toml", "missing.toml: there is no such file"),
         ("estimate frames -o c.json --network box.toml --network box.toml", "are both for removeDoF"),
         ("estimate frames -o c.json --network none --network box.toml", "cannot be combined"),
