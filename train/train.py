@@ -1,0 +1,95 @@
+"""Trains one network for a given time. The learning rate follows the clock, so that it ends annealed on any machine."""
+import argparse
+import copy
+import math
+import queue
+import threading
+import time
+
+import numpy as np
+import torch
+
+import degrade
+import nets
+import sharp
+
+p = argparse.ArgumentParser(description=__doc__)
+p.add_argument("task", choices=nets.TASKS)
+p.add_argument("--photos", nargs="*", default=[], help="folders with photographs")
+p.add_argument("--drawn", type=int, default=140, help="number of procedural pictures")
+p.add_argument("--cache", help="file that keeps the sharp images between runs")
+p.add_argument("--minutes", type=float, default=30)
+p.add_argument("--size", type=int, default=96)
+p.add_argument("--batch", type=int, default=8)
+p.add_argument("--lr", type=float, default=1e-3)
+p.add_argument("--start", help="checkpoint whose weights to start from")
+p.add_argument("--out", required=True, help="checkpoint to write")
+p.add_argument("--threads", type=int, default=2)
+p.add_argument("--seed", type=int, default=0)
+a = p.parse_args()
+
+torch.manual_seed(a.seed)
+torch.set_num_threads(a.threads)
+camera = degrade.Camera(*sharp.pool(a.photos, a.drawn, cache=a.cache), a.seed + 1)
+net = nets.Net(a.task).to(memory_format=torch.channels_last)
+if a.start:  # layers whose shape differs (another number of frames) begin anew
+    old, new = torch.load(a.start)["weights"], net.state_dict()
+    net.load_state_dict({k: old[k] if k in old and old[k].shape == v.shape else v for k, v in new.items()})
+ema = copy.deepcopy(net)
+opt = torch.optim.AdamW(net.parameters(), lr=a.lr, betas=(0.9, 0.99), weight_decay=1e-4)
+
+
+def charbonnier(x):
+    return torch.sqrt(x * x + 1e-6).mean()
+
+
+def loss_of(out, want):
+    e = out - want
+    return charbonnier(e) + 0.5 * (charbonnier(e[..., 1:] - e[..., :-1]) + charbonnier(e[..., 1:, :] - e[..., :-1, :]))
+
+
+ready = queue.Queue(4)
+
+
+def feed():
+    while True:
+        ready.put(camera.batch(a.task, a.batch, a.size))
+
+
+threading.Thread(target=feed, daemon=True).start()
+ready.put(ready.get())  # the first waits for compilation
+begin = saved = said = time.time()
+step, sums = 0, np.zeros(3)
+while True:
+    done = (time.time() - begin) / (60 * a.minutes)
+    if done >= 1:
+        break
+    lr = a.lr * min(1, (step + 1) / 100) * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * done)))
+    for g in opt.param_groups:
+        g["lr"] = lr
+    given, want = (torch.from_numpy(v).contiguous(memory_format=torch.channels_last) for v in ready.get())
+    out = net(given)
+    loss = loss_of(out, want)
+    opt.zero_grad(set_to_none=True)
+    loss.backward()
+    torch.nn.utils.clip_grad_norm_(net.parameters(), 0.5)
+    opt.step()
+    step += 1
+    with torch.no_grad():
+        decay = min(0.997, step / (step + 20))
+        for e, v in zip(ema.parameters(), net.parameters()):
+            e.lerp_(v, 1 - decay)
+        f = 3 * net.middle
+        sums += loss.item(), (given[:, f : f + 3] - want).square().mean().item(), (out - want).square().mean().item()
+    now = time.time()
+    if now - said > 60:
+        n = step - getattr(feed, "at", 0)
+        feed.at = step
+        print(f"{(now - begin) / 60:5.1f} min, step {step}, loss {sums[0] / n:.5f}, dB in {-10 * math.log10(sums[1] / n):.2f}, out {-10 * math.log10(sums[2] / n):.2f}", flush=True)
+        sums[:] = 0
+        said = now
+    if now - saved > 120:
+        torch.save({"task": a.task, "weights": ema.state_dict(), "steps": step}, a.out)
+        saved = now
+torch.save({"task": a.task, "weights": ema.state_dict(), "steps": step}, a.out)
+print(f"{step} steps of {a.batch} crops of {a.size} px")
