@@ -21,6 +21,8 @@ p.add_argument("--cache", help="file that keeps the sharp images between runs")
 p.add_argument("--minutes", type=float, default=30)
 p.add_argument("--size", type=int, default=96)
 p.add_argument("--batch", type=int, default=8)
+p.add_argument("--fresh", type=int, default=1, help="new pairs made for each step")
+p.add_argument("--keep", type=int, default=3000, help="pairs kept for use again")
 p.add_argument("--lr", type=float, default=1e-3)
 p.add_argument("--start", help="checkpoint whose weights to start from")
 p.add_argument("--out", required=True, help="checkpoint to write")
@@ -31,7 +33,7 @@ a = p.parse_args()
 torch.manual_seed(a.seed)
 torch.set_num_threads(a.threads)
 camera = degrade.Camera(*sharp.pool(a.photos, a.drawn, cache=a.cache), a.seed + 1)
-net = nets.Net(a.task).to(memory_format=torch.channels_last)
+net = nets.Net(a.task)
 if a.start:  # layers whose shape differs (another number of frames) begin anew
     old, new = torch.load(a.start)["weights"], net.state_dict()
     net.load_state_dict({k: old[k] if k in old and old[k].shape == v.shape else v for k, v in new.items()})
@@ -48,16 +50,50 @@ def loss_of(out, want):
     return charbonnier(e) + 0.5 * (charbonnier(e[..., 1:] - e[..., :-1]) + charbonnier(e[..., 1:, :] - e[..., :-1, :]))
 
 
+class Replay:
+    """Pairs are costly beside a step of so small a network: each is used some times, every time another part of it, turned and recoloured."""
+
+    def __init__(self):
+        self.rng = np.random.default_rng(a.seed + 2)
+        self.pairs = []
+
+    def grow(self):
+        pair = camera.pair(a.task, a.size + 32)
+        if len(self.pairs) < a.keep:
+            self.pairs.append(pair)
+        else:
+            self.pairs[self.rng.integers(a.keep)] = pair
+
+    def batch(self):
+        r = self.rng
+        for _ in range(a.fresh):
+            self.grow()
+        out = ([], [])
+        for _ in range(a.batch):
+            pair = self.pairs[r.integers(len(self.pairs))]
+            y, x = r.integers(0, 33, 2)
+            turn, channels, back = r.random(3) < 0.5, r.permutation(3), r.random() < 0.5
+            for o, v in zip(out, pair):
+                v = v.reshape(-1, 3, *v.shape[1:])[:: -1 if back else 1, channels, y : y + a.size, x : x + a.size]
+                v = v[:, :, ::-1] if turn[0] else v
+                v = v[..., ::-1] if turn[1] else v
+                v = v.swapaxes(2, 3) if turn[2] else v
+                o.append(v.reshape(-1, a.size, a.size))
+        return np.stack(out[0]), np.stack(out[1])
+
+
+replay = Replay()
+for _ in range(60):
+    replay.grow()
 ready = queue.Queue(4)
 
 
 def feed():
     while True:
-        ready.put(camera.batch(a.task, a.batch, a.size))
+        ready.put(replay.batch())
 
 
 threading.Thread(target=feed, daemon=True).start()
-ready.put(ready.get())  # the first waits for compilation
 begin = saved = said = time.time()
 step, sums = 0, np.zeros(3)
 while True:
@@ -67,7 +103,7 @@ while True:
     lr = a.lr * min(1, (step + 1) / 100) * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * done)))
     for g in opt.param_groups:
         g["lr"] = lr
-    given, want = (torch.from_numpy(v).contiguous(memory_format=torch.channels_last) for v in ready.get())
+    given, want = map(torch.from_numpy, ready.get())
     out = net(given)
     loss = loss_of(out, want)
     opt.zero_grad(set_to_none=True)
