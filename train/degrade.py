@@ -244,7 +244,7 @@ class Camera:
         gauss = r.random() < 0.2
         blurred, clean = np.zeros((n, n, 3), np.float32), np.zeros((n, n, 3), np.float32)
         part = np.empty((n, n, 4), np.float32)
-        top = MAX_STD * r.random() ** 0.7
+        top = MAX_STD * r.random()
         everywhere = r.random() < 0.08  # nothing to remove
         for l in layers:
             # along a plane, std is |a + b x + c y|: the thin lens is linear in inverse depth

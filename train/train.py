@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 
 import degrade
 import nets
@@ -24,6 +25,7 @@ p.add_argument("--batch", type=int, default=8)
 p.add_argument("--fresh", type=int, default=1, help="new pairs made for each step")
 p.add_argument("--keep", type=int, default=3000, help="pairs kept for use again")
 p.add_argument("--lr", type=float, default=1e-3)
+p.add_argument("--strength", type=float, default=0, help="weight of the local contrast in the loss")
 p.add_argument("--start", help="checkpoint whose weights to start from")
 p.add_argument("--out", required=True, help="checkpoint to write")
 p.add_argument("--threads", type=int, default=2)
@@ -42,12 +44,27 @@ opt = torch.optim.AdamW(net.parameters(), lr=a.lr, betas=(0.9, 0.99), weight_dec
 
 
 def charbonnier(x):
-    return torch.sqrt(x * x + 1e-6).mean()
+    return torch.sqrt(x * x + 1e-6).mean((1, 2, 3))
 
 
-def loss_of(out, want):
-    e = out - want
-    return charbonnier(e) + 0.5 * (charbonnier(e[..., 1:] - e[..., :-1]) + charbonnier(e[..., 1:, :] - e[..., :-1, :]))
+def strength(x):
+    """Local rms of differences over 1, 2 and 4 px."""
+    x = x.mean(1, keepdim=True)
+    d = [x[..., k:] - x[..., :-k] for k in (1, 2, 4)] + [x[..., k:, :] - x[..., :-k, :] for k in (1, 2, 4)]
+    return [torch.sqrt(F.avg_pool2d(v * v, 8, 4) + 1e-5) for v in d]
+
+
+def distance(x, want):
+    e = x - want
+    d = charbonnier(e) + 0.5 * (charbonnier(e[..., 1:] - e[..., :-1]) + charbonnier(e[..., 1:, :] - e[..., :-1, :]))
+    if a.strength > 0:  # the mean of all sharp frames that may be behind a blurred one is itself blurred: ask for contrast as well
+        d = d + a.strength * sum((p - q).abs().mean((1, 2, 3)) for p, q in zip(strength(x), strength(want))) / 6
+    return d
+
+
+def loss_of(given, out, want):
+    """Relative to what was to be removed, so that strong blur, of which little can be recovered, does not drown the rest."""
+    return (0.03 * distance(out, want) / (distance(given, want) + 0.01)).mean()
 
 
 class Replay:
@@ -105,7 +122,8 @@ while True:
         g["lr"] = lr
     given, want = map(torch.from_numpy, ready.get())
     out = net(given)
-    loss = loss_of(out, want)
+    f = 3 * net.middle
+    loss = loss_of(given[:, f : f + 3], out, want)
     opt.zero_grad(set_to_none=True)
     loss.backward()
     torch.nn.utils.clip_grad_norm_(net.parameters(), 0.5)
@@ -115,7 +133,6 @@ while True:
         decay = min(0.997, step / (step + 20))
         for e, v in zip(ema.parameters(), net.parameters()):
             e.lerp_(v, 1 - decay)
-        f = 3 * net.middle
         sums += loss.item(), (given[:, f : f + 3] - want).square().mean().item(), (out - want).square().mean().item()
     now = time.time()
     if now - said > 60:
