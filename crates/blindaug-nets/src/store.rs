@@ -5,8 +5,11 @@ use crate::network::Network;
 use blindaug_io::{Error, Result};
 use std::path::{Path, PathBuf};
 
-/// The networks that ship with the crate: manifest and weights.
-const BUILT_IN: [(&str, &[u8]); 0] = [];
+/// The networks that ship with the crate: manifest and weights. `train/` made them; models/*.md say of what, and what they gain.
+const BUILT_IN: [(&str, &[u8]); 2] = [
+    (include_str!("../models/blindaug-noise.toml"), include_bytes!("../models/blindaug-noise.onnx")),
+    (include_str!("../models/blindaug-defocus.toml"), include_bytes!("../models/blindaug-defocus.onnx")),
+];
 
 /// Manifests of networks that others have trained, whose weights are not part of this crate.
 const KNOWN: [&str; 19] = [
@@ -225,7 +228,8 @@ mod tests {
         assert_eq!(names.len(), all.len());
         for (manifest, _) in &all {
             let Manifest { licence, source, install, .. } = manifest;
-            assert!(!licence.is_empty() && source.starts_with("http"), "{}", manifest.name);
+            let own = Store::is_built_in(&manifest.name);
+            assert!(!licence.is_empty() && (own || source.starts_with("http")), "{}", manifest.name);
             let from =
                 install.as_ref().map(|i| [&i.url, &i.pip, &i.npm].iter().filter(|f| f.is_some()).count());
             assert!(from.is_none_or(|n| n == 1), "{}", manifest.name);

@@ -496,9 +496,10 @@ impl Estimator {
         let denoised = || merged(Method::Removal, &|f| &f.denoised);
         let spatial = || merged(Method::Spatial, &|f| &f.spatial);
         let order: [&dyn Fn() -> NoiseFit; 3] = match self.options.family {
-            // A network's residual has some of the image in it.
-            Family::Removal if !self.by_network => [&denoised, &temporal, &spatial],
-            _ => [&temporal, &denoised, &spatial],
+            // A network's residual has some of the image in it, more than the flattest parts have.
+            _ if self.by_network => [&temporal, &spatial, &denoised],
+            Family::Removal => [&denoised, &temporal, &spatial],
+            Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
         let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
         if fit.model.known().is_some_and(|m| m.method == Method::Spatial) {
