@@ -60,7 +60,7 @@ impl std::fmt::Display for Error {
 impl std::error::Error for Error {}
 
 /// The text without line breaks, so that a library's message fits into a sentence.
-pub(crate) fn one_line(text: &str) -> String {
+pub fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 

@@ -35,7 +35,7 @@ mod yuv;
 
 pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
-pub use error::{Error, Result, guarded};
+pub use error::{Error, Result, guarded, one_line};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
 pub use files::write_atomically;

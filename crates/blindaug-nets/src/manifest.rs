@@ -1,6 +1,6 @@
 //! What a network is, takes and gives: the TOML file beside its weights.
 
-use blindaug_io::{Error, Result};
+use blindaug_io::{Error, Result, one_line};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -230,7 +230,7 @@ impl Manifest {
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         let manifest: Self = toml::from_str(text).map_err(|e| {
             let line = e.span().map_or(1, |s| 1 + text[..s.start.min(text.len())].matches('\n').count());
-            let message = e.message().split_whitespace().collect::<Vec<_>>().join(" ");
+            let message = one_line(e.message());
             Error::new(path, format!("line {line} of the network's manifest: {message}"))
         })?;
         match manifest.problem() {

@@ -1,6 +1,6 @@
 //! ONNX files and how they are run.
 
-use blindaug_io::{Error, Result, guarded};
+use blindaug_io::{Error, Result, guarded, one_line};
 use rten_tensor::{AsView, Layout as _, Tensor as RtenTensor};
 use std::path::{Path, PathBuf};
 
@@ -78,7 +78,7 @@ impl Session {
     pub fn run(&self, inputs: Vec<Tensor>, index: usize) -> Result<Tensor> {
         let shapes = inputs.iter().map(|t| format!("{:?}", t.shape)).collect::<Vec<_>>().join(", ");
         let failed = |e: &dyn std::fmt::Display| {
-            let message = e.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+            let message = one_line(&e.to_string());
             Error::new(
                 &self.path,
                 format!(
@@ -123,7 +123,7 @@ impl Session {
 }
 
 fn unusable(path: &Path, e: &dyn std::fmt::Display) -> Error {
-    let message = e.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    let message = one_line(&e.to_string());
     Error::new(
         path,
         format!(
@@ -142,7 +142,7 @@ fn with_ort(path: &Path, library: &std::ffi::OsStr, onnx: &[u8]) -> Result<Runti
         builder.build().map_err(|e| e.to_string())
     };
     let environment = ENVIRONMENT.get_or_init(made).as_ref().map_err(|e| {
-        let message = e.split_whitespace().collect::<Vec<_>>().join(" ");
+        let message = one_line(e);
         Error::new(
             library,
             format!("ORT_DYLIB_PATH does not name ONNX Runtime's library ({message}); unset it to use the built-in runtime"),
