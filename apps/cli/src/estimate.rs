@@ -181,7 +181,7 @@ pub fn run(args: &Estimate) -> Result<()> {
         return track(&Footage::open(args)?, networks, options, &args.output, args.report.as_deref());
     }
     let footage = Footage::open(args)?;
-    let given = footage.clean.is_some() || footage.motion_deblurred.is_some() || footage.denoised.is_some();
+    let given = footage.has_removed();
     let networks = Networks::named(&args.network, options.family == Family::Removal && !given)?;
     if networks.remove() && (given || options.family == Family::Spectral) {
         let why = if given { "such frames are given" } else { "--method spectral removes nothing" };
@@ -274,6 +274,13 @@ impl Footage {
             clean: None,
             by_network: false,
         }
+    }
+
+    /// Whether there are frames from which something was removed.
+    fn has_removed(&self) -> bool {
+        [&self.denoised, &self.motion_deblurred, &self.defocus_deblurred, &self.clean]
+            .iter()
+            .any(|f| f.is_some())
     }
 
     /// Frames with known depth in metres.

@@ -2,11 +2,11 @@
 
 use super::measure::{NoiseTruth, median, noise_errors};
 use crate::console::{Result, failure};
-use crate::networks::{Networks, or_removed};
+use crate::networks::Networks;
 use blindaug::fit::{Estimator, Evidence, Observation, Options};
 use blindaug::model::{Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::synth;
-use blindaug::{Encoded, Plane, Raster};
+use blindaug::{Encoded, Plane, Raster, filter};
 use blindaug_io::{FrameRange, FrameSource};
 use std::fmt::Write;
 use std::path::Path;
@@ -90,8 +90,8 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
             let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
             let next = first.get(i + 1).filter(|_| !single);
             let previous = i.checked_sub(1).map(|i| &first[i]);
-            let evidence = or_removed(Evidence::default(), &removed);
-            let evidence = Evidence { denoised: evidence.denoised, by_network: true, ..Evidence::default() };
+            // As if it were known: an estimate leaves a network's residual out.
+            let evidence = Evidence { denoised: removed.denoised.as_deref(), ..Evidence::default() };
             estimator.add(&Observation { frame, next, previous, evidence }).map_err(|e| failure(path, e))?;
         }
         let model = estimator.estimate().map_err(|e| failure(path, e))?.model;
@@ -119,9 +119,8 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
     if by_network {
         of("single frame, by the network's residual", true, true)?;
     }
-    let residual = first[0].0.size();
-    let blurred = blindaug::filter::gaussian_blur(&first[0].0, 1.0);
-    let residual = Raster::from_fn(residual.0, residual.1, |x, y| {
+    let blurred = filter::gaussian_blur(&first[0].0, 1.0);
+    let residual = Raster::from_fn(w, h, |x, y| {
         let (a, b) = (first[0].0.at(x, y), blurred.at(x, y));
         std::array::from_fn(|c| a[c] - b[c])
     });
@@ -139,7 +138,7 @@ fn structure(noise: &NoiseModel, clean: &Encoded) -> f32 {
 }
 
 /// Correlation of the noise's size, over what is usual at that luminance, with the size of the image's gradient.
-pub fn correlation(noise: &Raster<[f32; 3]>, clean: &Encoded) -> f32 {
+fn correlation(noise: &Raster<[f32; 3]>, clean: &Encoded) -> f32 {
     const BINS: usize = 32;
     let luma = clean.luma();
     let (w, h) = luma.size();
