@@ -2,7 +2,7 @@
 
 use crate::console::{self, Failure, Result, note, warn};
 use blindaug::{Encoded, Raster};
-use blindaug_nets::{Manifest, Slot, State, Store, install, manifest::Kind};
+use blindaug_nets::{Manifest, Slot, State, Store, install, manifest::Kind, memory};
 use std::{
     fmt::Write as _,
     io::{IsTerminal, Write},
@@ -179,18 +179,11 @@ fn checked(store: &Store, name: &str, size: Option<(usize, usize)>) -> blindaug_
         }
     };
     let seconds = start.elapsed().as_secs_f32();
-    let memory = most_memory().map_or(String::new(), |mb| format!(", {mb} MB at most so far"));
+    let memory = memory::most().map_or(String::new(), |m| format!(", {} MB at most so far", m >> 20));
     Ok(format!(
         "{:28} {w} x {h} px: {gives}; {seconds:.2} s in {}, loaded in {:.2} s{memory}\n",
         network.manifest().name,
         network.runtime(),
         loaded.as_secs_f32()
     ))
-}
-
-/// The most memory that this process has had, MB, where the system tells.
-fn most_memory() -> Option<usize> {
-    let text = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<usize>().ok().map(|kb| kb >> 10)
 }

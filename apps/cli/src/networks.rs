@@ -68,8 +68,7 @@ impl Networks {
 
     /// Whether one of them removes something.
     pub fn remove(&self) -> bool {
-        let slots = self.chain.slots();
-        slots.remove_noise.is_some() || slots.remove_motion_blur.is_some() || slots.remove_defocus.is_some()
+        self.chain.slots().remove()
     }
 
     /// Forgets the frames so far: another clip begins.

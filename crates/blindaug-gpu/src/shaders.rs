@@ -15,20 +15,14 @@ pub(crate) const COMPOSITE: &str = concat!(
 );
 
 #[cfg(test)]
+#[path = "../tests/common/wgsl.rs"]
+mod wgsl;
+
+#[cfg(test)]
 mod tests {
+    use super::wgsl::problem;
     use super::*;
     use crate::fit;
-    use naga::valid::{Capabilities, ValidationFlags, Validator};
-
-    fn problem(source: &str) -> Option<String> {
-        let module = match naga::front::wgsl::parse_str(source) {
-            Ok(module) => module,
-            Err(e) => return Some(e.emit_to_string(source)),
-        };
-        // Without capabilities: what every device can do.
-        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-        validator.validate(&module).err().map(|e| e.emit_to_string(source))
-    }
 
     #[test]
     fn every_shader_is_valid_for_every_device() {

@@ -53,7 +53,7 @@ impl Operator<(Plane, DepthKind)> for Network {
 }
 
 /// What is in a slot.
-pub type Filled<T> = Option<Box<dyn Operator<T>>>;
+pub type Filled<T> = Option<Arc<dyn Operator<T>>>;
 
 /// What fills the five slots; empty ones are left to the classical methods.
 #[derive(Default)]
@@ -75,17 +75,33 @@ impl Slots {
     pub fn fill(&mut self, network: Network) {
         let Manifest { operator, .. } = *network.manifest();
         match operator {
-            Slot::RemoveNoise => self.remove_noise = Some(Box::new(network)),
-            Slot::RemoveMotionBlur => self.remove_motion_blur = Some(Box::new(network)),
-            Slot::RemoveDefocus => self.remove_defocus = Some(Box::new(network)),
-            Slot::GetFlow => self.get_flow = Some(Box::new(network)),
-            Slot::GetDepth => self.get_depth = Some(Box::new(network)),
+            Slot::RemoveNoise => self.remove_noise = Some(Arc::new(network)),
+            Slot::RemoveMotionBlur => self.remove_motion_blur = Some(Arc::new(network)),
+            Slot::RemoveDefocus => self.remove_defocus = Some(Arc::new(network)),
+            Slot::GetFlow => self.get_flow = Some(Arc::new(network)),
+            Slot::GetDepth => self.get_depth = Some(Arc::new(network)),
         }
     }
 
     /// Whether no slot is filled.
     pub fn is_empty(&self) -> bool {
-        self.removal().iter().all(|o| o.1.is_none()) && self.get_flow.is_none() && self.get_depth.is_none()
+        !self.remove() && self.get_flow.is_none() && self.get_depth.is_none()
+    }
+
+    /// Whether one of them removes something.
+    pub fn remove(&self) -> bool {
+        self.removal().iter().any(|o| o.1.is_some())
+    }
+
+    /// Empties a slot.
+    fn empty(&mut self, slot: Slot) {
+        match slot {
+            Slot::RemoveNoise => self.remove_noise = None,
+            Slot::RemoveMotionBlur => self.remove_motion_blur = None,
+            Slot::RemoveDefocus => self.remove_defocus = None,
+            Slot::GetFlow => self.get_flow = None,
+            Slot::GetDepth => self.get_depth = None,
+        }
     }
 
     fn removal(&self) -> [(Slot, &Filled<Encoded>); 3] {
@@ -123,18 +139,8 @@ pub struct Chain {
     depth_range: Option<[f32; 2]>,
 }
 
-/// Successive frames with their numbers, and which of them is asked for.
-struct Window<'a> {
-    frames: &'a [(u64, &'a Encoded)],
-    at: usize,
-}
-
-impl Window<'_> {
-    /// The frame so many later, or the last there is in that direction.
-    fn beside(&self, at: usize, later: i32) -> usize {
-        at.saturating_add_signed(later as isize).min(self.frames.len() - 1)
-    }
-}
+/// Successive frames with their numbers.
+type Window<'a> = [(u64, &'a Encoded)];
 
 impl Chain {
     /// A chain of these.
@@ -166,52 +172,32 @@ impl Chain {
     /// Runs all slots on frame `at` of successive ones, numbered without gaps. Where neighbours are missing, the nearest frame stands
     /// in; flow needs the next one.
     pub fn run(&mut self, frames: &[(u64, &Encoded)], at: usize) -> Removed {
-        let window = Window { frames, at };
         let mut removed = Removed::default();
-        // What failed may have been a neighbour's: each slot that fails is emptied, and the rest goes on without it.
-        let stages = [Slot::RemoveNoise, Slot::RemoveMotionBlur, Slot::RemoveDefocus];
-        for (stage, slot) in stages.into_iter().enumerate() {
+        for (stage, slot) in
+            [Slot::RemoveNoise, Slot::RemoveMotionBlur, Slot::RemoveDefocus].into_iter().enumerate()
+        {
             if self.slots.removal()[stage].1.is_none() {
                 continue;
             }
-            match self.image(stage + 1, at, &window) {
-                Ok(image) => match slot {
-                    Slot::RemoveNoise => removed.denoised = Some(image),
-                    Slot::RemoveMotionBlur => removed.motion_deblurred = Some(image),
-                    _ => removed.defocus_deblurred = Some(image),
-                },
-                Err(e) => {
-                    removed.failed.push((slot, e));
-                    match slot {
-                        Slot::RemoveNoise => self.slots.remove_noise = None,
-                        Slot::RemoveMotionBlur => self.slots.remove_motion_blur = None,
-                        _ => self.slots.remove_defocus = None,
-                    }
-                }
+            let image = self.image(stage + 1, at, frames);
+            let image = self.unless_failed(slot, image, &mut removed);
+            match slot {
+                Slot::RemoveNoise => removed.denoised = image,
+                Slot::RemoveMotionBlur => removed.motion_deblurred = image,
+                _ => removed.defocus_deblurred = image,
             }
         }
-        if at + 1 < frames.len()
-            && let Some(result) = self.of_sharp(&window, |slots| &slots.get_flow)
-        {
-            match result {
-                Ok(flow) => removed.flow = Some(flow),
-                Err(e) => {
-                    self.slots.get_flow = None;
-                    removed.failed.push((Slot::GetFlow, e));
-                }
-            }
+        if let Some(operator) = self.slots.get_flow.clone().filter(|_| at + 1 < frames.len()) {
+            let flow = self.of_stage(3, at, frames, &*operator);
+            removed.flow = self.unless_failed(Slot::GetFlow, flow, &mut removed);
         }
-        if let Some(result) = self.of_sharp(&window, |slots| &slots.get_depth) {
-            match result {
-                Ok((depth, DepthKind::Relative)) => {
-                    removed.inverse_depth = Some((self.scaled(depth), DepthKind::Relative));
-                }
-                Ok(depth) => removed.inverse_depth = Some(depth),
-                Err(e) => {
-                    self.slots.get_depth = None;
-                    removed.failed.push((Slot::GetDepth, e));
-                }
-            }
+        if let Some(operator) = self.slots.get_depth.clone() {
+            let depth = self.of_stage(3, at, frames, &*operator);
+            let depth = self.unless_failed(Slot::GetDepth, depth, &mut removed);
+            removed.inverse_depth = depth.map(|(depth, kind)| match kind {
+                DepthKind::Relative => (self.scaled(depth), kind),
+                DepthKind::Metric => (depth, kind),
+            });
         }
         let oldest = frames[at].0.saturating_sub(self.reach() as u64);
         self.kept.retain(|(_, number), _| *number >= oldest);
@@ -225,38 +211,41 @@ impl Chain {
         depth.map(|v| ((v - lo) / (hi - lo).max(1e-6)).max(0.0))
     }
 
-    /// What an operator makes of the sharpest frames there are.
-    fn of_sharp<T>(&mut self, window: &Window, operator: impl Fn(&Slots) -> &Filled<T>) -> Option<Result<T>> {
-        let wanted = operator(&self.slots).as_ref()?.frames().to_vec();
-        let sharp: Result<Vec<_>> =
-            wanted.iter().map(|f| self.image(3, window.beside(window.at, *f), window)).collect();
-        let run = |sharp: Vec<Arc<Encoded>>| {
-            let frames: Vec<&Encoded> = sharp.iter().map(Arc::as_ref).collect();
-            operator(&self.slots).as_ref().map(|o| o.run(&frames))
-        };
-        match sharp {
-            Ok(sharp) => run(sharp),
-            Err(e) => Some(Err(e)),
-        }
+    /// What a slot gave; if it failed, the slot is empty from now on and the rest goes on without it.
+    fn unless_failed<T>(&mut self, slot: Slot, result: Result<T>, removed: &mut Removed) -> Option<T> {
+        result
+            .map_err(|e| {
+                self.slots.empty(slot);
+                removed.failed.push((slot, e));
+            })
+            .ok()
+    }
+
+    /// What an operator makes of the frames around `i` after the first `stages` of the removal.
+    fn of_stage<T>(
+        &mut self,
+        stages: usize,
+        i: usize,
+        window: &Window,
+        operator: &dyn Operator<T>,
+    ) -> Result<T> {
+        // The frame so many later, or the last there is in that direction.
+        let beside = |later: i32| i.saturating_add_signed(later as isize).min(window.len() - 1);
+        let frames = operator.frames().iter().map(|f| self.image(stages, beside(*f), window));
+        let frames = frames.collect::<Result<Vec<_>>>()?;
+        operator.run(&frames.iter().map(Arc::as_ref).collect::<Vec<_>>())
     }
 
     /// Frame `i` of the window after the first `stages` of the removal.
     fn image(&mut self, stages: usize, i: usize, window: &Window) -> Result<Arc<Encoded>> {
-        let (number, frame) = window.frames[i];
+        let (number, frame) = window[i];
         let Some(stage) = stages.checked_sub(1) else { return Ok(Arc::new(frame.clone())) };
         let (slot, operator) = self.slots.removal()[stage];
-        let Some(operator) = operator else { return self.image(stage, i, window) };
+        let Some(operator) = operator.clone() else { return self.image(stage, i, window) };
         if let Some(image) = self.kept.get(&(slot, number)) {
             return Ok(image.clone());
         }
-        let wanted = operator.frames().to_vec();
-        let inputs = wanted
-            .iter()
-            .map(|f| self.image(stage, window.beside(i, *f), window))
-            .collect::<Result<Vec<_>>>()?;
-        let inputs: Vec<&Encoded> = inputs.iter().map(Arc::as_ref).collect();
-        let image = self.slots.removal()[stage].1.as_ref().map(|o| o.run(&inputs)).transpose()?;
-        let image = Arc::new(image.unwrap_or_else(|| frame.clone()));
+        let image = Arc::new(self.of_stage(stage, i, window, &*operator)?);
         self.kept.insert((slot, number), image.clone());
         Ok(image)
     }
@@ -299,7 +288,7 @@ mod tests {
     fn each_step_sees_what_the_one_before_made_and_nothing_is_made_twice() {
         let count = Arc::new(AtomicUsize::new(0));
         let of = |frames: &[i32], add| -> Filled<Encoded> {
-            Some(Box::new(Mean(frames.to_vec(), add, count.clone())))
+            Some(Arc::new(Mean(frames.to_vec(), add, count.clone())))
         };
         let slots = Slots {
             remove_noise: of(&[0], 1.0),
@@ -335,7 +324,7 @@ mod tests {
 
     #[test]
     fn relative_depth_has_one_scale_in_all_frames() {
-        let mut chain = Chain::new(Slots { get_depth: Some(Box::new(Red)), ..Slots::default() });
+        let mut chain = Chain::new(Slots { get_depth: Some(Arc::new(Red)), ..Slots::default() });
         let frame = |most: f32| Encoded(Raster::from_fn(11, 1, |x, _| [0.1 * x as f32 * most; 3]));
         let frames = [frame(0.5), frame(1.0)];
         let of = |removed: Removed| {
@@ -351,9 +340,9 @@ mod tests {
     fn a_network_that_fails_is_left_out_and_named() {
         let count = Arc::new(AtomicUsize::new(0));
         let slots = Slots {
-            remove_noise: Some(Box::new(Mean(vec![0], 1.0, count.clone()))),
-            remove_motion_blur: Some(Box::new(Mean(vec![0], f32::NAN, count.clone()))),
-            remove_defocus: Some(Box::new(Mean(vec![0], 0.5, count))),
+            remove_noise: Some(Arc::new(Mean(vec![0], 1.0, count.clone()))),
+            remove_motion_blur: Some(Arc::new(Mean(vec![0], f32::NAN, count.clone()))),
+            remove_defocus: Some(Arc::new(Mean(vec![0], 0.5, count))),
             ..Slots::default()
         };
         let mut chain = Chain::new(slots);

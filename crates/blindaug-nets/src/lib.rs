@@ -15,6 +15,7 @@
 pub mod chain;
 pub mod install;
 pub mod manifest;
+pub mod memory;
 pub mod network;
 pub mod runtime;
 pub mod store;

@@ -1,6 +1,7 @@
 //! One network on frames of any size.
 
 use crate::manifest::{Channels, Input, Kind, Layout, Manifest, Order};
+use crate::memory;
 use crate::runtime::{Session, Tensor};
 use crate::store::not_installed;
 use crate::tiles::{Span, reflected, spans, weight};
@@ -17,6 +18,8 @@ pub struct Network {
     manifest: Manifest,
     path: PathBuf,
     session: Session,
+    /// The names of its inputs.
+    inputs: Vec<String>,
 }
 
 impl Network {
@@ -76,7 +79,7 @@ impl Network {
                 format!("the network has no input {} (it has {})", noise.input, names.join(", ")),
             ));
         }
-        Ok(Self { manifest, path: path.into(), session })
+        Ok(Self { manifest, path: path.into(), session, inputs: names })
     }
 
     /// What it is.
@@ -211,7 +214,7 @@ impl Network {
     fn tile_side(&self, (w, h): (usize, usize)) -> Result<usize> {
         let Input { tile, multiple, memory, .. } = self.manifest.input;
         let mut side = tile.unwrap_or(w.max(h));
-        let (Some(memory), Some(free)) = (memory, free_memory()) else { return Ok(side) };
+        let (Some(memory), Some(free)) = (memory, memory::free()) else { return Ok(side) };
         let needed = |side: usize| (side.min(w) * side.min(h)).saturating_mul(memory);
         while needed(side) > free {
             let smaller = side / 2 / multiple * multiple;
@@ -264,8 +267,7 @@ impl Network {
         };
         let mut images = images.into_iter();
         let inputs = self
-            .session
-            .inputs()
+            .inputs
             .iter()
             .filter_map(|name| match (&self.manifest.input.noise, noise) {
                 (Some(input), Some(std)) if input.input == *name => Some(Tensor {
@@ -389,13 +391,6 @@ fn resampled<P: Pixel>(image: &Raster<P>, w: usize, h: usize) -> Raster<P> {
     Raster::from_fn(w, h, |x, y| {
         smooth.bilinear((x as f32 + 0.5) * scale[0] - 0.5, (y as f32 + 0.5) * scale[1] - 0.5)
     })
-}
-
-/// Bytes of memory that can be had, where the system tells.
-fn free_memory() -> Option<usize> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<usize>().ok().map(|kb| kb << 10)
 }
 
 /// In hexadecimal.

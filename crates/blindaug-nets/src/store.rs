@@ -6,7 +6,7 @@ use blindaug_io::{Error, Result};
 use std::path::{Path, PathBuf};
 
 /// The networks that ship with the crate: manifest and weights. `train/` made them; models/*.md say of what, and what they gain.
-const BUILT_IN: [(&str, &[u8]); 2] = [
+static BUILT_IN: [(&str, &[u8]); 2] = [
     (include_str!("../models/blindaug-noise.toml"), include_bytes!("../models/blindaug-noise.onnx")),
     (include_str!("../models/blindaug-defocus.toml"), include_bytes!("../models/blindaug-defocus.onnx")),
 ];
@@ -100,17 +100,13 @@ impl Store {
     /// # Errors
     /// If there is none of that name, or its manifest is damaged.
     pub fn find(&self, name: &str) -> Result<Manifest> {
-        if name.ends_with(".toml") {
-            return Manifest::read(Path::new(name));
-        }
-        let own = self.manifest_path(name);
-        if own.is_file() {
+        if let Some(own) = self.own(name) {
             return Manifest::read(&own);
         }
         let texts = BUILT_IN.iter().map(|(text, _)| *text).chain(KNOWN);
         texts.map(parsed).find(|m| m.name == name).ok_or_else(|| {
             Error::new(
-                own,
+                self.manifest_path(name),
                 format!("there is no network {name} (`blindaug models list` names all); a new one needs this manifest"),
             )
         })
@@ -121,19 +117,10 @@ impl Store {
     /// # Errors
     /// If there is none of that name, it is not installed, or it is damaged.
     pub fn open(&self, name: &str) -> Result<Network> {
-        if name.ends_with(".toml") {
-            return Network::open(Path::new(name));
-        }
-        let own = self.manifest_path(name);
-        if own.is_file() {
-            return Network::open(&own);
-        }
-        match BUILT_IN.iter().find(|(text, _)| parsed(text).name == name) {
-            Some(built_in) => opened(built_in),
-            None => {
-                let manifest = self.find(name)?;
-                Err(not_installed(&own.with_file_name(&manifest.file), name))
-            }
+        self.check_installed(name)?;
+        match (self.own(name), built_in(name)) {
+            (None, Some(built_in)) => opened(built_in),
+            (own, _) => Network::open(&own.unwrap_or_else(|| self.manifest_path(name))),
         }
     }
 
@@ -143,10 +130,10 @@ impl Store {
     /// As of [`Store::find`], or if it is not installed.
     pub fn check_installed(&self, name: &str) -> Result<()> {
         let Manifest { file, .. } = self.find(name)?;
-        let own = if name.ends_with(".toml") { PathBuf::from(name) } else { self.manifest_path(name) };
-        let file = own.with_file_name(file);
-        let there = file.is_file() || !own.is_file() && Self::is_built_in(name);
-        if there { Ok(()) } else { Err(not_installed(&file, name)) }
+        let own = self.own(name);
+        let built_in = own.is_none() && Self::is_built_in(name);
+        let file = own.unwrap_or_else(|| self.manifest_path(name)).with_file_name(file);
+        if built_in || file.is_file() { Ok(()) } else { Err(not_installed(&file, name)) }
     }
 
     /// The text of a network's manifest.
@@ -162,6 +149,14 @@ impl Store {
         std::fs::read_to_string(&own).map_err(|e| Error::cannot_read(&own, &e))
     }
 
+    /// The manifest that a path names, or that of a network in the model folder if it is there.
+    fn own(&self, name: &str) -> Option<PathBuf> {
+        if name.ends_with(".toml") {
+            return Some(name.into());
+        }
+        Some(self.manifest_path(name)).filter(|own| own.is_file())
+    }
+
     /// Where the manifest of a network of the model folder is.
     pub fn manifest_path(&self, name: &str) -> PathBuf {
         self.folder.join(name).join(format!("{name}.toml"))
@@ -169,7 +164,7 @@ impl Store {
 
     /// Whether a network of this name is built in.
     pub fn is_built_in(name: &str) -> bool {
-        BUILT_IN.iter().any(|(text, _)| parsed(text).name == name)
+        built_in(name).is_some()
     }
 
     /// The built-in networks.
@@ -197,7 +192,12 @@ fn parsed(text: &str) -> Manifest {
     Manifest::parse(text, Path::new("built-in manifest")).expect("a test parses the manifests of this crate")
 }
 
-/// A built-in network.
+/// The built-in network of a name.
+fn built_in(name: &str) -> Option<&'static (&'static str, &'static [u8])> {
+    BUILT_IN.iter().find(|(text, _)| parsed(text).name == name)
+}
+
+/// A built-in network, ready to run.
 fn opened((text, onnx): &(&str, &[u8])) -> Result<Network> {
     let manifest = parsed(text);
     let file = PathBuf::from(&manifest.file);

@@ -163,18 +163,12 @@ pub fn run(args: &Live) -> Result<()> {
 }
 
 #[cfg(test)]
-mod tests {
-    use naga::valid::{Capabilities, ValidationFlags, Validator};
+#[path = "../../../../crates/blindaug-gpu/tests/common/wgsl.rs"]
+mod wgsl;
 
-    fn problem(source: &str) -> Option<String> {
-        let module = match naga::front::wgsl::parse_str(source) {
-            Ok(module) => module,
-            Err(e) => return Some(e.emit_to_string(source)),
-        };
-        // Without capabilities: what every device can do.
-        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-        validator.validate(&module).err().map(|e| e.emit_to_string(source))
-    }
+#[cfg(test)]
+mod tests {
+    use super::wgsl::problem;
 
     #[test]
     fn every_shader_is_valid_for_every_device() {

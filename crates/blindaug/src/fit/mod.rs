@@ -686,8 +686,7 @@ fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Observation) ->
     }
     let first = *first.get_or_insert(size);
     let removed = [evidence.denoised, evidence.motion_deblurred, evidence.defocus_deblurred, evidence.clean];
-    let images = [*next, *previous].into_iter().chain(removed).collect::<Vec<_>>();
-    let others = images.iter().flatten().map(|i| i.0.size());
+    let others = [*next, *previous].into_iter().chain(removed).flatten().map(|i| i.0.size());
     let others =
         others.chain(evidence.flow.map(Raster::size)).chain(evidence.inverse_depth.map(|d| d.0.size()));
     for s in others.chain([first]) {

@@ -1,0 +1,14 @@
+//! Whether WGSL is valid for every device.
+
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+/// What is wrong with a shader, if anything.
+pub fn problem(source: &str) -> Option<String> {
+    let module = match naga::front::wgsl::parse_str(source) {
+        Ok(module) => module,
+        Err(e) => return Some(e.emit_to_string(source)),
+    };
+    // Without capabilities: what every device can do.
+    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+    validator.validate(&module).err().map(|e| e.emit_to_string(source))
+}
