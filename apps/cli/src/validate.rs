@@ -251,7 +251,7 @@ impl SharpScene {
             let footage = Footage {
                 frames: vec![],
                 clean: times()
-                    .map(|t| scene.picture(t as f32, Exposure::default()).to_encoded(Transfer::Srgb))
+                    .map(|t| scene.picture(t as f32, Exposure::default(), 0).to_encoded(Transfer::Srgb))
                     .collect(),
                 inverse_depth: times().map(|t| scene.inverse_depth(t as f32)).collect(),
                 flow: times().map(|t| scene.flow(t as f32)).collect(),

@@ -72,14 +72,27 @@ impl Camera {
             }
             Self::Physics => {
                 let exposure = Exposure { fraction: setting.exposure, lens: setting.lens };
-                // A pinhole's instant is the sharp frame, and that is at hand.
-                let light = if exposure.fraction > 0.0 || exposure.lens.is_some() {
-                    scene.picture(time as f32, exposure)
-                } else {
-                    sharp.clone()
+                // Two pictures, of which the frame is the mean: their own noise is part of the frame's, and the frame differs from one
+                // of them by as much as from what it would be without.
+                let views = |seed| scene.picture(time as f32, exposure, seed);
+                let (light, without_noise) = match exposure {
+                    // A pinhole's instant is the sharp frame, and that is at hand.
+                    Exposure { fraction: 0.0, lens: None } => (sharp.clone(), sharp.clone()),
+                    Exposure { lens: None, .. } => {
+                        let light = views(0);
+                        (light.clone(), light)
+                    }
+                    _ => {
+                        let [a, b] = [0, 1].map(|half| views(2 * time + half));
+                        let mean = |x, y| {
+                            let (a, b): ([f32; 3], [f32; 3]) = (a.0.at(x, y), b.0.at(x, y));
+                            std::array::from_fn(|c| 0.5 * (a[c] + b[c]))
+                        };
+                        (Linear(Raster::from_fn(a.0.width(), a.0.height(), mean)), b)
+                    }
                 };
                 let noisy = counted(&light, setting, seed.wrapping_mul(1_000_003).wrapping_add(time));
-                (light.to_encoded(Transfer::Srgb), noisy.to_encoded(Transfer::Srgb))
+                (without_noise.to_encoded(Transfer::Srgb), noisy.to_encoded(Transfer::Srgb))
             }
         };
         let steps = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0;

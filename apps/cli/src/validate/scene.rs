@@ -5,7 +5,7 @@
 
 use blindaug::{Flow, Linear, Plane, Raster};
 use rand::{Rng, SeedableRng, rngs::StdRng};
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::TAU;
 
 type V3 = [f32; 3];
 
@@ -43,6 +43,13 @@ struct Texture(Vec<Raster<[f32; 3]>>);
 
 /// px of the finest level's side.
 const TEXTURE: usize = 1024;
+/// Views that the pixels of a picture through a lens choose from, over those that one has.
+const POOL: usize = 64;
+/// And views of a pixel through a lens.
+const OF_LENS: usize = 128;
+/// The share of a lens's variance that smoothed textures stand for: their smoothing, in std, is the distance of a frame's rays (of two
+/// pictures), sqrt(pi radius^2 / (2 n)), the lens's std half its radius. It takes most of the noise that so few rays leave.
+const SMOOTHED: f32 = 4.0 * std::f32::consts::PI / (2 * OF_LENS) as f32;
 
 /// A room with things in it, and the path of a camera through it.
 pub struct Scene {
@@ -159,32 +166,35 @@ impl Scene {
         nearest
     }
 
-    /// `apart`: how far apart neighbouring views of a point lie, px, over its inverse depth. The texture is smoothed by as much,
-    /// and no more: its smoothing is wider in one direction on a slanted surface, as motion blur is.
+    /// `apart`: how far apart the rays of a pixel lie where they meet a surface, px, over its inverse depth. The texture is smoothed
+    /// by a box of twice that and linear interpolation: their std together is `apart`.
     fn light(&self, from: V3, direction: V3, apart: impl Fn(f32) -> f32) -> V3 {
         const SKY: V3 = [0.5, 0.55, 0.6];
         let Some((s, t, place)) = self.hit(from, direction) else { return SKY };
-        let level = (t * s.density / self.focal() * apart(1.0 / t)).log2();
+        let level = (t * s.density / self.focal() * 2.0 * apart(1.0 / t)).log2();
         let value = self.textures[s.texture].at(place.map(|p| p * s.density), level);
         scaled(value, s.light)
     }
 
-    /// The picture that is taken at time `t` (in frames), free of noise.
-    pub fn picture(&self, t: f32, exposure: Exposure) -> Linear {
+    /// The picture that is taken at time `t` (in frames). Through a lens each pixel has its own views, as in a path tracer: what their
+    /// number leaves is white noise, another one for another `seed`. The same views for all pixels would leave gaps that look like
+    /// sharp texture.
+    pub fn picture(&self, t: f32, exposure: Exposure, seed: u64) -> Linear {
         let views = self.views(t, exposure);
-        let share = 1.0 / views.len() as f32;
+        let each = if exposure.lens.is_some() { views.len() / POOL } else { views.len() };
         let apart = |d: f32| {
             let radius = exposure.lens.map_or(0.0, |(sigma, focus)| 2.0 * sigma * (1.0 - focus * d));
-            // The places along a streak lie close together, and those across it differ from view to view.
-            2.0 * ((1.0 + PI * radius * radius) * share).sqrt()
+            (SMOOTHED.sqrt() * 0.5 * radius.abs()).max(0.2)
         };
         Linear(Raster::from_fn(self.size.0, self.size.1, |x, y| {
+            let first = if each == views.len() { 0 } else { hash(seed, (y * self.size.0 + x) as u64) };
+            let first = (first % views.len() as u64) as usize;
             let mut sum = [0.0; 3];
-            for v in &views {
+            for v in views.iter().cycle().skip(first).take(each) {
                 let direction = self.direction(&v.pose, x as f32 + v.pixel[0], y as f32 + v.pixel[1], v.tilt);
                 sum = add(sum, self.light(v.pose.position, direction, apart));
             }
-            scaled(sum, share)
+            scaled(sum, 1.0 / each as f32)
         }))
     }
 
@@ -211,10 +221,9 @@ impl Scene {
         })
     }
 
-    /// As many as it takes for neighbouring views to be about a pixel apart.
+    /// Along a streak as many as it takes for neighbours to lie less than a pixel apart; of a lens [`POOL`] times as many as a pixel has.
     fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
         const FEWEST: usize = 24;
-        const MOST: usize = 600;
         let along = if exposure.fraction > 0.0 {
             let flow = self.flow(t);
             let fastest = flow.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
@@ -222,23 +231,19 @@ impl Scene {
         } else {
             0.0
         };
-        let area = exposure.lens.map_or(0.0, |(sigma, focus)| {
-            let depth = self.inverse_depth(t);
-            let radius =
-                depth.data().iter().map(|d| 2.0 * sigma * (1.0 - focus * d).abs()).fold(0.0f32, f32::max);
-            PI * radius * radius + 2.0 * radius * along
-        });
-        // Half the pixels that a point is spread over: with fewer, the gaps between views look like sharp texture.
-        let n = (1.2 * along + 0.5 * area).ceil() as usize;
-        let n = n.clamp(FEWEST, MOST);
+        let along = ((1.2 * along).ceil() as usize).max(FEWEST);
+        let n = if exposure.lens.is_some() { POOL * OF_LENS.max(along) } else { along };
         let view = |i: usize| {
-            // Evenly in time; the other coordinates by a sequence that fills their cube evenly (Roberts 2018).
-            let in_time = (i as f32 + 0.5) / n as f32 - 0.5;
-            let [px, py, radius, angle] = [0.856_674_9, 0.733_891_9, 0.628_706_7, 0.538_596_6]
-                .map(|a: f32| (0.5 + a * i as f32).fract());
+            // Any run of a sequence that fills a cube evenly (Roberts 2018) fills it evenly too.
+            let [time, px, py, radius, angle] =
+                [0.881_271_46, 0.776_639_39, 0.684_430_13, 0.603_168_74, 0.531_555_4]
+                    .map(|a: f64| (0.5 + a * i as f64).fract() as f32);
+            // Without a lens, evenly.
+            let in_time = if exposure.lens.is_some() { time } else { (i as f32 + 0.5) / n as f32 } - 0.5;
             let tilt = exposure.lens.map_or([0.0; 2], |(sigma, _)| {
-                // A point moves by radius px (1 - focus / Z); std of a uniform disk: half its radius.
-                let r = 2.0 * sigma * radius.sqrt() / self.focal();
+                // A point moves by radius px (1 - focus / Z); std of a uniform disk: half its radius. A share of the variance is
+                // the textures' smoothing.
+                let r = 2.0 * sigma * ((1.0 - SMOOTHED) * radius).sqrt() / self.focal();
                 [r * (TAU * angle).cos(), r * (TAU * angle).sin()]
             });
             let mut pose = self.pose(t + in_time * exposure.fraction);
@@ -252,6 +257,14 @@ impl Scene {
         };
         (0..n).map(view).collect()
     }
+}
+
+/// Splitmix64 (Steele et al. 2014).
+fn hash(a: u64, b: u64) -> u64 {
+    let z = a.wrapping_mul(0xd1b5_4a32_d192_ed03).wrapping_add(b.wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
 }
 
 /// One of the views that a picture is the mean of.
@@ -420,7 +433,7 @@ mod tests {
     #[test]
     fn flow_leads_to_the_same_point_of_the_next_picture() {
         let scene = Scene::new(3, (256, 192));
-        let picture = |t: f32| scene.picture(t, Exposure::default()).0;
+        let picture = |t: f32| scene.picture(t, Exposure::default(), 0).0;
         let (now, next, flow) = (picture(2.0), picture(3.0), scene.flow(2.0));
         let error = |share: f32| {
             difference(&now, |x, y| {
@@ -441,8 +454,8 @@ mod tests {
         // Next to the plane in focus, a lens changes nothing; elsewhere it is the disk blur of the synthesis.
         let scene = Scene::new(5, (160, 120));
         let (sigma, focus) = (2.0, 2.0);
-        let sharp = scene.picture(0.0, Exposure::default());
-        let filmed = scene.picture(0.0, Exposure { fraction: 0.0, lens: Some((sigma, focus)) });
+        let sharp = scene.picture(0.0, Exposure::default(), 0);
+        let filmed = scene.picture(0.0, Exposure { fraction: 0.0, lens: Some((sigma, focus)) }, 0);
         let depth = scene.inverse_depth(0.0);
         let std = depth.map(|d| sigma * (1.0 - focus * d).abs());
         let model =
@@ -456,10 +469,31 @@ mod tests {
     }
 
     #[test]
+    fn what_a_lens_s_few_views_leave_is_weak_white_noise() {
+        let scene = Scene::new(5, (160, 120));
+        let through = |lens, seed| scene.picture(0.0, Exposure { fraction: 0.5, lens }, seed).0;
+        let lens = Some((6.0, 1.2));
+        let (a, b) = (through(lens, 0), through(lens, 1));
+        let apart = Raster::from_fn(160, 120, |x, y| a.at(x, y)[1] - b.at(x, y)[1]);
+        let product = |dx: usize, dy: usize| {
+            let places = || (0..119).flat_map(|y| (0..159).map(move |x| (x, y)));
+            places().map(|(x, y)| apart.at(x, y) * apart.at(x + dx, y + dy)).sum::<f32>()
+                / places().count() as f32
+        };
+        let variance = product(0, 0);
+        assert!(variance > 0.0 && variance.sqrt() < 0.012, "{}", variance.sqrt());
+        for (dx, dy) in [(1, 0), (0, 1)] {
+            assert!(product(dx, dy).abs() < 0.1 * variance, "{dx} {dy}: {}", product(dx, dy) / variance);
+        }
+        // A pinhole has the same views everywhere, and leaves none.
+        assert!(through(None, 0).data() == through(None, 1).data());
+    }
+
+    #[test]
     fn the_shutter_blurs_along_the_flow() {
         let scene = Scene::new(7, (256, 192));
-        let sharp = scene.picture(4.0, Exposure::default());
-        let filmed = scene.picture(4.0, Exposure { fraction: 0.8, lens: None });
+        let sharp = scene.picture(4.0, Exposure::default(), 0);
+        let filmed = scene.picture(4.0, Exposure { fraction: 0.8, lens: None }, 0);
         let flow = scene.flow(4.0);
         let error = |e: f32| {
             let exposure = blindaug::model::ExposureFraction(e);
