@@ -217,3 +217,21 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
     assert!((found.interval[0]..found.interval[1]).contains(&1.2), "{found:?}");
     assert_eq!(filmed(0.0), None);
 }
+
+#[test]
+fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
+    use blindaug::fit::spectral::{EXPOSURES, ExposureWitness, exposure_of};
+    // As sure as it gets, of 1.1 or of 0.4.
+    let of = |exposure: f32| {
+        let objection = |i: usize| -8.0 * (0.005 * i as f32 - exposure).abs().min(1.0);
+        let objections: Vec<f32> = (0..EXPOSURES).map(objection).collect();
+        let witness =
+            |i: u32| ExposureWitness { block: i % 25, frame: 0, speed: 20.0, objections: objections.clone() };
+        exposure_of(&(0..400).map(witness).collect::<Vec<_>>(), 1).unwrap()
+    };
+    let fit = of(1.1);
+    let [low, high] = fit.interval;
+    assert!(fit.exposure.0 == 1.0 && (0.9..0.96).contains(&low) && high == 1.0, "{low} {high}");
+    let fit = of(0.4);
+    assert!((fit.exposure.0 - 0.4).abs() < 0.01 && fit.interval[0] < 0.4 && fit.interval[1] > 0.4);
+}

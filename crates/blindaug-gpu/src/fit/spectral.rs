@@ -4,8 +4,8 @@ use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, 
 use crate::gpu::array_view;
 use blindaug::fit::noise::LumaNoise;
 use blindaug::fit::spectral::{
-    COLUMNS, EXPOSURES, ExposureWitness, LensWitness, SIGMAS, TILE, TILES_PER_FRAME, frequencies, hann,
-    lens_gain,
+    BLOCK_COUNT, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureWitness, LENS_TILES_PER_BLOCK, LensWitness,
+    SIGMAS, TILE, frequencies, hann, lens_gain,
 };
 use blindaug::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
@@ -28,11 +28,14 @@ pub(crate) const LENS: &str = concat!(
     include_str!("spectral/lens.wgsl")
 );
 
-/// f32 of the shader's `Tile`, of its `Params`, of a witness, and of a row of its table of lenses.
+/// f32 of the shader's `Tile`, of its `Params`, of a witness of exposure or lens, and of a row of its table of lenses.
 const TILE_LEN: usize = 12;
 const PARAMS: usize = 28;
-const WITNESS: usize = 5 + EXPOSURES + SIGMAS;
+const EXPOSURE_WITNESS: usize = 3 + EXPOSURES;
+const LENS_WITNESS: usize = 3 + SIGMAS;
 const GAINS: usize = 128;
+/// Tiles that may be witnesses of the lens.
+const LENS_TILES: usize = BLOCK_COUNT * LENS_TILES_PER_BLOCK;
 
 /// What the tiles of a frame say of exposure and defocus. [`blindaug::fit::spectral::exposure_of`] and
 /// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on, and
@@ -92,8 +95,8 @@ impl TileEvidence {
             usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let chosen = count.min(TILES_PER_FRAME);
-        let witnesses = Readback::new(device, "witnesses", chosen * WITNESS);
+        let witnesses =
+            Readback::new(device, "witnesses", EXPOSURE_TILES * EXPOSURE_WITNESS + LENS_TILES * LENS_WITNESS);
         let flags = [space == BlurSpace::Linear, flow.is_some(), inverse_depth.is_some()];
         let mut constant = [0; 9];
         for (word, v) in
@@ -105,7 +108,7 @@ impl TileEvidence {
             vec![]
         } else {
             let views = [frame, or_flow, or_depth].map(array_view);
-            stages(device, (size, count, chosen), &params, &views, &witnesses.source)
+            stages(device, (size, count), &params, &views, &witnesses.source)
         };
         Ok(Self { params, constant, stages, witnesses })
     }
@@ -147,17 +150,14 @@ impl TileEvidence {
             if self.stages.is_empty() {
                 return out;
             }
-            for witness in values.chunks_exact(WITNESS) {
-                let (exposure, lens) = witness.split_at(3 + EXPOSURES);
-                let block = exposure[0] as u32;
-                if exposure[1] > 0.0 {
-                    let (speed, objections) = (exposure[2], exposure[3..].to_vec());
-                    out.exposure.push(ExposureWitness { block, frame: 0, speed, objections });
-                }
-                if lens[0] > 0.0 {
-                    let (inverse_depth, table) = (lens[1], lens[2..].to_vec());
-                    out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, shot: 0 });
-                }
+            let (exposure, lens) = values.split_at(EXPOSURE_TILES * EXPOSURE_WITNESS);
+            for witness in exposure.chunks_exact(EXPOSURE_WITNESS).filter(|w| w[0] > 0.0) {
+                let (block, speed, objections) = (witness[1] as u32, witness[2], witness[3..].to_vec());
+                out.exposure.push(ExposureWitness { block, frame: 0, speed, objections });
+            }
+            for witness in lens.chunks_exact(LENS_WITNESS).filter(|w| w[0] > 0.0) {
+                let (block, inverse_depth, table) = (witness[1] as u32, witness[2], witness[3..].to_vec());
+                out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, shot: 0 });
             }
             out
         })
@@ -172,7 +172,7 @@ fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
 
 fn stages(
     device: &wgpu::Device,
-    (size, count, chosen_count): ([u32; 2], usize, usize),
+    (size, count): ([u32; 2], usize),
     params: &wgpu::Buffer,
     [frame, flow, inverse_depth]: &[wgpu::TextureView; 3],
     witnesses: &wgpu::Buffer,
@@ -183,7 +183,7 @@ fn stages(
     let tiles = storage(device, "tiles", 4 * TILE_LEN * count);
     let periodograms = storage(device, "periodograms", 4 * COLUMNS * TILE * count);
     let contrasts = storage(device, "contrasts", 4 * count);
-    let chosen = storage(device, "chosen tiles", 4 * chosen_count);
+    let chosen = storage(device, "chosen tiles", 4 * (EXPOSURE_TILES + LENS_TILES));
     let table = |label, contents: &[f32]| filled(device, label, contents, BufferUsages::STORAGE);
     let turn = |i: usize| (std::f64::consts::TAU * i as f64 / TILE as f64).sin_cos();
     let window: Vec<f32> = (hann().iter().enumerate())
@@ -250,10 +250,10 @@ fn stages(
             TILES,
             "choose",
             [64, 1, 1],
-            of_each(1, count),
-            &[params, read(&contrasts), write(&chosen)],
+            of_each(1, count.max(EXPOSURE_TILES).max(LENS_TILES)),
+            &[params, read(&contrasts), read(&tiles), write(&chosen)],
         ),
-        Stage::new(device, EXPOSURE, "object", [32, 1, 1], of_each(32, chosen_count), &shared),
-        Stage::new(device, LENS, "defocus", [48, 1, 1], of_each(48, chosen_count), &lens),
+        Stage::new(device, EXPOSURE, "object", [32, 1, 1], of_each(32, EXPOSURE_TILES), &shared),
+        Stage::new(device, LENS, "defocus", [48, 1, 1], of_each(48, LENS_TILES), &lens),
     ]
 }

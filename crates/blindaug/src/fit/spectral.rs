@@ -10,8 +10,8 @@
 //!   smooth function of the direction, the same in all rings, under a prior, so that boards or bars have none either: what
 //!   remains of motion blur is its zeros, which lie at a distance along the motion, not in a direction. Where a surface moves
 //!   differently in two frames, [`pairs()`] tells lambda whatever S is.
-//! - **lens**, given lambda: `S = a / |w|^alpha` times a small pixel response, a profiled out and alpha integrated out
-//!   under a prior of what natural images have.
+//! - **lens**, given lambda: `S = a / |w|^alpha` times a small pixel response, a and the noise's exact power profiled out and alpha
+//!   integrated out under a prior of what natural images have.
 //!
 //! The global unknowns maximise the sum over the tiles of all frames, each tile's loss clipped against outliers.
 //! Intervals: bootstrap over blocks of the image and parts of the clip, and a floor for what the models leave out.
@@ -34,8 +34,11 @@ pub use pairs::{Pair, pairs};
 
 /// Side of a tile, px; tiles overlap by half.
 pub const TILE: usize = 48;
-/// At most this many tiles of a frame are kept, those of most contrast.
-pub const TILES_PER_FRAME: usize = 400;
+/// At most this many tiles of a frame are witnesses of the exposure, those of most contrast.
+pub const EXPOSURE_TILES: usize = 400;
+/// And this many of each block of the image are witnesses of the lens, again those of most contrast: what has most contrast in the
+/// whole image is what is in focus. Of more than [`EXPOSURE_TILES`] the fifth of least contrast is left out.
+pub const LENS_TILES_PER_BLOCK: usize = 32;
 /// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
 /// denoising inside the camera have touched.
 const BAND: Range<f32> = 0.03..0.35;
@@ -69,6 +72,8 @@ const TOLERANCE: f32 = 1.0;
 /// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
 /// cos 4 theta, theta from the motion, and the log of the noise's power.
 const NUISANCES: [f32; 3] = [1.0, 1.0, 0.25];
+/// The last of these where the lens is asked for: a sharp lens leaves less room for noise that is stronger than it was measured.
+const LENS_NOISE_ERROR: f32 = 0.1;
 /// Signal over noise below which a tile is left out.
 const MIN_CONTRAST: f32 = 3.0;
 /// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
@@ -78,13 +83,16 @@ const HIDDEN_STREAK: f32 = 1.2;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
 const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
+/// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
+const TEXTURE_BLUR: f32 = 0.2;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 /// Replicas of the bootstrap for a whole clip.
 pub const BOOTSTRAPS: usize = 120;
 /// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
 const BLOCKS: usize = 5;
-pub(super) const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
+/// As many blocks.
+pub const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
 /// And its parts in time, each of which may be another shot.
 const SHOTS: usize = 8;
 
@@ -101,6 +109,9 @@ pub struct Tile {
     inverse_depth: f32,
     /// Means of (Y / s)^2, Y / s^2 and 1 / s^2, s the slope of the transfer curve: what the noise of the tile follows from.
     noise_moments: [f32; 3],
+    /// Whether it is a witness of the exposure, and of the lens.
+    of_exposure: bool,
+    of_lens: bool,
     bins: Vec<Bin>,
     /// Ends of the rings of like modulus in `bins`.
     rings: Vec<u16>,
@@ -176,12 +187,18 @@ pub fn tiles(
         tile((&light, corners[i]), flow.as_ref(), inverse_depth.as_ref(), corners[i], block, &fft)
     });
     found.extend(coarse.into_iter().flatten().map(|t| Tile { scale: 2.0, ..t }));
-    if found.len() > TILES_PER_FRAME {
-        let contrast = |t: &Tile| t.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
-        found.sort_by(|a, b| contrast(b).total_cmp(&contrast(a)));
-        found.truncate(TILES_PER_FRAME);
-    }
-    Ok(found)
+    let contrast = |t: &Tile| t.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
+    let mut ranked: Vec<(f32, Tile)> = found.into_iter().map(|t| (contrast(&t), t)).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let enough = (4 * ranked.len() / 5).max(EXPOSURE_TILES);
+    let mut of_block = [0; BLOCK_COUNT];
+    let tiles = ranked.into_iter().enumerate().map(|(rank, (_, tile))| {
+        let rank_in_block = &mut of_block[tile.block as usize];
+        *rank_in_block += 1;
+        let of_lens = rank < enough && *rank_in_block <= LENS_TILES_PER_BLOCK;
+        Tile { of_exposure: rank < EXPOSURE_TILES, of_lens, ..tile }
+    });
+    Ok(tiles.filter(|t| t.of_exposure || t.of_lens).collect())
 }
 
 /// The corners of a frame's tiles, row by row; of none if it is smaller than one.
@@ -306,7 +323,8 @@ fn tile(
     let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
     let noise_moments = light.noise_moments(at);
     let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
-    Some(Tile { block, scale: 1.0, speed, inverse_depth, noise_moments, bins, rings })
+    let (of_exposure, of_lens) = (true, true);
+    Some(Tile { block, scale: 1.0, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
 }
 
 /// Every second pixel, each way, of the tile at a corner.
@@ -537,7 +555,8 @@ impl<'a> Prepared<'a> {
         relative((0..SIGMAS).map(|i| interpolate(&table, index_of_sigma(sigma_of(i) / self.tile.scale))))
     }
 
-    /// Log-likelihood over sigma, 0 at its maximum: one amplitude, and the slope of the spectrum integrated out.
+    /// Log-likelihood over sigma, 0 at its maximum: one amplitude and the noise's factor at their most likely values, and the slope of the
+    /// spectrum integrated out.
     fn over_sigma(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
         let bins = self.alike(lambda);
         let column = |f: &dyn Fn(&Alike) -> f32| lanes(bins.iter().map(f), 0.0);
@@ -563,8 +582,8 @@ impl<'a> Prepared<'a> {
                 for ((g, a), b) in gain.iter_mut().zip(&scenes[k]).zip(&lens) {
                     *g = a * b;
                 }
-                let (log_amplitude, ll) = data.profiled(&gain, starts[k]);
-                starts[k] = Some(log_amplitude);
+                let (found, ll) = data.profiled(&gain, starts[k]);
+                starts[k] = Some(found);
                 ll * TEMPER - 0.5 * deviation(k) * deviation(k)
             });
             let max = terms.iter().copied().fold(f32::MIN, f32::max);
@@ -705,7 +724,7 @@ impl Shutter {
     }
 }
 
-/// Data for the amplitude a of `V = a gain + noise`.
+/// Data for the amplitude a of `V = a gain + exp(e) noise`.
 struct Amplitude {
     weight: Vec<f32x4>,
     power: Vec<f32x4>,
@@ -713,38 +732,49 @@ struct Amplitude {
 }
 
 impl Amplitude {
-    /// Profiles ln a out: (ln a, the log-likelihood -sum w (ln V + P / V)).
-    fn profiled(&self, gain: &[f32x4], start: Option<f32>) -> (f32, f32) {
+    /// Profiles ln a and the log of the noise's factor out: (the two, the log-likelihood -sum w (ln V + P / V) with the factor's prior).
+    fn profiled(&self, gain: &[f32x4], start: Option<[f32; 2]>) -> ([f32; 2], f32) {
+        const PRECISION: f32 = 1.0 / (TEMPER * LENS_NOISE_ERROR * LENS_NOISE_ERROR);
         let n = self.power.len();
         let (weight, power, noise, gain) =
             (&self.weight[..n], &self.power[..n], &self.noise[..n], &gain[..n]);
         let dot = |v: &[f32x4]| v.iter().zip(weight).map(|(v, w)| v * w).sum::<f32x4>().reduce_add();
-        let mut log_a = start.unwrap_or_else(|| (dot(power) / dot(gain)).max(1e-12).ln());
+        let [mut log_a, mut e] = start.unwrap_or_else(|| [(dot(power) / dot(gain)).max(1e-12).ln(), 0.0]);
         // Fisher scoring; starts near the solution except for the first value of a table.
         let steps = if start.is_some() { 2 } else { 10 };
         let mut log_likelihood = 0.0;
         for step in 1..=steps {
-            let a = log_a.exp();
-            let (mut score, mut information, mut ll) = (f32x4::ZERO, f32x4::ZERO, f32x4::ZERO);
+            let (a, factor) = (log_a.exp(), e.exp());
+            let [mut score_a, mut score_e, mut ll] = [f32x4::ZERO; 3];
+            let [mut own_a, mut own_e, mut mixed] = [f32x4::ZERO; 3];
             for i in 0..n {
                 let signal = a * gain[i];
-                let inverse = 1.0 / (signal + noise[i]);
+                let inverse = 1.0 / (signal + factor * noise[i]);
                 let (share, ratio) = (signal * inverse, power[i] * inverse);
-                let weighted = weight[i] * share;
-                score += weighted * (ratio - 1.0);
-                information += weighted * share;
+                let rest = 1.0 - share;
+                let (of_share, excess) = (weight[i] * share, weight[i] * (ratio - 1.0));
+                score_a += share * excess;
+                score_e += rest * excess;
+                own_a += of_share * share;
+                mixed += of_share * rest;
+                own_e += weight[i] * rest * rest;
                 // ln V = -ln (1 / V), of which the last step alone makes use.
                 if step == steps {
                     ll += weight[i] * (inverse.ln() - ratio);
                 }
             }
-            let score = score.reduce_add();
-            let change = (score / (information.reduce_add() + 1e-6)).clamp(-1.5, 1.5);
-            log_a = (log_a + change).max(-27.0);
+            let (score_a, score_e) = (score_a.reduce_add(), score_e.reduce_add() - PRECISION * e);
+            let (own_a, own_e, mixed) =
+                (own_a.reduce_add() + 1e-6, own_e.reduce_add() + PRECISION, mixed.reduce_add());
+            let left = own_e - mixed * mixed / own_a;
+            let change_e = ((score_e - mixed * score_a / own_a) / left).clamp(-0.7, 0.7);
+            let change_a = ((score_a - mixed * change_e) / own_a).clamp(-1.5, 1.5);
             // As it will be after the step, if it is quadratic.
-            log_likelihood = ll.reduce_add() + 0.5 * score * change;
+            log_likelihood =
+                ll.reduce_add() - 0.5 * PRECISION * e * e + 0.5 * (score_a * change_a + score_e * change_e);
+            (log_a, e) = ((log_a + change_a).max(-27.0), e + change_e);
         }
-        (log_a, log_likelihood)
+        ([log_a, e], log_likelihood)
     }
 }
 
@@ -908,7 +938,10 @@ pub(super) fn exposure_interval(
         }
         most_likely_exposure(&sum)
     };
-    interval(estimate, &(0..bootstraps).map(replica).collect::<Vec<f32>>(), EXPOSURE_FLOOR)
+    // No shutter is open for longer than a frame: what seems to be is as far below that as it may be below what it seems.
+    let beyond = (estimate - 1.0).max(0.0);
+    let replicas: Vec<f32> = (0..bootstraps).map(replica).collect();
+    interval(estimate, &replicas, EXPOSURE_FLOOR).map(|v| (v - beyond).clamp(0.0, 1.0))
 }
 
 /// What a tile, or a pair of them, says of the exposure.
@@ -929,8 +962,7 @@ pub(super) fn exposure_witnesses(
     frames: &[&[Tile]],
     noise: &[LumaNoise; NOISE_LEVELS],
 ) -> Vec<ExposureWitness> {
-    let moving: Vec<Prepared> =
-        prepare(frames, noise).into_iter().filter(|p| p.tile.speed >= SPEEDS.start).collect();
+    let moving: Vec<Prepared> = prepare(frames, noise, |t| t.of_exposure && t.speed >= SPEEDS.start);
     par::map(moving.len(), |i| {
         let Prepared { tile, frame, .. } = moving[i];
         let speed = tile.speed * tile.scale;
@@ -1001,7 +1033,7 @@ pub fn exposure_of(witnesses: &[ExposureWitness], frames: usize) -> std::result:
     let speed = witnesses.iter().map(|w| w.speed.powi(2)).sum::<f32>()
         / witnesses.iter().map(|w| w.speed).sum::<f32>();
     let hidden = |low: f32| (low * low - (HIDDEN_STREAK / speed).powi(2)).max(0.0).sqrt();
-    let interval = [hidden(low.min(low_frame)), high.max(high_frame).min(1.0)];
+    let interval = [hidden(low.min(low_frame)), high.max(high_frame)];
     if interval[1] - interval[0] > 0.7 {
         let why = if high - low > 0.7 {
             "too little in the frames moves to tell"
@@ -1056,8 +1088,7 @@ pub(super) fn lens_witnesses(
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
 ) -> Vec<LensWitness> {
-    let prepared: Vec<Prepared> =
-        prepare(frames, noise).into_iter().filter(|p| p.tile.inverse_depth.is_finite()).collect();
+    let prepared: Vec<Prepared> = prepare(frames, noise, |t| t.of_lens && t.inverse_depth.is_finite());
     par::map(prepared.len(), |i| LensWitness {
         inverse_depth: prepared[i].tile.inverse_depth,
         table: prepared[i].over_sigma_of_frame(exposure.0, sharpening),
@@ -1116,10 +1147,13 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
             BlurPoint { inverse_depth: w.inverse_depth, sigma_px: sigma_of(at), weight }
         })
         .collect();
+    let texture = TEXTURE_BLUR / lens.sigma_px_at_infinity().max(TEXTURE_BLUR);
+    // The blur of the scene's middle changes by this much when the focus is nearer by the factor e, over the blur at infinity.
+    let nearness = (mean(&|d| d.abs()) / lens.focus.max(1e-6)).max(0.1);
     Ok(LensFit {
         lens,
-        sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), LENS_FLOORS.0),
-        focus_inverse_depth: of(&|l| l.focus, LENS_FLOORS.1),
+        sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), LENS_FLOORS.0.hypot(texture)),
+        focus_inverse_depth: of(&|l| l.focus, LENS_FLOORS.1.hypot(texture / nearness)),
         samples: tiles.round() as usize,
         points,
     })
@@ -1167,9 +1201,15 @@ impl FineTables {
     }
 }
 
-fn prepare<'a>(frames: &[&'a [Tile]], noise: &[LumaNoise; NOISE_LEVELS]) -> Vec<Prepared<'a>> {
+fn prepare<'a>(
+    frames: &[&'a [Tile]],
+    noise: &[LumaNoise; NOISE_LEVELS],
+    witness: impl Fn(&Tile) -> bool,
+) -> Vec<Prepared<'a>> {
     let all = frames.iter().enumerate().flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, t)));
-    all.filter_map(|(f, t)| Prepared::new(t, f, shot_of(f, frames.len()), noise)).collect()
+    all.filter(|(_, t)| witness(t))
+        .filter_map(|(f, t)| Prepared::new(t, f, shot_of(f, frames.len()), noise))
+        .collect()
 }
 
 /// The part of the clip that a frame of so many lies in.

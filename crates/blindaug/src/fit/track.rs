@@ -436,7 +436,7 @@ impl Tracker {
                 .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
                 .map(|(block, c)| (block, 0, c.to_vec()))
                 .collect();
-            let interval = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS).map(|v| v.min(1.0));
+            let interval = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS);
             if tiles >= 6.0 && interval[1] - interval[0] <= 0.7 {
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),

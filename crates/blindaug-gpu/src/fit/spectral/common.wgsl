@@ -35,7 +35,10 @@ const TILE = 48u;
 // Columns of a periodogram, as many rings of like modulus, and at most as many bins in each.
 const COLUMNS = 17u;
 const BINS = COLUMNS * COLUMNS;
-// Chosen tiles that are none.
+// Of the chosen tiles: witnesses of the exposure, then of the lens for each block of the image; some may be none.
+const EXPOSURE_TILES = 400u;
+const LENS_TILES_PER_BLOCK = 32u;
+const BLOCKS = 25u;
 const NONE = 0xffffffffu;
 const MIN_SPEED = 1.5;
 const MAX_SPEED = 60.0;

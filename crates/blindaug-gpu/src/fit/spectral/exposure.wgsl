@@ -129,17 +129,17 @@ fn solve(score: vec3f) -> vec3f {
 
 @compute @workgroup_size(32)
 fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    let witness = group.x * WITNESS;
+    let witness = group.x * EXPOSURE_WITNESS;
     let index = chosen[group.x];
     if thread == 0u {
-        witnesses[witness + 1u] = 0.0;
+        witnesses[witness] = 0.0;
     }
     if index == NONE {
         return;
     }
     let tile = tiles[index];
     if thread == 0u {
-        witnesses[witness] = f32(tile.block);
+        witnesses[witness + 1u] = f32(tile.block);
         witnesses[witness + 2u] = tile.speed * tile.scale;
     }
     if tile.speed < MIN_SPEED {
@@ -180,7 +180,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             noise += ring_sums[COLUMNS + i];
         }
         has_contrast = u32(seen > MIN_CONTRAST * noise);
-        witnesses[witness + 1u] = f32(has_contrast);
+        witnesses[witness] = f32(has_contrast);
     }
     if workgroupUniformLoad(&has_contrast) == 0u {
         return;
@@ -258,6 +258,6 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     }
     for (var i = thread; i < EXPOSURES; i += THREADS) {
         let v = interpolate(blurred, count, f32(i) / f32(stride)) - highest;
-        witnesses[witness + OBJECTIONS_AT + i] = clamp(v + TOLERANCE, -CLIP, 0.0);
+        witnesses[witness + 3u + i] = clamp(v + TOLERANCE, -CLIP, 0.0);
     }
 }

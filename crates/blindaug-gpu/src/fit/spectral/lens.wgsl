@@ -1,5 +1,5 @@
 // What a tile says of the blur there: the likelihood over the std of a = amplitude, slope of the spectrum in V = a / |w|^alpha |K_MB|^2 |K_DoF|^2 + n,
-// a profiled out and alpha integrated out. Eight threads look after each of six slopes.
+// a and the noise's exact power profiled out and alpha integrated out. Eight threads look after each of six slopes.
 
 // |K_DoF|^2 of each std, over the modulus in steps of 1/256.
 @group(0) @binding(7) var<storage, read> lens_gains: array<f32>;
@@ -9,6 +9,9 @@ const ALPHAS = 6u;
 const LANES = 8u;
 const ALPHA_STD = 0.4;
 const PIXEL_RESPONSE = 0.5;
+// Of the prior of the log of the noise's factor.
+const LENS_NOISE_ERROR = 0.1;
+const PRECISION = 1.0 / (TEMPER * LENS_NOISE_ERROR * LENS_NOISE_ERROR);
 
 // Bins that motion blur leaves alike, those of all rings one after the other.
 var<workgroup> weight: array<f32, BINS>;
@@ -56,8 +59,8 @@ fn index_of(sigma: f32) -> f32 {
 
 @compute @workgroup_size(48)
 fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    let witness = group.x * WITNESS + LENS_AT;
-    let index = chosen[group.x];
+    let witness = LENSES_AT + group.x * LENS_WITNESS;
+    let index = chosen[EXPOSURE_TILES + group.x];
     if thread == 0u {
         witnesses[witness] = 0.0;
     }
@@ -107,7 +110,8 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
         }
         has_contrast = u32(seen.x > MIN_CONTRAST * seen.y);
         witnesses[witness] = f32(has_contrast);
-        witnesses[witness + 1u] = tile.inverse_depth;
+        witnesses[witness + 1u] = f32(tile.block);
+        witnesses[witness + 2u] = tile.inverse_depth;
     }
     if workgroupUniformLoad(&has_contrast) == 0u {
         return;
@@ -141,6 +145,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     let lane = thread % LANES;
     let terms = SIGMAS;
     var log_amplitude = 0.0;
+    var log_noise = 0.0;
     for (var s = 0u; s < SIGMAS; s++) {
         if s == 0u {
             var own = vec3f(0.0);
@@ -155,19 +160,28 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
         var log_likelihood = 0.0;
         for (var round = 0u; round < rounds; round++) {
             let a = exp(log_amplitude);
-            var own = vec3f(0.0);
+            let factor = exp(log_noise);
+            var own_scores = vec3f(0.0);
+            var own_information = vec3f(0.0);
             for (var i = lane; i < count; i += LANES) {
                 let signal = a * scenes[alpha * BINS + i] * lens_gain(s, modulus[i]);
-                let variance = signal + noise[i];
+                let variance = signal + factor * noise[i];
                 let share = signal / variance;
                 let ratio = power[i] / variance;
-                own += weight[i] * vec3f(share * (ratio - 1.0), share * share, -log(variance) - ratio);
+                let excess = ratio - 1.0;
+                own_scores += weight[i] * vec3f(share * excess, (1.0 - share) * excess, -log(variance) - ratio);
+                own_information += weight[i] * vec3f(share * share, (1.0 - share) * (1.0 - share), share * (1.0 - share));
             }
-            let total = lanes_total(thread, own);
-            let change = clamp(total.x / (total.y + 1e-6), -1.5, 1.5);
-            log_amplitude = max(log_amplitude + change, -27.0);
+            let scores = lanes_total(thread, own_scores) - vec3f(0.0, PRECISION * log_noise, 0.0);
+            let information = lanes_total(thread, own_information) + vec3f(1e-6, PRECISION, 0.0);
+            let left = information.y - information.z * information.z / information.x;
+            let change_noise = clamp((scores.y - information.z * scores.x / information.x) / left, -0.7, 0.7);
+            let change = clamp((scores.x - information.z * change_noise) / information.x, -1.5, 1.5);
             // As it will be after the step, if it is quadratic.
-            log_likelihood = total.z + 0.5 * total.x * change;
+            log_likelihood = scores.z - 0.5 * PRECISION * log_noise * log_noise
+                + 0.5 * (scores.x * change + scores.y * change_noise);
+            log_amplitude = max(log_amplitude + change, -27.0);
+            log_noise += change_noise;
         }
         if lane == 0u {
             let prior = 0.5 * deviation(alpha) * deviation(alpha);
@@ -195,6 +209,6 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     }
     for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
         let v = interpolate(0u, SIGMAS, index_of(sigma_of(s) / tile.scale));
-        witnesses[witness + 2u + s] = v - highest;
+        witnesses[witness + 3u + s] = v - highest;
     }
 }

@@ -6,14 +6,15 @@
 // x, y, modulus, and place in a periodogram, ring by ring, and the first of each ring.
 @group(0) @binding(4) var<storage, read> frequencies: array<vec4f>;
 @group(0) @binding(5) var<storage, read> rings: array<u32, COLUMNS + 1u>;
-// Of each chosen tile: block; whether it is a witness of the exposure, speed, objections; whether of the lens, inverse depth, table.
+// Of each tile chosen for the exposure: whether it is a witness, block, speed, objections. Then of each chosen for the lens: whether it
+// is a witness, block, inverse depth, table.
 @group(0) @binding(6) var<storage, read_write> witnesses: array<f32>;
 
 const EXPOSURES = 251u;
 const SIGMAS = 35u;
-const OBJECTIONS_AT = 3u;
-const LENS_AT = OBJECTIONS_AT + EXPOSURES;
-const WITNESS = LENS_AT + 2u + SIGMAS;
+const EXPOSURE_WITNESS = 3u + EXPOSURES;
+const LENS_WITNESS = 3u + SIGMAS;
+const LENSES_AT = EXPOSURE_TILES * EXPOSURE_WITNESS;
 
 const TEMPER = 0.15;
 const MIN_CONTRAST = 3.0;

@@ -321,27 +321,36 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 }
 
 @group(0) @binding(1) var<storage, read> contrast_of: array<f32>;
-// The tiles of most contrast, the first having most.
-@group(0) @binding(2) var<storage, read_write> chosen_out: array<u32>;
+// Of the tiles, the witnesses of the exposure: those of most contrast, the first having most; then those of the lens: in each block
+// of the image those of most contrast.
+@group(0) @binding(3) var<storage, read_write> chosen_out: array<u32>;
 
 @compute @workgroup_size(64)
 fn choose(@builtin(global_invocation_id) id: vec3u) {
     let n = arrayLength(&contrast_of);
-    if id.x >= n {
-        return;
-    }
-    let own = contrast_of[id.x];
-    var rank = 0u;
-    var usable = 0u;
+    let of_lens = id.x / LENS_TILES_PER_BLOCK;
+    // How this tile ranks, if there is one, and how many there are for this place, if it is one.
+    let own = select(-1.0, contrast_of[min(id.x, n - 1u)], id.x < n);
+    let block = tiles[min(id.x, n - 1u)].block;
+    var rank = vec2u(0u);
+    var usable = vec2u(0u);
     for (var i = 0u; i < n; i++) {
         let other = contrast_of[i];
-        rank += u32(other > own || (other == own && i < id.x));
-        usable += u32(other >= 0.0);
+        let above = other > own || (other == own && i < id.x);
+        rank += select(vec2u(0u), vec2u(1u, u32(tiles[i].block == block)), above);
+        usable += select(vec2u(0u), vec2u(1u, u32(tiles[i].block == of_lens)), other >= 0.0);
     }
-    if own >= 0.0 && rank < arrayLength(&chosen_out) {
-        chosen_out[rank] = id.x;
+    if own >= 0.0 && rank.x < EXPOSURE_TILES {
+        chosen_out[rank.x] = id.x;
     }
-    if id.x >= usable && id.x < arrayLength(&chosen_out) {
+    if own >= 0.0 && rank.y < LENS_TILES_PER_BLOCK {
+        let enough = rank.x < max(4u * usable.x / 5u, EXPOSURE_TILES);
+        chosen_out[EXPOSURE_TILES + block * LENS_TILES_PER_BLOCK + rank.y] = select(NONE, id.x, enough);
+    }
+    if id.x >= usable.x && id.x < EXPOSURE_TILES {
         chosen_out[id.x] = NONE;
+    }
+    if of_lens < BLOCKS && id.x % LENS_TILES_PER_BLOCK >= usable.y {
+        chosen_out[EXPOSURE_TILES + id.x] = NONE;
     }
 }
