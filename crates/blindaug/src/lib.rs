@@ -73,7 +73,7 @@ pub mod pyramid;
 mod raster;
 pub mod synth;
 
-pub use colour::{Encoded, Linear, Premultiplied, Transfer, luma};
+pub use colour::{Encoded, LUMA, Linear, Premultiplied, Transfer, luma};
 pub use error::{Error, Result};
 pub use model::CameraModel;
 pub use raster::{Flow, Pixel, Plane, Raster};

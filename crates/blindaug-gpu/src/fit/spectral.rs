@@ -28,11 +28,12 @@ pub(crate) const LENS: &str = concat!(
     include_str!("spectral/lens.wgsl")
 );
 
-/// f32 of the shader's `Tile`, of its `Params`, of a witness of exposure or lens, and of a row of its table of lenses.
+/// f32 of the shader's `Tile`, of its `Params`, of a witness of exposure or lens with what comes first in both, and of a row of its table of lenses.
 const TILE_LEN: usize = 12;
 const PARAMS: usize = 28;
-const EXPOSURE_WITNESS: usize = 3 + EXPOSURES;
-const LENS_WITNESS: usize = 3 + SIGMAS;
+const HEAD: usize = 3;
+const EXPOSURE_WITNESS: usize = HEAD + EXPOSURES;
+const LENS_WITNESS: usize = HEAD + SIGMAS;
 const GAINS: usize = 128;
 /// Tiles that may be witnesses of the lens.
 const LENS_TILES: usize = BLOCK_COUNT * LENS_TILES_PER_BLOCK;
@@ -152,11 +153,11 @@ impl TileEvidence {
             }
             let (exposure, lens) = values.split_at(EXPOSURE_TILES * EXPOSURE_WITNESS);
             for witness in exposure.chunks_exact(EXPOSURE_WITNESS).filter(|w| w[0] > 0.0) {
-                let (block, speed, objections) = (witness[1] as u32, witness[2], witness[3..].to_vec());
+                let (block, speed, objections) = (witness[1] as u32, witness[2], witness[HEAD..].to_vec());
                 out.exposure.push(ExposureWitness { block, frame: 0, speed, objections });
             }
             for witness in lens.chunks_exact(LENS_WITNESS).filter(|w| w[0] > 0.0) {
-                let (block, inverse_depth, table) = (witness[1] as u32, witness[2], witness[3..].to_vec());
+                let (block, inverse_depth, table) = (witness[1] as u32, witness[2], witness[HEAD..].to_vec());
                 out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, shot: 0 });
             }
             out

@@ -19,7 +19,7 @@ use crate::model::{
     Method, MotionBlurModel, NOISE_LEVELS, SharpeningModel, ThinLensInterval,
 };
 use crate::synth::{self, defocus::Bokeh};
-use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, par};
+use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, luma, par};
 use analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use analysis::flow::FlowEstimator;
 use noise::{LumaNoise, NoiseEvidence, NoiseFit};
@@ -723,13 +723,10 @@ fn removal_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [removal::Tile]> {
     frames.iter().map(|f| f.removal.as_slice()).collect()
 }
 
-/// The light that is blurred: Rec. 709 luminance, or Rec. 601 luma of encoded values.
+/// The light that is blurred, or encoded values: both weighted as luma is, whose noise is known.
 fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
     match space {
-        BlurSpace::Linear => image.0.map(|p| {
-            let [r, g, b] = p.map(|v| Transfer::Srgb.decode(v));
-            0.2126 * r + 0.7152 * g + 0.0722 * b
-        }),
+        BlurSpace::Linear => image.0.map(|p| luma(p.map(|v| Transfer::Srgb.decode(v)))),
         BlurSpace::Encoded => image.luma(),
     }
 }

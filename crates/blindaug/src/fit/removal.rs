@@ -52,7 +52,7 @@ const BOOTSTRAPS: usize = 120;
 /// The light of a frame and the variance of its noise.
 #[derive(Clone, Debug)]
 pub struct NoisyLight {
-    /// Luminance, or luma of encoded values.
+    /// Light, or encoded values, weighted as luma is.
     pub light: Plane,
     /// Per pixel.
     pub variance: Plane,
@@ -63,9 +63,8 @@ impl NoisyLight {
     pub fn new(frame: &Encoded, noise: &LumaNoise, space: BlurSpace) -> Self {
         let white = white_band_std()[0];
         let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
-            // Luminance has more of green than luma, and so averages less of the channels' noise away.
             let slope = match space {
-                BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))) / 1.12,
+                BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))),
                 BlurSpace::Encoded => 1.0,
             };
             // No frame is better than its rounding to 8 bit.
@@ -480,8 +479,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
     // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
     let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
     alone.sort_by(f32::total_cmp);
-    let (low, high) =
-        (low.min(alone[alone.len() / 4]).min(1.0), high.max(alone[alone.len() * 3 / 4]).min(1.0));
+    let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
     if high - low > 0.7 {
         return Err(format!(
             "too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit"

@@ -23,7 +23,7 @@ use super::defocus::{self, Lens};
 use super::noise::LumaNoise;
 use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Error, Flow, Plane, Raster, Result, Transfer, luma, par};
+use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
 use std::ops::Range;
@@ -42,6 +42,8 @@ pub const LENS_TILES_PER_BLOCK: usize = 32;
 /// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
 /// denoising inside the camera have touched.
 const BAND: Range<f32> = 0.03..0.35;
+/// About their mean.
+const MIDDLE: f32 = 0.25;
 /// Below this speed, px per frame interval, a tile says nothing about lambda; above the other the flow is not relied on.
 pub(super) const SPEEDS: Range<f32> = 1.5..60.0;
 /// Largest exposure fraction of the tables: past 1, so that a maximum at 1 is seen from both sides.
@@ -70,10 +72,12 @@ const TEMPER: f32 = 0.15;
 pub(super) const CLIP: f32 = 8.0;
 const TOLERANCE: f32 = 1.0;
 /// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
-/// cos 4 theta, theta from the motion, and the log of the noise's power.
-const NUISANCES: [f32; 3] = [1.0, 1.0, 0.25];
-/// The last of these where the lens is asked for: a sharp lens leaves less room for noise that is stronger than it was measured.
-const LENS_NOISE_ERROR: f32 = 0.1;
+/// cos 4 theta, theta from the motion.
+const DIRECTION: [f32; 2] = [1.0, 1.0];
+/// By how much a tile's noise may be off where the exposure is asked for, and where the lens is: the log of its power (std), and noise
+/// that is there unseen (std, in encoded values). A sharp lens leaves little room for noise that is stronger than it was measured.
+const EXPOSURE_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.2, unseen: 0.006 };
+const LENS_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.1, unseen: 0.002 };
 /// Signal over noise below which a tile is left out.
 const MIN_CONTRAST: f32 = 3.0;
 /// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
@@ -107,7 +111,7 @@ pub struct Tile {
     speed: f32,
     /// Median inverse depth; NaN if it is unknown or spans much.
     inverse_depth: f32,
-    /// Means of (Y / s)^2, Y / s^2 and 1 / s^2, s the slope of the transfer curve: what the noise of the tile follows from.
+    /// Means of g Y^2, g Y and g, g the [`noise_gain`]: what the noise of the tile follows from.
     noise_moments: [f32; 3],
     /// Whether it is a witness of the exposure, and of the lens.
     of_exposure: bool,
@@ -245,21 +249,18 @@ struct Light {
 impl Light {
     fn new(frame: &Encoded, space: BlurSpace) -> Self {
         let (w, h) = frame.0.size();
-        let moments = |of: &(dyn Fn(f32) -> [f32; 3] + Sync)| {
-            Raster::from_fn(w / 2, h / 2, |x, y| of(luma(frame.0.at(2 * x, 2 * y))))
+        let moments = |of: &(dyn Fn([f32; 3]) -> f32 + Sync)| {
+            Raster::from_fn(w / 2, h / 2, |x, y| {
+                let p = frame.0.at(2 * x, 2 * y);
+                let (y, gain) = (luma(p), of(p));
+                [y * y * gain, y * gain, gain]
+            })
         };
         let (plane, moments) = match space {
-            BlurSpace::Encoded => (frame.luma(), moments(&|v| [v * v, v, 1.0])),
+            BlurSpace::Encoded => (frame.luma(), moments(&|_| 1.0)),
             BlurSpace::Linear => {
-                let plane = frame.0.map(|p| {
-                    let [r, g, b] = p.map(|v| decoded(v)[0]);
-                    0.2126 * r + 0.7152 * g + 0.0722 * b
-                });
-                let of = |v: f32| {
-                    let [_, slope] = decoded(v.max(0.02));
-                    [(v / slope).powi(2), v / (slope * slope), 1.0 / (slope * slope)]
-                };
-                (plane, moments(&of))
+                let plane = frame.0.map(|p| luma(p.map(|v| decoded(v)[0])));
+                (plane, moments(&|p| noise_gain(p.map(|v| decoded(v.max(0.02))[1]))))
             }
         };
         Self { plane, moments, step: 2 }
@@ -288,6 +289,13 @@ impl Light {
             step: 1,
         }
     }
+}
+
+/// Variance of the noise of light, weighted as luma is, over that of luma, where the transfer curve has these slopes in R, G and B: for
+/// noise that is as strong in all three, and independent.
+fn noise_gain(slopes: [f32; 3]) -> f32 {
+    let weights = LUMA.map(|w| w * w);
+    (0..3).map(|c| weights[c] / (slopes[c] * slopes[c])).sum::<f32>() / weights.iter().sum::<f32>()
 }
 
 /// The light of an encoded value, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
@@ -489,6 +497,12 @@ fn noise_density(
     }
 }
 
+/// By how much a tile's noise may be off.
+struct NoiseError {
+    log_power: f32,
+    unseen: f32,
+}
+
 /// A tile with its noise, ready for the likelihood.
 struct Prepared<'a> {
     tile: &'a Tile,
@@ -497,6 +511,8 @@ struct Prepared<'a> {
     shot: usize,
     /// Density of the noise at the bins.
     noise: Vec<f32>,
+    /// Density of white noise of std 1 of encoded values, over that of the tile's noise in the middle of the band.
+    unseen: f32,
 }
 
 impl<'a> Prepared<'a> {
@@ -506,12 +522,20 @@ impl<'a> Prepared<'a> {
         let noise: Vec<f32> = tile.bins.iter().map(|b| density(b.modulus)).collect();
         let sum =
             |f: &dyn Fn(usize) -> f32| (0..noise.len()).map(|i| tile.bins[i].weight * f(i)).sum::<f32>();
+        let unseen = tile.noise_moments[2] / (tile.scale * tile.scale) / density(MIDDLE);
         (sum(&|i| tile.bins[i].power) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
             tile,
             frame,
             shot,
             noise,
+            unseen,
         })
+    }
+
+    /// Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered.
+    fn noise_precision(&self, error: &NoiseError) -> f32 {
+        let unseen = (error.unseen * error.unseen * self.unseen).ln_1p();
+        (TEMPER * (error.log_power * error.log_power + unseen * unseen)).recip()
     }
 
     /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of
@@ -561,6 +585,7 @@ impl<'a> Prepared<'a> {
         let bins = self.alike(lambda);
         let column = |f: &dyn Fn(&Alike) -> f32| lanes(bins.iter().map(f), 0.0);
         let data = Amplitude {
+            precision: self.noise_precision(&LENS_NOISE_ERROR),
             weight: column(&|b| b.weight),
             power: column(&|b| b.power),
             noise: lanes(bins.iter().map(|b| b.noise), 1.0),
@@ -726,6 +751,8 @@ impl Shutter {
 
 /// Data for the amplitude a of `V = a gain + exp(e) noise`.
 struct Amplitude {
+    /// Of the prior of the log of the noise's factor.
+    precision: f32,
     weight: Vec<f32x4>,
     power: Vec<f32x4>,
     noise: Vec<f32x4>,
@@ -734,7 +761,6 @@ struct Amplitude {
 impl Amplitude {
     /// Profiles ln a and the log of the noise's factor out: (the two, the log-likelihood -sum w (ln V + P / V) with the factor's prior).
     fn profiled(&self, gain: &[f32x4], start: Option<[f32; 2]>) -> ([f32; 2], f32) {
-        const PRECISION: f32 = 1.0 / (TEMPER * LENS_NOISE_ERROR * LENS_NOISE_ERROR);
         let n = self.power.len();
         let (weight, power, noise, gain) =
             (&self.weight[..n], &self.power[..n], &self.noise[..n], &gain[..n]);
@@ -763,15 +789,15 @@ impl Amplitude {
                     ll += weight[i] * (inverse.ln() - ratio);
                 }
             }
-            let (score_a, score_e) = (score_a.reduce_add(), score_e.reduce_add() - PRECISION * e);
+            let (score_a, score_e) = (score_a.reduce_add(), score_e.reduce_add() - self.precision * e);
             let (own_a, own_e, mixed) =
-                (own_a.reduce_add() + 1e-6, own_e.reduce_add() + PRECISION, mixed.reduce_add());
+                (own_a.reduce_add() + 1e-6, own_e.reduce_add() + self.precision, mixed.reduce_add());
             let left = own_e - mixed * mixed / own_a;
             let change_e = ((score_e - mixed * score_a / own_a) / left).clamp(-0.7, 0.7);
             let change_a = ((score_a - mixed * change_e) / own_a).clamp(-1.5, 1.5);
             // As it will be after the step, if it is quadratic.
-            log_likelihood =
-                ll.reduce_add() - 0.5 * PRECISION * e * e + 0.5 * (score_a * change_a + score_e * change_e);
+            log_likelihood = ll.reduce_add() - 0.5 * self.precision * e * e
+                + 0.5 * (score_a * change_a + score_e * change_e);
             (log_a, e) = ((log_a + change_a).max(-27.0), e + change_e);
         }
         ([log_a, e], log_likelihood)
@@ -788,8 +814,9 @@ struct RingScene {
     harmonics: [Vec<f32x4>; 2],
     /// Logarithms.
     amplitudes: Vec<f32>,
-    /// c2, c4 and the log of the noise's factor.
+    /// c2, c4 and the log of the noise's factor, and their prior's precisions.
     nuisances: [f32; 3],
+    precisions: [f32; 3],
     eliminated: Vec<Eliminated>,
 }
 
@@ -825,6 +852,11 @@ impl RingScene {
             harmonics: [cos2, cos4],
             amplitudes: tile.rings().map(amplitude).collect(),
             nuisances: [0.0; 3],
+            precisions: [
+                1.0 / (TEMPER * DIRECTION[0] * DIRECTION[0]),
+                1.0 / (TEMPER * DIRECTION[1] * DIRECTION[1]),
+                prepared.noise_precision(&EXPOSURE_NOISE_ERROR),
+            ],
             eliminated: vec![],
         }
     }
@@ -870,7 +902,7 @@ impl RingScene {
             });
         }
         let score: [f32; 3] =
-            std::array::from_fn(|k| score[k].reduce_add() - PRECISIONS[k] * self.nuisances[k]);
+            std::array::from_fn(|k| score[k].reduce_add() - self.precisions[k] * self.nuisances[k]);
         let mut information = information.map(|row| row.map(|v| v.reduce_add()));
         let mut left = score;
         for r in &self.eliminated {
@@ -879,8 +911,8 @@ impl RingScene {
                 (0..=k).for_each(|j| information[k][j] -= r.mixed[k] * r.mixed[j] / r.own);
             }
         }
-        (0..3).for_each(|k| information[k][k] += PRECISIONS[k]);
-        let prior: f32 = (0..3).map(|k| 0.5 * PRECISIONS[k] * self.nuisances[k].powi(2)).sum();
+        (0..3).for_each(|k| information[k][k] += self.precisions[k]);
+        let prior: f32 = (0..3).map(|k| 0.5 * self.precisions[k] * self.nuisances[k].powi(2)).sum();
         // Far from the solution a whole step may go too far.
         let step = cholesky_solve(information, left).map(|s| s.clamp(-0.7, 0.7));
         let mut gain: f32 = (0..3).map(|k| 0.5 * score[k] * step[k]).sum();
@@ -894,13 +926,6 @@ impl RingScene {
         log_likelihood.reduce_add() - prior + gain
     }
 }
-
-/// Of the nuisances' prior, in the units of the likelihood before it is tempered.
-const PRECISIONS: [f32; 3] = [
-    1.0 / (TEMPER * NUISANCES[0] * NUISANCES[0]),
-    1.0 / (TEMPER * NUISANCES[1] * NUISANCES[1]),
-    1.0 / (TEMPER * NUISANCES[2] * NUISANCES[2]),
-];
 
 /// Solves `m x = v` for a symmetric positive definite `m`, of which the lower half is given.
 fn cholesky_solve(m: [[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
@@ -1329,4 +1354,43 @@ pub fn lens_gain(s: usize, modulus: f32) -> f32 {
     let at = (modulus * 2.0 * STEPS as f32).min(STEPS as f32 - 1.001);
     let (i, f) = (at as usize, at.fract());
     gains[s][i] + f * (gains[s][i + 1] - gains[s][i]) + LENS_FLOOR
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_noise_of_coloured_light_is_what_that_of_luma_predicts() {
+        const COLOUR: [f32; 3] = [0.85, 0.35, 0.2];
+        const STD: f32 = 0.01;
+        let side = 8 * TILE;
+        let normal = |seed: u64, i: usize| {
+            (0..12).map(|k| crate::fit::uniform(12 * seed + k, i as u64)).sum::<f32>() - 6.0
+        };
+        let frame = Encoded(Raster::from_fn(side, side, |x, y| {
+            std::array::from_fn(|c| COLOUR[c] + STD * normal(c as u64, y * side + x))
+        }));
+        let std = STD * LUMA.iter().map(|w| w * w).sum::<f32>().sqrt();
+        let noise = white_band_std().map(|white| LumaNoise { slope: 0.0, intercept: std * white });
+        for space in [BlurSpace::Linear, BlurSpace::Encoded] {
+            let tiles = tiles(&frame, None, None, space).unwrap();
+            // Mean power over what is predicted, as a tile of this colour and as a grey one.
+            let over = |moments: &dyn Fn(&Tile) -> [f32; 3]| {
+                let (mut power, mut predicted) = (0.0, 0.0);
+                for tile in &tiles {
+                    let density = noise_density(moments(tile), tile.scale, &noise);
+                    power += tile.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
+                    predicted += tile.bins.iter().map(|b| b.weight * density(b.modulus)).sum::<f32>();
+                }
+                power / predicted
+            };
+            let own = over(&|tile| tile.noise_moments);
+            assert!((own - 1.0).abs() < 0.03, "{space:?}: {own}");
+            let grey = Encoded(frame.0.map(|p| [luma(p); 3]));
+            let of_grey = Light::new(&grey, space).noise_moments((0, 0));
+            let other = over(&|_| of_grey);
+            assert_eq!((other - 1.0).abs() > 0.1, space == BlurSpace::Linear, "{space:?}: {other}");
+        }
+    }
 }

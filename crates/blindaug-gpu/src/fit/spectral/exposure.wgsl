@@ -11,7 +11,7 @@ const STREAK_ERROR = 0.4;
 const CLIP = 8.0;
 const TOLERANCE = 1.0;
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
-const PRECISIONS = vec3f(1.0, 1.0, 16.0) / TEMPER;
+var<private> precisions: vec3f;
 
 // Of each ring's bins, in COLUMNS places.
 var<workgroup> weight: array<f32, BINS>;
@@ -99,7 +99,7 @@ fn improve(thread: u32, n: u32, before: Scene) -> Improved {
         sums[thread] = sum;
     }
     workgroupBarrier();
-    let prior = PRECISIONS * before.nuisances;
+    let prior = precisions * before.nuisances;
     let slope = vec3f(sums[1], sums[2], sums[3]) - prior;
     let step = solve(vec3f(sums[4], sums[5], sums[6]) - prior);
     let change = clamp((own_score - dot(mixed, step)) / own, -1.5, 1.5);
@@ -112,12 +112,12 @@ fn improve(thread: u32, n: u32, before: Scene) -> Improved {
 
 // The step by Cholesky's decomposition of the information; far from the solution a whole one may go too far.
 fn solve(score: vec3f) -> vec3f {
-    let l00 = sqrt(max(sums[7] + PRECISIONS.x, 1e-9));
+    let l00 = sqrt(max(sums[7] + precisions.x, 1e-9));
     let l10 = sums[8] / l00;
-    let l11 = sqrt(max(sums[9] + PRECISIONS.y - l10 * l10, 1e-9));
+    let l11 = sqrt(max(sums[9] + precisions.y - l10 * l10, 1e-9));
     let l20 = sums[10] / l00;
     let l21 = (sums[11] - l20 * l10) / l11;
-    let l22 = sqrt(max(sums[12] + PRECISIONS.z - l20 * l20 - l21 * l21, 1e-9));
+    let l22 = sqrt(max(sums[12] + precisions.z - l20 * l20 - l21 * l21, 1e-9));
     var x = vec3f(score.x / l00, 0.0, 0.0);
     x.y = (score.y - l10 * x.x) / l11;
     x.z = (score.z - l20 * x.x - l21 * x.y) / l22;
@@ -145,6 +145,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     if tile.speed < MIN_SPEED {
         return;
     }
+    precisions = vec3f(vec2f(1.0 / TEMPER), noise_precision(tile, 0.2, 0.006));
     var n = 0u;
     var scene = Scene(0.0, vec3f(0.0));
     if thread < COLUMNS {
@@ -258,6 +259,6 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     }
     for (var i = thread; i < EXPOSURES; i += THREADS) {
         let v = interpolate(blurred, count, f32(i) / f32(stride)) - highest;
-        witnesses[witness + 3u + i] = clamp(v + TOLERANCE, -CLIP, 0.0);
+        witnesses[witness + HEAD + i] = clamp(v + TOLERANCE, -CLIP, 0.0);
     }
 }

@@ -9,9 +9,6 @@ const ALPHAS = 6u;
 const LANES = 8u;
 const ALPHA_STD = 0.4;
 const PIXEL_RESPONSE = 0.5;
-// Of the prior of the log of the noise's factor.
-const LENS_NOISE_ERROR = 0.1;
-const PRECISION = 1.0 / (TEMPER * LENS_NOISE_ERROR * LENS_NOISE_ERROR);
 
 // Bins that motion blur leaves alike, those of all rings one after the other.
 var<workgroup> weight: array<f32, BINS>;
@@ -141,6 +138,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     }
     workgroupBarrier();
 
+    let noise_prior = noise_precision(tile, 0.1, 0.002);
     let alpha = thread / LANES;
     let lane = thread % LANES;
     let terms = SIGMAS;
@@ -172,13 +170,13 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
                 own_scores += weight[i] * vec3f(share * excess, (1.0 - share) * excess, -log(variance) - ratio);
                 own_information += weight[i] * vec3f(share * share, (1.0 - share) * (1.0 - share), share * (1.0 - share));
             }
-            let scores = lanes_total(thread, own_scores) - vec3f(0.0, PRECISION * log_noise, 0.0);
-            let information = lanes_total(thread, own_information) + vec3f(1e-6, PRECISION, 0.0);
+            let scores = lanes_total(thread, own_scores) - vec3f(0.0, noise_prior * log_noise, 0.0);
+            let information = lanes_total(thread, own_information) + vec3f(1e-6, noise_prior, 0.0);
             let left = information.y - information.z * information.z / information.x;
             let change_noise = clamp((scores.y - information.z * scores.x / information.x) / left, -0.7, 0.7);
             let change = clamp((scores.x - information.z * change_noise) / information.x, -1.5, 1.5);
             // As it will be after the step, if it is quadratic.
-            log_likelihood = scores.z - 0.5 * PRECISION * log_noise * log_noise
+            log_likelihood = scores.z - 0.5 * noise_prior * log_noise * log_noise
                 + 0.5 * (scores.x * change + scores.y * change_noise);
             log_amplitude = max(log_amplitude + change, -27.0);
             log_noise += change_noise;
@@ -209,6 +207,6 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     }
     for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
         let v = interpolate(0u, SIGMAS, index_of(sigma_of(s) / tile.scale));
-        witnesses[witness + 3u + s] = v - highest;
+        witnesses[witness + HEAD + s] = v - highest;
     }
 }

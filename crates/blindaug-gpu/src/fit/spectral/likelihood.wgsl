@@ -12,12 +12,16 @@
 
 const EXPOSURES = 251u;
 const SIGMAS = 35u;
-const EXPOSURE_WITNESS = 3u + EXPOSURES;
-const LENS_WITNESS = 3u + SIGMAS;
+// What comes before the objections or the table.
+const HEAD = 3u;
+const EXPOSURE_WITNESS = HEAD + EXPOSURES;
+const LENS_WITNESS = HEAD + SIGMAS;
 const LENSES_AT = EXPOSURE_TILES * EXPOSURE_WITNESS;
 
 const TEMPER = 0.15;
 const MIN_CONTRAST = 3.0;
+// Of the frequencies looked at.
+const MIDDLE = 0.25;
 const ALPHA = 2.4;
 const SHUTTER_FLOOR = 1e-3;
 const PI = 3.14159265;
@@ -34,6 +38,14 @@ fn noise_density(tile: Tile, modulus: f32) -> f32 {
     }
     let between = density[0] + (level - f32(i)) * (density[1] - density[0]);
     return max(between / (tile.scale * tile.scale), 1e-9);
+}
+
+// Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered: its power's log may be off by
+// this much, and noise of such a std of encoded values may be there unseen.
+fn noise_precision(tile: Tile, log_power: f32, unseen: f32) -> f32 {
+    let white = tile.noise_moments.z / (tile.scale * tile.scale);
+    let more = log(1.0 + unseen * unseen * white / noise_density(tile, MIDDLE));
+    return 1.0 / (TEMPER * (log_power * log_power + more * more));
 }
 
 // The bins of a ring, as (weight, power, component along the motion, modulus), and their number.

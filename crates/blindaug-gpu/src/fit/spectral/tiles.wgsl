@@ -13,7 +13,7 @@ fn light(@builtin(global_invocation_id) id: vec3u) {
             let v = textureLoad(frame, p, 0, 0).xyz;
             var out = luma(v);
             if params.linear_light != 0u {
-                out = dot(decode(v), vec3f(0.2126, 0.7152, 0.0722));
+                out = luma(decode(v));
             }
             light_out[p.y * params.size.x + p.x] = out;
             sum += out;
@@ -63,13 +63,15 @@ fn total(thread: u32, own: vec4f) -> vec4f {
     return sum;
 }
 
-fn moments_of(v: f32) -> vec3f {
-    if params.linear_light == 0u {
-        return vec3f(v * v, v, 1.0);
+// Of a pixel: Y^2, Y and 1, times the variance of the noise of light over that of luma.
+fn moments_of(p: vec3f) -> vec3f {
+    var gain = 1.0;
+    if params.linear_light != 0u {
+        let slopes = encoding_slope(decode(max(p, vec3f(0.02))));
+        gain = dot(LUMA * LUMA, 1.0 / (slopes * slopes)) / dot(LUMA, LUMA);
     }
-    let y = max(v, 0.02);
-    let s = encoding_slope(decode(vec3f(y))).x;
-    return vec3f(y * y, y, 1.0) / (s * s);
+    let y = luma(p);
+    return gain * vec3f(y * y, y, 1.0);
 }
 
 @compute @workgroup_size(64)
@@ -150,7 +152,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     let side = TILE * scale / 2u;
     for (var i = thread; i < side * side; i += LOCATE_THREADS) {
         let p = 2u * vec2u(i % side, i / side) + scale * corner;
-        sums += vec4f(0.0, moments_of(luma(textureLoad(frame, p, 0, 0).xyz)));
+        sums += vec4f(0.0, moments_of(textureLoad(frame, p, 0, 0).xyz));
     }
     sums = total(thread, sums);
 
