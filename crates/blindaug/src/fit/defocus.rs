@@ -34,10 +34,16 @@ pub(super) fn seen_range(inverse_depths: impl Iterator<Item = f32>) -> (f32, f32
     (d[d.len() / 20], d[d.len() * 19 / 20])
 }
 
-/// The lens that maximises an objective, for scenes in the range of inverse depths `(lo, hi)`: a grid over the focus and
-/// the largest blur in the scene, then [`refined_lens`].
-pub(super) fn best_lens((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Lens {
+/// The lens that maximises an objective, for scenes in the range of inverse depths `(lo, hi)`.
+pub(super) fn best_lens(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Lens {
+    best_lenses(range, objective)[0]
+}
+
+/// The lenses at which the objective has its highest maxima, the best first: a grid over the focus and the largest blur in the scene,
+/// then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
+pub(super) fn best_lenses((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Vec<Lens> {
     const FOCI: usize = 48;
+    const MAXIMA: usize = 3;
     let (near, far) = (3.0 * hi.max(1e-6), 0.3 * lo.max(0.02 * hi).max(1e-6));
     let best = par::map(FOCI, |i| {
         let focus = far * (near / far).powf(i as f32 / (FOCI - 1) as f32);
@@ -47,8 +53,24 @@ pub(super) fn best_lens((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + 
             .map(|j| (objective(lens(j)), lens(j)))
             .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
     });
-    let best = best.into_iter().reduce(|a, b| if b.0 > a.0 { b } else { a });
-    refined_lens(best.map_or(Lens { slope: 0.0, focus: near }, |b| b.1), 1e-3, objective)
+    let value = |i: Option<usize>| i.and_then(|i| best.get(i)).map_or(f32::MIN, |b| b.0);
+    let mut maxima: Vec<(f32, Lens)> = (0..FOCI)
+        .filter(|&i| value(Some(i)) > value(i.checked_sub(1)) && value(Some(i)) >= value(Some(i + 1)))
+        .map(|i| best[i])
+        .collect();
+    maxima.sort_by(|a, b| b.0.total_cmp(&a.0));
+    maxima.truncate(MAXIMA);
+    for maximum in &mut maxima {
+        let lens = refined_lens(maximum.1, 1e-3, &objective);
+        *maximum = (objective(lens), lens);
+    }
+    maxima.sort_by(|a, b| b.0.total_cmp(&a.0));
+    maxima.dedup_by(|a, b| (a.1.focus / b.1.focus - 1.0).abs() < 0.02);
+    if maxima.is_empty() {
+        // Nothing is better than anything.
+        return vec![Lens { slope: 0.0, focus: near }];
+    }
+    maxima.into_iter().map(|m| m.1).collect()
 }
 
 /// The maximum next to `start`, by steps along the two coordinates that shrink to `finest`, relative.
@@ -333,5 +355,25 @@ mod tests {
         };
         let found = best_lens((0.1, 0.9), score);
         assert!((found.slope - 5.0).abs() < 0.05 && (found.focus - 0.4).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn rivals_of_the_best_lens_are_found_too() {
+        let lenses = [Lens { slope: 5.0, focus: 0.2 }, Lens { slope: 3.0, focus: 1.0 }];
+        let value = |of: usize, l: Lens| {
+            let apart = [l.slope / lenses[of].slope, l.focus / lenses[of].focus].map(|r| r.ln().powi(2));
+            -(apart[0] + apart[1]).min(1.0) - of as f32 * 0.1
+        };
+        let found = best_lenses((0.1, 0.9), |l| value(0, l).max(value(1, l)));
+        assert!(found.len() >= 2, "{found:?}");
+        for (found, lens) in found.iter().zip(&lenses) {
+            assert!(
+                (found.slope / lens.slope - 1.0).abs() < 0.01
+                    && (found.focus / lens.focus - 1.0).abs() < 0.01
+            );
+        }
+        // Where nothing says anything, any lens will do, but there is one.
+        assert_eq!(best_lenses((0.1, 0.9), |_| 0.0).len(), 1);
+        assert_eq!(best_lenses((0.1, 0.9), |_| f32::NAN).len(), 1);
     }
 }

@@ -89,6 +89,8 @@ const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 /// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
 const TEXTURE_BLUR: f32 = 0.2;
+/// A lens is a rival of the likeliest one if its loss, in nats, is at most so many times as large.
+const RIVAL: f32 = 1.5;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 /// Replicas of the bootstrap for a whole clip.
@@ -1140,10 +1142,16 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
         return Err("the textured places all lie at about one depth, through which many lenses fit".into());
     }
     let fine = FineTables::new(witnesses);
-    let lens = defocus::best_lens(range, |lens| fine.log_likelihood(lens, None));
+    // A lens that fits nearly as well may fit best on other surfaces.
+    let value = |lens: Lens| fine.log_likelihood(lens, None);
+    let mut candidates = defocus::best_lenses(range, value);
+    let lens = candidates[0];
+    candidates.retain(|&l| value(l) >= RIVAL * value(lens));
     let replicas: Vec<Lens> = par::map(bootstraps.max(1), |r| {
         let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();
-        defocus::refined_lens(lens, 5e-3, |l| fine.log_likelihood(l, Some(&weights)))
+        let of = |l: Lens| fine.log_likelihood(l, Some(&weights));
+        let best = candidates.iter().map(|&l| defocus::refined_lens(l, 5e-3, of));
+        best.max_by(|&a, &b| of(a).total_cmp(&of(b))).unwrap_or(lens)
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
     let spread = |d: f32| {
@@ -1392,5 +1400,27 @@ mod tests {
             let other = over(&|_| of_grey);
             assert_eq!((other - 1.0).abs() > 0.1, space == BlurSpace::Linear, "{space:?}: {other}");
         }
+    }
+
+    #[test]
+    fn surfaces_that_disagree_about_the_lens_leave_it_unknown() {
+        let lenses = [Lens { slope: 4.0, focus: 0.2 }, Lens { slope: 4.0, focus: 0.8 }];
+        let witness = |i: usize, lens: &Lens| {
+            let inverse_depth = 0.1 + 0.8 * (i / BLOCK_COUNT) as f32 / 9.0;
+            let objection =
+                |s: usize| (-20.0 * (sigma_of(s) - lens.sigma_px(inverse_depth)).powi(2)).max(-CLIP);
+            let table = (0..SIGMAS).map(objection).collect();
+            LensWitness { inverse_depth, table, tiles: 1.0, block: (i % BLOCK_COUNT) as u32, shot: 0 }
+        };
+        let fit = |of_block: &dyn Fn(usize) -> usize| {
+            let witnesses: Vec<LensWitness> =
+                (0..250).map(|i| witness(i, &lenses[of_block(i % BLOCK_COUNT)])).collect();
+            lens_of(&witnesses, BOOTSTRAPS)
+        };
+        let agreed = fit(&|_| 0).expect("all surfaces agree");
+        let [low, high] = agreed.focus_inverse_depth;
+        assert!(low < lenses[0].focus && high < 0.5 * lenses[1].focus, "{agreed:?}");
+        let why = fit(&|block| block % 2).expect_err("they do not");
+        assert!(why.contains("fit many lenses"), "{why}");
     }
 }
