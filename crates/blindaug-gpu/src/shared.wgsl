@@ -26,7 +26,7 @@ fn encoding_slope(v: vec3<f32>) -> vec3<f32> {
 
 const LUMA = vec3(0.299, 0.587, 0.114);
 
-// Y of YCbCr (Rec. 601) of encoded values.
+// Y of YCbCr (Rec. 601) of encoded values, or light with the same weights.
 fn luma(v: vec3<f32>) -> f32 {
     return dot(v, LUMA);
 }

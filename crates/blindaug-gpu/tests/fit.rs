@@ -297,6 +297,8 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let of_small = spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space).expect("one size");
     assert_eq!(of_small.len(), spectral::EXPOSURE_TILES);
     let exposure = ExposureFraction(0.0);
+    let of_small = spectral::fit_lens(&[&of_small], &noise, exposure, None).expect("many depths");
+    assert!(of_small.samples > 422 * 4 / 5, "{}", of_small.samples);
     let expected = spectral::fit_lens(&[&tiles], &noise, exposure, None).expect("many depths");
     let frame = GPU.upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
     let mut evidence = fit::spectral::TileEvidence::new(device, &frame, None, Some(&plane(&depth)), space)

@@ -71,7 +71,7 @@ impl Linear {
 /// Weights of R, G and B in Y of YCbCr (Rec. 601).
 pub const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
 
-/// Y of YCbCr (Rec. 601) of encoded RGB.
+/// Y of YCbCr (Rec. 601) of encoded RGB, or light with the same weights.
 #[inline]
 pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     LUMA[0] * r + LUMA[1] * g + LUMA[2] * b

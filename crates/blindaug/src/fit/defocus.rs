@@ -39,12 +39,21 @@ pub(super) fn best_lens(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Syn
     best_lenses(range, objective)[0]
 }
 
+/// The nearest and the farthest focus that is told apart in scenes in the range of inverse depths `(lo, hi)`: beyond them blur hardly
+/// depends on depth, or is proportional to it.
+fn foci((lo, hi): (f32, f32)) -> [f32; 2] {
+    [0.3 * lo.max(0.02 * hi).max(1e-6), 3.0 * hi.max(1e-6)]
+}
+
+/// No lens blurs what is seen by more, px: all stds beyond the tables' end look the same.
+const MOST_BLUR: f32 = 15.0;
+
 /// The lenses at which the objective has its highest maxima, the best first: a grid over the focus and the largest blur in the scene,
 /// then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
-pub(super) fn best_lenses((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Vec<Lens> {
+pub(super) fn best_lenses(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Vec<Lens> {
     const FOCI: usize = 48;
     const MAXIMA: usize = 3;
-    let (near, far) = (3.0 * hi.max(1e-6), 0.3 * lo.max(0.02 * hi).max(1e-6));
+    let ((lo, hi), [far, near]) = (range, foci(range));
     let best = par::map(FOCI, |i| {
         let focus = far * (near / far).powf(i as f32 / (FOCI - 1) as f32);
         let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
@@ -54,27 +63,36 @@ pub(super) fn best_lenses((lo, hi): (f32, f32), objective: impl Fn(Lens) -> f32 
             .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
     });
     let value = |i: Option<usize>| i.and_then(|i| best.get(i)).map_or(f32::MIN, |b| b.0);
-    let mut maxima: Vec<(f32, Lens)> = (0..FOCI)
+    let starts: Vec<Lens> = (0..FOCI)
         .filter(|&i| value(Some(i)) > value(i.checked_sub(1)) && value(Some(i)) >= value(Some(i + 1)))
-        .map(|i| best[i])
+        .map(|i| best[i].1)
         .collect();
+    let mut maxima = par::map(starts.len(), |i| {
+        let lens = refined_lens(starts[i], 1e-3, range, &objective);
+        (objective(lens), lens)
+    });
     maxima.sort_by(|a, b| b.0.total_cmp(&a.0));
-    maxima.truncate(MAXIMA);
-    for maximum in &mut maxima {
-        let lens = refined_lens(maximum.1, 1e-3, &objective);
-        *maximum = (objective(lens), lens);
+    let mut lenses: Vec<Lens> = vec![];
+    for (_, lens) in maxima {
+        if lenses.len() < MAXIMA && lenses.iter().all(|l| (l.focus / lens.focus).ln().abs() > 0.02) {
+            lenses.push(lens);
+        }
     }
-    maxima.sort_by(|a, b| b.0.total_cmp(&a.0));
-    maxima.dedup_by(|a, b| (a.1.focus / b.1.focus - 1.0).abs() < 0.02);
-    if maxima.is_empty() {
-        // Nothing is better than anything.
-        return vec![Lens { slope: 0.0, focus: near }];
+    if lenses.is_empty() {
+        // The objective says nothing of any.
+        lenses.push(Lens { slope: 0.0, focus: near });
     }
-    maxima.into_iter().map(|m| m.1).collect()
+    lenses
 }
 
-/// The maximum next to `start`, by steps along the two coordinates that shrink to `finest`, relative.
-pub(super) fn refined_lens(start: Lens, finest: f32, objective: impl Fn(Lens) -> f32) -> Lens {
+/// The maximum next to `start`, by steps along the two coordinates that shrink to `finest`, relative, in scenes of that range.
+pub(super) fn refined_lens(
+    start: Lens,
+    finest: f32,
+    range: (f32, f32),
+    objective: impl Fn(Lens) -> f32,
+) -> Lens {
+    let [far, near] = foci(range);
     let mut best = (objective(start), start);
     let mut step = 0.12;
     while step > finest {
@@ -90,6 +108,10 @@ pub(super) fn refined_lens(start: Lens, finest: f32, objective: impl Fn(Lens) ->
             Lens { slope: slope * (1.0 + step), focus: focus / (1.0 + step) },
         ];
         for lens in moves {
+            let most = lens.sigma_px(range.0).max(lens.sigma_px(range.1));
+            if lens.focus < 0.9 * far || lens.focus > 1.1 * near || most > MOST_BLUR {
+                continue;
+            }
             let value = objective(lens);
             if value > best.0 {
                 (best, improved) = ((value, lens), true);
@@ -174,7 +196,7 @@ pub fn fit_lens(
     let mut lens = best_lens(range, |l| samples.every(8).score(1.0, |i| model(l, i)));
     for _ in 0..2 {
         let scale = samples.scale(|i| model(lens, i));
-        lens = refined_lens(lens, 1e-3, |l| samples.score(scale, |i| model(l, i)));
+        lens = refined_lens(lens, 1e-3, range, |l| samples.score(scale, |i| model(l, i)));
     }
     let scale = samples.scale(|i| model(lens, i));
     let steps =
@@ -371,6 +393,15 @@ mod tests {
                 (found.slope / lens.slope - 1.0).abs() < 0.01
                     && (found.focus / lens.focus - 1.0).abs() < 0.01
             );
+        }
+        // Blur that does not depend on depth, or is proportional to it, has no focus: the search ends somewhere.
+        for blur in [|_: f32| 2.0, |d: f32| 4.0 * d] {
+            let loss = |l: Lens| {
+                -(1..10).map(|i| (l.sigma_px(0.1 * i as f32) - blur(0.1 * i as f32)).powi(2)).sum::<f32>()
+            };
+            for lens in best_lenses((0.1, 0.9), loss) {
+                assert!((0.02..3.0).contains(&lens.focus), "{lens:?}");
+            }
         }
         // Where nothing says anything, any lens will do, but there is one.
         assert_eq!(best_lenses((0.1, 0.9), |_| 0.0).len(), 1);

@@ -75,7 +75,7 @@ const TOLERANCE: f32 = 1.0;
 /// cos 4 theta, theta from the motion.
 const DIRECTION: [f32; 2] = [1.0, 1.0];
 /// By how much a tile's noise may be off where the exposure is asked for, and where the lens is: the log of its power (std), and noise
-/// that is there unseen (std, in encoded values). A sharp lens leaves little room for noise that is stronger than it was measured.
+/// that is there unseen (std of luma). A sharp lens leaves little room for noise that is stronger than it was measured.
 const EXPOSURE_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.2, unseen: 0.006 };
 const LENS_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.1, unseen: 0.002 };
 /// Signal over noise below which a tile is left out.
@@ -89,8 +89,9 @@ const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 /// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
 const TEXTURE_BLUR: f32 = 0.2;
-/// A lens is a rival of the likeliest one if its loss, in nats, is at most so many times as large.
-const RIVAL: f32 = 1.5;
+/// A lens is a rival of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
+/// hardly any replica.
+const RIVAL: f32 = 0.5;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 /// Replicas of the bootstrap for a whole clip.
@@ -513,8 +514,8 @@ struct Prepared<'a> {
     shot: usize,
     /// Density of the noise at the bins.
     noise: Vec<f32>,
-    /// Density of white noise of std 1 of encoded values, over that of the tile's noise in the middle of the band.
-    unseen: f32,
+    /// Density of white noise of luma of std 1, over that of the tile's noise in the middle of the band.
+    white_over_noise: f32,
 }
 
 impl<'a> Prepared<'a> {
@@ -524,20 +525,20 @@ impl<'a> Prepared<'a> {
         let noise: Vec<f32> = tile.bins.iter().map(|b| density(b.modulus)).collect();
         let sum =
             |f: &dyn Fn(usize) -> f32| (0..noise.len()).map(|i| tile.bins[i].weight * f(i)).sum::<f32>();
-        let unseen = tile.noise_moments[2] / (tile.scale * tile.scale) / density(MIDDLE);
+        let white_over_noise = tile.noise_moments[2] / (tile.scale * tile.scale) / density(MIDDLE);
         (sum(&|i| tile.bins[i].power) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
             tile,
             frame,
             shot,
             noise,
-            unseen,
+            white_over_noise,
         })
     }
 
     /// Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered.
     fn noise_precision(&self, error: &NoiseError) -> f32 {
-        let unseen = (error.unseen * error.unseen * self.unseen).ln_1p();
-        (TEMPER * (error.log_power * error.log_power + unseen * unseen)).recip()
+        let log_unseen = (error.unseen * error.unseen * self.white_over_noise).ln_1p();
+        (TEMPER * (error.log_power * error.log_power + log_unseen * log_unseen)).recip()
     }
 
     /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of
@@ -1146,11 +1147,12 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
     let value = |lens: Lens| fine.log_likelihood(lens, None);
     let mut candidates = defocus::best_lenses(range, value);
     let lens = candidates[0];
-    candidates.retain(|&l| value(l) >= RIVAL * value(lens));
+    let enough = value(lens) - (RIVAL * value(lens).abs()).max(CLIP);
+    candidates.retain(|&l| value(l) >= enough);
     let replicas: Vec<Lens> = par::map(bootstraps.max(1), |r| {
         let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();
         let of = |l: Lens| fine.log_likelihood(l, Some(&weights));
-        let best = candidates.iter().map(|&l| defocus::refined_lens(l, 5e-3, of));
+        let best = candidates.iter().map(|&l| defocus::refined_lens(l, 5e-3, range, of));
         best.max_by(|&a, &b| of(a).total_cmp(&of(b))).unwrap_or(lens)
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
@@ -1419,8 +1421,26 @@ mod tests {
         };
         let agreed = fit(&|_| 0).expect("all surfaces agree");
         let [low, high] = agreed.focus_inverse_depth;
-        assert!(low < lenses[0].focus && high < 0.5 * lenses[1].focus, "{agreed:?}");
+        assert!((low..high).contains(&lenses[0].focus) && high < 0.5 * lenses[1].focus, "{agreed:?}");
         let why = fit(&|block| block % 2).expect_err("they do not");
         assert!(why.contains("fit many lenses"), "{why}");
+    }
+
+    #[test]
+    fn weak_noise_is_known_less_exactly_than_strong_noise() {
+        let side = 4 * TILE;
+        let frame =
+            Encoded(Raster::from_fn(side, side, |x, y| [0.3 + 0.2 * ((x / 5 + y / 7) % 2) as f32; 3]));
+        let tiles = tiles(&frame, None, None, BlurSpace::Linear).unwrap();
+        let std_of_factor = |std: f32, scale: f32| {
+            let noise = white_band_std().map(|white| LumaNoise { slope: 0.0, intercept: std * white });
+            let tile = tiles.iter().find(|t| t.scale == scale).expect("both scales");
+            let prepared = Prepared::new(tile, 0, 0, &noise).expect("it has contrast");
+            (TEMPER * prepared.noise_precision(&EXPOSURE_NOISE_ERROR)).powf(-0.5)
+        };
+        for scale in [1.0, 2.0] {
+            let [strong, weak] = [0.06, 0.001].map(|std| std_of_factor(std, scale));
+            assert!((0.2..0.203).contains(&strong) && weak > 10.0 * strong, "{strong} {weak}");
+        }
     }
 }

@@ -10,6 +10,7 @@ const EXPOSURE_STEP = 0.005;
 const STREAK_ERROR = 0.4;
 const CLIP = 8.0;
 const TOLERANCE = 1.0;
+const EXPOSURE_NOISE_ERROR = vec2f(0.2, 0.006);
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
 
@@ -145,7 +146,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     if tile.speed < MIN_SPEED {
         return;
     }
-    precisions = vec3f(vec2f(1.0 / TEMPER), noise_precision(tile, 0.2, 0.006));
+    precisions = vec3f(vec2f(1.0 / TEMPER), noise_precision(tile, EXPOSURE_NOISE_ERROR));
     var n = 0u;
     var scene = Scene(0.0, vec3f(0.0));
     if thread < COLUMNS {

@@ -9,6 +9,7 @@ const ALPHAS = 6u;
 const LANES = 8u;
 const ALPHA_STD = 0.4;
 const PIXEL_RESPONSE = 0.5;
+const LENS_NOISE_ERROR = vec2f(0.1, 0.002);
 
 // Bins that motion blur leaves alike, those of all rings one after the other.
 var<workgroup> weight: array<f32, BINS>;
@@ -138,7 +139,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     }
     workgroupBarrier();
 
-    let noise_prior = noise_precision(tile, 0.1, 0.002);
+    let noise_prior = noise_precision(tile, LENS_NOISE_ERROR);
     let alpha = thread / LANES;
     let lane = thread % LANES;
     let terms = SIGMAS;

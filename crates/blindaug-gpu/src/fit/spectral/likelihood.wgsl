@@ -41,11 +41,11 @@ fn noise_density(tile: Tile, modulus: f32) -> f32 {
 }
 
 // Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered: its power's log may be off by
-// this much, and noise of such a std of encoded values may be there unseen.
-fn noise_precision(tile: Tile, log_power: f32, unseen: f32) -> f32 {
+// x, and noise of luma of std y may be there unseen.
+fn noise_precision(tile: Tile, error: vec2f) -> f32 {
     let white = tile.noise_moments.z / (tile.scale * tile.scale);
-    let more = log(1.0 + unseen * unseen * white / noise_density(tile, MIDDLE));
-    return 1.0 / (TEMPER * (log_power * log_power + more * more));
+    let unseen = log(1.0 + error.y * error.y * white / noise_density(tile, MIDDLE));
+    return 1.0 / (TEMPER * (error.x * error.x + unseen * unseen));
 }
 
 // The bins of a ring, as (weight, power, component along the motion, modulus), and their number.
