@@ -34,6 +34,8 @@ const SURE: f32 = 4.0;
 /// What is not called a change: of lambda, of the mean blur in px and relative to it, and of the noise's std, relative.
 const SAME_EXPOSURE: f32 = 0.1;
 const SAME_BLUR: (f32, f32) = (0.25, 0.1);
+/// A new lens leaves at most this share of what the frames object to the old one: a few tiles always find one that suits them better.
+const LEFT_OF_LENS: f32 = 0.33;
 const SAME_NOISE: f32 = 0.15;
 /// How much of its weight evidence keeps from one frame to the next.
 const KEPT_EXPOSURE: f32 = 0.93;
@@ -682,12 +684,15 @@ fn lens_changed(memory: &Memory) -> bool {
     };
     let recent = witnesses_of(&memory.recent_sum());
     let (Some(before), Some(now)) = (best(&witnesses_of(&memory.old)), best(&recent)) else { return false };
+    let tables = FineTables::new(&recent);
+    let explains = tables.log_likelihood(now, None) >= LEFT_OF_LENS * tables.log_likelihood(before, None);
     let mean = |of: &dyn Fn(f32) -> f32| {
         let tiles: f32 = recent.iter().map(|w| w.tiles).sum();
         recent.iter().map(|w| w.tiles * of(w.inverse_depth)).sum::<f32>() / tiles
     };
     mean(&|d| (now.sigma_px(d) - before.sigma_px(d)).abs())
         > SAME_BLUR.0 + SAME_BLUR.1 * mean(&|d| before.sigma_px(d))
+        && explains
         && memory.recent.iter().all(|frame| {
             let tables = FineTables::new(&witnesses_of(frame));
             let of = |lens| tables.log_likelihood(lens, None);
