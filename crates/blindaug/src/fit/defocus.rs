@@ -36,7 +36,7 @@ pub(super) fn seen_range(inverse_depths: impl Iterator<Item = f32>) -> (f32, f32
 
 /// The lens that maximises an objective, for scenes in the range of inverse depths `(lo, hi)`.
 pub(super) fn best_lens(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Lens {
-    best_lenses(range, objective)[0]
+    best_lenses(range, objective)[0].1
 }
 
 /// The nearest and the farthest focus that is told apart in scenes in the range of inverse depths `(lo, hi)`: beyond them blur hardly
@@ -48,9 +48,12 @@ fn foci((lo, hi): (f32, f32)) -> [f32; 2] {
 /// No lens blurs what is seen by more, px: all stds beyond the tables' end look the same.
 const MOST_BLUR: f32 = 15.0;
 
-/// The lenses at which the objective has its highest maxima, the best first: a grid over the focus and the largest blur in the scene,
+/// The lenses at which the objective has its highest maxima, and these, the best first: a grid over the focus and the largest blur in the scene,
 /// then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
-pub(super) fn best_lenses(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Vec<Lens> {
+pub(super) fn best_lenses(
+    range: (f32, f32),
+    objective: impl Fn(Lens) -> f32 + Sync + Send,
+) -> Vec<(f32, Lens)> {
     const FOCI: usize = 48;
     const MAXIMA: usize = 3;
     let ((lo, hi), [far, near]) = (range, foci(range));
@@ -67,31 +70,29 @@ pub(super) fn best_lenses(range: (f32, f32), objective: impl Fn(Lens) -> f32 + S
         .filter(|&i| value(Some(i)) > value(i.checked_sub(1)) && value(Some(i)) >= value(Some(i + 1)))
         .map(|i| best[i].1)
         .collect();
-    let mut maxima = par::map(starts.len(), |i| {
-        let lens = refined_lens(starts[i], 1e-3, range, &objective);
-        (objective(lens), lens)
-    });
+    let mut maxima = par::map(starts.len(), |i| refined_lens(starts[i], 1e-3, range, &objective));
     maxima.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut lenses: Vec<Lens> = vec![];
-    for (_, lens) in maxima {
-        if lenses.len() < MAXIMA && lenses.iter().all(|l| (l.focus / lens.focus).ln().abs() > 0.02) {
-            lenses.push(lens);
+    let mut lenses: Vec<(f32, Lens)> = vec![];
+    for maximum in maxima {
+        let other = |l: &(f32, Lens)| (l.1.focus / maximum.1.focus).ln().abs() > 0.02;
+        if lenses.len() < MAXIMA && lenses.iter().all(other) {
+            lenses.push(maximum);
         }
     }
     if lenses.is_empty() {
         // The objective says nothing of any.
-        lenses.push(Lens { slope: 0.0, focus: near });
+        lenses.push((f32::MIN, Lens { slope: 0.0, focus: near }));
     }
     lenses
 }
 
-/// The maximum next to `start`, by steps along the two coordinates that shrink to `finest`, relative, in scenes of that range.
+/// The maximum next to `start`, and its lens, by steps along the two coordinates that shrink to `finest`, relative, in scenes of that range.
 pub(super) fn refined_lens(
     start: Lens,
     finest: f32,
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32,
-) -> Lens {
+) -> (f32, Lens) {
     let [far, near] = foci(range);
     let mut best = (objective(start), start);
     let mut step = 0.12;
@@ -121,7 +122,7 @@ pub(super) fn refined_lens(
             step *= 0.5;
         }
     }
-    best.1
+    best
 }
 
 /// Stds of the stack of blurred images, px.
@@ -196,7 +197,7 @@ pub fn fit_lens(
     let mut lens = best_lens(range, |l| samples.every(8).score(1.0, |i| model(l, i)));
     for _ in 0..2 {
         let scale = samples.scale(|i| model(lens, i));
-        lens = refined_lens(lens, 1e-3, range, |l| samples.score(scale, |i| model(l, i)));
+        lens = refined_lens(lens, 1e-3, range, |l| samples.score(scale, |i| model(l, i))).1;
     }
     let scale = samples.scale(|i| model(lens, i));
     let steps =
@@ -388,7 +389,7 @@ mod tests {
         };
         let found = best_lenses((0.1, 0.9), |l| value(0, l).max(value(1, l)));
         assert!(found.len() >= 2, "{found:?}");
-        for (found, lens) in found.iter().zip(&lenses) {
+        for ((_, found), lens) in found.iter().zip(&lenses) {
             assert!(
                 (found.slope / lens.slope - 1.0).abs() < 0.01
                     && (found.focus / lens.focus - 1.0).abs() < 0.01
@@ -399,7 +400,7 @@ mod tests {
             let loss = |l: Lens| {
                 -(1..10).map(|i| (l.sigma_px(0.1 * i as f32) - blur(0.1 * i as f32)).powi(2)).sum::<f32>()
             };
-            for lens in best_lenses((0.1, 0.9), loss) {
+            for (_, lens) in best_lenses((0.1, 0.9), loss) {
                 assert!((0.02..3.0).contains(&lens.focus), "{lens:?}");
             }
         }

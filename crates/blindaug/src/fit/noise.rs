@@ -649,11 +649,11 @@ fn band_moments(level: usize) -> [[f32; 4]; 4] {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// White normal noise (a sum of twelve uniforms), made without the project's own synthesis.
-    fn white(width: usize, height: usize, seed: u64) -> Raster<[f32; 3]> {
+    pub fn white(width: usize, height: usize, seed: u64) -> Raster<[f32; 3]> {
         Raster::from_fn(width, height, |x, y| {
             let at = |c: u64| {
                 (0..12)

@@ -1144,16 +1144,14 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
     }
     let fine = FineTables::new(witnesses);
     // A lens that fits nearly as well may fit best on other surfaces.
-    let value = |lens: Lens| fine.log_likelihood(lens, None);
-    let mut candidates = defocus::best_lenses(range, value);
-    let lens = candidates[0];
-    let enough = value(lens) - (RIVAL * value(lens).abs()).max(CLIP);
-    candidates.retain(|&l| value(l) >= enough);
+    let mut candidates = defocus::best_lenses(range, |lens| fine.log_likelihood(lens, None));
+    let (most, lens) = candidates[0];
+    candidates.retain(|c| c.0 >= most - (RIVAL * most.abs()).max(CLIP));
     let replicas: Vec<Lens> = par::map(bootstraps.max(1), |r| {
         let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();
         let of = |l: Lens| fine.log_likelihood(l, Some(&weights));
-        let best = candidates.iter().map(|&l| defocus::refined_lens(l, 5e-3, range, of));
-        best.max_by(|&a, &b| of(a).total_cmp(&of(b))).unwrap_or(lens)
+        let best = candidates.iter().map(|c| defocus::refined_lens(c.1, 5e-3, range, of));
+        best.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(lens, |b| b.1)
     });
     // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
     let spread = |d: f32| {
@@ -1375,11 +1373,10 @@ mod tests {
         const COLOUR: [f32; 3] = [0.85, 0.35, 0.2];
         const STD: f32 = 0.01;
         let side = 8 * TILE;
-        let normal = |seed: u64, i: usize| {
-            (0..12).map(|k| crate::fit::uniform(12 * seed + k, i as u64)).sum::<f32>() - 6.0
-        };
+        let normal = crate::fit::noise::tests::white(side, side, 0);
         let frame = Encoded(Raster::from_fn(side, side, |x, y| {
-            std::array::from_fn(|c| COLOUR[c] + STD * normal(c as u64, y * side + x))
+            let n = normal.at(x, y);
+            std::array::from_fn(|c| COLOUR[c] + STD * n[c])
         }));
         let std = STD * LUMA.iter().map(|w| w * w).sum::<f32>().sqrt();
         let noise = white_band_std().map(|white| LumaNoise { slope: 0.0, intercept: std * white });

@@ -676,23 +676,23 @@ fn lens_changed(memory: &Memory) -> bool {
     if memory.recent.len() < AGREEING {
         return false;
     }
-    let best = |witnesses: &[LensWitness]| -> Option<Lens> {
-        (witnesses.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
-            let tables = FineTables::new(witnesses);
-            defocus::best_lens(spectral::lens_range(witnesses), |l| tables.log_likelihood(l, None))
-        })
+    let best = |witnesses: &[LensWitness], tables: &FineTables| -> Option<Lens> {
+        (witnesses.iter().map(|w| w.tiles).sum::<f32>() >= 8.0)
+            .then(|| defocus::best_lens(spectral::lens_range(witnesses), |l| tables.log_likelihood(l, None)))
     };
-    let recent = witnesses_of(&memory.recent_sum());
-    let (Some(before), Some(now)) = (best(&witnesses_of(&memory.old)), best(&recent)) else { return false };
-    let tables = FineTables::new(&recent);
-    let explains = tables.log_likelihood(now, None) >= LEFT_OF_LENS * tables.log_likelihood(before, None);
+    let [old, recent] = [witnesses_of(&memory.old), witnesses_of(&memory.recent_sum())];
+    let of_recent = FineTables::new(&recent);
+    let (Some(before), Some(now)) = (best(&old, &FineTables::new(&old)), best(&recent, &of_recent)) else {
+        return false;
+    };
     let mean = |of: &dyn Fn(f32) -> f32| {
         let tiles: f32 = recent.iter().map(|w| w.tiles).sum();
         recent.iter().map(|w| w.tiles * of(w.inverse_depth)).sum::<f32>() / tiles
     };
+    let likelihood = |lens| of_recent.log_likelihood(lens, None);
     mean(&|d| (now.sigma_px(d) - before.sigma_px(d)).abs())
         > SAME_BLUR.0 + SAME_BLUR.1 * mean(&|d| before.sigma_px(d))
-        && explains
+        && likelihood(now) >= LEFT_OF_LENS * likelihood(before)
         && memory.recent.iter().all(|frame| {
             let tables = FineTables::new(&witnesses_of(frame));
             let of = |lens| tables.log_likelihood(lens, None);
