@@ -267,13 +267,13 @@ struct Normal {
 
 impl Normal {
     fn add(&mut self, row: [f64; 3], right: f64, weight: f64) {
+        let weighted = row.map(|v| weight * v);
         for i in 0..3 {
-            let weighted = weight * row[i];
             // The other half is the same.
-            for (sum, value) in self.columns[i].iter_mut().zip(row).skip(i) {
-                *sum += weighted * value;
+            for j in i..3 {
+                self.columns[i][j] += weighted[i] * row[j];
             }
-            self.right[i] += weighted * right;
+            self.right[i] += weighted[i] * right;
         }
     }
 
@@ -294,7 +294,8 @@ impl Normal {
 /// Geman & McClure's weight of a residual at a scale; 1 at an infinite one.
 fn weight(residual: f64, scale: f64) -> f64 {
     let q = residual / (2.0 * scale);
-    1.0 / (1.0 + q * q).powi(2)
+    let d = 1.0 + q * q;
+    1.0 / (d * d)
 }
 
 /// A turn, and the robust std that it leaves of the flow across the epipolar lines, in focal lengths.
@@ -304,28 +305,89 @@ struct Turn {
     std: f64,
 }
 
+/// Equations for a turn that are worked on at once.
+const LANES: usize = 2;
+
+/// The equations for the turn across the epipolar lines of one direction, [`LANES`] by [`LANES`].
+struct Across {
+    /// Three coefficients and the right-hand side; zeros at the end, which say nothing.
+    groups: Vec<[[f64; LANES]; 4]>,
+    count: usize,
+}
+
+impl Across {
+    fn new(samples: &[Sample], t: [f64; 3]) -> Self {
+        let group = |some: &[Sample]| {
+            let mut group = [[0.0; LANES]; 4];
+            for (lane, s) in some.iter().enumerate() {
+                let ([a, b, c], right) = s.across(t);
+                (0..4).for_each(|i| group[i][lane] = [a, b, c, right][i]);
+            }
+            group
+        };
+        Self { groups: samples.chunks(LANES).map(group).collect(), count: samples.len() }
+    }
+
+    /// What a turn leaves.
+    fn residuals(&self, o: [f64; 3]) -> impl Iterator<Item = [f64; LANES]> + '_ {
+        self.groups.iter().map(move |[a, b, c, right]| {
+            std::array::from_fn(|l| right[l] - (a[l] * o[0] + b[l] * o[1] + c[l] * o[2]))
+        })
+    }
+
+    /// The turn that fits best with the weights that another's residuals have at a scale.
+    fn reweighted(&self, turn: Turn) -> [f64; 3] {
+        let mut sums = [[0.0; LANES]; 9];
+        for ([a, b, c, right], residual) in self.groups.iter().zip(self.residuals(turn.by)) {
+            for l in 0..LANES {
+                let w = weight(residual[l], turn.std);
+                let (wa, wb, wc) = (w * a[l], w * b[l], w * c[l]);
+                sums[0][l] += wa * a[l];
+                sums[1][l] += wa * b[l];
+                sums[2][l] += wa * c[l];
+                sums[3][l] += wb * b[l];
+                sums[4][l] += wb * c[l];
+                sums[5][l] += wc * c[l];
+                sums[6][l] += wa * right[l];
+                sums[7][l] += wb * right[l];
+                sums[8][l] += wc * right[l];
+            }
+        }
+        let [aa, ab, ac, bb, bc, cc, ar, br, cr] = sums.map(|lanes| lanes.iter().sum());
+        Normal { columns: [[aa, ab, ac], [0.0, bb, bc], [0.0, 0.0, cc]], right: [ar, br, cr] }.solve()
+    }
+
+    /// Robust std of what a turn leaves.
+    fn std(&self, o: [f64; 3]) -> f64 {
+        let mut lengths: Vec<f64> = self.residuals(o).flatten().take(self.count).map(f64::abs).collect();
+        1.4826 * *quantile(&mut lengths, 0.5) + 1e-9
+    }
+
+    /// Geman & McClure's cost of what a turn leaves, in [0, 1].
+    fn cost(&self, turn: Turn) -> f64 {
+        let mut sums = [0.0; LANES];
+        for residual in self.residuals(turn.by) {
+            for l in 0..LANES {
+                let q = residual[l] / (2.0 * turn.std);
+                sums[l] += q * q / (1.0 + q * q);
+            }
+        }
+        sums.iter().sum::<f64>() / self.count as f64
+    }
+}
+
 /// The turn that fits best across the epipolar lines of `t`. `near` is the start and the scale of the residuals; without it,
 /// all samples count alike at first, and the scale is found. And its robust cost at that scale, in [0, 1].
 fn turn_for(samples: &[Sample], t: [f64; 3], near: Option<Turn>) -> (Turn, f64) {
-    let equations: Vec<_> = samples.iter().map(|s| s.across(t)).collect();
-    let residual = |o: [f64; 3], (row, right): &([f64; 3], f64)| right - dot(*row, o);
+    let equations = Across::new(samples, t);
     let mut turn = near.unwrap_or(Turn { by: [0.0; 3], std: f64::INFINITY });
     for _ in 0..if near.is_some() { 2 } else { 5 } {
-        let mut normal = Normal::default();
-        for e in &equations {
-            normal.add(e.0, e.1, weight(residual(turn.by, e), turn.std));
-        }
-        turn.by = normal.solve();
+        turn.by = equations.reweighted(turn);
         if near.is_none() {
-            let mut lengths: Vec<f64> = equations.iter().map(|e| residual(turn.by, e).abs()).collect();
-            turn.std = 1.4826 * *quantile(&mut lengths, 0.5) + 1e-9;
+            turn.std = equations.std(turn.by);
         }
     }
-    let cost = equations.iter().map(|e| {
-        let q = (residual(turn.by, e) / (2.0 * turn.std)).powi(2);
-        q / (1.0 + q)
-    });
-    (turn, cost.sum::<f64>() / equations.len() as f64)
+    (turn, equations.cost(turn))
 }
 
 /// Median length of what a turn alone leaves of the flow, for the best one.
