@@ -20,6 +20,15 @@ const LOWER_HALF: [f32; NOISE_LEVELS] = [0.93, 0.84, 0.821, 0.658];
 
 /// Encoded values this near to 0 or to the clip level have lost a part of their noise.
 const CLIP_MARGIN: f32 = 0.02;
+/// A block may have this share of such pixels: where noise is strong, a few are in every dark block, and little of the variance is lost.
+const MAY_CLIP: f32 = 0.04;
+
+/// What a pixel costs a block that holds it.
+type Flaw = u8;
+/// One that clips: [`MAY_CLIP`].
+const CLIPPED: Flaw = 1;
+/// One that no block may have: more than the largest may have of the others.
+const UNUSABLE: Flaw = u8::MAX;
 
 /// The variance of one band in one block (or window) of one residual.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +37,8 @@ struct LocalVariance {
     y: f32,
     /// R, G, B, and luma, for a residual of unit gain.
     variance: [f32; 4],
+    /// Covariance of R, G and B with luma.
+    with_luma: [f32; 3],
     /// How likely it holds more than noise; only its order counts.
     structure: f32,
     /// Luma's mean square in the next coarser band, where there is least noise beside what does not match.
@@ -155,9 +166,10 @@ impl NoiseEvidence {
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
         });
         let copied = copied_blocks(frame, next, rows);
-        let valid = Raster::from_fn(w, height, |x, y| {
+        let flaws = Raster::from_fn(w, height, |x, y| {
             let [tx, ty] = target(x, y);
-            inside(tx, ty) && !clips(frame.0.at(x, top + y)) && !copied.at(x / COPIED, y / COPIED)
+            let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
+            if usable { flaw(frame.0.at(x, top + y)) } else { UNUSABLE }
         });
         // The taps change the noise of the second frame, by how far the target lies from a pixel's centre. They are cubic, for
         // linear ones leave as much of the texture in the coarse levels as there is noise.
@@ -165,17 +177,15 @@ impl NoiseEvidence {
             let [tx, ty] = target(x, y);
             1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
-        self.add_blocks(&residual, &valid, gain);
+        self.add_blocks(&residual, &flaws, gain);
         Ok(())
     }
 
     /// Adds what one frame alone tells: where it is flat, its bands are noise.
     pub fn add_single(&mut self, frame: &Encoded) {
-        let (w, h) = frame.0.size();
         self.count_brightest(frame.0.data());
         let residual = frame.0.map(|p| [p[0], p[1], p[2], luma(p)]);
-        let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
-        self.add_blocks(&residual, &valid, |_, _, _| 1.0);
+        self.add_blocks(&residual, &frame.0.map(flaw), |_, _, _| 1.0);
     }
 
     /// Adds the difference between a frame and a prediction of it without noise, where the prediction is good.
@@ -183,14 +193,12 @@ impl NoiseEvidence {
     /// # Errors
     /// If the sizes differ.
     pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded) -> Result<()> {
-        let (w, h) = frame.0.size();
         let mut residual = residual(frame, predicted)?;
         for (r, p) in residual.data_mut().iter_mut().zip(predicted.0.data()) {
             r[3] = luma(*p);
         }
         self.count_brightest(frame.0.data());
-        let valid = Raster::from_fn(w, h, |x, y| !clips(frame.0.at(x, y)));
-        self.add_blocks(&residual, &valid, |_, _, _| 1.0);
+        self.add_blocks(&residual, &frame.0.map(flaw), |_, _, _| 1.0);
         Ok(())
     }
 
@@ -205,7 +213,7 @@ impl NoiseEvidence {
     fn add_blocks(
         &mut self,
         residual: &Raster<[f32; 4]>,
-        valid: &Raster<bool>,
+        flaws: &Raster<Flaw>,
         gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
     ) {
         let (w, h) = residual.size();
@@ -218,11 +226,15 @@ impl NoiseEvidence {
             let (columns, rows) = (w / block, h / block);
             let of_block = |i: usize| {
                 let (x0, y0) = (i % columns * block, i / columns * block);
-                // The coarser bands' filters reach outside; what is there must be valid as well.
-                let whole = (y0.saturating_sub(4)..(y0 + block + 4).min(h))
-                    .all(|y| valid.row(y)[x0.saturating_sub(4)..(x0 + block + 4).min(w)].iter().all(|&v| v));
-                if !whole {
-                    return None;
+                // The coarser bands' filters reach outside; what is there counts as well.
+                let columns = x0.saturating_sub(4)..(x0 + block + 4).min(w);
+                let most = (MAY_CLIP * (block * block) as f32) as usize;
+                let mut flawed = 0;
+                for y in y0.saturating_sub(4)..(y0 + block + 4).min(h) {
+                    flawed += flaws.row(y)[columns.clone()].iter().map(|&f| usize::from(f)).sum::<usize>();
+                    if flawed > most {
+                        return None;
+                    }
                 }
                 // The flow is smooth: a few places tell the mean gain.
                 const APART: usize = 4;
@@ -232,20 +244,21 @@ impl NoiseEvidence {
                     .map(|i| gain(x0 + i % block, y0 + i / block * APART, level))
                     .sum::<f32>()
                     / places as f32;
-                let powers = |l: usize| powers(&bands[l], (x0, y0), block, l);
-                let (variance, texture) = powers(level);
-                let luma_at = |l: usize| powers(l).0[3] / gain;
+                let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
+                let own = powers(level);
+                let luma_at = |l: usize| powers(l).residual[3] / gain;
                 let coarser = luma_at(level + 1);
                 Some(LocalVariance {
                     y: block_mean(residual, (x0, y0), block)[3],
-                    variance: variance.map(|v| v / gain),
+                    variance: own.residual.map(|v| v / gain),
+                    with_luma: own.with_luma.map(|v| v / gain),
                     // What does not match does so in the neighbouring bands too, whose noise is another. Where there is little
                     // texture, there is little that could not match.
                     structure: match &gradient {
                         Some(gradient) => block_mean(gradient, (x0, y0), block),
                         None => {
                             let finer = if level > 0 { luma_at(level - 1) } else { 1.0 };
-                            finer * coarser * texture.sqrt()
+                            finer * coarser * own.image.sqrt()
                         }
                     },
                     coarser,
@@ -291,6 +304,7 @@ impl NoiseEvidence {
                     self.levels[level].push(LocalVariance {
                         y: y.at(cx, cy),
                         variance: std::array::from_fn(|c| (square[c] - mean[c] * mean[c]).max(0.0) / bias),
+                        with_luma: [0.0; 3],
                         structure: 0.0,
                         coarser: 0.0,
                         count: 16.0,
@@ -327,21 +341,24 @@ impl NoiseEvidence {
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [LumaNoise::default(); NOISE_LEVELS];
+        let finest = self.bins(0);
         for level in 0..NOISE_LEVELS {
             let mut bins = self.bins(level);
             if self.method == Method::Spatial && level > 0 {
                 // In one frame structure cannot be told from coarse noise: no more than white noise has.
                 let white = white_band_std();
                 let ratio = (white[level] / white[0]).powi(2);
-                let finest: [Line; 4] = std::array::from_fn(|c| line(&self.bins(0), c));
+                let finest: [Line; 4] = std::array::from_fn(|c| line(&finest, c));
                 for b in &mut bins {
                     for (variance, finest) in b.variance.iter_mut().zip(&finest) {
                         *variance = variance.min(finest.at(b.y).powi(2) * ratio);
                     }
                 }
             }
+            let expected = if level == 0 || self.windowed { vec![] } else { by_spectrum(&bins, &finest) };
+            let of_line: Vec<Bin> = bins.iter().copied().chain(expected).collect();
             for c in 0..4 {
-                let l = line(&bins, c);
+                let l = line(&of_line, c);
                 if c == 3 {
                     luma[level] = LumaNoise { slope: l.slope, intercept: l.intercept };
                     continue;
@@ -419,12 +436,17 @@ impl NoiseEvidence {
                     Method::Spatial => 1.0,
                     _ => noise_share(level, mean(&|b| b.variance[3]) * correction, coarser, &others),
                 };
+                let variance: [f32; 4] = std::array::from_fn(|c| mean(&|b| b.variance[c]));
                 Some(Bin {
+                    of: (mean(&|b| b.y) * BINS as f32) as usize,
                     y: mean(&|b| b.y),
-                    // Sorted by luma's variance, so the channels' own are biased by less where they are independent of it.
+                    // Sorted by luma's variance, so that a channel's own is biased by as much as the two have in common.
                     variance: std::array::from_fn(|c| {
-                        let by_luma = if c == 3 { 1.0 } else { CHANNEL_SHARE[c] };
-                        share * mean(&|b| b.variance[c]) * (1.0 + by_luma * (correction - 1.0))
+                        let common = match c {
+                            3 => 1.0,
+                            _ => mean(&|b| b.with_luma[c]).powi(2) / (variance[c] * variance[3]).max(1e-20),
+                        };
+                        share * variance[c] * (1.0 + common.min(1.0) * (correction - 1.0))
                     }),
                     freedom: blocks.iter().map(|b| b.count).sum(),
                     blocks: blocks.len(),
@@ -503,31 +525,68 @@ fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) 
     mean
 }
 
-/// Mean squares of a band of [`NoiseEvidence::add_blocks`] over the square of the full image of this side at (x, y): of R, G, B
-/// and luma of the residual, and of the image itself.
-fn powers(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> ([f32; 4], f32) {
-    let (x, y, side) = (x >> level, y >> level, side >> level);
-    let (mut residual, mut image) = ([0.0; 4], 0.0);
-    for row in y..y + side {
-        for v in &band.row(row)[x..x + side] {
-            let d = [v[0], v[1], v[2], luma([v[0], v[1], v[2]])];
-            (0..4).for_each(|c| residual[c] += d[c] * d[c]);
-            image += v[3] * v[3];
-        }
-    }
-    let count = (side * side) as f32;
-    (residual.map(|s| s / count), image / count)
+/// Of a band of [`NoiseEvidence::add_blocks`] over the square of the full image of this side at (x, y).
+struct Powers {
+    /// Mean squares of R, G, B and luma of the residual.
+    residual: [f32; 4],
+    /// Mean products of R, G and B with luma.
+    with_luma: [f32; 3],
+    /// Mean square of the image itself.
+    image: f32,
 }
 
-/// How much of luma's bias a channel takes over, its share of luma's variance if the channels are independent.
-const CHANNEL_SHARE: [f32; 3] = [0.2, 0.77, 0.03];
+impl Powers {
+    fn new(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> Self {
+        let (x, y, side) = (x >> level, y >> level, side >> level);
+        let (mut residual, mut with_luma, mut image) = ([0.0; 4], [0.0; 3], 0.0);
+        for row in y..y + side {
+            for v in &band.row(row)[x..x + side] {
+                let d = [v[0], v[1], v[2], luma([v[0], v[1], v[2]])];
+                (0..4).for_each(|c| residual[c] += d[c] * d[c]);
+                (0..3).for_each(|c| with_luma[c] += d[c] * d[3]);
+                image += v[3] * v[3];
+            }
+        }
+        let count = (side * side) as f32;
+        Self {
+            residual: residual.map(|s| s / count),
+            with_luma: with_luma.map(|s| s / count),
+            image: image / count,
+        }
+    }
+}
 
 #[derive(Clone, Copy, Debug)]
 struct Bin {
+    /// Which of the luminances.
+    of: usize,
     y: f32,
     variance: [f32; 4],
     freedom: f32,
     blocks: usize,
+}
+
+/// What the bins of a coarse level would be at all luminances of the finest one, if the noise's spectrum were the same for all of them:
+/// the coarse level has few blocks.
+fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
+    /// As many values as leave a std uncertain by 15 %: by so much the spectrum may differ.
+    const FREEDOM: f32 = 22.0;
+    let pairs: Vec<(&Bin, &Bin)> =
+        bins.iter().filter_map(|b| Some((b, finest.iter().find(|f| f.of == b.of)?))).collect();
+    let total: f32 = pairs.iter().map(|p| p.0.freedom).sum();
+    if total <= 0.0 {
+        return vec![];
+    }
+    let ratio: [f32; 4] = std::array::from_fn(|c| {
+        let log = |(b, f): &(&Bin, &Bin)| (b.variance[c].max(1e-12) / f.variance[c].max(1e-12)).ln();
+        (pairs.iter().map(|p| p.0.freedom * log(p)).sum::<f32>() / total).exp()
+    });
+    let of = |f: &Bin| Bin {
+        variance: std::array::from_fn(|c| ratio[c] * f.variance[c]),
+        freedom: FREEDOM.min(f.freedom),
+        ..*f
+    };
+    finest.iter().map(of).collect()
 }
 
 /// std = slope * Y + intercept, with the standard errors of the two.
@@ -594,6 +653,10 @@ fn line(bins: &[Bin], channel: usize) -> Line {
         }
     }
     fit
+}
+
+fn flaw(p: [f32; 3]) -> Flaw {
+    if clips(p) { CLIPPED } else { 0 }
 }
 
 fn clips(p: [f32; 3]) -> bool {
@@ -721,6 +784,24 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn noise_that_the_channels_share_is_given_back_too() {
+        // As chroma at half the resolution leaves it.
+        let grey = |seed: u64| Encoded(noisy(512, 512, seed, 0.02).0.map(|p| [p[1]; 3]));
+        let mut e = NoiseEvidence::new(Method::Temporal);
+        for seed in 0..2 {
+            e.add_pair(&grey(seed), &grey(seed + 10), &Flow::filled(512, 512, [0.0; 2])).unwrap();
+        }
+        assert!(worst(&e, 0.02) < 0.12, "{}", worst(&e, 0.02));
+        // Negative control: taken for independent, three channels of one noise would be biased like luma's share of each.
+        let v: Vec<&LocalVariance> = e.levels[3].iter().collect();
+        let common = |c: usize| {
+            let sum = |f: &dyn Fn(&LocalVariance) -> f32| v.iter().map(|b| f(b)).sum::<f32>();
+            sum(&|b| b.with_luma[c]).powi(2) / (sum(&|b| b.variance[c]) * sum(&|b| b.variance[3]))
+        };
+        assert!((0..3).all(|c| common(c) > 0.99));
+    }
+
+    #[test]
     fn the_smoothing_of_the_taps_is_accounted_for() {
         // A ramp moves by half a pixel: the flow is exact, and the taps take most of the second frame's finest noise.
         let mut e = NoiseEvidence::new(Method::Temporal);
@@ -757,6 +838,7 @@ pub(super) mod tests {
         let block = |variance: f32, coarser: f32| LocalVariance {
             y: 0.5,
             variance: [variance; 4],
+            with_luma: [0.0; 3],
             structure: 0.0,
             coarser,
             count: 16.0,
