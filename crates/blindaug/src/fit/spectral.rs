@@ -94,6 +94,10 @@ const TEXTURE_BLUR: f32 = 0.2;
 const RIVAL: f32 = 0.5;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
+/// Tiles whose inverse depths differ by less than this share of the largest mostly show one surface, and what a surface tells grows with its
+/// share of all tiles up to one over this number.
+const SAME_DEPTH: f32 = 0.03;
+const SURFACES: f32 = 25.0;
 /// Replicas of the bootstrap for a whole clip.
 pub const BOOTSTRAPS: usize = 120;
 /// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
@@ -1192,6 +1196,28 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
     })
 }
 
+/// What each witness counts, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of them alike: so a wall that fills half
+/// of the picture is not worth as much as all that is before it.
+fn surface_weights(witnesses: &[LensWitness]) -> Vec<f32> {
+    let total: f32 = witnesses.iter().map(|w| w.tiles).sum();
+    let reach = SAME_DEPTH * witnesses.iter().map(|w| w.inverse_depth.abs()).fold(0.0, f32::max);
+    let mut order: Vec<&LensWitness> = witnesses.iter().collect();
+    order.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
+    // Tiles up to each.
+    let mut tiles = vec![0.0];
+    for w in &order {
+        tiles.push(tiles[tiles.len() - 1] + w.tiles);
+    }
+    let weight = |w: &LensWitness| {
+        let below = |limit: f32| tiles[order.partition_point(|o| o.inverse_depth < limit)];
+        let near = below(w.inverse_depth + reach) - below(w.inverse_depth - reach);
+        1.0 / (1.0 + SURFACES * near / total)
+    };
+    let weights: Vec<f32> = witnesses.iter().map(weight).collect();
+    let mean = witnesses.iter().zip(&weights).map(|(w, k)| w.tiles * k).sum::<f32>() / total;
+    weights.into_iter().map(|k| k / mean).collect()
+}
+
 /// 5 % and 95 % of the witnesses' inverse depths.
 pub(super) fn lens_range(witnesses: &[LensWitness]) -> (f32, f32) {
     defocus::seen_range(witnesses.iter().map(|w| w.inverse_depth))
@@ -1209,14 +1235,15 @@ impl FineTables {
     const LEN: usize = Self::STEPS * (SIGMAS - 1) + 2;
 
     pub fn new(witnesses: &[LensWitness]) -> Self {
-        let fine = |w: &LensWitness, i: usize| {
-            interpolate(&w.table, (i as f32 / Self::STEPS as f32).min((SIGMAS - 1) as f32))
-                .max(-CLIP * w.tiles)
+        let weights = surface_weights(witnesses);
+        let fine = |w: &LensWitness, weight: f32, i: usize| {
+            weight
+                * interpolate(&w.table, (i as f32 / Self::STEPS as f32).min((SIGMAS - 1) as f32))
+                    .max(-CLIP * w.tiles)
         };
-        Self {
-            inverse_depths: witnesses.iter().map(|w| w.inverse_depth).collect(),
-            tables: witnesses.iter().flat_map(|w| (0..Self::LEN).map(|i| fine(w, i))).collect(),
-        }
+        let tables =
+            witnesses.iter().zip(&weights).flat_map(|(w, &k)| (0..Self::LEN).map(move |i| fine(w, k, i)));
+        Self { inverse_depths: witnesses.iter().map(|w| w.inverse_depth).collect(), tables: tables.collect() }
     }
 
     /// What the witnesses say of a lens, in nats, each with its weight, or 1.
@@ -1421,6 +1448,30 @@ mod tests {
         assert!((low..high).contains(&lenses[0].focus) && high < 0.5 * lenses[1].focus, "{agreed:?}");
         let why = fit(&|block| block % 2).expect_err("they do not");
         assert!(why.contains("fit many lenses"), "{why}");
+    }
+
+    #[test]
+    fn a_soft_wall_does_not_outvote_all_that_stands_before_it() {
+        // Most tiles are of a far wall that looks blurred; what stands before it, down to the wall, is sharp.
+        let witness = |i: usize, inverse_depth: f32, blur: f32| LensWitness {
+            inverse_depth,
+            table: (0..SIGMAS).map(|s| (-4.0 * (sigma_of(s) - blur).powi(2)).max(-CLIP)).collect(),
+            tiles: 1.0,
+            block: (i % BLOCK_COUNT) as u32,
+            shot: 0,
+        };
+        let wall = (0..150).map(|i| witness(i, 0.1, 0.8));
+        let things = (0..100).map(|i| witness(i, 0.11 + 0.008 * i as f32, 0.0));
+        let witnesses: Vec<LensWitness> = wall.chain(things).collect();
+        let tables = FineTables::new(&witnesses);
+        let lens = |log_likelihood: &(dyn Fn(Lens) -> f32 + Sync)| {
+            defocus::best_lens(lens_range(&witnesses), log_likelihood)
+        };
+        let weighted = lens(&|l| tables.log_likelihood(l, None)).sigma_px(0.1);
+        // Negative control: one witness, one vote.
+        let undo: Vec<f32> = surface_weights(&witnesses).iter().map(|w| 1.0 / w).collect();
+        let plain = lens(&|l| tables.log_likelihood(l, Some(&undo))).sigma_px(0.1);
+        assert!(weighted < 0.4 && plain > 0.6, "{weighted} {plain}");
     }
 
     #[test]
