@@ -341,9 +341,14 @@ impl NoiseEvidence {
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [LumaNoise::default(); NOISE_LEVELS];
-        let finest = self.bins(0);
+        let finest = self.bins(0, [1.0; 3]);
+        // What does not match is common to all channels, and least of it is in the finest level.
+        let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
+        let common =
+            |c: usize| finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0);
+        let common = std::array::from_fn(common);
         for level in 0..NOISE_LEVELS {
-            let mut bins = self.bins(level);
+            let mut bins = self.bins(level, common);
             if self.method == Method::Spatial && level > 0 {
                 // In one frame structure cannot be told from coarse noise: no more than white noise has.
                 let white = white_band_std();
@@ -400,8 +405,8 @@ impl NoiseEvidence {
         super::median(blocks.iter().map(|b| 0.5 * b.variance[3].max(1e-10).ln() - std(b.y).ln()).collect())
     }
 
-    /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure.
-    fn bins(&self, level: usize) -> Vec<Bin> {
+    /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure. `most_common`: see [`Bin::common`], at most.
+    fn bins(&self, level: usize, most_common: [f32; 3]) -> Vec<Bin> {
         const BINS: usize = 16;
         let mut by_luminance: [Vec<&LocalVariance>; BINS] = Default::default();
         for v in &self.levels[level] {
@@ -437,17 +442,19 @@ impl NoiseEvidence {
                     _ => noise_share(level, mean(&|b| b.variance[3]) * correction, coarser, &others),
                 };
                 let variance: [f32; 4] = std::array::from_fn(|c| mean(&|b| b.variance[c]));
+                let common = std::array::from_fn(|c| {
+                    let both = mean(&|b| b.with_luma[c]).powi(2);
+                    (both / (variance[c] * variance[3]).max(1e-20)).min(most_common[c])
+                });
                 Some(Bin {
                     of: (mean(&|b| b.y) * BINS as f32) as usize,
                     y: mean(&|b| b.y),
                     // Sorted by luma's variance, so that a channel's own is biased by as much as the two have in common.
                     variance: std::array::from_fn(|c| {
-                        let common = match c {
-                            3 => 1.0,
-                            _ => mean(&|b| b.with_luma[c]).powi(2) / (variance[c] * variance[3]).max(1e-20),
-                        };
-                        share * variance[c] * (1.0 + common.min(1.0) * (correction - 1.0))
+                        let common = common.get(c).unwrap_or(&1.0);
+                        share * variance[c] * (1.0 + common * (correction - 1.0))
                     }),
+                    common,
                     freedom: blocks.iter().map(|b| b.count).sum(),
                     blocks: blocks.len(),
                 })
@@ -562,6 +569,8 @@ struct Bin {
     of: usize,
     y: f32,
     variance: [f32; 4],
+    /// Squared correlation of R, G and B with luma.
+    common: [f32; 3],
     freedom: f32,
     blocks: usize,
 }
