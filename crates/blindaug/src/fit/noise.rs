@@ -344,11 +344,11 @@ impl NoiseEvidence {
         let finest = self.bins(0, [1.0; 3]);
         // What does not match is common to all channels, and least of it is in the finest level.
         let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
-        let common =
-            |c: usize| finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0);
-        let common = std::array::from_fn(common);
+        let most_common = std::array::from_fn(|c| {
+            finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0)
+        });
         for level in 0..NOISE_LEVELS {
-            let mut bins = self.bins(level, common);
+            let mut bins = self.bins(level, most_common);
             if self.method == Method::Spatial && level > 0 {
                 // In one frame structure cannot be told from coarse noise: no more than white noise has.
                 let white = white_band_std();
@@ -405,7 +405,7 @@ impl NoiseEvidence {
         super::median(blocks.iter().map(|b| 0.5 * b.variance[3].max(1e-10).ln() - std(b.y).ln()).collect())
     }
 
-    /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure. `most_common`: see [`Bin::common`], at most.
+    /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure. `most_common`: [`Bin::common`] at most.
     fn bins(&self, level: usize, most_common: [f32; 3]) -> Vec<Bin> {
         const BINS: usize = 16;
         let mut by_luminance: [Vec<&LocalVariance>; BINS] = Default::default();
@@ -421,7 +421,8 @@ impl NoiseEvidence {
         };
         by_luminance
             .into_iter()
-            .filter_map(|mut blocks| {
+            .enumerate()
+            .filter_map(|(of, mut blocks)| {
                 blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
                 let n = ((blocks.len() as f32 * keep) as usize).max(fewest).min(blocks.len());
                 let others = blocks.split_off(n);
@@ -447,7 +448,7 @@ impl NoiseEvidence {
                     (both / (variance[c] * variance[3]).max(1e-20)).min(most_common[c])
                 });
                 Some(Bin {
-                    of: (mean(&|b| b.y) * BINS as f32) as usize,
+                    of,
                     y: mean(&|b| b.y),
                     // Sorted by luma's variance, so that a channel's own is biased by as much as the two have in common.
                     variance: std::array::from_fn(|c| {
