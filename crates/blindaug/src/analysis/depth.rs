@@ -267,13 +267,13 @@ struct Normal {
 
 impl Normal {
     fn add(&mut self, row: [f64; 3], right: f64, weight: f64) {
-        let weighted = row.map(|v| weight * v);
         for i in 0..3 {
+            let weighted = weight * row[i];
             // The other half is the same.
-            for j in i..3 {
-                self.columns[i][j] += weighted[i] * row[j];
+            for (sum, value) in self.columns[i].iter_mut().zip(row).skip(i) {
+                *sum += weighted * value;
             }
-            self.right[i] += weighted[i] * right;
+            self.right[i] += weighted * right;
         }
     }
 
