@@ -257,45 +257,52 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
     a.map(|v| v / dot(a, a).sqrt())
 }
 
+/// Equations that are worked on at once.
+const LANES: usize = 2;
+
 /// Weighted normal equations of three unknowns.
 #[derive(Default)]
 struct Normal {
-    /// From the diagonal on.
-    columns: [[f64; 3]; 3],
-    right: [f64; 3],
+    /// Products of the unknowns' coefficients: 00, 01, 02, 11, 12, 22.
+    products: [[f64; LANES]; 6],
+    /// And with the right-hand side.
+    right: [[f64; LANES]; 3],
 }
 
 impl Normal {
-    fn add(&mut self, row: [f64; 3], right: f64, weight: f64) {
-        for i in 0..3 {
-            let weighted = weight * row[i];
-            // The other half is the same.
-            for (sum, value) in self.columns[i].iter_mut().zip(row).skip(i) {
-                *sum += weighted * value;
-            }
-            self.right[i] += weighted * right;
+    /// Coefficients, right-hand sides and weights.
+    fn add(&mut self, [a, b, c]: [[f64; LANES]; 3], right: [f64; LANES], weight: [f64; LANES]) {
+        for l in 0..LANES {
+            let w = weight[l];
+            let (wa, wb, wc) = (w * a[l], w * b[l], w * c[l]);
+            self.products[0][l] += wa * a[l];
+            self.products[1][l] += wa * b[l];
+            self.products[2][l] += wa * c[l];
+            self.products[3][l] += wb * b[l];
+            self.products[4][l] += wb * c[l];
+            self.products[5][l] += wc * c[l];
+            self.right[0][l] += wa * right[l];
+            self.right[1][l] += wb * right[l];
+            self.right[2][l] += wc * right[l];
         }
     }
 
     fn solve(&self) -> [f64; 3] {
-        let mut m = self.columns;
-        (m[1][0], m[2][0], m[2][1]) = (m[0][1], m[0][2], m[1][2]);
-        let ridge = 1e-9 * (m[0][0] + m[1][1] + m[2][2]) + 1e-30;
-        for (i, column) in m.iter_mut().enumerate() {
-            column[i] += ridge;
-        }
+        let sum = |lanes: [f64; LANES]| lanes.iter().sum::<f64>();
+        let [aa, ab, ac, bb, bc, cc] = self.products.map(sum);
+        let right = self.right.map(sum);
+        let ridge = 1e-9 * (aa + bb + cc) + 1e-30;
         // Cramer's rule.
-        let [a, b, c] = m;
+        let [a, b, c] = [[aa + ridge, ab, ac], [ab, bb + ridge, bc], [ac, bc, cc + ridge]];
         let det = dot(a, cross(b, c));
-        [cross(b, c), cross(c, a), cross(a, b)].map(|row| dot(row, self.right) / det)
+        [cross(b, c), cross(c, a), cross(a, b)].map(|row| dot(row, right) / det)
     }
 }
 
 /// Geman & McClure's weight of a residual at a scale; 1 at an infinite one.
 fn weight(residual: f64, scale: f64) -> f64 {
     let q = residual / (2.0 * scale);
-    let d = 1.0 + q * q;
-    1.0 / (d * d)
+    1.0 / (1.0 + q * q).powi(2)
 }
 
 /// A turn, and the robust std that it leaves of the flow across the epipolar lines, in focal lengths.
@@ -304,9 +311,6 @@ struct Turn {
     by: [f64; 3],
     std: f64,
 }
-
-/// Equations for a turn that are worked on at once.
-const LANES: usize = 2;
 
 /// The equations for the turn across the epipolar lines of one direction, [`LANES`] by [`LANES`].
 struct Across {
@@ -337,24 +341,11 @@ impl Across {
 
     /// The turn that fits best with the weights that another's residuals have at a scale.
     fn reweighted(&self, turn: Turn) -> [f64; 3] {
-        let mut sums = [[0.0; LANES]; 9];
-        for ([a, b, c, right], residual) in self.groups.iter().zip(self.residuals(turn.by)) {
-            for l in 0..LANES {
-                let w = weight(residual[l], turn.std);
-                let (wa, wb, wc) = (w * a[l], w * b[l], w * c[l]);
-                sums[0][l] += wa * a[l];
-                sums[1][l] += wa * b[l];
-                sums[2][l] += wa * c[l];
-                sums[3][l] += wb * b[l];
-                sums[4][l] += wb * c[l];
-                sums[5][l] += wc * c[l];
-                sums[6][l] += wa * right[l];
-                sums[7][l] += wb * right[l];
-                sums[8][l] += wc * right[l];
-            }
+        let mut normal = Normal::default();
+        for (&[a, b, c, right], residual) in self.groups.iter().zip(self.residuals(turn.by)) {
+            normal.add([a, b, c], right, residual.map(|r| weight(r, turn.std)));
         }
-        let [aa, ab, ac, bb, bc, cc, ar, br, cr] = sums.map(|lanes| lanes.iter().sum());
-        Normal { columns: [[aa, ab, ac], [0.0, bb, bc], [0.0, 0.0, cc]], right: [ar, br, cr] }.solve()
+        normal.solve()
     }
 
     /// Robust std of what a turn leaves.
@@ -400,8 +391,7 @@ fn parallax_beside_turn(samples: &[Sample]) -> f64 {
             let [x, y] = s.turn(turn);
             let weight = weight((s.u - x).hypot(s.v - y), median);
             let [bx, by] = s.b();
-            normal.add(bx, s.u, weight);
-            normal.add(by, s.v, weight);
+            normal.add(std::array::from_fn(|i| [bx[i], by[i]]), [s.u, s.v], [weight; LANES]);
         }
         turn = normal.solve();
         let mut lengths: Vec<f64> = samples
