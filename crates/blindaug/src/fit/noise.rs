@@ -348,7 +348,7 @@ impl NoiseEvidence {
             finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0)
         });
         for level in 0..NOISE_LEVELS {
-            let mut bins = self.bins(level, most_common);
+            let mut bins = if level == 0 { finest.clone() } else { self.bins(level, most_common) };
             if self.method == Method::Spatial && level > 0 {
                 // In one frame structure cannot be told from coarse noise: no more than white noise has.
                 let white = white_band_std();
@@ -587,12 +587,14 @@ fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
     if total <= 0.0 {
         return vec![];
     }
+    // The finest level may hold nothing, of a camera that denoises.
+    let some = |b: &Bin, c: usize| b.variance[c].max(1e-12);
     let ratio: [f32; 4] = std::array::from_fn(|c| {
-        let log = |(b, f): &(&Bin, &Bin)| (b.variance[c].max(1e-12) / f.variance[c].max(1e-12)).ln();
+        let log = |(b, f): &(&Bin, &Bin)| (some(b, c) / some(f, c)).ln();
         (pairs.iter().map(|p| p.0.freedom * log(p)).sum::<f32>() / total).exp()
     });
     let of = |f: &Bin| Bin {
-        variance: std::array::from_fn(|c| ratio[c] * f.variance[c]),
+        variance: std::array::from_fn(|c| ratio[c] * some(f, c)),
         freedom: FREEDOM.min(f.freedom),
         ..*f
     };
@@ -802,13 +804,40 @@ pub(super) mod tests {
             e.add_pair(&grey(seed), &grey(seed + 10), &Flow::filled(512, 512, [0.0; 2])).unwrap();
         }
         assert!(worst(&e, 0.02) < 0.12, "{}", worst(&e, 0.02));
-        // Negative control: taken for independent, three channels of one noise would be biased like luma's share of each.
-        let v: Vec<&LocalVariance> = e.levels[3].iter().collect();
-        let common = |c: usize| {
-            let sum = |f: &dyn Fn(&LocalVariance) -> f32| v.iter().map(|b| f(b)).sum::<f32>();
+        let common = |e: &NoiseEvidence, c: usize| {
+            let sum = |f: &dyn Fn(&LocalVariance) -> f32| e.levels[3].iter().map(f).sum::<f32>();
             sum(&|b| b.with_luma[c]).powi(2) / (sum(&|b| b.variance[c]) * sum(&|b| b.variance[3]))
         };
-        assert!((0..3).all(|c| common(c) > 0.99));
+        assert!((0..3).all(|c| common(&e, c) > 0.99));
+        // Negative control: channels that share nothing have in common with luma what they are of it.
+        let mut e = NoiseEvidence::new(Method::Temporal);
+        let (a, b) = (noisy(512, 512, 0, 0.02), noisy(512, 512, 10, 0.02));
+        e.add_pair(&a, &b, &Flow::filled(512, 512, [0.0; 2])).unwrap();
+        for (c, share) in [0.2, 0.77, 0.03].into_iter().enumerate() {
+            assert!((common(&e, c) - share).abs() < 0.1, "{c}: {}", common(&e, c));
+        }
+    }
+
+    #[test]
+    fn a_coarse_level_keeps_its_noise_where_the_finest_has_none() {
+        let bin = |of: usize, variance: f32| Bin {
+            of,
+            y: of as f32 / 16.0,
+            variance: [variance; 4],
+            common: [0.0; 3],
+            freedom: 100.0,
+            blocks: 10,
+        };
+        let expected = |finest: f32, coarse: f32| {
+            let bins = [bin(3, coarse), bin(4, coarse)];
+            by_spectrum(&bins, &[bin(3, finest), bin(4, finest), bin(9, finest)])
+        };
+        for finest in [0.0, 1e-5] {
+            for b in expected(finest, 4e-6) {
+                assert!((b.variance[1] / 4e-6 - 1.0).abs() < 1e-3, "{b:?}");
+            }
+        }
+        assert_eq!(expected(1e-5, 4e-6).len(), 3);
     }
 
     #[test]
