@@ -48,8 +48,8 @@ fn foci((lo, hi): (f32, f32)) -> [f32; 2] {
 /// No lens blurs what is seen by more, px: all stds beyond the tables' end look the same.
 const MOST_BLUR: f32 = 15.0;
 
-/// The lenses at which the objective has its highest maxima, and these, the best first: a grid over the focus and the largest blur in the scene,
-/// then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
+/// The lenses at which the objective has its highest maxima, and these, the best first: a grid over the focus and the largest blur
+/// in the scene, then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
 pub(super) fn best_lenses(
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32 + Sync + Send,

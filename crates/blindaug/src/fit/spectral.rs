@@ -1196,8 +1196,8 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
     })
 }
 
-/// What each witness counts, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of them alike: so a wall that fills half
-/// of the picture is not worth as much as all that is before it.
+/// What each witness counts, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of
+/// them alike: so a wall that fills half of the picture is not worth as much as all that is before it.
 fn surface_weights(witnesses: &[LensWitness]) -> Vec<f32> {
     let total: f32 = witnesses.iter().map(|w| w.tiles).sum();
     let reach = SAME_DEPTH * witnesses.iter().map(|w| w.inverse_depth.abs()).fold(0.0, f32::max);
