@@ -6,7 +6,7 @@ mod leaves;
 mod common;
 use common::{GPU, no_gpu};
 
-use blindaug::fit::noise::LumaNoise;
+use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::track::Tracker;
 use blindaug::fit::{BlurPoint, Evidence, Observation, defocus, motion_blur, spectral};
 use blindaug::model::{BlurSpace, DepthKind, ExposureFraction, SharpeningModel};
@@ -229,14 +229,16 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
     let frame = GPU.upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
     let flow_texture = GPU.upload(&[&flow], TextureFormat::Rg32Float).expect("it fits");
     let depth = plane(&shot.inverse_depth);
-    let noise = synth::noise::white_band_std().map(|std| LumaNoise { slope: 0.001, intercept: 0.008 * std });
+    let levels = synth::noise::white_band_std().map(|std| NoiseLine { slope: 0.001, intercept: 0.008 * std });
     let sharpening = SharpeningModel::given(0.5, 1.0);
     let exposure = ExposureFraction(CAMERA.exposure);
-    for space in [BlurSpace::Linear, BlurSpace::Encoded] {
+    let cases = [(BlurSpace::Linear, 0.0), (BlurSpace::Encoded, 0.0), (BlurSpace::Linear, 0.03)];
+    for (space, coding_error) in cases {
+        let noise = LumaNoise { levels, coding_error };
         let mut evidence =
             fit::spectral::TileEvidence::new(device, &frame, Some(&flow_texture), Some(&depth), space)
                 .expect("one size");
-        let mut look = |noise: &[LumaNoise; 4], exposure| {
+        let mut look = |noise: &LumaNoise, exposure| {
             assert!(evidence.submit(device, queue, noise, exposure, Some(&sharpening)));
             assert!(
                 !evidence.submit(device, queue, noise, exposure, None),
@@ -250,7 +252,7 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
         let expected_lens =
             spectral::fit_lens(&[&tiles], &noise, exposure, Some(&sharpening)).expect("many depths");
         let found = look(&noise, exposure);
-        let fit = spectral::exposure_of(&found.exposure, 1).expect("much moves");
+        let fit = spectral::exposure_of(&found.exposure, 1, noise.coding_error).expect("much moves");
         let lens = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
         let objections = apart(&fit.curve, &expected.curve) / expected.samples as f32;
         let (points, lenses) =
@@ -265,9 +267,14 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
         assert!(lens.samples == expected_lens.samples && points <= WEIGHT && lenses <= LENS);
 
         // With another noise the tiles object to other exposures, and with another exposure they find another lens.
-        let found =
-            look(&noise.map(|n| LumaNoise { intercept: 1.2 * n.intercept, ..n }), ExposureFraction(0.5));
-        let wrong = spectral::exposure_of(&found.exposure, 1).expect("much moves");
+        let other = levels.map(|n| NoiseLine { intercept: 1.2 * n.intercept, ..n });
+        let other = if coding_error > 0.0 {
+            LumaNoise { levels, coding_error: 1.2 * coding_error }
+        } else {
+            LumaNoise { levels: other, coding_error }
+        };
+        let found = look(&other, ExposureFraction(0.5));
+        let wrong = spectral::exposure_of(&found.exposure, 1, noise.coding_error).expect("much moves");
         assert!(apart(&wrong.curve, &expected.curve) / expected.samples as f32 > OBJECTION);
         let wrong = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
         assert!(other_lens(&wrong, &expected_lens) > LENS);
@@ -286,7 +293,7 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let sigma = depth.map(|d| 6.0 * (d - 0.3).abs());
     let image = synth::defocus::defocus(&sharp, &sigma, Bokeh::Disk).expect("one size");
     let rgba = image.map(|v| [v, v, v, 1.0]);
-    let noise = [LumaNoise { slope: 0.0, intercept: 0.0005 }; 4];
+    let noise = LumaNoise { levels: [NoiseLine { slope: 0.0, intercept: 0.0005 }; 4], coding_error: 0.0 };
     let space = BlurSpace::Encoded;
     let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
     let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");

@@ -82,7 +82,7 @@ fn bench(c: &mut Criterion) {
     g.bench_function("defocus/search", |b| {
         b.iter(|| defocus::pooled_search(black_box(&defocused), &sharp, &depth))
     });
-    let noise = [Default::default(); 4];
+    let noise = Default::default();
     let (seen, blurred) = (frame(&moved, 3), frame(&defocused, 4));
     g.bench_function("motion_blur/spectral", |b| {
         b.iter(|| {

@@ -227,7 +227,7 @@ fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
         let objections: Vec<f32> = (0..EXPOSURES).map(objection).collect();
         let witness =
             |i: u32| ExposureWitness { block: i % 25, frame: 0, speed: 20.0, objections: objections.clone() };
-        exposure_of(&(0..400).map(witness).collect::<Vec<_>>(), 1).unwrap()
+        exposure_of(&(0..400).map(witness).collect::<Vec<_>>(), 1, 0.0).unwrap()
     };
     let fit = of(1.1);
     let [low, high] = fit.interval;

@@ -4,10 +4,10 @@ use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, 
 use crate::gpu::array_view;
 use blindaug::fit::noise::LumaNoise;
 use blindaug::fit::spectral::{
-    BLOCK_COUNT, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureWitness, LENS_TILES_PER_BLOCK, LensWitness,
-    SIGMAS, TILE, frequencies, hann, lens_gain,
+    BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureWitness, LENS_TILES_PER_BLOCK,
+    LensWitness, SIGMAS, TILE, frequencies, hann, lens_gain,
 };
-use blindaug::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
+use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
 use blindaug::{Error, Result};
 use wgpu::BufferUsages;
@@ -30,7 +30,7 @@ pub(crate) const LENS: &str = concat!(
 
 /// f32 of the shader's `Tile`, of its `Params`, of a witness of exposure or lens with what comes first in both, and of a row of its table of lenses.
 const TILE_LEN: usize = 12;
-const PARAMS: usize = 28;
+const PARAMS: usize = 32;
 const HEAD: usize = 3;
 const EXPOSURE_WITNESS: usize = HEAD + EXPOSURES;
 const LENS_WITNESS: usize = HEAD + SIGMAS;
@@ -114,14 +114,14 @@ impl TileEvidence {
         Ok(Self { params, constant, stages, witnesses })
     }
 
-    /// Starts to look at the textures as they are, given the std of the noise per level, the exposure so far (for the lens; 0 if
+    /// Starts to look at the textures as they are, given the noise, the exposure so far (for the lens; 0 if
     /// nothing is known of it) and the camera's sharpening. `false`, and nothing is done, as long as what came of the last frame has not
     /// been picked up.
     pub fn submit(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        noise: &[LumaNoise; NOISE_LEVELS],
+        noise: &LumaNoise,
         exposure: ExposureFraction,
         sharpening: Option<&SharpeningModel>,
     ) -> bool {
@@ -129,9 +129,10 @@ impl TileEvidence {
             return false;
         }
         let [amount, radius] = sharpening.map_or([0.0; 2], |s| [s.amount, s.radius_px]);
-        let levels = noise.iter().zip(white_band_std());
+        let coding = [1.0, CODING_OF_LENS].map(|share| (share * noise.coding_error).powi(2));
+        let levels = noise.levels.iter().zip(white_band_std());
         let levels = levels.flat_map(|(n, white)| [n.slope, n.intercept, white * white, 0.0]);
-        let varying = [exposure.0, amount, radius].into_iter().chain(levels).map(f32::to_bits);
+        let varying = [exposure.0, amount, radius].into_iter().chain(levels).chain(coding).map(f32::to_bits);
         let mut words = [0; PARAMS];
         words.iter_mut().zip(self.constant.into_iter().chain(varying)).for_each(|(word, v)| *word = v);
         queue.write_buffer(&self.params, 0, bytemuck::cast_slice(&words));

@@ -16,7 +16,7 @@ pub mod track;
 
 use crate::model::{
     BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
-    Method, MotionBlurModel, NOISE_LEVELS, SharpeningModel, ThinLensInterval,
+    Method, MotionBlurModel, SharpeningModel, ThinLensInterval,
 };
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, luma, par};
@@ -177,6 +177,8 @@ struct FrameEvidence {
 const BOKEH: Bokeh = Bokeh::Disk;
 /// Less than this share of confirmed matches between two frames is a cut, or nothing to rely on.
 const MIN_CONFIRMED: f32 = 0.4;
+/// Errors of a coder, as a std of luma, of which the user is told.
+const NOTABLE_CODING_ERROR: f32 = 0.01;
 /// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
 const REMOVAL_LENS_FLOOR: f32 = 0.04;
@@ -344,7 +346,7 @@ impl Estimator {
         depth: Option<&Plane>,
     ) -> Vec<removal::Tile> {
         let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
-        let light = removal::NoisyLight::new(observation.frame, &noise[0], self.options.blur_space);
+        let light = removal::NoisyLight::new(observation.frame, &noise.levels[0], self.options.blur_space);
         let Some(flow) = flow else { return removal::tiles(&light, None, depth) };
         let neighbours: Vec<(Plane, f32)> = [(observation.next, 1.0), (observation.previous, -1.0)]
             .into_iter()
@@ -485,7 +487,7 @@ impl Estimator {
         Ok(Estimation { model, diagnostics })
     }
 
-    fn fit_noise(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics) -> [LumaNoise; NOISE_LEVELS] {
+    fn fit_noise(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics) -> LumaNoise {
         let merged = |method: Method, of: &dyn Fn(&FrameEvidence) -> &NoiseEvidence| {
             let mut all = NoiseEvidence::new(method);
             self.frames.iter().for_each(|f| all.merge(of(f)));
@@ -508,6 +510,13 @@ impl Estimator {
                     .into(),
             );
         }
+        let coding_error = fit.luma.map_or(0.0, |l| l.coding_error);
+        if coding_error >= NOTABLE_CODING_ERROR {
+            diagnostics.notes.push(format!(
+                "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
+                100.0 * coding_error
+            ));
+        }
         model.sharpening = sharpening::of_noise(&fit);
         if let Some(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
             diagnostics.notes.push(format!(
@@ -519,12 +528,7 @@ impl Estimator {
         fit.luma.unwrap_or_default()
     }
 
-    fn fit_exposure(
-        &self,
-        model: &mut CameraModel,
-        diagnostics: &mut Diagnostics,
-        noise: &[LumaNoise; NOISE_LEVELS],
-    ) {
+    fn fit_exposure(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &LumaNoise) {
         let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
         let why = if self.given < 2 {
             "a single image says nothing about the exposure".to_owned()
@@ -586,12 +590,7 @@ impl Estimator {
             .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
     }
 
-    fn fit_defocus(
-        &self,
-        model: &mut CameraModel,
-        diagnostics: &mut Diagnostics,
-        noise: &[LumaNoise; NOISE_LEVELS],
-    ) {
+    fn fit_defocus(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &LumaNoise) {
         let Some(depth_kind) = self.depth_kind else {
             model.defocus = Estimate::Unknown(self.why_no_depth.clone());
             return;

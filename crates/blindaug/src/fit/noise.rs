@@ -7,7 +7,7 @@
 use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 use crate::raster::cubic_weights;
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Error, Flow, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
+use crate::{Encoded, Error, Flow, LUMA, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
 
 /// Side of the blocks in which variances are taken, px of the full image, per level: small ones are more often free of
@@ -22,6 +22,10 @@ const LOWER_HALF: [f32; NOISE_LEVELS] = [0.93, 0.84, 0.821, 0.658];
 const CLIP_MARGIN: f32 = 0.02;
 /// A block may have this share of such pixels: where noise is strong, a few are in every dark block, and little of the variance is lost.
 const MAY_CLIP: f32 = 0.04;
+
+/// Errors of H.264 at a quality that is just bearable, as a std of luma. Where a coder was at work, how good it was is not known, and to allow for
+/// more than there is costs little (docs/accuracy.md).
+pub(super) const MAX_CODING_ERROR: f32 = 0.045;
 
 /// What a pixel costs a block that holds it.
 type Flaw = u8;
@@ -65,15 +69,24 @@ pub struct NoisePoint {
 pub struct NoiseFit {
     /// The model, or why there is none.
     pub model: Estimate<NoiseModel>,
-    /// Std of the noise of luma per level, for estimators that work on luma.
-    pub luma: Option<[LumaNoise; NOISE_LEVELS]>,
+    /// That of luma, for estimators that work on it.
+    pub luma: Option<LumaNoise>,
     /// The measured points that the lines go through.
     pub points: Vec<NoisePoint>,
 }
 
-/// Std of the noise of luma: slope * Y + intercept.
+/// The noise of luma, for estimators that work on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LumaNoise {
+    /// Its std in each level.
+    pub levels: [NoiseLine; NOISE_LEVELS],
+    /// Detail of a std of luma below this may be missing, or wrong, after a video coder; 0: there was none.
+    pub coding_error: f32,
+}
+
+/// Std of noise of luma: slope * Y + intercept.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NoiseLine {
     /// Per unit of luminance.
     pub slope: f32,
     /// At Y = 0.
@@ -340,7 +353,7 @@ impl NoiseEvidence {
         let mut points = vec![];
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
-        let mut luma = [LumaNoise::default(); NOISE_LEVELS];
+        let mut luma = [NoiseLine::default(); NOISE_LEVELS];
         let finest = self.bins(0, [1.0; 3]);
         // What does not match is common to all channels, and least of it is in the finest level.
         let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
@@ -365,7 +378,7 @@ impl NoiseEvidence {
             for c in 0..4 {
                 let l = line(&of_line, c);
                 if c == 3 {
-                    luma[level] = LumaNoise { slope: l.slope, intercept: l.intercept };
+                    luma[level] = NoiseLine { slope: l.slope, intercept: l.intercept };
                     continue;
                 }
                 levels[level].slope[c] = l.slope;
@@ -390,11 +403,19 @@ impl NoiseEvidence {
             method: self.method,
             samples: self.len() as u64,
         };
+        let coding_error = match self.method {
+            Method::Temporal => coding_error(&finest, most_common),
+            // The structure that is left is common to all channels.
+            Method::Spatial => coding_error(&finest, [0.0; 3]),
+            // A coder's errors are part of what differs from the clean frame.
+            _ => 0.0,
+        };
+        let luma = LumaNoise { levels: luma, coding_error };
         NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
     }
 
     /// Log of the finest noise's std over that of a model; `None` of a few blocks.
-    pub(super) fn log_ratio(&self, model: &LumaNoise) -> Option<f32> {
+    pub(super) fn log_ratio(&self, model: &NoiseLine) -> Option<f32> {
         let mut blocks: Vec<&LocalVariance> = self.levels[0].iter().collect();
         if blocks.len() < 8 {
             return None;
@@ -474,6 +495,31 @@ impl NoiseEvidence {
             && self.brightest[top] as f64 > 1e-3 * total as f64;
         if piles_up && top > 128 { top as f32 / 255.0 } else { 1.0 }
     }
+}
+
+/// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: a coder leaves little
+/// noise, in some places none, and chroma has none of its own from pixel to pixel.
+fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
+    /// White noise of the first std hardly survives the steps of 8 bits; noise of the second is a sensor's.
+    const SURVIVING: Range<f32> = 0.0008..0.0025;
+    /// In the dark a sensor has less, too.
+    const DARK: f32 = 0.25;
+    /// More than channels have in common by chance, and less than all, as in grey footage, which says nothing.
+    const IN_COMMON: Range<f32> = 0.3..0.98;
+    let squares = LUMA.map(|w| w * w);
+    let total: f32 = squares.iter().sum();
+    // Of red and blue, beyond what they are of luma: green is most of it anyway.
+    let beyond = |c: usize| (common[c] - squares[c] / total) / (1.0 - squares[c] / total);
+    if IN_COMMON.contains(&beyond(0).min(beyond(2))) {
+        return MAX_CODING_ERROR;
+    }
+    let least = |lit: bool| {
+        let variance = finest.iter().filter(|b| !lit || b.y >= DARK).map(|b| b.variance[3]);
+        variance.min_by(f32::total_cmp).map(|v| v.sqrt() / white_band_std()[0])
+    };
+    let Some(std) = least(true).or_else(|| least(false)) else { return 0.0 };
+    let left = ((SURVIVING.end - std) / (SURVIVING.end - SURVIVING.start)).clamp(0.0, 1.0);
+    MAX_CODING_ERROR * left * left
 }
 
 /// R, G, B and luma of `frame - prediction`.

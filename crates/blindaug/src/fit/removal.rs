@@ -13,7 +13,7 @@
 //! The lens and the rest of the camera blur alike in all directions, motion only along it: the lines across the motion say
 //! how much of what is seen along it is not the shutter's.
 
-use super::noise::LumaNoise;
+use super::noise::NoiseLine;
 use super::spectral::{
     self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE, block_of,
     relative, sigma_of,
@@ -60,7 +60,7 @@ pub struct NoisyLight {
 
 impl NoisyLight {
     /// Of a frame whose noise of luma has this std in the finest level; it is taken to be white.
-    pub fn new(frame: &Encoded, noise: &LumaNoise, space: BlurSpace) -> Self {
+    pub fn new(frame: &Encoded, noise: &NoiseLine, space: BlurSpace) -> Self {
         let white = white_band_std()[0];
         let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
             let slope = match space {
@@ -475,7 +475,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
         .zip(&curves)
         .map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone()))
         .collect();
-    let [low, high] = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS);
+    let [low, high] = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS, 0.0);
     // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
     let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
     alone.sort_by(f32::total_cmp);

@@ -20,7 +20,7 @@ mod pairs;
 
 use super::BlurPoint;
 use super::defocus::{self, Lens};
-use super::noise::LumaNoise;
+use super::noise::{LumaNoise, MAX_CODING_ERROR, NoiseLine};
 use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
@@ -87,6 +87,10 @@ const HIDDEN_STREAK: f32 = 1.2;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
 const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
+/// The same of lambda where a coder's errors are as large as they may be.
+const CODING_FLOOR: f32 = 0.05;
+/// So much of a coder's errors the lens is to be kept from: it needs the fine detail that lambda can do without.
+pub const CODING_OF_LENS: f32 = 0.45;
 /// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
 const TEXTURE_BLUR: f32 = 0.2;
 /// A lens is a rival of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
@@ -480,28 +484,36 @@ fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec
     (kept, rings)
 }
 
-/// Density of the noise at a modulus in a tile of such [`Tile::noise_moments`] and scale.
+/// Density of the noise at a modulus in a tile of such [`Tile::noise_moments`] and scale, with [`hidden`] if a coder's errors are of such a std.
 fn noise_density(
-    [squares, products, ones]: [f32; 3],
+    moments @ [squares, products, ones]: [f32; 3],
     scale: f32,
-    noise: &[LumaNoise; NOISE_LEVELS],
+    noise: &LumaNoise,
+    coding_error: f32,
 ) -> impl Fn(f32) -> f32 {
     let white = white_band_std();
     // Spectral density of the noise in each level: that of the white noise which has the level's variance.
     let density: [f32; NOISE_LEVELS] = std::array::from_fn(|l| {
-        let LumaNoise { slope, intercept } = noise[l];
+        let NoiseLine { slope, intercept } = noise.levels[l];
         let variance =
             slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
         variance.max(0.0) / (white[l] * white[l])
     });
     // A mean of so many pixels has that much less of it.
     let mean = (scale * scale).recip();
+    let hidden = hidden(moments, scale, coding_error);
     move |modulus| {
         // Level l holds the frequencies around 0.35 / 2^l cycles per px.
         let level = (0.35 * scale / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
         let i = (level as usize).min(NOISE_LEVELS - 2);
-        (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9)
+        (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9) + hidden
     }
+}
+
+/// What a coder has taken from a tile and what it has put there is drowned in as much white noise: this density of it, which is added to the
+/// tile's power and to its noise.
+fn hidden(noise_moments: [f32; 3], scale: f32, coding_error: f32) -> f32 {
+    coding_error * coding_error * noise_moments[2] / (scale * scale)
 }
 
 /// By how much a tile's noise may be off.
@@ -516,7 +528,8 @@ struct Prepared<'a> {
     frame: usize,
     /// Which part of the clip the frame lies in.
     shot: usize,
-    /// Density of the noise at the bins.
+    /// Power and density of the noise at the bins, with what is [`hidden`].
+    power: Vec<f32>,
     noise: Vec<f32>,
     /// Density of white noise of luma of std 1, over that of the tile's noise in the middle of the band.
     white_over_noise: f32,
@@ -524,16 +537,19 @@ struct Prepared<'a> {
 
 impl<'a> Prepared<'a> {
     /// `None` if the tile holds hardly more than noise.
-    fn new(tile: &'a Tile, frame: usize, shot: usize, noise: &[LumaNoise; NOISE_LEVELS]) -> Option<Self> {
-        let density = noise_density(tile.noise_moments, tile.scale, noise);
+    fn new(tile: &'a Tile, frame: usize, shot: usize, noise: &LumaNoise, coding_error: f32) -> Option<Self> {
+        let density = noise_density(tile.noise_moments, tile.scale, noise, coding_error);
+        let hidden = hidden(tile.noise_moments, tile.scale, coding_error);
         let noise: Vec<f32> = tile.bins.iter().map(|b| density(b.modulus)).collect();
+        let power: Vec<f32> = tile.bins.iter().map(|b| b.power + hidden).collect();
         let sum =
             |f: &dyn Fn(usize) -> f32| (0..noise.len()).map(|i| tile.bins[i].weight * f(i)).sum::<f32>();
         let white_over_noise = tile.noise_moments[2] / (tile.scale * tile.scale) / density(MIDDLE);
-        (sum(&|i| tile.bins[i].power) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
+        (sum(&|i| power[i]) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
             tile,
             frame,
             shot,
+            power,
             noise,
             white_over_noise,
         })
@@ -633,8 +649,8 @@ impl<'a> Prepared<'a> {
             let mut first = 0.0f32;
             let shutters = gain[lanes].iter().flat_map(|v| v.to_array());
             for (at, (i, shutter)) in ring.zip(shutters).enumerate() {
-                let Bin { weight, power, modulus, .. } = self.tile.bins[i];
-                let one = Alike { weight, power, modulus, noise: self.noise[i], shutter };
+                let Bin { weight, modulus, .. } = self.tile.bins[i];
+                let one = Alike { weight, power: self.power[i], modulus, noise: self.noise[i], shutter };
                 match merged.last_mut() {
                     Some(last) if at > 0 && (first / shutter).max(shutter / first) < 1.3 => last.join(&one),
                     _ => {
@@ -840,7 +856,7 @@ impl RingScene {
         let (tile, noise) = (prepared.tile, &prepared.noise);
         let amplitude = |ring: Range<usize>| {
             let sum = |f: &dyn Fn(usize) -> f32| ring.clone().map(f).sum::<f32>();
-            let (power, noise) = (sum(&|i| tile.bins[i].power), sum(&|i| noise[i]));
+            let (power, noise) = (sum(&|i| prepared.power[i]), sum(&|i| noise[i]));
             ((power - noise).max(0.01 * power).max(1e-12) / ring.len() as f32).ln()
         };
         let cos2 = tile.column(
@@ -854,7 +870,7 @@ impl RingScene {
         Self {
             rings: tile.ring_lanes().collect(),
             weight: tile.column(|i| tile.bins[i].weight, 0.0),
-            power: tile.column(|i| tile.bins[i].power, 0.0),
+            power: tile.column(|i| prepared.power[i], 0.0),
             noise: tile.column(|i| noise[i], 1.0),
             harmonics: [cos2, cos4],
             amplitudes: tile.rings().map(amplitude).collect(),
@@ -956,11 +972,12 @@ pub(super) fn most_likely_exposure(curve: &[f32]) -> f32 {
     (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b])).unwrap_or(0) as f32 * EXPOSURE_STEP
 }
 
-/// The 95 % interval of an exposure, from the curves of (block of the image, part of the clip).
+/// The 95 % interval of an exposure, from the curves of (block of the image, part of the clip) and [`LumaNoise::coding_error`].
 pub(super) fn exposure_interval(
     estimate: f32,
     parts: &[(u32, usize, Vec<f32>)],
     bootstraps: usize,
+    coding_error: f32,
 ) -> [f32; 2] {
     let replica = |r: usize| {
         let mut sum = vec![0.0f32; EXPOSURES];
@@ -973,7 +990,8 @@ pub(super) fn exposure_interval(
     // No shutter is open for longer than a frame: what seems to be is as far below that as it may be below what it seems.
     let beyond = (estimate - 1.0).max(0.0);
     let replicas: Vec<f32> = (0..bootstraps).map(replica).collect();
-    interval(estimate, &replicas, EXPOSURE_FLOOR).map(|v| (v - beyond).clamp(0.0, 1.0))
+    let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
+    interval(estimate, &replicas, floor).map(|v| (v - beyond).clamp(0.0, 1.0))
 }
 
 /// What a tile, or a pair of them, says of the exposure.
@@ -990,11 +1008,9 @@ pub struct ExposureWitness {
 }
 
 /// The tiles that move, as witnesses of the exposure.
-pub(super) fn exposure_witnesses(
-    frames: &[&[Tile]],
-    noise: &[LumaNoise; NOISE_LEVELS],
-) -> Vec<ExposureWitness> {
-    let moving: Vec<Prepared> = prepare(frames, noise, |t| t.of_exposure && t.speed >= SPEEDS.start);
+pub(super) fn exposure_witnesses(frames: &[&[Tile]], noise: &LumaNoise) -> Vec<ExposureWitness> {
+    let moving: Vec<Prepared> =
+        prepare(frames, noise, noise.coding_error, |t| t.of_exposure && t.speed >= SPEEDS.start);
     par::map(moving.len(), |i| {
         let Prepared { tile, frame, .. } = moving[i];
         let speed = tile.speed * tile.scale;
@@ -1009,10 +1025,10 @@ pub(super) fn exposure_witnesses(
 pub fn fit_exposure(
     frames: &[&[Tile]],
     pairs: &[&[Pair]],
-    noise: &[LumaNoise; NOISE_LEVELS],
+    noise: &LumaNoise,
 ) -> std::result::Result<ExposureFit, String> {
     let mut witnesses = exposure_witnesses(frames, noise);
-    let of_tiles = exposure_of(&witnesses, frames.len())?;
+    let of_tiles = exposure_of(&witnesses, frames.len(), noise.coding_error)?;
     // Pairs sharpen what tiles tell. Where those cannot tell, a few pairs may be sure of anything.
     let pairs: Vec<(usize, &Pair)> =
         pairs.iter().enumerate().flat_map(|(f, pairs)| pairs.iter().map(move |p| (f, p))).collect();
@@ -1025,14 +1041,18 @@ pub fn fit_exposure(
     if witnesses.len() == of_tiles.samples {
         return Ok(of_tiles);
     }
-    exposure_of(&witnesses, frames.len())
+    exposure_of(&witnesses, frames.len(), noise.coding_error)
 }
 
-/// The exposure that the witnesses of so many frames agree on.
+/// The exposure that the witnesses of so many frames agree on, found with noise of this [`LumaNoise::coding_error`].
 ///
 /// # Errors
 /// The reason why they cannot tell.
-pub fn exposure_of(witnesses: &[ExposureWitness], frames: usize) -> std::result::Result<ExposureFit, String> {
+pub fn exposure_of(
+    witnesses: &[ExposureWitness],
+    frames: usize,
+    coding_error: f32,
+) -> std::result::Result<ExposureFit, String> {
     if witnesses.iter().any(|w| w.objections.len() != EXPOSURES) {
         return Err(format!("a witness of the exposure must hold {EXPOSURES} objections"));
     }
@@ -1059,7 +1079,7 @@ pub fn exposure_of(witnesses: &[ExposureWitness], frames: usize) -> std::result:
         .map(|f| (f, best(&summed(&|w| w.frame == f)).min(1.0)))
         .collect();
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
-    let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS);
+    let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS, coding_error);
     let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
     // A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them.
     let speed = witnesses.iter().map(|w| w.speed.powi(2)).sum::<f32>()
@@ -1091,7 +1111,7 @@ pub fn exposure_of(witnesses: &[ExposureWitness], frames: usize) -> std::result:
 /// The reason why they cannot tell.
 pub fn fit_lens(
     frames: &[&[Tile]],
-    noise: &[LumaNoise; NOISE_LEVELS],
+    noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
 ) -> std::result::Result<LensFit, String> {
@@ -1116,11 +1136,13 @@ pub struct LensWitness {
 /// The tiles whose depth is known, as witnesses of the lens.
 pub(super) fn lens_witnesses(
     frames: &[&[Tile]],
-    noise: &[LumaNoise; NOISE_LEVELS],
+    noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
 ) -> Vec<LensWitness> {
-    let prepared: Vec<Prepared> = prepare(frames, noise, |t| t.of_lens && t.inverse_depth.is_finite());
+    let prepared: Vec<Prepared> = prepare(frames, noise, CODING_OF_LENS * noise.coding_error, |t| {
+        t.of_lens && t.inverse_depth.is_finite()
+    });
     par::map(prepared.len(), |i| LensWitness {
         inverse_depth: prepared[i].tile.inverse_depth,
         table: prepared[i].over_sigma_of_frame(exposure.0, sharpening),
@@ -1263,12 +1285,13 @@ impl FineTables {
 
 fn prepare<'a>(
     frames: &[&'a [Tile]],
-    noise: &[LumaNoise; NOISE_LEVELS],
+    noise: &LumaNoise,
+    coding_error: f32,
     witness: impl Fn(&Tile) -> bool,
 ) -> Vec<Prepared<'a>> {
     let all = frames.iter().enumerate().flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, t)));
     all.filter(|(_, t)| witness(t))
-        .filter_map(|(f, t)| Prepared::new(t, f, shot_of(f, frames.len()), noise))
+        .filter_map(|(f, t)| Prepared::new(t, f, shot_of(f, frames.len()), noise, coding_error))
         .collect()
 }
 
@@ -1406,14 +1429,15 @@ mod tests {
             std::array::from_fn(|c| COLOUR[c] + STD * n[c])
         }));
         let std = STD * LUMA.iter().map(|w| w * w).sum::<f32>().sqrt();
-        let noise = white_band_std().map(|white| LumaNoise { slope: 0.0, intercept: std * white });
+        let levels = white_band_std().map(|white| NoiseLine { slope: 0.0, intercept: std * white });
+        let noise = LumaNoise { levels, coding_error: 0.0 };
         for space in [BlurSpace::Linear, BlurSpace::Encoded] {
             let tiles = tiles(&frame, None, None, space).unwrap();
             // Mean power over what is predicted, as a tile of this colour and as a grey one.
             let over = |moments: &dyn Fn(&Tile) -> [f32; 3]| {
                 let (mut power, mut predicted) = (0.0, 0.0);
                 for tile in &tiles {
-                    let density = noise_density(moments(tile), tile.scale, &noise);
+                    let density = noise_density(moments(tile), tile.scale, &noise, 0.0);
                     power += tile.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
                     predicted += tile.bins.iter().map(|b| b.weight * density(b.modulus)).sum::<f32>();
                 }
@@ -1481,9 +1505,10 @@ mod tests {
             Encoded(Raster::from_fn(side, side, |x, y| [0.3 + 0.2 * ((x / 5 + y / 7) % 2) as f32; 3]));
         let tiles = tiles(&frame, None, None, BlurSpace::Linear).unwrap();
         let std_of_factor = |std: f32, scale: f32| {
-            let noise = white_band_std().map(|white| LumaNoise { slope: 0.0, intercept: std * white });
+            let levels = white_band_std().map(|white| NoiseLine { slope: 0.0, intercept: std * white });
+            let noise = LumaNoise { levels, coding_error: 0.0 };
             let tile = tiles.iter().find(|t| t.scale == scale).expect("both scales");
-            let prepared = Prepared::new(tile, 0, 0, &noise).expect("it has contrast");
+            let prepared = Prepared::new(tile, 0, 0, &noise, 0.0).expect("it has contrast");
             (TEMPER * prepared.noise_precision(&EXPOSURE_NOISE_ERROR)).powf(-0.5)
         };
         for scale in [1.0, 2.0] {

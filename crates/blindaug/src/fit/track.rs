@@ -13,7 +13,7 @@
 //! anything was seen of it, as that of a random walk does.
 
 use super::defocus::{self, Lens};
-use super::noise::{LumaNoise, NoiseEvidence, NoiseFit};
+use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
 use super::sharpening;
 use super::spectral::{self, ExposureWitness, FineTables, LensWitness};
 use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
@@ -21,7 +21,7 @@ use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow}
 use crate::analysis::flow::FlowEstimator;
 use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
-    ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseModel, SharpeningModel, ThinLensInterval,
+    ExposureFraction, Method, MotionBlurModel, NoiseModel, SharpeningModel, ThinLensInterval,
 };
 use crate::{Encoded, Error, Flow, Pixel, Plane, Result, luma, par, pyramid};
 use std::borrow::Cow;
@@ -92,7 +92,7 @@ pub struct Tracker {
     inverse_depth: Option<Plane>,
     parallax: ParallaxTracker,
     noise: NoiseMemory,
-    luma_noise: [LumaNoise; NOISE_LEVELS],
+    luma_noise: LumaNoise,
     exposure: Memory,
     lens: Memory,
     depth_kind: Option<DepthKind>,
@@ -229,7 +229,7 @@ impl Tracker {
     }
 
     /// The noise of luma as it is known so far, per level; 0 before the first frame.
-    pub fn luma_noise(&self) -> &[LumaNoise; NOISE_LEVELS] {
+    pub fn luma_noise(&self) -> &LumaNoise {
         &self.luma_noise
     }
 
@@ -345,7 +345,7 @@ impl Tracker {
             let part = self.frames % parts;
             evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
         }
-        self.changes.noise = self.noise.push(evidence, &self.luma_noise[0]);
+        self.changes.noise = self.noise.push(evidence, &self.luma_noise.levels[0]);
         if self.changes.noise {
             // What was read of the blur since then was read with the wrong noise.
             self.exposure.forget_recent();
@@ -438,7 +438,8 @@ impl Tracker {
                 .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
                 .map(|(block, c)| (block, 0, c.to_vec()))
                 .collect();
-            let interval = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS);
+            let interval =
+                spectral::exposure_interval(estimate, &parts, BOOTSTRAPS, self.luma_noise.coding_error);
             if tiles >= 6.0 && interval[1] - interval[0] <= 0.7 {
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
@@ -712,7 +713,7 @@ struct NoiseMemory {
 
 impl NoiseMemory {
     /// Adds a frame's evidence; whether the noise has changed from what `model` says.
-    fn push(&mut self, evidence: NoiseEvidence, model: &LumaNoise) -> bool {
+    fn push(&mut self, evidence: NoiseEvidence, model: &NoiseLine) -> bool {
         self.age += 1;
         let Some(ratio) = evidence.log_ratio(model) else { return false };
         self.age = 0;

@@ -14,6 +14,8 @@ struct Params {
     sharpening: vec2f,
     // Per level: std of the noise per luma and at none, and the variance of white noise of std 1.
     noise: array<vec4f, 4>,
+    // Variance of luma of a coder's errors that the exposure is kept from, and the lens.
+    coding: vec2f,
 }
 
 struct Tile {

@@ -146,12 +146,12 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     if tile.speed < MIN_SPEED {
         return;
     }
-    precisions = vec3f(vec2f(1.0 / TEMPER), noise_precision(tile, EXPOSURE_NOISE_ERROR));
+    precisions = vec3f(vec2f(1.0 / TEMPER), noise_precision(tile, EXPOSURE_NOISE_ERROR, params.coding.x));
     var n = 0u;
     var scene = Scene(0.0, vec3f(0.0));
     if thread < COLUMNS {
         var bins: array<vec4f, COLUMNS>;
-        n = bins_of(index, tile, thread, &bins);
+        n = bins_of(index, tile, thread, params.coding.x, &bins);
         var weighted = vec2f(0.0);
         var unweighted = vec2f(0.0);
         for (var i = 0u; i < n; i++) {
@@ -159,7 +159,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             let at = COLUMNS * thread + i;
             weight[at] = bin.x;
             power[at] = bin.y;
-            noise[at] = noise_density(tile, bin.w);
+            noise[at] = noise_density(tile, bin.w, params.coding.x);
             along[at] = bin.z;
             let cosine = min(bin.z / bin.w, 1.0);
             cos2[at] = 2.0 * cosine * cosine - 1.0;

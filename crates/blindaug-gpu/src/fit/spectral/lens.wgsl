@@ -75,12 +75,12 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     var densities: array<f32, COLUMNS>;
     var n = 0u;
     if thread < COLUMNS {
-        let all = bins_of(index, tile, thread, &bins);
+        let all = bins_of(index, tile, thread, params.coding.y, &bins);
         var seen = vec3f(0.0);
         var first = 0.0;
         for (var i = 0u; i < all; i++) {
             let bin = bins[i];
-            let density = noise_density(tile, bin.w);
+            let density = noise_density(tile, bin.w, params.coding.y);
             let gain = shutter_gain(tile.speed, bin.z, leaks_of(tile, bin), params.exposure);
             seen += bin.x * vec3f(bin.y, density, 0.0);
             if n > 0u && max(first / gain, gain / first) < 1.3 {
@@ -139,7 +139,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     }
     workgroupBarrier();
 
-    let noise_prior = noise_precision(tile, LENS_NOISE_ERROR);
+    let noise_prior = noise_precision(tile, LENS_NOISE_ERROR, params.coding.y);
     let alpha = thread / LANES;
     let lane = thread % LANES;
     let terms = SIGMAS;

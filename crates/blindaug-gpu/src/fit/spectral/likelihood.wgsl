@@ -26,8 +26,13 @@ const ALPHA = 2.4;
 const SHUTTER_FLOOR = 1e-3;
 const PI = 3.14159265;
 
-// Density of the noise at a modulus.
-fn noise_density(tile: Tile, modulus: f32) -> f32 {
+// White noise that a coder's errors of such a variance are drowned in: its density, part of the tile's power and of its noise.
+fn hidden(tile: Tile, coding: f32) -> f32 {
+    return coding * tile.noise_moments.z / (tile.scale * tile.scale);
+}
+
+// Density of the noise at a modulus, with what is hidden.
+fn noise_density(tile: Tile, modulus: f32, coding: f32) -> f32 {
     let m = tile.noise_moments;
     let level = clamp(log2(0.35 * tile.scale / modulus), 0.0, 3.0);
     let i = min(u32(level), 2u);
@@ -37,25 +42,25 @@ fn noise_density(tile: Tile, modulus: f32) -> f32 {
         density[k] = max(n.x * n.x * m.x + 2.0 * n.x * n.y * m.y + n.y * n.y * m.z, 0.0) / n.z;
     }
     let between = density[0] + (level - f32(i)) * (density[1] - density[0]);
-    return max(between / (tile.scale * tile.scale), 1e-9);
+    return max(between / (tile.scale * tile.scale), 1e-9) + hidden(tile, coding);
 }
 
 // Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered: its power's log may be off by
 // x, and noise of luma of std y may be there unseen.
-fn noise_precision(tile: Tile, error: vec2f) -> f32 {
+fn noise_precision(tile: Tile, error: vec2f, coding: f32) -> f32 {
     let white = tile.noise_moments.z / (tile.scale * tile.scale);
-    let unseen = log(1.0 + error.y * error.y * white / noise_density(tile, MIDDLE));
+    let unseen = log(1.0 + error.y * error.y * white / noise_density(tile, MIDDLE, coding));
     return 1.0 / (TEMPER * (error.x * error.x + unseen * unseen));
 }
 
-// The bins of a ring, as (weight, power, component along the motion, modulus), and their number.
-fn bins_of(index: u32, tile: Tile, ring: u32, bins: ptr<function, array<vec4f, COLUMNS>>) -> u32 {
+// The bins of a ring, as (weight, power with what is hidden, component along the motion, modulus), and their number.
+fn bins_of(index: u32, tile: Tile, ring: u32, coding: f32, bins: ptr<function, array<vec4f, COLUMNS>>) -> u32 {
     let moves = tile.speed >= MIN_SPEED;
     let direction = tile.motion / max(tile.speed, 1e-30);
     for (var i = rings[ring]; i < rings[ring + 1u]; i++) {
         let f = frequencies[i];
         let along = select(0.0, abs(f.x * direction.x + f.y * direction.y), moves);
-        let power = periodograms[index * COLUMNS * TILE + u32(f.w)];
+        let power = periodograms[index * COLUMNS * TILE + u32(f.w)] + hidden(tile, coding);
         let bin = min(u32(along * f32(TILE)), COLUMNS - 1u);
         (*bins)[bin] += select(1.0, 0.5, f.x == 0.0) * vec4f(1.0, power, along, f.z);
     }

@@ -6,9 +6,9 @@
 
 use super::{
     Arc, BAND, BlurSpace, CLIP, COLUMNS, Complex, EXPOSURE_STEP, EXPOSURES, Encoded, Fft, FftPlanner, Flow,
-    LEAK, Light, LumaNoise, MAX_LAMBDA, MIN_CONTRAST, NOISE_LEVELS, SAMPLES, SPEEDS, STREAK_STEP, TEMPER,
-    TILE, TOLERANCE, block_of, common_motion, corners, f32x4, frequencies, interpolate, lanes, noise_density,
-    par, relative, slope_gain, transform,
+    LEAK, Light, LumaNoise, MAX_LAMBDA, MIN_CONTRAST, SAMPLES, SPEEDS, STREAK_STEP, TEMPER, TILE, TOLERANCE,
+    block_of, common_motion, corners, f32x4, frequencies, hidden, interpolate, lanes, noise_density, par,
+    relative, slope_gain, transform,
 };
 
 /// At most this many pairs of two frames are kept, those of most contrast.
@@ -181,22 +181,23 @@ impl Pair {
     }
 
     /// What the pair objects to the exposures of a curve, in nats, within [-CLIP, 0]; `None` if it holds hardly more than noise.
-    pub(super) fn objections(&self, noise: &[LumaNoise; NOISE_LEVELS]) -> Option<Vec<f32>> {
-        let density = noise_density(self.noise_moments, self.scale, noise);
+    pub(super) fn objections(&self, noise: &LumaNoise) -> Option<Vec<f32>> {
+        let hidden = hidden(self.noise_moments, self.scale, noise.coding_error);
+        let density = noise_density(self.noise_moments, self.scale, noise, noise.coding_error);
         let noise: Vec<f32> = frequencies().iter().map(|q| density(q.modulus)).collect();
         if self.expected.iter().sum::<f32>() < MIN_CONTRAST * noise.iter().sum::<f32>() {
             return None;
         }
         let step = (STREAK_STEP / self.longest()).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
         let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
-        let table = self.over_lambda(step, &noise);
+        let table = self.over_lambda(step, &noise, hidden);
         let curve = (0..EXPOSURES).map(|i| interpolate(&table, i as f32 * EXPOSURE_STEP / step));
         Some(relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect())
     }
 
     /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of what is at right angles to `S (K1, K2)` in
     /// the two frames' amplitudes, S being anything. The window gathers frequencies at which K differs, which leaves some of S there.
-    fn over_lambda(&self, step: f32, noise: &[f32]) -> Vec<f32> {
+    fn over_lambda(&self, step: f32, noise: &[f32], hidden: f32) -> Vec<f32> {
         let column = |v: &[f32]| lanes(v.iter().copied(), 0.0);
         let (sum, difference, cross) = (column(&self.sum), column(&self.difference), column(&self.cross));
         let weight = lanes(frequencies().iter().map(|q| q.weight), 0.0);
@@ -232,7 +233,7 @@ impl Pair {
                 let (mean, half) = (0.5 * (own1 + own2), 0.5 * (own1 - own2));
                 let root = (half * half + both * both).sqrt().max(f32x4::splat(1e-9));
                 let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
-                let power = 0.5 * (sum[i] - (half * difference[i] + 2.0 * both * cross[i]) / root);
+                let power = hidden + 0.5 * (sum[i] - (half * difference[i] + 2.0 * both * cross[i]) / root);
                 let left = 2.0 * ratio * signal[i];
                 for (likelihood, unlike) in likelihoods.iter_mut().zip(&unlike) {
                     let variance = unlike[i] + left;
