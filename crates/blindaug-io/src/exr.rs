@@ -108,6 +108,7 @@ pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
     };
     let p = file.read(&rgb)?;
     let (width, height) = p[0].size();
+    mostly_numbers(path, p.iter().flat_map(|plane| plane.data().iter().copied()))?;
     Ok(Linear(Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(p[c].at(x, y))))))
 }
 
@@ -134,6 +135,19 @@ pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
 /// 1/Z, NaN where Z means that there is nothing.
 pub(crate) fn inverse_of_metric(z: f32) -> f32 {
     if z > 0.0 && z < FARTHEST { 1.0 / z } else { f32::NAN }
+}
+
+/// Fails if most of a picture's values are none: the few that a renderer leaves become 0.
+pub(crate) fn mostly_numbers(path: &Path, values: impl Iterator<Item = f32>) -> Result<()> {
+    let (mut missing, mut all) = (0usize, 0usize);
+    for v in values {
+        missing += usize::from(v.is_nan());
+        all += 1;
+    }
+    if 2 * missing > all {
+        return Err(Error::new(path, "most of its values are not numbers (NaN): export it again"));
+    }
+    Ok(())
 }
 
 /// A light value without the negative and invalid ones.

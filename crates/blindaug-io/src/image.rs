@@ -155,7 +155,12 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
     let (width, height) = (image.width() as usize, image.height() as usize);
     // Float images may hold anything; integer ones lie in [0, 1] already.
     let finite = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
-    let data = image.into_rgb32f().pixels().map(|p| p.0.map(finite)).collect();
+    let float = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
+    let image = image.into_rgb32f();
+    if float {
+        exr::mostly_numbers(path, image.pixels().flat_map(|p| p.0))?;
+    }
+    let data = image.pixels().map(|p| p.0.map(finite)).collect();
     Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
 }
 

@@ -218,6 +218,21 @@ fn exr_depth_that_is_zero_negative_infinite_or_nan() {
 }
 
 #[test]
+fn a_few_values_that_are_no_numbers_are_black_and_many_are_an_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("plate.exr");
+    let of = |missing: usize| {
+        let plane = Plane::from_fn(5, 2, |x, y| if 5 * y + x < missing { f32::NAN } else { 0.5 });
+        write_channels(&path, (5, 2), (0, 0), &["B", "G", "R"].map(|c| (c, plane.clone())));
+        read_linear(&path)
+    };
+    let few = of(5).unwrap();
+    assert!(few.0.data()[..5].iter().all(|v| *v == [0.0; 3]) && few.0.at(0, 1) == [0.5; 3]);
+    let error = of(6).unwrap_err().to_string();
+    assert!(error.contains("plate.exr") && error.contains("NaN"), "{error}");
+}
+
+#[test]
 fn blender_s_names_and_data_windows() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("0001.exr");

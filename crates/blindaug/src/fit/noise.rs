@@ -102,6 +102,8 @@ pub struct NoiseEvidence {
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// Histogram of the brightest channel's 8-bit value.
     brightest: Box<[u64; 256]>,
+    /// Whether there is more than grey.
+    coloured: bool,
 }
 
 /// Side of the blocks that video coders copy, px.
@@ -126,7 +128,13 @@ fn copied_blocks(frame: &Encoded, next: &Encoded, rows: Range<usize>) -> Raster<
 impl NoiseEvidence {
     /// No evidence yet; `method` is [`Method::Temporal`], [`Method::Spatial`] or [`Method::Removal`].
     pub fn new(method: Method) -> Self {
-        Self { method, windowed: false, levels: Default::default(), brightest: Box::new([0; 256]) }
+        Self {
+            method,
+            windowed: false,
+            levels: Default::default(),
+            brightest: Box::new([0; 256]),
+            coloured: false,
+        }
     }
 
     /// How many local variances there are.
@@ -163,7 +171,7 @@ impl NoiseEvidence {
             return Err(Error::new("the two frames and the flow between them must have one size"));
         }
         let (top, height) = (rows.start, rows.len());
-        self.count_brightest(&frame.0.data()[w * top..w * rows.end]);
+        self.count_colours(&frame.0.data()[w * top..w * rows.end]);
         let inside = |x: f32, y: f32| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
         let target = |x: usize, y: usize| {
             let [u, v] = flow.at(x, top + y);
@@ -196,7 +204,7 @@ impl NoiseEvidence {
 
     /// Adds what one frame alone tells: where it is flat, its bands are noise.
     pub fn add_single(&mut self, frame: &Encoded) {
-        self.count_brightest(frame.0.data());
+        self.count_colours(frame.0.data());
         let residual = frame.0.map(|p| [p[0], p[1], p[2], luma(p)]);
         self.add_blocks(&residual, &frame.0.map(flaw), |_, _, _| 1.0);
     }
@@ -210,15 +218,16 @@ impl NoiseEvidence {
         for (r, p) in residual.data_mut().iter_mut().zip(predicted.0.data()) {
             r[3] = luma(*p);
         }
-        self.count_brightest(frame.0.data());
+        self.count_colours(frame.0.data());
         self.add_blocks(&residual, &frame.0.map(flaw), |_, _, _| 1.0);
         Ok(())
     }
 
-    fn count_brightest(&mut self, pixels: &[[f32; 3]]) {
+    fn count_colours(&mut self, pixels: &[[f32; 3]]) {
         for p in pixels {
             let v = p[0].max(p[1]).max(p[2]);
             self.brightest[(v * 255.0 + 0.5).clamp(0.0, 255.0) as usize] += 1;
+            self.coloured |= v - p[0].min(p[1]).min(p[2]) > 0.5 / 255.0;
         }
     }
 
@@ -290,7 +299,7 @@ impl NoiseEvidence {
     pub fn add_denoised(&mut self, frame: &Encoded, denoised: &Encoded) -> Result<()> {
         let (w, h) = frame.0.size();
         let residual = residual(frame, denoised)?;
-        self.count_brightest(frame.0.data());
+        self.count_colours(frame.0.data());
         self.windowed = true;
         let (bands, _) = pyramid::laplacian(&residual, NOISE_LEVELS);
         let mut y = denoised.luma();
@@ -332,6 +341,7 @@ impl NoiseEvidence {
     /// Adds what another collection of the same method holds.
     pub fn merge(&mut self, other: &Self) {
         self.windowed |= other.windowed;
+        self.coloured |= other.coloured;
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
             a.extend_from_slice(b);
         }
@@ -404,9 +414,9 @@ impl NoiseEvidence {
             samples: self.len() as u64,
         };
         let coding_error = match self.method {
-            Method::Temporal => coding_error(&finest, most_common),
-            // The structure that is left is common to all channels.
-            Method::Spatial => coding_error(&finest, [0.0; 3]),
+            Method::Temporal if self.coloured => coding_error(&finest, most_common),
+            // What is left of structure is common to all channels, and in grey footage all is.
+            Method::Temporal | Method::Spatial => coding_error(&finest, [0.0; 3]),
             // A coder's errors are part of what differs from the clean frame.
             _ => 0.0,
         };
@@ -504,13 +514,13 @@ fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
     const SURVIVING: Range<f32> = 0.0008..0.0025;
     /// In the dark a sensor has less, too.
     const DARK: f32 = 0.25;
-    /// More than channels have in common by chance, and less than all, as in grey footage, which says nothing.
-    const IN_COMMON: Range<f32> = 0.3..0.98;
+    /// More than channels have in common by chance.
+    const IN_COMMON: f32 = 0.3;
     let squares = LUMA.map(|w| w * w);
     let total: f32 = squares.iter().sum();
     // Of red and blue, beyond what they are of luma: green is most of it anyway.
     let beyond = |c: usize| (common[c] - squares[c] / total) / (1.0 - squares[c] / total);
-    if IN_COMMON.contains(&beyond(0).min(beyond(2))) {
+    if beyond(0).min(beyond(2)) > IN_COMMON {
         return MAX_CODING_ERROR;
     }
     let least = |lit: bool| {
