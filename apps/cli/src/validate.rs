@@ -12,7 +12,7 @@ use crate::networks::Networks;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Transfer};
-use blindaug_io::{write_atomically, write_png};
+use blindaug_io::{FrameRange, FrameSource, VideoWriter, write_atomically, write_png};
 use camera::{Camera, Setting};
 use clips::{Condition, Fidelity};
 use measure::{Footage, Given, Measured, NoiseTruth, Truth, measure};
@@ -35,14 +35,18 @@ pub struct Validate {
     /// Frames of each scene
     #[arg(long, value_name = "N", default_value = "25", value_parser = clap::value_parser!(u64).range(1..=1000))]
     frames: u64,
+    /// Also what physics films as video, coded with H.264 at this constant rate factor (0 to 51; 18 is good, 28 is bad); may be repeated.
+    /// Needs the ffmpeg program; takes a third as long again for each
+    #[arg(long, value_name = "CRF", value_parser = clap::value_parser!(u8).range(0..=51))]
+    coded: Vec<u8>,
     /// Also rendered clips: a folder with a folder per clip, each with truth.json
     #[arg(long, value_name = "DIR")]
     clips: Option<PathBuf>,
     /// Only noise, of this real clip of a camera that stood still: beside the median over time
-    #[arg(long, value_name = "CLIP", conflicts_with_all = ["scenes", "frames", "clips", "quick"])]
+    #[arg(long, value_name = "CLIP", conflicts_with_all = ["scenes", "frames", "coded", "clips", "quick"])]
     still: Option<PathBuf>,
     /// Only the clips, no scenes
-    #[arg(long, requires = "clips")]
+    #[arg(long, requires = "clips", conflicts_with = "coded")]
     only_clips: bool,
     /// A network that removes noise or blur, for the rows "by networks": a name of `blindaug models list`, or a manifest; may be
     /// repeated. `none`: leave these rows out [default: the built-in ones]
@@ -83,6 +87,9 @@ struct Case {
     name: String,
     experiment: Experiment,
     camera: Option<Camera>,
+    /// Constant rate factor of the video that the frames become before they are looked at.
+    #[serde(default)]
+    coded: Option<u8>,
     scene: u64,
     frames: u64,
     size: (usize, usize),
@@ -201,8 +208,14 @@ fn own_cases(args: &Validate) -> Vec<Case> {
     }
     let mut cases = vec![];
     for scene in 1..=scenes {
-        for camera in [Camera::Synthesis, Camera::Physics] {
+        let cameras = [(Camera::Synthesis, None), (Camera::Physics, None)];
+        let coded = args.coded.iter().map(|&crf| (Camera::Physics, Some(crf)));
+        for (camera, coded) in cameras.into_iter().chain(coded) {
             for (experiment, i, setting) in &settings {
+                // A coder takes the noise away.
+                if coded.is_some() && *experiment == Experiment::Noise {
+                    continue;
+                }
                 let what = match experiment {
                     Experiment::MotionBlur => "motion-blur",
                     Experiment::Defocus => "defocus",
@@ -211,9 +224,13 @@ fn own_cases(args: &Validate) -> Vec<Case> {
                 };
                 let by = if camera == Camera::Physics { "physics" } else { "synthesis" };
                 cases.push(Case {
-                    name: format!("scene{scene}-{by}-{what}-{}", i + 1),
+                    name: match coded {
+                        Some(crf) => format!("scene{scene}-{by}-crf{crf}-{what}-{}", i + 1),
+                        None => format!("scene{scene}-{by}-{what}-{}", i + 1),
+                    },
                     experiment: *experiment,
                     camera: Some(camera),
+                    coded,
                     scene,
                     frames,
                     size,
@@ -231,6 +248,7 @@ fn clip_case(condition: &Condition, networks: &[String]) -> Case {
         name: format!("clip-{}", condition.title().replace(' ', "-")),
         experiment: Experiment::Clip,
         camera: None,
+        coded: None,
         scene: 0,
         frames: 0,
         size: (0, 0),
@@ -284,16 +302,36 @@ fn measure_own(
         truth.add(&filmed.frame, &filmed.without_noise);
         footage.frames.push(filmed.frame);
     }
+    if let Some(crf) = case.coded {
+        footage.frames = coded(&footage.frames, crf, &pictures.join(format!("{}.mp4", case.name)))?;
+        // What the sensor's was is not what is left of it.
+        footage.noise = None;
+    }
     let mut measured = vec![];
     for given in Given::with(networks) {
+        if case.coded.is_some() && ![Given::DepthAndFlow, Given::Depth, Given::Nothing].contains(&given) {
+            continue;
+        }
         let (m, estimation) = measure(footage, given, networks).map_err(|e| failure(pictures, e))?;
         measured.push(m);
         // For the page: what is seen of the first scene when depth is given.
-        if given == Given::Depth && case.scene == 1 && case.experiment == Experiment::All {
+        let shown = case.scene == 1 && case.experiment == Experiment::All && case.coded.is_none();
+        if given == Given::Depth && shown {
             write_pictures(case, footage, &estimation, pictures)?;
         }
     }
     Ok(Outcome { case: case.clone(), truth: footage.truth, measured, fidelity: None })
+}
+
+/// The frames as they are after H.264, whose video stays at `path`.
+fn coded(frames: &[Encoded], crf: u8, path: &Path) -> Result<Vec<Encoded>> {
+    const FPS: f64 = 25.0;
+    let Some(first) = frames.first() else { return Ok(vec![]) };
+    let mut video = VideoWriter::create_coarse(path, first.0.size(), FPS, crf)?;
+    frames.iter().try_for_each(|f| video.write(f))?;
+    video.finish()?;
+    let source = FrameSource::open(path, FrameRange::default())?;
+    source.frames().map(|f| Ok(f?.image)).collect()
 }
 
 /// The frame, the clean frame as the estimated camera would film it, and their difference.

@@ -406,10 +406,27 @@ impl VideoWriter {
     /// # Errors
     /// If there is no ffmpeg program, or the frame rate is no positive number.
     pub fn create(path: impl AsRef<Path>, size: (usize, usize), fps: f64) -> Result<Self> {
-        Self::create_with(find(), path.as_ref(), size, fps)
+        Self::create_with(find(), path.as_ref(), size, fps, Self::CRF)
     }
 
-    fn create_with(program: Option<OsString>, path: &Path, size: (usize, usize), fps: f64) -> Result<Self> {
+    /// The same at another quality: x264's constant rate factor, 0 (nothing is lost) to 51 (the worst), 12 if not given.
+    ///
+    /// # Errors
+    /// As [`VideoWriter::create`].
+    pub fn create_coarse(path: impl AsRef<Path>, size: (usize, usize), fps: f64, crf: u8) -> Result<Self> {
+        Self::create_with(find(), path.as_ref(), size, fps, crf)
+    }
+
+    /// Hardly a difference can be seen.
+    const CRF: u8 = 12;
+
+    fn create_with(
+        program: Option<OsString>,
+        path: &Path,
+        size: (usize, usize),
+        fps: f64,
+        crf: u8,
+    ) -> Result<Self> {
         if !(fps.is_finite() && fps > 0.0) {
             return Err(Error::new(path, format!("a video needs a positive frame rate, not {fps}")));
         }
@@ -436,7 +453,7 @@ impl VideoWriter {
                 "-vf",
                 "scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix=bt709",
             ])
-            .args(["-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p", "-color_range", "tv"])
+            .args(["-c:v", "libx264", "-crf", &crf.to_string(), "-pix_fmt", "yuv420p", "-color_range", "tv"])
             .args(["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"])
             .args(["-movflags", "+faststart"])
             .arg(file_url(file.path()))
@@ -535,7 +552,8 @@ mod tests {
                 Command::new("sh").args(["-c".as_ref(), script.as_ref(), program.as_os_str()]).status();
             assert!(made.unwrap().success());
             let path = dir.path().join(name);
-            let mut writer = VideoWriter::create_with(Some(program.into()), &path, (SIZE, SIZE), 25.0)?;
+            let mut writer =
+                VideoWriter::create_with(Some(program.into()), &path, (SIZE, SIZE), 25.0, VideoWriter::CRF)?;
             let value = |x, y| ((x * 73_856_093) ^ (y * 19_349_663)) as f32 % 251.0 / 251.0;
             let frame = blindaug::Raster::from_fn(SIZE, SIZE, |x: usize, y: usize| [value(x, y); 3]);
             (0..4).try_for_each(|_| writer.write(&Encoded(frame.clone())))?;
@@ -587,7 +605,10 @@ mod tests {
     fn a_video_cannot_be_written_without_ffmpeg() {
         let create = |program: Option<&str>, fps| {
             let path = std::env::temp_dir().join("blindaug_not_written.mp4");
-            VideoWriter::create_with(program.map(Into::into), &path, (4, 4), fps).err().unwrap().to_string()
+            VideoWriter::create_with(program.map(Into::into), &path, (4, 4), fps, VideoWriter::CRF)
+                .err()
+                .unwrap()
+                .to_string()
         };
         assert!(create(None, 25.0).contains("give a folder as output, or install ffmpeg"));
         assert!(create(Some("/no/such/program"), 25.0).contains("cannot be started"));

@@ -6,7 +6,7 @@ use super::{Experiment, Outcome, Summary, mean, worst};
 use crate::report::{PlotError, page_with, plots};
 use blindaug_io::{Result, read_frame, write_atomically};
 use maud::{Markup, html};
-use std::{fmt::Write, path::Path};
+use std::{collections::BTreeSet, fmt::Write, path::Path};
 
 /// Cells of a row.
 type Row = Vec<String>;
@@ -31,17 +31,20 @@ fn number(v: Option<f32>, digits: usize) -> String {
 }
 
 fn rows(outcomes: &[Outcome]) -> Vec<Row> {
+    let coded: BTreeSet<u8> = outcomes.iter().filter_map(|o| o.case.coded).collect();
+    let coded =
+        coded.into_iter().map(|c| (format!("physics, H.264 crf {c}"), Some(Camera::Physics), Some(c)));
     let groups = [
-        ("synthesis", Some(Camera::Synthesis)),
-        ("physics", Some(Camera::Physics)),
-        ("rendered clips", None),
+        ("synthesis".to_owned(), Some(Camera::Synthesis), None),
+        ("physics".to_owned(), Some(Camera::Physics), None),
     ];
+    let clips = ("rendered clips".to_owned(), None, None);
     let mut rows = vec![];
-    for (name, camera) in groups {
+    for (name, camera, coded) in groups.into_iter().chain(coded).chain([clips]) {
         for given in Given::ALL {
             let of = outcomes
                 .iter()
-                .filter(|o| o.case.camera == camera)
+                .filter(|o| o.case.camera == camera && o.case.coded == coded)
                 .flat_map(|o| o.measured.iter().filter(|m| m.given == given).map(move |m| (o, m)));
             if of.clone().next().is_none() {
                 continue;
@@ -55,7 +58,7 @@ fn rows(outcomes: &[Outcome]) -> Vec<Row> {
             let covered: Vec<String> =
                 s.covered.iter().map(|(what, (n, of))| format!("{what} {n}/{of}")).collect();
             rows.push(vec![
-                name.into(),
+                name.clone(),
                 given.words().into(),
                 format!("{} ({})", number(mean(&s.exposure), 3), number(worst(&s.exposure), 2)),
                 number(mean(&s.exposure_where_none), 3),
@@ -79,7 +82,7 @@ fn rows(outcomes: &[Outcome]) -> Vec<Row> {
 
 /// Frames together against the typical single frame: mean errors of lambda.
 fn against_single(outcomes: &[Outcome]) -> Option<[f32; 2]> {
-    let blind = |o: &&Outcome| o.case.experiment != Experiment::Clip;
+    let blind = |o: &&Outcome| o.case.experiment != Experiment::Clip && o.case.coded.is_none();
     let s = Summary::of(
         outcomes
             .iter()
@@ -162,6 +165,8 @@ pub fn write(path: &Path, outcomes: &[Outcome], pictures: &Path) -> Result<()> {
 fn page(outcomes: &[Outcome], pictures: &Path) -> std::result::Result<Markup, PlotError> {
     let frames: u64 = outcomes.iter().map(|o| o.case.frames).max().unwrap_or(0);
     let scenes = outcomes.iter().map(|o| o.case.scene).max().unwrap_or(0);
+    // The plots are of what no coder has been at.
+    let plain: Vec<Outcome> = outcomes.iter().filter(|o| o.case.coded.is_none()).cloned().collect();
     let about = format!("{} cases · {scenes} scenes of {frames} frames", outcomes.len());
     let body = html! {
         section {
@@ -187,22 +192,22 @@ fn page(outcomes: &[Outcome], pictures: &Path) -> std::result::Result<Markup, Pl
         section {
             h2 { "Exposure: true and recovered" }
             div.row {
-                @for (title, plot) in exposure_plots(outcomes)? { figure { (plot) figcaption { (title) } } }
+                @for (title, plot) in exposure_plots(&plain)? { figure { (plot) figcaption { (title) } } }
             }
         }
         section {
             h2 { "Defocus over inverse depth: true (black) and recovered" }
             div.row {
-                @for (title, plot) in lens_plots(outcomes)? { figure { (plot) figcaption { (title) } } }
+                @for (title, plot) in lens_plots(&plain)? { figure { (plot) figcaption { (title) } } }
             }
         }
         section {
             h2 { "Noise: error of the std over the strength of the noise" }
-            @if let Some(plot) = noise_plot(outcomes)? {
+            @if let Some(plot) = noise_plot(&plain)? {
                 figure { (plot) figcaption { "Each point is a case: median over levels, channels and luminances; nothing given but the frames." } }
             }
         }
-        (picture_section(outcomes, pictures))
+        (picture_section(&plain, pictures))
     };
     Ok(page_with(
         "Validation",
