@@ -1,6 +1,6 @@
 //! Known answers of the estimators on synthetic frames.
 
-use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
+use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options, spectral};
 use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Plane, Raster, filter};
@@ -218,20 +218,41 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
     assert_eq!(filmed(0.0), None);
 }
 
+/// So many tiles of all parts of the image that agree on an exposure: at most so many nats each.
+fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureWitness> {
+    let objection = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
+    let objections: Vec<f32> = (0..spectral::EXPOSURES).map(objection).collect();
+    let witness = |i: u32| spectral::ExposureWitness {
+        block: i % 25,
+        frame: 0,
+        speed: 20.0,
+        objections: objections.clone(),
+    };
+    (0..tiles).map(witness).collect()
+}
+
 #[test]
 fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
-    use blindaug::fit::spectral::{EXPOSURES, ExposureWitness, exposure_of};
     // As sure as it gets, of 1.1 or of 0.4.
-    let of = |exposure: f32| {
-        let objection = |i: usize| -8.0 * (0.005 * i as f32 - exposure).abs().min(1.0);
-        let objections: Vec<f32> = (0..EXPOSURES).map(objection).collect();
-        let witness =
-            |i: u32| ExposureWitness { block: i % 25, frame: 0, speed: 20.0, objections: objections.clone() };
-        exposure_of(&(0..400).map(witness).collect::<Vec<_>>(), 1, 0.0).unwrap()
-    };
+    let of = |exposure: f32| spectral::exposure_of(&agreeing_tiles(400, exposure, 8.0), 1, 0.0).unwrap();
     let fit = of(1.1);
     let [low, high] = fit.interval;
     assert!(fit.exposure.0 == 1.0 && (0.9..0.96).contains(&low) && high == 1.0, "{low} {high}");
     let fit = of(0.4);
     assert!((fit.exposure.0 - 0.4).abs() < 0.01 && fit.interval[0] < 0.4 && fit.interval[1] > 0.4);
+}
+
+#[test]
+fn tiles_that_agree_but_hardly_object_to_anything_else_tell_no_exposure() {
+    // All replicas of a bootstrap are alike.
+    let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.0).unwrap_err();
+    assert!(why.starts_with("too little in the frames moves, or what moves has too little texture"), "{why}");
+    let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.03).unwrap_err();
+    assert!(why.contains("compression"), "{why}");
+    let width = |tiles: u32| {
+        let [low, high] = spectral::exposure_of(&agreeing_tiles(tiles, 0.5, 8.0), 1, 0.0).unwrap().interval;
+        high - low
+    };
+    let (few, many) = (width(7), width(700));
+    assert!(few > 0.25 && many < 0.12, "{few} {many}");
 }

@@ -586,7 +586,7 @@ impl Estimator {
             method: Method::Removal,
             samples: fits.iter().map(|(_, e)| e.samples as u64).sum(),
         };
-        (interval[1] - interval[0] <= 0.7)
+        (interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY)
             .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
     }
 

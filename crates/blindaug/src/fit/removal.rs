@@ -475,12 +475,12 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
         .zip(&curves)
         .map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone()))
         .collect();
-    let [low, high] = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS, 0.0);
+    let [low, high] = spectral::bootstrapped_exposure(estimate, &parts, BOOTSTRAPS, spectral::EXPOSURE_FLOOR);
     // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
     let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
     alone.sort_by(f32::total_cmp);
     let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
-    if high - low > 0.7 {
+    if high - low > spectral::MAX_UNCERTAINTY {
         return Err(format!(
             "too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit"
         ));

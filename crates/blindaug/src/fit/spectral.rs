@@ -18,9 +18,9 @@
 
 mod pairs;
 
-use super::BlurPoint;
 use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, MAX_CODING_ERROR, NoiseLine};
+use super::{BlurPoint, NOTABLE_CODING_ERROR};
 use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
@@ -71,6 +71,8 @@ const TEMPER: f32 = 0.15;
 /// tiles that hardly see any motion blur would all err to the same side.
 pub(super) const CLIP: f32 = 8.0;
 const TOLERANCE: f32 = 1.0;
+/// An exposure whose interval is wider is unknown.
+pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
 /// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
 /// cos 4 theta, theta from the motion.
 const DIRECTION: [f32; 2] = [1.0, 1.0];
@@ -85,7 +87,7 @@ const STREAK_ERROR: f32 = 0.4;
 /// Streaks of this length, px, cannot be told from none at all.
 const HIDDEN_STREAK: f32 = 1.2;
 /// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
-const EXPOSURE_FLOOR: f32 = 0.025;
+pub(super) const EXPOSURE_FLOOR: f32 = 0.025;
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 /// The same of lambda where a coder's errors are as large as they may be.
 const CODING_FLOOR: f32 = 0.05;
@@ -972,12 +974,12 @@ pub(super) fn most_likely_exposure(curve: &[f32]) -> f32 {
     (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b])).unwrap_or(0) as f32 * EXPOSURE_STEP
 }
 
-/// The 95 % interval of an exposure, from the curves of (block of the image, part of the clip) and [`LumaNoise::coding_error`].
-pub(super) fn exposure_interval(
+/// The 95 % interval of an exposure by the bootstrap alone, from the curves of (block of the image, part of the clip) and a floor (std).
+pub(super) fn bootstrapped_exposure(
     estimate: f32,
     parts: &[(u32, usize, Vec<f32>)],
     bootstraps: usize,
-    coding_error: f32,
+    floor: f32,
 ) -> [f32; 2] {
     let replica = |r: usize| {
         let mut sum = vec![0.0f32; EXPOSURES];
@@ -987,11 +989,47 @@ pub(super) fn exposure_interval(
         }
         most_likely_exposure(&sum)
     };
-    // No shutter is open for longer than a frame: what seems to be is as far below that as it may be below what it seems.
-    let beyond = (estimate - 1.0).max(0.0);
     let replicas: Vec<f32> = (0..bootstraps).map(replica).collect();
+    within_a_frame(estimate, interval(estimate, &replicas, floor))
+}
+
+/// No shutter is open for longer than a frame: what seems to be is as far below that as it may be below what it seems.
+fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
+    let beyond = (estimate - 1.0).max(0.0);
+    interval.map(|v| (v - beyond).clamp(0.0, 1.0))
+}
+
+/// The 95 % interval of an exposure from the same, [`LumaNoise::coding_error`], and the [`typical_speed`] of the witnesses. It also holds
+/// exposures to which all of these together object by less than one of them may, and those of streaks that their texture hides.
+pub(super) fn exposure_interval(
+    estimate: f32,
+    parts: &[(u32, usize, Vec<f32>)],
+    bootstraps: usize,
+    coding_error: f32,
+    speed: f32,
+) -> [f32; 2] {
     let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
-    interval(estimate, &replicas, floor).map(|v| (v - beyond).clamp(0.0, 1.0))
+    let [low, high] = bootstrapped_exposure(estimate, parts, bootstraps, floor);
+    let mut sum = vec![0.0f32; EXPOSURES];
+    for (.., curve) in parts {
+        sum.iter_mut().zip(curve).for_each(|(s, v)| *s += v);
+    }
+    let least = sum.iter().copied().fold(f32::MIN, f32::max) - CLIP;
+    let likely = || (0..EXPOSURES).filter(|&i| sum[i] >= least).map(|i| i as f32 * EXPOSURE_STEP);
+    let [lowest, highest] =
+        within_a_frame(estimate, [likely().fold(f32::MAX, f32::min), likely().fold(0.0, f32::max)]);
+    [with_hidden_streak(low.min(lowest), speed), high.max(highest)]
+}
+
+/// A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them: the least exposure that
+/// such a one may be.
+fn with_hidden_streak(exposure: f32, speed: f32) -> f32 {
+    (exposure * exposure - (HIDDEN_STREAK / speed).powi(2)).max(0.0).sqrt()
+}
+
+/// Of the sum of the witnesses' [`ExposureWitness::speed`] and of that of its squares: fast ones tell more.
+pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
+    squares / sum
 }
 
 /// What a tile, or a pair of them, says of the exposure.
@@ -1078,19 +1116,19 @@ pub fn exposure_of(
         .filter(|&f| witnesses.iter().filter(|w| w.frame == f).count() >= 6)
         .map(|f| (f, best(&summed(&|w| w.frame == f)).min(1.0)))
         .collect();
+    let over_speeds = |f: &dyn Fn(f32) -> f32| witnesses.iter().map(|w| f(w.speed)).sum::<f32>();
+    let speed = typical_speed(over_speeds(&|v| v), over_speeds(&|v| v * v));
+    let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS, coding_error, speed);
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
-    let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS, coding_error);
     let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
-    // A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them.
-    let speed = witnesses.iter().map(|w| w.speed.powi(2)).sum::<f32>()
-        / witnesses.iter().map(|w| w.speed).sum::<f32>();
-    let hidden = |low: f32| (low * low - (HIDDEN_STREAK / speed).powi(2)).max(0.0).sqrt();
-    let interval = [hidden(low.min(low_frame)), high.max(high_frame)];
-    if interval[1] - interval[0] > 0.7 {
-        let why = if high - low > 0.7 {
-            "too little in the frames moves to tell"
-        } else {
+    let interval = [low.min(with_hidden_streak(low_frame, speed)), high.max(high_frame)];
+    if interval[1] - interval[0] > MAX_UNCERTAINTY {
+        let why = if high - low <= MAX_UNCERTAINTY {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"
+        } else if coding_error >= NOTABLE_CODING_ERROR {
+            "too little in the frames moves, or too little of it stands out of what compression has taken, to tell"
+        } else {
+            "too little in the frames moves, or what moves has too little texture, to tell"
         };
         return Err(format!("{why}: exposures from {:.2} to {:.2} all fit", interval[0], interval[1]));
     }

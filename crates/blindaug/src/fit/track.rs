@@ -133,7 +133,7 @@ impl Tracker {
             parallax: ParallaxTracker::new().near_the_last(),
             noise: NoiseMemory::default(),
             luma_noise: Default::default(),
-            exposure: Memory::new(spectral::BLOCK_COUNT * (spectral::EXPOSURES + 1), KEPT_EXPOSURE),
+            exposure: Memory::new(CURVES + 3, KEPT_EXPOSURE),
             lens: Memory::new(spectral::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
             depth_kind: None,
             known: Known::default(),
@@ -416,11 +416,11 @@ impl Tracker {
         memory.fade();
         if !found.is_empty() {
             let mut evidence = vec![0.0; memory.old.len()];
-            let (curves, counts) = evidence.split_at_mut(CURVES);
+            let (curves, moments) = evidence.split_at_mut(CURVES);
             for w in found {
                 let at = w.block as usize * EXPOSURES;
                 curves[at..at + EXPOSURES].iter_mut().zip(&w.objections).for_each(|(s, v)| *s += v);
-                counts[w.block as usize] += 1.0;
+                moments.iter_mut().zip([1.0, w.speed, w.speed * w.speed]).for_each(|(s, v)| *s += v);
             }
             memory.add(evidence);
             if exposure_changed(memory) {
@@ -430,17 +430,17 @@ impl Tracker {
                 self.lens.forget_recent();
             }
             let sum = memory.sum();
-            let (curves, counts) = sum.split_at(CURVES);
-            let tiles: f32 = counts.iter().sum();
+            let (curves, moments) = sum.split_at(CURVES);
+            let (tiles, speed) = (moments[0], spectral::typical_speed(moments[1], moments[2]));
             let estimate = mean_exposure(&curve_of(&sum), memory.weight);
             let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
                 .zip(curves.chunks(EXPOSURES))
                 .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
                 .map(|(block, c)| (block, 0, c.to_vec()))
                 .collect();
-            let interval =
-                spectral::exposure_interval(estimate, &parts, BOOTSTRAPS, self.luma_noise.coding_error);
-            if tiles >= 6.0 && interval[1] - interval[0] <= 0.7 {
+            let coding_error = self.luma_noise.coding_error;
+            let interval = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS, coding_error, speed);
+            if tiles >= 6.0 && interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY {
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
                     interval,
@@ -605,7 +605,7 @@ impl Memory {
 }
 
 const EXPOSURES: usize = spectral::EXPOSURES;
-/// The exposure's evidence: a curve for each block, and then the number of tiles of each.
+/// The exposure's evidence: a curve for each block, and then how many tiles there are, and the sums of their speeds and of those's squares.
 const CURVES: usize = spectral::BLOCK_COUNT * EXPOSURES;
 
 /// The sum over the blocks.
@@ -633,7 +633,7 @@ fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
 
 /// Whether the last frames agree on another exposure than the frames before them.
 fn exposure_changed(memory: &Memory) -> bool {
-    if memory.recent.len() < AGREEING || memory.old[CURVES..].iter().sum::<f32>() < 6.0 {
+    if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
         return false;
     }
     let at = |v: f32| (v / spectral::EXPOSURE_STEP).round() as usize;

@@ -201,6 +201,7 @@ impl Pair {
         let column = |v: &[f32]| lanes(v.iter().copied(), 0.0);
         let (sum, difference, cross) = (column(&self.sum), column(&self.difference), column(&self.cross));
         let weight = lanes(frequencies().iter().map(|q| q.weight), 0.0);
+        // After a coder only what stands out of what is hidden: what is weaker was predicted from the other frame.
         let signal = lanes(self.expected.iter().zip(noise).map(|(p, n)| (p - n).max(0.0)), 0.0);
         let unlike = MISMATCHES.map(|shift| {
             let of = |((q, p), n): ((&super::Frequency, &f32), &f32)| {
