@@ -256,3 +256,17 @@ fn tiles_that_agree_but_hardly_object_to_anything_else_tell_no_exposure() {
     let (few, many) = (width(7), width(700));
     assert!(few > 0.25 && many < 0.12, "{few} {many}");
 }
+
+#[test]
+fn what_texture_hides_of_slow_streaks_is_allowed_for_once_in_clips_of_any_length() {
+    let of = |frames: usize| {
+        let slow = agreeing_tiles(400, 0.5, 8.0).into_iter().enumerate();
+        let slow: Vec<_> =
+            slow.map(|(i, w)| spectral::ExposureWitness { frame: i % frames, speed: 4.0, ..w }).collect();
+        spectral::exposure_of(&slow, frames, 0.0).unwrap().interval
+    };
+    // 0.45, less a streak of 1.2 px.
+    let [low, high] = of(1);
+    assert!((low - 0.335).abs() < 0.02 && (high - 0.55).abs() < 0.02, "{low} {high}");
+    assert!((of(20)[0] - low).abs() < 0.02, "{low} {:?}", of(20));
+}

@@ -999,10 +999,11 @@ fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
     interval.map(|v| (v - beyond).clamp(0.0, 1.0))
 }
 
-/// The 95 % interval of an exposure from the same, [`LumaNoise::coding_error`], and the [`typical_speed`] of the witnesses. It also holds
+/// The 95 % interval of an exposure from the same curves, their sum, [`LumaNoise::coding_error`], and the [`typical_speed`] of the witnesses. It also holds
 /// exposures to which all of these together object by less than one of them may, and those of streaks that their texture hides.
 pub(super) fn exposure_interval(
     estimate: f32,
+    sum: &[f32],
     parts: &[(u32, usize, Vec<f32>)],
     bootstraps: usize,
     coding_error: f32,
@@ -1010,10 +1011,6 @@ pub(super) fn exposure_interval(
 ) -> [f32; 2] {
     let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
     let [low, high] = bootstrapped_exposure(estimate, parts, bootstraps, floor);
-    let mut sum = vec![0.0f32; EXPOSURES];
-    for (.., curve) in parts {
-        sum.iter_mut().zip(curve).for_each(|(s, v)| *s += v);
-    }
     let least = sum.iter().copied().fold(f32::MIN, f32::max) - CLIP;
     let likely = || (0..EXPOSURES).filter(|&i| sum[i] >= least).map(|i| i as f32 * EXPOSURE_STEP);
     let [lowest, highest] =
@@ -1118,10 +1115,10 @@ pub fn exposure_of(
         .collect();
     let over_speeds = |f: &dyn Fn(f32) -> f32| witnesses.iter().map(|w| f(w.speed)).sum::<f32>();
     let speed = typical_speed(over_speeds(&|v| v), over_speeds(&|v| v * v));
-    let [low, high] = exposure_interval(estimate, &parts, BOOTSTRAPS, coding_error, speed);
+    let [low, high] = exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed);
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
-    let [low_frame, high_frame] = interval_of_median(per_frame.iter().map(|f| f.1)).unwrap_or([low, high]);
-    let interval = [low.min(with_hidden_streak(low_frame, speed)), high.max(high_frame)];
+    let interval = interval_of_median(per_frame.iter().map(|f| f.1))
+        .map_or([low, high], |[l, h]| [low.min(with_hidden_streak(l, speed)), high.max(h)]);
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
         let why = if high - low <= MAX_UNCERTAINTY {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"

@@ -432,14 +432,16 @@ impl Tracker {
             let sum = memory.sum();
             let (curves, moments) = sum.split_at(CURVES);
             let (tiles, speed) = (moments[0], spectral::typical_speed(moments[1], moments[2]));
-            let estimate = mean_exposure(&curve_of(&sum), memory.weight);
+            let curve = curve_of(&sum);
+            let estimate = mean_exposure(&curve, memory.weight);
             let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
                 .zip(curves.chunks(EXPOSURES))
                 .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
                 .map(|(block, c)| (block, 0, c.to_vec()))
                 .collect();
             let coding_error = self.luma_noise.coding_error;
-            let interval = spectral::exposure_interval(estimate, &parts, BOOTSTRAPS, coding_error, speed);
+            let interval =
+                spectral::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
             if tiles >= 6.0 && interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY {
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
