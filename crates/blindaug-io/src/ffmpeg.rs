@@ -109,12 +109,18 @@ impl Ffmpeg {
             .args((!self.is_camera).then_some("-xerror"))
             .args(&self.input)
             .args(["-map", "0:v:0"]);
-        if self.pixels.converted {
-            command.args(["-vf", "scale=flags=accurate_rnd:out_color_matrix=bt709:out_range=full"]);
-        }
+        let pixels = &self.pixels.name;
+        // Converted once, here: `-s` beside it would convert a second time, and to other ranges.
+        let to_size = if self.pixels.converted {
+            let scale = "flags=accurate_rnd:out_color_matrix=bt709:out_range=full";
+            ["-vf".into(), format!("scale={width}:{height}:{scale},format={pixels}")]
+        } else {
+            ["-s".into(), format!("{width}x{height}")]
+        };
         let mut child = command
+            .args(to_size)
             .args(self.each_frame_once)
-            .args(["-f", "rawvideo", "-pix_fmt", &self.pixels.name, "-s", &format!("{width}x{height}"), "-"])
+            .args(["-f", "rawvideo", "-pix_fmt", pixels, "-"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

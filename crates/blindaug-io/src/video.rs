@@ -289,6 +289,33 @@ mod tests {
         }
     }
 
+    #[test]
+    fn video_that_holds_rgb_keeps_its_colours() {
+        let Some(program) = program() else { return };
+        let dir = tempfile::tempdir().unwrap();
+        for (name, pixels) in [("rgb.mkv", "bgr0"), ("grey.mkv", "gray")] {
+            let clip = encode(dir.path(), name, &["-c:v", "ffv1", "-pix_fmt", pixels, "-frames:v", "3"]);
+            let stills = dir.path().join("%d.png");
+            let run = Command::new(&program)
+                .args(["-nostdin", "-v", "error", "-y", "-i"])
+                .args([clip.as_os_str(), stills.as_os_str()])
+                .status();
+            assert!(run.unwrap().success());
+            let frames = all_frames(&Video::open_with_ffmpeg(&clip, program.clone()).unwrap());
+            let largest = |frame: &Encoded, still: usize| {
+                let still = crate::read_frame(&dir.path().join(format!("{still}.png"))).unwrap();
+                let pairs = frame.0.data().as_flattened().iter().zip(still.0.data().as_flattened());
+                pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+            };
+            for (i, frame) in frames.iter().enumerate() {
+                // ffmpeg's 16 bits of 255 are 65280, not 65535, and its matrix rounds.
+                let error = largest(frame, i + 1);
+                assert!(error < 0.006, "{name} frame {}: {error}", i + 1);
+            }
+            assert!(largest(&frames[0], 3) > 0.1, "{name}: frames of another time are not the same");
+        }
+    }
+
     #[cfg(unix)]
     #[test]
     fn an_older_ffmpeg_will_do() {
