@@ -5,7 +5,7 @@
 //! before. Log-likelihood: `-sum(ln V + P / V)`.
 //!
 //! Motion blur acts along the flow, defocus alike in all directions, and that separates them:
-//! - **lambda**: `S |K_DoF|^2` is any function of the frequency's modulus, one amplitude per ring, profiled out: whatever
+//! - **lambda**: `S |K_DoF|^2` is any function of the frequency's modulus, one amplitude per ring, integrated over: whatever
 //!   is isotropic (the lens, the slope of the scene's spectrum, the pixel's response, sharpening) has no say. It is also any
 //!   smooth function of the direction, the same in all rings, under a prior, so that boards or bars have none either: what
 //!   remains of motion blur is its zeros, which lie at a distance along the motion, not in a direction. Where a surface moves
@@ -67,15 +67,20 @@ const LENS_FLOOR: f32 = 1e-4;
 /// A tile's log-likelihood counts this much: neighbouring frequencies are correlated by the window, neighbouring tiles
 /// by their overlap, and no scene is exactly what the prior says.
 const TEMPER: f32 = 0.15;
-/// At most this much, in nats, a tile may object; to an exposure only by what goes beyond the second number, for many
-/// tiles that hardly see any motion blur would all err to the same side.
+/// At most this much, in nats, a tile may object.
 pub(super) const CLIP: f32 = 8.0;
-const TOLERANCE: f32 = 1.0;
+/// A tile whose strongest objection to an exposure is this, in nats, counts half of what it says, and one that says less counts less: tiles
+/// that hardly see any motion blur may all err to the same side.
+const TELLING: f32 = 24.0;
+/// The window makes so many neighbouring frequencies one: each is a share of the evidence over which a ring's amplitude is integrated.
+const CORRELATED: f32 = 2.25;
+/// Prior precision of the log of that amplitude, in the units of the likelihood before it is tempered.
+const AMPLITUDE_PRECISION: f32 = 1.0;
 /// An exposure whose interval is wider is unknown.
 pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
 /// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
 /// cos 4 theta, theta from the motion.
-const DIRECTION: [f32; 2] = [1.0, 1.0];
+const DIRECTION: [f32; 2] = [1.4, 1.0];
 /// By how much a tile's noise may be off where the exposure is asked for, and where the lens is: the log of its power (std), and noise
 /// that is there unseen (std of luma). A sharp lens leaves little room for noise that is stronger than it was measured.
 const EXPOSURE_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.2, unseen: 0.006 };
@@ -564,7 +569,8 @@ impl<'a> Prepared<'a> {
     }
 
     /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of
-    /// `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n`; amplitudes, c2, c4 and e at their most likely values.
+    /// `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n`; c2, c4 and e at their most likely values, the
+    /// amplitudes integrated over.
     fn over_lambda(&self, step: f32) -> Vec<f32> {
         let shutter = Shutter::new(self.tile);
         let mut scene = RingScene::new(self);
@@ -592,7 +598,9 @@ impl<'a> Prepared<'a> {
         let blurred: Vec<f32> =
             blurred(&likelihood, width / stride as f32).into_iter().map(f32::ln).collect();
         let curve = (0..EXPOSURES).map(|i| interpolate(&blurred, i as f32 / stride as f32));
-        relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect()
+        let curve = relative(curve);
+        let most = -curve.iter().copied().fold(0.0, f32::min);
+        curve.into_iter().map(|v| (v * most / (most + TELLING)).max(-CLIP)).collect()
     }
 
     /// The same over the stds in px of the frame.
@@ -887,7 +895,8 @@ impl RingScene {
     }
 
     /// One step of Fisher scoring in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
-    /// Gives the log-likelihood with the nuisances' prior that the step leads to, if it is quadratic.
+    /// Gives the log-likelihood with the nuisances' prior that the step leads to, if it is quadratic, the amplitudes integrated over
+    /// (Laplace's approximation): where blur drowns a ring in noise its amplitude is free, which maximising over it would not reward.
     fn improve(&mut self, shutter: &[f32x4]) -> f32 {
         let n = self.power.len();
         let (weight, power, noise, shutter) =
@@ -941,14 +950,16 @@ impl RingScene {
         // Far from the solution a whole step may go too far.
         let step = cholesky_solve(information, left).map(|s| s.clamp(-0.7, 0.7));
         let mut gain: f32 = (0..3).map(|k| 0.5 * score[k] * step[k]).sum();
+        let mut log_information = 0.0;
         for (r, amplitude) in self.eliminated.iter().zip(&mut self.amplitudes) {
             let explained: f32 = (0..3).map(|k| r.mixed[k] * step[k]).sum();
             let change = ((r.score - explained) / r.own).clamp(-1.5, 1.5);
             *amplitude += change;
             gain += 0.5 * r.score * change;
+            log_information += (r.own + AMPLITUDE_PRECISION).ln();
         }
         (0..3).for_each(|k| self.nuisances[k] += step[k]);
-        log_likelihood.reduce_add() - prior + gain
+        log_likelihood.reduce_add() - prior + gain - 0.5 * CORRELATED * log_information
     }
 }
 
@@ -999,8 +1010,9 @@ fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
     interval.map(|v| (v - beyond).clamp(0.0, 1.0))
 }
 
-/// The 95 % interval of an exposure from the same curves, their sum, [`LumaNoise::coding_error`], and the [`typical_speed`] of the witnesses. It also holds
-/// exposures to which all of these together object by less than one of them may, and those of streaks that their texture hides.
+/// The 95 % interval of an exposure from the same curves, their sum, [`LumaNoise::coding_error`], and the [`typical_speed`] of the
+/// witnesses. It also holds exposures to which all of these together object by less than one of them may, and those of streaks that
+/// their texture hides.
 pub(super) fn exposure_interval(
     estimate: f32,
     sum: &[f32],
@@ -1015,13 +1027,14 @@ pub(super) fn exposure_interval(
     let likely = || (0..EXPOSURES).filter(|&i| sum[i] >= least).map(|i| i as f32 * EXPOSURE_STEP);
     let [lowest, highest] =
         within_a_frame(estimate, [likely().fold(f32::MAX, f32::min), likely().fold(0.0, f32::max)]);
-    [with_hidden_streak(low.min(lowest), speed), high.max(highest)]
+    with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }
 
-/// A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them: the least exposure that
-/// such a one may be.
-fn with_hidden_streak(exposure: f32, speed: f32) -> f32 {
-    (exposure * exposure - (HIDDEN_STREAK / speed).powi(2)).max(0.0).sqrt()
+/// A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them: the least and the
+/// largest exposure that such ones may be.
+fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
+    let hidden = (HIDDEN_STREAK / speed).powi(2);
+    [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
 }
 
 /// Of the sum of the witnesses' [`ExposureWitness::speed`] and of that of its squares: fast ones tell more.
@@ -1118,7 +1131,8 @@ pub fn exposure_of(
     let [low, high] = exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed);
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
     let interval = interval_of_median(per_frame.iter().map(|f| f.1))
-        .map_or([low, high], |[l, h]| [low.min(with_hidden_streak(l, speed)), high.max(h)]);
+        .map(|of_frames| with_hidden_streak(of_frames, speed))
+        .map_or([low, high], |[l, h]| [low.min(l), high.max(h)]);
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
         let why = if high - low <= MAX_UNCERTAINTY {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"

@@ -1,5 +1,5 @@
 // What a tile objects to exposures: the likelihood of V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n,
-// with amplitudes, c2, c4 and e at their most likely values, by Fisher scoring. A thread looks after each ring.
+// with c2, c4 and e at their most likely values, by Fisher scoring, and the amplitudes integrated over. A thread looks after each ring.
 
 const THREADS = 32u;
 const MAX_LAMBDA = 1.25;
@@ -9,7 +9,11 @@ const STREAK_STEP = 0.6;
 const EXPOSURE_STEP = 0.005;
 const STREAK_ERROR = 0.4;
 const CLIP = 8.0;
-const TOLERANCE = 1.0;
+const TELLING = 24.0;
+const CORRELATED = 2.25;
+const AMPLITUDE_PRECISION = 1.0;
+// Prior variance of c2, c4.
+const DIRECTION = vec2f(1.96, 1.0);
 const EXPOSURE_NOISE_ERROR = vec2f(0.2, 0.006);
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
@@ -28,7 +32,7 @@ var<workgroup> ring_sums: array<f32, SUMS * COLUMNS>;
 var<workgroup> sums: array<f32, SUMS>;
 // What each ring's last step of each lambda gains.
 var<workgroup> gains: array<f32, MAX_STEPS * COLUMNS>;
-var<workgroup> maxima: array<f32, THREADS>;
+var<workgroup> ends: array<vec2f, THREADS>;
 var<workgroup> has_contrast: u32;
 
 struct Scene {
@@ -107,7 +111,7 @@ fn improve(thread: u32, n: u32, before: Scene) -> Improved {
     return Improved(
         Scene(before.amplitude + change, before.nuisances + step),
         sums[0] - 0.5 * dot(prior, before.nuisances) + 0.5 * dot(slope, step),
-        0.5 * own_score * change,
+        0.5 * own_score * change - 0.5 * CORRELATED * log(own + AMPLITUDE_PRECISION),
     );
 }
 
@@ -146,7 +150,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     if tile.speed < MIN_SPEED {
         return;
     }
-    precisions = vec3f(vec2f(1.0 / TEMPER), noise_precision(tile, EXPOSURE_NOISE_ERROR, params.coding.x));
+    precisions = vec3f(1.0 / (TEMPER * DIRECTION), noise_precision(tile, EXPOSURE_NOISE_ERROR, params.coding.x));
     var n = 0u;
     var scene = Scene(0.0, vec3f(0.0));
     if thread < COLUMNS {
@@ -248,18 +252,21 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
         values[blurred + at] = log(max(sum / total, 1.2e-38));
     }
     workgroupBarrier();
-    var own_highest = -1e30;
+    // Highest and lowest.
+    var own_ends = vec2f(-1e30, 1e30);
     for (var i = thread; i < EXPOSURES; i += THREADS) {
-        own_highest = max(own_highest, interpolate(blurred, count, f32(i) / f32(stride)));
+        let v = interpolate(blurred, count, f32(i) / f32(stride));
+        own_ends = vec2f(max(own_ends.x, v), min(own_ends.y, v));
     }
-    maxima[thread] = own_highest;
+    ends[thread] = own_ends;
     workgroupBarrier();
-    highest = maxima[0];
+    var all = ends[0];
     for (var i = 1u; i < THREADS; i++) {
-        highest = max(highest, maxima[i]);
+        all = vec2f(max(all.x, ends[i].x), min(all.y, ends[i].y));
     }
+    let most = all.x - all.y;
     for (var i = thread; i < EXPOSURES; i += THREADS) {
-        let v = interpolate(blurred, count, f32(i) / f32(stride)) - highest;
-        witnesses[witness + HEAD + i] = clamp(v + TOLERANCE, -CLIP, 0.0);
+        let v = interpolate(blurred, count, f32(i) / f32(stride)) - all.x;
+        witnesses[witness + HEAD + i] = clamp(v * most / (most + TELLING), -CLIP, 0.0);
     }
 }

@@ -6,9 +6,9 @@
 
 use super::{
     Arc, BAND, BlurSpace, CLIP, COLUMNS, Complex, EXPOSURE_STEP, EXPOSURES, Encoded, Fft, FftPlanner, Flow,
-    LEAK, Light, LumaNoise, MAX_LAMBDA, MIN_CONTRAST, SAMPLES, SPEEDS, STREAK_STEP, TEMPER, TILE, TOLERANCE,
-    block_of, common_motion, corners, f32x4, frequencies, hidden, interpolate, lanes, noise_density, par,
-    relative, slope_gain, transform,
+    LEAK, Light, LumaNoise, MAX_LAMBDA, MIN_CONTRAST, SAMPLES, SPEEDS, STREAK_STEP, TEMPER, TILE, block_of,
+    common_motion, corners, f32x4, frequencies, hidden, interpolate, lanes, noise_density, par, relative,
+    slope_gain, transform,
 };
 
 /// At most this many pairs of two frames are kept, those of most contrast.
@@ -23,6 +23,8 @@ const MAX_DEVIATION: f32 = 0.5;
 const MISMATCHES: [f32; 2] = [0.05, 0.2];
 /// And this share of the power may differ whatever the frequency: changes of light.
 const CHANGE: f32 = 1e-3;
+/// Objections of up to so many nats do not count.
+const TOLERANCE: f32 = 1.0;
 
 /// A tile of one frame and the same surface's in the next.
 #[derive(Clone, Debug)]
