@@ -1,5 +1,6 @@
 //! Known answers of the estimators on synthetic frames.
 
+use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options, spectral};
 use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
@@ -67,6 +68,31 @@ fn a_sharp_frame_has_no_exposure_even_if_told_to_move_and_nor_has_one_blurred_ac
     let (across, _) = exposure(&blind(&texture(4, 1), [0.0, 16.0], [16.0, 0.0], 0.5));
     println!("{sharp} {across}");
     assert!(sharp < 0.15 && across < 0.15, "{sharp} {across}");
+}
+
+#[test]
+fn what_lens_and_noise_leave_of_a_texture_tells_its_exposure_without_bias() {
+    const STD: f32 = 0.015;
+    let flow = Flow::filled(N, N, [11.0, 4.0]);
+    let levels = synth::noise::white_band_std().map(|white| NoiseLine { slope: 0.0, intercept: STD * white });
+    let noise = LumaNoise { levels, coding_error: 0.0 };
+    for lambda in [0.0, 0.5, 0.8] {
+        let tiles: Vec<Vec<spectral::Tile>> = (0..4)
+            .map(|seed| {
+                let sharp = texture(10 * seed, 1);
+                let soft = synth::defocus::defocus(&sharp, &Plane::filled(N, N, 2.5), Bokeh::Disk).unwrap();
+                let blurred =
+                    synth::motion_blur::motion_blur(&soft, &flow, ExposureFraction(lambda)).unwrap();
+                let frame = noisy(&blurred, STD, 50 + seed);
+                spectral::tiles(&frame, Some(&flow), None, BlurSpace::Encoded).unwrap()
+            })
+            .collect();
+        let tiles: Vec<&[spectral::Tile]> = tiles.iter().map(Vec::as_slice).collect();
+        let fit = spectral::fit_exposure(&tiles, &[], &noise).unwrap();
+        println!("{lambda}: {:?} {:?}", fit.exposure, fit.interval);
+        assert!((fit.exposure.0 - lambda).abs() < 0.06, "{:?} for {lambda}", fit.exposure);
+        assert!((fit.interval[0]..=fit.interval[1]).contains(&lambda), "{:?} for {lambda}", fit.interval);
+    }
 }
 
 #[test]
