@@ -303,7 +303,7 @@ mod tests {
             assert!(run.unwrap().success());
             let frames = all_frames(&Video::open_with_ffmpeg(&clip, program.clone()).unwrap());
             let largest = |frame: &Encoded, still: usize| {
-                let still = crate::read_frame(&dir.path().join(format!("{still}.png"))).unwrap();
+                let still = crate::read_frame(dir.path().join(format!("{still}.png"))).unwrap();
                 let pairs = frame.0.data().as_flattened().iter().zip(still.0.data().as_flattened());
                 pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
             };
