@@ -159,6 +159,7 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         let credulous = LumaNoise { coding_error: 0.0, ..noise };
         let wrong = spectral::fit_exposure(&tiles, &[], &credulous).expect("they are sure of it");
         println!("nothing allowed for: {:?} {:?}", wrong.exposure, wrong.interval);
+        assert!((wrong.exposure.0 - exposure).abs() > 0.1);
         assert!(!(wrong.interval[0]..=wrong.interval[1]).contains(&exposure));
     }
 }

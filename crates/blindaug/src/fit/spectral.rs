@@ -72,7 +72,8 @@ pub(super) const CLIP: f32 = 8.0;
 /// A tile whose strongest objection to an exposure is this, in nats, counts half of what it says, and one that says less counts less: tiles
 /// that hardly see any motion blur may all err to the same side.
 const TELLING: f32 = 24.0;
-/// The window makes so many neighbouring frequencies one: each is a share of the evidence over which a ring's amplitude is integrated.
+/// The window makes so many neighbouring frequencies one, so the log-likelihood is so many times too large where it is weighed against what a
+/// ring's amplitude costs.
 const CORRELATED: f32 = 2.25;
 /// Prior precision of the log of that amplitude, in the units of the likelihood before it is tempered.
 const AMPLITUDE_PRECISION: f32 = 1.0;

@@ -12,8 +12,8 @@ const CLIP = 8.0;
 const TELLING = 24.0;
 const CORRELATED = 2.25;
 const AMPLITUDE_PRECISION = 1.0;
-// Prior variance of c2, c4.
-const DIRECTION = vec2f(1.96, 1.0);
+// Prior stds of c2, c4.
+const DIRECTION = vec2f(1.4, 1.0);
 const EXPOSURE_NOISE_ERROR = vec2f(0.2, 0.006);
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
@@ -150,7 +150,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     if tile.speed < MIN_SPEED {
         return;
     }
-    precisions = vec3f(1.0 / (TEMPER * DIRECTION), noise_precision(tile, EXPOSURE_NOISE_ERROR, params.coding.x));
+    precisions = vec3f(1.0 / (TEMPER * DIRECTION * DIRECTION), noise_precision(tile, EXPOSURE_NOISE_ERROR, params.coding.x));
     var n = 0u;
     var scene = Scene(0.0, vec3f(0.0));
     if thread < COLUMNS {
