@@ -148,34 +148,44 @@ fn without_motion_nothing_is_said_of_the_shutter_and_without_texture_nothing_of_
     assert!(flat.model.motion_blur.known().is_none());
 }
 
-/// Through a lens of 3 px at infinity, in focus at inverse depth 0.8; columns of places from 0.15 to 1.2.
-fn through_a_lens(seed: u64) -> (Plane, Plane, Plane) {
+/// Blur's std at infinity, px, and inverse depth in focus.
+const LENS: (f32, f32) = (3.0, 0.8);
+
+/// Columns of places of inverse depth 0.15 to 1.2.
+fn columns() -> Plane {
+    Plane::from_fn(N, N, |x, _| 0.15 + 1.05 * (x / 64) as f32 / (N / 64 - 1) as f32)
+}
+
+/// A texture, and what a lens makes of it.
+fn through_a_lens(seed: u64, depth: &Plane, (at_infinity, focus): (f32, f32)) -> (Plane, Plane) {
     let sharp = texture(seed, 1);
-    let depth = Plane::from_fn(N, N, |x, _| 0.15 + 1.05 * (x / 64) as f32 / (N / 64 - 1) as f32);
-    let sigma = depth.map(|d| 3.0 * (1.0 - d / 0.8f32).abs());
+    let sigma = depth.map(|d| at_infinity * (1.0 - d / focus).abs());
     let blurred = synth::defocus::defocus(&sharp, &sigma, Bokeh::Disk).unwrap();
-    (sharp, depth, blurred)
+    (sharp, blurred)
 }
 
 /// Mean abs error of the blur's std over the places, px.
-fn lens_error(e: &Estimation, depth: &Plane) -> f32 {
+fn lens_error(e: &Estimation, depth: &Plane, (at_infinity, focus): (f32, f32)) -> f32 {
     let model = e.model.defocus.known().expect("there are depth and texture");
     let DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } = model.curve else {
         panic!("a thin lens was asked for")
     };
     let error = |d: f32| {
-        (sigma_px_at_infinity * (1.0 - d / focus_inverse_depth).abs() - 3.0 * (1.0 - d / 0.8).abs()).abs()
+        let (found, true_blur) =
+            (sigma_px_at_infinity * (1.0 - d / focus_inverse_depth), at_infinity * (1.0 - d / focus));
+        (found.abs() - true_blur.abs()).abs()
     };
     depth.data().iter().map(|&d| error(d)).sum::<f32>() / (N * N) as f32
 }
 
 #[test]
 fn a_frame_with_depth_tells_its_lens() {
-    let (_, depth, blurred) = through_a_lens(7);
+    let depth = columns();
+    let (_, blurred) = through_a_lens(7, &depth, LENS);
     let mut e = estimator(Family::Spectral);
     let evidence = Evidence { inverse_depth: Some((&depth, DepthKind::Metric)), ..Evidence::default() };
     e.add(&Observation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence }).unwrap();
-    let error = lens_error(&e.estimate().unwrap(), &depth);
+    let error = lens_error(&e.estimate().unwrap(), &depth, LENS);
     println!("{error}");
     assert!(error < 0.3, "{error}");
 
@@ -187,9 +197,33 @@ fn a_frame_with_depth_tells_its_lens() {
     assert!(e.estimate().unwrap().model.defocus.known().is_none());
 }
 
+/// A tile that is blurred by 5 px shows little but what the window leaks, and would read as one of 4.
+#[test]
+fn a_lens_that_blurs_most_of_the_frame_by_more_than_a_tile_tells_is_not_taken_for_a_weaker_one() {
+    const STRONG: (f32, f32) = (13.0, 1.2);
+    let depth = Plane::from_fn(N, N, |x, _| 0.5 * 2f32.powf(x as f32 / (N - 1) as f32));
+    for seed in [7, 20, 33] {
+        let (_, blurred) = through_a_lens(seed, &depth, STRONG);
+        let mut e = estimator(Family::Spectral);
+        let evidence = Evidence { inverse_depth: Some((&depth, DepthKind::Metric)), ..Evidence::default() };
+        e.add(&Observation {
+            frame: &noisy(&blurred, 0.004, 98 + seed),
+            next: None,
+            previous: None,
+            evidence,
+        })
+        .unwrap();
+        let e = e.estimate().unwrap();
+        let error = lens_error(&e, &depth, STRONG);
+        println!("{error}");
+        assert!(error < 0.4, "{error}");
+    }
+}
+
 #[test]
 fn a_clean_frame_tells_both_at_once() {
-    let (sharp, depth, blurred) = through_a_lens(8);
+    let depth = columns();
+    let (sharp, blurred) = through_a_lens(8, &depth, LENS);
     let flow = Flow::filled(N, N, [10.0, 4.0]);
     let blurred = synth::motion_blur::motion_blur(&blurred, &flow, ExposureFraction(0.6)).unwrap();
     let clean = Encoded(sharp.map(|v| [v; 3]));
@@ -202,7 +236,7 @@ fn a_clean_frame_tells_both_at_once() {
     };
     e.add(&Observation { frame: &noisy(&blurred, 0.01, 97), next: None, previous: None, evidence }).unwrap();
     let e = e.estimate().unwrap();
-    let (error, (lambda, _)) = (lens_error(&e, &depth), exposure(&e));
+    let (error, (lambda, _)) = (lens_error(&e, &depth, LENS), exposure(&e));
     println!("{error} {lambda}");
     assert!(error < 0.1 && (lambda - 0.6).abs() < 0.04, "{error} {lambda}");
 }

@@ -101,6 +101,10 @@ const CODING_FLOOR: f32 = 0.05;
 pub const CODING_OF_LENS: f32 = 0.45;
 /// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
 const TEXTURE_BLUR: f32 = 0.2;
+/// From this std on, px of the tile, a tile does not tell how large a blur is: what the window leaks from frequencies below it is more than
+/// what the blur has left. So it objects to none that is larger, but by so many nats per px.
+const LARGE_BLUR: f32 = 4.0;
+const LARGER_BLUR: f32 = 0.1;
 /// A lens is a rival of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
 /// hardly any replica.
 const RIVAL: f32 = 0.5;
@@ -604,11 +608,15 @@ impl<'a> Prepared<'a> {
         curve.into_iter().map(|v| (v * most / (most + TELLING)).max(-CLIP)).collect()
     }
 
-    /// The same over the stds in px of the frame.
+    /// The same over the stds in px of the frame, as far as the tile tells them.
     fn over_sigma_of_frame(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
-        let table = self.over_sigma(lambda, sharpening);
-        if self.tile.scale == 1.0 {
-            return table;
+        let mut table = self.over_sigma(lambda, sharpening);
+        let mut most = f32::MIN;
+        for (sigma, value) in
+            (0..SIGMAS).map(sigma_of).zip(&mut table).skip_while(|(sigma, _)| *sigma < LARGE_BLUR)
+        {
+            most = most.max(*value);
+            *value = most - LARGER_BLUR * (sigma - LARGE_BLUR);
         }
         relative((0..SIGMAS).map(|i| interpolate(&table, index_of_sigma(sigma_of(i) / self.tile.scale))))
     }

@@ -10,6 +10,8 @@ const LANES = 8u;
 const ALPHA_STD = 0.4;
 const PIXEL_RESPONSE = 0.5;
 const LENS_NOISE_ERROR = vec2f(0.1, 0.002);
+const LARGE_BLUR = 4.0;
+const LARGER_BLUR = 0.1;
 
 // Bins that motion blur leaves alike, those of all rings one after the other.
 var<workgroup> weight: array<f32, BINS>;
@@ -199,6 +201,17 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
             sum += exp(values[first + k] - highest);
         }
         values[s] = highest + log(sum);
+    }
+    workgroupBarrier();
+    if thread == 0u {
+        var most = -1e30;
+        for (var s = 0u; s < SIGMAS; s++) {
+            let larger = sigma_of(s) - LARGE_BLUR;
+            if larger >= 0.0 {
+                most = max(most, values[s]);
+                values[s] = most - LARGER_BLUR * larger;
+            }
+        }
     }
     workgroupBarrier();
     // Over the stds in px of the frame.
