@@ -287,7 +287,8 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
         return;
     }
     let Gpu { device, queue, .. } = &*GPU;
-    let (w, h) = (800, 600);
+    // As many px as tiles at a quarter of the resolution need.
+    let (w, h) = (800, 784);
     let sharp = texture(w, h);
     let depth = Plane::from_fn(w, h, |x, y| 0.2 + x as f32 / 1000.0 + y as f32 / 100_000.0);
     let sigma = depth.map(|d| 6.0 * (d - 0.3).abs());
@@ -297,8 +298,8 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let space = BlurSpace::Encoded;
     let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
     let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
-    // 933, of which the fifth of least contrast is left out, and in some blocks all beyond so many, but for those of the exposure.
-    assert_eq!(tiles.len(), 665);
+    // 1266, of which the fifth of least contrast is left out, and in some blocks all beyond so many, but for those of the exposure.
+    assert_eq!(tiles.len(), 688);
     // Of 422, a fifth would leave fewer than are asked for.
     let small = blindaug::Encoded(image.crop(0, 0, 640, 360).map(|v| [v; 3]));
     let of_small = spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space).expect("one size");

@@ -4,8 +4,8 @@ use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, 
 use crate::gpu::array_view;
 use blindaug::fit::noise::LumaNoise;
 use blindaug::fit::spectral::{
-    BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureWitness, LENS_TILES_PER_BLOCK,
-    LensWitness, SIGMAS, TILE, frequencies, hann, lens_gain,
+    self, BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureWitness,
+    LENS_TILES_PER_BLOCK, LEVELS, LensWitness, SIGMAS, TILE, TILE_SIGMAS, frequencies, hann, lens_gain,
 };
 use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
@@ -30,7 +30,7 @@ pub(crate) const LENS: &str = concat!(
 
 /// f32 of the shader's `Tile`, of its `Params`, of a witness of exposure or lens with what comes first in both, and of a row of its table of lenses.
 const TILE_LEN: usize = 12;
-const PARAMS: usize = 32;
+const PARAMS: usize = 44;
 const HEAD: usize = 3;
 const EXPOSURE_WITNESS: usize = HEAD + EXPOSURES;
 const LENS_WITNESS: usize = HEAD + SIGMAS;
@@ -55,8 +55,9 @@ pub struct Witnesses {
 #[derive(Debug)]
 pub struct TileEvidence {
     params: wgpu::Buffer,
-    /// The words of `params` that stay as they are.
-    constant: [u32; 9],
+    /// Words of `params`, which stay as they are: size and flags, and the levels.
+    frame: [u32; 5],
+    levels: [[u32; 4]; LEVELS],
     /// Light, places, periodograms, choice, exposure, lens; of a frame that is smaller than a tile, none.
     stages: Vec<Stage>,
     witnesses: Readback,
@@ -77,11 +78,17 @@ impl TileEvidence {
     ) -> Result<Self> {
         let (or_flow, or_depth) = (flow.unwrap_or(frame), inverse_depth.unwrap_or(frame));
         let size = common_size(&[frame, or_flow, or_depth])?;
-        let (fine, coarse) = (tiles(size), tiles(size.map(|v| v / 2)));
-        let count = (fine[0] * fine[1] + coarse[0] * coarse[1]) as usize;
-        let pixels = (size[0] * size[1]) as usize;
+        let (mut levels, [mut count, mut pixels]) = ([[0; 4]; LEVELS], [0; 2]);
+        let mut sizes = spectral::levels((size[0] as usize, size[1] as usize));
+        for level in &mut levels {
+            let (w, h) = sizes.next().unwrap_or_default();
+            let [across, down] = tiles([w as u32, h as u32]);
+            *level = [across, down, count, pixels];
+            (count, pixels) = (count + across * down, pixels + (w * h) as u32);
+        }
+        let (count, pixels) = (count as usize, pixels as usize);
         let limits = device.limits();
-        let largest = 4 * (count * COLUMNS * TILE).max(pixels + pixels / 4);
+        let largest = 4 * (count * COLUMNS * TILE).max(pixels);
         if largest as u64 > limits.max_storage_buffer_binding_size
             || count > limits.max_compute_workgroups_per_dimension as usize
         {
@@ -99,19 +106,15 @@ impl TileEvidence {
         let witnesses =
             Readback::new(device, "witnesses", EXPOSURE_TILES * EXPOSURE_WITNESS + LENS_TILES * LENS_WITNESS);
         let flags = [space == BlurSpace::Linear, flow.is_some(), inverse_depth.is_some()];
-        let mut constant = [0; 9];
-        for (word, v) in
-            constant.iter_mut().zip([size, fine, coarse].into_iter().flatten().chain(flags.map(u32::from)))
-        {
-            *word = v;
-        }
+        let [linear_light, has_flow, has_depth] = flags.map(u32::from);
+        let frame_words = [size[0], size[1], linear_light, has_flow, has_depth];
         let stages = if count == 0 {
             vec![]
         } else {
             let views = [frame, or_flow, or_depth].map(array_view);
-            stages(device, (size, count), &params, &views, &witnesses.source)
+            stages(device, (size, count, pixels), &params, &views, &witnesses.source)
         };
-        Ok(Self { params, constant, stages, witnesses })
+        Ok(Self { params, frame: frame_words, levels, stages, witnesses })
     }
 
     /// Starts to look at the textures as they are, given the noise, the exposure so far (for the lens; 0 if
@@ -132,9 +135,11 @@ impl TileEvidence {
         let coding = [1.0, CODING_OF_LENS].map(|share| (share * noise.coding_error).powi(2));
         let levels = noise.levels.iter().zip(white_band_std());
         let levels = levels.flat_map(|(n, white)| [n.slope, n.intercept, white * white, 0.0]);
-        let varying = [exposure.0, amount, radius].into_iter().chain(levels).chain(coding).map(f32::to_bits);
+        let blur = [exposure.0, amount, radius].map(f32::to_bits);
+        let noise = levels.chain(coding).map(f32::to_bits);
+        let all = self.frame.into_iter().chain(blur).chain(self.levels.into_iter().flatten()).chain(noise);
         let mut words = [0; PARAMS];
-        words.iter_mut().zip(self.constant.into_iter().chain(varying)).for_each(|(word, v)| *word = v);
+        words.iter_mut().zip(all).for_each(|(word, v)| *word = v);
         queue.write_buffer(&self.params, 0, bytemuck::cast_slice(&words));
         self.witnesses.submit(device, queue, "spectral fit", |pass| {
             self.stages.iter().for_each(|s| s.run(pass));
@@ -174,14 +179,13 @@ fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
 
 fn stages(
     device: &wgpu::Device,
-    (size, count): ([u32; 2], usize),
+    (size, count, pixels): ([u32; 2], usize, usize),
     params: &wgpu::Buffer,
     [frame, flow, inverse_depth]: &[wgpu::TextureView; 3],
     witnesses: &wgpu::Buffer,
 ) -> Vec<Stage> {
     let params = uniform(params);
-    let pixels = (size[0] * size[1]) as usize;
-    let light = storage(device, "light", 4 * (pixels + pixels / 4));
+    let light = storage(device, "light", 4 * pixels);
     let tiles = storage(device, "tiles", 4 * TILE_LEN * count);
     let periodograms = storage(device, "periodograms", 4 * COLUMNS * TILE * count);
     let contrasts = storage(device, "contrasts", 4 * count);
@@ -200,8 +204,9 @@ fn stages(
     let rings = filled(device, "rings", &starts, BufferUsages::STORAGE);
     let by_ring: Vec<f32> = by_ring.iter().flat_map(|f| [f.x, f.y, f.modulus, f.at as f32]).collect();
     let by_ring = table("frequencies", &by_ring);
-    let gains: Vec<f32> =
-        (0..SIGMAS * GAINS).map(|i| lens_gain(i / GAINS, 0.5 * (i % GAINS) as f32 / GAINS as f32)).collect();
+    let gains: Vec<f32> = (0..TILE_SIGMAS * GAINS)
+        .map(|i| lens_gain(i / GAINS, 0.5 * (i % GAINS) as f32 / GAINS as f32))
+        .collect();
     let gains = table("lenses", &gains);
     let shared = [
         params.clone(),

@@ -46,7 +46,7 @@ fn foci((lo, hi): (f32, f32)) -> [f32; 2] {
 }
 
 /// No lens blurs what is seen by more, px: all stds beyond the tables' end look the same.
-const MOST_BLUR: f32 = 15.0;
+const MOST_BLUR: f32 = 60.0;
 
 /// The lenses at which the objective has its highest maxima, and these, the best first: a grid over the focus and the largest blur
 /// in the scene, then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
@@ -54,14 +54,16 @@ pub(super) fn best_lenses(
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32 + Sync + Send,
 ) -> Vec<(f32, Lens)> {
-    const FOCI: usize = 48;
+    const FOCI: usize = 96;
+    const BLURS: usize = 50;
     const MAXIMA: usize = 3;
     let ((lo, hi), [far, near]) = (range, foci(range));
     let best = par::map(FOCI, |i| {
         let focus = far * (near / far).powf(i as f32 / (FOCI - 1) as f32);
         let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
-        let lens = |j: usize| Lens { slope: 0.08 * 125f32.powf(j as f32 / 39.0) / reach, focus };
-        (0..40)
+        let lens =
+            |j: usize| Lens { slope: 0.08 * 500f32.powf(j as f32 / (BLURS - 1) as f32) / reach, focus };
+        (0..BLURS)
             .map(|j| (objective(lens(j)), lens(j)))
             .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
     });

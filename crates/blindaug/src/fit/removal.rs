@@ -516,7 +516,9 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFi
             .collect();
         LensWitness {
             inverse_depth: tile.inverse_depth,
-            table: relative((0..SIGMAS).map(|s| between(&DELTAS, &table, sigma_of(s)))),
+            table: relative(
+                (0..SIGMAS).map(|s| between(&DELTAS, &table, sigma_of(s).min(DELTAS[DELTAS.len() - 1]))),
+            ),
             tiles: 1.0,
             block: tile.block,
             shot,

@@ -34,6 +34,10 @@ pub use pairs::{Pair, pairs};
 
 /// Side of a tile, px; tiles overlap by half.
 pub const TILE: usize = 48;
+/// Resolutions at which a frame has tiles, each half the one before.
+pub const LEVELS: usize = 4;
+/// From the third on only if it has this many px each way.
+const COARSE_SIDE: usize = 4 * TILE;
 /// At most this many tiles of a frame are witnesses of the exposure, those of most contrast.
 pub const EXPOSURE_TILES: usize = 400;
 /// And this many of each block of the image are witnesses of the lens, again those of most contrast: what has most contrast in the
@@ -54,8 +58,13 @@ const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
 /// Exposure fractions of a curve: from 0 in steps of 0.005, to past 1.
 pub const EXPOSURES: usize = 251;
 pub(super) const EXPOSURE_STEP: f32 = 0.005;
-/// Defocus stds of the tables: steps of 0.15 px to 3, of 0.5 px to 10.
-pub const SIGMAS: usize = 35;
+/// Defocus stds of the tables: steps of 0.15 px to 3, of 0.5 px to 10, of 2 px to 40.
+pub const SIGMAS: usize = 50;
+/// Those of them, px of the tile, that a tile is asked for: to 4 px. From there on it does not tell how large a blur is: what the window
+/// leaks from frequencies below it is more than what the blur has left.
+pub const TILE_SIGMAS: usize = 23;
+/// So many nats a tile objects to each px more.
+const LARGER_BLUR: f32 = 0.1;
 /// Prior of the spectral slope alpha: mean and std, and the values that the integral is taken over.
 const ALPHA: (f32, f32) = (2.4, 0.4);
 const ALPHAS: usize = 6;
@@ -101,10 +110,6 @@ const CODING_FLOOR: f32 = 0.05;
 pub const CODING_OF_LENS: f32 = 0.45;
 /// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
 const TEXTURE_BLUR: f32 = 0.2;
-/// From this std on, px of the tile, a tile does not tell how large a blur is: what the window leaks from frequencies below it is more than
-/// what the blur has left. So it objects to none that is larger, but by so many nats per px.
-const LARGE_BLUR: f32 = 4.0;
-const LARGER_BLUR: f32 = 0.1;
 /// A lens is a rival of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
 /// hardly any replica.
 const RIVAL: f32 = 0.5;
@@ -197,23 +202,22 @@ pub fn tiles(
     if flow.is_some_and(|f| f.size() != (w, h)) || inverse_depth.is_some_and(|d| d.size() != (w, h)) {
         return Err(Error::new("flow and depth must have the frame's size"));
     }
-    let light = Light::new(frame, space);
+    let mut light = Light::new(frame, space);
     let fft = FftPlanner::new().plan_fft_forward(TILE);
-    let corners = corners((w, h));
-    let found = par::map(corners.len(), |i| {
-        tile((&light, corners[i]), flow, inverse_depth, corners[i], block_of(corners[i], (w, h)), &fft)
-    });
-    let mut found: Vec<Tile> = found.into_iter().flatten().collect();
-    // Large blur leaves only frequencies that a tile of this size hardly tells apart: the same again at half the resolution.
-    let light = light.halved();
-    let flow = flow.map(|f| Flow::from_fn(w / 2, h / 2, |x, y| f.at(2 * x, 2 * y).map(|v| 0.5 * v)));
-    let inverse_depth = inverse_depth.map(|d| Plane::from_fn(w / 2, h / 2, |x, y| d.at(2 * x, 2 * y)));
-    let corners = self::corners((w / 2, h / 2));
-    let coarse = par::map(corners.len(), |i| {
-        let block = block_of(corners[i], (w / 2, h / 2));
-        tile((&light, corners[i]), flow.as_ref(), inverse_depth.as_ref(), corners[i], block, &fft)
-    });
-    found.extend(coarse.into_iter().flatten().map(|t| Tile { scale: 2.0, ..t }));
+    let mut found: Vec<Tile> = vec![];
+    // Large blur leaves only frequencies that a tile of 48 px of the frame hardly tells apart.
+    for (level, size) in levels((w, h)).enumerate() {
+        let scale = 1 << level;
+        if level > 0 {
+            light = light.halved();
+        }
+        let corners = corners(size);
+        let tiles = par::map(corners.len(), |i| {
+            let (corner, block) = (corners[i], block_of(corners[i], size));
+            tile((&light, corner), flow, inverse_depth, (corner, scale), block, &fft)
+        });
+        found.extend(tiles.into_iter().flatten());
+    }
     let contrast = |t: &Tile| t.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
     let mut ranked: Vec<(f32, Tile)> = found.into_iter().map(|t| (contrast(&t), t)).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -226,6 +230,15 @@ pub fn tiles(
         Tile { of_exposure: rank < EXPOSURE_TILES, of_lens, ..tile }
     });
     Ok(tiles.filter(|t| t.of_exposure || t.of_lens).collect())
+}
+
+/// The sizes at which a frame of that size has tiles, each half the one before.
+pub fn levels((w, h): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
+    (0..LEVELS)
+        .map(move |level| (w >> level, h >> level))
+        .enumerate()
+        .take_while(|(level, (w, h))| *level < 2 || w.min(h) >= &COARSE_SIDE)
+        .map(|(_, size)| size)
 }
 
 /// The corners of a frame's tiles, row by row; of none if it is smaller than one.
@@ -255,7 +268,7 @@ pub(super) fn tiles_at(
         let corner @ (x, y) = corners[i];
         let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
         let block = block_of(corner, frame.0.size());
-        tile((&light, (0, 0)), flow, inverse_depth, corner, block, &fft)
+        tile((&light, (0, 0)), flow, inverse_depth, (corner, 1), block, &fft)
     });
     found.into_iter().flatten().collect()
 }
@@ -265,8 +278,8 @@ pub(super) fn tiles_at(
 struct Light {
     plane: Plane,
     moments: Raster<[f32; 3]>,
-    /// Pixels of `plane` from one of them to the next.
-    step: usize,
+    /// px of the frame that make one of `plane`, each way.
+    scale: usize,
 }
 
 impl Light {
@@ -286,12 +299,12 @@ impl Light {
                 (plane, moments(&|p| noise_gain(p.map(|v| decoded(v.max(0.02))[1]))))
             }
         };
-        Self { plane, moments, step: 2 }
+        Self { plane, moments, scale: 1 }
     }
 
     /// Of the tile there.
     fn noise_moments(&self, (x0, y0): (usize, usize)) -> [f32; 3] {
-        let (x0, y0, side) = (x0 / self.step, y0 / self.step, TILE / self.step);
+        let [x0, y0, side] = [x0, y0, TILE].map(|v| v * self.scale / 2);
         let mut sum = [0.0; 3];
         for p in (y0..y0 + side).flat_map(|y| &self.moments.row(y)[x0..x0 + side]) {
             (0..3).for_each(|k| sum[k] += p[k]);
@@ -309,7 +322,7 @@ impl Light {
                 0.25 * (pair(plane.row(2 * y)) + pair(plane.row(2 * y + 1)))
             }),
             moments: self.moments,
-            step: 1,
+            scale: 2 * self.scale,
         }
     }
 }
@@ -338,41 +351,46 @@ fn decoded(encoded: f32) -> [f32; 2] {
     [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
 }
 
-/// The tile at a corner, and where in `light` that is; `None` if its motion is not one.
+/// The tile at a corner at so many px of the frame to one of its own, and where in `light` that is; `None` if its motion is not one.
 fn tile(
     (light, at): (&Light, (usize, usize)),
     flow: Option<&Flow>,
     inverse_depth: Option<&Plane>,
-    corner: (usize, usize),
+    (corner, scale): ((usize, usize), usize),
     block: u32,
     fft: &Arc<dyn Fft<f32>>,
 ) -> Option<Tile> {
     let (speed, motion, _) = match flow {
-        Some(flow) => common_motion(flow, corner)?,
+        Some(flow) => common_motion(flow, corner, scale)?,
         None => (0.0, [0.0; 2], 0.0),
     };
-    let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner)).unwrap_or(f32::NAN);
+    let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner, scale)).unwrap_or(f32::NAN);
     let noise_moments = light.noise_moments(at);
     let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
     let (of_exposure, of_lens) = (true, true);
-    Some(Tile { block, scale: 1.0, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
+    let scale = scale as f32;
+    Some(Tile { block, scale, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
 }
 
-/// Every second pixel, each way, of the tile at a corner.
+/// Every second pixel, each way, of the tile at a corner at so many px of the raster to one of its own.
 fn samples<T: Copy + Send + Sync>(
     raster: &Raster<T>,
     (x0, y0): (usize, usize),
+    scale: usize,
 ) -> impl Iterator<Item = T> + '_ {
-    (y0..y0 + TILE).step_by(2).flat_map(move |y| raster.row(y)[x0..x0 + TILE].iter().step_by(2).copied())
+    let row = move |y: usize| raster.row(scale * y)[scale * x0..].iter().step_by(2 * scale).take(TILE / 2);
+    (y0..y0 + TILE).step_by(2).flat_map(row).copied()
 }
 
 /// How many those are.
 const SAMPLES: usize = TILE * TILE / 4;
 
-/// Speed and motion of a tile and its parts' mean deviation from it; `None` if they move differently, too fast, or unknown.
-fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2], f32)> {
-    let known: Vec<[f32; 2]> =
-        samples(flow, corner).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
+/// Speed and motion of a tile, in its px, and its parts' mean deviation from it; `None` if they move differently, too fast, or unknown.
+fn common_motion(flow: &Flow, corner: (usize, usize), scale: usize) -> Option<(f32, [f32; 2], f32)> {
+    let known: Vec<[f32; 2]> = samples(flow, corner, scale)
+        .filter(|f| f[0].is_finite() && f[1].is_finite())
+        .map(|f| f.map(|v| v / scale as f32))
+        .collect();
     if known.len() < SAMPLES / 2 {
         return None;
     }
@@ -389,8 +407,8 @@ fn common_motion(flow: &Flow, corner: (usize, usize)) -> Option<(f32, [f32; 2], 
 }
 
 /// Inverse depth of a tile; `None` if it spans much of it, or is unknown.
-fn common_depth(map: &Plane, corner: (usize, usize)) -> Option<f32> {
-    let mut d: Vec<f32> = samples(map, corner).filter(|d| d.is_finite()).collect();
+fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32> {
+    let mut d: Vec<f32> = samples(map, corner, scale).filter(|d| d.is_finite()).collect();
     if d.len() < SAMPLES / 2 {
         return None;
     }
@@ -610,15 +628,12 @@ impl<'a> Prepared<'a> {
 
     /// The same over the stds in px of the frame, as far as the tile tells them.
     fn over_sigma_of_frame(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
-        let mut table = self.over_sigma(lambda, sharpening);
-        let mut most = f32::MIN;
-        for (sigma, value) in
-            (0..SIGMAS).map(sigma_of).zip(&mut table).skip_while(|(sigma, _)| *sigma < LARGE_BLUR)
-        {
-            most = most.max(*value);
-            *value = most - LARGER_BLUR * (sigma - LARGE_BLUR);
-        }
-        relative((0..SIGMAS).map(|i| interpolate(&table, index_of_sigma(sigma_of(i) / self.tile.scale))))
+        let table = self.over_sigma(lambda, sharpening);
+        let largest = sigma_of(TILE_SIGMAS - 1);
+        relative((0..SIGMAS).map(|i| {
+            let sigma = sigma_of(i) / self.tile.scale;
+            interpolate(&table, index_of_sigma(sigma.min(largest))) - LARGER_BLUR * (sigma - largest).max(0.0)
+        }))
     }
 
     /// Log-likelihood over sigma, 0 at its maximum: one amplitude and the noise's factor at their most likely values, and the slope of the
@@ -643,7 +658,7 @@ impl<'a> Prepared<'a> {
         });
         let mut starts = [None; ALPHAS];
         let mut gain = vec![f32x4::ZERO; data.power.len()];
-        relative((0..SIGMAS).map(|s| {
+        relative((0..TILE_SIGMAS).map(|s| {
             let lens = column(&|b| lens_gain(s, b.modulus));
             let terms: [f32; ALPHAS] = std::array::from_fn(|k| {
                 for ((g, a), b) in gain.iter_mut().zip(&scenes[k]).zip(&lens) {
@@ -1431,11 +1446,20 @@ fn interpolate(v: &[f32], at: f32) -> f32 {
 
 /// The std that an index of the tables stands for, px.
 pub(super) fn sigma_of(index: usize) -> f32 {
-    if index <= 20 { 0.15 * index as f32 } else { 3.0 + 0.5 * (index - 20) as f32 }
+    match index {
+        0..=20 => 0.15 * index as f32,
+        21..=34 => 3.0 + 0.5 * (index - 20) as f32,
+        _ => 10.0 + 2.0 * (index - 34) as f32,
+    }
 }
 
 fn index_of_sigma(sigma: f32) -> f32 {
-    if sigma <= 3.0 { sigma / 0.15 } else { 20.0 + (sigma - 3.0) / 0.5 }.clamp(0.0, (SIGMAS - 1) as f32)
+    let index = if sigma <= 3.0 {
+        sigma / 0.15
+    } else {
+        (20.0 + (sigma - 3.0) / 0.5).min(34.0 + (sigma - 10.0).max(0.0) / 2.0)
+    };
+    index.clamp(0.0, (SIGMAS - 1) as f32)
 }
 
 /// The window of a tile, each way: Hann's, of mean square 1.
@@ -1449,11 +1473,11 @@ pub fn hann() -> &'static [f32; TILE] {
     })
 }
 
-/// `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px, of a uniform disk of the std of index `s < SIGMAS` of the tables, averaged over
+/// `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px, of a uniform disk of the std of index `s < TILE_SIGMAS` of the tables, averaged over
 /// the radii (+-20 %) that occur in a tile: in straight lines between multiples of 1/256 cycles per px.
 pub fn lens_gain(s: usize, modulus: f32) -> f32 {
     const STEPS: usize = 128;
-    static GAINS: OnceLock<Box<[[f32; STEPS]; SIGMAS]>> = OnceLock::new();
+    static GAINS: OnceLock<Box<[[f32; STEPS]; TILE_SIGMAS]>> = OnceLock::new();
     let gains = GAINS.get_or_init(|| {
         Box::new(std::array::from_fn(|s| {
             std::array::from_fn(|i| {

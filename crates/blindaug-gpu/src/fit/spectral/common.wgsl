@@ -3,15 +3,14 @@
 struct Params {
     // Of the frame, px.
     size: vec2u,
-    // Tiles across and down, and at half the resolution.
-    tiles: vec2u,
-    coarse_tiles: vec2u,
     linear_light: u32,
     has_flow: u32,
     has_depth: u32,
     exposure: f32,
     // Amount and radius, px, of the camera's unsharp mask.
     sharpening: vec2f,
+    // Of each resolution: tiles across and down, its first tile, and where its light begins. The last ones may have none.
+    levels: array<vec4u, LEVELS>,
     // Per level: std of the noise per luma and at none, and the variance of white noise of std 1.
     noise: array<vec4f, 4>,
     // Variance of luma of a coder's errors that the exposure is kept from, and the lens.
@@ -34,6 +33,7 @@ const USABLE = 1u;
 const DEPTH_KNOWN = 2u;
 
 const TILE = 48u;
+const LEVELS = 4u;
 // Columns of a periodogram, as many rings of like modulus, and at most as many bins in each.
 const COLUMNS = 17u;
 const BINS = COLUMNS * COLUMNS;

@@ -10,7 +10,6 @@ const LANES = 8u;
 const ALPHA_STD = 0.4;
 const PIXEL_RESPONSE = 0.5;
 const LENS_NOISE_ERROR = vec2f(0.1, 0.002);
-const LARGE_BLUR = 4.0;
 const LARGER_BLUR = 0.1;
 
 // Bins that motion blur leaves alike, those of all rings one after the other.
@@ -50,11 +49,20 @@ fn lens_gain(sigma: u32, modulus: f32) -> f32 {
 
 // px that an index of the tables stands for, and the other way round.
 fn sigma_of(index: u32) -> f32 {
-    return select(3.0 + 0.5 * (f32(index) - 20.0), 0.15 * f32(index), index <= 20u);
+    let i = f32(index);
+    return select(max(3.0 + 0.5 * (i - 20.0), 10.0 + 2.0 * (i - 34.0)), 0.15 * i, index <= 20u);
 }
 
 fn index_of(sigma: f32) -> f32 {
-    return clamp(select(20.0 + (sigma - 3.0) / 0.5, sigma / 0.15, sigma <= 3.0), 0.0, f32(SIGMAS - 1u));
+    let coarse = min(20.0 + (sigma - 3.0) / 0.5, 34.0 + max(sigma - 10.0, 0.0) / 2.0);
+    return clamp(select(coarse, sigma / 0.15, sigma <= 3.0), 0.0, f32(SIGMAS - 1u));
+}
+
+// What a tile of such a scale says of a std of the tables, px of the frame.
+fn of_frame(index: u32, scale: f32) -> f32 {
+    let sigma = sigma_of(index) / scale;
+    let largest = sigma_of(TILE_SIGMAS - 1u);
+    return interpolate(0u, TILE_SIGMAS, index_of(min(sigma, largest))) - LARGER_BLUR * max(sigma - largest, 0.0);
 }
 
 @compute @workgroup_size(48)
@@ -144,10 +152,10 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     let noise_prior = noise_precision(tile, LENS_NOISE_ERROR, params.coding.y);
     let alpha = thread / LANES;
     let lane = thread % LANES;
-    let terms = SIGMAS;
+    let terms = TILE_SIGMAS;
     var log_amplitude = 0.0;
     var log_noise = 0.0;
-    for (var s = 0u; s < SIGMAS; s++) {
+    for (var s = 0u; s < TILE_SIGMAS; s++) {
         if s == 0u {
             var own = vec3f(0.0);
             for (var i = lane; i < count; i += LANES) {
@@ -190,7 +198,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
         }
     }
     workgroupBarrier();
-    for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
+    for (var s = thread; s < TILE_SIGMAS; s += ALPHAS * LANES) {
         let first = terms + s * ALPHAS;
         var highest = values[first];
         for (var k = 1u; k < ALPHAS; k++) {
@@ -203,24 +211,11 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
         values[s] = highest + log(sum);
     }
     workgroupBarrier();
-    if thread == 0u {
-        var most = -1e30;
-        for (var s = 0u; s < SIGMAS; s++) {
-            let larger = sigma_of(s) - LARGE_BLUR;
-            if larger >= 0.0 {
-                most = max(most, values[s]);
-                values[s] = most - LARGER_BLUR * larger;
-            }
-        }
-    }
-    workgroupBarrier();
-    // Over the stds in px of the frame.
     var highest = -1e30;
     for (var s = 0u; s < SIGMAS; s++) {
-        highest = max(highest, interpolate(0u, SIGMAS, index_of(sigma_of(s) / tile.scale)));
+        highest = max(highest, of_frame(s, tile.scale));
     }
     for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
-        let v = interpolate(0u, SIGMAS, index_of(sigma_of(s) / tile.scale));
-        witnesses[witness + HEAD + s] = v - highest;
+        witnesses[witness + HEAD + s] = of_frame(s, tile.scale) - highest;
     }
 }

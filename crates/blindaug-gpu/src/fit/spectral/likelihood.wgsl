@@ -11,7 +11,9 @@
 @group(0) @binding(6) var<storage, read_write> witnesses: array<f32>;
 
 const EXPOSURES = 251u;
-const SIGMAS = 35u;
+const SIGMAS = 50u;
+// Those that a tile is asked for, px of its own.
+const TILE_SIGMAS = 23u;
 // What comes before the objections or the table.
 const HEAD = 3u;
 const EXPOSURE_WITNESS = HEAD + EXPOSURES;

@@ -1,11 +1,17 @@
 // From a frame, its flow and its inverse depth to the periodograms of its tiles.
 
 @group(0) @binding(1) var frame: texture_2d_array<f32>;
-// The light that is blurred, of the frame and then of means of 2x2 px.
+// The light that is blurred, of the frame and then, of each further level, of means of 2x2 px of the one before.
 @group(0) @binding(2) var<storage, read_write> light_out: array<f32>;
 
+var<workgroup> means: array<f32, 64>;
+
 @compute @workgroup_size(8, 8)
-fn light(@builtin(global_invocation_id) id: vec3u) {
+fn light(
+    @builtin(global_invocation_id) id: vec3u,
+    @builtin(local_invocation_id) local: vec3u,
+    @builtin(local_invocation_index) thread: u32,
+) {
     var sum = 0.0;
     for (var i = 0u; i < 4u; i++) {
         let p = 2u * id.xy + vec2u(i & 1u, i >> 1u);
@@ -19,9 +25,22 @@ fn light(@builtin(global_invocation_id) id: vec3u) {
             sum += out;
         }
     }
-    let coarse = params.size / 2u;
-    if all(id.xy < coarse) {
-        light_out[params.size.x * params.size.y + id.y * coarse.x + id.x] = 0.25 * sum;
+    for (var level = 1u; level < LEVELS; level++) {
+        // Means of one level lie so far apart.
+        let step = 1u << (level - 1u);
+        if all(local.xy % step == vec2u(0u)) {
+            if level > 1u {
+                let half = step / 2u;
+                sum = means[thread] + means[thread + half] + means[thread + 8u * half] + means[thread + 9u * half];
+            }
+            means[thread] = 0.25 * sum;
+            let p = id.xy / step;
+            let size = params.size >> vec2u(level);
+            if params.levels[level].x > 0u && all(p < size) {
+                light_out[params.levels[level].w + p.y * size.x + p.x] = 0.25 * sum;
+            }
+        }
+        workgroupBarrier();
     }
 }
 
@@ -76,14 +95,13 @@ fn moments_of(p: vec3f) -> vec3f {
 
 @compute @workgroup_size(64)
 fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    var index = group.x;
-    var across = params.tiles.x;
-    var scale = 1u;
-    if index >= params.tiles.x * params.tiles.y {
-        index -= params.tiles.x * params.tiles.y;
-        across = params.coarse_tiles.x;
-        scale = 2u;
+    var level = 0u;
+    while level + 1u < LEVELS && group.x >= params.levels[level + 1u].z {
+        level++;
     }
+    let index = group.x - params.levels[level].z;
+    let across = params.levels[level].x;
+    let scale = 1u << level;
     let corner = TILE / 2u * vec2u(index % across, index / across);
     var known = vec4f(0.0);
     for (var i = thread; i < SAMPLES; i += LOCATE_THREADS) {
@@ -257,9 +275,9 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
         }
         return;
     }
-    let coarse = tile.scale == 2.0;
-    let width = select(params.size.x, params.size.x / 2u, coarse);
-    let first = select(0u, params.size.x * params.size.y, coarse) + tile.corner.y * width + tile.corner.x;
+    let level = firstTrailingBit(u32(tile.scale));
+    let width = params.size.x >> level;
+    let first = params.levels[level].w + tile.corner.y * width + tile.corner.x;
     var own = 0.0;
     var weight = 0.0;
     for (var i = 0u; i < TILE; i++) {

@@ -55,31 +55,28 @@ struct Place {
 /// The pairs of two successive frames, given the flow from each to its next one (NaN: unknown).
 pub fn pairs(frames: [&Encoded; 2], flows: [&Flow; 2], space: BlurSpace) -> Vec<Pair> {
     let mut places = places(frames[0], flows, 1);
-    let (w, h) = frames[0].0.size();
-    let half = |f: &Flow| Flow::from_fn(w / 2, h / 2, |x, y| f.at(2 * x, 2 * y).map(|v| 0.5 * v));
-    let [first, second] = flows.map(half);
-    places.extend(self::places(frames[0], [&first, &second], 2));
+    places.extend(self::places(frames[0], flows, 2));
     places.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
     places.truncate(PAIRS_PER_FRAME);
     let fft = FftPlanner::new().plan_fft_forward(TILE);
     par::map(places.len(), |i| pair(&fft, frames, &places[i], space))
 }
 
-/// At `scale` px of the frame to one of the flows'.
+/// At `scale` px of the frame to one of a tile's.
 fn places(frame: &Encoded, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
-    let size @ (w, h) = first.size();
+    let size @ (w, h) = (first.width() / scale, first.height() / scale);
     // A checkerboard: each costs as much as several of [`super::Tile`], and all of them tell hardly more.
     let mut corners = corners(size);
     corners.retain(|(x, y)| (x + y) % TILE == 0);
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
-        let (speed, motion, deviation) = common_motion(first, corner)?;
+        let (speed, motion, deviation) = common_motion(first, corner, scale)?;
         let to = |at: usize, by: f32| at.checked_add_signed(by.round() as isize);
         let next @ (next_x, next_y) = (to(x, motion[0])?, to(y, motion[1])?);
         if deviation > MAX_DEVIATION || next_x + TILE > w || next_y + TILE > h {
             return None;
         }
-        let (next_speed, next_motion, deviation) = common_motion(second, next)?;
+        let (next_speed, next_motion, deviation) = common_motion(second, next, scale)?;
         let differ = (motion[0] - next_motion[0]).hypot(motion[1] - next_motion[1]);
         if deviation > MAX_DEVIATION || speed.max(next_speed) < SPEEDS.start || differ < MIN_DIFFERENCE {
             return None;
