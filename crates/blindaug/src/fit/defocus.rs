@@ -39,10 +39,17 @@ pub(super) fn best_lens(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Syn
     best_lenses(range, objective)[0].1
 }
 
-/// The nearest and the farthest focus that is told apart in scenes in the range of inverse depths `(lo, hi)`: beyond them blur hardly
+/// The least and the greatest focus that is told apart in scenes in the range of inverse depths `(lo, hi)`: beyond them blur hardly
 /// depends on depth, or is proportional to it.
-fn foci((lo, hi): (f32, f32)) -> [f32; 2] {
-    [0.3 * lo.max(0.02 * hi).max(1e-6), 3.0 * hi.max(1e-6)]
+fn extreme_foci(range: (f32, f32)) -> [f32; 2] {
+    let [far, near] = seen_foci(range);
+    [0.3 * far, 3.0 * near]
+}
+
+/// The least and the greatest of them among what is seen.
+fn seen_foci((lo, hi): (f32, f32)) -> [f32; 2] {
+    let hi = hi.max(1e-6);
+    [lo.clamp(0.02 * hi, hi), hi]
 }
 
 /// No lens blurs what is seen by more, px: all stds beyond the tables' end look the same.
@@ -54,12 +61,19 @@ pub(super) fn best_lenses(
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32 + Sync + Send,
 ) -> Vec<(f32, Lens)> {
-    const FOCI: usize = 96;
+    const WITHIN: usize = 96;
+    const BEYOND: usize = 12;
     const BLURS: usize = 50;
     const MAXIMA: usize = 3;
-    let ((lo, hi), [far, near]) = (range, foci(range));
-    let best = par::map(FOCI, |i| {
-        let focus = far * (near / far).powf(i as f32 / (FOCI - 1) as f32);
+    let ((lo, hi), [far, near], [least, greatest]) = (range, seen_foci(range), extreme_foci(range));
+    // Among what is seen so close that the blur of the strongest lens differs by less than 1 px from one to the next.
+    let within = (0..WITHIN).map(|i| far + (near - far) * i as f32 / (WITHIN - 1) as f32);
+    let beyond = |i: usize, limit: f32| (limit.ln() * i as f32 / BEYOND as f32).exp();
+    let farther = (1..=BEYOND).rev().map(|i| far * beyond(i, least / far));
+    let nearer = (1..=BEYOND).map(|i| near * beyond(i, greatest / near));
+    let foci: Vec<f32> = farther.chain(within).chain(nearer).collect();
+    let best = par::map(foci.len(), |i| {
+        let focus = foci[i];
         let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
         let lens =
             |j: usize| Lens { slope: 0.08 * 500f32.powf(j as f32 / (BLURS - 1) as f32) / reach, focus };
@@ -68,7 +82,7 @@ pub(super) fn best_lenses(
             .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
     });
     let value = |i: Option<usize>| i.and_then(|i| best.get(i)).map_or(f32::MIN, |b| b.0);
-    let starts: Vec<Lens> = (0..FOCI)
+    let starts: Vec<Lens> = (0..foci.len())
         .filter(|&i| value(Some(i)) > value(i.checked_sub(1)) && value(Some(i)) >= value(Some(i + 1)))
         .map(|i| best[i].1)
         .collect();
@@ -95,7 +109,7 @@ pub(super) fn refined_lens(
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32,
 ) -> (f32, Lens) {
-    let [far, near] = foci(range);
+    let [least, greatest] = extreme_foci(range);
     let mut best = (objective(start), start);
     let mut step = 0.12;
     while step > finest {
@@ -112,7 +126,7 @@ pub(super) fn refined_lens(
         ];
         for lens in moves {
             let most = lens.sigma_px(range.0).max(lens.sigma_px(range.1));
-            if lens.focus < 0.9 * far || lens.focus > 1.1 * near || most > MOST_BLUR {
+            if lens.focus < 0.9 * least || lens.focus > 1.1 * greatest || most > MOST_BLUR {
                 continue;
             }
             let value = objective(lens);
@@ -380,6 +394,21 @@ mod tests {
         };
         let found = best_lens((0.1, 0.9), score);
         assert!((found.slope - 5.0).abs() < 0.05 && (found.focus - 0.4).abs() < 0.01, "{found:?}");
+    }
+
+    /// What is far from it says nothing, as tiles that object by all they may.
+    #[test]
+    fn strong_lenses_are_found_wherever_they_are_in_focus() {
+        let depths: Vec<f32> = (0..40).map(|i| 0.12 + 0.025 * i as f32).collect();
+        for (at_infinity, focus) in [(20.0, 0.556), (24.0, 0.4), (16.0, 0.333), (40.0, 0.9)] {
+            let truth = Lens { slope: at_infinity / focus, focus };
+            let score = |l: Lens| {
+                -depths.iter().map(|&d| (l.sigma_px(d) - truth.sigma_px(d)).powi(2).min(0.25)).sum::<f32>()
+            };
+            let found = best_lens((depths[2], depths[37]), score);
+            assert!((found.focus / focus - 1.0).abs() < 0.01, "{found:?} for {truth:?}");
+            assert!((found.slope / truth.slope - 1.0).abs() < 0.01, "{found:?} for {truth:?}");
+        }
     }
 
     #[test]
