@@ -129,6 +129,7 @@ impl VideoFrames {
 mod tests {
     use super::*;
     use crate::VideoWriter;
+    use std::ffi::OsStr;
     use std::process::Command;
 
     fn bikes() -> Option<PathBuf> {
