@@ -68,9 +68,9 @@ pub(super) fn best_lenses(
     let ((lo, hi), [far, near], [least, greatest]) = (range, seen_foci(range), extreme_foci(range));
     // Among what is seen so close that the blur of the strongest lens differs by less than 1 px from one to the next.
     let within = (0..WITHIN).map(|i| far + (near - far) * i as f32 / (WITHIN - 1) as f32);
-    let beyond = |i: usize, limit: f32| (limit.ln() * i as f32 / BEYOND as f32).exp();
-    let farther = (1..=BEYOND).rev().map(|i| far * beyond(i, least / far));
-    let nearer = (1..=BEYOND).map(|i| near * beyond(i, greatest / near));
+    let between = |from: f32, to: f32, i: usize| from * (to / from).powf(i as f32 / BEYOND as f32);
+    let farther = (0..BEYOND).map(|i| between(least, far, i));
+    let nearer = (1..=BEYOND).map(|i| between(near, greatest, i));
     let foci: Vec<f32> = farther.chain(within).chain(nearer).collect();
     let best = par::map(foci.len(), |i| {
         let focus = foci[i];

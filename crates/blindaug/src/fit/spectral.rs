@@ -207,14 +207,13 @@ pub fn tiles(
     let mut found: Vec<Tile> = vec![];
     // Large blur leaves only frequencies that a tile of 48 px of the frame hardly tells apart.
     for (level, size) in levels((w, h)).enumerate() {
-        let scale = 1 << level;
         if level > 0 {
             light = light.halved();
         }
         let corners = corners(size);
         let tiles = par::map(corners.len(), |i| {
             let (corner, block) = (corners[i], block_of(corners[i], size));
-            tile((&light, corner), flow, inverse_depth, (corner, scale), block, &fft)
+            tile((&light, corner), flow, inverse_depth, corner, block, &fft)
         });
         found.extend(tiles.into_iter().flatten());
     }
@@ -235,10 +234,8 @@ pub fn tiles(
 /// The sizes at which a frame of that size has tiles, each half the one before.
 pub fn levels((w, h): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
     (0..LEVELS)
+        .take_while(move |&level| level < 2 || w.min(h) >> level >= COARSE_SIDE)
         .map(move |level| (w >> level, h >> level))
-        .enumerate()
-        .take_while(|(level, (w, h))| *level < 2 || w.min(h) >= &COARSE_SIDE)
-        .map(|(_, size)| size)
 }
 
 /// The corners of a frame's tiles, row by row; of none if it is smaller than one.
@@ -268,7 +265,7 @@ pub(super) fn tiles_at(
         let corner @ (x, y) = corners[i];
         let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
         let block = block_of(corner, frame.0.size());
-        tile((&light, (0, 0)), flow, inverse_depth, (corner, 1), block, &fft)
+        tile((&light, (0, 0)), flow, inverse_depth, corner, block, &fft)
     });
     found.into_iter().flatten().collect()
 }
@@ -351,24 +348,25 @@ fn decoded(encoded: f32) -> [f32; 2] {
     [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
 }
 
-/// The tile at a corner at so many px of the frame to one of its own, and where in `light` that is; `None` if its motion is not one.
+/// The tile at a corner, at the resolution of `light`, and where in that it is; `None` if its motion is not one.
 fn tile(
     (light, at): (&Light, (usize, usize)),
     flow: Option<&Flow>,
     inverse_depth: Option<&Plane>,
-    (corner, scale): ((usize, usize), usize),
+    corner: (usize, usize),
     block: u32,
     fft: &Arc<dyn Fft<f32>>,
 ) -> Option<Tile> {
     let (speed, motion, _) = match flow {
-        Some(flow) => common_motion(flow, corner, scale)?,
+        Some(flow) => common_motion(flow, corner, light.scale)?,
         None => (0.0, [0.0; 2], 0.0),
     };
-    let inverse_depth = inverse_depth.and_then(|map| common_depth(map, corner, scale)).unwrap_or(f32::NAN);
+    let inverse_depth =
+        inverse_depth.and_then(|map| common_depth(map, corner, light.scale)).unwrap_or(f32::NAN);
     let noise_moments = light.noise_moments(at);
     let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
     let (of_exposure, of_lens) = (true, true);
-    let scale = scale as f32;
+    let scale = light.scale as f32;
     Some(Tile { block, scale, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
 }
 
