@@ -296,7 +296,7 @@ fn measure_own(
     let truth = footage.noise.insert(NoiseTruth::default());
     footage.frames.clear();
     for (t, clean) in footage.clean.iter().enumerate() {
-        let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &footage.flow[t]);
+        let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &scene.motion(t as f32));
         let filmed =
             camera.film(scene, t as u64, evidence, &setting, case.scene).map_err(|e| failure(pictures, e))?;
         truth.add(&filmed.frame, &filmed.without_noise);

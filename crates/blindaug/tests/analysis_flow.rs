@@ -2,7 +2,7 @@
 
 use blindaug::{
     Flow, Plane, Raster,
-    analysis::flow::{FlowEstimator, FlowPair, flow, flow_with_occlusion},
+    analysis::flow::{FlowEstimator, FlowPair, flow, flow_with_occlusion, motion_at_frame},
 };
 
 /// Uniform in [0, 1), from integers (a hash).
@@ -259,4 +259,34 @@ fn an_estimator_that_is_used_again_gives_the_same() {
     let (again, once) =
         (estimator.flow_with_occlusion(&c, &d).unwrap(), flow_with_occlusion(&c, &d).unwrap());
     assert!(again.backward == once.backward && again.occluded == once.occluded);
+}
+
+/// A zoom that speeds up: from the frame at time -1 on, distances to the centre grow by exp(s(t)).
+#[test]
+fn motion_at_a_frame_is_between_the_flows_to_it_and_from_it() {
+    const N: usize = 120;
+    let s = |t: f32| 0.05 * t + 0.02 * t * t;
+    let from_centre = |x: usize, y: usize| [x as f32 - 60.0, y as f32 - 60.0];
+    let way = |from: f32, to: f32| {
+        let gain = (s(to) - s(from)).exp() - 1.0;
+        Flow::from_fn(N, N, |x, y| from_centre(x, y).map(|v| gain * v))
+    };
+    let (to_next, mut from_previous) = (way(0.0, 1.0), way(-1.0, 0.0));
+    from_previous.row_mut(30)[30] = [f32::NAN; 2];
+    let motion = motion_at_frame(&to_next, &from_previous);
+    let gain = s(0.5).exp() - s(-0.5).exp();
+    for (x, y) in [(60, 60), (10, 100), (119, 0), (90, 65)] {
+        let truth = from_centre(x, y).map(|v| gain * v);
+        let off = |f: [f32; 2]| (f[0] - truth[0]).hypot(f[1] - truth[1]);
+        assert!(off(motion.at(x, y)) < 0.02 * (1.0 + truth[0].hypot(truth[1])), "{:?}", motion.at(x, y));
+        assert!(off(to_next.at(x, y)) >= 0.2 * truth[0].hypot(truth[1]), "{:?}", to_next.at(x, y));
+    }
+    // What was seen here is not known of: (29, 29) comes from (30, 30).
+    assert_eq!(motion.at(29, 29), to_next.at(29, 29));
+    // A zoom out the other way: what is at the edge was not in view before.
+    let shrinking = way(0.0, -1.0);
+    let at_the_edge = motion_at_frame(&shrinking, &shrinking);
+    assert_eq!(at_the_edge.at(0, 0), shrinking.at(0, 0));
+    let unknown = motion_at_frame(&to_next.map(|_| [f32::NAN; 2]), &from_previous);
+    assert!(unknown.data().iter().flatten().all(|v| v.is_nan()));
 }

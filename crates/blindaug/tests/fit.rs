@@ -119,12 +119,14 @@ fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurre
     };
     // As if by streaks of half the first frame's motion.
     let texture = blurred(&texture(6, 1), &flows[0], 0.5);
-    // In the second frame all of it lies where the first one's motion takes it.
+    // At its own time the second frame moves as between the way to it and the way from it.
+    let own = Flow::filled(N, N, [0, 1].map(|c| 0.5 * (motions[0][c] + motions[1][c])));
+    // In it all lies where the first one's motion takes it.
     let moved = Plane::from_fn(N, N, |x, y| texture.at((x + N - 14) % N, (y + N - 3) % N));
     for lambda in [0.15, 0.3] {
         let frames = [
             noisy(&blurred(&texture, &flows[0], lambda), 0.004, 98),
-            noisy(&blurred(&moved, &flows[1], lambda), 0.004, 99),
+            noisy(&blurred(&moved, &own, lambda), 0.004, 99),
         ];
         let found = |pairs: bool| {
             let mut e = estimator(Family::Spectral);
@@ -144,6 +146,44 @@ fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurre
         );
         assert!((alone - lambda).abs() > 0.05, "{alone} for {lambda}");
     }
+}
+
+/// A pan that speeds up by a third each frame. The flow to the next frame is half a frame late.
+#[test]
+fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open() {
+    const LAMBDA: f32 = 0.6;
+    let steps = [12.0, 16.0, 21.0, 28.0];
+    let flows = steps.map(|s| Flow::filled(N, N, [s, 0.0]));
+    let texture = texture(8, 1);
+    let at = |frame: usize| {
+        let way = steps[..frame].iter().sum::<f32>() as usize;
+        let moved = Plane::from_fn(N, N, |x, y| texture.at((x + N - way) % N, y));
+        let own = 0.5 * (steps[frame - 1] + steps[frame]);
+        let own = Flow::filled(N, N, [own, 0.0]);
+        let filmed = synth::motion_blur::motion_blur(&moved, &own, ExposureFraction(LAMBDA)).unwrap();
+        noisy(&filmed, 0.004, 200 + frame as u64)
+    };
+    let frames = [1, 2, 3].map(at);
+    // Without the frame before the first one, its motion is not known.
+    let found = |first: usize, given: &dyn Fn(usize) -> Option<Flow>| {
+        let mut e = estimator(Family::Spectral);
+        for i in first..3 {
+            let flow = given(i);
+            let evidence = Evidence { flow: flow.as_ref(), ..Evidence::default() };
+            let previous = (i > first).then(|| &frames[i - 1]);
+            e.add(&Observation { frame: &frames[i], next: frames.get(i + 1), previous, evidence }).unwrap();
+        }
+        e.estimate().unwrap().diagnostics.exposure_per_frame
+    };
+    let given = found(0, &|i| Some(flows[i + 1].clone()));
+    println!("{given:?}; {:?}", found(0, &|_| None));
+    for (frame, lambda) in &given[1..] {
+        assert!((lambda - LAMBDA).abs() < 0.03, "{lambda} of frame {frame}");
+    }
+    // By the flow to the next frame alone it looks shorter, as the first one does.
+    assert!(given[0].1 < LAMBDA - 0.05, "{}", given[0].1);
+    let late = found(1, &|i| Some(flows[i + 1].clone()))[0];
+    assert!(late.1 < LAMBDA - 0.05, "{}", late.1);
 }
 
 #[test]

@@ -42,7 +42,7 @@ pub struct Filmed {
 }
 
 impl Camera {
-    /// Films the frame at a time. `sharp`, depth and flow are those of the scene at that time.
+    /// Films the frame at a time. `sharp`, depth and motion are those of the scene at that time.
     ///
     /// # Errors
     /// None that a scene of this program gives cause for.
@@ -50,7 +50,7 @@ impl Camera {
         self,
         scene: &Scene,
         time: u64,
-        (sharp, inverse_depth, flow): (&Linear, &Plane, &Flow),
+        (sharp, inverse_depth, motion): (&Linear, &Plane, &Flow),
         setting: &Setting,
         seed: u64,
     ) -> Result<Filmed> {
@@ -59,7 +59,7 @@ impl Camera {
                 let model = model(sharp.0.size(), setting);
                 let options = synth::Options { bokeh: Bokeh::Disk, no_noise: true, seed };
                 let clean =
-                    synth::distort_frame(sharp, &model, Some(inverse_depth), Some(flow), &options, time)?;
+                    synth::distort_frame(sharp, &model, Some(inverse_depth), Some(motion), &options, time)?;
                 let noise = model.noise.known().map(|m| noise::noise(m, &clean.luma(), seed, time));
                 let noisy = match noise {
                     Some(n) => Encoded(Raster::from_fn(clean.0.width(), clean.0.height(), |x, y| {

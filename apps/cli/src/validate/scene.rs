@@ -209,16 +209,28 @@ impl Scene {
 
     /// Optical flow from time `t` to `t + 1`.
     pub fn flow(&self, t: f32) -> Flow {
-        let (pose, next) = (self.pose(t), self.pose(t + 1.0));
+        let way = self.way(t, t + 1.0);
+        Raster::from_fn(self.size.0, self.size.1, way)
+    }
+
+    /// Motion at time `t`: the way of what is seen then from half an interval before to half an interval after it.
+    pub fn motion(&self, t: f32) -> Flow {
+        let [before, after] = [-0.5, 0.5].map(|d| self.way(t, t + d));
+        Raster::from_fn(self.size.0, self.size.1, |x, y| [0, 1].map(|c| after(x, y)[c] - before(x, y)[c]))
+    }
+
+    /// For each pixel at time `t`, how far away it is seen at time `other`.
+    fn way(&self, t: f32, other: f32) -> impl Fn(usize, usize) -> [f32; 2] + Sync {
+        let (pose, next) = (self.pose(t), self.pose(other));
         let (w, h) = (self.size.0 as f32, self.size.1 as f32);
-        Raster::from_fn(self.size.0, self.size.1, |x, y| {
+        move |x, y| {
             let direction = self.direction(&pose, x as f32, y as f32, [0.0; 2]);
             let z = self.hit(pose.position, direction).map_or(1e4, |h| h.1);
             let point = add(pose.position, scaled(direction, z));
             let seen = next.axes.map(|axis| dot(add(point, scaled(next.position, -1.0)), axis));
             let place = |i: usize, n: f32| self.focal() * seen[i] / seen[2] + 0.5 * (n - 1.0);
             [place(0, w) - x as f32, place(1, h) - y as f32]
-        })
+        }
     }
 
     /// Along a streak as many as it takes for neighbours to lie less than a pixel apart; of a lens [`POOL`] times as many as a pixel has.

@@ -64,7 +64,8 @@ pub struct TileEvidence {
 }
 
 impl TileEvidence {
-    /// Of display-encoded frames, 3 channels or more, flow to the next frame in px (NaN: unknown) and inverse depth (NaN: no reading);
+    /// Of display-encoded frames, 3 channels or more, motion in px per frame interval (NaN: unknown; best the motion at the frame's own
+    /// time, [`blindaug::analysis::flow::motion_at_frame`]) and inverse depth (NaN: no reading);
     /// of each texture the first layer counts. What is not given says nothing.
     ///
     /// # Errors

@@ -140,6 +140,34 @@ pub fn inconsistent(forward: &Flow, backward: &Flow) -> Raster<bool> {
     })
 }
 
+/// The motion at a frame's own time, px per frame interval, given the flow to the next frame and that from the previous frame to this
+/// one: their mean, for each is the motion half an interval away. Where it is not known which pixel of the previous frame is seen,
+/// the flow to the next frame; NaN where that is.
+///
+/// The flows must have one size.
+pub fn motion_at_frame(to_next: &Flow, from_previous: &Flow) -> Flow {
+    // The pixel of the previous frame must lead here, px.
+    const GAP: f32 = 1.0;
+    let (w, h) = to_next.size();
+    // Of the pixel of the previous frame that is this one minus `way`: flow is smooth enough for the nearest.
+    let before = |x: usize, y: usize, way: [f32; 2]| {
+        let (x, y) = (x as f32 - way[0], y as f32 - way[1]);
+        inside(x, y, (w, h)).then(|| from_previous.at((x + 0.5) as usize, (y + 0.5) as usize))
+    };
+    let mut motion = Flow::filled(w, h, [0.0; 2]);
+    par::for_each_row(motion.data_mut(), w, |y, out| {
+        for (x, (out, &next)) in out.iter_mut().zip(to_next.row(y)).enumerate() {
+            let guess = before(x, y, next);
+            let last = guess.and_then(|guess| {
+                let last = before(x, y, guess)?;
+                ((last[0] - guess[0]).abs() + (last[1] - guess[1]).abs() < GAP).then_some(last)
+            });
+            *out = last.map_or(next, |last| [0, 1].map(|c| 0.5 * (next[c] + last[c])));
+        }
+    });
+    motion
+}
+
 fn inside(x: f32, y: f32, (w, h): (usize, usize)) -> bool {
     x >= 0.0 && y >= 0.0 && x <= (w as f32 - 1.0) && y <= (h as f32 - 1.0)
 }

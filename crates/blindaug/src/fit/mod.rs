@@ -21,7 +21,7 @@ use crate::model::{
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, luma, par};
 use analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
-use analysis::flow::FlowEstimator;
+use analysis::flow::{FlowEstimator, motion_at_frame};
 use noise::{LumaNoise, NoiseEvidence, NoiseFit};
 
 /// Which family of estimators answers for blur.
@@ -145,11 +145,20 @@ pub struct Estimator {
     depth_kind: Option<DepthKind>,
     depth_given: bool,
     last_depth: Option<(usize, Plane)>,
-    /// The flow from the frame of that index to the next.
-    last_flow: Option<(usize, Flow)>,
+    last_motion: Option<LastMotion>,
     cuts: usize,
     /// Whether images that were given are what a network made.
     by_network: bool,
+}
+
+/// How the frame added last moves.
+struct LastMotion {
+    /// Of the frame.
+    index: usize,
+    /// To the next frame.
+    flow: Flow,
+    /// At its own time.
+    motion: Flow,
 }
 
 /// An exposure, its curve, and that of each frame.
@@ -204,7 +213,7 @@ impl Estimator {
             depth_kind: None,
             depth_given: false,
             last_depth: None,
-            last_flow: None,
+            last_motion: None,
             cuts: 0,
             by_network: false,
         }
@@ -304,27 +313,39 @@ impl Estimator {
             kept.temporal.add_pair(frame, other, flow)?;
         }
         kept.spatial.add_single(frame);
+        // The shutter is open around the frame's own time, not on the way to the next one.
+        let last = self.last_motion.take().filter(|l| l.index + 1 == index);
+        let motion = to_next.as_ref().map(|flow| match &last {
+            Some(last) => motion_at_frame(flow, &last.flow),
+            None => flow.clone(),
+        });
         // A motion that is taken to go on differs from none.
         let measured = next.is_some() || evidence.flow.is_some();
         if self.options.family != Family::Removal {
-            kept.tiles = spectral::tiles(frame, to_next.as_ref(), depth.as_ref(), self.options.blur_space)?;
-            let last = self.last_flow.as_ref().filter(|l| l.0 + 1 == index);
-            if let (true, Some(before), Some((_, last)), Some(own)) = (measured, previous, last, &to_next) {
-                kept.pairs = spectral::pairs([before, frame], [last, own], self.options.blur_space);
+            kept.tiles = spectral::tiles(frame, motion.as_ref(), depth.as_ref(), self.options.blur_space)?;
+            if let (true, Some(before), Some(last), Some(own)) = (measured, previous, &last, &motion) {
+                kept.pairs = spectral::pairs(
+                    [before, frame],
+                    &last.flow,
+                    [&last.motion, own],
+                    self.options.blur_space,
+                );
             }
         }
         // For what no given image answers.
         let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
         if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
-            kept.removal = self.removal_tiles(observation, &kept, to_next.as_ref(), depth.as_ref());
+            let moves = to_next.as_ref().zip(motion.as_ref());
+            kept.removal = self.removal_tiles(observation, &kept, moves, depth.as_ref());
         }
         if self.options.family != Family::Spectral {
-            self.compare_with_clean(&mut kept, frame, &evidence, to_next.as_ref(), depth.as_ref())?;
+            self.compare_with_clean(&mut kept, frame, &evidence, motion.as_ref(), depth.as_ref())?;
         }
         if let Some(depth) = depth {
             self.last_depth = Some((index, depth));
         }
-        self.last_flow = to_next.filter(|_| measured).map(|flow| (index, flow));
+        self.last_motion =
+            to_next.zip(motion).filter(|_| measured).map(|(flow, motion)| LastMotion { index, flow, motion });
         self.frames.push(kept);
         if self.frames.len() > Self::MAX_FRAMES {
             let mut keep = false;
@@ -342,17 +363,17 @@ impl Estimator {
         &self,
         observation: &Observation,
         kept: &FrameEvidence,
-        flow: Option<&Flow>,
+        flow_and_motion: Option<(&Flow, &Flow)>,
         depth: Option<&Plane>,
     ) -> Vec<removal::Tile> {
         let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
         let light = removal::NoisyLight::new(observation.frame, &noise.levels[0], self.options.blur_space);
-        let Some(flow) = flow else { return removal::tiles(&light, None, depth) };
+        let Some((flow, motion)) = flow_and_motion else { return removal::tiles(&light, None, depth) };
         let neighbours: Vec<(Plane, f32)> = [(observation.next, 1.0), (observation.previous, -1.0)]
             .into_iter()
             .filter_map(|(other, later)| Some((light_of(other?, self.options.blur_space), later)))
             .collect();
-        removal::tiles(&removal::denoise(&light, &neighbours, flow), Some(flow), depth)
+        removal::tiles(&removal::denoise(&light, &neighbours, flow), Some(motion), depth)
     }
 
     /// The paper's fits, of whatever clean frames there are.
@@ -361,7 +382,7 @@ impl Estimator {
         kept: &mut FrameEvidence,
         frame: &Encoded,
         evidence: &Evidence,
-        flow: Option<&Flow>,
+        motion: Option<&Flow>,
         depth: Option<&Plane>,
     ) -> Result<()> {
         let light = |image: &Encoded| light_of(image, self.options.blur_space);
@@ -371,7 +392,7 @@ impl Estimator {
         let weight = self.noise_weight(frame);
         let clean = evidence.clean.map(light);
         let exposure_alone =
-            |sharp: &Plane| flow.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
+            |sharp: &Plane| motion.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
         let lens_alone = |target: &Plane, sharp: &Plane| {
             depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None))
         };
@@ -387,7 +408,8 @@ impl Estimator {
         } else if let Some(clean) = &clean {
             kept.exposure = exposure_alone(clean);
             kept.lens = lens_alone(&target, clean);
-            if let (Some(flow), Some(depth), Some(_), Some(_)) = (flow, depth, &kept.exposure, &kept.lens) {
+            if let (Some(motion), Some(depth), Some(_), Some(_)) = (motion, depth, &kept.exposure, &kept.lens)
+            {
                 for _ in 0..3 {
                     let lens = kept.lens.as_ref().map(|l| l.lens);
                     let defocused = match lens {
@@ -396,13 +418,13 @@ impl Estimator {
                     };
                     kept.exposure = exposure_alone(&defocused);
                     let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
-                    kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((flow, exposure)));
+                    kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((motion, exposure)));
                 }
             }
             if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
                 let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
-                let still =
-                    flow.map_or(Ok(clean.clone()), |f| synth::motion_blur::motion_blur(clean, f, exposure))?;
+                let still = motion
+                    .map_or(Ok(clean.clone()), |f| synth::motion_blur::motion_blur(clean, f, exposure))?;
                 kept.search = defocus::pooled_search(&target, &still, d);
             }
         }
@@ -416,7 +438,7 @@ impl Estimator {
         match (evidence.denoised, evidence.clean) {
             (Some(denoised), _) => kept.denoised.add_denoised(frame, denoised)?,
             (None, Some(clean)) => {
-                let blurred = self.reblurred(clean, kept, flow, depth)?;
+                let blurred = self.reblurred(clean, kept, motion, depth)?;
                 kept.denoised.add_residual(frame, &blurred)?;
             }
             _ => {}
@@ -429,7 +451,7 @@ impl Estimator {
         &self,
         clean: &Encoded,
         found: &FrameEvidence,
-        flow: Option<&Flow>,
+        motion: Option<&Flow>,
         depth: Option<&Plane>,
     ) -> Result<Encoded> {
         let transfer = Transfer::Srgb;
@@ -438,7 +460,7 @@ impl Estimator {
         if let (Some(l), Some(d)) = (&found.lens, depth) {
             image = synth::defocus::defocus(&image, &d.map(|d| l.lens.sigma_px(d)), BOKEH)?;
         }
-        if let (Some(e), Some(f)) = (&found.exposure, flow) {
+        if let (Some(e), Some(f)) = (&found.exposure, motion) {
             image = synth::motion_blur::motion_blur(&image, f, e.exposure)?;
         }
         Ok(if linear { Linear(image).to_encoded(transfer) } else { Encoded(image) })
@@ -454,7 +476,7 @@ impl Estimator {
 
     /// The flow to the next frame that was used of the frame added last.
     pub fn flow(&self) -> Option<&Flow> {
-        self.last_flow.as_ref().filter(|f| f.0 + 1 == self.given).map(|f| &f.1)
+        self.last_motion.as_ref().filter(|l| l.index + 1 == self.given).map(|l| &l.flow)
     }
 
     /// The inverse depth that was used of the frame added last, and what it is in.

@@ -188,7 +188,8 @@ pub struct LensFit {
     pub points: Vec<BlurPoint>,
 }
 
-/// The tiles of a frame, given the flow to the next frame (NaN: unknown) and inverse depth (NaN: no reading), where known.
+/// The tiles of a frame, given its motion in px per frame interval (NaN: unknown) and inverse depth (NaN: no reading), where known.
+/// The motion is best that at the frame's own time ([`motion_at_frame`](crate::analysis::flow::motion_at_frame)).
 ///
 /// # Errors
 /// If the sizes differ.

@@ -18,7 +18,7 @@ use super::sharpening;
 use super::spectral::{self, ExposureWitness, FineTables, LensWitness};
 use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
-use crate::analysis::flow::FlowEstimator;
+use crate::analysis::flow::{FlowEstimator, motion_at_frame};
 use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
     ExposureFraction, Method, MotionBlurModel, NoiseModel, SharpeningModel, ThinLensInterval,
@@ -84,10 +84,10 @@ pub struct Tracker {
     size: Option<(usize, usize)>,
     frames: usize,
     flow: FlowEstimator,
-    /// The last one that was found.
-    enlarged: Flow,
-    /// Whether the last frame's was.
-    has_flow: bool,
+    /// That of the last frame, to the next one where there was one.
+    last_flow: LastFlow,
+    /// The memory of the one before it.
+    spare: Flow,
     /// The last one that was found.
     inverse_depth: Option<Plane>,
     parallax: ParallaxTracker,
@@ -111,6 +111,16 @@ struct Known {
     lens: Option<DefocusModel>,
 }
 
+/// The flow of the last frame.
+#[derive(Default)]
+struct LastFlow {
+    flow: Option<Flow>,
+    /// Whether it was found in the frames, not given.
+    found: bool,
+    /// Whether it is to the next frame.
+    to_next: bool,
+}
+
 /// What is known of motion and depth in a frame.
 struct Geometry<'a> {
     /// To the neighbour that there is.
@@ -127,8 +137,8 @@ impl Tracker {
             size: None,
             frames: 0,
             flow: FlowEstimator::new(),
-            enlarged: Flow::filled(0, 0, [0.0; 2]),
-            has_flow: false,
+            last_flow: LastFlow::default(),
+            spare: Flow::filled(0, 0, [0.0; 2]),
             inverse_depth: None,
             parallax: ParallaxTracker::new().near_the_last(),
             noise: NoiseMemory::default(),
@@ -163,16 +173,27 @@ impl Tracker {
         let mut model = CameraModel::unknown(capture, "");
         model.blur_space = self.blur_space;
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
-        let tiles = self.tiles(frame, &geometry);
+        let to_next = next.is_some() || observation.evidence.flow.is_some();
+        // The shutter is open around the frame's own time, not on the way to the next one.
+        let motion = match (&geometry.flow, &self.last_flow) {
+            (Some(flow), LastFlow { flow: Some(last), to_next: true, .. }) if to_next => {
+                Some(Cow::Owned(motion_at_frame(flow, last)))
+            }
+            (flow, _) => flow.as_deref().map(Cow::Borrowed),
+        };
+        let tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
+        drop(motion);
         let found = spectral::exposure_witnesses(&[&tiles], &self.luma_noise);
         model.motion_blur = self.follow_exposure(&found);
         model.sharpening = self.known.sharpening;
         let (exposure, sharpening) = (self.exposure(), self.known.sharpening.as_ref());
         let found = spectral::lens_witnesses(&[&tiles], &self.luma_noise, exposure, sharpening);
         model.defocus = self.follow_lens(&found);
-        self.has_flow = matches!(geometry.flow, Some(Cow::Owned(_)));
-        if let Some(Cow::Owned(flow)) = geometry.flow {
-            self.enlarged = flow;
+        let found = matches!(geometry.flow, Some(Cow::Owned(_)));
+        let flow = geometry.flow.map(Cow::into_owned);
+        let before = std::mem::replace(&mut self.last_flow, LastFlow { flow, found, to_next });
+        if let Some(memory) = before.flow {
+            self.spare = memory;
         }
         if let Some(Cow::Owned(depth)) = geometry.inverse_depth {
             self.inverse_depth = Some(depth);
@@ -218,7 +239,7 @@ impl Tracker {
         if !lens.is_empty() {
             self.measure_depth_in(depth_kind)?;
         }
-        self.has_flow = false;
+        self.last_flow = LastFlow::default();
         self.changes = Changes::default();
         model.motion_blur = self.follow_exposure(exposure);
         model.defocus = self.follow_lens(lens);
@@ -254,7 +275,7 @@ impl Tracker {
     /// The last frame's flow to the next one (to the previous one where there was no next), px, NaN where it is unknown;
     /// `None` where it was given, or not found.
     pub fn flow(&self) -> Option<&Flow> {
-        self.has_flow.then_some(&self.enlarged)
+        self.last_flow.flow.as_ref().filter(|_| self.last_flow.found)
     }
 
     /// The last relative inverse depth that parallax gave, in the models' unit of it; of one of the last frames.
@@ -294,7 +315,7 @@ impl Tracker {
             let (from, to) = (small(frame), small(other));
             let pair = self.flow.flow_with_occlusion(&from, &to)?;
             if pair.confirmed() >= MIN_CONFIRMED {
-                let into = std::mem::replace(&mut self.enlarged, Flow::filled(0, 0, [0.0; 2]));
+                let into = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
                 geometry.flow = Some(Cow::Owned(enlarged(known_flow(&pair), size, into)));
             }
             if pair.confirmed() < SCALE_CONFIRMED {
@@ -372,8 +393,7 @@ impl Tracker {
     }
 
     /// Some of the frame's tiles, others each time: of those whose motion or depth is known, the ones of most contrast.
-    fn tiles(&self, frame: &Encoded, geometry: &Geometry) -> Vec<spectral::Tile> {
-        let (flow, depth) = (geometry.flow.as_deref(), geometry.inverse_depth.as_deref());
+    fn tiles(&self, frame: &Encoded, flow: Option<&Flow>, depth: Option<&Plane>) -> Vec<spectral::Tile> {
         if flow.is_none() && depth.is_none() {
             return vec![];
         }

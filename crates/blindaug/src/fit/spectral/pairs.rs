@@ -46,16 +46,18 @@ pub struct Pair {
 /// Where a pair is, and how its surface moves in both frames.
 struct Place {
     corners: [(usize, usize); 2],
+    /// What is left of the way from one to the other, which is in whole pixels.
+    rest: [f32; 2],
     motions: [[f32; 2]; 2],
     contrast: f32,
     block: u32,
     scale: usize,
 }
 
-/// The pairs of two successive frames, given the flow from each to its next one (NaN: unknown).
-pub fn pairs(frames: [&Encoded; 2], flows: [&Flow; 2], space: BlurSpace) -> Vec<Pair> {
-    let mut places = places(frames[0], flows, 1);
-    places.extend(self::places(frames[0], flows, 2));
+/// The pairs of two successive frames, given the flow from the first to the second and each one's motion at its own time (NaN: unknown).
+pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: BlurSpace) -> Vec<Pair> {
+    let mut places = places(frames[0], flow, motions, 1);
+    places.extend(self::places(frames[0], flow, motions, 2));
     places.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
     places.truncate(PAIRS_PER_FRAME);
     let fft = FftPlanner::new().plan_fft_forward(TILE);
@@ -63,16 +65,17 @@ pub fn pairs(frames: [&Encoded; 2], flows: [&Flow; 2], space: BlurSpace) -> Vec<
 }
 
 /// At `scale` px of the frame to one of a tile's.
-fn places(frame: &Encoded, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
-    let size @ (w, h) = (first.width() / scale, first.height() / scale);
+fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
+    let size @ (w, h) = (flow.width() / scale, flow.height() / scale);
     // A checkerboard: each costs as much as several of [`super::Tile`], and all of them tell hardly more.
     let mut corners = corners(size);
     corners.retain(|(x, y)| (x + y) % TILE == 0);
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
-        let (speed, motion, deviation) = common_motion(first, corner, scale)?;
+        let (speed, motion, _) = common_motion(first, corner, scale)?;
+        let (_, way, deviation) = common_motion(flow, corner, scale)?;
         let to = |at: usize, by: f32| at.checked_add_signed(by.round() as isize);
-        let next @ (next_x, next_y) = (to(x, motion[0])?, to(y, motion[1])?);
+        let next @ (next_x, next_y) = (to(x, way[0])?, to(y, way[1])?);
         if deviation > MAX_DEVIATION || next_x + TILE > w || next_y + TILE > h {
             return None;
         }
@@ -93,6 +96,7 @@ fn places(frame: &Encoded, [first, second]: [&Flow; 2], scale: usize) -> Vec<Pla
         let std = (squares / n - (sum / n).powi(2)).max(0.0).sqrt();
         Some(Place {
             corners: [corner, next],
+            rest: way.map(|v| v - v.round()),
             motions: [motion, next_motion],
             contrast: std,
             block: block_of(next, size),
@@ -111,8 +115,6 @@ fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Bl
         if scale == 2 { light.halved() } else { light }
     });
     let [a, b] = lights.each_ref().map(|l| transform(fft, &l.plane, (0, 0)));
-    // The tiles lie at whole pixels.
-    let rest = place.motions[0].map(|v| v - v.round());
     let power = |a: &Complex<f32>| a.norm_sqr() / (TILE * TILE) as f32;
     let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (power(a) + power(b))).collect();
     let smooth = |at: usize| {
@@ -136,7 +138,7 @@ fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Bl
         cross: frequencies()
             .iter()
             .map(|q| {
-                let turn = Complex::cis(std::f32::consts::TAU * (q.x * rest[0] + q.y * rest[1]));
+                let turn = Complex::cis(std::f32::consts::TAU * (q.x * place.rest[0] + q.y * place.rest[1]));
                 (a[q.at] * (b[q.at] * turn).conj()).re / (TILE * TILE) as f32
             })
             .collect(),
