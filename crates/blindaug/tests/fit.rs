@@ -1,6 +1,7 @@
 //! Known answers of the estimators on synthetic frames.
 
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
+use blindaug::fit::track::Tracker;
 use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options, spectral};
 use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
@@ -184,6 +185,20 @@ fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open()
     assert!(given[0].1 < LAMBDA - 0.05, "{}", given[0].1);
     let late = found(1, &|i| Some(flows[i + 1].clone()))[0];
     assert!(late.1 < LAMBDA - 0.05, "{}", late.1);
+    // The same for the tracker: the last frames, after the one before, and as a first one.
+    let tracked = |frames_before: usize| {
+        let mut tracker = Tracker::new(Default::default(), None);
+        for i in 2 - frames_before..3 {
+            let evidence = Evidence { flow: Some(&flows[i + 1]), ..Evidence::default() };
+            let next = frames.get(i + 1);
+            tracker.push(&Observation { frame: &frames[i], next, previous: None, evidence }).unwrap();
+        }
+        let model = tracker.model().unwrap();
+        model.motion_blur.known().map_or(f32::NAN, |m| m.exposure.0)
+    };
+    let (alone, after) = (tracked(0), tracked(2));
+    println!("tracker: {alone}, {after}");
+    assert!(alone < LAMBDA - 0.05 && after > alone + 0.02, "{alone} {after}");
 }
 
 #[test]

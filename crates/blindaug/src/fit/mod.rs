@@ -153,7 +153,7 @@ pub struct Estimator {
 
 /// How the frame added last moves.
 struct LastMotion {
-    /// Of the frame.
+    /// Of that frame among those given.
     index: usize,
     /// To the next frame.
     flow: Flow,
