@@ -11,7 +11,7 @@ use crate::console::{self, Progress, Result, failure, note};
 use crate::networks::Networks;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
-use blindaug::{Encoded, Transfer};
+use blindaug::{Encoded, Flow, Transfer};
 use blindaug_io::{FrameRange, FrameSource, VideoWriter, write_atomically, write_png};
 use camera::{Camera, Setting};
 use clips::{Condition, Fidelity};
@@ -259,10 +259,18 @@ fn clip_case(condition: &Condition, networks: &[String]) -> Case {
 
 /// The sharp frames of the scene that was filmed last: they are the same for all settings.
 #[derive(Default)]
-struct SharpScene(Option<(u64, Scene, Footage)>);
+struct SharpScene(Option<(u64, Filming)>);
+
+/// A scene, its sharp frames and what can be given beside them.
+struct Filming {
+    scene: Scene,
+    footage: Footage,
+    /// At the frames' own times.
+    motion: Vec<Flow>,
+}
 
 impl SharpScene {
-    fn get(&mut self, case: &Case) -> &mut (u64, Scene, Footage) {
+    fn get(&mut self, case: &Case) -> &mut Filming {
         if self.0.as_ref().is_none_or(|s| s.0 != case.scene) {
             let scene = Scene::new(case.scene, case.size);
             let times = || 0..case.frames;
@@ -276,9 +284,10 @@ impl SharpScene {
                 truth: Truth { exposure: 0.0, lens: None },
                 noise: None,
             };
-            self.0 = Some((case.scene, scene, footage));
+            let motion = times().map(|t| scene.motion(t as f32)).collect();
+            self.0 = Some((case.scene, Filming { scene, footage, motion }));
         }
-        self.0.as_mut().expect("it was just made")
+        &mut self.0.as_mut().expect("it was just made").1
     }
 }
 
@@ -291,12 +300,12 @@ fn measure_own(
     let (Some(camera), Some(setting)) = (case.camera, case.setting) else {
         return Err(failure(pictures, "a case without a camera"));
     };
-    let (_, scene, footage) = sharp.get(case);
+    let Filming { scene, footage, motion } = sharp.get(case);
     footage.truth = Truth { exposure: setting.exposure, lens: setting.lens };
     let truth = footage.noise.insert(NoiseTruth::default());
     footage.frames.clear();
     for (t, clean) in footage.clean.iter().enumerate() {
-        let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &scene.motion(t as f32));
+        let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &motion[t]);
         let filmed =
             camera.film(scene, t as u64, evidence, &setting, case.scene).map_err(|e| failure(pictures, e))?;
         truth.add(&filmed.frame, &filmed.without_noise);

@@ -209,28 +209,37 @@ impl Scene {
 
     /// Optical flow from time `t` to `t + 1`.
     pub fn flow(&self, t: f32) -> Flow {
-        let way = self.way(t, t + 1.0);
-        Raster::from_fn(self.size.0, self.size.1, way)
+        let next = self.pose(t + 1.0);
+        self.of_points(t, |x, y, point| {
+            let [u, v] = self.place(&next, point);
+            [u - x as f32, v - y as f32]
+        })
     }
 
     /// Motion at time `t`: the way of what is seen then from half an interval before to half an interval after it.
     pub fn motion(&self, t: f32) -> Flow {
-        let [before, after] = [-0.5, 0.5].map(|d| self.way(t, t + d));
-        Raster::from_fn(self.size.0, self.size.1, |x, y| [0, 1].map(|c| after(x, y)[c] - before(x, y)[c]))
+        let [before, after] = [-0.5, 0.5].map(|d| self.pose(t + d));
+        self.of_points(t, |_, _, point| {
+            let (a, b) = (self.place(&before, point), self.place(&after, point));
+            [b[0] - a[0], b[1] - a[1]]
+        })
     }
 
-    /// For each pixel at time `t`, how far away it is seen at time `other`.
-    fn way(&self, t: f32, other: f32) -> impl Fn(usize, usize) -> [f32; 2] + Sync {
-        let (pose, next) = (self.pose(t), self.pose(other));
-        let (w, h) = (self.size.0 as f32, self.size.1 as f32);
-        move |x, y| {
+    /// Of each pixel and the point that is seen there at time `t`.
+    fn of_points(&self, t: f32, of: impl Fn(usize, usize, [f32; 3]) -> [f32; 2] + Sync) -> Flow {
+        let pose = self.pose(t);
+        Raster::from_fn(self.size.0, self.size.1, |x, y| {
             let direction = self.direction(&pose, x as f32, y as f32, [0.0; 2]);
             let z = self.hit(pose.position, direction).map_or(1e4, |h| h.1);
-            let point = add(pose.position, scaled(direction, z));
-            let seen = next.axes.map(|axis| dot(add(point, scaled(next.position, -1.0)), axis));
-            let place = |i: usize, n: f32| self.focal() * seen[i] / seen[2] + 0.5 * (n - 1.0);
-            [place(0, w) - x as f32, place(1, h) - y as f32]
-        }
+            of(x, y, add(pose.position, scaled(direction, z)))
+        })
+    }
+
+    /// Where a camera sees a point, px.
+    fn place(&self, pose: &Pose, point: [f32; 3]) -> [f32; 2] {
+        let seen = pose.axes.map(|axis| dot(add(point, scaled(pose.position, -1.0)), axis));
+        let place = |i: usize, n: usize| self.focal() * seen[i] / seen[2] + 0.5 * (n as f32 - 1.0);
+        [place(0, self.size.0), place(1, self.size.1)]
     }
 
     /// Along a streak as many as it takes for neighbours to lie less than a pixel apart; of a lens [`POOL`] times as many as a pixel has.
