@@ -124,6 +124,25 @@ fn rotation_and_zoom() {
 }
 
 #[test]
+fn light_that_changes_is_no_motion() {
+    let size = (192, 144);
+    let (from, to, truth) = affine(size, [[1.0, 0.0], [0.0, 1.0]], [2.3, -1.6], 0.01);
+    let error = |light: &(dyn Fn(f32) -> f32 + Sync), down: bool| {
+        let lit = Plane::from_fn(size.0, size.1, |x, y| {
+            let along = if down { y as f32 / size.1 as f32 } else { x as f32 / size.0 as f32 };
+            ((to.at(x, y) + 0.055) * light(along).powf(1.0 / 2.4) - 0.055).min(1.0)
+        });
+        endpoint_error(&flow(&from, &lit).unwrap(), &truth, 8.0)
+    };
+    let flicker = |y: f32| 1.0 + 0.25 * (9.0 * y).sin();
+    let steady = error(&|_| 1.0, true);
+    assert!(error(&|_| 1.15, true) < 1.3 * steady, "{} {steady}", error(&|_| 1.15, true));
+    assert!(error(&flicker, true) < 1.5 * steady, "{} {steady}", error(&flicker, true));
+    // Negative control: no rolling shutter makes light flicker from left to right, and that is not undone.
+    assert!(error(&flicker, false) > 2.0 * steady, "{} {steady}", error(&flicker, false));
+}
+
+#[test]
 fn endpoint_error_sees_a_wrong_flow() {
     let (_, _, truth) = affine((60, 50), IDENTITY, [2.0, 1.0], 0.0);
     assert_eq!(endpoint_error(&truth, &truth, 2.0), 0.0);

@@ -5,6 +5,7 @@
 //! The constants were chosen on rendered clips, with and without noise (std 0.02 to 0.05), motion blur and defocus; the
 //! result depends little on any of them.
 
+use super::brightness::{brightening, undone};
 use super::variational::Refiner;
 use crate::{Error, Flow, Plane, Raster, Result, filter, par, pyramid};
 
@@ -94,7 +95,7 @@ impl FlowEstimator {
     /// As [`flow`].
     pub fn flow(&mut self, from: &Plane, to: &Plane) -> Result<Flow> {
         check(from, to)?;
-        Ok(par::within(|| solve(&mut self.refiner, &pyramid_of(from), &pyramid_of(to))))
+        Ok(par::within(|| solve_alike(&mut self.refiner, (from, &pyramid_of(from)), (to, &pyramid_of(to)))))
     }
 
     /// As [`flow_with_occlusion`].
@@ -105,11 +106,13 @@ impl FlowEstimator {
         check(a, b)?;
         Ok(par::within(|| {
             let (pa, pb) = (pyramid_of(a), pyramid_of(b));
+            let (first, second) = ((a, pa.as_slice()), (b, pb.as_slice()));
             let (forward, backward) = if a.data().len() <= SOLVED_AT_ONCE {
-                let Self { refiner, second } = self;
-                par::both(|| solve(refiner, &pa, &pb), || solve(second, &pb, &pa))
+                let Self { refiner, second: other } = self;
+                par::both(|| solve_alike(refiner, first, second), || solve_alike(other, second, first))
             } else {
-                (solve(&mut self.refiner, &pa, &pb), solve(&mut self.refiner, &pb, &pa))
+                let refiner = &mut self.refiner;
+                (solve_alike(refiner, first, second), solve_alike(refiner, second, first))
             };
             let occluded = inconsistent(&forward, &backward);
             let residual = Plane::from_fn(a.width(), a.height(), |x, y| {
@@ -183,6 +186,21 @@ fn check(from: &Plane, to: &Plane) -> Result<()> {
         return Err(Error::new(format!("an image of {w} x {h} pixels has no optical flow")));
     }
     Ok(())
+}
+
+/// The flow between two images with their pyramids; once more where their brightness differs, with that undone.
+fn solve_alike(refiner: &mut Refiner, from: (&Plane, &[Padded]), to: (&Plane, &[Padded])) -> Flow {
+    let flow = solve(refiner, from.1, to.1);
+    let ((from, from_pyramid), (to, _)) = (from, to);
+    let pair = |x: usize, y: usize| {
+        let [u, v] = flow.at(x, y);
+        let (tx, ty) = (x as f32 + u, y as f32 + v);
+        inside(tx, ty, to.size()).then(|| [[from.at(x, y)], [to.bilinear(tx, ty)]])
+    };
+    let Some(k) = brightening(from.size(), pair) else { return flow };
+    // Motions are small beside the bands of rows that it may differ between.
+    let alike = Plane::from_fn(to.width(), to.height(), |x, y| undone(to.at(x, y), k[y][0]));
+    solve(refiner, from_pyramid, &pyramid_of(&alike))
 }
 
 fn solve(refiner: &mut Refiner, from: &[Padded], to: &[Padded]) -> Flow {

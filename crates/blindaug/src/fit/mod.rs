@@ -782,7 +782,7 @@ fn median(mut v: Vec<f32>) -> Option<f32> {
 }
 
 /// A uniform number in [0, 1) that depends on nothing but the two (splitmix64, Steele et al. 2014).
-fn uniform(a: u64, b: u64) -> f32 {
+pub(crate) fn uniform(a: u64, b: u64) -> f32 {
     let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(b.wrapping_mul(0xd1b5_4a32_d192_ed03));
     for k in [0xbf58_476d_1ce4_e5b9u64, 0x94d0_49bb_1331_11eb] {
         z = (z ^ (z >> 30)).wrapping_mul(k);

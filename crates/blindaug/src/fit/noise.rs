@@ -4,6 +4,7 @@
 //! All three collect local variances of the Laplacian bands of a residual; [`NoiseEvidence::fit`] turns them into the
 //! 24 numbers of the model, each with an interval.
 
+use crate::analysis::brightness::{brightening, undone};
 use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 use crate::raster::cubic_weights;
 use crate::synth::noise::white_band_std;
@@ -177,13 +178,20 @@ impl NoiseEvidence {
             let [u, v] = flow.at(x, top + y);
             [x as f32 + u, (top + y) as f32 + v]
         };
+        let brighter = brightening((w, height), |x, y| {
+            let [tx, ty] = target(x, y);
+            inside(tx, ty).then(|| [frame.0.at(x, top + y), next.0.bilinear(tx, ty)])
+        });
         // One pass, since the warped frame is never needed again.
         let residual = Raster::from_fn(w, height, |x, y| {
             let ([tx, ty], a) = (target(x, y), frame.0.at(x, top + y));
             if !inside(tx, ty) {
                 return [0.0, 0.0, 0.0, luma(a)];
             }
-            let b = next.0.cubic(tx, ty);
+            let mut b = next.0.cubic(tx, ty);
+            if let Some(k) = &brighter {
+                b = std::array::from_fn(|c| undone(b[c], k[y][c]));
+            }
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
         });
         let copied = copied_blocks(frame, next, rows);
@@ -849,6 +857,31 @@ pub(super) mod tests {
         assert!(worst(&e, 0.02) < 0.12, "{}", worst(&e, 0.02));
         // Negative control: the measure sees noise that is a fifth too strong.
         assert!(worst(&e, 0.02 / 1.2) > 0.15);
+    }
+
+    #[test]
+    fn light_that_changes_is_no_noise() {
+        // Texture of all sizes, and an exposure that grows from frame to frame.
+        let wave = |x: usize, y: usize, f: f32| (f * x as f32).sin() * (1.1 * f * y as f32).sin();
+        let worst_of = |light: &(dyn Fn(usize) -> f32 + Sync)| {
+            let mut e = NoiseEvidence::new(Method::Temporal);
+            for seed in 0..2 {
+                let lit = |seed: u64, k: &(dyn Fn(usize) -> f32 + Sync)| {
+                    let n = noisy(512, 512, seed, 0.01);
+                    Encoded(Raster::from_fn(512, 512, |x, y| {
+                        let texture: f32 = [0.9, 0.4, 0.2, 0.1].map(|f| 0.03 * wave(x, y, f)).iter().sum();
+                        n.0.at(x, y).map(|v| (v + texture + 0.055) * k(x) - 0.055)
+                    }))
+                };
+                let still = Flow::filled(512, 512, [0.0; 2]);
+                e.add_pair(&lit(seed, &|_| 1.0), &lit(seed + 10, light), &still).unwrap();
+            }
+            worst(&e, 0.01)
+        };
+        assert!(worst_of(&|_| 1.06) < 0.2, "{}", worst_of(&|_| 1.06));
+        // Negative control: what changes from left to right is not undone.
+        let sideways = |x: usize| 1.0 + 0.12 * (x as f32 / 40.0).sin();
+        assert!(worst_of(&sideways) > 0.5, "{}", worst_of(&sideways));
     }
 
     #[test]

@@ -1,0 +1,146 @@
+//! Changes of brightness from one frame to the next: an exposure or a white balance that changes, a fade, lamps that flicker while a rolling shutter
+//! passes by. Flow and noise take what is seen in both frames for equally bright, so that such a change would read as motion and as coarse noise.
+
+use crate::par;
+use std::ops::Range;
+
+/// Light times g is encoded as `(v + OFFSET) g^(1 / 2.4) - OFFSET` (sRGB, but for its darkest part).
+const OFFSET: f32 = 0.055;
+
+/// A value of the next frame as it would be, had nothing changed. `k`: of [`brightening`].
+#[inline]
+pub(crate) fn undone(v: f32, k: f32) -> f32 {
+    (v + OFFSET) / k - OFFSET
+}
+
+/// By which factor `value + OFFSET` grows to the next frame in each of N channels, for each row; `None` where nothing changes.
+///
+/// `pair` gives the encoded values in both frames of what is seen at a pixel (x, y), if it is seen in both.
+pub(crate) fn brightening<const N: usize>(
+    (width, height): (usize, usize),
+    pair: impl Fn(usize, usize) -> Option<[[f32; N]; 2]> + Sync + Send,
+) -> Option<Vec<[f32; N]>> {
+    /// Bands of rows, each with a factor of its own; linear between their middles.
+    const BANDS: usize = 16;
+    /// Rows of a band at least.
+    const LEAST: usize = 16;
+    /// px between those that are looked at.
+    const APART: usize = 2;
+    /// Fewer values say too little.
+    const ENOUGH: usize = 200;
+    /// Logs of factors that are no larger leave nothing that matters.
+    const SMALL: f32 = 0.004;
+    /// Mean square of a band's log over its own variance from which on it is no chance; neighbouring pixels are not independent.
+    const CERTAIN: f32 = 10.0;
+    /// Neither black, where the transfer curve is another, nor near to clipping.
+    const SURE: Range<f32> = 0.06..0.94;
+    let side = height.div_ceil(BANDS).max(LEAST);
+    let of_band = |band: usize| {
+        let mut values: [Vec<[f32; 2]>; N] = std::array::from_fn(|_| vec![]);
+        for y in (band * side..((band + 1) * side).min(height)).step_by(APART) {
+            for [a, b] in (0..width).step_by(APART).filter_map(|x| pair(x, y)) {
+                for (values, (a, b)) in values.iter_mut().zip(a.into_iter().zip(b)) {
+                    if SURE.contains(&a) && SURE.contains(&b) {
+                        values.push([a + OFFSET, b + OFFSET]);
+                    }
+                }
+            }
+        }
+        let enough = values.iter().all(|v| v.len() >= ENOUGH);
+        enough.then(|| ((band as f32 + 0.5) * side as f32, values.map(|v| log_factor(&v))))
+    };
+    let mut bands: Vec<(f32, [LogFactor; N])> =
+        par::map(height.div_ceil(side), of_band).into_iter().flatten().collect();
+    // Mean square beyond `from`, over its variance.
+    let certain = |bands: &[(f32, [LogFactor; N])], from: [f32; N]| {
+        let beyond =
+            |of: &[LogFactor; N]| (0..N).map(|c| (of[c].log - from[c]).powi(2) / of[c].variance).sum::<f32>();
+        bands.iter().map(|b| beyond(&b.1)).sum::<f32>() > CERTAIN * (N * bands.len()) as f32
+    };
+    if !certain(&bands, [0.0; N]) || bands.iter().flat_map(|b| &b.1).all(|f| f.log.abs() < SMALL) {
+        return None;
+    }
+    let mean = std::array::from_fn(|c| {
+        let sum =
+            |f: &dyn Fn(&LogFactor) -> f32| bands.iter().map(|b| f(&b.1[c]) / b.1[c].variance).sum::<f32>();
+        sum(&|f| f.log) / sum(&|_| 1.0)
+    });
+    if !certain(&bands, mean) {
+        bands.iter_mut().for_each(|b| (0..N).for_each(|c| b.1[c].log = mean[c]));
+    }
+    let of_row = |y: usize| {
+        let y = y as f32 + 0.5;
+        let after = bands.iter().position(|b| b.0 > y).unwrap_or(bands.len() - 1).max(1).min(bands.len() - 1);
+        let ((y0, low), (y1, high)) = (&bands[after.saturating_sub(1)], &bands[after]);
+        let t = (y - y0) / (y1 - y0).max(1.0);
+        std::array::from_fn(|c| (low[c].log + t * (high[c].log - low[c].log)).exp())
+    };
+    Some((0..height).map(of_row).collect())
+}
+
+/// The log of a factor, and how uncertain it is.
+#[derive(Clone, Copy)]
+struct LogFactor {
+    log: f32,
+    variance: f32,
+}
+
+/// By which the second values are larger than the first: the ratio of their sums, where they match about as well as most do. There must be values.
+fn log_factor(values: &[[f32; 2]]) -> LogFactor {
+    /// Median deviations.
+    const MATCHING: f32 = 4.0;
+    let median = |mut v: Vec<f32>| {
+        let middle = v.len() / 2;
+        *v.select_nth_unstable_by(middle, f32::total_cmp).1
+    };
+    let logs: Vec<f32> = values.iter().map(|[a, b]| (b / a).ln()).collect();
+    let middle = median(logs.clone());
+    let widest = MATCHING * median(logs.iter().map(|l| (l - middle).abs()).collect()).max(1e-3);
+    let matching = || values.iter().zip(&logs).filter(|(_, l)| (*l - middle).abs() <= widest).map(|(v, _)| v);
+    let n = matching().count() as f32;
+    let (first, second) = matching().fold((0.0, 0.0), |(a, b), v| (a + v[0], b + v[1]));
+    let k = second / first;
+    let scatter = matching().map(|[a, b]| (b - k * a).powi(2)).sum::<f32>();
+    // What 8 bits round is uncertain, too.
+    LogFactor { log: k.ln(), variance: (scatter / (first * first)).max(1e-5 / n) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Encoded values in two frames with noise, the second brighter by `light` of a row.
+    fn found(light: impl Fn(usize) -> f32 + Sync + Send) -> Option<Vec<[f32; 3]>> {
+        let size = (256, 192);
+        let noise = |x: usize, y: usize, frame: u64| {
+            [0, 1, 2].map(|c| 0.05 * (crate::fit::uniform(3 * frame + c, (y * size.0 + x) as u64) - 0.5))
+        };
+        brightening(size, |x, y| {
+            let v = 0.15 + 0.6 * (x * 7 % 256) as f32 / 256.0;
+            let brighter = (v + OFFSET) * light(y).powf(1.0 / 2.4) - OFFSET;
+            Some([noise(x, y, 1).map(|n| v + n), noise(x, y, 2).map(|n| brighter + n)])
+        })
+    }
+
+    #[test]
+    fn a_change_is_found_row_by_row_and_undone() {
+        let flicker = |y: usize| 1.0 + 0.06 * (std::f32::consts::TAU * 1.5 * y as f32 / 192.0).sin();
+        let k = found(flicker).expect("it flickers");
+        for (y, k) in k.into_iter().enumerate() {
+            let truth = flicker(y).powf(1.0 / 2.4);
+            assert!(k.iter().all(|k| (k / truth - 1.0).abs() < 0.006), "{y}: {k:?} for {truth}");
+            assert!((undone((0.4 + OFFSET) * truth - OFFSET, truth) - 0.4).abs() < 1e-6);
+        }
+        let darker = found(|_| 0.7).expect("it is darker");
+        assert!(darker.iter().flatten().all(|k| (k - 0.7f32.powf(1.0 / 2.4)).abs() < 0.006));
+    }
+
+    #[test]
+    fn noise_alone_is_no_change() {
+        assert_eq!(found(|_| 1.0), None);
+        assert_eq!(found(|_| 1.002), None);
+        assert_eq!(brightening::<1>((256, 192), |_, _| None), None);
+        assert_eq!(brightening((1, 1), |_, _| Some([[0.5], [0.9]])), None);
+        assert_eq!(brightening((256, 192), |_, _| Some([[f32::NAN], [0.5]])), None);
+    }
+}
