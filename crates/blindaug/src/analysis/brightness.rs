@@ -24,8 +24,6 @@ pub(crate) fn brightening<const N: usize>(
     const BANDS: usize = 16;
     /// Rows of a band at least.
     const LEAST: usize = 16;
-    /// px between those that are looked at.
-    const APART: usize = 2;
     /// Fewer values say too little.
     const ENOUGH: usize = 200;
     /// Logs of factors that are no larger leave nothing that matters.
@@ -35,10 +33,12 @@ pub(crate) fn brightening<const N: usize>(
     /// Neither black, where the transfer curve is another, nor near to clipping.
     const SURE: Range<f32> = 0.06..0.94;
     let side = height.div_ceil(BANDS).max(LEAST);
+    // px between those that are looked at.
+    let apart = (width / 128).clamp(2, 8);
     let of_band = |band: usize| {
         let mut values: [Vec<[f32; 2]>; N] = std::array::from_fn(|_| vec![]);
-        for y in (band * side..((band + 1) * side).min(height)).step_by(APART) {
-            for [a, b] in (0..width).step_by(APART).filter_map(|x| pair(x, y)) {
+        for y in (band * side..((band + 1) * side).min(height)).step_by(apart) {
+            for [a, b] in (0..width).step_by(apart).filter_map(|x| pair(x, y)) {
                 for (values, (a, b)) in values.iter_mut().zip(a.into_iter().zip(b)) {
                     if SURE.contains(&a) && SURE.contains(&b) {
                         values.push([a + OFFSET, b + OFFSET]);
