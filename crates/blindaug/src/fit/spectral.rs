@@ -60,9 +60,9 @@ pub const EXPOSURES: usize = 251;
 pub(super) const EXPOSURE_STEP: f32 = 0.005;
 /// Defocus stds of the tables: steps of 0.15 px to 3, of 0.5 px to 10, of 2 px to 40.
 pub const SIGMAS: usize = 50;
-/// Those of them, px of the tile, that a tile is asked for: to 4 px. From there on it does not tell how large a blur is: what the window
+/// Those of them, px of the tile, that a tile is asked for: to 3.5 px. From there on it does not tell how large a blur is: what the window
 /// leaks from frequencies below it is more than what the blur has left.
-pub const TILE_SIGMAS: usize = 23;
+pub const TILE_SIGMAS: usize = 22;
 /// So many nats a tile objects to each px more.
 const LARGER_BLUR: f32 = 0.1;
 /// Prior of the spectral slope alpha: mean and std, and the values that the integral is taken over.

@@ -13,7 +13,7 @@
 const EXPOSURES = 251u;
 const SIGMAS = 50u;
 // Those that a tile is asked for, px of its own.
-const TILE_SIGMAS = 23u;
+const TILE_SIGMAS = 22u;
 // What comes before the objections or the table.
 const HEAD = 3u;
 const EXPOSURE_WITNESS = HEAD + EXPOSURES;
