@@ -1,6 +1,6 @@
 //! Dense optical flow, from coarse to fine: at each scale dense inverse search (Kroeger et al., "Fast Optical Flow using
 //! Dense Inverse Search", ECCV 2016), then variational refinement; occlusion by the
-//! forward-backward check.
+//! forward-backward check. A brightness that changes from one image to the other is undone and the flow found once more.
 //!
 //! The constants were chosen on rendered clips, with and without noise (std 0.02 to 0.05), motion blur and defocus; the
 //! result depends little on any of them.

@@ -149,6 +149,7 @@ impl NoiseEvidence {
     }
 
     /// Adds what two successive frames tell: their difference along the flow is pure noise wherever the match is good.
+    /// What changes in brightness between them is undone.
     ///
     /// # Errors
     /// If the sizes differ.
