@@ -68,8 +68,11 @@ pub(crate) fn brightening<const N: usize>(
     if !certain(&bands, mean) {
         bands.iter_mut().for_each(|b| (0..N).for_each(|c| b.1[c].log = mean[c]));
     }
+    // Beyond the bands that tell something, as at their edge.
+    let half = 0.5 * side as f32;
+    let known = bands[0].0 - half..=bands[bands.len() - 1].0 + half;
     let of_row = |y: usize| {
-        let y = y as f32 + 0.5;
+        let y = (y as f32 + 0.5).clamp(*known.start(), *known.end());
         let after = bands.iter().position(|b| b.0 > y).unwrap_or(bands.len() - 1).max(1).min(bands.len() - 1);
         let ((y0, low), (y1, high)) = (&bands[after.saturating_sub(1)], &bands[after]);
         let t = (y - y0) / (y1 - y0).max(1.0);
@@ -133,6 +136,17 @@ mod tests {
         }
         let darker = found(|_| 0.7).expect("it is darker");
         assert!(darker.iter().flatten().all(|k| (k - 0.7f32.powf(1.0 / 2.4)).abs() < 0.006));
+    }
+
+    #[test]
+    fn rows_that_tell_nothing_are_as_the_nearest_that_do() {
+        let k = brightening((256, 192), |x, y| {
+            let v = 0.15 + 0.6 * (x * 7 % 256) as f32 / 256.0;
+            let light = 1.0 + 0.001 * y as f32;
+            (y < 64).then(|| [[v], [(v + OFFSET) * light - OFFSET]])
+        });
+        let k = k.expect("it changes");
+        assert!(k[64..].iter().all(|k| (k[0] - 1.064).abs() < 0.01), "{:?}", k[191]);
     }
 
     #[test]
