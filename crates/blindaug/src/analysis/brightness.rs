@@ -1,6 +1,7 @@
 //! Changes of brightness from one frame to the next: an exposure or a white balance that changes, a fade, lamps that flicker while a rolling shutter
 //! passes by. Flow and noise take what is seen in both frames for equally bright, so that such a change would read as motion and as coarse noise.
 
+use super::quantile;
 use crate::par;
 use std::ops::Range;
 
@@ -47,38 +48,52 @@ pub(crate) fn brightening<const N: usize>(
             }
         }
         let enough = values.iter().all(|v| v.len() >= ENOUGH);
-        enough.then(|| ((band as f32 + 0.5) * side as f32, values.map(|v| log_factor(&v))))
+        enough.then(|| Band {
+            middle: (band as f32 + 0.5) * side as f32,
+            factors: values.map(|v| log_factor(&v)),
+        })
     };
-    let mut bands: Vec<(f32, [LogFactor; N])> =
-        par::map(height.div_ceil(side), of_band).into_iter().flatten().collect();
-    // Mean square beyond `from`, over its variance.
-    let certain = |bands: &[(f32, [LogFactor; N])], from: [f32; N]| {
-        let beyond =
-            |of: &[LogFactor; N]| (0..N).map(|c| (of[c].log - from[c]).powi(2) / of[c].variance).sum::<f32>();
-        bands.iter().map(|b| beyond(&b.1)).sum::<f32>() > CERTAIN * (N * bands.len()) as f32
+    let mut bands: Vec<Band<N>> = par::map(height.div_ceil(side), of_band).into_iter().flatten().collect();
+    let differ_from = |bands: &[Band<N>], from: [f32; N]| {
+        let beyond = |f: &LogFactor, from: f32| (f.log - from).powi(2) / f.variance;
+        let of_band = |b: &Band<N>| b.factors.iter().zip(from).map(|(f, from)| beyond(f, from)).sum::<f32>();
+        bands.iter().map(of_band).sum::<f32>() > CERTAIN * (N * bands.len()) as f32
     };
-    if !certain(&bands, [0.0; N]) || bands.iter().flat_map(|b| &b.1).all(|f| f.log.abs() < SMALL) {
+    let small = |b: &Band<N>| b.factors.iter().all(|f| f.log.abs() < SMALL);
+    if !differ_from(&bands, [0.0; N]) || bands.iter().all(small) {
         return None;
     }
     let mean = std::array::from_fn(|c| {
-        let sum =
-            |f: &dyn Fn(&LogFactor) -> f32| bands.iter().map(|b| f(&b.1[c]) / b.1[c].variance).sum::<f32>();
-        sum(&|f| f.log) / sum(&|_| 1.0)
+        let of_channel = || bands.iter().map(|b| b.factors[c]);
+        of_channel().map(|f| f.log / f.variance).sum::<f32>()
+            / of_channel().map(|f| 1.0 / f.variance).sum::<f32>()
     });
-    if !certain(&bands, mean) {
-        bands.iter_mut().for_each(|b| (0..N).for_each(|c| b.1[c].log = mean[c]));
+    if !differ_from(&bands, mean) {
+        let alike = bands.iter_mut().flat_map(|b| b.factors.iter_mut().zip(mean));
+        alike.for_each(|(f, mean)| f.log = mean);
     }
     // Beyond the bands that tell something, as at their edge.
     let half = 0.5 * side as f32;
-    let known = bands[0].0 - half..=bands[bands.len() - 1].0 + half;
+    let last = bands.len() - 1;
+    let known = bands[0].middle - half..=bands[last].middle + half;
     let of_row = |y: usize| {
         let y = (y as f32 + 0.5).clamp(*known.start(), *known.end());
-        let after = bands.iter().position(|b| b.0 > y).unwrap_or(bands.len() - 1).max(1).min(bands.len() - 1);
-        let ((y0, low), (y1, high)) = (&bands[after.saturating_sub(1)], &bands[after]);
-        let t = (y - y0) / (y1 - y0).max(1.0);
-        std::array::from_fn(|c| (low[c].log + t * (high[c].log - low[c].log)).exp())
+        let after = bands.iter().position(|b| b.middle > y).unwrap_or(last).max(1).min(last);
+        let (low, high) = (&bands[after.saturating_sub(1)], &bands[after]);
+        let t = (y - low.middle) / (high.middle - low.middle).max(1.0);
+        std::array::from_fn(|c| {
+            let (low, high) = (low.factors[c].log, high.factors[c].log);
+            (low + t * (high - low)).exp()
+        })
     };
     Some((0..height).map(of_row).collect())
+}
+
+/// What a band of rows tells.
+struct Band<const N: usize> {
+    /// Its middle, in rows.
+    middle: f32,
+    factors: [LogFactor; N],
 }
 
 /// The log of a factor, and how uncertain it is.
@@ -92,13 +107,10 @@ struct LogFactor {
 fn log_factor(values: &[[f32; 2]]) -> LogFactor {
     /// Median deviations.
     const MATCHING: f32 = 4.0;
-    let median = |mut v: Vec<f32>| {
-        let middle = v.len() / 2;
-        *v.select_nth_unstable_by(middle, f32::total_cmp).1
-    };
     let logs: Vec<f32> = values.iter().map(|[a, b]| (b / a).ln()).collect();
-    let middle = median(logs.clone());
-    let widest = MATCHING * median(logs.iter().map(|l| (l - middle).abs()).collect()).max(1e-3);
+    let middle = *quantile(&mut logs.clone(), 0.5);
+    let mut deviations: Vec<f32> = logs.iter().map(|l| (l - middle).abs()).collect();
+    let widest = MATCHING * quantile(&mut deviations, 0.5).max(1e-3);
     let matching = || values.iter().zip(&logs).filter(|(_, l)| (*l - middle).abs() <= widest).map(|(v, _)| v);
     let n = matching().count() as f32;
     let (first, second) = matching().fold((0.0, 0.0), |(a, b), v| (a + v[0], b + v[1]));
@@ -143,7 +155,7 @@ mod tests {
         let k = brightening((256, 192), |x, y| {
             let v = 0.15 + 0.6 * (x * 7 % 256) as f32 / 256.0;
             let light = 1.0 + 0.001 * y as f32;
-            (y < 64).then(|| [[v], [(v + OFFSET) * light - OFFSET]])
+            (y < 64).then_some([[v], [(v + OFFSET) * light - OFFSET]])
         });
         let k = k.expect("it changes");
         assert!(k[64..].iter().all(|k| (k[0] - 1.064).abs() < 0.01), "{:?}", k[191]);

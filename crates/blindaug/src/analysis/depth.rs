@@ -18,6 +18,7 @@
 //! What moves by itself across the epipolar lines is found and unknown; what moves along them is taken for nearer or farther.
 
 use super::flow::FlowPair;
+use super::quantile;
 use crate::{Error, Flow, Plane, Raster, Result, par};
 
 /// Assumed focal length, in image widths.
@@ -188,12 +189,6 @@ fn scale_to_unit(d: &mut Plane, scale: f32) {
     for d in d.data_mut() {
         *d = if d.is_nan() { f32::NAN } else { (*d * scale).clamp(0.0, 1.0) };
     }
-}
-
-/// The value below which a share `q` lies; of at least one value.
-fn quantile<T: Copy + PartialOrd>(values: &mut [T], q: f64) -> &T {
-    let k = ((values.len() - 1) as f64 * q) as usize;
-    values.select_nth_unstable_by(k, |a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal)).1
 }
 
 /// A pixel in focal lengths from the centre, halfway along its flow, and its flow in focal lengths.

@@ -189,9 +189,12 @@ fn check(from: &Plane, to: &Plane) -> Result<()> {
 }
 
 /// The flow between two images with their pyramids; once more where their brightness differs, with that undone.
-fn solve_alike(refiner: &mut Refiner, from: (&Plane, &[Padded]), to: (&Plane, &[Padded])) -> Flow {
-    let flow = solve(refiner, from.1, to.1);
-    let ((from, from_pyramid), (to, _)) = (from, to);
+fn solve_alike(
+    refiner: &mut Refiner,
+    (from, from_pyramid): (&Plane, &[Padded]),
+    (to, to_pyramid): (&Plane, &[Padded]),
+) -> Flow {
+    let flow = solve(refiner, from_pyramid, to_pyramid);
     let pair = |x: usize, y: usize| {
         let [u, v] = flow.at(x, y);
         let (tx, ty) = (x as f32 + u, y as f32 + v);

@@ -4,3 +4,9 @@ pub(crate) mod brightness;
 pub mod depth;
 pub mod flow;
 mod variational;
+
+/// The value below which a share `q` lies; of at least one value.
+fn quantile<T: Copy + PartialOrd>(values: &mut [T], q: f64) -> &T {
+    let k = ((values.len() - 1) as f64 * q) as usize;
+    values.select_nth_unstable_by(k, |a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal)).1
+}
