@@ -188,6 +188,8 @@ const BOKEH: Bokeh = Bokeh::Disk;
 const MIN_CONFIRMED: f32 = 0.4;
 /// Errors of a coder, as a std of luma, of which the user is told.
 const NOTABLE_CODING_ERROR: f32 = 0.01;
+/// The comparison with clean frames'  two fits alternate until no number changes by more: lambda, px of blur, inverse depth.
+const SETTLED: f32 = 1e-3;
 /// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
 const REMOVAL_LENS_FLOOR: f32 = 0.04;
@@ -396,6 +398,10 @@ impl Estimator {
         let lens_alone = |target: &Plane, sharp: &Plane| {
             depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None))
         };
+        let numbers = |found: &FrameEvidence| {
+            let lens = found.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
+            [found.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
+        };
         if let Some(deblurred) = evidence.motion_deblurred {
             let deblurred = light(deblurred);
             kept.exposure = exposure_alone(&deblurred);
@@ -416,9 +422,13 @@ impl Estimator {
                         Some(l) => synth::defocus::defocus(clean, &depth.map(|d| l.sigma_px(d)), BOKEH)?,
                         None => clean.clone(),
                     };
+                    let before = numbers(kept);
                     kept.exposure = exposure_alone(&defocused);
                     let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
                     kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((motion, exposure)));
+                    if before.iter().zip(numbers(kept)).all(|(a, b)| (a - b).abs() < SETTLED) {
+                        break;
+                    }
                 }
             }
             if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
