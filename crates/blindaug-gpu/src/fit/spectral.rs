@@ -165,7 +165,7 @@ impl TileEvidence {
             }
             for witness in lens.chunks_exact(LENS_WITNESS).filter(|w| w[0] > 0.0) {
                 let (block, inverse_depth, table) = (witness[1] as u32, witness[2], witness[HEAD..].to_vec());
-                out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, shot: 0 });
+                out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, part: 0 });
             }
             out
         })

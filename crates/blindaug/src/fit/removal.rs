@@ -473,7 +473,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
     let parts: Vec<(u32, usize, Vec<f32>)> = moving
         .iter()
         .zip(&curves)
-        .map(|((_, shot, tile), curve)| (tile.block, *shot, curve.clone()))
+        .map(|((_, part, tile), curve)| (tile.block, *part, curve.clone()))
         .collect();
     let [low, high] = spectral::bootstrapped_exposure(estimate, &parts, BOOTSTRAPS, spectral::EXPOSURE_FLOOR);
     // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
@@ -510,7 +510,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
 pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFit, String> {
     let known: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.inverse_depth.is_finite()).collect();
     let witnesses = par::map(known.len(), |i| {
-        let (_, shot, tile) = known[i];
+        let (_, part, tile) = known[i];
         let table: Vec<f32> = (tile.across().iter().zip(DELTAS))
             .map(|(across, delta)| across + tile.evidence(0, exposure.0, delta))
             .collect();
@@ -521,7 +521,7 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFi
             ),
             tiles: 1.0,
             block: tile.block,
-            shot,
+            part,
         }
     });
     spectral::lens_of(&witnesses, BOOTSTRAPS)

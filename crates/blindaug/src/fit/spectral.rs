@@ -126,7 +126,7 @@ const BLOCKS: usize = 5;
 /// As many blocks.
 pub const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
 /// And its parts in time, each of which may be another shot.
-const SHOTS: usize = 8;
+const PARTS: usize = 8;
 
 /// What one tile of one frame tells.
 #[derive(Clone, Debug)]
@@ -556,7 +556,7 @@ struct Prepared<'a> {
     tile: &'a Tile,
     frame: usize,
     /// Which part of the clip the frame lies in.
-    shot: usize,
+    part: usize,
     /// Power and density of the noise at the bins, with what is [`hidden`].
     power: Vec<f32>,
     noise: Vec<f32>,
@@ -566,7 +566,7 @@ struct Prepared<'a> {
 
 impl<'a> Prepared<'a> {
     /// `None` if the tile holds hardly more than noise.
-    fn new(tile: &'a Tile, frame: usize, shot: usize, noise: &LumaNoise, coding_error: f32) -> Option<Self> {
+    fn new(tile: &'a Tile, frame: usize, part: usize, noise: &LumaNoise, coding_error: f32) -> Option<Self> {
         let density = noise_density(tile.noise_moments, tile.scale, noise, coding_error);
         let hidden = hidden(tile.noise_moments, tile.scale, coding_error);
         let noise: Vec<f32> = tile.bins.iter().map(|b| density(b.modulus)).collect();
@@ -577,7 +577,7 @@ impl<'a> Prepared<'a> {
         (sum(&|i| power[i]) > MIN_CONTRAST * sum(&|i| noise[i])).then_some(Self {
             tile,
             frame,
-            shot,
+            part,
             power,
             noise,
             white_over_noise,
@@ -1017,8 +1017,8 @@ pub(super) fn bootstrapped_exposure(
 ) -> [f32; 2] {
     let replica = |r: usize| {
         let mut sum = vec![0.0f32; EXPOSURES];
-        for (block, shot, curve) in parts {
-            let w = resampled(r, *block, *shot);
+        for (block, part, curve) in parts {
+            let w = resampled(r, *block, *part);
             sum.iter_mut().zip(curve).for_each(|(s, v)| *s += w * v);
         }
         most_likely_exposure(&sum)
@@ -1140,9 +1140,9 @@ pub fn exposure_of(
     let best = most_likely_exposure;
     let sum = summed(&|_| true);
     let estimate = best(&sum);
-    let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * SHOTS)
-        .map(|i| ((i / SHOTS) as u32, i % SHOTS))
-        .map(|(b, s)| (b, s, summed(&|w| w.block == b && shot_of(w.frame, frames) == s)))
+    let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * PARTS)
+        .map(|i| ((i / PARTS) as u32, i % PARTS))
+        .map(|(b, s)| (b, s, summed(&|w| w.block == b && part_of(w.frame, frames) == s)))
         .filter(|(.., curve)| curve.iter().any(|&v| v < 0.0))
         .collect();
     let per_frame: Vec<(usize, f32)> = (0..frames)
@@ -1202,7 +1202,7 @@ pub struct LensWitness {
     /// The block of the image, < 25: witnesses of one err alike.
     pub block: u32,
     /// The part of the clip, < 8, likewise.
-    pub shot: usize,
+    pub part: usize,
 }
 
 /// The tiles whose depth is known, as witnesses of the lens.
@@ -1220,7 +1220,7 @@ pub(super) fn lens_witnesses(
         table: prepared[i].over_sigma_of_frame(exposure.0, sharpening),
         tiles: 1.0,
         block: prepared[i].tile.block,
-        shot: prepared[i].shot,
+        part: prepared[i].part,
     })
 }
 
@@ -1246,7 +1246,7 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
     let (most, lens) = candidates[0];
     candidates.retain(|c| c.0 >= most - (RIVAL * most.abs()).max(CLIP));
     let replicas: Vec<Lens> = par::map(bootstraps.max(1), |r| {
-        let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.shot)).collect();
+        let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.part)).collect();
         let of = |l: Lens| fine.log_likelihood(l, Some(&weights));
         let best = candidates.iter().map(|c| defocus::refined_lens(c.1, 5e-3, range, of));
         best.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(lens, |b| b.1)
@@ -1363,20 +1363,20 @@ fn prepare<'a>(
 ) -> Vec<Prepared<'a>> {
     let all = frames.iter().enumerate().flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, t)));
     all.filter(|(_, t)| witness(t))
-        .filter_map(|(f, t)| Prepared::new(t, f, shot_of(f, frames.len()), noise, coding_error))
+        .filter_map(|(f, t)| Prepared::new(t, f, part_of(f, frames.len()), noise, coding_error))
         .collect()
 }
 
 /// The part of the clip that a frame of so many lies in.
-fn shot_of(frame: usize, frames: usize) -> usize {
-    frame * SHOTS.min(frames) / frames.max(1)
+fn part_of(frame: usize, frames: usize) -> usize {
+    frame * PARTS.min(frames) / frames.max(1)
 }
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
 /// the block and of the part. What only one surface or one shot says thus counts as one witness.
-fn resampled(replica: usize, block: u32, shot: usize) -> f32 {
+fn resampled(replica: usize, block: u32, part: usize) -> f32 {
     let weight = |i: u64| -(1.0 - super::uniform(replica as u64, i)).ln();
-    weight(u64::from(block)) * weight((BLOCKS * BLOCKS + shot) as u64)
+    weight(u64::from(block)) * weight((BLOCKS * BLOCKS + part) as u64)
 }
 
 /// 95 %: the replicas' scatter around the estimate and a floor, >= 0.
@@ -1541,7 +1541,7 @@ mod tests {
             let objection =
                 |s: usize| (-20.0 * (sigma_of(s) - lens.sigma_px(inverse_depth)).powi(2)).max(-CLIP);
             let table = (0..SIGMAS).map(objection).collect();
-            LensWitness { inverse_depth, table, tiles: 1.0, block: (i % BLOCK_COUNT) as u32, shot: 0 }
+            LensWitness { inverse_depth, table, tiles: 1.0, block: (i % BLOCK_COUNT) as u32, part: 0 }
         };
         let fit = |of_block: &dyn Fn(usize) -> usize| {
             let witnesses: Vec<LensWitness> =
@@ -1563,7 +1563,7 @@ mod tests {
             table: (0..SIGMAS).map(|s| (-4.0 * (sigma_of(s) - blur).powi(2)).max(-CLIP)).collect(),
             tiles: 1.0,
             block: (i % BLOCK_COUNT) as u32,
-            shot: 0,
+            part: 0,
         };
         let wall = (0..150).map(|i| witness(i, 0.1, 0.8));
         let things = (0..100).map(|i| witness(i, 0.11 + 0.008 * i as f32, 0.0));

@@ -689,7 +689,7 @@ fn witnesses_of(evidence: &[f32]) -> Vec<LensWitness> {
             table: cell[..SIGMAS].to_vec(),
             tiles: cell[SIGMAS + 1],
             block: (i / DEPTHS) as u32,
-            shot: 0,
+            part: 0,
         })
         .collect()
 }
