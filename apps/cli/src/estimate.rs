@@ -8,7 +8,7 @@ use crate::{
 };
 use blindaug::{
     Encoded, Flow, Plane, analysis,
-    fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options, track::Tracker},
+    fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options, Shot, track::Tracker},
     model::{BlurSpace, DepthKind, TrackedCamera},
 };
 use blindaug_io::{
@@ -587,6 +587,8 @@ impl Samples<'_> {
 struct WholeClip<'a> {
     source: &'a FrameSource,
     estimator: Estimator,
+    /// Of the frames so far.
+    numbers: Vec<u64>,
     samples: Samples<'a>,
 }
 
@@ -601,6 +603,7 @@ impl Viewer for WholeClip<'_> {
         observation: &Observation,
         save: &mut Option<EvidenceWriter>,
     ) -> Result<()> {
+        self.numbers.push(number);
         let used = self.estimator.add(observation).map_err(|e| of_frame(self.source, number, e))?;
         if let (true, Some(save)) = (used, save) {
             save.geometry(number, &self.estimator)?;
@@ -620,14 +623,38 @@ pub fn fit(
     let source = &footage.source;
     options.fps = options.fps.or(source.fps());
     let estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
-    let mut clip = WholeClip { source, estimator, samples: Samples::new(source, keep_samples) };
+    let mut clip =
+        WholeClip { source, estimator, numbers: vec![], samples: Samples::new(source, keep_samples) };
     let Seen { first, last, interrupted, .. } =
         show(footage, &mut networks, &mut save, "estimating", &mut clip)?;
     if let Some(save) = save {
         save.finish();
     }
-    let estimation = clip.estimator.estimate().map_err(|e| failure(source.path(), e))?;
+    let mut estimation = clip.estimator.estimate().map_err(|e| failure(source.path(), e))?;
+    let diagnostics = &mut estimation.diagnostics;
+    if !diagnostics.shots.is_empty() {
+        diagnostics.notes.insert(0, words_of_shots(&diagnostics.shots, &clip.numbers));
+    }
     Ok(Fitted { estimation, samples: clip.samples.kept, first, last, interrupted })
+}
+
+/// Where the cuts are, and what each shot alone says of the exposure.
+fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
+    let words = |shot: &Shot| {
+        let (first, last) = (numbers[shot.frames.start], numbers[shot.frames.end - 1]);
+        match shot.motion_blur.known() {
+            Some(m) => {
+                let [low, high] = m.interval;
+                format!("{first} to {last} (exposure {:.2}, {low:.2} to {high:.2})", m.exposure.0)
+            }
+            None => format!("{first} to {last} (exposure unknown)"),
+        }
+    };
+    format!(
+        "there are {} shots: frames {}; --frames FIRST..LAST estimates one alone, --track a model for each frame",
+        shots.len(),
+        shots.iter().map(words).collect::<Vec<String>>().join(", ")
+    )
 }
 
 /// Estimates a model for each frame.

@@ -1,6 +1,7 @@
-//! What the frames themselves say of the scene: optical flow, and relative inverse depth from parallax.
+//! What the frames themselves say of the scene: optical flow, relative inverse depth from parallax, and cuts.
 
 pub(crate) mod brightness;
+pub mod cuts;
 pub mod depth;
 pub mod flow;
 mod variational;

@@ -20,9 +20,11 @@ use crate::model::{
 };
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, luma, par};
+use analysis::cuts::{MIN_CONFIRMED, cut_between};
 use analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use analysis::flow::{FlowEstimator, motion_at_frame};
 use noise::{LumaNoise, NoiseEvidence, NoiseFit};
+use std::ops::Range;
 
 /// Which family of estimators answers for blur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -114,8 +116,19 @@ pub struct Diagnostics {
     pub blur_points: Vec<BlurPoint>,
     /// The exposure that each frame alone gives: (index of the frame among those added, exposure fraction).
     pub exposure_per_frame: Vec<(usize, f32)>,
+    /// The shots, if there is a cut between the frames; else empty.
+    pub shots: Vec<Shot>,
     /// Inverse depth of the last frame that has it, as it was used (NaN: unknown), and the frame's index.
     pub inverse_depth: Option<(usize, Plane)>,
+}
+
+/// The frames between two cuts.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// Their indices among those added.
+    pub frames: Range<usize>,
+    /// The exposure that they alone give.
+    pub motion_blur: Estimate<MotionBlurModel>,
 }
 
 /// The blur of one place.
@@ -146,7 +159,13 @@ pub struct Estimator {
     depth_given: bool,
     last_depth: Option<(usize, Plane)>,
     last_motion: Option<LastMotion>,
-    cuts: usize,
+    /// Frames of which too little is found again in their neighbour.
+    unfollowed: usize,
+    /// The first frame of each shot. Not looked for where flow is given.
+    shots: Vec<usize>,
+    flow_given: bool,
+    /// Whether the next frame belongs to another shot.
+    cut_ahead: bool,
     /// Whether images that were given are what a network made.
     by_network: bool,
 }
@@ -167,6 +186,7 @@ type ExposureEvidence = (MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>);
 /// What one frame told.
 struct FrameEvidence {
     index: usize,
+    shot: usize,
     temporal: NoiseEvidence,
     spatial: NoiseEvidence,
     denoised: NoiseEvidence,
@@ -184,8 +204,6 @@ struct FrameEvidence {
 
 /// The shape of a real lens's blur: a Gaussian of the same std fits a disk only when it is a fifth too wide.
 const BOKEH: Bokeh = Bokeh::Disk;
-/// Less than this share of confirmed matches between two frames is a cut, or nothing to rely on.
-const MIN_CONFIRMED: f32 = 0.4;
 /// Errors of a coder, as a std of luma, of which the user is told.
 const NOTABLE_CODING_ERROR: f32 = 0.01;
 /// The comparison with clean frames'  two fits alternate until no number changes by more: lambda, px of blur, inverse depth.
@@ -216,7 +234,10 @@ impl Estimator {
             depth_given: false,
             last_depth: None,
             last_motion: None,
-            cuts: 0,
+            unfollowed: 0,
+            shots: vec![0],
+            flow_given: false,
+            cut_ahead: false,
             by_network: false,
         }
     }
@@ -243,16 +264,28 @@ impl Estimator {
         let index = self.given;
         self.given += 1;
         self.by_network |= evidence.by_network;
+        self.flow_given |= evidence.flow.is_some();
+        let opens = std::mem::take(&mut self.cut_ahead);
+        if opens {
+            self.shots.push(index);
+            (self.parallax, self.last_motion) = (ParallaxTracker::default(), None);
+        }
+        self.cut_ahead = match next {
+            Some(next) if !self.flow_given => cut_between(frame, next)?,
+            _ => false,
+        };
         if !index.is_multiple_of(self.stride) {
             return Ok(false);
         }
+        // What lies beyond a cut is no neighbour.
+        let (next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
         let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
         let mut estimated = None;
         let mut parallax = None;
         if let (None, Some((other, sign))) = (evidence.flow, neighbour) {
             let pair = self.flow.flow_with_occlusion(&frame.luma(), &other.luma())?;
             if pair.confirmed() < MIN_CONFIRMED {
-                self.cuts += 1;
+                self.unfollowed += 1;
             } else {
                 estimated = Some((known_flow(&pair), sign));
                 if evidence.inverse_depth.is_none() {
@@ -299,6 +332,7 @@ impl Estimator {
         };
         let mut kept = FrameEvidence {
             index,
+            shot: self.shots.len() - 1,
             temporal: NoiseEvidence::new(Method::Temporal),
             spatial: NoiseEvidence::new(Method::Spatial),
             denoised: NoiseEvidence::new(Method::Removal),
@@ -338,7 +372,8 @@ impl Estimator {
         let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
         if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
             let moves = to_next.as_ref().zip(motion.as_ref());
-            kept.removal = self.removal_tiles(observation, &kept, moves, depth.as_ref());
+            let within_shot = Observation { next, previous, ..*observation };
+            kept.removal = self.removal_tiles(&within_shot, &kept, moves, depth.as_ref());
         }
         if self.options.family != Family::Spectral {
             self.compare_with_clean(&mut kept, frame, &evidence, motion.as_ref(), depth.as_ref())?;
@@ -399,7 +434,8 @@ impl Estimator {
             depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None))
         };
         let numbers = |found: &FrameEvidence| {
-            let lens = found.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
+            let lens =
+                found.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
             [found.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
         };
         if let Some(deblurred) = evidence.motion_deblurred {
@@ -505,10 +541,10 @@ impl Estimator {
         let mut model = CameraModel::unknown(capture, "not looked at");
         model.blur_space = self.options.blur_space;
         let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
-        if self.cuts > 0 {
+        if self.unfollowed > 0 {
             diagnostics.notes.push(format!(
-                "{} of {} frames could not be followed to their neighbour (a cut, or too much changed)",
-                self.cuts,
+                "{} of {} frames could not be followed to their neighbour (too much changed)",
+                self.unfollowed,
                 self.frames.len()
             ));
         }
@@ -572,8 +608,8 @@ impl Estimator {
             _ if moving.is_empty() => Err(why),
             Method::Removal => removal::fit_exposure(&removal_tiles(&moving)),
             _ => {
-                let pairs: Vec<&[spectral::Pair]> = moving.iter().map(|f| f.pairs.as_slice()).collect();
-                spectral::fit_exposure(&spectral_tiles(&moving), &pairs, noise)
+                diagnostics.shots = self.exposure_of_shots(&moving, noise);
+                contradiction(&diagnostics.shots).map_or_else(|| spectral_exposure(&moving, noise), Err)
             }
         };
         let compared = self.aggregate_exposure();
@@ -594,6 +630,23 @@ impl Estimator {
         // Per frame: numbered as they were given.
         diagnostics.exposure_per_frame =
             per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
+    }
+
+    /// What the spectra of each shot alone tell, if there are several.
+    fn exposure_of_shots(&self, moving: &[&FrameEvidence], noise: &LumaNoise) -> Vec<Shot> {
+        if self.shots.len() < 2 {
+            return vec![];
+        }
+        let ends = self.shots[1..].iter().copied().chain([self.given]);
+        let shot = |(number, frames): (usize, Range<usize>)| {
+            let own: Vec<&FrameEvidence> = moving.iter().filter(|f| f.shot == number).copied().collect();
+            let motion_blur = match spectral_exposure(&own, noise) {
+                Ok(fit) => Estimate::Known(blind_model(Method::Spectral, &fit)),
+                Err(why) => Estimate::Unknown(why),
+            };
+            Shot { frames, motion_blur }
+        };
+        self.shots.iter().zip(ends).map(|(&first, end)| first..end).enumerate().map(shot).collect()
     }
 
     /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
@@ -627,9 +680,19 @@ impl Estimator {
             model.defocus = Estimate::Unknown(self.why_no_depth.clone());
             return;
         };
+        let mut deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
+        // Depth from parallax has a unit of its own in each shot.
+        let shot = (!self.depth_given && self.shots.len() > 1).then(|| {
+            let frames = |shot: usize| deep.iter().filter(|f| f.shot == shot).count();
+            (0..self.shots.len()).rev().max_by_key(|&shot| frames(shot)).unwrap_or(0)
+        });
+        let mut motion_blur = model.motion_blur.known();
+        if let Some(shot) = shot {
+            deep.retain(|f| f.shot == shot);
+            motion_blur = motion_blur.or_else(|| diagnostics.shots.get(shot)?.motion_blur.known());
+        }
         // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
-        let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
-        let deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
+        let exposure = motion_blur.map_or(ExposureFraction(0.0), |m| m.exposure);
         let blind_method = self.blind_method();
         let blind = match blind_method {
             Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure),
@@ -673,6 +736,12 @@ impl Estimator {
                 thin
             }
         };
+        if let Some(shot) = shot {
+            diagnostics.notes.push(format!(
+                "depth from parallax has a unit of its own in each shot: the lens is that of shot {}, which has most of it",
+                shot + 1
+            ));
+        }
         diagnostics.blur_points = points;
         model.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method, samples: samples as u64 });
     }
@@ -744,6 +813,31 @@ fn known_flow(pair: &analysis::flow::FlowPair) -> Flow {
 
 fn blind_model(method: Method, fit: &spectral::ExposureFit) -> MotionBlurModel {
     MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
+}
+
+fn spectral_exposure(
+    frames: &[&FrameEvidence],
+    noise: &LumaNoise,
+) -> std::result::Result<spectral::ExposureFit, String> {
+    let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
+    spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
+}
+
+/// Why no one exposure is that of all shots, if two of them are sure that theirs differ.
+fn contradiction(shots: &[Shot]) -> Option<String> {
+    let known = || (1..).zip(shots).filter_map(|(n, s)| Some((n, s.motion_blur.known()?)));
+    let (n, longest) = known().max_by(|a, b| a.1.interval[0].total_cmp(&b.1.interval[0]))?;
+    let (m, shortest) = known().min_by(|a, b| a.1.interval[1].total_cmp(&b.1.interval[1]))?;
+    let told = |n: usize, m: &MotionBlurModel| {
+        format!("{:.2} ({:.2} to {:.2}) in shot {n}", m.exposure.0, m.interval[0], m.interval[1])
+    };
+    (shortest.interval[1] < longest.interval[0]).then(|| {
+        format!(
+            "the shots were filmed with different shutters, exposures of {} and {}: estimate each alone, or a model for each frame",
+            told(m, shortest),
+            told(n, longest)
+        )
+    })
 }
 
 fn spectral_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [spectral::Tile]> {

@@ -1,0 +1,64 @@
+//! Clips of several shots.
+
+mod leaves;
+
+use blindaug::Encoded;
+use blindaug::fit::{Estimation, Estimator, Observation, Options};
+use leaves::{CAMERA, Camera, Scene};
+
+const FRAMES: usize = 4;
+
+/// A scene, filmed with these exposures.
+fn filmed(scene: u64, exposures: &[f32]) -> Vec<Encoded> {
+    let camera = |t: usize| Camera { exposure: exposures[t], noise: 0.006, ..CAMERA };
+    Scene::new(scene, (256, 192)).clip(exposures.len(), camera).into_iter().map(|shot| shot.frame).collect()
+}
+
+/// Two scenes, filmed one after the other with these exposures.
+fn montage(exposures: [f32; 2]) -> Estimation {
+    let [first, second] = exposures.map(|e| [e; FRAMES]);
+    estimate(&[filmed(1, &first), filmed(100, &second)].concat())
+}
+
+/// From nothing but the frames.
+fn estimate(frames: &[Encoded]) -> Estimation {
+    let mut estimator = Estimator::new(Options::default());
+    for (i, frame) in frames.iter().enumerate() {
+        let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
+        let evidence = Default::default();
+        estimator.add(&Observation { frame, next, previous, evidence }).unwrap();
+    }
+    estimator.estimate().unwrap()
+}
+
+#[test]
+fn shots_of_different_shutters_are_told_apart() {
+    let Estimation { model, diagnostics } = montage([0.25, 0.8]);
+    let why = model.motion_blur.why_unknown().expect("no one exposure is that of both");
+    println!("{why}");
+    assert!(why.contains("shot 1") && why.contains("shot 2"), "{why}");
+    assert_eq!(diagnostics.shots.iter().map(|s| s.frames.clone()).collect::<Vec<_>>(), [0..4, 4..8]);
+    for (shot, exposure) in diagnostics.shots.iter().zip([0.25, 0.8]) {
+        let found = shot.motion_blur.known().expect("each can tell").exposure.0;
+        assert!((found - exposure).abs() < 0.08, "{found} for {exposure}");
+    }
+}
+
+#[test]
+fn shots_of_one_shutter_are_measured_together() {
+    let Estimation { model, diagnostics } = montage([0.5, 0.5]);
+    assert_eq!(diagnostics.shots.len(), 2);
+    let found = model.motion_blur.known().expect("they agree");
+    println!("{} {:?}", found.exposure.0, found.interval);
+    assert!((found.exposure.0 - 0.5).abs() < 0.05, "{}", found.exposure.0);
+    let samples = |i: usize| diagnostics.shots[i].motion_blur.known().map_or(0, |m| m.samples);
+    assert_eq!(found.samples, samples(0) + samples(1));
+    // All frames can be followed, if not beyond the cut.
+    assert!(diagnostics.notes.iter().all(|n| !n.contains("followed")), "{:?}", diagnostics.notes);
+}
+
+#[test]
+fn a_clip_without_a_cut_is_one_shot_whatever_its_shutter_does() {
+    let Estimation { diagnostics, .. } = estimate(&filmed(1, &[0.25, 0.25, 0.25, 0.8, 0.8, 0.8]));
+    assert!(diagnostics.shots.is_empty(), "{:?}", diagnostics.shots);
+}
