@@ -82,6 +82,7 @@ fn diagnostics(model: &CameraModel) -> Diagnostics {
             })
             .collect(),
         exposure_per_frame: vec![(0, 0.46), (1, 0.5), (2, 0.47), (3, 0.52), (4, 0.48)],
+        shots: vec![],
     }
 }
 
