@@ -108,6 +108,12 @@ fn boards_along_the_motion_do_not_look_blurred() {
     let (estimate, _) = exposure(&blind(&texture(5, 4), flow, flow, 0.45));
     println!("{estimate}");
     assert!((estimate - 0.45).abs() < 0.1, "{estimate}");
+    // Of rails, which say nothing else along their way, it is not known; nor do they look like a shutter that never closes.
+    for stretch in [16, 64] {
+        let rails = blind(&texture(5, stretch), flow, flow, 0.0);
+        println!("{:?}", rails.model.motion_blur);
+        assert!(rails.model.motion_blur.known().is_none_or(|m| m.interval[0] < 0.1), "{stretch}");
+    }
 }
 
 /// A camera that shakes: the motion turns from one frame to the next.

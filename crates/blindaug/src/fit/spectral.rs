@@ -52,6 +52,9 @@ const MIDDLE: f32 = 0.25;
 pub(super) const SPEEDS: Range<f32> = 1.5..60.0;
 /// Largest exposure fraction of the tables: past 1, so that a maximum at 1 is seen from both sides.
 const MAX_LAMBDA: f32 = 1.25;
+/// An exposure that seems longer is unknown: no shutter is open for so long, so something else looks like its streaks. Of 1, about 1.05
+/// may be seen.
+pub(super) const LONGEST: f32 = 1.15;
 /// Steps of the tables: this length of streak, px, within this range of exposure fractions.
 const STREAK_STEP: f32 = 0.6;
 const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
@@ -1140,6 +1143,11 @@ pub fn exposure_of(
     let best = most_likely_exposure;
     let sum = summed(&|_| true);
     let estimate = best(&sum);
+    if estimate > LONGEST {
+        return Err(format!(
+            "what moves looks as if the shutter were open for longer than a frame interval ({estimate:.2}), which none is: its texture may run along its motion, or compression has smoothed it"
+        ));
+    }
     let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * PARTS)
         .map(|i| ((i / PARTS) as u32, i % PARTS))
         .map(|(b, s)| (b, s, summed(&|w| w.block == b && part_of(w.frame, frames) == s)))

@@ -462,7 +462,8 @@ impl Tracker {
             let coding_error = self.luma_noise.coding_error;
             let interval =
                 spectral::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
-            if tiles >= 6.0 && interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY {
+            let sure = interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY && estimate <= spectral::LONGEST;
+            if tiles >= 6.0 && sure {
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
                     interval,
