@@ -3,6 +3,7 @@
 mod leaves;
 
 use blindaug::Encoded;
+use blindaug::fit::track::Tracker;
 use blindaug::fit::{Estimation, Estimator, Observation, Options};
 use leaves::{CAMERA, Camera, Scene};
 
@@ -20,14 +21,17 @@ fn montage(exposures: [f32; 2]) -> Estimation {
     estimate(&[filmed(1, &first), filmed(100, &second)].concat())
 }
 
-/// From nothing but the frames.
+/// Nothing but the frames.
+fn observations(frames: &[Encoded]) -> impl Iterator<Item = Observation<'_>> {
+    frames.iter().enumerate().map(|(i, frame)| {
+        let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
+        Observation { frame, next, previous, evidence: Default::default() }
+    })
+}
+
 fn estimate(frames: &[Encoded]) -> Estimation {
     let mut estimator = Estimator::new(Options::default());
-    for (i, frame) in frames.iter().enumerate() {
-        let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
-        let evidence = Default::default();
-        estimator.add(&Observation { frame, next, previous, evidence }).unwrap();
-    }
+    observations(frames).for_each(|o| assert!(estimator.add(&o).unwrap()));
     estimator.estimate().unwrap()
 }
 
@@ -61,4 +65,25 @@ fn shots_of_one_shutter_are_measured_together() {
 fn a_clip_without_a_cut_is_one_shot_whatever_its_shutter_does() {
     let Estimation { diagnostics, .. } = estimate(&filmed(1, &[0.25, 0.25, 0.25, 0.8, 0.8, 0.8]));
     assert!(diagnostics.shots.is_empty(), "{:?}", diagnostics.shots);
+}
+
+#[test]
+fn a_tracker_does_not_carry_over_a_cut_what_it_knows_of_the_shutter() {
+    let known = |frames: &[Encoded]| -> Vec<Option<f32>> {
+        let mut tracker = Tracker::new(Default::default(), None);
+        let exposure = |o: Observation| Some(tracker.push(&o).unwrap().motion_blur.known()?.exposure.0);
+        observations(frames).map(exposure).collect()
+    };
+    let moving = filmed(1, &[0.5; 6]);
+    // A camera that stands still says nothing of its shutter.
+    let still = |scene| {
+        let camera = Camera { noise: 0.006, moves: false, ..CAMERA };
+        Scene::new(scene, (256, 192)).clip(4, |_| camera).into_iter().map(|shot| shot.frame)
+    };
+    let same = known(&moving.iter().cloned().chain(still(1)).collect::<Vec<_>>());
+    let other = known(&moving.iter().cloned().chain(still(100)).collect::<Vec<_>>());
+    println!("{same:?}\n{other:?}");
+    // Without a cut, what was seen still holds.
+    assert!(same[5..].iter().all(|e| e.is_some_and(|e| (e - 0.5).abs() < 0.1)));
+    assert!(other[6..].iter().all(Option::is_none));
 }

@@ -21,10 +21,13 @@ const SIDE: usize = 256;
 /// # Errors
 /// As [`flow::flow_with_occlusion`].
 pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
-    if 1.0 - correlation(&thumbnail(frame), &thumbnail(next)) < SUSPICIOUS {
-        return Ok(false);
-    }
-    Ok(flow::flow_with_occlusion(&small(frame), &small(next))?.confirmed() < MIN_CONFIRMED)
+    Ok(look_different(frame, next)
+        && flow::flow_with_occlusion(&small(frame), &small(next))?.confirmed() < MIN_CONFIRMED)
+}
+
+/// Whether two frames look so different from afar that there may be a cut between them.
+pub(crate) fn look_different(frame: &Encoded, next: &Encoded) -> bool {
+    1.0 - correlation(&thumbnail(frame), &thumbnail(next)) > SUSPICIOUS
 }
 
 /// Means over cells.
@@ -97,7 +100,7 @@ mod tests {
         assert!(!cut_between(&here, &brighter).unwrap());
         // It moves so far that it looks different from afar, but is found again.
         let moved = picture(1, [9, 5]);
-        assert!(1.0 - correlation(&thumbnail(&here), &thumbnail(&moved)) > SUSPICIOUS);
+        assert!(look_different(&here, &moved));
         assert!(!cut_between(&here, &moved).unwrap());
     }
 

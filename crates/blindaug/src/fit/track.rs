@@ -17,6 +17,7 @@ use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
 use super::sharpening;
 use super::spectral::{self, ExposureWitness, FineTables, LensWitness};
 use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
+use crate::analysis::cuts::look_different;
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::{FlowEstimator, motion_at_frame};
 use crate::model::{
@@ -97,6 +98,8 @@ pub struct Tracker {
     lens: Memory,
     depth_kind: Option<DepthKind>,
     known: Known,
+    /// Whether the next frame belongs to another shot.
+    cut_ahead: bool,
     why_no_depth: String,
     model: Option<CameraModel>,
     changes: Changes,
@@ -147,6 +150,7 @@ impl Tracker {
             lens: Memory::new(spectral::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
             depth_kind: None,
             known: Known::default(),
+            cut_ahead: false,
             why_no_depth: "no depth was given, and nothing has moved yet".into(),
             model: None,
             changes: Changes::default(),
@@ -168,6 +172,12 @@ impl Tracker {
         let (width, height) = frame.0.size();
         let capture = Capture { width, height, fps: self.fps, frames_used: self.frames + 1 };
         self.changes = Changes::default();
+        if std::mem::take(&mut self.cut_ahead) {
+            // Another shot may have another shutter and another lens. The noise is seen again at once.
+            self.exposure.forget();
+            self.lens.forget();
+            (self.known.exposure, self.known.lens, self.last_flow.flow) = (None, None, None);
+        }
         let geometry = self.geometry(observation)?;
         let neighbour = if observation.evidence.flow.is_some() { next } else { next.or(previous) };
         let mut model = CameraModel::unknown(capture, "");
@@ -317,14 +327,15 @@ impl Tracker {
             if pair.confirmed() >= MIN_CONFIRMED {
                 let into = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
                 geometry.flow = Some(Cow::Owned(enlarged(known_flow(&pair), size, into)));
+            } else {
+                self.cut_ahead = next.is_some_and(|next| look_different(frame, next));
             }
             if pair.confirmed() < SCALE_CONFIRMED {
                 self.parallax = ParallaxTracker::new().near_the_last();
                 self.inverse_depth = None;
                 if self.depth_kind == Some(DepthKind::Relative) {
                     // In another unit from here on.
-                    self.lens.forget_old();
-                    self.lens.forget_recent();
+                    self.lens.forget();
                 }
             } else if wants_parallax {
                 parallax = Some(self.parallax.push(&pair, PARALLAX_STRIDE)?);
@@ -462,8 +473,8 @@ impl Tracker {
             let coding_error = self.luma_noise.coding_error;
             let interval =
                 spectral::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
-            let sure = interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY && estimate <= spectral::LONGEST;
-            if tiles >= 6.0 && sure {
+            let possible = spectral::most_likely_exposure(&curve) <= spectral::LONGEST;
+            if tiles >= 6.0 && possible && interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY {
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
                     interval,
@@ -473,7 +484,9 @@ impl Tracker {
             }
         }
         let Some(known) = self.known.exposure else {
-            return Estimate::Unknown("so far, too little has moved, or what moved has no texture".into());
+            return Estimate::Unknown(
+                "too little has moved in this shot so far, or what moved has no texture".into(),
+            );
         };
         let [low, high] = walked(known.interval, known.exposure.0, WALK_EXPOSURE, memory.age);
         Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })
@@ -619,6 +632,11 @@ impl Memory {
     fn forget_old(&mut self) {
         self.old.fill(0.0);
         self.weight = self.recent.len() as f32;
+    }
+
+    fn forget(&mut self) {
+        self.forget_old();
+        self.forget_recent();
     }
 
     fn forget_recent(&mut self) {
