@@ -638,8 +638,9 @@ pub fn fit(
     Ok(Fitted { estimation, samples: clip.samples.kept, first, last, interrupted })
 }
 
-/// Where the cuts are, and what each shot alone says of the exposure.
+/// Where the cuts are, and what each shot alone says of the exposure; of a film, the first shots.
 fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
+    const TOLD: usize = 10;
     let words = |shot: &Shot| {
         let (first, last) = (numbers[shot.frames.start], numbers[shot.frames.end - 1]);
         match shot.motion_blur.known() {
@@ -650,10 +651,11 @@ fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
             None => format!("{first} to {last} (exposure unknown)"),
         }
     };
+    let told = shots.iter().take(TOLD).map(words).collect::<Vec<String>>().join(", ");
+    let rest = if shots.len() > TOLD { ", .." } else { "" };
     format!(
-        "there are {} shots: frames {}; --frames FIRST..LAST estimates one alone, --track a model for each frame",
-        shots.len(),
-        shots.iter().map(words).collect::<Vec<String>>().join(", ")
+        "there are {} shots: frames {told}{rest}; --frames FIRST..LAST estimates one alone, --track a model for each frame",
+        shots.len()
     )
 }
 

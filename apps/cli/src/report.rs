@@ -308,7 +308,7 @@ fn seconds(s: f64) -> String {
 fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
     let known = model.motion_blur.known();
     let curve = plots::exposure(&diagnostics.exposure_curve, known)?;
-    let per_frame = plots::exposure_per_frame(&diagnostics.exposure_per_frame, known)?;
+    let per_frame = plots::exposure_per_frame(&diagnostics.exposure_per_frame, known, &diagnostics.shots)?;
     Ok(html! {
         section {
             h2 { "Motion blur: the shutter" }
@@ -330,7 +330,8 @@ fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
             @if let Some(plot) = per_frame {
                 figure { (plot) figcaption {
                     (swatch(POINTS)) "what each frame says alone"
-                    @if known.is_some() { ", " (swatch(ESTIMATE)) "the estimate from all frames and its interval" }
+                    @if !diagnostics.shots.is_empty() { ", " (swatch(ESTIMATE)) "what each shot says alone and its interval" }
+                    @else if known.is_some() { ", " (swatch(ESTIMATE)) "the estimate from all frames and its interval" }
                     ". Points that scatter about one value speak for it; a trend would mean that the shutter changed."
                 } }
             }

@@ -2,7 +2,7 @@
 
 use super::words::{distance, tick};
 use crate::inspect::VISIBLE_PX;
-use blindaug::fit::{BlurPoint, noise::NoisePoint};
+use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, MotionBlurModel, NOISE_LEVELS, NoiseModel};
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::{Shift, types::RangedCoordf64};
@@ -231,17 +231,20 @@ fn interpolated(points: &[[f64; 2]], x: f64) -> Option<f64> {
     Some(a[1] + (x - a[0]) / (b[0] - a[0]) * (b[1] - a[1]))
 }
 
-/// The exposure that each frame alone gives.
+/// The exposure that each frame alone gives, and each shot if there are several, else all of them.
 pub fn exposure_per_frame(
     frames: &[(usize, f32)],
     model: Option<&MotionBlurModel>,
+    shots: &[Shot],
 ) -> Result<Option<Markup>> {
     let points: Vec<(f64, f64)> = frames
         .iter()
         .filter(|f| f.1.is_finite())
         .map(|&(i, v)| (i as f64, f64::from(v).clamp(0.0, 1.0)))
         .collect();
-    let Some([first, last]) = extent(points.iter().map(|p| p.0)).filter(|_| points.len() > 1) else {
+    let ends = shots.iter().flat_map(|s| [s.frames.start as f64, s.frames.end as f64 - 1.0]);
+    let Some([first, last]) = extent(points.iter().map(|p| p.0).chain(ends)).filter(|_| points.len() > 1)
+    else {
         return Ok(None);
     };
     let axes = Axes {
@@ -255,9 +258,13 @@ pub fn exposure_per_frame(
     };
     svg(400, &format!("Exposure of each of {} frames", points.len()), |area| {
         let mut chart = axes.chart(area)?;
-        if let Some(m) = model {
-            let [low, high] = m.interval.map(|v| 100.0 * f64::from(v));
-            let (left, right, at) = (axes.x.start, axes.x.end, 100.0 * f64::from(m.exposure.0));
+        let all = model.filter(|_| shots.is_empty()).map(|m| ([axes.x.start, axes.x.end], m));
+        let each = shots.iter().filter_map(|s| {
+            Some(([s.frames.start as f64 - 0.5, s.frames.end as f64 - 0.5], s.motion_blur.known()?))
+        });
+        for ([left, right], m) in all.into_iter().chain(each) {
+            let ([low, high], at) =
+                (m.interval.map(|v| 100.0 * f64::from(v)), 100.0 * f64::from(m.exposure.0));
             axes.band(&mut chart, &[[left, low, high], [right, low, high]], ESTIMATE)?;
             axes.line(&mut chart, [[left, at], [right, at]], ESTIMATE.stroke_width(4))?;
         }

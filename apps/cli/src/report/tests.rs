@@ -1,6 +1,6 @@
 use super::*;
 use blindaug::Raster;
-use blindaug::fit::{BlurPoint, noise::NoisePoint};
+use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
     Capture, Changes, NOISE_LEVELS, NoiseInterval, NoiseLevel, ThinLensInterval, TrackedCamera,
 };
@@ -239,6 +239,31 @@ fn a_full_report_has_every_part() {
 }
 
 #[test]
+fn each_shot_has_its_own_exposure() {
+    let model = known_model(200, 150);
+    let exposures = |shots| {
+        let diagnostics = Diagnostics { shots, ..diagnostics(&model) };
+        let html = written(&ReportInput {
+            title: String::new(),
+            model: &model,
+            diagnostics: &diagnostics,
+            samples: vec![],
+            comparison: vec![],
+            pictures: vec![],
+        });
+        check(&html);
+        let plot = html.split("<svg").find(|svg| svg.contains("Exposure of each")).unwrap();
+        (bands_and_dashes(plot)[0], html.contains("what each shot says alone"))
+    };
+    let shot = |frames, known: bool| Shot {
+        frames,
+        motion_blur: if known { model.motion_blur.clone() } else { Estimate::Unknown("still".into()) },
+    };
+    assert_eq!(exposures(vec![]), (1, false));
+    assert_eq!(exposures(vec![shot(0..2, true), shot(2..4, true), shot(4..5, false)]), (2, true));
+}
+
+#[test]
 fn what_is_unknown_is_said() {
     let model = CameraModel::unknown(Capture { fps: None, ..capture_of(8, 8) }, "nothing <moves>");
     let diagnostics = Diagnostics::default();
@@ -282,6 +307,13 @@ fn odd_frames_and_numbers_give_a_report() {
                 BlurPoint { inverse_depth: -0.5, sigma_px: 1e30, weight: 1e-30 },
             ],
             exposure_per_frame: vec![(0, nan), (1, 7.0), (usize::MAX, -1.0)],
+            shots: vec![
+                Shot { frames: 0..0, motion_blur: Estimate::Unknown("<b>".into()) },
+                Shot {
+                    frames: 5..usize::MAX,
+                    motion_blur: Estimate::Known(MotionBlurModel::given(ExposureFraction(nan))),
+                },
+            ],
             ..Diagnostics::default()
         };
         let html = written(&ReportInput {

@@ -206,7 +206,7 @@ struct FrameEvidence {
 const BOKEH: Bokeh = Bokeh::Disk;
 /// Errors of a coder, as a std of luma, of which the user is told.
 const NOTABLE_CODING_ERROR: f32 = 0.01;
-/// The comparison with clean frames'  two fits alternate until no number changes by more: lambda, px of blur, inverse depth.
+/// Exposure and lens are compared with clean frames in turn until no number changes by more: lambda, px of blur, inverse depth.
 const SETTLED: f32 = 1e-3;
 /// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
@@ -604,13 +604,11 @@ impl Estimator {
             "no frame could be followed to the next".to_owned()
         };
         let method = self.blind_method();
-        let blind = match method {
+        (diagnostics.shots, diagnostics.exposure_per_frame) = self.exposure_of_shots(&moving, noise);
+        let blind = match contradiction(&diagnostics.shots) {
             _ if moving.is_empty() => Err(why),
-            Method::Removal => removal::fit_exposure(&removal_tiles(&moving)),
-            _ => {
-                diagnostics.shots = self.exposure_of_shots(&moving, noise);
-                contradiction(&diagnostics.shots).map_or_else(|| spectral_exposure(&moving, noise), Err)
-            }
+            Some(why) => Err(why),
+            None => self.blind_exposure(&moving, noise),
         };
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];
@@ -632,21 +630,44 @@ impl Estimator {
             per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
     }
 
-    /// What the spectra of each shot alone tell, if there are several.
-    fn exposure_of_shots(&self, moving: &[&FrameEvidence], noise: &LumaNoise) -> Vec<Shot> {
+    /// What each shot alone tells without clean frames, and each of its frames; nothing if there is no cut.
+    fn exposure_of_shots(
+        &self,
+        moving: &[&FrameEvidence],
+        noise: &LumaNoise,
+    ) -> (Vec<Shot>, Vec<(usize, f32)>) {
+        let mut per_frame = vec![];
         if self.shots.len() < 2 {
-            return vec![];
+            return (vec![], per_frame);
         }
         let ends = self.shots[1..].iter().copied().chain([self.given]);
         let shot = |(number, frames): (usize, Range<usize>)| {
             let own: Vec<&FrameEvidence> = moving.iter().filter(|f| f.shot == number).copied().collect();
-            let motion_blur = match spectral_exposure(&own, noise) {
-                Ok(fit) => Estimate::Known(blind_model(Method::Spectral, &fit)),
+            let motion_blur = match self.blind_exposure(&own, noise) {
+                Ok(fit) => {
+                    per_frame.extend(fit.per_frame.iter().map(|&(i, v)| (own[i].index, v)));
+                    Estimate::Known(blind_model(self.blind_method(), &fit))
+                }
                 Err(why) => Estimate::Unknown(why),
             };
             Shot { frames, motion_blur }
         };
-        self.shots.iter().zip(ends).map(|(&first, end)| first..end).enumerate().map(shot).collect()
+        let shots =
+            self.shots.iter().zip(ends).map(|(&first, end)| first..end).enumerate().map(shot).collect();
+        (shots, per_frame)
+    }
+
+    /// The exposure that frames agree on, without clean ones.
+    fn blind_exposure(
+        &self,
+        frames: &[&FrameEvidence],
+        noise: &LumaNoise,
+    ) -> std::result::Result<spectral::ExposureFit, String> {
+        if self.blind_method() == Method::Removal {
+            return removal::fit_exposure(&removal_tiles(frames));
+        }
+        let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
+        spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
     }
 
     /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
@@ -813,14 +834,6 @@ fn known_flow(pair: &analysis::flow::FlowPair) -> Flow {
 
 fn blind_model(method: Method, fit: &spectral::ExposureFit) -> MotionBlurModel {
     MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
-}
-
-fn spectral_exposure(
-    frames: &[&FrameEvidence],
-    noise: &LumaNoise,
-) -> std::result::Result<spectral::ExposureFit, String> {
-    let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
-    spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
 }
 
 /// Why no one exposure is that of all shots, if two of them are sure that theirs differ.
