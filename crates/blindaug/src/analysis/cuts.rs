@@ -2,6 +2,7 @@
 
 use super::flow;
 use crate::{Encoded, Plane, Result, pyramid};
+use std::ops::Range;
 
 /// Less than this share of confirmed matches between two frames is a cut, or nothing to rely on.
 pub const MIN_CONFIRMED: f32 = 0.4;
@@ -12,6 +13,10 @@ const SAMPLES: usize = 16;
 /// 1 - the correlation of two thumbnails from which on there may be a cut between them. On a montage, cuts gave 0.7 to 1.3, a bus that
 /// drives past close to the camera 0.4, all else less than 0.2.
 const SUSPICIOUS: f32 = 0.25;
+/// What is darker than this in both frames are the bars beside a picture.
+const BLACK: f32 = 0.02;
+/// A thumbnail of a smaller std is even.
+const EVEN: f32 = 1e-3;
 /// px of the longer side at which flow then decides.
 const SIDE: usize = 256;
 
@@ -21,58 +26,110 @@ const SIDE: usize = 256;
 /// # Errors
 /// As [`flow::flow_with_occlusion`].
 pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
-    Ok(look_different(frame, next)
-        && flow::flow_with_occlusion(&small(frame), &small(next))?.confirmed() < MIN_CONFIRMED)
+    let picture = Picture::of(frame, next);
+    Ok(match picture.correlation(frame, next) {
+        Correlation::BothAreEven => false,
+        // In an even frame, flow finds anything.
+        Correlation::OneIsEven => true,
+        Correlation::Of(c) if 1.0 - c < SUSPICIOUS => false,
+        Correlation::Of(_) => {
+            flow::flow_with_occlusion(&picture.small(frame), &picture.small(next))?.confirmed()
+                < MIN_CONFIRMED
+        }
+    })
 }
 
 /// Whether two frames look so different from afar that there may be a cut between them.
 pub(crate) fn look_different(frame: &Encoded, next: &Encoded) -> bool {
-    1.0 - correlation(&thumbnail(frame), &thumbnail(next)) > SUSPICIOUS
+    match Picture::of(frame, next).correlation(frame, next) {
+        Correlation::BothAreEven => false,
+        Correlation::OneIsEven => true,
+        Correlation::Of(c) => 1.0 - c >= SUSPICIOUS,
+    }
 }
 
-/// Means over cells.
-fn thumbnail(Encoded(frame): &Encoded) -> Vec<f32> {
-    let (w, h) = frame.size();
-    let places = |cell: usize, cells: usize, n: usize| {
-        let (first, end) = (cell * n / cells, ((cell + 1) * n / cells).max(cell * n / cells + 1));
-        (first..end).step_by((end - first).div_ceil(SAMPLES))
-    };
-    let mut means = Vec::with_capacity(3 * CELLS[0] * CELLS[1]);
-    for row in 0..CELLS[1] {
-        for column in 0..CELLS[0] {
-            let (mut sum, mut count) = ([0.0f32; 3], 0);
-            for y in places(row, CELLS[1], h) {
-                for x in places(column, CELLS[0], w) {
-                    let p = frame.at(x, y);
-                    (0..3).for_each(|c| sum[c] += p[c]);
-                    count += 1;
-                }
-            }
-            means.extend(sum.map(|v| v / count as f32));
+/// How alike two frames look from afar.
+enum Correlation {
+    Of(f32),
+    OneIsEven,
+    BothAreEven,
+}
+
+/// The part of two frames that is not bars, which they would have in common.
+struct Picture {
+    columns: Range<usize>,
+    rows: Range<usize>,
+}
+
+impl Picture {
+    fn of(Encoded(frame): &Encoded, Encoded(next): &Encoded) -> Self {
+        let (w, h) = frame.size();
+        let lit = |x: usize, y: usize| [frame, next].iter().any(|f| f.at(x, y).iter().any(|&v| v >= BLACK));
+        let within = |n: usize, lit: &dyn Fn(usize) -> bool| {
+            let first = (0..n).find(|&i| lit(i));
+            first.map_or(0..n, |first| first..(first..n).rfind(|&i| lit(i)).map_or(n, |last| last + 1))
+        };
+        let step = |n: usize| n.div_ceil(CELLS[0] * SAMPLES);
+        Self {
+            columns: within(w, &|x| (0..h).step_by(step(h)).any(|y| lit(x, y))),
+            rows: within(h, &|y| (0..w).step_by(step(w)).any(|x| lit(x, y))),
         }
     }
-    means
-}
 
-/// Of values at the same places; 1 where one of them is even: that tells nothing.
-fn correlation(a: &[f32], b: &[f32]) -> f32 {
-    let n = a.len() as f32;
-    let (mean_a, mean_b) = (a.iter().sum::<f32>() / n, b.iter().sum::<f32>() / n);
-    let [mut aa, mut ab, mut bb] = [0.0f32; 3];
-    for (a, b) in a.iter().zip(b) {
-        let (a, b) = (a - mean_a, b - mean_b);
-        (aa, ab, bb) = (aa + a * a, ab + a * b, bb + b * b);
+    /// Means over cells.
+    fn thumbnail(&self, Encoded(frame): &Encoded) -> Vec<[f32; 3]> {
+        let places = |cell: usize, cells: usize, of: &Range<usize>| {
+            let (first, end) = (cell * of.len() / cells, (cell + 1) * of.len() / cells);
+            let end = end.max(first + 1);
+            (of.start + first..of.start + end).step_by((end - first).div_ceil(SAMPLES))
+        };
+        let mut means = Vec::with_capacity(CELLS[0] * CELLS[1]);
+        for row in 0..CELLS[1] {
+            for column in 0..CELLS[0] {
+                let (mut sum, mut count) = ([0.0f32; 3], 0);
+                for y in places(row, CELLS[1], &self.rows) {
+                    for x in places(column, CELLS[0], &self.columns) {
+                        let p = frame.at(x, y);
+                        (0..3).for_each(|c| sum[c] += p[c]);
+                        count += 1;
+                    }
+                }
+                means.push(sum.map(|v| v / count as f32));
+            }
+        }
+        means
     }
-    let norm = (aa * bb).sqrt();
-    if norm > 1e-9 { ab / norm } else { 1.0 }
-}
 
-fn small(frame: &Encoded) -> Plane {
-    let mut luma = frame.luma();
-    while luma.width().max(luma.height()) > SIDE {
-        luma = pyramid::downsample(&luma);
+    /// Of what differs from the channels' means.
+    fn correlation(&self, frame: &Encoded, next: &Encoded) -> Correlation {
+        let (a, b) = (self.thumbnail(frame), self.thumbnail(next));
+        let n = a.len() as f32;
+        let [mut aa, mut ab, mut bb] = [0.0f32; 3];
+        for c in 0..3 {
+            let mean = |v: &[[f32; 3]]| v.iter().map(|p| p[c]).sum::<f32>() / n;
+            let (mean_a, mean_b) = (mean(&a), mean(&b));
+            for (a, b) in a.iter().zip(&b) {
+                let (a, b) = (a[c] - mean_a, b[c] - mean_b);
+                (aa, ab, bb) = (aa + a * a, ab + a * b, bb + b * b);
+            }
+        }
+        let even = |sum: f32| sum < 3.0 * n * EVEN * EVEN;
+        match (even(aa), even(bb)) {
+            (true, true) => Correlation::BothAreEven,
+            (false, false) => Correlation::Of(ab / (aa * bb).sqrt()),
+            _ => Correlation::OneIsEven,
+        }
     }
-    luma
+
+    /// Luma, of a size at which flow is found quickly.
+    fn small(&self, frame: &Encoded) -> Plane {
+        let (columns, rows) = (&self.columns, &self.rows);
+        let mut luma = frame.luma().crop(columns.start, rows.start, columns.len(), rows.len());
+        while luma.width().max(luma.height()) > SIDE {
+            luma = pyramid::downsample(&luma);
+        }
+        luma
+    }
 }
 
 #[cfg(test)]
@@ -109,5 +166,20 @@ mod tests {
         let even = |v: f32, w: usize, h: usize| Encoded(Raster::filled(w, h, [v; 3]));
         assert!(!cut_between(&even(0.2, 1, 1), &even(0.7, 1, 1)).unwrap());
         assert!(!cut_between(&even(0.2, 40, 3), &even(0.7, 40, 3)).unwrap());
+        // A black frame between two shots belongs to neither.
+        let (here, black) = (picture(1, [0, 0]), even(0.0, 320, 240));
+        assert!(cut_between(&here, &black).unwrap() && cut_between(&black, &here).unwrap());
+    }
+
+    #[test]
+    fn bars_and_a_common_cast_hide_no_cut() {
+        let barred = |seed| {
+            let Encoded(p) = picture(seed, [0, 0]);
+            let inside = |x: usize| (110..210).contains(&x);
+            let cast = |v: [f32; 3]| [0.2 + 0.3 * v[0], 0.1 + 0.2 * v[1], 0.2 * v[2]];
+            Encoded(Raster::from_fn(320, 240, |x, y| if inside(x) { cast(p.at(x, y)) } else { [0.0; 3] }))
+        };
+        assert!(cut_between(&barred(1), &barred(2)).unwrap());
+        assert!(!cut_between(&barred(1), &barred(1)).unwrap());
     }
 }

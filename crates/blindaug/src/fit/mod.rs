@@ -161,9 +161,8 @@ pub struct Estimator {
     last_motion: Option<LastMotion>,
     /// Frames of which too little is found again in their neighbour.
     unfollowed: usize,
-    /// The first frame of each shot. Not looked for where flow is given.
+    /// The first frame of each shot.
     shots: Vec<usize>,
-    flow_given: bool,
     /// Whether the next frame belongs to another shot.
     cut_ahead: bool,
     /// Whether images that were given are what a network made.
@@ -236,7 +235,6 @@ impl Estimator {
             last_motion: None,
             unfollowed: 0,
             shots: vec![0],
-            flow_given: false,
             cut_ahead: false,
             by_network: false,
         }
@@ -264,16 +262,12 @@ impl Estimator {
         let index = self.given;
         self.given += 1;
         self.by_network |= evidence.by_network;
-        self.flow_given |= evidence.flow.is_some();
         let opens = std::mem::take(&mut self.cut_ahead);
         if opens {
             self.shots.push(index);
             (self.parallax, self.last_motion) = (ParallaxTracker::default(), None);
         }
-        self.cut_ahead = match next {
-            Some(next) if !self.flow_given => cut_between(frame, next)?,
-            _ => false,
-        };
+        self.cut_ahead = next.map_or(Ok(false), |next| cut_between(frame, next))?;
         if !index.is_multiple_of(self.stride) {
             return Ok(false);
         }
@@ -644,6 +638,8 @@ impl Estimator {
         let shot = |(number, frames): (usize, Range<usize>)| {
             let own: Vec<&FrameEvidence> = moving.iter().filter(|f| f.shot == number).copied().collect();
             let motion_blur = match self.blind_exposure(&own, noise) {
+                // One frame may err by more than it knows.
+                Ok(_) if own.len() < 2 => Estimate::Unknown("only one of its frames was looked at".into()),
                 Ok(fit) => {
                     per_frame.extend(fit.per_frame.iter().map(|&(i, v)| (own[i].index, v)));
                     Estimate::Known(blind_model(self.blind_method(), &fit))
@@ -702,8 +698,9 @@ impl Estimator {
             return;
         };
         let mut deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
-        // Depth from parallax has a unit of its own in each shot.
-        let shot = (!self.depth_given && self.shots.len() > 1).then(|| {
+        // Relative depth has a unit of its own in each shot, and shots of different shutters may be different cameras'.
+        let apart = depth_kind == DepthKind::Relative || contradiction(&diagnostics.shots).is_some();
+        let shot = (apart && self.shots.len() > 1).then(|| {
             let frames = |shot: usize| deep.iter().filter(|f| f.shot == shot).count();
             (0..self.shots.len()).rev().max_by_key(|&shot| frames(shot)).unwrap_or(0)
         });
@@ -757,9 +754,9 @@ impl Estimator {
                 thin
             }
         };
-        if let Some(shot) = shot {
+        if let (Some(shot), true) = (shot, method == blind_method) {
             diagnostics.notes.push(format!(
-                "depth from parallax has a unit of its own in each shot: the lens is that of shot {}, which has most of it",
+                "the lens is that of shot {} alone, which shows most depth: the others may have another, or depth in another unit",
                 shot + 1
             ));
         }
@@ -839,12 +836,16 @@ fn blind_model(method: Method, fit: &spectral::ExposureFit) -> MotionBlurModel {
 /// Why no one exposure is that of all shots, if two of them are sure that theirs differ.
 fn contradiction(shots: &[Shot]) -> Option<String> {
     let known = || (1..).zip(shots).filter_map(|(n, s)| Some((n, s.motion_blur.known()?)));
-    let (n, longest) = known().max_by(|a, b| a.1.interval[0].total_cmp(&b.1.interval[0]))?;
-    let (m, shortest) = known().min_by(|a, b| a.1.interval[1].total_cmp(&b.1.interval[1]))?;
+    // The largest of n deviations grows as sqrt(2 ln n); intervals are as they are for two.
+    let spread = |n: usize| 1.0 + (2.0 * (n as f32).ln()).sqrt();
+    let wider = (spread(known().count().max(2)) / spread(2)).max(1.0);
+    let end = |m: &MotionBlurModel, i: usize| m.exposure.0 + wider * (m.interval[i] - m.exposure.0);
+    let (n, longest) = known().max_by(|a, b| end(a.1, 0).total_cmp(&end(b.1, 0)))?;
+    let (m, shortest) = known().min_by(|a, b| end(a.1, 1).total_cmp(&end(b.1, 1)))?;
     let told = |n: usize, m: &MotionBlurModel| {
         format!("{:.2} ({:.2} to {:.2}) in shot {n}", m.exposure.0, m.interval[0], m.interval[1])
     };
-    (shortest.interval[1] < longest.interval[0]).then(|| {
+    (end(shortest, 1) < end(longest, 0)).then(|| {
         format!(
             "the shots were filmed with different shutters, exposures of {} and {}: estimate each alone, or a model for each frame",
             told(m, shortest),

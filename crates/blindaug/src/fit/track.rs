@@ -172,12 +172,7 @@ impl Tracker {
         let (width, height) = frame.0.size();
         let capture = Capture { width, height, fps: self.fps, frames_used: self.frames + 1 };
         self.changes = Changes::default();
-        if std::mem::take(&mut self.cut_ahead) {
-            // Another shot may have another shutter and another lens. The noise is seen again at once.
-            self.exposure.forget();
-            self.lens.forget();
-            (self.known.exposure, self.known.lens, self.last_flow.flow) = (None, None, None);
-        }
+        self.begin_shot();
         let geometry = self.geometry(observation)?;
         let neighbour = if observation.evidence.flow.is_some() { next } else { next.or(previous) };
         let mut model = CameraModel::unknown(capture, "");
@@ -211,6 +206,16 @@ impl Tracker {
         self.frames += 1;
         model.validate()?;
         Ok(self.model.insert(model))
+    }
+
+    /// Forgets, if the last frame was the last one of its shot, what was known: another shot may be another camera's.
+    fn begin_shot(&mut self) {
+        if std::mem::take(&mut self.cut_ahead) {
+            self.exposure.forget();
+            self.lens.forget();
+            (self.noise, self.known) = (NoiseMemory::default(), Known::default());
+            self.last_flow.flow = None;
+        }
     }
 
     /// Takes what was found elsewhere of a frame, as on a graphics device, instead of looking at it: what its tiles say of the exposure and
@@ -251,6 +256,7 @@ impl Tracker {
         }
         self.last_flow = LastFlow::default();
         self.changes = Changes::default();
+        self.begin_shot();
         model.motion_blur = self.follow_exposure(exposure);
         model.defocus = self.follow_lens(lens);
         self.frames += 1;
@@ -475,6 +481,7 @@ impl Tracker {
                 spectral::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
             let possible = spectral::most_likely_exposure(&curve) <= spectral::LONGEST;
             if tiles >= 6.0 && possible && interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY {
+                memory.age = 0;
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
                     interval,
@@ -485,7 +492,7 @@ impl Tracker {
         }
         let Some(known) = self.known.exposure else {
             return Estimate::Unknown(
-                "too little has moved in this shot so far, or what moved has no texture".into(),
+                "in this shot so far, too little has moved, or what moved has too little texture".into(),
             );
         };
         let [low, high] = walked(known.interval, known.exposure.0, WALK_EXPOSURE, memory.age);
@@ -521,6 +528,7 @@ impl Tracker {
                         }),
                     };
                     let (method, samples) = (Method::Spectral, fit.samples as u64);
+                    memory.age = 0;
                     self.known.lens = Some(DefocusModel { curve, depth_kind, method, samples });
                 }
                 Err(reason) => why = reason,
@@ -588,7 +596,7 @@ struct Memory {
     kept: f32,
     /// How many frames it holds, older ones counting less.
     weight: f32,
-    /// Frames since there was evidence.
+    /// Frames since it was sure of something.
     age: usize,
 }
 
@@ -607,7 +615,6 @@ impl Memory {
     }
 
     fn add(&mut self, evidence: Vec<f32>) {
-        self.age = 0;
         self.weight += 1.0;
         self.recent.push_back(evidence);
         if self.recent.len() > AGREEING
