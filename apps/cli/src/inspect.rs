@@ -184,6 +184,10 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
         writeln!(text, "           blur {of}: {s:.2} px{i}, the std of the equivalent Gaussian")?;
     }
     match facts.sharp {
+        // Relative inverse depth ends at 1, where the nearest things are.
+        Some([far, near]) if !metric && far <= 0.0 && near >= 1.0 => {
+            writeln!(text, "           blur shows (over {VISIBLE_PX} px) nowhere")?;
+        }
         Some(sharp) => {
             let [near, far] = if metric { [sharp[1], sharp[0]] } else { sharp };
             let (near, far) = (place(near), place(far));
@@ -387,6 +391,17 @@ mod tests {
         assert!((lens(2.0).sigma_px(near) - VISIBLE_PX).abs() < 1e-5);
         assert!(far < 0.25 && near > 0.25);
         assert_eq!(DefocusFacts::of(&lens(0.3)).sharp.unwrap()[0], 0.0);
+        let told = |sigma, depth_kind| {
+            let mut model = CameraModel::unknown(
+                Capture { width: 8, height: 8, fps: None, frames_used: 1 },
+                "not looked at",
+            );
+            model.defocus = Estimate::Known(DefocusModel { depth_kind, ..lens(sigma) });
+            words(&model, &[])
+        };
+        assert!(told(0.1, DepthKind::Relative).contains("(over 0.5 px) nowhere"));
+        assert!(told(2.0, DepthKind::Relative).contains("outside relative inverse depth 0.188 to"));
+        assert!(!told(0.1, DepthKind::Metric).contains("nowhere"));
         let bowl = DefocusModel {
             curve: DefocusCurve::Quadratic { a: 4.0, b: -4.0, c: 1.2, inverse_depth_range: [0.0, 1.0] },
             ..lens(1.0)
