@@ -21,7 +21,7 @@ const EVEN: f32 = 1e-3;
 const SIDE: usize = 256;
 
 /// Whether a cut lies between two successive frames of one size: they look different from afar, and hardly anything of one is found
-/// again in the other.
+/// again in the other; or just one of them is even, as black frames between shots are.
 ///
 /// # Errors
 /// As [`flow::flow_with_occlusion`].
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use crate::Raster;
 
-    /// Squares of random colours, `side` px wide, seen from a place.
+    /// Squares of random colours, 12 px wide, seen from a place.
     fn picture(seed: u32, [dx, dy]: [usize; 2]) -> Encoded {
         Encoded(Raster::from_fn(320, 240, |x, y| {
             let cell = ((x + dx) / 12 * 7919 + (y + dy) / 12 * 104_729) as u32 + seed * 1_299_709;
