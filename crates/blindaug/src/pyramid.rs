@@ -1,6 +1,6 @@
 //! Gaussian and Laplacian pyramids (Burt & Adelson 1983), and pull-push filling (Gortler et al. 1996).
 
-use crate::{Pixel, Plane, Raster, par};
+use crate::{Pixel, Plane, Raster, luma, par};
 
 /// Half the size, rounded up: smoothed with the binomial kernel [1 4 6 4 1] / 16, every second pixel.
 pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
@@ -8,7 +8,7 @@ pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
 }
 
 /// [`downsample`] of a linear function of the pixels.
-pub(crate) fn downsample_with<P: Pixel, Q: Pixel>(src: &Raster<P>, f: impl Fn(P) -> Q + Sync) -> Raster<Q> {
+fn downsample_with<P: Pixel, Q: Pixel>(src: &Raster<P>, f: impl Fn(P) -> Q + Sync) -> Raster<Q> {
     let (w, h) = src.size();
     let mut half = Raster::filled(w.div_ceil(2), h.div_ceil(2), Q::default());
     par::for_each_row(half.data_mut(), w.div_ceil(2), |y, out| {
@@ -29,6 +29,16 @@ pub(crate) fn downsample_with<P: Pixel, Q: Pixel>(src: &Raster<P>, f: impl Fn(P)
         }
     });
     half
+}
+
+/// Luma of encoded values, halved while its width and height are too large.
+pub(crate) fn halved_luma(image: &Raster<[f32; 3]>, too_large: impl Fn(usize, usize) -> bool) -> Plane {
+    let mut halved =
+        if too_large(image.width(), image.height()) { downsample_with(image, luma) } else { image.map(luma) };
+    while too_large(halved.width(), halved.height()) {
+        halved = downsample(&halved);
+    }
+    halved
 }
 
 /// Twice the size, to exactly `width` x `height`, by the binomial kernel; `src` is `downsample`'s size of it.

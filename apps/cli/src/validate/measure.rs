@@ -218,7 +218,7 @@ pub struct Measured {
     pub seconds: f32,
 }
 
-/// Removal looks at so many frames only: it takes ten times as long as the spectra, and what it gets wrong is wrong in each frame.
+/// Removal looks at so many frames only: it takes eight times as long as the spectra, and what it gets wrong is wrong in each frame.
 const REMOVAL_FRAMES: usize = 4;
 
 /// Estimates the camera of footage and compares it with the truth.

@@ -27,12 +27,11 @@ const SIDE: usize = 256;
 /// As [`flow::flow_with_occlusion`].
 pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
     let picture = Picture::of(frame, next);
-    Ok(match picture.correlation(frame, next) {
-        Correlation::BothAreEven => false,
+    Ok(match picture.look(frame, next) {
+        Look::Alike => false,
         // In an even frame, flow finds anything.
-        Correlation::OneIsEven => true,
-        Correlation::Of(c) if 1.0 - c < SUSPICIOUS => false,
-        Correlation::Of(_) => {
+        Look::OneIsEven => true,
+        Look::Different => {
             flow::flow_with_occlusion(&picture.small(frame), &picture.small(next))?.confirmed()
                 < MIN_CONFIRMED
         }
@@ -41,18 +40,14 @@ pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
 
 /// Whether two frames look so different from afar that there may be a cut between them.
 pub(crate) fn look_different(frame: &Encoded, next: &Encoded) -> bool {
-    match Picture::of(frame, next).correlation(frame, next) {
-        Correlation::BothAreEven => false,
-        Correlation::OneIsEven => true,
-        Correlation::Of(c) => 1.0 - c >= SUSPICIOUS,
-    }
+    !matches!(Picture::of(frame, next).look(frame, next), Look::Alike)
 }
 
-/// How alike two frames look from afar.
-enum Correlation {
-    Of(f32),
+/// How two frames look from afar.
+enum Look {
+    Alike,
+    Different,
     OneIsEven,
-    BothAreEven,
 }
 
 /// The part of two frames that is not bars, which they would have in common.
@@ -100,8 +95,8 @@ impl Picture {
         means
     }
 
-    /// Of what differs from the channels' means.
-    fn correlation(&self, frame: &Encoded, next: &Encoded) -> Correlation {
+    /// By the correlation of what differs from the channels' means.
+    fn look(&self, frame: &Encoded, next: &Encoded) -> Look {
         let (a, b) = (self.thumbnail(frame), self.thumbnail(next));
         let n = a.len() as f32;
         let [mut aa, mut ab, mut bb] = [0.0f32; 3];
@@ -115,20 +110,18 @@ impl Picture {
         }
         let even = |sum: f32| sum < 3.0 * n * EVEN * EVEN;
         match (even(aa), even(bb)) {
-            (true, true) => Correlation::BothAreEven,
-            (false, false) => Correlation::Of(ab / (aa * bb).sqrt()),
-            _ => Correlation::OneIsEven,
+            (true, true) => Look::Alike,
+            (false, false) if 1.0 - ab / (aa * bb).sqrt() < SUSPICIOUS => Look::Alike,
+            (false, false) => Look::Different,
+            _ => Look::OneIsEven,
         }
     }
 
     /// Luma, of a size at which flow is found quickly.
     fn small(&self, frame: &Encoded) -> Plane {
         let (columns, rows) = (&self.columns, &self.rows);
-        let mut luma = frame.luma().crop(columns.start, rows.start, columns.len(), rows.len());
-        while luma.width().max(luma.height()) > SIDE {
-            luma = pyramid::downsample(&luma);
-        }
-        luma
+        let picture = frame.0.crop(columns.start, rows.start, columns.len(), rows.len());
+        pyramid::halved_luma(&picture, |w, h| w.max(h) > SIDE)
     }
 }
 

@@ -16,15 +16,15 @@ use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
 use super::sharpening;
 use super::spectral::{self, ExposureWitness, FineTables, LensWitness};
-use super::{MIN_CONFIRMED, Observation, check_sizes, known_flow};
-use crate::analysis::cuts::look_different;
+use super::{Observation, check_sizes, known_flow};
+use crate::analysis::cuts::{MIN_CONFIRMED, look_different};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::{FlowEstimator, motion_at_frame};
 use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
     ExposureFraction, Method, MotionBlurModel, NoiseModel, SharpeningModel, ThinLensInterval,
 };
-use crate::{Encoded, Error, Flow, Pixel, Plane, Result, luma, par, pyramid};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
@@ -319,15 +319,7 @@ impl Tracker {
             }
         } else if let Some(other) = next.or(previous) {
             let size = frame.0.size();
-            let small = |image: &Encoded| {
-                let wide = |w: usize| w > FLOW_WIDTH;
-                let mut small =
-                    if wide(size.0) { pyramid::downsample_with(&image.0, luma) } else { image.luma() };
-                while wide(small.width()) {
-                    small = pyramid::downsample(&small);
-                }
-                small
-            };
+            let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > FLOW_WIDTH);
             let (from, to) = (small(frame), small(other));
             let pair = self.flow.flow_with_occlusion(&from, &to)?;
             if pair.confirmed() >= MIN_CONFIRMED {
