@@ -11,7 +11,7 @@
 //! the frame. (The difference to the frame itself would not do: sharpened, it leaves a ghost of the background's detail on the
 //! object.) Last comes the noise that is missing.
 
-use crate::model::{CameraModel, NoiseModel};
+use crate::model::{CameraModel, NoiseModel, SharpeningModel};
 use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
 use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, luma, pyramid};
 
@@ -67,17 +67,9 @@ pub fn composite(
     model: &CameraModel,
     options: &Options,
 ) -> Result<Encoded> {
-    check_sizes(shot, layer)?;
+    let Changes { blur, sharpening, places, all } = Changes::new(shot, layer, model, options)?;
+    let Some(changed) = all else { return Ok(shot.frame.clone()) };
     let space = Space::new(model);
-    let blur =
-        if options.naive { Blur::default() } else { Blur::new(model, shot.frame.0.width(), options.bokeh)? };
-    let places = [Shadows::place(shot, &blur), Object::place(layer, &blur)];
-    let Some(changed) = places.into_iter().flatten().reduce(Place::union) else {
-        return Ok(shot.frame.clone());
-    };
-    let sharpening = model.sharpening.filter(|_| !options.naive);
-    let changed =
-        sharpening.map_or(changed, |m| changed.grown(sharpening::reach_px(&m), shot.frame.0.size()));
     let frame = changed.crop(&shot.frame.0);
     let unsharpened = sharpening.map(|m| sharpening::unsharpen(&frame, &m));
     let background = unsharpened.as_ref().unwrap_or(&frame);
@@ -131,6 +123,47 @@ pub fn composite(
         }
     });
     Ok(replaced(&out))
+}
+
+/// Bytes that a changed pixel takes at most, measured with everything that a composite can have.
+const BYTES_PER_CHANGED_PIXEL: u64 = 300;
+
+/// About how many bytes [`composite`] takes at most beside what it is given and what it returns: it depends on how much of the frame the
+/// object and its shadows may change.
+///
+/// # Errors
+/// As [`composite`].
+pub fn bytes_beside(
+    shot: &Shot,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+    options: &Options,
+) -> Result<u64> {
+    let changed = Changes::new(shot, layer, model, options)?.all;
+    Ok(changed.map_or(0, |place| BYTES_PER_CHANGED_PIXEL * (place.w * place.h) as u64))
+}
+
+/// What is done to a frame, and where.
+struct Changes {
+    blur: Blur,
+    sharpening: Option<SharpeningModel>,
+    /// Of shadows and of the object.
+    places: [Option<Place>; 2],
+    /// With what sharpening does around them.
+    all: Option<Place>,
+}
+
+impl Changes {
+    fn new(shot: &Shot, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Result<Self> {
+        check_sizes(shot, layer)?;
+        let size = shot.frame.0.size();
+        let blur = if options.naive { Blur::default() } else { Blur::new(model, size.0, options.bokeh)? };
+        let places = [Shadows::place(shot, &blur), Object::place(layer, &blur)];
+        let sharpening = model.sharpening.filter(|_| !options.naive);
+        let reach = sharpening.map_or(0, |m| sharpening::reach_px(&m));
+        let all = places.into_iter().flatten().reduce(Place::union).map(|place| place.grown(reach, size));
+        Ok(Self { blur, sharpening, places, all })
+    }
 }
 
 fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {
@@ -465,7 +498,6 @@ mod tests {
     use crate::Transfer;
     use crate::model::{
         BlurSpace, Capture, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel,
-        SharpeningModel,
     };
 
     const W: usize = 160;

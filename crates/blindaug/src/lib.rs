@@ -58,6 +58,7 @@
 //! | [`composite`] | a layer, a frame, the model | the composite |
 //! | [`export`] | the model | settings of other people's tools |
 //! | [`metrics`] | two frames | PSNR, SSIM |
+//! | [`text`] | text from outside | one printable line |
 
 pub mod analysis;
 mod colour;
@@ -71,7 +72,9 @@ pub mod model;
 mod par;
 pub mod pyramid;
 mod raster;
+mod strips;
 pub mod synth;
+pub mod text;
 
 pub use colour::{Encoded, LUMA, Linear, Premultiplied, Transfer, luma};
 pub use error::{Error, Result};

@@ -73,17 +73,18 @@ fn upsample_with<P: Pixel>(
 /// The `levels` band-pass levels of a Laplacian pyramid, finest first, and the low-pass that is left.
 pub fn laplacian<P: Pixel>(src: &Raster<P>, levels: usize) -> (Vec<Raster<P>>, Raster<P>) {
     let mut bands = Vec::with_capacity(levels);
-    let mut current = src.clone();
+    let mut low = None;
     for _ in 0..levels {
-        let low = downsample(&current);
-        bands.push(upsample_with(&low, current.width(), current.height(), |x, y, predicted| {
+        let current = low.as_ref().unwrap_or(src);
+        let half = downsample(current);
+        bands.push(upsample_with(&half, current.width(), current.height(), |x, y, predicted| {
             let mut v = current.at(x, y);
             v.add_scaled(predicted, -1.0);
             v
         }));
-        current = low;
+        low = Some(half);
     }
-    (bands, current)
+    (bands, low.unwrap_or_else(|| src.clone()))
 }
 
 /// The image whose Laplacian pyramid has these band-pass levels (finest first) and this low-pass.

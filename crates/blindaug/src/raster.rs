@@ -1,6 +1,7 @@
 //! Rectangles of values: images, depth, flow.
 
 use crate::{Error, Result, par};
+use std::ops::Range;
 
 /// A `width` x `height` rectangle of values, row by row from the top left; pixel centres are at integer coordinates.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +60,14 @@ impl<T> Raster<T> {
         self.data
     }
 
+    /// Some of its rows, in the same memory.
+    pub(crate) fn into_rows(mut self, rows: Range<usize>) -> Self {
+        self.data.truncate(rows.end * self.width);
+        self.data.drain(..rows.start * self.width);
+        self.height = rows.len();
+        self
+    }
+
     /// Row `y`.
     pub fn row(&self, y: usize) -> &[T] {
         &self.data[y * self.width..][..self.width]
@@ -106,13 +115,22 @@ impl<T: Copy + Send + Sync> Raster<T> {
 
     /// `f` of each value, rows in parallel.
     pub fn map<U: Copy + Default + Send + Sync>(&self, f: impl Fn(T) -> U + Sync) -> Raster<U> {
-        let mut data = vec![U::default(); self.data.len()];
+        self.map_rows(0..self.height, f)
+    }
+
+    /// `f` of each value of some rows, rows in parallel.
+    pub(crate) fn map_rows<U: Copy + Default + Send + Sync>(
+        &self,
+        rows: Range<usize>,
+        f: impl Fn(T) -> U + Sync,
+    ) -> Raster<U> {
+        let mut data = vec![U::default(); self.width * rows.len()];
         par::for_each_row(&mut data, self.width, |y, row| {
-            for (o, &v) in row.iter_mut().zip(self.row(y)) {
+            for (o, &v) in row.iter_mut().zip(self.row(rows.start + y)) {
                 *o = f(v);
             }
         });
-        Raster { width: self.width, height: self.height, data }
+        Raster { width: self.width, height: rows.len(), data }
     }
 
     /// The `width` x `height` rectangle whose top left corner is (x, y); must lie inside.
@@ -176,22 +194,28 @@ impl<P: Pixel> Raster<P> {
     /// Bilinear interpolation at (x, y), clamped to the edge pixels.
     #[inline]
     pub fn bilinear(&self, x: f32, y: f32) -> P {
+        self.bilinear_of_rows(x, y, 0, self.height)
+    }
+
+    /// [`Raster::bilinear`] of an image of `height` rows, of which these are the rows from `top` on.
+    #[inline]
+    pub(crate) fn bilinear_of_rows(&self, x: f32, y: f32, top: usize, height: usize) -> P {
         let x = x.clamp(0.0, (self.width - 1) as f32);
-        let y = y.clamp(0.0, (self.height - 1) as f32);
+        let y = y.clamp(0.0, (height - 1) as f32);
         let (x0, y0) = (x as usize, y as usize);
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
         let right = usize::from(x0 + 1 < self.width);
-        let below = if y0 + 1 < self.height { self.width } else { 0 };
-        let (d, i) = (&self.data, y0 * self.width + x0);
+        let below = if y0 + 1 < height { self.width } else { 0 };
+        let (d, i) = (&self.data, (y0 - top) * self.width + x0);
         P::lerp(P::lerp(d[i], d[i + right], fx), P::lerp(d[i + below], d[i + below + right], fx), fy)
     }
 
-    /// [`Raster::bilinear`] at 0 <= x < width - 1, 0 <= y < height - 1.
+    /// [`Raster::bilinear_of_rows`] at 0 <= x < width - 1, 0 <= y < height - 1.
     #[inline(always)]
-    pub(crate) fn bilinear_inside(&self, x: f32, y: f32) -> P {
+    pub(crate) fn bilinear_inside(&self, x: f32, y: f32, top: usize) -> P {
         let (x0, y0) = (x as u32, y as u32);
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
-        let i = y0 as usize * self.width + x0 as usize;
+        let i = (y0 as usize - top) * self.width + x0 as usize;
         let (above, below) = (&self.data[i..i + 2], &self.data[i + self.width..i + self.width + 2]);
         P::lerp(P::lerp(above[0], above[1], fx), P::lerp(below[0], below[1], fx), fy)
     }

@@ -28,6 +28,8 @@ const SMOOTHING: f32 = 0.7;
 /// Images of at most so many pixels are solved there and back at once: their rows are too few to be worth sharing, and two sets
 /// of buffers are small.
 const SOLVED_AT_ONCE: usize = 1 << 17;
+/// About how many bytes [`FlowEstimator`] takes at most for each pixel of a frame, beside the two images; measured.
+pub const BYTES_PER_PIXEL: u64 = 140;
 /// Pixels repeated around an image, so that patches may leave it.
 pub(super) const PAD: usize = 16;
 

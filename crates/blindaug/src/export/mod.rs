@@ -29,7 +29,7 @@ pub mod unreal;
 use crate::model::{
     BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, NoiseModel,
 };
-use crate::{CameraModel, Error, Raster, Result, Transfer};
+use crate::{CameraModel, Error, Raster, Result, Transfer, text};
 use std::fmt;
 
 /// What a tool needs beside the model.
@@ -364,12 +364,20 @@ fn filled(template: &str, values: &[(&str, String)]) -> String {
 }
 
 /// Comment lines: where this comes from, and what was lost.
-fn head(prefix: &str, what: &str, lost: &[String]) -> String {
-    let mut text = format!("{prefix} {what}, written by blindaug export.\n");
+fn head(marker: &str, what: &str, lost: &[String]) -> String {
+    let mut head = comment(marker, &format!("{what}, written by blindaug export."));
     for sentence in lost {
-        text += &format!("{prefix} Note: {sentence}.\n");
+        head += &comment(marker, &format!("Note: {sentence}."));
     }
-    text
+    head
+}
+
+/// A comment of one line in a language whose comments go from `marker` to the end of the line. The sentence may hold what a camera
+/// file says: whatever it is, it stays inside of the comment.
+fn comment(marker: &str, sentence: &str) -> String {
+    // In C and Tcl a backslash at the end of a line continues the comment on the next one.
+    let sentence = text::one_line(sentence).replace('\\', "/");
+    format!("{marker} {sentence}\n")
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ use crate::model::{
     BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
     Method, MotionBlurModel, SharpeningModel, ThinLensInterval,
 };
+use crate::strips::largest_strip;
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Raster, Result, Transfer, analysis, filter, luma, par};
 use analysis::cuts::{MIN_CONFIRMED, cut_between};
@@ -218,6 +219,22 @@ impl Estimator {
     /// At most this many frames are used at once.
     pub const MAX_FRAMES: usize = 48;
 
+    /// About how many bytes one takes at most for so many frames of this size, beside the frames and what is given with them.
+    /// `moving`: whether their flow is to be estimated.
+    pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
+        /// Of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
+        const OF_STRIP: u64 = 80;
+        const MOTION: u64 = 60;
+        const REMOVAL: u64 = 120;
+        const KEPT: u64 = 1;
+        let flow = if moving && frames > 1 { analysis::flow::BYTES_PER_PIXEL } else { 0 };
+        let motion = if frames > 1 { MOTION } else { 0 };
+        let removal = if family == Family::Removal { REMOVAL } else { 0 };
+        // Flow is found before anything is removed.
+        let of_frame = motion + flow.max(removal) + KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
+        of_frame * (width * height) as u64 + OF_STRIP * largest_strip(size)
+    }
+
     /// An estimator that has seen nothing yet.
     pub fn new(options: Options) -> Self {
         Self {
@@ -417,6 +434,10 @@ impl Estimator {
         depth: Option<&Plane>,
     ) -> Result<()> {
         let light = |image: &Encoded| light_of(image, self.options.blur_space);
+        let Evidence { denoised, motion_deblurred, defocus_deblurred, clean, .. } = evidence;
+        if [denoised, motion_deblurred, defocus_deblurred, clean].iter().all(|image| image.is_none()) {
+            return Ok(());
+        }
         // Chain as in the paper: each step between the two images on either side of its removal, or else from the
         // frame to the clean one, with the other distortion applied to it.
         let target = light(evidence.denoised.unwrap_or(frame));

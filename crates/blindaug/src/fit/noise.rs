@@ -7,6 +7,7 @@
 use crate::analysis::brightness::{brightening, undone};
 use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 use crate::raster::cubic_weights;
+use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
@@ -184,7 +185,7 @@ impl NoiseEvidence {
             inside(tx, ty).then(|| [frame.0.at(x, top + y), next.0.bilinear(tx, ty)])
         });
         // One pass, since the warped frame is never needed again.
-        let residual = Raster::from_fn(w, height, |x, y| {
+        let residual = |x: usize, y: usize| {
             let ([tx, ty], a) = (target(x, y), frame.0.at(x, top + y));
             if !inside(tx, ty) {
                 return [0.0, 0.0, 0.0, luma(a)];
@@ -194,28 +195,31 @@ impl NoiseEvidence {
                 b = std::array::from_fn(|c| undone(b[c], k[y][c]));
             }
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
-        });
+        };
         let copied = copied_blocks(frame, next, rows);
-        let flaws = Raster::from_fn(w, height, |x, y| {
+        let flaws = |x: usize, y: usize| {
             let [tx, ty] = target(x, y);
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
             if usable { flaw(frame.0.at(x, top + y)) } else { UNUSABLE }
-        });
+        };
         // The taps change the noise of the second frame, by how far the target lies from a pixel's centre. They are cubic, for
         // linear ones leave as much of the texture in the coarse levels as there is noise.
         let gain = |x: usize, y: usize, level: usize| {
             let [tx, ty] = target(x, y);
             1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
-        self.add_blocks(&residual, &flaws, gain);
+        self.add_blocks((w, height), residual, flaws, gain);
         Ok(())
     }
 
     /// Adds what one frame alone tells: where it is flat, its bands are noise.
     pub fn add_single(&mut self, frame: &Encoded) {
         self.count_colours(frame.0.data());
-        let residual = frame.0.map(|p| [p[0], p[1], p[2], luma(p)]);
-        self.add_blocks(&residual, &frame.0.map(flaw), |_, _, _| 1.0);
+        let residual = |x, y| {
+            let p = frame.0.at(x, y);
+            [p[0], p[1], p[2], luma(p)]
+        };
+        self.add_blocks(frame.0.size(), residual, |x, y| flaw(frame.0.at(x, y)), |_, _, _| 1.0);
     }
 
     /// Adds the difference between a frame and a prediction of it without noise, where the prediction is good.
@@ -223,12 +227,13 @@ impl NoiseEvidence {
     /// # Errors
     /// If the sizes differ.
     pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded) -> Result<()> {
-        let mut residual = residual(frame, predicted)?;
-        for (r, p) in residual.data_mut().iter_mut().zip(predicted.0.data()) {
-            r[3] = luma(*p);
-        }
+        check_prediction(frame, predicted)?;
+        let residual = |x, y| {
+            let (a, b) = (frame.0.at(x, y), predicted.0.at(x, y));
+            [a[0] - b[0], a[1] - b[1], a[2] - b[2], luma(b)]
+        };
         self.count_colours(frame.0.data());
-        self.add_blocks(&residual, &frame.0.map(flaw), |_, _, _| 1.0);
+        self.add_blocks(frame.0.size(), residual, |x, y| flaw(frame.0.at(x, y)), |_, _, _| 1.0);
         Ok(())
     }
 
@@ -243,20 +248,36 @@ impl NoiseEvidence {
     /// `residual`: R, G, B, and the luma of the image without noise, as well as it is known.
     fn add_blocks(
         &mut self,
-        residual: &Raster<[f32; 4]>,
-        flaws: &Raster<Flaw>,
+        size: (usize, usize),
+        residual: impl Fn(usize, usize) -> [f32; 4] + Sync + Send,
+        flaws: impl Fn(usize, usize) -> Flaw + Sync + Send,
         gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
     ) {
-        let (w, h) = residual.size();
+        for strip in strips(size, STRIP) {
+            self.add_blocks_of(&strip, size.0, &residual, &flaws, &gain);
+        }
+    }
+
+    fn add_blocks_of(
+        &mut self,
+        Strip { rows: own, around }: &Strip,
+        w: usize,
+        residual: impl Fn(usize, usize) -> [f32; 4] + Sync + Send,
+        flaws: impl Fn(usize, usize) -> Flaw + Sync + Send,
+        gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
+    ) {
+        let (top, h) = (around.start, around.len());
+        let residual = Raster::from_fn(w, h, |x, y| residual(x, top + y));
+        let flaws = Raster::from_fn(w, h, |x, y| flaws(x, top + y));
         // A single frame's bands are its structure, and only its gradient is left to judge by.
         let single = self.method == Method::Spatial;
         let gradient = single.then(|| squared_gradient(&residual.map(|v| v[3])));
-        let (bands, _) = pyramid::laplacian(residual, NOISE_LEVELS + 1);
+        let (bands, _) = pyramid::laplacian(&residual, NOISE_LEVELS + 1);
         for (level, found) in self.levels.iter_mut().enumerate() {
             let block = BLOCK[level];
-            let (columns, rows) = (w / block, h / block);
+            let (columns, rows) = (w / block, own.len() / block);
             let of_block = |i: usize| {
-                let (x0, y0) = (i % columns * block, i / columns * block);
+                let (x0, y0) = (i % columns * block, own.start - top + i / columns * block);
                 // The coarser bands' filters reach outside; what is there counts as well.
                 let columns = x0.saturating_sub(4)..(x0 + block + 4).min(w);
                 let most = (MAY_CLIP * (block * block) as f32) as usize;
@@ -272,7 +293,7 @@ impl NoiseEvidence {
                 let places = (block / APART).pow(2);
                 let gain = (0..places)
                     .map(|i| i * APART)
-                    .map(|i| gain(x0 + i % block, y0 + i / block * APART, level))
+                    .map(|i| gain(x0 + i % block, top + y0 + i / block * APART, level))
                     .sum::<f32>()
                     / places as f32;
                 let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
@@ -280,7 +301,7 @@ impl NoiseEvidence {
                 let luma_at = |l: usize| powers(l).residual[3] / gain;
                 let coarser = luma_at(level + 1);
                 Some(LocalVariance {
-                    y: block_mean(residual, (x0, y0), block)[3],
+                    y: block_mean(&residual, (x0, y0), block)[3],
                     variance: own.residual.map(|v| v / gain),
                     with_luma: own.with_luma.map(|v| v / gain),
                     // What does not match does so in the neighbouring bands too, whose noise is another. Where there is little
@@ -541,12 +562,18 @@ fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
     MAX_CODING_ERROR * left * left
 }
 
-/// R, G, B and luma of `frame - prediction`.
-fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
-    let (w, h) = frame.0.size();
-    if prediction.0.size() != (w, h) {
+/// Fails if their sizes differ.
+fn check_prediction(frame: &Encoded, prediction: &Encoded) -> Result<()> {
+    if prediction.0.size() != frame.0.size() {
         return Err(Error::new("the frame and its version without noise must have one size"));
     }
+    Ok(())
+}
+
+/// R, G, B and luma of `frame - prediction`.
+fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
+    check_prediction(frame, prediction)?;
+    let (w, h) = frame.0.size();
     Ok(Raster::from_fn(w, h, |x, y| {
         let (a, b) = (frame.0.at(x, y), prediction.0.at(x, y));
         let d: [f32; 3] = std::array::from_fn(|c| a[c] - b[c]);
@@ -825,6 +852,33 @@ pub(super) mod tests {
             }
         }
         worst
+    }
+
+    #[test]
+    fn strips_give_the_variances_of_the_whole_frame() {
+        let size @ (w, h) = (150, 717);
+        let frame = noisy(w, h, 3, 0.05);
+        let residual = |x, y| {
+            let p = frame.0.at(x, y);
+            [p[0], p[1], p[2], luma(p)]
+        };
+        let flaws = |x, y| if x < 20 && y % 300 < 9 { UNUSABLE } else { flaw(frame.0.at(x, y)) };
+        let gain = |x: usize, y: usize, level: usize| 1.0 + 0.01 * (x % 7 + y % 11 + level) as f32;
+        for method in [Method::Temporal, Method::Spatial] {
+            let found = |strips: &mut dyn Iterator<Item = Strip>| {
+                let mut evidence = NoiseEvidence::new(method);
+                strips.for_each(|s| evidence.add_blocks_of(&s, w, residual, flaws, gain));
+                assert!(evidence.levels.iter().all(|l| l.len() > 20));
+                format!("{:?}", evidence.levels)
+            };
+            let whole = found(&mut [Strip { rows: 0..h, around: 0..h }].into_iter());
+            for rows in [32, 160, 704] {
+                assert!(found(&mut strips(size, rows * w)) == whole, "{rows} rows");
+            }
+            // Negative control: without what is around them.
+            let alone = |s: Strip| Strip { around: s.rows.clone(), rows: s.rows };
+            assert!(found(&mut strips(size, 160 * w).map(alone)) != whole);
+        }
     }
 
     #[test]

@@ -22,6 +22,7 @@ use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, MAX_CODING_ERROR, NoiseLine};
 use super::{BlurPoint, NOTABLE_CODING_ERROR};
 use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
+use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
 use rustfft::num_complex::Complex;
@@ -202,27 +203,44 @@ pub fn tiles(
     inverse_depth: Option<&Plane>,
     space: BlurSpace,
 ) -> Result<Vec<Tile>> {
+    tiles_in_strips(frame, flow, inverse_depth, space, STRIP)
+}
+
+/// [`tiles`], found in strips of at most so many pixels.
+fn tiles_in_strips(
+    frame: &Encoded,
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    space: BlurSpace,
+    most: usize,
+) -> Result<Vec<Tile>> {
     let (w, h) = frame.0.size();
     if flow.is_some_and(|f| f.size() != (w, h)) || inverse_depth.is_some_and(|d| d.size() != (w, h)) {
         return Err(Error::new("flow and depth must have the frame's size"));
     }
-    let mut light = Light::new(frame, space);
     let fft = FftPlanner::new().plan_fft_forward(TILE);
-    let mut found: Vec<Tile> = vec![];
-    // Large blur leaves only frequencies that a tile of 48 px of the frame hardly tells apart.
-    for (level, size) in levels((w, h)).enumerate() {
-        if level > 0 {
-            light = light.halved();
+    let mut found: [Vec<Tile>; LEVELS] = Default::default();
+    for Strip { rows, .. } in strips((w, h), most) {
+        // A tile belongs to the strip in which its corner lies.
+        let seen = rows.start..(rows.end + (TILE << (LEVELS - 1))).min(h);
+        let mut light = Light::of_rows(frame, seen, space);
+        // Large blur leaves only frequencies that a tile of 48 px of the frame hardly tells apart.
+        for (level, size) in levels((w, h)).enumerate() {
+            if level > 0 {
+                light = light.halved();
+            }
+            let mut corners = corners(size);
+            corners.retain(|(_, y)| rows.contains(&(y << level)));
+            let tiles = par::map(corners.len(), |i| {
+                let corner @ (x, y) = corners[i];
+                let at = (x, y - (rows.start >> level));
+                tile((&light, at), flow, inverse_depth, corner, block_of(corner, size), &fft)
+            });
+            found[level].extend(tiles.into_iter().flatten());
         }
-        let corners = corners(size);
-        let tiles = par::map(corners.len(), |i| {
-            let (corner, block) = (corners[i], block_of(corners[i], size));
-            tile((&light, corner), flow, inverse_depth, corner, block, &fft)
-        });
-        found.extend(tiles.into_iter().flatten());
     }
     let contrast = |t: &Tile| t.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
-    let mut ranked: Vec<(f32, Tile)> = found.into_iter().map(|t| (contrast(&t), t)).collect();
+    let mut ranked: Vec<(f32, Tile)> = found.into_iter().flatten().map(|t| (contrast(&t), t)).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     let enough = (4 * ranked.len() / 5).max(EXPOSURE_TILES);
     let mut of_block = [0; BLOCK_COUNT];
@@ -285,18 +303,23 @@ struct Light {
 
 impl Light {
     fn new(frame: &Encoded, space: BlurSpace) -> Self {
-        let (w, h) = frame.0.size();
+        Self::of_rows(frame, 0..frame.0.height(), space)
+    }
+
+    /// Of some rows of a frame.
+    fn of_rows(Encoded(frame): &Encoded, rows: Range<usize>, space: BlurSpace) -> Self {
+        let (w, h, top) = (frame.width(), rows.len(), rows.start);
         let moments = |of: &(dyn Fn([f32; 3]) -> f32 + Sync)| {
             Raster::from_fn(w / 2, h / 2, |x, y| {
-                let p = frame.0.at(2 * x, 2 * y);
+                let p = frame.at(2 * x, top + 2 * y);
                 let (y, gain) = (luma(p), of(p));
                 [y * y * gain, y * gain, gain]
             })
         };
         let (plane, moments) = match space {
-            BlurSpace::Encoded => (frame.luma(), moments(&|_| 1.0)),
+            BlurSpace::Encoded => (frame.map_rows(rows, luma), moments(&|_| 1.0)),
             BlurSpace::Linear => {
-                let plane = frame.0.map(|p| luma(p.map(|v| decoded(v)[0])));
+                let plane = frame.map_rows(rows, |p| luma(p.map(|v| decoded(v)[0])));
                 (plane, moments(&|p| noise_gain(p.map(|v| decoded(v.max(0.02))[1]))))
             }
         };
@@ -1538,6 +1561,28 @@ mod tests {
             let of_grey = Light::new(&grey, space).noise_moments((0, 0));
             let other = over(&|_| of_grey);
             assert_eq!((other - 1.0).abs() > 0.1, space == BlurSpace::Linear, "{space:?}: {other}");
+        }
+    }
+
+    #[test]
+    fn strips_give_the_tiles_of_the_whole_frame() {
+        let (w, h) = (770, 807);
+        let noise = crate::fit::noise::tests::white(w, h, 1);
+        let frame = Encoded(Raster::from_fn(w, h, |x, y| {
+            noise.at(x, y).map(|n| 0.3 + 0.3 * ((x / 37 + y / 43) % 2) as f32 + 0.02 * n)
+        }));
+        let flow = Flow::from_fn(w, h, |_, y| [4.0 + 0.002 * y as f32, 1.0]);
+        let depth = Plane::from_fn(w, h, |x, y| 0.3 + 0.0001 * (x + y) as f32);
+        for space in [BlurSpace::Linear, BlurSpace::Encoded] {
+            let found = |most: usize| {
+                let tiles = tiles_in_strips(&frame, Some(&flow), Some(&depth), space, most).unwrap();
+                assert_eq!(tiles.iter().map(|t| t.scale as usize).max(), Some(4));
+                format!("{tiles:?}")
+            };
+            let whole = found(w * h);
+            for rows in [32, 224, 800] {
+                assert!(found(rows * w) == whole, "{rows} rows");
+            }
         }
     }
 

@@ -132,6 +132,13 @@ struct Geometry<'a> {
 }
 
 impl Tracker {
+    /// About how many bytes one takes at most for frames of this size, beside the frames and what is given with them.
+    pub fn bytes((width, height): (usize, usize)) -> u64 {
+        /// Of a pixel; measured.
+        const OF_PIXEL: u64 = 50;
+        OF_PIXEL * (width * height) as u64
+    }
+
     /// A tracker that has seen nothing yet. `fps` is only copied into the models.
     pub fn new(blur_space: BlurSpace, fps: Option<f64>) -> Self {
         Self {

@@ -12,7 +12,7 @@ pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
 
-use crate::{Error, Result, Transfer};
+use crate::{Error, Result, Transfer, text};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
 
 /// How a part of the model was estimated.
@@ -56,12 +56,31 @@ pub struct Capture {
     pub frames_used: usize,
 }
 
+/// How far an estimation came that was stopped before the end of its clip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Stopped {
+    /// How many frames it had looked at.
+    pub after: usize,
+    /// How many frames the clip has; `None` where it does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of: Option<usize>,
+}
+
+impl std::fmt::Display for Stopped {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.of {
+            Some(of) => write!(f, "stopped after {} of {of} frames", self.after),
+            None => write!(f, "stopped after {} frames", self.after),
+        }
+    }
+}
+
 /// A part of the model: known, or unknown for a reason that can be read.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Estimate<T> {
     /// The estimate.
     Known(T),
-    /// Why the footage cannot tell.
+    /// Why the footage cannot tell. Of a file's text it is one printable line ([`text::one_line`]).
     Unknown(String),
 }
 
@@ -103,7 +122,7 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for Estimate<T> {
         let value = serde_json::Value::deserialize(d)?;
         let custom = |e: serde_json::Error| serde::de::Error::custom(e);
         Ok(if value.get("unknown").is_some() {
-            Self::Unknown(serde_json::from_value::<Unknown>(value).map_err(custom)?.unknown)
+            Self::Unknown(text::one_line(&serde_json::from_value::<Unknown>(value).map_err(custom)?.unknown))
         } else {
             Self::Known(serde_json::from_value(value).map_err(custom)?)
         })
@@ -117,6 +136,9 @@ pub struct CameraModel {
     version: Version,
     /// What was filmed.
     pub capture: Capture,
+    /// How far the estimation came if it was stopped before the end of the clip.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stopped: Option<Stopped>,
     /// The curve between the light that blur acts on and the frame's values.
     pub transfer: Transfer,
     /// The values that blur acts on.
@@ -163,6 +185,7 @@ impl CameraModel {
             format: Format::BlindaugCamera,
             version: Version(VERSION),
             capture,
+            stopped: None,
             transfer: Transfer::Srgb,
             blur_space: BlurSpace::Linear,
             noise: Estimate::Unknown(why.into()),
@@ -176,7 +199,9 @@ impl CameraModel {
     ///
     /// # Errors
     /// If the text is no JSON, of another format or version, lacks a field, or holds a number out of its range.
-    pub fn from_json(text: &str) -> Result<Self> {
+    pub fn from_json(json: &str) -> Result<Self> {
+        // Some editors put a byte order mark before the text.
+        let json = json.strip_prefix('\u{feff}').unwrap_or(json);
         // The head first, so that a newer file is called newer rather than malformed.
         #[derive(Deserialize)]
         struct Head {
@@ -185,9 +210,11 @@ impl CameraModel {
             #[serde(rename = "version")]
             _version: Version,
         }
-        serde_json::from_str::<Head>(text)
-            .and_then(|_| serde_json::from_str::<Self>(text))
-            .map_err(|e| Error::new(format!("not a camera model of blindaug: {e}")))
+        serde_json::from_str::<Head>(json)
+            .and_then(|_| serde_json::from_str::<Self>(json))
+            .map_err(|e| {
+                Error::new(format!("not a camera model of blindaug: {}", text::one_line(&e.to_string())))
+            })
             .and_then(|m| m.validate().map(|()| m))
     }
 

@@ -1,6 +1,6 @@
 use super::{CameraModel, DefocusCurve, DefocusModel, Estimate, ExposureFraction, NoiseLevel, NoiseModel};
 use super::{MotionBlurModel, NoiseInterval, ThinLensInterval};
-use crate::{Error, Result};
+use crate::{Error, Result, text};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -59,8 +59,10 @@ impl TrackedCamera {
             #[serde(default)]
             changed: Changes,
         }
-        let Head { frame, changed } = serde_json::from_str(line)
-            .map_err(|e| Error::new(format!("not a camera model with the number of its frame: {e}")))?;
+        let Head { frame, changed } = serde_json::from_str(line).map_err(|e| {
+            let why = text::one_line(&e.to_string());
+            Error::new(format!("not a camera model with the number of its frame: {why}"))
+        })?;
         Ok(Self { frame, changed, camera: CameraModel::from_json(line)? })
     }
 }
@@ -84,12 +86,14 @@ impl CameraTrack {
     ///
     /// # Errors
     /// As [`CameraModel::from_json`], with the number of the line; if the frames' numbers do not rise.
-    pub fn from_json(text: &str) -> Result<Self> {
-        if !text.lines().next().is_some_and(|line| line.contains("\"frame\"")) {
-            return CameraModel::from_json(text).map(Self::from);
+    pub fn from_json(json: &str) -> Result<Self> {
+        // Some editors put a byte order mark before the text.
+        let json = json.strip_prefix('\u{feff}').unwrap_or(json);
+        if !json.lines().next().is_some_and(|line| line.contains("\"frame\"")) {
+            return CameraModel::from_json(json).map(Self::from);
         }
         let mut frames: Vec<TrackedCamera> = Vec::new();
-        for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        for (i, line) in json.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
             let of_line = |e: String| Error::new(format!("line {}: {e}", i + 1));
             let read = TrackedCamera::from_json_line(line).map_err(|e| of_line(e.to_string()))?;
             if let Some(last) = frames.last().filter(|last| last.frame >= read.frame) {
@@ -99,6 +103,19 @@ impl CameraTrack {
                 )));
             }
             frames.push(read);
+        }
+        Ok(Self { frames })
+    }
+
+    /// The cameras of frames, in the order of their numbers.
+    ///
+    /// # Errors
+    /// If there is none, or the frames' numbers do not rise.
+    pub fn from_frames(frames: Vec<TrackedCamera>) -> Result<Self> {
+        if frames.is_empty() || !frames.is_sorted_by(|a, b| a.frame < b.frame) {
+            return Err(Error::new(
+                "a camera over time needs at least one frame, and frames in the order of their numbers",
+            ));
         }
         Ok(Self { frames })
     }

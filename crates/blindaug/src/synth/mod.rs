@@ -5,9 +5,13 @@ pub mod motion_blur;
 pub mod noise;
 pub mod sharpening;
 
-use crate::model::{BlurSpace, CameraModel, DefocusModel, DepthKind, ExposureFraction};
+use crate::model::{
+    BlurSpace, CameraModel, DefocusModel, DepthKind, ExposureFraction, NoiseModel, SharpeningModel,
+};
+use crate::strips::{STRIP, Strip, grown, kept, largest_strip, strips};
 use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, Transfer, luma, pyramid};
 use defocus::Bokeh;
+use std::ops::Range;
 
 /// What a camera's lens and shutter do to an image, as far as it is known.
 #[derive(Clone, Copy, Debug, Default)]
@@ -103,22 +107,144 @@ pub fn distort_frame(
     options: &Options,
     number: u64,
 ) -> Result<Encoded> {
-    let space = Space::new(model);
-    let blur = Blur::new(model, frame.0.width(), options.bokeh)?;
-    let blurred = blur.of_scene(&frame.0.map(|v| space.of_linear(v)), inverse_depth, flow)?;
-    let noise_model = model.noise.known().filter(|_| !options.no_noise);
-    let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
-    let clean = blurred.map(|v| space.encoded(v));
-    let clean = match &model.sharpening {
+    let light = |x, y| frame.0.at(x, y);
+    let distortion =
+        Distortion::new(frame.0.size(), Box::new(light), model, inverse_depth, flow, options, number)?;
+    let mut strips = distortion.in_strips(usize::MAX);
+    Ok(Encoded(strips.next().unwrap_or_else(|| Raster::filled(frame.0.width(), 0, [0.0; 3]))))
+}
+
+/// [`distort_frame`] of a display-encoded frame, a few rows at a time from the top: the same bits, but of a large frame little more is
+/// held than what is given ([`bytes_beside`]).
+///
+/// # Errors
+/// As [`distort_frame`].
+pub fn distorted_strips<'a>(
+    frame: &'a Encoded,
+    model: &'a CameraModel,
+    inverse_depth: Option<&'a Plane>,
+    flow: Option<&'a Flow>,
+    options: &Options,
+    number: u64,
+) -> Result<impl Iterator<Item = Raster<[f32; 3]>> + 'a> {
+    let light = |x, y| frame.0.at(x, y).map(|v| model.transfer.decode(v));
+    let distortion =
+        Distortion::new(frame.0.size(), Box::new(light), model, inverse_depth, flow, options, number)?;
+    Ok(distortion.in_strips(STRIP))
+}
+
+/// About how many bytes [`distorted_strips`] takes at most for a frame of this size, beside what it is given.
+pub fn bytes_beside(size @ (width, height): (usize, usize), with_depth: bool) -> u64 {
+    /// Of a pixel of a strip, and of one of the frame where depth is known; measured.
+    const OF_STRIP: u64 = 100;
+    const WITH_DEPTH: u64 = 240;
+    let of_depth = if with_depth { WITH_DEPTH * (width * height) as u64 } else { 0 };
+    of_depth.max(OF_STRIP * largest_strip(size))
+}
+
+/// What is done to a frame.
+struct Distortion<'a> {
+    size: (usize, usize),
+    /// Of a pixel.
+    light: Box<dyn Fn(usize, usize) -> [f32; 3] + Sync + 'a>,
+    space: Space,
+    /// The blurred frame, if depth is known: what lies at different depths hides each other, slab by slab of the whole frame.
+    blurred: Option<Raster<[f32; 3]>>,
+    moving: Option<(&'a Flow, ExposureFraction)>,
+    sharpening: Option<&'a SharpeningModel>,
+    noise: Option<&'a NoiseModel>,
+    /// What the sensor clips at.
+    clip: f32,
+    seed: u64,
+    number: u64,
+}
+
+impl<'a> Distortion<'a> {
+    fn new(
+        size: (usize, usize),
+        light: Box<dyn Fn(usize, usize) -> [f32; 3] + Sync + 'a>,
+        model: &'a CameraModel,
+        inverse_depth: Option<&Plane>,
+        flow: Option<&'a Flow>,
+        options: &Options,
+        number: u64,
+    ) -> Result<Self> {
+        let blur = Blur::new(model, size.0, options.bokeh)?;
+        let noise = model.noise.known().filter(|_| !options.no_noise);
+        let mut distortion = Self {
+            size,
+            light,
+            space: Space::new(model),
+            blurred: None,
+            moving: None,
+            sharpening: model.sharpening.as_ref(),
+            noise,
+            clip: noise.map_or(1.0, |m| m.clip.min(1.0)),
+            seed: options.seed,
+            number,
+        };
+        match (inverse_depth, flow, blur.exposure) {
+            (Some(depth), ..) => {
+                distortion.blurred =
+                    Some(blur.of_scene(&distortion.sharp(&(0..size.1)), Some(depth), flow)?);
+            }
+            (None, Some(flow), Some(exposure)) => {
+                motion_blur::check_size(size, flow)?;
+                distortion.moving = (exposure.0 > 0.0).then_some((flow, exposure));
+            }
+            _ => {}
+        }
+        Ok(distortion)
+    }
+
+    /// As it is filmed, in strips of at most so many pixels.
+    fn in_strips(self, most: usize) -> impl Iterator<Item = Raster<[f32; 3]>> + 'a {
+        strips(self.size, most).map(move |strip| self.filmed(&strip))
+    }
+
+    /// Rows before blur, in the space in which blur acts.
+    fn sharp(&self, rows: &Range<usize>) -> Raster<[f32; 3]> {
+        Raster::from_fn(self.size.0, rows.len(), |x, y| self.space.of_linear((self.light)(x, rows.start + y)))
+    }
+
+    /// Rows after blur, display-encoded.
+    fn blurred(&self, rows: &Range<usize>) -> Raster<[f32; 3]> {
+        let height = self.size.1;
+        let blurred = match (&self.blurred, self.moving) {
+            (Some(whole), _) => whole.map_rows(rows.clone(), |v| v),
+            (None, Some((flow, exposure))) => {
+                let seen = grown(rows, motion_blur::reach_px(flow, exposure, rows.clone()), height);
+                let sharp = motion_blur::Rows { rows: &self.sharp(&seen), top: seen.start, height };
+                sharp.blurred(flow, exposure, rows.clone())
+            }
+            (None, None) => self.sharp(rows),
+        };
+        blurred.map(|v| self.space.encoded(v))
+    }
+
+    /// Rows before noise.
+    fn clean(&self, rows: &Range<usize>) -> Raster<[f32; 3]> {
+        let Some(model) = self.sharpening else { return self.blurred(rows) };
+        let around = grown(rows, sharpening::reach_px(model), self.size.1);
         // Of what the sensor has clipped.
-        Some(m) => sharpening::sharpen(&clean.map(|v| v.map(|v| v.clamp(0.0, clip))), m),
-        None => clean,
-    };
-    let noise = noise_model.map(|m| noise::noise(m, &clean.map(luma), options.seed, number));
-    Ok(Encoded(Raster::from_fn(clean.width(), clean.height(), |x, y| {
-        let (v, n) = (clean.at(x, y), noise.as_ref().map_or([0.0; 3], |n| n.at(x, y)));
-        std::array::from_fn(|c| if v[c] >= clip { clip } else { (v[c] + n[c]).clamp(0.0, clip) })
-    })))
+        let clipped = self.blurred(&around).map(|v| v.map(|v| v.clamp(0.0, self.clip)));
+        kept(sharpening::sharpen(&clipped, model), &around, rows)
+    }
+
+    fn filmed(&self, Strip { rows, around }: &Strip) -> Raster<[f32; 3]> {
+        let seen = if self.noise.is_some() { around } else { rows };
+        let clean = self.clean(seen);
+        let noise =
+            self.noise.map(|m| noise::noise_of_rows(m, clean.map(luma), seen.start, self.seed, self.number));
+        let above = rows.start - seen.start;
+        Raster::from_fn(self.size.0, rows.len(), |x, y| {
+            let at = |image: &Raster<[f32; 3]>| image.at(x, above + y);
+            let (v, n) = (at(&clean), noise.as_ref().map_or([0.0; 3], at));
+            std::array::from_fn(|c| {
+                if v[c] >= self.clip { self.clip } else { (v[c] + n[c]).clamp(0.0, self.clip) }
+            })
+        })
+    }
 }
 
 /// The most slabs a scene is cut into: with more, what is lost where a continuous surface is cut outweighs the gain at
@@ -568,6 +694,58 @@ mod tests {
             assert!(psnr(&slabs) > 37.0, "{name}: {}", psnr(&slabs));
             assert!(psnr(&slabs) > psnr(&gather) + 5.0, "{name}: {} {}", psnr(&slabs), psnr(&gather));
         }
+    }
+
+    #[test]
+    fn strips_are_the_whole_frame_bit_by_bit() {
+        let (w, h) = (93, 709);
+        let frame = Encoded(Raster::from_fn(w, h, |x, y| {
+            [
+                ((x * 7 + y * 13) % 29) as f32 / 25.0,
+                0.5 + 0.4 * (0.3 * y as f32).sin(),
+                (x * y % 17) as f32 / 17.0,
+            ]
+        }));
+        // Fast and slow, unknown, and far out of the picture.
+        let flow = Flow::from_fn(w, h, |x, y| match (x + 3 * y) % 41 {
+            0 => [f32::NAN, 1.0],
+            1 if y == 400 => [3.0, -1200.0],
+            _ => [(y % 50) as f32 - 20.0, (x % 30) as f32 - 11.3],
+        });
+        let level = |l: usize| NoiseLevel { slope: [0.01 * l as f32; 3], intercept: [0.02, 0.01, 0.03] };
+        let mut model = camera(2.0, 0.5, 0.7).scaled_to(w, h);
+        model.noise = Estimate::Known(NoiseModel::given(std::array::from_fn(level), 0.9));
+        let depth = Plane::from_fn(w, h, |x, y| 0.2 + 0.001 * (x + y) as f32);
+        let bits = |image: &Raster<[f32; 3]>| -> Vec<u32> {
+            image.data().iter().flatten().map(|v| v.to_bits()).collect()
+        };
+        for (sharpening, blur_space, depth, flow, no_noise) in [
+            (None, BlurSpace::Linear, None, None, false),
+            (Some(SharpeningModel::given(0.8, 1.3)), BlurSpace::Encoded, None, Some(&flow), false),
+            (Some(SharpeningModel::given(0.8, 1.3)), BlurSpace::Linear, Some(&depth), Some(&flow), false),
+            (None, BlurSpace::Linear, None, Some(&flow), true),
+        ] {
+            (model.sharpening, model.blur_space) = (sharpening, blur_space);
+            let options = Options { seed: 5, no_noise, ..Options::default() };
+            let whole =
+                distort_frame(&frame.to_linear(model.transfer), &model, depth, flow, &options, 3).unwrap();
+            let distortion = || {
+                let light = |x, y| frame.0.at(x, y).map(|v| model.transfer.decode(v));
+                Distortion::new((w, h), Box::new(light), &model, depth, flow, &options, 3).unwrap()
+            };
+            for rows in [32, 96, 352, 704] {
+                let strips: Vec<_> = distortion().in_strips(rows * w).collect();
+                assert_eq!(strips.len(), h.div_ceil(rows));
+                let strips: Vec<u32> = strips.iter().flat_map(bits).collect();
+                assert!(strips == bits(&whole.0), "{rows} rows");
+            }
+            // Negative control: of a strip without what is around it, noise is another.
+            let alone = distortion().filmed(&Strip { rows: 64..128, around: 64..128 });
+            assert_eq!(bits(&alone) == bits(&whole.0.crop(0, 64, w, 64)), no_noise);
+        }
+        let all: Vec<_> =
+            distorted_strips(&frame, &model, None, None, &Options::default(), 3).unwrap().collect();
+        assert_eq!(all.len(), 1);
     }
 
     #[test]

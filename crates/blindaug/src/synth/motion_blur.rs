@@ -4,6 +4,7 @@
 
 use crate::model::ExposureFraction;
 use crate::{Error, Flow, Pixel, Raster, Result};
+use std::ops::Range;
 
 /// Blurs each pixel of `src` along its own path: the mean over x + lambda t F(x), t in [-1/2, 1/2].
 ///
@@ -13,19 +14,49 @@ use crate::{Error, Flow, Pixel, Raster, Result};
 /// # Errors
 /// If the flow has another size than the image.
 pub fn motion_blur<P: Pixel>(src: &Raster<P>, flow: &Flow, exposure: ExposureFraction) -> Result<Raster<P>> {
-    if src.size() != flow.size() {
-        return Err(Error::new(format!(
-            "the flow has {} x {} pixels but the image {} x {}; give flow of the image's size",
-            flow.width(),
-            flow.height(),
-            src.width(),
-            src.height()
-        )));
-    }
+    check_size(src.size(), flow)?;
     if src.data().is_empty() || exposure.0 <= 0.0 {
         return Ok(src.clone());
     }
-    Ok(Raster::from_fn(src.width(), src.height(), |x, y| sample(src, x, y, flow.at(x, y), exposure)))
+    let rows = Rows { rows: src, top: 0, height: src.height() };
+    Ok(rows.blurred(flow, exposure, 0..src.height()))
+}
+
+/// Fails if the flow is not of an image of this size.
+pub(super) fn check_size((width, height): (usize, usize), flow: &Flow) -> Result<()> {
+    if flow.size() != (width, height) {
+        return Err(Error::new(format!(
+            "the flow has {} x {} pixels but the image {width} x {height}; give flow of the image's size",
+            flow.width(),
+            flow.height(),
+        )));
+    }
+    Ok(())
+}
+
+/// Some rows of an image, from `top` on, that has `height` of them.
+pub(super) struct Rows<'a, P> {
+    pub rows: &'a Raster<P>,
+    pub top: usize,
+    pub height: usize,
+}
+
+impl<P: Pixel> Rows<'_, P> {
+    /// These rows of [`motion_blur`], whose paths ([`reach_px`]) must lie in the rows that there are. The flow is the whole image's.
+    pub fn blurred(&self, flow: &Flow, exposure: ExposureFraction, rows: Range<usize>) -> Raster<P> {
+        Raster::from_fn(flow.width(), rows.len(), |x, y| {
+            let y = rows.start + y;
+            self.sample((x, y), flow.at(x, y), exposure)
+        })
+    }
+}
+
+/// How many rows from a pixel of the rows the path of one reaches at most, px.
+pub(super) fn reach_px(flow: &Flow, exposure: ExposureFraction, rows: Range<usize>) -> usize {
+    let (w, reach) = (flow.width(), |v: f32| if v.is_finite() { v.abs() } else { 0.0 });
+    let longest = flow.data()[rows.start * w..rows.end * w].iter().map(|f| reach(f[1])).fold(0.0, f32::max);
+    // The pixels on both sides of where it ends, and rounding.
+    (0.5 * exposure.0 * longest).ceil() as usize + 2
 }
 
 /// The motion-blurred value of pixel (x, y) of a non-empty image, if it moves by `[u, v]` px per frame interval.
@@ -36,28 +67,37 @@ pub fn sample<P: Pixel>(
     src: &Raster<P>,
     x: usize,
     y: usize,
-    [u, v]: [f32; 2],
+    flow: [f32; 2],
     exposure: ExposureFraction,
 ) -> P {
-    // A path across the whole image and back sees all there is of it; this bounds the work for absurd flow.
-    let longest = 2.0 * (src.width() + src.height()) as f32;
-    let (dx, dy) = (exposure.0 * u, exposure.0 * v);
-    let length = dx.hypot(dy);
-    if !(length > 0.0 && length.is_finite()) {
-        return src.at(x, y);
+    Rows { rows: src, top: 0, height: src.height() }.sample((x, y), flow, exposure)
+}
+
+impl<P: Pixel> Rows<'_, P> {
+    #[inline]
+    fn sample(&self, (x, y): (usize, usize), [u, v]: [f32; 2], exposure: ExposureFraction) -> P {
+        let Self { rows, top, height } = *self;
+        // A path across the whole image and back sees all there is of it; this bounds the work for absurd flow.
+        let longest = 2.0 * (rows.width() + height) as f32;
+        let (dx, dy) = (exposure.0 * u, exposure.0 * v);
+        let length = dx.hypot(dy);
+        if !(length > 0.0 && length.is_finite()) {
+            return rows.at(x, y - top);
+        }
+        let taps = length.min(longest).ceil() + 1.0;
+        let (x, y) = (x as f32, y as f32);
+        let inside = |at: f32, by: f32, size: usize| {
+            at - 0.5 * by.abs() > 0.0 && at + 0.5 * by.abs() < (size - 1) as f32
+        };
+        let sum = if inside(x, dx, rows.width()) && inside(y, dy, height) {
+            sum_of_taps(taps, |t| rows.bilinear_inside(x + t * dx, y + t * dy, top))
+        } else {
+            sum_of_taps(taps, |t| rows.bilinear_of_rows(x + t * dx, y + t * dy, top, height))
+        };
+        let mut mean = P::default();
+        mean.add_scaled(sum, 1.0 / taps);
+        mean
     }
-    let taps = length.min(longest).ceil() + 1.0;
-    let (x, y) = (x as f32, y as f32);
-    let inside =
-        |at: f32, by: f32, size: usize| at - 0.5 * by.abs() > 0.0 && at + 0.5 * by.abs() < (size - 1) as f32;
-    let sum = if inside(x, dx, src.width()) && inside(y, dy, src.height()) {
-        sum_of_taps(taps, |t| src.bilinear_inside(x + t * dx, y + t * dy))
-    } else {
-        sum_of_taps(taps, |t| src.bilinear(x + t * dx, y + t * dy))
-    };
-    let mut mean = P::default();
-    mean.add_scaled(sum, 1.0 / taps);
-    mean
 }
 
 /// At the midpoints of as many parts of [-1/2, 1/2].

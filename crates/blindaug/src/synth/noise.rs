@@ -12,8 +12,18 @@ pub type NoiseBands = [Raster<[f32; 3]>; NOISE_LEVELS];
 /// The same for the same `seed` and `frame` at any number of threads; independent between frames and between seeds.
 /// Clipping is the caller's: see [`NoiseModel::clip`].
 pub fn noise(model: &NoiseModel, luma: &Plane, seed: u64, frame: u64) -> Raster<[f32; 3]> {
-    let mut luma = luma.clone();
-    modulated(unit_bands(luma.width(), luma.height(), seed, frame), |level| {
+    noise_of_rows(model, luma.clone(), 0, seed, frame)
+}
+
+/// The rows from `top` on of [`noise`], given the luma of these rows; those near their edges differ, where the image goes on.
+pub(super) fn noise_of_rows(
+    model: &NoiseModel,
+    mut luma: Plane,
+    top: usize,
+    seed: u64,
+    frame: u64,
+) -> Raster<[f32; 3]> {
+    modulated(unit_bands_of(&white_noise(luma.size(), top, seed, frame)), |level| {
         if level > 0 {
             luma = pyramid::downsample(&luma);
         }
@@ -45,7 +55,7 @@ pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
     // Beyond the reach of the pyramid's kernels and of the window of the coarsest level's local std.
     const MARGIN: usize = 128;
     assert_eq!(side % (2 << (NOISE_LEVELS - 1)), 0, "the side of a tile must be a multiple of 16 px");
-    let tile = white_noise(side, side, seed, 0);
+    let tile = white_noise((side, side), 0, seed, 0);
     let wrapped = |i: usize| (i + side - MARGIN % side) % side;
     let around = side + 2 * MARGIN;
     let white = Raster::from_fn(around, around, |x, y| tile.at(wrapped(x), wrapped(y)));
@@ -91,7 +101,7 @@ pub const LEAST_STD: f32 = 0.2;
 
 /// The Laplacian pyramid of white normal noise, each level divided by its own local std.
 pub fn unit_bands(width: usize, height: usize, seed: u64, frame: u64) -> NoiseBands {
-    unit_bands_of(&white_noise(width, height, seed, frame))
+    unit_bands_of(&white_noise((width, height), 0, seed, frame))
 }
 
 fn unit_bands_of(white: &Raster<[f32; 3]>) -> NoiseBands {
@@ -123,11 +133,11 @@ fn local_std(band: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
     )
 }
 
-/// White normal noise of std 1 in each channel.
-fn white_noise(width: usize, height: usize, seed: u64, frame: u64) -> Raster<[f32; 3]> {
+/// White normal noise of std 1 in each channel: rows from `top` on.
+fn white_noise((width, height): (usize, usize), top: usize, seed: u64, frame: u64) -> Raster<[f32; 3]> {
     let key = pcg4d([seed as u32, (seed >> 32) as u32, frame as u32, (frame >> 32) as u32]);
     Raster::from_fn(width, height, |x, y| {
-        let bits = pcg4d([x as u32 ^ key[0], y as u32 ^ key[1], key[2], key[3]]);
+        let bits = pcg4d([x as u32 ^ key[0], (top + y) as u32 ^ key[1], key[2], key[3]]);
         // 24 bits, at the middle of their interval: never 0. Pairs of uniform numbers to normal ones (Box & Muller 1958).
         let [a, b, c, d] = bits.map(|v| ((v >> 8) as f32 + 0.5) / 16_777_216.0);
         let (first, second) = ((-2.0 * a.ln()).sqrt(), (-2.0 * c.ln()).sqrt());
@@ -208,7 +218,7 @@ mod tests {
 
     #[test]
     fn the_generator_is_normal_and_white_and_its_channels_are_independent() {
-        let n = white_noise(400, 300, 7, 3);
+        let n = white_noise((400, 300), 0, 7, 3);
         for c in 0..3 {
             let (mean, std) = statistics(&n, c);
             assert!(mean.abs() < 0.01 && (std - 1.0).abs() < 0.01, "{mean} {std}");
@@ -231,7 +241,7 @@ mod tests {
 
     #[test]
     fn the_std_of_the_levels_of_white_noise_agrees_with_simulation() {
-        let (bands, _) = pyramid::laplacian(&white_noise(1024, 768, 1, 1), NOISE_LEVELS);
+        let (bands, _) = pyramid::laplacian(&white_noise((1024, 768), 0, 1, 1), NOISE_LEVELS);
         for ((band, want), tolerance) in bands.iter().zip(white_band_std()).zip([0.003, 0.005, 0.01, 0.02]) {
             // Near the edge, whose pixels are repeated, it is larger.
             let band = band.crop(8, 8, band.width() - 16, band.height() - 16);

@@ -1,0 +1,68 @@
+//! Strips: bands of rows that a large image is worked on in, one after another, so that what lies between is never held whole.
+
+use crate::Raster;
+use std::ops::Range;
+
+/// Rows that whatever is computed on a pyramid of up to [`GRID`] px reaches to: beyond them, an edge changes no bit.
+const HALO: usize = 128;
+/// Strips, and what is around them, begin at multiples of so many rows: a pyramid of a strip then has the pixels of that of the whole.
+const GRID: usize = 32;
+/// Larger images are worked on in strips, px.
+pub(crate) const STRIP: usize = 1 << 22;
+
+/// Rows of an image, and those around them that they depend on.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Strip {
+    pub rows: Range<usize>,
+    pub around: Range<usize>,
+}
+
+/// The strips of an image of `width` x `height` px, from the top; one if it has at most `most` pixels.
+pub(crate) fn strips((width, height): (usize, usize), most: usize) -> impl Iterator<Item = Strip> {
+    let rows = if width * height <= most { height } else { (most / width / GRID).max(1) * GRID };
+    (0..height).step_by(rows.max(1)).map(move |top| {
+        let rows = top..(top + rows).min(height);
+        Strip { around: grown(&rows, HALO, height), rows }
+    })
+}
+
+/// Pixels of the largest strip of an image with what is around it.
+pub(crate) fn largest_strip(size: (usize, usize)) -> u64 {
+    strips(size, STRIP).map(|s| (s.around.len() * size.0) as u64).max().unwrap_or(0)
+}
+
+/// With so many rows on both sides, as far as an image of `height` rows has them.
+pub(crate) fn grown(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
+    rows.start.saturating_sub(by)..rows.end.saturating_add(by).min(height)
+}
+
+/// The rows `keep` of an image of the rows `of`, which hold them.
+pub(crate) fn kept<T>(image: Raster<T>, of: &Range<usize>, keep: &Range<usize>) -> Raster<T> {
+    image.into_rows(keep.start - of.start..keep.end - of.start)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strips_cover_every_row_once_and_begin_on_the_grid() {
+        for (size, most) in [((100, 100), 10_000), ((100, 101), 10_000), ((7, 1000), 700), ((40, 333), 1)] {
+            let all: Vec<Strip> = strips(size, most).collect();
+            assert_eq!(all.len() == 1, size.0 * size.1 <= most);
+            let mut next = 0;
+            for Strip { rows, around } in all {
+                assert!(
+                    rows.start == next
+                        && rows.start.is_multiple_of(GRID)
+                        && around.start.is_multiple_of(GRID)
+                );
+                assert!(around.start <= rows.start && around.end >= rows.end);
+                assert!(around.end.is_multiple_of(GRID) || around.end == size.1);
+                next = rows.end;
+            }
+            assert_eq!(next, size.1);
+        }
+        assert_eq!(strips((5, 0), 9).count(), 0);
+    }
+}
