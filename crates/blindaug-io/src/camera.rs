@@ -1,12 +1,13 @@
 //! camera.json, and the same for each frame.
 
-use crate::files::{PartialFile, cannot_write};
+use crate::files::read_text;
+use crate::partial::{PartialFile, cannot_write};
 use crate::{Error, Result, write_atomically};
 use blindaug::CameraModel;
 use blindaug::model::{CameraTrack, TrackedCamera};
 use std::{
     fs::File,
-    io::{BufWriter, Read, Write},
+    io::{BufWriter, Write},
     path::Path,
 };
 
@@ -21,7 +22,7 @@ const MAX_TRACK_BYTES: u64 = 1 << 29;
 /// If the file is missing, or no camera model of this version.
 pub fn read_camera(path: impl AsRef<Path>) -> Result<CameraModel> {
     let path = path.as_ref();
-    CameraModel::from_json(&text_of(path, MAX_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
+    CameraModel::from_json(&read_text(path, MAX_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
 }
 
 /// Reads a camera model that holds for all frames, or per-frame models (JSON lines).
@@ -30,15 +31,7 @@ pub fn read_camera(path: impl AsRef<Path>) -> Result<CameraModel> {
 /// As [`read_camera`], with the number of the line.
 pub fn read_camera_track(path: impl AsRef<Path>) -> Result<CameraTrack> {
     let path = path.as_ref();
-    CameraTrack::from_json(&text_of(path, MAX_TRACK_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
-}
-
-fn text_of(path: &Path, most: u64) -> Result<String> {
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|f| f.take(most).read_to_end(&mut bytes))
-        .map_err(|e| Error::cannot_read(path, &e))?;
-    String::from_utf8(bytes).map_err(|_| Error::new(path, "not a camera model of blindaug: it is no text"))
+    CameraTrack::from_json(&read_text(path, MAX_TRACK_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
 }
 
 /// Writes per-frame models, one after another; the file gets its name when it is finished.

@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result, exr,
-    image::{decode, is_exr},
+    image::{decode, is_exr, strips},
 };
 use blindaug::{Plane, Raster};
 use std::path::Path;
@@ -51,10 +51,14 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
         (Some(max), DepthValues::RelativeInverse) => max.recip(),
         (Some(_), _) => format.per_metre.recip(),
     };
-    let inverse = match format.values {
-        DepthValues::Metric => values.map(|v| exr::inverse_of_metric(v * scale)),
-        _ => values.map(|v| if v >= 0.0 && v.is_finite() { v * scale } else { f32::NAN }),
-    };
+    let mut inverse = values;
+    for v in inverse.data_mut() {
+        *v = match format.values {
+            DepthValues::Metric => exr::inverse_of_metric(*v * scale),
+            _ if *v >= 0.0 && v.is_finite() => *v * scale,
+            _ => f32::NAN,
+        };
+    }
     if inverse.data().iter().all(|d| d.is_nan()) {
         return Err(Error::new(
             path,
@@ -71,13 +75,17 @@ fn integers(path: &Path) -> Result<(Plane, Option<f32>)> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let color = image.color();
     let max: u16 = if color.bytes_per_pixel() > color.channel_count() { u16::MAX } else { u8::MAX.into() };
-    let data: Option<Vec<f32>> = match max {
-        u16::MAX => grey(image.into_rgb16().pixels().map(|p| p.0)),
-        _ => grey(image.into_rgb8().pixels().map(|p| p.0)),
-    };
-    let Some(data) = data else {
-        return Err(Error::new(path, "this is a colour picture, not a depth map of one channel"));
-    };
+    let mut data = Vec::with_capacity(width * height);
+    for strip in strips(&image) {
+        let values: Option<Vec<f32>> = match max {
+            u16::MAX => grey(strip.into_rgb16().pixels().map(|p| p.0)),
+            _ => grey(strip.into_rgb8().pixels().map(|p| p.0)),
+        };
+        let Some(values) = values else {
+            return Err(Error::new(path, "this is a colour picture, not a depth map of one channel"));
+        };
+        data.extend(values);
+    }
     let plane = Raster::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))?;
     Ok((plane, Some(max.into())))
 }

@@ -1,5 +1,7 @@
 //! The one error type of this crate.
 
+pub use blindaug::text::one_line;
+use blindaug::text::{cut, printable};
 use std::{
     cell::Cell,
     io,
@@ -40,6 +42,12 @@ impl Error {
         Self::new(path, format!("the file is damaged or cut short ({})", one_line(&e.to_string())))
     }
 
+    /// A path as messages show it: printable, and cut where it is very long.
+    pub fn shown_path(path: &Path) -> String {
+        const LONGEST_PATH: usize = 1000;
+        printable(&cut(&path.to_string_lossy(), LONGEST_PATH)).replace('\n', "\\n")
+    }
+
     /// The file or folder.
     pub fn path(&self) -> &Path {
         &self.path
@@ -53,16 +61,11 @@ impl Error {
 
 impl std::fmt::Display for Error {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: {}", self.path.display(), self.sentence)
+        write!(f, "{}: {}", Self::shown_path(&self.path), self.sentence)
     }
 }
 
 impl std::error::Error for Error {}
-
-/// The text without line breaks, so that a library's message fits into a sentence.
-pub fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
-}
 
 /// What a decoder returns; a panic of it becomes an error of the file, without a message of its own.
 ///

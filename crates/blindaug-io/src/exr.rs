@@ -3,11 +3,14 @@
 use crate::{
     Error, Result,
     error::{guarded, one_line},
+    files::open_file,
     flow::known_flow,
-    image::{check_size, is_exr},
+    image::{DEFLATE_RATIO, check_length, check_size, is_exr, pixels_in_words},
+    memory,
 };
 use ::exr::{
     block::{self, reader::ChunksReader},
+    compression::Compression,
     math::Vec2,
     meta::{BlockDescription, attribute::SampleType, header::Header},
     prelude::f16,
@@ -197,7 +200,7 @@ struct ExrFile<'a> {
 }
 
 fn open(path: &Path) -> Result<ExrFile<'_>> {
-    let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+    let file = open_file(path)?;
     let reader = guarded(path, || block::read(BufReader::new(file), false).map_err(|e| exr_error(path, e)))?;
     let Some(first) = reader.headers().first() else {
         return Err(Error::damaged(path, "it has no layer"));
@@ -292,11 +295,17 @@ impl ExrFile<'_> {
     fn read(self, picks: &[usize]) -> Result<Vec<Plane>> {
         let Self { path, reader, channels, size } = self;
         let picks: Vec<&Channel> = picks.iter().map(|&i| &channels[i]).collect();
+        let length = path.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
+        let mut largest_block = 0;
         for (i, h) in reader.headers().iter().enumerate() {
             if picks.iter().any(|p| p.header == i) {
-                check_header(path, h)?;
+                largest_block = largest_block.max(check_header(path, h, length)?);
             }
         }
+        // Planes of f32, what they are joined to, and a block as it is stored and decompressed.
+        let pixels = (size.0 * size.1) as u64;
+        let bytes = 8 * pixels * picks.len() as u64 + 2 * largest_block;
+        memory::fits(path, &pixels_in_words(size.0 as u64, size.1 as u64), bytes)?;
         guarded(path, || {
             let mut planes = vec![Plane::filled(size.0, size.1, 0.0); picks.len()];
             let fail = |e| exr_error(path, e);
@@ -353,8 +362,10 @@ fn place_line(row: &mut [f32], x: i64, sample_type: SampleType, bytes: &[u8]) {
     }
 }
 
-/// Checks what the decoder takes memory for, and what it cannot read.
-fn check_header(path: &Path, h: &Header) -> Result<()> {
+/// Checks what the decoder takes memory for, and what it cannot read, of a file of so many bytes. Gives the bytes of a block.
+fn check_header(path: &Path, h: &Header, length: u64) -> Result<u64> {
+    /// Of a block of pixels: its place in the table, its own coordinates and its length, bytes.
+    const BLOCK_HEAD: u64 = 16;
     let Vec2(width, height) = h.layer_size;
     check_size(path, width as u64, height as u64)?;
     if h.deep {
@@ -367,8 +378,14 @@ fn check_header(path: &Path, h: &Header) -> Result<()> {
         BlockDescription::ScanLines => h.compression.scan_lines_per_block().min(height),
         BlockDescription::Tiles(t) => t.tile_size.height().min(height),
     };
-    if (width * block_rows) as u64 * h.channels.bytes_per_pixel as u64 > 1 << 31 {
-        return Err(Error::new(path, "the EXR file has too many channels in blocks too large"));
-    }
-    Ok(())
+    let block_columns = match h.blocks {
+        BlockDescription::ScanLines => width,
+        BlockDescription::Tiles(t) => t.tile_size.width().min(width),
+    };
+    let of_pixels = |w: usize, h: usize, of: usize| (w * h) as u64 * of as u64;
+    let all = of_pixels(width, height, h.channels.bytes_per_pixel);
+    let ratio = if h.compression == Compression::Uncompressed { 1 } else { 4 * DEFLATE_RATIO };
+    let blocks = (width.div_ceil(block_columns) * height.div_ceil(block_rows)) as u64;
+    check_length(path, length, all / ratio + BLOCK_HEAD * blocks, (width as u64, height as u64))?;
+    Ok(of_pixels(block_columns, block_rows, h.channels.bytes_per_pixel))
 }

@@ -3,10 +3,10 @@
 use crate::{
     Error, Result,
     error::one_line,
-    files::PartialFile,
     image::check_size,
+    partial::{PartialFile, remove_leftovers},
     sequence::has_extension,
-    video::VideoHead,
+    video::{INTERLACED, VideoHead, uneven},
     yuv::{Colour, YuvFormat, YuvFrame},
 };
 use blindaug::Encoded;
@@ -14,12 +14,20 @@ use std::{
     ffi::{OsStr, OsString},
     io::{BufRead, BufReader, Read, Write},
     path::{Path, PathBuf},
-    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio},
     thread::JoinHandle,
 };
 
 /// Names the ffmpeg program to use; `none`: never use one.
 const VARIABLE: &str = "BLINDAUG_FFMPEG";
+
+/// The containers that are read: those that hold their pictures themselves. Others (playlists, scripts, lists of files, SVG) name
+/// further files or addresses, or are programs, and a video must not open those behind the back of whoever opens it.
+const CONTAINERS: &str = "mov,matroska,webm,avi,mpegts,mpeg,mpegvideo,mxf,flv,live_flv,asf,ogg,nut,yuv4mpegpipe,gif,apng,dv,gxf,ivf,\
+    h261,h263,h264,hevc,vvc,av1,obu,m4v,mjpeg,rm,swf,wtv,vc1,dnxhd,cine,r3d,lxf,nsv,nuv,dirac,cavsvideo,avs2,avs3,dhav,\
+    mp3,wav,w64,flac,aac,ac3,aiff,caf,amr,\
+    webp_pipe,dpx_pipe,jpegxl_pipe,jpegxl_anim,j2k_pipe,jpegls_pipe,psd_pipe,qoi_pipe,sgi_pipe,exr_pipe,hdr_pipe,png_pipe,jpeg_pipe,\
+    tiff_pipe,bmp_pipe,pam_pipe,pbm_pipe,pgm_pipe,ppm_pipe,pfm_pipe,phm_pipe,dds_pipe,sunrast_pipe,pcx_pipe";
 
 /// The ffmpeg program, if there is one.
 pub(crate) fn find() -> Option<OsString> {
@@ -57,7 +65,7 @@ pub(crate) struct Ffmpeg {
 impl Ffmpeg {
     /// Asks ffmpeg what the video is.
     pub(crate) fn open(program: OsString, path: &Path) -> Result<(Self, VideoHead)> {
-        Self::open_input(program, path, vec!["-i".into(), file_url(path)], false)
+        Self::open_input(program, path, file_input(path), false)
     }
 
     /// Asks ffmpeg what a camera gives; `path` is what errors call it.
@@ -80,24 +88,35 @@ impl Ffmpeg {
         // Without an output ffmpeg always "fails", after it has described its input.
         let text = String::from_utf8_lossy(&output.stderr);
         let Some(VideoStream { size: (width, height), pixels, head }) = VideoStream::parse(&text) else {
-            let why = last_words(&text);
-            return Err(Error::new(
-                path,
-                format!(
-                    "not an image, a video or a camera that can be read, or a damaged one (ffmpeg: {why})"
-                ),
-            ));
+            return Err(Error::new(path, why_no_video(&text)));
         };
         let size = check_size(path, width, height)?;
         let format = YuvFormat { size, chroma_shift: pixels.chroma_shift, bits: pixels.bits };
         let mut ffmpeg =
             Self { program, input, is_camera, pixels, format, each_frame_once: ["-fps_mode", "passthrough"] };
+        let mut head = head;
+        if !is_camera {
+            head.notes.extend(uneven(&ffmpeg.times()));
+        }
         if let Err(e) = ffmpeg.frames(path).and_then(|mut f| f.next_frame())
             && e.sentence().contains("Option not found")
         {
             ffmpeg.each_frame_once = ["-vsync", "0"];
         }
         Ok((ffmpeg, head))
+    }
+
+    /// When the first frames are shown, s, in the order of their times; empty if it cannot be told. Nothing is decoded.
+    fn times(&self) -> Vec<f64> {
+        const FRAMES: &str = "300";
+        let output = Command::new(&self.program)
+            .args(["-nostdin", "-hide_banner", "-loglevel", "error"])
+            .args(&self.input)
+            .args(["-map", "0:v:0", "-c", "copy", "-frames:v", FRAMES, "-f", "framecrc", "-"])
+            .stdin(Stdio::null())
+            .stderr(Stdio::null())
+            .output();
+        output.map_or_else(|_| Vec::new(), |o| times_of(&String::from_utf8_lossy(&o.stdout)))
     }
 
     /// Starts to decode.
@@ -150,9 +169,29 @@ struct Running {
 impl Running {
     /// Waits for its end; whether it succeeded, and what it said.
     fn wait(&mut self) -> (bool, String) {
-        let success = self.child.wait().is_ok_and(|s| s.success());
-        (success, self.words.take().and_then(|w| w.join().ok()).unwrap_or_default())
+        let status = self.child.wait();
+        let mut words = self.words.take().and_then(|w| w.join().ok()).unwrap_or_default();
+        // A program that was stopped from outside says nothing itself.
+        if let (true, Ok(status)) = (words.trim().is_empty(), &status) {
+            words = ended_by(*status).into();
+        }
+        (status.is_ok_and(|s| s.success()), words)
     }
+}
+
+/// What ended a program that did not end by itself; empty if that is not known.
+fn ended_by(status: ExitStatus) -> &'static str {
+    #[cfg(unix)]
+    if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
+        // The numbers on Linux, macOS and the BSDs.
+        return match signal {
+            25 => "the file would be larger than files may be here (ulimit -f)",
+            9 => "it was killed; memory may have been short",
+            _ => "it was stopped by a signal",
+        };
+    }
+    let _ = status;
+    ""
 }
 
 impl Drop for Running {
@@ -184,6 +223,40 @@ fn listen(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
     })
 }
 
+/// Why ffmpeg found no video in its input, from what it said.
+fn why_no_video(text: &str) -> String {
+    let has = |what: &str| {
+        text.lines().any(|l| l.trim_start().starts_with("Stream #") && l.contains(&format!(": {what}: ")))
+    };
+    if has("Audio") && !has("Video") {
+        return "there is no video in this file, only sound; give a video".into();
+    }
+    if text.contains("not on whitelist") || text.contains("Not on whitelist") {
+        return "this kind of file names other files or addresses (a playlist, a script) or is no video; give the video itself"
+            .into();
+    }
+    format!(
+        "not an image, a video or a camera that can be read, or a damaged one (ffmpeg: {})",
+        last_words(text)
+    )
+}
+
+/// The times in what `-f framecrc` prints, s, rising: `#tb 0: 1/12800`, then lines of stream, dts, pts, duration, size and checksum.
+fn times_of(framecrc: &str) -> Vec<f64> {
+    let unit = framecrc.lines().find_map(|l| {
+        let (num, den) = l.strip_prefix("#tb 0:")?.trim().split_once('/')?;
+        Some(num.parse::<f64>().ok()? / den.parse::<f64>().ok()?)
+    });
+    let Some(unit) = unit.filter(|u| u.is_finite()) else { return Vec::new() };
+    let pts = framecrc
+        .lines()
+        .filter(|l| !l.starts_with('#'))
+        .filter_map(|l| l.split(',').nth(2)?.trim().parse::<f64>().ok());
+    let mut times: Vec<f64> = pts.map(|t| t * unit).collect();
+    times.sort_by(f64::total_cmp);
+    times
+}
+
 /// The last thing that ffmpeg said.
 fn last_words(text: &str) -> String {
     let line = text.lines().map(str::trim).rfind(|l| !l.is_empty()).unwrap_or("it said nothing");
@@ -196,6 +269,12 @@ fn file_url(path: &Path) -> OsString {
     let mut url = OsString::from("file:");
     url.push(path);
     url
+}
+
+/// The options that name a file as input.
+fn file_input(path: &Path) -> Vec<OsString> {
+    let options = ["-protocol_whitelist", "file", "-format_whitelist", CONTAINERS, "-i"];
+    options.iter().map(OsString::from).chain([file_url(path)]).collect()
 }
 
 /// What ffmpeg on an operating system calls a camera: a number, or a name as ffmpeg lists them.
@@ -357,6 +436,10 @@ impl VideoStream {
         let mut notes = Vec::new();
         if words.iter().any(|w| w.contains("arib-std-b67") || w.contains("smpte2084")) {
             notes.push("the video is HDR; its values are taken as they are, as if they were sRGB".into());
+        }
+        // "top first", "bottom coded first (swapped)"
+        if words.iter().any(|w| w.contains(" first")) {
+            notes.push(INTERLACED.into());
         }
         Some(Self { size, pixels, head: VideoHead { fps, frames, colour, quarter_turns, notes } })
     }
@@ -524,7 +607,11 @@ impl VideoWriter {
                 format!("the video cannot be written (ffmpeg: {why})"),
             ));
         }
-        self.file.complete()
+        let target = self.file.target().to_path_buf();
+        self.file.complete()?;
+        // The program of a run that was killed may have made its file only after this run had begun.
+        remove_leftovers(&target);
+        Ok(())
     }
 }
 
@@ -596,6 +683,11 @@ mod tests {
         );
         assert_eq!(s.head.colour, Colour::new(6, 0, false, false));
         assert_eq!((s.head.quarter_turns, s.head.fps), (1, Some(60.0)));
+        let s =
+            parse("h264 (High), yuv420p(tv, bt709, top first), 1440x1080 [SAR 4:3 DAR 16:9], 25 fps, 25 tbr");
+        assert!(s.head.notes == [INTERLACED] && s.size == (1440, 1080));
+        let s = parse("dvvideo, yuv420p(bottom coded first (swapped)), 720x576, 25 fps, 25 tbr");
+        assert!(s.head.notes == [INTERLACED] && s.pixels.name == "yuv420p");
         let s = parse("mjpeg (Baseline), yuvj422p(pc, bt470bg/unknown/unknown), 64x64, 1k tbn");
         assert_eq!((s.head.colour, s.pixels.chroma_shift), (Colour::new(5, 0, true, true), (1, 0)));
         assert_eq!((s.head.fps, s.head.frames), (None, None));
@@ -605,6 +697,55 @@ mod tests {
         assert!(
             VideoStream::parse("  Stream #0:1: Video: png, rgb24, 9x9, 90k tbr (attached pic)").is_none()
         );
+    }
+
+    #[test]
+    fn why_there_is_no_video_is_said() {
+        let sound = why_no_video(
+            "Input #0, mp3, from 'a'\n  Stream #0:0: Audio: mp3, 44100 Hz\nAt least one output file must be specified",
+        );
+        assert!(sound.starts_with("there is no video in this file, only sound"), "{sound}");
+        let list = why_no_video("[hls @ 0x55] Format not on whitelist 'mov,avi'\nfile:a: Invalid argument");
+        assert!(list.contains("a playlist"), "{list}");
+        assert!(why_no_video("file:a: Invalid data").ends_with("(ffmpeg: Invalid data)"));
+    }
+
+    #[test]
+    fn frames_that_are_not_evenly_spaced_are_told() {
+        let times = |pts: &[u32]| {
+            let lines = pts.iter().map(|t| format!("0, {t}, {t}, 33, 1000, 0x1234\n"));
+            times_of(&format!("#software: x\n#tb 0: 1/1000\n{}", lines.collect::<String>()))
+        };
+        // 30 frames a second in whole ms, in the order of decoding.
+        assert_eq!(uneven(&times(&[0, 100, 67, 33, 133, 167])), None);
+        let note = uneven(&times(&[0, 33, 67, 133, 167])).unwrap();
+        assert!(note.contains("33 to 66 ms") && note.contains("42 ms"), "{note}");
+        assert_eq!(uneven(&times_of("garbage")), None);
+        assert_eq!(uneven(&times(&[0])), None);
+    }
+
+    #[test]
+    fn a_playlist_opens_no_other_file() {
+        let Some(ffmpeg) = find() else {
+            eprintln!("NOT TESTED: there is no ffmpeg program");
+            return;
+        };
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let made = Command::new(&ffmpeg)
+            .args(["-v", "error", "-f", "lavfi", "-i", "testsrc2=s=64x48:d=1"])
+            .arg(at("real.ts"))
+            .status();
+        assert!(made.unwrap().success());
+        assert!(Ffmpeg::open(ffmpeg.clone(), &at("real.ts")).is_ok());
+        let list = "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nreal.ts\n#EXT-X-ENDLIST\n";
+        for (name, text) in
+            [("a.m3u8", list), ("a.mp4", list), ("a.ffconcat", "ffconcat version 1.0\nfile real.ts\n")]
+        {
+            std::fs::write(at(name), text).unwrap();
+            let e = Ffmpeg::open(ffmpeg.clone(), &at(name)).err().unwrap().to_string();
+            assert!(e.contains("a playlist"), "{name}: {e}");
+        }
     }
 
     #[test]

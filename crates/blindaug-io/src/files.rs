@@ -1,83 +1,229 @@
-//! Files that are written beside their place and get their name once they are complete.
+//! Files that are read, and what keeps them from being written over.
 
 use crate::{Error, Result};
 use std::{
+    collections::HashMap,
+    fs::{File, Metadata},
+    io::{ErrorKind, Read},
     path::{Path, PathBuf},
-    sync::atomic::{AtomicU32, Ordering},
 };
 
-/// A file under a temporary name in the folder of its target; removed unless it is completed.
-pub(crate) struct PartialFile {
-    target: PathBuf,
-    partial: PathBuf,
-    complete: bool,
+/// Opens a file to be read. A pipe or a device is refused: it might never end, and opening it might wait for ever.
+///
+/// # Errors
+/// If there is no such file, it cannot be opened, or it is a folder, a pipe, a device or a socket.
+pub fn open_file(path: &Path) -> Result<File> {
+    let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
+    if metadata.is_dir() {
+        return Err(Error::new(path, "this is a folder; give the name of a file"));
+    }
+    check_regular(path, &metadata)?;
+    File::open(path).map_err(|e| Error::cannot_read(path, &e))
 }
 
-impl PartialFile {
-    /// Picks a name beside `target` (hidden, of the same extension). Nothing is created yet.
-    pub(crate) fn beside(target: &Path) -> Result<Self> {
-        static COUNT: AtomicU32 = AtomicU32::new(0);
-        let Some(name) = target.file_name() else {
-            return Err(Error::new(target, "this is not the name of a file to write"));
+/// Fails if what is there is neither a file nor a folder.
+pub(crate) fn check_regular(path: &Path, metadata: &Metadata) -> Result<()> {
+    if metadata.is_file() || metadata.is_dir() {
+        return Ok(());
+    }
+    Err(Error::new(
+        path,
+        "this is a pipe or a device, not a file; save what it gives to a file, and give that",
+    ))
+}
+
+/// All bytes of a file of at most `most` bytes.
+///
+/// # Errors
+/// As of [`open_file`], or if the file has more bytes.
+pub fn read_file(path: &Path, most: u64) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    // One more, by which a longer file is told.
+    let read = open_file(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes);
+    read.map_err(|e| Error::cannot_read(path, &e))?;
+    if bytes.len() as u64 > most {
+        return Err(Error::new(
+            path,
+            format!("the file is too large: at most {most} bytes of this kind are read"),
+        ));
+    }
+    Ok(bytes)
+}
+
+/// The text of a file of at most `most` bytes.
+///
+/// # Errors
+/// As of [`read_file`], or if the file is no text.
+pub fn read_text(path: &Path, most: u64) -> Result<String> {
+    String::from_utf8(read_file(path, most)?).map_err(|_| Error::new(path, "the file is no text (UTF-8)"))
+}
+
+/// What a path leads to, the same for all names and links of one file.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Identity {
+    /// Something that is there: its device and its number on it.
+    #[cfg(unix)]
+    Node(u64, u64),
+    /// A path without links. Of something that is not there yet, the path that it would have.
+    Path(PathBuf),
+}
+
+impl Identity {
+    /// `None` if even the folder does not exist.
+    fn of(path: &Path) -> Option<Self> {
+        #[cfg(unix)]
+        if let Ok(metadata) = path.metadata() {
+            use std::os::unix::fs::MetadataExt;
+            return Some(Self::Node(metadata.dev(), metadata.ino()));
+        }
+        if let Ok(path) = path.canonicalize() {
+            return Some(Self::Path(path));
+        }
+        let path = link_target(path).ok()?;
+        let folder = folder_of(&path).canonicalize().ok()?;
+        Some(Self::Path(folder.join(path.file_name()?)))
+    }
+}
+
+/// Whether two paths lead to one file, be it there or not.
+pub fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((Identity::of(a), Identity::of(b)), (Some(a), Some(b)) if a == b)
+}
+
+/// The folder in which a path's last part is.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// What a path's last part leads to if it is a link, or a link to a link; it need not exist.
+pub(crate) fn link_target(path: &Path) -> std::io::Result<PathBuf> {
+    const MOST_LINKS: usize = 40;
+    let mut path = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        match path.read_link() {
+            Ok(target) => path = folder_of(&path).join(target),
+            // It is no link, or not there.
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ErrorKind::InvalidInput | ErrorKind::NotFound | ErrorKind::NotADirectory
+                ) =>
+            {
+                return Ok(path);
+            }
+            Err(e) => return Err(e),
+        }
+    }
+    Err(std::io::Error::other("too many links"))
+}
+
+/// The files and folders that a command reads, so that it never writes over one of them.
+#[derive(Debug, Default)]
+pub struct Inputs(HashMap<Identity, PathBuf>);
+
+impl Inputs {
+    /// These files, and these folders with the files in them. What is not there is left out.
+    pub fn of<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Self {
+        let mut inputs = Self::default();
+        for path in paths {
+            inputs.add(path.as_ref());
+            // What is in folders below is not read.
+            let files = path.as_ref().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
+            files.filter(|path| !path.is_dir()).for_each(|path| inputs.add(&path));
+        }
+        inputs
+    }
+
+    fn add(&mut self, path: &Path) {
+        // A path that does not exist is no input, though it may become an output.
+        if let (true, Some(identity)) = (path.exists(), Identity::of(path)) {
+            self.0.entry(identity).or_insert_with(|| path.into());
+        }
+    }
+
+    /// Fails if this file, which is to be written, is read as well, under whatever name.
+    ///
+    /// # Errors
+    /// Names both.
+    pub fn check_output(&self, output: &Path) -> Result<()> {
+        let Some(input) = Identity::of(output).and_then(|identity| self.0.get(&identity)) else {
+            return Ok(());
         };
-        if target.is_dir() {
-            return Err(Error::new(target, "this is a folder; give the name of a file"));
+        let sentence = if input == output {
+            "this is an input, which would be overwritten; give another name for the output".into()
+        } else {
+            format!(
+                "this is the input {} under another name, which would be overwritten; give another name for the output",
+                Error::shown_path(input)
+            )
+        };
+        Err(Error::new(output, sentence))
+    }
+
+    /// Fails if this folder, which is to be written to, is read as well, or if one of the files in it is for whose name `written`
+    /// holds.
+    ///
+    /// # Errors
+    /// Names the folder or file.
+    pub fn check_output_folder(&self, output: &Path, written: impl Fn(&str) -> bool) -> Result<()> {
+        self.check_output(output)?;
+        for entry in output.read_dir().into_iter().flatten().flatten() {
+            if entry.file_name().to_str().is_some_and(&written) {
+                self.check_output(&entry.path())?;
+            }
         }
-        let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        if !folder.is_dir() {
-            return Err(Error::new(
-                target,
-                format!("there is no folder {} to write it to", folder.display()),
-            ));
-        }
-        let count = COUNT.fetch_add(1, Ordering::Relaxed);
-        let mut partial = std::ffi::OsString::from(format!(".partial-{}-{count}-", std::process::id()));
-        partial.push(name);
-        Ok(Self { target: target.into(), partial: folder.join(partial), complete: false })
-    }
-
-    /// Where to write.
-    pub(crate) fn path(&self) -> &Path {
-        &self.partial
-    }
-
-    /// The name it will have.
-    pub(crate) fn target(&self) -> &Path {
-        &self.target
-    }
-
-    /// Gives the file its name.
-    pub(crate) fn complete(mut self) -> Result<()> {
-        std::fs::rename(&self.partial, &self.target).map_err(|e| cannot_write(&self.target, &e))?;
-        self.complete = true;
         Ok(())
     }
 }
 
-impl Drop for PartialFile {
-    fn drop(&mut self) {
-        if !self.complete {
-            // It may not have been created.
-            let _ = std::fs::remove_file(&self.partial);
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    #[test]
+    fn an_input_is_known_under_all_its_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        std::fs::create_dir(at("in")).unwrap();
+        std::fs::write(at("in/1.png"), "").unwrap();
+        std::fs::write(at("other.png"), "").unwrap();
+        std::fs::hard_link(at("in/1.png"), at("hard.png")).unwrap();
+        symlink(at("in/1.png"), at("soft.png")).unwrap();
+        symlink("in", at("folder")).unwrap();
+        let inputs = Inputs::of([at("in"), at("missing")]);
+        for name in ["in", "in/1.png", "hard.png", "soft.png", "folder/1.png", "in/../in/1.png", "folder"] {
+            let e = inputs.check_output(&at(name)).unwrap_err().to_string();
+            assert!(e.contains("overwritten"), "{e}");
         }
+        for name in ["other.png", "in/2.png", "missing", "no/such/folder"] {
+            assert_eq!(inputs.check_output(&at(name)), Ok(()), "{name}");
+        }
+        std::fs::create_dir(at("in/out")).unwrap();
+        assert_eq!(Inputs::of([at("in")]).check_output_folder(&at("in/out"), |_| true), Ok(()));
+        assert!(inputs.check_output_folder(dir.path(), |_| true).is_err());
+        assert_eq!(inputs.check_output_folder(dir.path(), |name| name == "other.png"), Ok(()));
+        // Names of a file that is not there yet.
+        symlink("new.json", at("dangling")).unwrap();
+        assert!(
+            same_file(&at("new.json"), &at("in/../new.json")) && same_file(&at("new.json"), &at("dangling"))
+        );
+        assert!(!same_file(&at("new.json"), &at("newer.json")));
     }
-}
 
-/// An error of a file that is written.
-pub(crate) fn cannot_write(path: &Path, e: &std::io::Error) -> Error {
-    Error::new(path, format!("cannot be written ({e})"))
-}
-
-/// Lets `write` write a file under a temporary name in the folder of `path`, then renames it: `path` is never half
-/// written. If anything fails, nothing is left behind.
-///
-/// # Errors
-/// That of `write`, or if the folder is missing or cannot be written to.
-pub fn write_atomically(
-    path: impl AsRef<Path>,
-    write: impl FnOnce(&Path) -> std::io::Result<()>,
-) -> Result<()> {
-    let file = PartialFile::beside(path.as_ref())?;
-    write(file.path()).map_err(|e| cannot_write(file.target(), &e))?;
-    file.complete()
+    #[test]
+    fn what_is_no_file_is_refused_without_waiting() {
+        let dir = tempfile::tempdir().unwrap();
+        let pipe = dir.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        for path in [&pipe, Path::new("/dev/zero")] {
+            let e = open_file(path).unwrap_err().to_string();
+            assert!(e.contains("a pipe or a device"), "{e}");
+        }
+        assert!(open_file(dir.path()).unwrap_err().to_string().contains("folder"));
+        std::fs::write(dir.path().join("a"), [255; 10]).unwrap();
+        assert_eq!(read_file(&dir.path().join("a"), 10).unwrap().len(), 10);
+        assert!(read_file(&dir.path().join("a"), 9).unwrap_err().to_string().contains("too large"));
+        assert!(read_text(&dir.path().join("a"), 10).unwrap_err().to_string().contains("no text"));
+    }
 }

@@ -2,12 +2,12 @@
 
 use crate::{
     Error, Result, exr,
-    files::write_atomically,
+    files::open_file,
     image::{check_size, is_exr},
+    partial::write_atomically,
 };
 use blindaug::{Flow, Raster};
 use std::{
-    fs::File,
     io::{BufReader, Read},
     path::Path,
 };
@@ -29,7 +29,7 @@ pub fn read_flow(path: impl AsRef<Path>) -> Result<Flow> {
 
 fn read_flo(path: &Path) -> Result<Flow> {
     let io = |e: std::io::Error| Error::cannot_read(path, &e);
-    let file = File::open(path).map_err(io)?;
+    let file = open_file(path)?;
     let length = file.metadata().map_err(io)?.len();
     let mut file = BufReader::new(file);
     let mut head = [[0; 4]; 3];
@@ -50,11 +50,14 @@ fn read_flo(path: &Path) -> Result<Flow> {
             ),
         ));
     }
-    let mut bytes = vec![0; 8 * width * height];
-    file.read_exact(&mut bytes).map_err(io)?;
-    let pairs = bytes.as_chunks::<4>().0.as_chunks::<2>().0.iter();
-    let data = pairs.map(|uv| known_flow(uv.map(f32::from_le_bytes)));
-    Raster::from_vec(width, height, data.collect()).map_err(|e| Error::new(path, e.to_string()))
+    let mut data = Vec::with_capacity(width * height);
+    let mut row = vec![0; 8 * width];
+    for _ in 0..height {
+        file.read_exact(&mut row).map_err(io)?;
+        let pairs = row.as_chunks::<4>().0.as_chunks::<2>().0.iter();
+        data.extend(pairs.map(|uv| known_flow(uv.map(f32::from_le_bytes))));
+    }
+    Raster::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))
 }
 
 /// The displacement, or NaN for both components if one of them is huge or invalid.

@@ -1,15 +1,24 @@
 //! Frames from image files.
 
-use crate::{Error, Result, error::guarded, exr, write_atomically};
+use crate::{
+    Error, Result,
+    error::guarded,
+    exr,
+    files::open_file,
+    memory,
+    partial::{PartialFile, cannot_write, write_atomically},
+};
 use ::image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader,
     Limits, codecs::png::PngEncoder, metadata::Orientation,
 };
 use blindaug::{Encoded, Linear, Plane, Raster, Transfer};
 use std::{
+    cell::RefCell,
     fs::File,
-    io::{BufReader, BufWriter, Read, Write},
+    io::{self, BufReader, BufWriter, Read, Write},
     path::Path,
+    rc::Rc,
 };
 
 /// The longest side of an image that is read, px.
@@ -18,7 +27,10 @@ pub const MAX_SIDE: usize = 16_384;
 /// The largest area of an image that is read, px.
 pub const MAX_PIXELS: usize = 1 << 27;
 
-/// Checks a size that a file claims, before memory is taken for it.
+/// Bytes of a pixel of a frame in memory: three channels of f32.
+const BYTES_PER_PIXEL: u64 = 12;
+
+/// Checks a size that a file claims, before memory is taken for it: a frame of it must fit into the budget.
 pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize)> {
     if width == 0 || height == 0 {
         return Err(Error::new(path, format!("the image is empty ({width} x {height} pixels)")));
@@ -32,7 +44,26 @@ pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
             ),
         ));
     }
+    memory::fits(path, &pixels_in_words(width, height), width * height * BYTES_PER_PIXEL)?;
     Ok((width as usize, height as usize))
+}
+
+/// For a sentence on the budget.
+pub(crate) fn pixels_in_words(width: u64, height: u64) -> String {
+    format!("an image of {width} x {height} pixels")
+}
+
+/// Fails if a file of `length` bytes cannot hold an image of that size, which takes `least` bytes of it.
+pub(crate) fn check_length(path: &Path, length: u64, least: u64, (width, height): (u64, u64)) -> Result<()> {
+    if length >= least {
+        return Ok(());
+    }
+    Err(Error::new(
+        path,
+        format!(
+            "the file is damaged or cut short: its head tells of {width} x {height} pixels, which take {least} bytes at least, and it has {length}"
+        ),
+    ))
 }
 
 /// Reads a frame: integer images are taken as display-encoded and mapped to [0, 1], EXR is scene-linear and encoded
@@ -62,7 +93,7 @@ pub fn read_linear(path: impl AsRef<Path>) -> Result<Linear> {
 /// Whether the file starts as an EXR does.
 pub(crate) fn is_exr(path: &Path) -> Result<bool> {
     let mut magic = [0; 4];
-    let mut file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+    let mut file = open_file(path)?;
     match file.read(&mut magic) {
         Ok(n) => Ok(n == 4 && magic == [0x76, 0x2f, 0x31, 0x01]),
         Err(e) => Err(Error::cannot_read(path, &e)),
@@ -101,25 +132,109 @@ fn with_decoder<T>(
     read: impl FnOnce(Box<dyn ImageDecoder>, Orientation) -> Result<T>,
 ) -> Result<T> {
     guarded(path, || {
-        let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let file = open_file(path)?;
         let mut reader = ImageReader::new(BufReader::new(file))
             .with_guessed_format()
             .map_err(|e| Error::cannot_read(path, &e))?;
         if reader.format().is_none() {
             return Err(Error::new(path, "not an image that can be read (PNG, JPEG, TIFF, BMP, PNM or EXR)"));
         }
-        if reader.format() == Some(ImageFormat::Jpeg) && !jpeg_is_whole(path)? {
-            return Err(Error::new(path, "the file is cut short"));
+        let head = head(path)?;
+        if reader.format() == Some(ImageFormat::Jpeg) {
+            // Both we and the decoder hold the whole file.
+            memory::fits(path, "the file", 2 * head.length)?;
+            if !jpeg_is_whole(path)? {
+                return Err(Error::new(path, "the file is cut short"));
+            }
         }
+        let format = reader.format();
         let mut limits = Limits::no_limits();
-        limits.max_alloc = Some(16 * MAX_PIXELS as u64);
+        limits.max_alloc = Some(memory::budget().min(16 * MAX_PIXELS as u64));
         reader.limits(limits);
         let mut decoder = reader.into_decoder().map_err(|e| from_image_error(path, e))?;
         let (width, height) = decoder.dimensions();
-        check_size(path, width.into(), height.into())?;
+        let (width, height) = (u64::from(width), u64::from(height));
+        check_size(path, width, height)?;
+        let stored = decoder.total_bytes();
+        let least = least_length(format, &head.bytes, (width, height), stored);
+        check_length(path, head.length, least, (width, height))?;
+        // What the decoder holds, beside a frame of ours.
+        let decoded = match format {
+            // It puts its own copy together from strips.
+            Some(ImageFormat::Tiff) => 2 * stored,
+            // The coefficients of a progressive one.
+            Some(ImageFormat::Jpeg) => stored + 2 * (stored + head.length),
+            _ => stored,
+        };
+        let frame = width * height * BYTES_PER_PIXEL;
+        memory::fits(path, &pixels_in_words(width, height), decoded + frame)?;
         let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
         read(Box::new(decoder), orientation)
     })
+}
+
+/// How a file begins, and how many bytes it has.
+struct Head {
+    bytes: Vec<u8>,
+    length: u64,
+}
+
+fn head(path: &Path) -> Result<Head> {
+    let fail = |e| Error::cannot_read(path, &e);
+    let file = open_file(path)?;
+    let length = file.metadata().map_err(fail)?.len();
+    let mut bytes = Vec::new();
+    file.take(64).read_to_end(&mut bytes).map_err(fail)?;
+    Ok(Head { bytes, length })
+}
+
+/// The largest ratio that deflate reaches: 258 bytes from two bits.
+pub(crate) const DEFLATE_RATIO: u64 = 1032;
+
+/// The fewest bytes that a file of this format may have, if it holds an image of this size that takes so many bytes when it is decoded.
+fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64, u64), decoded: u64) -> u64 {
+    /// Pixels per byte: a block of 8 x 8 takes two bits, or one in a progressive file; twice as many, to be safe.
+    const JPEG_PIXELS: u64 = 1024;
+    /// More than LZW reaches with codes of 12 bits. Fax codes of bilevel pages have no limit.
+    const TIFF_RATIO: u64 = 4096;
+    let pixels = width * height;
+    let number = |at: usize, bytes: usize| {
+        let bytes = head.get(at..at + bytes).unwrap_or_default();
+        bytes.iter().rev().fold(0u64, |n, &b| n << 8 | u64::from(b))
+    };
+    match format {
+        Some(ImageFormat::Png) => {
+            // The head of the image is the first chunk: bits per sample, then the kind of pixel.
+            let samples = match number(25, 1) {
+                2 => 3,
+                4 => 2,
+                6 => 4,
+                _ => 1,
+            };
+            ((width * samples * number(24, 1)).div_ceil(8) + 1) * height / DEFLATE_RATIO
+        }
+        Some(ImageFormat::Jpeg) => pixels / JPEG_PIXELS,
+        Some(ImageFormat::Tiff) if decoded > pixels => decoded / TIFF_RATIO,
+        Some(ImageFormat::Bmp) => {
+            // Runs (1 and 2) may leave out as much as they like.
+            let (bits, runs) = match number(14, 4) {
+                12 => (number(24, 2), false),
+                _ => (number(28, 2), [1, 2].contains(&number(30, 4))),
+            };
+            if runs { 0 } else { (width * bits).div_ceil(8) * height }
+        }
+        Some(ImageFormat::Pnm) => match head {
+            // Bits; numbers with a space between, but for bits; bytes.
+            [b'P', b'4', ..] => width.div_ceil(8) * height,
+            [b'P', b'1', ..] => pixels,
+            [b'P', b'2', ..] => 2 * pixels - 1,
+            [b'P', b'3', ..] => 6 * pixels - 1,
+            // Arbitrary maps may be of bits, which are decoded to bytes.
+            [b'P', b'7', ..] => pixels,
+            _ => decoded,
+        },
+        _ => 0,
+    }
 }
 
 /// Whether the picture of a JPEG file ends with its end mark. The decoder would fill up what is missing with grey.
@@ -155,13 +270,27 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
     let (width, height) = (image.width() as usize, image.height() as usize);
     // Float images may hold anything; integer ones lie in [0, 1] already.
     let finite = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
-    let float = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
-    let image = image.into_rgb32f();
-    if float {
-        exr::mostly_numbers(path, image.pixels().flat_map(|p| p.0))?;
+    if matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
+        exr::mostly_numbers(path, strips(&image).flat_map(|s| s.into_rgb32f().into_raw()))?;
     }
-    let data = image.pixels().map(|p| p.0.map(finite)).collect();
+    let mut data = Vec::with_capacity(width * height);
+    if let DynamicImage::ImageRgb8(bytes) = &image {
+        // The same without copies: most frames are of this kind.
+        let values: Vec<f32> = (0..=255u8).map(|v| f32::from(v) / 255.0).collect();
+        data.extend(bytes.pixels().map(|p| p.0.map(|v| values[usize::from(v)])));
+    } else {
+        strips(&image).for_each(|s| data.extend(s.into_rgb32f().pixels().map(|p| p.0.map(finite))));
+    }
     Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
+}
+
+/// An image in copies of a few rows, so that it is converted without a second one of the whole.
+pub(crate) fn strips(image: &DynamicImage) -> impl Iterator<Item = DynamicImage> + '_ {
+    /// Pixels at most, unless a row has more.
+    const STRIP: u32 = 1 << 20;
+    let (width, height) = (image.width(), image.height());
+    let rows = (STRIP / width.max(1)).max(1);
+    (0..height).step_by(rows as usize).map(move |y| image.crop_imm(0, y, width, rows.min(height - y)))
 }
 
 /// Writes a PNG of 8 bits per value, rounded to the nearest and clipped to [0, 1].
@@ -169,7 +298,102 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
 /// # Errors
 /// If the file cannot be written; then nothing is left of it.
 pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
-    write_png_of(path.as_ref(), frame.0.size(), &bytes_of(&frame.0), ExtendedColorType::Rgb8)
+    let mut png = PngWriter::create(path, frame.0.size())?;
+    png.write(frame.0.data())?;
+    png.finish()
+}
+
+/// Writes a frame as [`write_png`] does, a few rows at a time; the file gets its name when it is finished.
+pub struct PngWriter {
+    file: PartialFile,
+    rows: png::StreamWriter<'static, Shared>,
+    shared: Shared,
+    bytes: Vec<u8>,
+}
+
+impl PngWriter {
+    /// Begins a file of this width and height, px.
+    ///
+    /// # Errors
+    /// If no file can be made there, or there are no pixels.
+    pub fn create(path: impl AsRef<Path>, (width, height): (usize, usize)) -> Result<Self> {
+        let file = PartialFile::beside(path.as_ref())?;
+        let begin = || -> io::Result<_> {
+            let shared = Shared::new(File::create(file.path())?);
+            let mut encoder = png::Encoder::new(shared.clone(), width as u32, height as u32);
+            encoder.set_color(png::ColorType::Rgb);
+            encoder.set_depth(png::BitDepth::Eight);
+            encoder.set_compression(png::Compression::Fast);
+            encoder.set_filter(png::Filter::Adaptive);
+            Ok((encoder.write_header()?.into_stream_writer()?, shared))
+        };
+        let (rows, shared) = begin().map_err(|e| cannot_write(file.target(), &e))?;
+        Ok(Self { file, rows, shared, bytes: Vec::new() })
+    }
+
+    /// Writes the next pixels, row by row from the top left: whole rows, or parts of them.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn write(&mut self, pixels: &[[f32; 3]]) -> Result<()> {
+        /// Pixels that are converted at once.
+        const PART: usize = 1 << 16;
+        for part in pixels.chunks(PART) {
+            self.bytes.clear();
+            self.bytes.extend(part.as_flattened().iter().map(|&v| byte_from_encoded(v)));
+            self.rows.write_all(&self.bytes).map_err(|e| cannot_write(self.file.target(), &e))?;
+        }
+        Ok(())
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// If pixels are missing, or it cannot be completed.
+    pub fn finish(self) -> Result<()> {
+        let Self { file, rows, shared, .. } = self;
+        let end = || -> io::Result<()> {
+            rows.finish()?;
+            shared.finish()
+        };
+        end().map_err(|e| cannot_write(file.target(), &e))?;
+        file.complete()
+    }
+}
+
+/// A file that an encoder owns. The end of a PNG is written when its encoder is dropped, which cannot fail: the first failure is kept.
+#[derive(Clone)]
+struct Shared(Rc<RefCell<(BufWriter<File>, Option<io::Error>)>>);
+
+impl Shared {
+    fn new(file: File) -> Self {
+        Self(Rc::new(RefCell::new((BufWriter::new(file), None))))
+    }
+
+    /// What `write` does to the file.
+    fn with<T>(&self, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
+        let (file, failure) = &mut *self.0.borrow_mut();
+        write(file).inspect_err(|e| {
+            failure.get_or_insert_with(|| io::Error::new(e.kind(), e.to_string()));
+        })
+    }
+
+    /// Writes what is left, and fails if anything failed before.
+    fn finish(self) -> io::Result<()> {
+        self.with(|file| file.flush())?;
+        self.0.borrow_mut().1.take().map_or(Ok(()), Err)
+    }
+}
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.with(|file| file.write(bytes))
+    }
+
+    /// Leaves it to [`Shared::finish`]: an encoder asks for it after each of its chunks.
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Writes four values in [0, 1] per pixel as an RGBA PNG of 8 bits, alpha being one of them.

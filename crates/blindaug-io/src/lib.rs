@@ -1,7 +1,8 @@
 //! Files in and out of blindaug: image sequences, video, EXR layers, depth, optical flow and camera.json.
 //!
 //! Everything streams: one frame is in memory at a time. Whatever a file holds, a reader returns a value or an
-//! [`Error`] of one sentence that names the file.
+//! [`Error`] of one sentence that names the file. What a file's head asks for is checked against its length and against the
+//! process's budget ([`memory`]) before anything is allocated.
 //!
 //! | what | from | functions |
 //! |---|---|---|
@@ -13,7 +14,7 @@
 //! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
 //! | what belongs to them | folders, by number | [`SideFolder`], [`PaperScene`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
-//! | frames out | PNG | [`write_png`], [`write_png16`], [`write_grey16`] |
+//! | frames out | PNG | [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
 //!
 //! Cameras are read and videos decoded by the `ffmpeg` program; without one, videos by a built-in decoder of H.264 in MP4. The environment
@@ -27,7 +28,12 @@ mod ffmpeg;
 mod files;
 mod flow;
 mod image;
+pub mod memory;
 mod mp4;
+mod mp4_boxes;
+mod partial;
+#[cfg(test)]
+mod regressions;
 mod sequence;
 mod side;
 mod video;
@@ -38,10 +44,14 @@ pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result, guarded, one_line};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
-pub use files::write_atomically;
+pub use files::{Inputs, open_file, read_file, read_text, same_file};
 pub use flow::{read_flow, write_flo};
 pub use image::{
-    MAX_PIXELS, MAX_SIDE, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture,
+    MAX_PIXELS, MAX_SIDE, PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16,
+    write_texture,
+};
+pub use partial::{
+    check_writable, is_stream, remove_incomplete_files, remove_leftovers_in, write_atomically,
 };
 pub use sequence::{Frame, FrameRange, FrameSource, Frames};
 pub use side::{PaperScene, SideFolder};

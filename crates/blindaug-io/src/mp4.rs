@@ -3,8 +3,11 @@
 use crate::{
     Error, Result,
     error::{guarded, one_line},
+    files::open_file,
     image::check_size,
-    video::VideoHead,
+    memory,
+    mp4_boxes::Checked,
+    video::{VideoHead, uneven},
     yuv::{Colour, YuvFormat, YuvFrame},
 };
 use openh264::{
@@ -25,6 +28,9 @@ const START_CODE: [u8; 4] = [0, 0, 0, 1];
 /// The largest compressed frame that is read, bytes.
 const MAX_SAMPLE: u64 = 1 << 28;
 
+/// What the parser and this module keep of each coded frame, bytes.
+const BYTES_PER_SAMPLE: u64 = 120;
+
 /// Where the frames of a file are, and how they are coded.
 #[derive(Clone, Debug)]
 pub(crate) struct Mp4 {
@@ -41,7 +47,7 @@ pub(crate) struct Mp4 {
 impl Mp4 {
     /// Reads the head of the file.
     pub(crate) fn open(path: &Path) -> Result<(Self, VideoHead)> {
-        let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let file = open_file(path)?;
         let length = file.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
         let other = "install ffmpeg, or give the frames as a folder of images";
         guarded(path, || {
@@ -51,16 +57,34 @@ impl Mp4 {
                 let what = "not an image, nor an MP4 video, which is all that can be read without ffmpeg";
                 return Err(Error::new(path, format!("{what}; {other}")));
             }
+            let file = Checked::new(file, length).map_err(|e| Error::damaged(path, e))?;
+            memory::fits(path, "the list of its frames", BYTES_PER_SAMPLE * file.samples())?;
             let mp4 = re_mp4::Mp4::read(file, length).map_err(|e| Error::damaged(path, e))?;
-            let Some(track) = mp4.tracks().values().find(|t| t.kind == Some(TrackKind::Video)) else {
-                return Err(Error::new(path, "there is no video in this file"));
+            let first = |is_wanted: &dyn Fn(&Track) -> bool| mp4.tracks().values().find(|t| is_wanted(t));
+            // The parser names the kind of a track only where it knows the format.
+            let handled_as_video = |t: &Track| &t.trak(&mp4).mdia.hdlr.handler_type.value == b"vide";
+            let track = first(&|t| t.kind == Some(TrackKind::Video)).or_else(|| first(&handled_as_video));
+            let Some(track) = track else {
+                return Err(Error::new(
+                    path,
+                    "there is no video in this file, only sound or text; give a video",
+                ));
             };
             let trak = track.trak(&mp4);
-            let StsdBoxContent::Avc1(avc1) = &trak.mdia.minf.stbl.stsd.contents else {
-                let codec = track.codec_string(&mp4).unwrap_or("an unknown format".into());
-                let what =
-                    format!("the video is coded as {codec}, but without ffmpeg only H.264 can be read");
-                return Err(Error::new(path, format!("{what}; {other}")));
+            let avc1 = match &trak.mdia.minf.stbl.stsd.contents {
+                StsdBoxContent::Avc1(avc1) => avc1,
+                coded => {
+                    let codec = match coded {
+                        // In capitals, so that the parser leaves it alone.
+                        StsdBoxContent::Unknown(name) => {
+                            name.value.to_ascii_lowercase().escape_ascii().to_string()
+                        }
+                        _ => "another format".into(),
+                    };
+                    let what =
+                        format!("the video is coded as {codec}, but without ffmpeg only H.264 can be read");
+                    return Err(Error::new(path, format!("{what}; {other}")));
+                }
             };
             check_size(path, avc1.width.into(), avc1.height.into())?;
             let avcc = &avc1.avcc;
@@ -75,6 +99,16 @@ impl Mp4 {
                 let what = "the video has more than 8 bits or is not 4:2:0, which only ffmpeg can read";
                 return Err(Error::new(path, format!("{what}; {other}")));
             }
+            // The decoder takes memory for this size, whatever the container says.
+            check_size(path, sps.size[0], sps.size[1])?;
+            if !sps.progressive {
+                let what = "the video is interlaced, which only ffmpeg can read";
+                return Err(Error::new(path, format!("{what}; {other}")));
+            }
+            let unit = (track.timescale as f64).recip();
+            let mut times: Vec<f64> =
+                track.samples.iter().map(|s| s.composition_timestamp as f64 * unit).collect();
+            times.sort_by(f64::total_cmp);
             let samples: Vec<_> = track.samples.iter().map(|s| (s.offset, s.size)).collect();
             let seconds = track.duration as f64 / track.timescale as f64;
             let shown = shown_frames(&mp4, track);
@@ -91,7 +125,7 @@ impl Mp4 {
                 frames: Some(shown.len()),
                 colour: Colour::new(sps.matrix_coefficients, avc1.height.into(), sps.full_range, false),
                 quarter_turns,
-                notes: Vec::new(),
+                notes: uneven(&times).into_iter().collect(),
             };
             Ok((
                 Self {
@@ -107,7 +141,7 @@ impl Mp4 {
 
     /// Starts to decode.
     pub(crate) fn frames(&self, path: &Path) -> Result<Mp4Frames> {
-        let file = File::open(path).map_err(|e| Error::cannot_read(path, &e))?;
+        let file = open_file(path)?;
         let decoder = Decoder::new().map_err(|e| Error::new(path, format!("no H.264 decoder ({e})")))?;
         Ok(Mp4Frames {
             path: path.into(),
@@ -244,9 +278,13 @@ fn byte_stream_from_sample(mut sample: &[u8], length_size: usize, stream: &mut V
 /// What matters here of a sequence parameter set (section 7.3.2.1.1 and annex E of Rec. ITU-T H.264).
 #[derive(Debug, PartialEq)]
 struct Sps {
+    /// Width and height of the coded picture, px: multiples of 16.
+    size: [u64; 2],
     /// 1: 4:2:0.
     chroma_format: u32,
     bit_depth: u32,
+    /// Whether every coded picture is a whole frame, not a field or a mixture of both.
+    progressive: bool,
     full_range: bool,
     /// 2: not said.
     matrix_coefficients: u32,
@@ -299,9 +337,10 @@ impl Sps {
         }
         r.golomb()?;
         r.bits(1)?;
-        r.golomb()?;
-        r.golomb()?;
-        if r.bits(1)? == 0 {
+        let blocks = [r.golomb()?, r.golomb()?].map(|n| u64::from(n) + 1);
+        let progressive = r.bits(1)? == 1;
+        let size = [16 * blocks[0], 16 * blocks[1] * if progressive { 1 } else { 2 }];
+        if !progressive {
             r.bits(1)?;
         }
         r.bits(1)?;
@@ -310,7 +349,8 @@ impl Sps {
                 r.golomb()?;
             }
         }
-        let mut sps = Self { chroma_format, bit_depth, full_range: false, matrix_coefficients: 2 };
+        let mut sps =
+            Self { size, chroma_format, bit_depth, progressive, full_range: false, matrix_coefficients: 2 };
         if r.bits(1)? == 1 {
             if r.bits(1)? == 1 && r.bits(8)? == 255 {
                 r.bits(32)?;
@@ -371,5 +411,34 @@ impl Bits<'_> {
             last = if next == 0 { last } else { next };
         }
         Some(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn forty_four_bytes_that_held_the_parser_for_ever_are_damaged() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.mp4");
+        let file = [&b"\0\0\0\x14ftypisom\0\0\0\0isom"[..], b"\0\0\0\x18moov", &[0; 16]].concat();
+        assert_eq!(file.len(), 44);
+        std::fs::write(&path, file).unwrap();
+        let e = Mp4::open(&path).err().unwrap().to_string();
+        assert!(e.contains("a.mp4: the file is damaged"), "{e}");
+    }
+
+    #[test]
+    fn the_size_in_the_parameters_is_read() {
+        // What x264 writes for 640 x 272 in High profile, progressive.
+        let unit = [
+            0x67, 0x64, 0x00, 0x15, 0xac, 0xd9, 0x40, 0xa0, 0x23, 0xb0, 0x11, 0x00, 0x00, 0x03, 0x00, 0x01,
+            0x00, 0x00, 0x03, 0x00, 0x32, 0x0f, 0x16, 0x2d, 0x96,
+        ];
+        let sps = Sps::parse(&unit).unwrap();
+        assert!(sps.progressive && sps.chroma_format == 1 && sps.bit_depth == 8, "{sps:?}");
+        assert_eq!(sps.size, [640, 272]);
+        assert_eq!(Sps::parse(&unit[..6]), None);
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::{
     Error, Result, exr,
+    files::check_regular,
     image::{frame_size, has_colour, is_exr, read_frame},
     video::{Video, VideoFrames},
 };
@@ -97,6 +98,7 @@ impl FrameSource {
     pub fn open(path: impl AsRef<Path>, range: FrameRange) -> Result<Self> {
         let path = path.as_ref();
         let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
+        check_regular(path, &metadata)?;
         let mut notes = Vec::new();
         let (kind, size) = if metadata.is_dir() {
             let mut files = frame_files(path, &mut notes)?;

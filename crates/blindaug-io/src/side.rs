@@ -1,8 +1,9 @@
 //! Side folders: what belongs to frames, matched by number.
 
 use crate::{
-    DepthFormat, DepthValues, Error, Result, VirtualLayerFile, exr_contents, read_flow, read_frame,
-    read_inverse_depth, read_virtual_layer,
+    DepthFormat, DepthValues, Error, Result, VirtualLayerFile, exr_contents,
+    files::check_regular,
+    read_flow, read_frame, read_inverse_depth, read_virtual_layer,
     sequence::{frame_files, numbered_files},
 };
 use blindaug::{Encoded, Flow, Plane};
@@ -133,6 +134,7 @@ impl<T> SideFolder<T> {
     ) -> Result<Self> {
         let what = kind.what;
         let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
+        check_regular(path, &metadata)?;
         let mut notes = Vec::new();
         let files = if metadata.is_dir() {
             let files = list(path, &mut notes)?;
@@ -224,6 +226,16 @@ pub struct PaperScene {
 }
 
 impl PaperScene {
+    /// The folders for each kind of evidence.
+    pub const KINDS: [&str; 6] =
+        ["original", "denoised", "de_motion_blurred", "de_focus_blurred", "depth", "flow"];
+
+    /// The folders that [`PaperScene::open`] may read.
+    pub fn folders(dir: impl AsRef<Path>, scene: &str) -> Vec<PathBuf> {
+        let dir = dir.as_ref();
+        Self::KINDS.iter().flat_map(|kind| [dir.join(kind).join(scene), dir.join(scene).join(kind)]).collect()
+    }
+
     /// Opens `dir/original/scene`, `dir/denoised/scene` and so on, or `dir/scene/original` and so on.
     ///
     /// # Errors
