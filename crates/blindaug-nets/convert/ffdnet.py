@@ -60,6 +60,9 @@ def state_dict(path):
     out = {}
     for name, (key, dtype, _, offset, size, stride) in state.items():
         flat = np.frombuffer(data[key], dtype)[offset:]
+        last = sum((n - 1) * s for n, s in zip(size, stride))
+        if offset < 0 or len(size) != len(stride) or min(size, default=1) < 1 or min(stride, default=0) < 0 or last >= len(flat):
+            raise ValueError(f"{path} is damaged: {name} is larger than its storage")
         strides = [s * dtype.itemsize for s in stride]
         out[name] = np.lib.stride_tricks.as_strided(flat, size, strides).astype(np.float32)
     return out

@@ -38,6 +38,8 @@ class Files:
         self.folder, self.model = os.path.split(path)
 
     def read(self, name):
+        if os.path.basename(name) != name:
+            raise ValueError(f"{name!r}: weights lie beside model.json")
         path = os.path.join(self.folder, name)
         if self.tar:
             return self.tar.extractfile(path).read()

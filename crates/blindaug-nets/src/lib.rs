@@ -15,8 +15,8 @@
 pub mod chain;
 pub mod install;
 pub mod manifest;
-pub mod memory;
 pub mod network;
+mod onnx;
 pub mod runtime;
 pub mod store;
 mod tiles;

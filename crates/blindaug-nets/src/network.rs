@@ -1,7 +1,6 @@
 //! One network on frames of any size.
 
 use crate::manifest::{Channels, Input, Kind, Layout, Manifest, Order};
-use crate::memory;
 use crate::runtime::{Session, Tensor};
 use crate::store::not_installed;
 use crate::tiles::{Span, reflected, spans, weight};
@@ -9,9 +8,12 @@ use blindaug::fit::noise::NoiseEvidence;
 use blindaug::model::{DepthKind, Method};
 use blindaug::synth::noise::white_band_std;
 use blindaug::{Encoded, Flow, Pixel, Plane, Raster, filter};
-use blindaug_io::{Error, Result};
+use blindaug_io::{Error, Result, memory, one_line, read_file};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
+
+/// The largest ONNX file that is read, bytes: the format itself ends at 2 GiB.
+pub(crate) const MOST_BYTES: u64 = 1 << 31;
 
 /// A network and what its manifest says of it.
 pub struct Network {
@@ -31,10 +33,13 @@ impl Network {
         let path = manifest;
         let manifest = Manifest::read(path)?;
         let file = path.with_file_name(&manifest.file);
-        let onnx = std::fs::read(&file).map_err(|e| match e.kind() {
-            std::io::ErrorKind::NotFound => not_installed(&file, &manifest.name),
-            _ => Error::cannot_read(&file, &e),
-        })?;
+        if !file.exists() {
+            return Err(not_installed(&file, &manifest.name));
+        }
+        // The runtime makes a copy of the weights.
+        let length = file.metadata().map_or(0, |m| m.len());
+        memory::fits(&file, "the network", 2 * length)?;
+        let onnx = read_file(&file, MOST_BYTES)?;
         Self::new(manifest, &file, onnx)
     }
 
@@ -52,7 +57,7 @@ impl Network {
                         "the file is not the one that the manifest of {} names (SHA-256 {}.., not {}..): install it again",
                         manifest.name,
                         &found[..12],
-                        &wanted[..wanted.len().min(12)]
+                        wanted.get(..12).unwrap_or(wanted)
                     ),
                 ));
             }
@@ -67,7 +72,7 @@ impl Network {
                 format!(
                     "the network takes {} inputs ({}) but its manifest speaks of {wanted}: this is another network",
                     names.len(),
-                    names.join(", ")
+                    one_line(&names.join(", "))
                 ),
             ));
         }
@@ -76,7 +81,11 @@ impl Network {
         {
             return Err(Error::new(
                 path,
-                format!("the network has no input {} (it has {})", noise.input, names.join(", ")),
+                format!(
+                    "the network has no input {} (it has {})",
+                    one_line(&noise.input),
+                    one_line(&names.join(", "))
+                ),
             ));
         }
         Ok(Self { manifest, path: path.into(), session, inputs: names })
@@ -214,13 +223,14 @@ impl Network {
     fn tile_side(&self, (w, h): (usize, usize)) -> Result<usize> {
         let Input { tile, multiple, memory, .. } = self.manifest.input;
         let mut side = tile.unwrap_or(w.max(h));
-        let (Some(memory), Some(free)) = (memory, memory::free()) else { return Ok(side) };
-        let needed = |side: usize| (side.min(w) * side.min(h)).saturating_mul(memory);
+        let Some(memory) = memory else { return Ok(side) };
+        let free = memory::free();
+        let needed = |side: usize| (side.min(w) * side.min(h)).saturating_mul(memory) as u64;
         while needed(side) > free {
             let smaller = side / 2 / multiple * multiple;
             if tile.is_none() || smaller < 64.max(2 * self.manifest.input.overlap) {
                 return Err(self.error(format!(
-                    "{} needs {} MB of memory for {w} x {h} px and {} MB are free: close other programs, or use smaller frames",
+                    "{} needs {} MB of memory for {w} x {h} px and {} MB are free within the budget: close other programs, raise the budget (--memory), or use smaller frames",
                     self.manifest.name,
                     needed(side) >> 20,
                     free >> 20

@@ -33,6 +33,7 @@ impl Session {
     /// # Errors
     /// If they are cut short, damaged, or use an operator that the runtime lacks.
     pub fn new(path: &Path, onnx: Vec<u8>) -> Result<Self> {
+        crate::onnx::check(&onnx).map_err(|e| unusable(path, &e))?;
         #[cfg(feature = "ort")]
         if let Some(library) = std::env::var_os("ORT_DYLIB_PATH").filter(|l| !l.is_empty()) {
             let runtime = guarded(path, || with_ort(path, &library, &onnx))?;
@@ -46,7 +47,7 @@ impl Session {
                  ORT_DYLIB_PATH to ONNX Runtime's library",
             ));
         }
-        let model = guarded(path, || rten::Model::load(onnx).map_err(|e| unusable(path, &e)))?;
+        let model = deep(path, || rten::Model::load(onnx).map_err(|e| unusable(path, &e)))?;
         Ok(Self { path: path.into(), runtime: Runtime::Rten(Box::new(model)) })
     }
 
@@ -87,7 +88,7 @@ impl Session {
             )
         };
         let no_output = || Error::new(&self.path, format!("the network has no output number {index}"));
-        guarded(&self.path, || match &self.runtime {
+        deep(&self.path, || match &self.runtime {
             Runtime::Rten(model) => {
                 let ids = model.input_ids();
                 if ids.len() != inputs.len() {
@@ -120,6 +121,19 @@ impl Session {
             }
         })
     }
+}
+
+/// The stack in which rten plans a network, bytes: it goes through a chain of operators by recursion.
+const STACK: usize = 1 << 28;
+
+/// As [`guarded`], with a large stack.
+fn deep<T: Send>(path: &Path, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
+    std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().stack_size(STACK);
+        let thread = thread.spawn_scoped(scope, || guarded(path, run));
+        let thread = thread.map_err(|e| Error::new(path, format!("no thread can be started ({e})")))?;
+        thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    })
 }
 
 fn unusable(path: &Path, e: &dyn std::fmt::Display) -> Error {

@@ -1,8 +1,8 @@
 //! Where networks are: those built in, and the user's model folder.
 
-use crate::manifest::Manifest;
+use crate::manifest::{MOST_BYTES, Manifest};
 use crate::network::Network;
-use blindaug_io::{Error, Result};
+use blindaug_io::{Error, Result, read_text};
 use std::path::{Path, PathBuf};
 
 /// The networks that ship with the crate: manifest and weights. `train/` made them; models/*.md say of what, and what they gain.
@@ -103,8 +103,7 @@ impl Store {
         if let Some(own) = self.own(name) {
             return Manifest::read(&own);
         }
-        let texts = BUILT_IN.iter().map(|(text, _)| *text).chain(KNOWN);
-        texts.map(parsed).find(|m| m.name == name).ok_or_else(|| {
+        of_this_crate(name).map(parsed).ok_or_else(|| {
             Error::new(
                 self.manifest_path(name),
                 format!("there is no network {name} (`blindaug models list` names all); a new one needs this manifest"),
@@ -141,12 +140,17 @@ impl Store {
     /// # Errors
     /// As of [`Store::find`].
     pub fn manifest_text(&self, name: &str) -> Result<String> {
-        if let Some(text) = KNOWN.iter().find(|text| parsed(text).name == name) {
-            return Ok((*text).to_owned());
+        match self.own(name) {
+            Some(own) => read_text(&own, MOST_BYTES),
+            None => of_this_crate(name)
+                .map(str::to_owned)
+                .ok_or_else(|| Error::new(self.manifest_path(name), format!("there is no network {name}"))),
         }
-        self.find(name)?;
-        let own = self.manifest_path(name);
-        std::fs::read_to_string(&own).map_err(|e| Error::cannot_read(&own, &e))
+    }
+
+    /// Whether a network's manifest is one of this crate's, and not somebody else's of the same name.
+    pub fn is_of_this_crate(&self, name: &str) -> bool {
+        self.manifest_text(name).is_ok_and(|text| KNOWN.contains(&text.as_str()))
     }
 
     /// The manifest that a path names, or that of a network in the model folder if it is there.
@@ -185,6 +189,12 @@ impl Store {
         };
         folders.filter_map(|f| manifest(f.ok()?.path())).collect()
     }
+}
+
+/// The text of this crate's manifest of a name.
+fn of_this_crate(name: &str) -> Option<&'static str> {
+    let mut texts = BUILT_IN.iter().map(|(text, _)| *text).chain(KNOWN);
+    texts.find(|text| parsed(text).name == name)
 }
 
 /// A manifest of this crate; a test parses all of them.

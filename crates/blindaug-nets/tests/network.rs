@@ -175,7 +175,7 @@ fn a_damaged_or_foreign_file_is_an_error_that_says_so() {
     assert!(e.contains("takes 2 inputs (a, b) but its manifest speaks of 1"), "{e}");
     let e = error("removeDoF", read("depth.onnx"), IMAGE);
     assert!(e.contains("does not run on [1, 3, 10, 20]"), "{e}");
-    let e = error("removeDoF", read("box.onnx"), "sha256 = 'aaaaaaaaaaaaaaaa'\n[output]\nkind = 'image'\n");
+    let e = error("removeDoF", read("box.onnx"), &format!("sha256 = '{}'\n{IMAGE}", "a".repeat(64)));
     assert!(e.contains("is not the one that the manifest of n names"), "{e}");
     let e =
         error("removeDoF", read("box.onnx"), "[input]\nmemory = 1000000000000\n[output]\nkind = 'image'\n");
