@@ -6,13 +6,14 @@ use crate::{
     inspect::count,
 };
 use blindaug::{
-    CameraModel, Encoded, Flow, Plane, Transfer, analysis,
-    composite::{Options, Shot, VirtualLayer},
+    CameraModel, Encoded, Flow, Plane, Raster, Transfer, analysis,
+    composite::{self, Options, Shot, VirtualLayer},
     model::{CameraTrack, Capture, DefocusModel, DepthKind, Estimate},
-    synth::{self, defocus::Bokeh, distort_frame},
+    synth::{self, defocus::Bokeh, distorted_strips},
 };
 use blindaug_io::{
-    Frame, FrameRange, FrameSource, SideFolder, VideoWriter, VirtualLayerFile, read_camera_track, write_png,
+    Frame, FrameRange, FrameSource, Inputs, PngWriter, SideFolder, VideoWriter, VirtualLayerFile, is_stream,
+    memory, read_camera_track, remove_leftovers_in,
 };
 use clap::ValueEnum;
 use std::{
@@ -88,6 +89,11 @@ struct OutputArgs {
 }
 
 impl OutputArgs {
+    /// Checks, before anything is read, that the output can be written and is none of the inputs.
+    fn check(&self, inputs: &[Option<&PathBuf>]) -> Result<()> {
+        Output::check(&self.output, &Inputs::of(inputs.iter().flatten()))
+    }
+
     fn open(&self, source: &FrameSource) -> Result<Output> {
         Output::open(&self.output, source, self.overwrite, self.fps)
     }
@@ -159,6 +165,17 @@ impl FromStr for SceneScale {
 
 /// Runs `composite`.
 pub fn run(args: &Composite) -> Result<()> {
+    let Composite { input, layers, camera, depth, with, without, flow, .. } = args;
+    let depth_folder = depth.folder();
+    args.output.check(&[
+        Some(input),
+        Some(layers),
+        camera.as_ref(),
+        depth_folder,
+        with.as_ref(),
+        without.as_ref(),
+        flow.as_ref(),
+    ])?;
     let footage = open_source(&args.input, args.output.frames)?;
     let layers = opened(SideFolder::virtual_layers(&args.layers)?);
     let flow = match (&args.flow, &args.with, args.depth.folder()) {
@@ -189,6 +206,7 @@ pub fn run(args: &Composite) -> Result<()> {
 
 /// Runs `apply`.
 pub fn run_apply(args: &Apply) -> Result<()> {
+    args.output.check(&[Some(&args.input), Some(&args.camera), args.depth.folder(), args.flow.as_ref()])?;
     let clip = open_source(&args.input, args.output.frames)?;
     let depth = args.depth.open()?;
     let flow = match (&args.flow, args.depth.folder()) {
@@ -223,10 +241,14 @@ pub fn run_apply(args: &Apply) -> Result<()> {
     };
     let Options { no_noise, bokeh, seed, .. } = args.look.style.options();
     let options = synth::Options { bokeh, no_noise, seed };
+    let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
+    let finds_flow = moving && flow.is_none() && clip.len_hint() != Some(1);
+    let given = if finds_flow { 3 * FRAME } else { FRAME } + if moving { FLOW } else { 0 };
+    let work = synth::bytes_beside(clip.size(), depth.is_some());
+    check_memory(&clip, given + if depth.is_some() { DEPTH } else { 0 }, finds_flow, work)?;
     let mut output = args.output.open(&clip)?;
     let mut missing = Missing::default();
-    let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
-    for_each_frame("applying", &clip, &mut output, moving && flow.is_none(), |frame, neighbours| {
+    for_each_frame("applying", &clip, &mut output, moving && flow.is_none(), |frame, neighbours, rows| {
         let (number, size) = (frame.number, clip.size());
         let flow = match &flow {
             Some(folder) => folder.get(number, size)?,
@@ -240,11 +262,29 @@ pub fn run_apply(args: &Apply) -> Result<()> {
         };
         missing.check(depth.is_some() && inverse_depth.is_none(), number, "no depth", "is not defocused");
         let model = track.at(number);
-        let light = frame.image.to_linear(model.transfer);
-        distort_frame(&light, &model, inverse_depth.as_ref(), flow.as_ref(), &options, number)
-            .map_err(|e| failure(clip.path(), format_args!("frame {number}: {e}")))
+        let (depth, flow) = (inverse_depth.as_ref(), flow.as_ref());
+        distorted_strips(&frame.image, &model, depth, flow, &options, number)
+            .map_err(|e| failure(clip.path(), format_args!("frame {number}: {e}")))?
+            .try_for_each(|strip| rows.put(&strip))
     })?;
     output.finish()
+}
+
+/// Bytes of a pixel of a frame, of flow, of depth, of a virtual layer while it is read, and of a pair of renders with their light.
+const FRAME: u64 = 12;
+const FLOW: u64 = 8;
+const DEPTH: u64 = 4;
+const LAYER: u64 = 56;
+const RENDERS: u64 = 48;
+
+/// Fails if frames of a source with what belongs to them, bytes per pixel, and the work on one of them do not fit into the budget.
+/// Where flow is to be found, that comes before the work.
+fn check_memory(source: &FrameSource, per_pixel: u64, finds_flow: bool, work: u64) -> Result<()> {
+    let (width, height) = source.size();
+    let pixels = (width * height) as u64;
+    let flow = if finds_flow { analysis::flow::BYTES_PER_PIXEL * pixels } else { 0 };
+    let what = format!("work on frames of {width} x {height} pixels");
+    Ok(memory::fits(source.path(), &what, per_pixel * pixels + work.max(flow))?)
 }
 
 /// A camera that distorts nothing.
@@ -311,7 +351,10 @@ impl DepthMaps {
     }
 
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
-        Ok(self.folder.get(number, size)?.map(|d| d.map(|d| self.slope * d + self.offset)))
+        let mut depth = self.folder.get(number, size)?;
+        let values = depth.iter_mut().flat_map(|d| d.data_mut());
+        values.for_each(|d| *d = self.slope * *d + self.offset);
+        Ok(depth)
     }
 }
 
@@ -324,11 +367,16 @@ pub fn composite(scene: &Scene, track: &CameraTrack, options: &Options, output: 
     let mut without_layer = 0;
     let estimates_flow = moving && renders.is_some() && flow.is_none();
     let size = footage.size();
-    for_each_frame("compositing", footage, output, estimates_flow, |frame, neighbours| {
+    // The result is one more frame.
+    let frames = if estimates_flow { 4 * FRAME } else { 2 * FRAME };
+    let shadows = if renders.is_some() { RENDERS + FLOW } else { 0 };
+    let given = frames + LAYER + shadows + if depth.is_some() { DEPTH } else { 0 };
+    check_memory(footage, given, estimates_flow, 0)?;
+    for_each_frame("compositing", footage, output, estimates_flow, |frame, neighbours, rows| {
         let number = frame.number;
         let Some(layer) = layers.get(number, size)? else {
             without_layer += 1;
-            return Ok(frame.image.clone());
+            return rows.put(&frame.image.0);
         };
         let has_depth = layer.inverse_depth.is_some();
         missing.check(
@@ -369,8 +417,11 @@ pub fn composite(scene: &Scene, track: &CameraTrack, options: &Options, output: 
             with_and_without: local.as_ref().map(|[with, without]| (with, without)),
         };
         let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
-        blindaug::composite::composite(&shot, &layer, &track.at(number), options)
-            .map_err(|e| failure(footage.path(), format_args!("frame {number}: {e}")))
+        let (model, of_frame) =
+            (track.at(number), |e| failure(footage.path(), format_args!("frame {number}: {e}")));
+        let work = composite::bytes_beside(&shot, &layer, &model, options).map_err(of_frame)?;
+        check_memory(footage, given, false, work)?;
+        rows.put(&composite::composite(&shot, &layer, &model, options).map_err(of_frame)?.0)
     })?;
     if without_layer > 0 {
         note(format_args!("{} without a virtual layer left as they are", count(without_layer, "frame")));
@@ -453,6 +504,8 @@ fn map_defocus(mut model: CameraModel, f: impl FnOnce(DefocusModel) -> DefocusMo
 pub struct Output {
     path: PathBuf,
     sink: Sink,
+    /// Whether the folder was made by this run.
+    is_new: bool,
     written: u64,
     /// The last frame that was made and the next one that was not, after Ctrl-C.
     stopped: Option<(u64, u64)>,
@@ -466,17 +519,32 @@ enum Sink {
 }
 
 impl Output {
+    /// Checks, before anything is read, that a video or a folder of this name can be written and is none of the inputs, and removes
+    /// what earlier runs that were killed have left of it.
+    ///
+    /// # Errors
+    /// Names what is wrong.
+    pub fn check(path: &Path, inputs: &Inputs) -> Result<()> {
+        if VideoWriter::is_video(path) {
+            return console::check_outputs(inputs, [path]);
+        }
+        if path.exists() && !path.is_dir() {
+            return Err(failure(path, "this is a file; give a folder, or a video by its extension (mp4)"));
+        }
+        let is_frame = |name: &str| number_of_png(name).is_some();
+        inputs.check_output_folder(path, is_frame)?;
+        console::check_folder(path)?;
+        remove_leftovers_in(path, is_frame);
+        Ok(())
+    }
+
     /// A folder as by [`Output::folder`], or a video by its extension, which is not replaced unless it is to be overwritten. The
     /// frame rate is the source's where it is not given.
     pub fn open(path: &Path, source: &FrameSource, overwrite: bool, fps: Option<f64>) -> Result<Self> {
         if !VideoWriter::is_video(path) {
-            return Self::folder(path, source, overwrite);
+            return Self::folder(path, overwrite);
         }
-        console::check_writable(path)?;
-        if same_file(path, source.path()) {
-            return Err(failure(path, "this is the input itself; give another name"));
-        }
-        if path.exists() && !overwrite {
+        if path.exists() && !is_stream(path) && !overwrite {
             return Err(failure(path, "this video is there already; add --overwrite, or give another name"));
         }
         let fps = fps.or(source.fps()).unwrap_or_else(|| {
@@ -487,25 +555,25 @@ impl Output {
             DEFAULT_FPS
         });
         let video = VideoWriter::create(path, source.size(), fps)?;
-        Ok(Self { path: path.into(), sink: Sink::Video(video), written: 0, stopped: None })
+        Ok(Self { path: path.into(), sink: Sink::Video(video), is_new: false, written: 0, stopped: None })
     }
 
-    /// A folder of PNG, which is made if it is not there. Those that are in it are left, unless they are to be overwritten.
-    pub fn folder(path: &Path, source: &FrameSource, overwrite: bool) -> Result<Self> {
-        if path.is_file() {
-            return Err(failure(path, "this is a file; give a folder, or a video by its extension (mp4)"));
-        }
-        console::make_folder(path)?;
-        if same_file(path, source.path()) {
-            return Err(failure(path, "this is the folder of the input; give another one"));
-        }
-        let done = if overwrite { BTreeSet::new() } else { numbers_of_pngs(path)? };
-        Ok(Self { path: path.into(), sink: Sink::Folder(done), written: 0, stopped: None })
+    /// A folder of PNG, which is made with the first frame if it is not there. Those that are in it are left, unless they are to be
+    /// overwritten.
+    pub fn folder(path: &Path, overwrite: bool) -> Result<Self> {
+        let done = if overwrite || !path.exists() { BTreeSet::new() } else { numbers_of_pngs(path)? };
+        Ok(Self { path: path.into(), sink: Sink::Folder(done), is_new: false, written: 0, stopped: None })
     }
 
     /// Keeps the frames.
     pub fn memory() -> Self {
-        Self { path: PathBuf::new(), sink: Sink::Memory(BTreeMap::new()), written: 0, stopped: None }
+        Self {
+            path: PathBuf::new(),
+            sink: Sink::Memory(BTreeMap::new()),
+            is_new: false,
+            written: 0,
+            stopped: None,
+        }
     }
 
     /// The frames of [`Output::memory`], by number.
@@ -522,15 +590,52 @@ impl Output {
         matches!(&self.sink, Sink::Folder(done) if !done.is_empty())
     }
 
-    /// Writes the next frame.
-    pub fn write(&mut self, number: u64, frame: Encoded) -> Result<()> {
-        match &mut self.sink {
-            Sink::Folder(_) => write_png(self.path.join(png_name(number)), &frame)?,
-            Sink::Video(video) => video.write(&frame)?,
-            Sink::Memory(frames) => drop(frames.insert(number, frame)),
+    /// Begins the next frame, of this width and height.
+    fn begin(&mut self, number: u64, size @ (width, height): (usize, usize)) -> Result<Rows> {
+        if matches!(self.sink, Sink::Folder(_)) && !self.path.exists() {
+            console::make_folder(&self.path)?;
+            self.is_new = true;
+        }
+        Ok(match &self.sink {
+            Sink::Folder(_) => {
+                Rows::Png(Box::new(PngWriter::create(self.path.join(png_name(number)), size)?))
+            }
+            Sink::Video(_) | Sink::Memory(_) => Rows::Whole(width, Vec::with_capacity(width * height)),
+        })
+    }
+
+    /// Removes the folder if this run has made it and nothing is in it.
+    fn remove_if_empty(&self) {
+        if self.is_new {
+            // It fails for a folder with frames in it, which stays.
+            let _ = std::fs::remove_dir(&self.path);
+        }
+    }
+
+    /// Completes the frame of this number.
+    fn end(&mut self, number: u64, rows: Rows) -> Result<()> {
+        match rows {
+            Rows::Png(png) => png.finish()?,
+            Rows::Whole(width, pixels) => {
+                let height = pixels.len() / width.max(1);
+                let frame = Raster::from_vec(width, height, pixels).map_err(|e| failure(&self.path, e))?;
+                match &mut self.sink {
+                    Sink::Video(video) => video.write(&Encoded(frame))?,
+                    Sink::Memory(frames) => drop(frames.insert(number, Encoded(frame))),
+                    Sink::Folder(_) => {}
+                }
+            }
         }
         self.written += 1;
         Ok(())
+    }
+
+    /// Writes the next frame.
+    #[cfg(feature = "live")]
+    pub fn write(&mut self, number: u64, frame: Encoded) -> Result<()> {
+        let mut rows = self.begin(number, frame.0.size())?;
+        rows.put(&frame.0)?;
+        self.end(number, rows)
     }
 
     /// Completes the output and says what was written.
@@ -559,6 +664,23 @@ impl Output {
     }
 }
 
+/// A frame that is written a few rows at a time, from the top.
+enum Rows {
+    Png(Box<PngWriter>),
+    /// The width, and the pixels so far.
+    Whole(usize, Vec<[f32; 3]>),
+}
+
+impl Rows {
+    fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()> {
+        match self {
+            Self::Png(png) => png.write(rows.data())?,
+            Self::Whole(_, pixels) => pixels.extend_from_slice(rows.data()),
+        }
+        Ok(())
+    }
+}
+
 fn png_name(number: u64) -> String {
     format!("{number:04}.png")
 }
@@ -567,16 +689,16 @@ fn png_name(number: u64) -> String {
 fn numbers_of_pngs(folder: &Path) -> Result<BTreeSet<u64>> {
     let entries =
         folder.read_dir().map_err(|e| failure(folder, format_args!("the folder cannot be read ({e})")))?;
-    let number = |name: &str| name.strip_suffix(".png")?.parse().ok().filter(|&n| png_name(n) == name);
-    Ok(entries.filter_map(|e| number(e.ok()?.file_name().to_str()?)).collect())
+    Ok(entries.filter_map(|e| number_of_png(e.ok()?.file_name().to_str()?)).collect())
+}
+
+/// The number of a frame whose file has this name.
+fn number_of_png(name: &str) -> Option<u64> {
+    name.strip_suffix(".png")?.parse().ok().filter(|&n| png_name(n) == name)
 }
 
 /// Of a video that is made from images.
 pub const DEFAULT_FPS: f64 = 30.0;
-
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
-}
 
 /// The frames before and after a frame, if they are at hand.
 struct Neighbours<'a> {
@@ -598,14 +720,14 @@ impl Neighbours<'_> {
     }
 }
 
-/// Calls `make` for each frame that is not done, and writes what it returns. Only with `neighbours` are the frames before and
-/// after it at hand.
+/// Calls `make` for each frame that is not done, and writes the rows that it puts. Only with `neighbours` are the frames before and
+/// after it at hand; else one frame is in memory at a time.
 fn for_each_frame(
     what: &'static str,
     source: &FrameSource,
     output: &mut Output,
     neighbours: bool,
-    mut make: impl FnMut(&Frame, &Neighbours) -> Result<Encoded>,
+    mut make: impl FnMut(&Frame, &Neighbours, &mut Rows) -> Result<()>,
 ) -> Result<()> {
     let done = match &mut output.sink {
         Sink::Folder(done) => std::mem::take(done),
@@ -629,23 +751,28 @@ fn for_each_frame(
     let mut current = frames.next().transpose()?;
     while let Some(frame) = current.take() {
         let number = frame.number;
-        let mut next = frames.next();
-        if let (true, Some(Err(_))) = (neighbours, &next) {
-            // Without it this frame's motion would be another; else this frame is still made.
-            next.take().transpose()?;
-        }
-        let after = next.as_ref().and_then(|n| n.as_ref().ok());
+        // If it is damaged, this frame's motion would be another.
+        let next = if neighbours { frames.next().transpose()? } else { None };
         if !done.contains(&number) {
             let around = Neighbours {
                 previous: previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image),
-                next: after.filter(|n| n.number == number + 1).map(|n| &n.image),
+                next: next.as_ref().filter(|n| n.number == number + 1).map(|n| &n.image),
             };
-            let made = make(&frame, &around)?;
-            output.write(number, made)?;
+            let mut rows = output.begin(number, frame.image.0.size())?;
+            if let Err(e) = make(&frame, &around, &mut rows) {
+                drop(rows);
+                output.remove_if_empty();
+                return Err(e);
+            }
+            output.end(number, rows)?;
             progress.step();
         }
-        previous = Some(frame);
-        current = next.transpose()?;
+        (previous, current) = if neighbours {
+            (Some(frame), next)
+        } else {
+            drop(frame);
+            (None, frames.next().transpose()?)
+        };
         if let (true, Some(next)) = (console::interrupted(), &current) {
             output.stopped = Some((number, next.number));
             break;

@@ -1,12 +1,14 @@
-//! What the program says: results on standard output, progress and notes on standard error, Ctrl-C.
+//! What the program says: results on standard output, progress and notes on standard error; and the signals that stop it.
 
+use blindaug::text::{cut, printable};
+use blindaug_io::{Error, Inputs, remove_incomplete_files, same_file};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
     cell::RefCell,
     fmt::Display,
     io::{ErrorKind, IsTerminal, Write},
     path::Path,
-    sync::atomic::{AtomicBool, Ordering},
+    sync::atomic::{AtomicI32, Ordering},
     time::{Duration, Instant},
 };
 
@@ -17,15 +19,15 @@ pub struct Failure(pub String);
 /// The result type of the commands.
 pub type Result<T> = std::result::Result<T, Failure>;
 
-impl From<blindaug_io::Error> for Failure {
-    fn from(e: blindaug_io::Error) -> Self {
+impl From<Error> for Failure {
+    fn from(e: Error) -> Self {
         Self(e.to_string())
     }
 }
 
 /// A failure of a file.
 pub fn failure(path: &Path, sentence: impl Display) -> Failure {
-    Failure(format!("{}: {sentence}", path.display()))
+    Failure(format!("{}: {sentence}", Error::shown_path(path)))
 }
 
 /// Writes text to standard output. A reader that has gone away (`| head`) is no error.
@@ -39,8 +41,29 @@ pub fn print(text: &str) -> Result<()> {
     }
 }
 
+/// Writes text to standard output, or to standard error where standard output gets the file `output`.
+pub fn print_beside(output: &Path, text: &str) -> Result<()> {
+    if cfg!(unix) && same_file(output, Path::new("/dev/stdout")) {
+        note(text.trim_end());
+        return Ok(());
+    }
+    print(text)
+}
+
+/// Text as a terminal may show it: what it would obey is shown as a code, and what is very long loses its middle.
+pub fn for_terminal(text: &str) -> String {
+    const LONGEST_WORD: usize = 300;
+    const LONGEST_LINE: usize = 4000;
+    let line = |line: &str| {
+        let words: Vec<String> = line.split(' ').map(|word| cut(word, LONGEST_WORD)).collect();
+        printable(&cut(&words.join(" "), LONGEST_LINE))
+    };
+    text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+}
+
 /// Writes a line to standard error, above the progress bar if there is one.
 pub fn note(sentence: impl Display) {
+    let sentence = for_terminal(&sentence.to_string());
     let write = || {
         // Nobody is left to be told if this fails.
         let _ = writeln!(std::io::stderr(), "{sentence}");
@@ -113,50 +136,114 @@ impl Drop for Progress {
     }
 }
 
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// The number of the signal that asked this program to stop; 0: none did.
+static STOPPED_BY: AtomicI32 = AtomicI32::new(0);
 
-/// Lets Ctrl-C stop after the frame in hand; a second one stops at once.
-pub fn catch_interrupt() {
-    let handler = || {
-        if INTERRUPTED.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        let _ = writeln!(std::io::stderr(), "\nstopping after this frame (Ctrl-C again: at once)");
-    };
-    if let Err(e) = ctrlc::set_handler(handler) {
+/// Asks for a stop after the frame in hand; asked a second time, the program ends at once.
+fn stop(signal: i32) {
+    if STOPPED_BY.swap(signal, Ordering::Relaxed) != 0 {
+        remove_incomplete_files();
+        std::process::exit(128 + signal);
+    }
+    let _ = writeln!(std::io::stderr(), "\nstopping after this frame (Ctrl-C again: at once)");
+}
+
+/// Lets Ctrl-C, a request to end and a terminal that goes away stop the program after the frame in hand; a second one stops it at once.
+#[cfg(unix)]
+pub fn catch_signals() {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    let mut signals = vec![SIGINT, SIGTERM];
+    // Whoever starts a program with nohup wants it to outlive its terminal.
+    if !is_ignored(SIGHUP) {
+        signals.push(SIGHUP);
+    }
+    match signal_hook::iterator::Signals::new(&signals) {
+        Ok(mut signals) => drop(std::thread::spawn(move || signals.forever().for_each(stop))),
+        Err(e) => warn(format_args!("Ctrl-C will stop at once ({e})")),
+    }
+}
+
+/// Lets Ctrl-C stop the program after the frame in hand; a second one stops it at once.
+#[cfg(not(unix))]
+pub fn catch_signals() {
+    if let Err(e) = ctrlc::set_handler(|| stop(2)) {
         warn(format_args!("Ctrl-C will stop at once ({e})"));
     }
 }
 
-/// Whether Ctrl-C was pressed.
-pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::Relaxed)
+/// Lets a write that makes a file larger than is allowed fail, so that it can be told, instead of ending the program.
+pub fn catch_size_limit() {
+    #[cfg(unix)]
+    // Where this fails such a write ends the program, as it would without it.
+    let _ = signal_hook::flag::register(
+        signal_hook::consts::SIGXFSZ,
+        std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false)),
+    );
 }
 
-/// Checks, before the work starts, that a file can be written.
+/// Whether this program was started with a signal ignored, where the system tells (Linux).
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status
+        .lines()
+        .find_map(|l| l.strip_prefix("SigIgn:"))
+        .and_then(|m| u64::from_str_radix(m.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// Whether the program was asked to stop.
+pub fn interrupted() -> bool {
+    STOPPED_BY.load(Ordering::Relaxed) != 0
+}
+
+/// The exit status of a command that failed: 1, or the shell's convention for a signal if one stopped it (130 for Ctrl-C).
+pub fn exit_status() -> u8 {
+    match STOPPED_BY.load(Ordering::Relaxed) {
+        0 => 1,
+        signal => u8::try_from(128 + signal).unwrap_or(1),
+    }
+}
+
+/// Checks, before anything is read, that files can be written, that none of them is an input, and that they are different files. What
+/// earlier runs that were killed have left of them is removed.
 ///
 /// # Errors
-/// If its folder is missing or cannot be written to, or the path is a folder's.
-pub fn check_writable(path: &Path) -> Result<()> {
-    if path.is_dir() {
-        return Err(failure(path, "this is a folder; give the name of a file"));
+/// Names the file, and says what to do.
+pub fn check_outputs<'a>(inputs: &Inputs, outputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
+    let outputs: Vec<&Path> = outputs.into_iter().collect();
+    for (i, output) in outputs.iter().enumerate() {
+        if output.is_dir() {
+            return Err(failure(output, "this is a folder; give the name of a file"));
+        }
+        inputs.check_output(output)?;
+        if outputs[..i].iter().any(|other| same_file(other, output)) {
+            return Err(failure(
+                output,
+                "two results would be written to this one file; give each a name of its own",
+            ));
+        }
+        blindaug_io::check_writable(output)?;
     }
-    if path.file_name().is_none() {
-        return Err(failure(path, "this is not the name of a file to write"));
-    }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if !folder.is_dir() {
-        return Err(failure(
-            path,
-            format_args!("there is no folder {} to write it to; make it first", folder.display()),
-        ));
-    }
-    check_folder_writable(folder)
+    Ok(())
 }
 
-/// Checks that a file can be made in a folder.
-pub fn check_folder_writable(folder: &Path) -> Result<()> {
-    let probe = folder.join(format!(".blindaug-{}", std::process::id()));
+/// Checks, before anything is read, that a folder can be written to, or made.
+///
+/// # Errors
+/// If it is something else, or the system does not allow it.
+pub fn check_folder(folder: &Path) -> Result<()> {
+    if folder.exists() && !folder.is_dir() {
+        return Err(failure(folder, "this is a file; give the name of a folder"));
+    }
+    // What is there of the path.
+    let there =
+        folder.ancestors().find(|p| !p.as_os_str().is_empty() && p.exists()).unwrap_or(Path::new("."));
+    if !there.is_dir() {
+        let file = Error::shown_path(there);
+        return Err(failure(folder, format_args!("the folder cannot be made: {file} is a file")));
+    }
+    let probe = there.join(format!(".blindaug-{}", std::process::id()));
     std::fs::File::create(&probe).and_then(|_| std::fs::remove_file(&probe)).map_err(|e| {
         failure(folder, format_args!("no file can be written to this folder ({e}); choose another"))
     })
@@ -166,5 +253,5 @@ pub fn check_folder_writable(folder: &Path) -> Result<()> {
 pub fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
         .map_err(|e| failure(folder, format_args!("the folder cannot be made ({e}); choose another")))?;
-    check_folder_writable(folder)
+    check_folder(folder)
 }

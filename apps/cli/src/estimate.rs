@@ -9,11 +9,11 @@ use crate::{
 use blindaug::{
     Encoded, Flow, Plane, analysis,
     fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options, Shot, track::Tracker},
-    model::{BlurSpace, DepthKind, TrackedCamera},
+    model::{BlurSpace, CameraTrack, DepthKind, Stopped, TrackedCamera},
 };
 use blindaug_io::{
-    CameraTrackWriter, DepthFormat, DepthValues, Frame, FrameRange, FrameSource, PaperScene, SideFolder,
-    read_camera_track, write_camera,
+    CameraTrackWriter, DepthFormat, DepthValues, Frame, FrameRange, FrameSource, Inputs, PaperScene,
+    SideFolder, memory, write_camera,
 };
 use blindaug_nets::Removed;
 use clap::ValueEnum;
@@ -164,10 +164,11 @@ pub fn run(args: &Estimate) -> Result<()> {
         },
         fps: args.fps,
     };
-    console::check_writable(&args.output)?;
-    if let Some(report) = &args.report {
-        console::check_writable(report)?;
-    }
+    let inputs = args.inputs();
+    console::check_outputs(
+        &inputs,
+        [Some(&args.output), args.report.as_ref()].into_iter().flatten().map(PathBuf::as_path),
+    )?;
     if args.track {
         if options.family == Family::Removal || options.curve == Curve::Quadratic {
             return Err(Failure(
@@ -190,8 +191,8 @@ pub fn run(args: &Estimate) -> Result<()> {
     if !networks.is_empty() {
         note(format_args!("networks: {}", networks.names()));
     }
-    let save =
-        args.save_evidence.as_deref().map(|d| EvidenceWriter::new(d, footage.source.path())).transpose()?;
+    let save = args.save_evidence.as_deref();
+    let save = save.map(|d| EvidenceWriter::new(d, footage.source.path(), &inputs)).transpose()?;
     let fitted = fit(&footage, networks, save, options, args.report.is_some())?;
     let Estimation { model, diagnostics } = &fitted.estimation;
     write_camera(&args.output, model)?;
@@ -200,7 +201,7 @@ pub fn run(args: &Estimate) -> Result<()> {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "Note       {sentence}");
     }
-    console::print(&text)?;
+    console::print_beside(&args.output, &text)?;
     note(format_args!("written: {}", args.output.display()));
     if let Some(path) = &args.report {
         report::write(
@@ -216,14 +217,33 @@ pub fn run(args: &Estimate) -> Result<()> {
         )?;
         note(format_args!("written: {}", path.display()));
     }
-    if fitted.interrupted {
+    if model.stopped.is_some() {
         let (first, last) = (fitted.first, fitted.last);
-        note(format_args!(
-            "stopped: the model rests on frames {first} to {last}; for the others, run it again with --frames {}..",
-            last + 1
+        return Err(failure(
+            &args.output,
+            format_args!(
+                "stopped: the model rests on frames {first} to {last}; for the others, run it again with --frames {}..",
+                last + 1
+            ),
         ));
     }
     Ok(())
+}
+
+impl Estimate {
+    /// All that the command reads.
+    fn inputs(&self) -> Inputs {
+        let mut paths: Vec<PathBuf> = [&self.input, &self.depth.depth, &self.flow, &self.clean]
+            .into_iter()
+            .flatten()
+            .cloned()
+            .collect();
+        if let (Some(dir), Some(scene)) = (&self.evidence, &self.scene) {
+            paths.extend(PaperScene::folders(dir, scene));
+        }
+        paths.extend(self.network.iter().map(PathBuf::from));
+        Inputs::of(paths)
+    }
 }
 
 fn report_title(source: &FrameSource) -> String {
@@ -274,6 +294,25 @@ impl Footage {
             clean: None,
             by_network: false,
         }
+    }
+
+    /// Fails if the frames that are in memory at once, what belongs to one of them, those kept as samples, and so many bytes of work on
+    /// a frame do not fit into the budget.
+    fn check_memory(&self, networks: &Networks, keep_samples: bool, work: u64) -> Result<()> {
+        /// Bytes of a pixel; of a sample with what belongs to it.
+        const FRAME: u64 = 12;
+        const SAMPLE: u64 = 36;
+        let (width, height) = self.source.size();
+        let removed = [&self.denoised, &self.motion_deblurred, &self.defocus_deblurred, &self.clean];
+        let frames = self.source.len_hint().unwrap_or(usize::MAX).clamp(1, 2 * networks.reach().max(1) + 1);
+        let frames = frames + removed.iter().filter(|f| f.is_some()).count();
+        let per_pixel = FRAME * frames as u64
+            + if self.depth.is_some() { 4 } else { 0 }
+            + if self.flow.is_some() { 8 } else { 0 }
+            + if keep_samples { SAMPLE * frames.min(SAMPLES) as u64 } else { 0 };
+        let what = format!("estimation from frames of {width} x {height} pixels");
+        let bytes = per_pixel * (width * height) as u64 + work;
+        Ok(memory::fits(self.source.path(), &what, bytes)?)
     }
 
     /// Whether there are frames from which something was removed.
@@ -338,8 +377,6 @@ pub struct Fitted {
     pub first: u64,
     /// The last frame's number.
     pub last: u64,
-    /// Whether Ctrl-C ended it.
-    pub interrupted: bool,
 }
 
 /// At most this many frames are kept for a report.
@@ -419,8 +456,8 @@ struct Seen {
     frames: usize,
     first: u64,
     last: u64,
-    /// Whether Ctrl-C came before the end.
-    interrupted: bool,
+    /// How far it came, if it was asked to stop before the end.
+    stopped: Option<Stopped>,
 }
 
 /// Shows a clip's frames with what is known of them, a few at a time in memory.
@@ -452,7 +489,7 @@ fn show(
     let mut window: VecDeque<Frame> = VecDeque::new();
     let reach = networks.reach().max(1);
     let mut at = 0;
-    let mut seen = Seen { frames: 0, first: 0, last: 0, interrupted: false };
+    let mut seen = Seen { frames: 0, first: 0, last: 0, stopped: None };
     let mut consecutive = false;
     loop {
         while window.len() <= at + reach
@@ -503,8 +540,8 @@ fn show(
             window.pop_front();
             at -= 1;
         }
-        seen.interrupted = console::interrupted() && at < window.len();
-        if seen.interrupted {
+        if console::interrupted() && at < window.len() {
+            seen.stopped = Some(Stopped { after: seen.frames, of: source.len_hint() });
             break;
         }
     }
@@ -621,21 +658,25 @@ pub fn fit(
     keep_samples: bool,
 ) -> Result<Fitted> {
     let source = &footage.source;
+    let frames = source.len_hint().unwrap_or(Estimator::MAX_FRAMES);
+    let moving = footage.flow.is_none();
+    let work = Estimator::bytes(source.size(), frames, options.family, moving);
+    footage.check_memory(&networks, keep_samples, work)?;
     options.fps = options.fps.or(source.fps());
     let estimator = Estimator::new(options).expecting(source.len_hint().unwrap_or(0));
     let mut clip =
         WholeClip { source, estimator, numbers: vec![], samples: Samples::new(source, keep_samples) };
-    let Seen { first, last, interrupted, .. } =
-        show(footage, &mut networks, &mut save, "estimating", &mut clip)?;
+    let Seen { first, last, stopped, .. } = show(footage, &mut networks, &mut save, "estimating", &mut clip)?;
     if let Some(save) = save {
         save.finish();
     }
     let mut estimation = clip.estimator.estimate().map_err(|e| failure(source.path(), e))?;
+    estimation.model.stopped = stopped;
     let diagnostics = &mut estimation.diagnostics;
     if !diagnostics.shots.is_empty() {
         diagnostics.notes.insert(0, words_of_shots(&diagnostics.shots, &clip.numbers));
     }
-    Ok(Fitted { estimation, samples: clip.samples.kept, first, last, interrupted })
+    Ok(Fitted { estimation, samples: clip.samples.kept, first, last })
 }
 
 /// Where the cuts are, and what each shot alone says of the exposure; of a film, the first shots.
@@ -664,6 +705,8 @@ struct Following<'a> {
     source: &'a FrameSource,
     tracker: Tracker,
     writer: CameraTrackWriter,
+    /// All but the last one are written.
+    cameras: Vec<TrackedCamera>,
     samples: Samples<'a>,
 }
 
@@ -674,7 +717,10 @@ impl Viewer for Following<'_> {
 
     fn view(&mut self, number: u64, observation: &Observation, _: &mut Option<EvidenceWriter>) -> Result<()> {
         let camera = self.tracker.push(observation).map_err(|e| of_frame(self.source, number, e))?.clone();
-        self.writer.write(&TrackedCamera { frame: number, changed: self.tracker.changes(), camera })?;
+        if let Some(last) = self.cameras.last() {
+            self.writer.write(last)?;
+        }
+        self.cameras.push(TrackedCamera { frame: number, changed: self.tracker.changes(), camera });
         self.samples.keep(number, observation)
     }
 }
@@ -688,25 +734,34 @@ fn track(
     report: Option<&Path>,
 ) -> Result<()> {
     let source = &footage.source;
+    footage.check_memory(&networks, report.is_some(), Tracker::bytes(source.size()))?;
     let tracker = Tracker::new(options.blur_space, options.fps.or(source.fps()));
     let writer = CameraTrackWriter::create(output)?;
-    let mut following =
-        Following { source, tracker, writer, samples: Samples::new(source, report.is_some()) };
+    let samples = Samples::new(source, report.is_some());
+    let mut following = Following { source, tracker, writer, cameras: Vec::new(), samples };
     let seen = show(footage, &mut networks, &mut None, "tracking", &mut following)?;
-    following.writer.finish()?;
-    let track = read_camera_track(output)?;
-    console::print(&inspect::table(&track))?;
+    let Following { mut writer, mut cameras, samples, .. } = following;
+    if let Some(last) = cameras.last_mut() {
+        last.camera.stopped = seen.stopped;
+        writer.write(last)?;
+    }
+    let track = CameraTrack::from_frames(cameras).map_err(|e| failure(source.path(), e))?;
+    writer.finish()?;
+    console::print_beside(output, &inspect::table(&track))?;
     note(format_args!("written: {}", output.display()));
     if let Some(path) = report {
-        let samples = following.samples.kept;
+        let samples = samples.kept;
         report::write_track(path, &TrackReportInput { title: report_title(source), track: &track, samples })?;
         note(format_args!("written: {}", path.display()));
     }
-    if seen.interrupted {
+    if seen.stopped.is_some() {
         let Seen { first, last, .. } = seen;
-        note(format_args!(
-            "stopped: it holds frames {first} to {last}; for the others, run it again with --frames {}.. and another -o",
-            last + 1
+        return Err(failure(
+            output,
+            format_args!(
+                "stopped: it holds frames {first} to {last}; for the others, run it again with --frames {}.. and another -o",
+                last + 1
+            ),
         ));
     }
     Ok(())

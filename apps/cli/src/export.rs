@@ -6,7 +6,7 @@ use crate::{
     inspect::count,
 };
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
-use blindaug_io::{read_camera_track, write_atomically, write_texture};
+use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::path::{Path, PathBuf};
 
@@ -23,8 +23,8 @@ pub struct Export {
     #[arg(short, long, value_name = "FILE", required_if_eq("to", "all"))]
     output: Option<PathBuf>,
     /// Vertical field of view of the tool's camera, degrees from 1 to 170 [default: the tool's own camera's where its script can ask, else 40]
-    #[arg(long, value_name = "DEGREES")]
-    fov: Option<f32>,
+    #[arg(long, value_name = "DEGREES", value_parser = |t: &str| crate::within(t, 1.0..=170.0))]
+    fov: Option<f64>,
     /// Width and height of the tool's pictures, px [default: the footage's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
@@ -59,6 +59,10 @@ fn size(text: &str) -> std::result::Result<(usize, usize), String> {
 /// Runs `export`.
 pub fn run(args: &Export) -> Result<()> {
     let (Some(path), Some(to)) = (&args.camera, args.to) else { return print(&list()) };
+    let inputs = Inputs::of([path]);
+    if let Some(output) = &args.output {
+        inputs.check_output(output)?;
+    }
     let mut track = read_camera_track(path)?;
     if track.frames().len() > 1 {
         return Err(failure(
@@ -70,12 +74,12 @@ pub fn run(args: &Export) -> Result<()> {
         track = in_metres(track, path, Some(scale))?;
     }
     let model = track.at(0);
-    let view = View { size: args.size, fov_y_degrees: args.fov };
+    let view = View { size: args.size, fov_y_degrees: args.fov.map(|fov| fov as f32) };
     let camera = Camera::new(&model, &view).map_err(|e| Failure(e.to_string()))?;
     match (to, &args.output) {
         (To::One(target), None) => print_one(&target.export(&camera)),
-        (To::One(target), Some(output)) => write_one(&target.export(&camera), output),
-        (To::All, Some(folder)) => write_all(&camera, folder),
+        (To::One(target), Some(output)) => write_one(&target.export(&camera), output, &inputs),
+        (To::All, Some(folder)) => write_all(&camera, folder, &inputs),
         (To::All, None) => Err(Failure("--to all needs -o DIR, a folder to write to".into())),
     }
 }
@@ -112,18 +116,18 @@ fn print_one(export: &Exported) -> Result<()> {
     }
 }
 
-fn write_one(export: &Exported, output: &Path) -> Result<()> {
+fn write_one(export: &Exported, output: &Path, inputs: &Inputs) -> Result<()> {
     let [first, others @ ..] = &export.files[..] else { return Ok(()) };
     let (folder, target) = if output.is_dir() {
         (output, output.join(&first.name))
     } else {
         (output.parent().unwrap_or(Path::new("")), output.to_path_buf())
     };
-    console::check_writable(&target)?;
     let beside: Vec<PathBuf> = others.iter().map(|file| folder.join(&file.name)).collect();
-    if beside.contains(&target) {
-        return Err(failure(&target, "a texture of this name is written beside it; give another name"));
+    if let Some(name) = beside.iter().find(|b| same_file(b, &target)) {
+        return Err(failure(name, "a texture of this name is written beside it; give another name"));
     }
+    console::check_outputs(inputs, beside.iter().chain([&target]).map(PathBuf::as_path))?;
     // What the first refers to before it, so that it never refers to what is not there.
     for (file, path) in others.iter().zip(&beside) {
         write(file, path)?;
@@ -134,7 +138,7 @@ fn write_one(export: &Exported, output: &Path) -> Result<()> {
     Ok(())
 }
 
-fn write_all(camera: &Camera, folder: &Path) -> Result<()> {
+fn write_all(camera: &Camera, folder: &Path, inputs: &Inputs) -> Result<()> {
     for target in Target::ALL {
         if console::interrupted() {
             return Err(failure(folder, format_args!("stopped before {target}; run it again for the rest")));
@@ -142,8 +146,10 @@ fn write_all(camera: &Camera, folder: &Path) -> Result<()> {
         let export = target.export(camera);
         let folder = folder.join(target.name());
         console::make_folder(&folder)?;
-        for file in export.files.iter().rev() {
-            write(file, &folder.join(&file.name))?;
+        let paths: Vec<PathBuf> = export.files.iter().map(|file| folder.join(&file.name)).collect();
+        console::check_outputs(inputs, paths.iter().map(PathBuf::as_path))?;
+        for (file, path) in export.files.iter().zip(&paths).rev() {
+            write(file, path)?;
         }
         say_lost(&format!("{target}: "), &export);
     }

@@ -57,8 +57,10 @@ pub fn table(track: &CameraTrack) -> String {
     let TrackedCamera { camera, frame: first, .. } = &frames[0];
     let Capture { width, height, .. } = camera.capture;
     let last = frames[frames.len() - 1].frame;
+    let stopped =
+        frames[frames.len() - 1].camera.stopped.map_or(String::new(), |stopped| format!("; {stopped}"));
     let mut text = format!(
-        "Camera     {width} x {height} px, tracked over {} ({first} to {last})\n\n",
+        "Camera     {width} x {height} px, tracked over {} ({first} to {last}{stopped})\n\n",
         count(frames.len() as u64, "frame")
     );
     let lens = match frames.iter().find_map(|f| f.camera.defocus.known()).map(|d| d.depth_kind) {
@@ -112,7 +114,8 @@ pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
     let Capture { width, height, fps, frames_used } = model.capture;
     let rate = fps.map_or("at an unknown frame rate".into(), |f| format!("at {} frames a second", short(f)));
     let frames = count(frames_used as u64, "frame");
-    let mut text = format!("Camera     {width} x {height} px {rate}; estimated from {frames}\n");
+    let stopped = model.stopped.map_or(String::new(), |stopped| format!(" ({stopped})"));
+    let mut text = format!("Camera     {width} x {height} px {rate}; estimated from {frames}{stopped}\n");
     // Writing to a String cannot fail.
     let _ = noise_words(&mut text, &model.noise);
     let _ = motion_blur_words(&mut text, model);
@@ -282,6 +285,9 @@ fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     };
     let mut value =
         json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus });
+    if let Some(stopped) = &model.stopped {
+        value["stopped"] = json!(stopped);
+    }
     if let Some(sharpening) = &model.sharpening {
         value["sharpening"] = json!(sharpening);
     }

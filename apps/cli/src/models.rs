@@ -2,7 +2,8 @@
 
 use crate::console::{self, Failure, Result, note, warn};
 use blindaug::{Encoded, Raster};
-use blindaug_nets::{Manifest, Slot, State, Store, install, manifest::Kind, memory};
+use blindaug_io::memory;
+use blindaug_nets::{Manifest, Slot, State, Store, install, manifest::Kind};
 use std::{
     fmt::Write as _,
     io::{IsTerminal, Write},
@@ -98,6 +99,9 @@ fn get(store: &Store, args: &Install) -> Result<()> {
         return Err(Failure(format!("{name} is built in: there is nothing to install")));
     }
     note(format_args!("{name}: {title}\nlicence: {licence}\nsource: {source}"));
+    if let (None, Some(plan)) = (from, install::plan(store, name)?) {
+        note(format_args!("gets: {plan}"));
+    }
     if !yes {
         if !std::io::stdin().is_terminal() {
             return Err(Failure(format!(

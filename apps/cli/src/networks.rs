@@ -1,11 +1,11 @@
 //! Networks of the paper's pipeline: which are used, and what they and the estimator find, kept in files.
 
-use crate::console::{Failure, Result, failure, make_folder, note, warn};
+use crate::console::{self, Failure, Result, failure, note, warn};
 use blindaug::{
     Encoded,
     fit::{Estimator, Evidence},
 };
-use blindaug_io::{write_flo, write_grey16, write_png16};
+use blindaug_io::{Inputs, PaperScene, remove_leftovers_in, write_flo, write_grey16, write_png16};
 use blindaug_nets::{Chain, Network, Removed, Slot, Slots, Store};
 use std::path::{Path, PathBuf};
 
@@ -129,10 +129,18 @@ pub struct EvidenceWriter {
 }
 
 impl EvidenceWriter {
-    /// Into a folder, which is made; the scene is named after the input.
-    pub fn new(folder: &Path, input: &Path) -> Result<Self> {
-        make_folder(folder)?;
+    /// Into a folder, which is made with the first file; the scene is named after the input.
+    ///
+    /// # Errors
+    /// If the folder cannot be made or written to, or one of its folders is an input.
+    pub fn new(folder: &Path, input: &Path, inputs: &Inputs) -> Result<Self> {
+        console::check_folder(folder)?;
         let scene = input.file_stem().unwrap_or(input.as_os_str()).to_string_lossy().into_owned();
+        for kind in PaperScene::KINDS {
+            let files = folder.join(kind).join(&scene);
+            inputs.check_output_folder(&files, |_| true)?;
+            remove_leftovers_in(&files, |_| true);
+        }
         Ok(Self { folder: folder.into(), scene, depth_scale: None })
     }
 

@@ -148,7 +148,8 @@ fn capture(model: &CameraModel) -> String {
         BlurSpace::Linear => "blur acts on linear light",
         BlurSpace::Encoded => "blur acts on encoded values",
     };
-    format!("{} × {} px · {rate} · estimated from {frames} · {space}", c.width, c.height)
+    let stopped = model.stopped.map_or(String::new(), |stopped| format!(" ({stopped})"));
+    format!("{} × {} px · {rate} · estimated from {frames}{stopped} · {space}", c.width, c.height)
 }
 
 fn method_in_words(method: Method) -> &'static str {

@@ -12,7 +12,9 @@ use crate::networks::Networks;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Transfer};
-use blindaug_io::{FrameRange, FrameSource, VideoWriter, write_atomically, write_png};
+use blindaug_io::{
+    FrameRange, FrameSource, Inputs, VideoWriter, remove_leftovers_in, write_atomically, write_png,
+};
 use camera::{Camera, Setting};
 use clips::{Condition, Fidelity};
 use measure::{Footage, Given, Measured, NoiseTruth, Truth, measure};
@@ -114,10 +116,15 @@ pub fn run(args: &Validate) -> Result<()> {
     if let Some(clip) = &args.still {
         return console::print(&still::measure(clip, &mut networks)?);
     }
+    let inputs = Inputs::of(args.clips.iter());
+    inputs.check_output_folder(&args.output, |_| true)?;
     console::make_folder(&args.output)?;
     let (done, pictures) = (args.output.join("cases"), args.output.join("pictures"));
     console::make_folder(&done)?;
     console::make_folder(&pictures)?;
+    for folder in [&args.output, &done, &pictures] {
+        remove_leftovers_in(folder, |_| true);
+    }
     let clips = args.clips.as_deref().map(clips::conditions).transpose()?.unwrap_or_default();
     let mut cases: Vec<(Case, Option<&Condition>)> = vec![];
     if !args.only_clips {
@@ -165,10 +172,10 @@ pub fn run(args: &Validate) -> Result<()> {
     page::write(&index, &outcomes, &pictures)?;
     note(format_args!("written: {}", index.display()));
     if outcomes.len() < cases.len() {
-        note(format_args!(
-            "stopped after {} of {} cases; run the same command again to go on",
-            outcomes.len(),
-            cases.len()
+        let (done, all) = (outcomes.len(), cases.len());
+        return Err(failure(
+            &args.output,
+            format_args!("stopped after {done} of {all} cases; run the same command again to go on"),
         ));
     }
     Ok(())

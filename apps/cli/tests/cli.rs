@@ -1,5 +1,6 @@
 //! The binary as a person meets it: every command, what it says, and what it leaves behind when something is wrong.
 
+mod harm;
 #[cfg(feature = "live")]
 mod live;
 mod networks;
@@ -48,8 +49,13 @@ fn fails(folder: &Path, arguments: &str) -> String {
 }
 
 fn sentence_of(output: &Output, arguments: &str) -> String {
+    sentence_with(1, output, arguments)
+}
+
+/// The same with another exit status: 130 after Ctrl-C.
+fn sentence_with(status: i32, output: &Output, arguments: &str) -> String {
     let errors = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{arguments}: {errors}");
+    assert_eq!(output.status.code(), Some(status), "{arguments}: {errors}");
     assert!(!errors.contains("panicked"), "{arguments}: {errors}");
     let said: Vec<&str> = errors.lines().filter(|l| l.starts_with("blindaug: ")).collect();
     assert_eq!(said.len(), 1, "{arguments}: {errors}");
@@ -188,7 +194,7 @@ fn inputs_that_are_not_there_or_empty_are_named() {
             "empty: the folder has no files with virtual layers",
         ),
         ("apply f --camera none.json -o out", "none.json: there is no such file"),
-        ("apply f --camera c.json -o f", "the folder of the input"),
+        ("apply f --camera c.json -o f", "this is an input, which would be overwritten"),
         ("inspect none.json", "none.json: there is no such file"),
     ] {
         let said = fails(d, arguments);
@@ -442,7 +448,7 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
         std::thread::sleep(Duration::from_millis(5));
     }
     interrupt(child.id());
-    let said = sentence_of(&child.wait_with_output().unwrap(), "apply");
+    let said = sentence_with(130, &child.wait_with_output().unwrap(), "apply");
     let made = files_in(&d.join("out"));
     assert!(made.len() < FRAMES, "it was not stopped");
     let next = made.len() + 1;
@@ -462,7 +468,7 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     assert!(said.contains("frame 50 is missing"), "{said}");
     interrupt(child.id());
     errors.read_to_string(&mut said).unwrap();
-    assert!(child.wait().unwrap().success(), "{said}");
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     let model = blindaug_io::read_camera(d.join("e.json")).unwrap();
     assert!(said.contains("--frames") && model.capture.frames_used < FRAMES, "{said}");
 
@@ -473,7 +479,7 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     errors.read_line(&mut said).unwrap();
     interrupt(child.id());
     errors.read_to_string(&mut said).unwrap();
-    assert!(child.wait().unwrap().success(), "{said}");
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     let last = |name: &str| {
         let track = blindaug_io::read_camera_track(d.join(name)).unwrap();
         track.frames().iter().map(|f| f.frame).max().unwrap() as usize
@@ -631,8 +637,6 @@ fn exports_that_cannot_be_made_end_in_a_sentence() {
         ("bad.json --to nuke", "bad.json"),
         ("half.json --to nuke", "half.json"),
         ("track.jsonl --to nuke", "without --track"),
-        ("camera.json --to nuke --fov 0", "field of view"),
-        ("camera.json --to nuke --fov nan", "field of view"),
         ("camera.json --to nuke -o missing/camera.nk", "missing"),
         ("camera.json --to nuke -o blindaug_bands.png", "another name"),
         ("camera.json --to all -o camera.json", "camera.json"),
@@ -641,9 +645,14 @@ fn exports_that_cannot_be_made_end_in_a_sentence() {
         assert!(sentence.contains(says), "{arguments}: {sentence}");
         assert_eq!(files_in(dir.path()), before, "{arguments}");
     }
-    for arguments in
-        ["camera.json", "camera.json --to maya", "camera.json --to all", "camera.json --to nuke --size 0x9"]
-    {
+    for arguments in [
+        "camera.json",
+        "camera.json --to maya",
+        "camera.json --to all",
+        "camera.json --to nuke --size 0x9",
+        "camera.json --to nuke --fov 0",
+        "camera.json --to nuke --fov nan",
+    ] {
         assert_eq!(run(dir.path(), &format!("export {arguments}")).status.code(), Some(2), "{arguments}");
     }
 }

@@ -1,5 +1,6 @@
 //! `blindaug live`: an animated object in the footage of a camera or a video while it runs.
 
+mod beside;
 mod compositor;
 mod estimation;
 mod headless;
@@ -14,10 +15,11 @@ mod window;
 use crate::{
     composite::{DEFAULT_FPS, Output, Style},
     console::{Failure, Result, failure, note},
+    within,
 };
 use blindaug::composite::Options;
 use blindaug_gpu::{Gpu, Quality};
-use blindaug_io::FrameSource;
+use blindaug_io::{FrameSource, Inputs};
 use estimation::Home;
 use glam::DVec2;
 use object::Object;
@@ -71,14 +73,6 @@ pub struct Live {
     overwrite: bool,
 }
 
-/// Parses a number in a range.
-fn within(text: &str, range: RangeInclusive<f64>) -> std::result::Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if range.contains(&v) => Ok(v),
-        _ => Err(format!("it must be a number from {} to {}", range.start(), range.end())),
-    }
-}
-
 /// What is filmed and what is put into it.
 struct Scene {
     source: FrameSource,
@@ -116,6 +110,9 @@ impl Scene {
 
 /// Runs the command.
 pub fn run(args: &Live) -> Result<()> {
+    if let Some(output) = &args.output {
+        Output::check(output, &Inputs::of([Some(&args.input), args.object.as_ref()].into_iter().flatten()))?;
+    }
     let source = source::open(&args.input)?;
     for sentence in source.notes() {
         note(format_args!("{}: {sentence}", args.input.display()));

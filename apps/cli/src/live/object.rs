@@ -1,13 +1,27 @@
 //! The object: triangles, materials and an animation, from a glTF file or made here.
 
-use blindaug_io::{Error, Result, guarded};
+use super::beside;
+use blindaug_io::{Error, MAX_PIXELS, MAX_SIDE, Result, guarded, one_line, read_file};
 use bytemuck::{Pod, Zeroable};
 use glam::{EulerRot, Mat4, Quat, Vec3, Vec4};
-use gltf::{Document, Gltf, animation::Interpolation, animation::util::ReadOutputs, buffer, mesh::Mode};
-use std::{f32::consts::TAU, ops::Range, path::Path};
+use gltf::{
+    Accessor, Document, Gltf, Semantic,
+    accessor::sparse::IndexType,
+    animation::{Interpolation, util::ReadOutputs},
+    buffer::{self, View},
+    mesh::Mode,
+};
+use image::{DynamicImage, ImageFormat, ImageReader};
+use std::{f32::consts::TAU, io::Cursor, ops::Range, path::Path};
 
 /// How often in its animation the object's size is looked at after the start.
 const UNIT_LOOKS: u8 = 8;
+
+/// The most parts of an object, each of which is drawn for itself.
+const MAX_PARTS: usize = 1 << 14;
+
+/// The most memory that a file with all that belongs to it may take, bytes.
+const MAX_BYTES: u64 = 1 << 31;
 
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -292,7 +306,16 @@ impl Object {
     /// If the file is missing, damaged, or has no triangles.
     pub fn load(path: &Path) -> Result<Self> {
         // The parser checks much, but not all that a file may say of itself.
-        guarded(path, || Reader::open(path)?.object())
+        guarded(path, || {
+            let bytes = read_file(path, MAX_BYTES)?;
+            let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(|e| {
+                let e = one_line(&e.to_string());
+                Error::new(path, format!("not a glTF file that can be read, or a damaged one ({e})"))
+            })?;
+            let mut reader = Reader::new(path, &document, bytes.len() as u64);
+            reader.read_buffers(blob)?;
+            reader.object()
+        })
     }
 }
 
@@ -338,37 +361,117 @@ impl Channel {
 /// A glTF file with its buffers.
 struct Reader<'a> {
     path: &'a Path,
-    document: Document,
-    buffers: Vec<buffer::Data>,
+    document: &'a Document,
+    buffers: Vec<Vec<u8>>,
     object: Object,
     /// From a node's index in the file to that in the object.
     nodes: Vec<Option<usize>>,
     /// From an image's index in the file to that in the object.
     images: Vec<Option<usize>>,
+    /// The length of the file and of what it refers to, bytes.
+    given: u64,
+    /// How much memory may still be taken, bytes.
+    left: u64,
 }
 
 impl<'a> Reader<'a> {
-    fn open(path: &'a Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::cannot_read(path, &e))?;
-        let fail = |e: gltf::Error| {
-            Error::new(
-                path,
-                format!("not a glTF file that can be read, or a damaged one ({e})").replace('\n', " "),
-            )
-        };
-        let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(fail)?;
-        let buffers = gltf::import_buffers(&document, path.parent(), blob).map_err(fail)?;
-        let nodes = vec![None; document.nodes().len()];
-        let images = vec![None; document.images().len()];
-        Ok(Self { path, document, buffers, object: Object::default(), nodes, images })
+    /// Reads what a file of so many bytes says.
+    fn new(path: &'a Path, document: &'a Document, bytes: u64) -> Self {
+        Self {
+            path,
+            document,
+            buffers: Vec::new(),
+            object: Object::default(),
+            nodes: vec![None; document.nodes().len()],
+            images: vec![None; document.images().len()],
+            given: bytes,
+            left: MAX_BYTES - bytes,
+        }
+    }
+
+    fn read_buffers(&mut self, mut blob: Option<Vec<u8>>) -> Result<()> {
+        for buffer in self.document.buffers() {
+            let bytes = match buffer.source() {
+                buffer::Source::Bin => blob
+                    .take()
+                    .ok_or_else(|| self.fail("the file is damaged (its binary part is missing)"))?,
+                buffer::Source::Uri(uri) => self.beside("buffer", uri)?,
+            };
+            if bytes.len() < buffer.length() {
+                return Err(self.fail("the file is damaged (one of its buffers is cut short)"));
+            }
+            self.buffers.push(bytes);
+        }
+        Ok(())
+    }
+
+    /// The bytes that the file names by a URI; `what` they are is for messages.
+    fn beside(&mut self, what: &str, uri: &str) -> Result<Vec<u8>> {
+        let bytes = beside::read(self.path, uri, self.left).map_err(|why| {
+            let name = if uri.starts_with("data:") { "in it".into() } else { one_line(uri) };
+            self.fail(&format!("its {what} {name} {why}"))
+        })?;
+        self.take(bytes.len() as u64)?;
+        self.given += bytes.len() as u64;
+        Ok(bytes)
     }
 
     fn fail(&self, sentence: &str) -> Error {
         Error::new(self.path, sentence)
     }
 
+    /// Notes that this much memory is taken, bytes.
+    fn take(&mut self, bytes: u64) -> Result<()> {
+        let left = self.left.checked_sub(bytes).ok_or_else(|| {
+            self.fail("the object takes more than 2 GB; reduce its triangles, textures or animations")
+        })?;
+        self.left = left;
+        Ok(())
+    }
+
+    /// Notes that the values of an accessor are taken as so many bytes each, and checks that they are there.
+    fn check(&mut self, accessor: Option<Accessor>, each: usize) -> Result<()> {
+        let Some(accessor) = accessor else { return Ok(()) };
+        let count = accessor.count() as u64;
+        self.take(count.saturating_mul(each as u64))?;
+        let size = accessor.size();
+        let mut there =
+            accessor.view().is_none_or(|view| self.is_there(&view, accessor.offset(), count, size));
+        if let Some(sparse) = accessor.sparse() {
+            let (changed, indices, values) = (sparse.count() as u64, sparse.indices(), sparse.values());
+            let index = match indices.index_type() {
+                IndexType::U8 => 1,
+                IndexType::U16 => 2,
+                IndexType::U32 => 4,
+            };
+            there &= changed <= count
+                && self.is_there(&indices.view(), indices.offset(), changed, index)
+                && self.is_there(&values.view(), values.offset(), changed, size);
+            // All others are zero; of those there are no more than bytes.
+            there &= accessor.view().is_some() || count <= self.given;
+        }
+        if there {
+            Ok(())
+        } else {
+            Err(self.fail("the file is damaged (values that are not in its buffers)"))
+        }
+    }
+
+    /// Whether so many values of this size, one at least, lie in a view.
+    fn is_there(&self, view: &View, offset: usize, count: u64, size: usize) -> bool {
+        let stride = view.stride().unwrap_or(size);
+        let end = || -> Option<u64> {
+            let last = (stride as u64).checked_mul(count.checked_sub(1)?)?;
+            last.checked_add(size as u64)?.checked_add(offset as u64)
+        };
+        let buffer = self.buffers.get(view.buffer().index()).map_or(0, Vec::len);
+        stride >= size
+            && end().is_some_and(|end| end <= view.length() as u64)
+            && view.offset().checked_add(view.length()).is_some_and(|end| end <= buffer)
+    }
+
     fn object(mut self) -> Result<Object> {
-        let document = self.document.clone();
+        let document = self.document;
         let Some(scene) = document.default_scene().or(document.scenes().next()) else {
             return Err(self.fail("there is no scene in it"));
         };
@@ -411,11 +514,14 @@ impl<'a> Reader<'a> {
         let Some(mesh) = node.mesh() else { return Ok(()) };
         let first_joint = self.object.joints.len() as u32;
         let Some(own) = self.nodes[node.index()] else { return Ok(()) };
+        let joints = node.skin().map_or(1, |s| s.joints().len());
+        self.take((size_of::<Joint>() * joints) as u64)?;
         match node.skin() {
             None => self.object.joints.push(Joint { node: own, inverse_bind: Mat4::IDENTITY }),
             Some(skin) => {
+                self.check(skin.inverse_bind_matrices(), size_of::<Mat4>())?;
                 let buffers = &self.buffers;
-                let reader = skin.reader(|b| buffers.get(b.index()).map(|d| &d[..]));
+                let reader = skin.reader(|b| buffers.get(b.index()).map(|d| d.as_slice()));
                 let mut inverse_binds = reader.read_inverse_bind_matrices().into_iter().flatten();
                 for joint in skin.joints() {
                     let Some(node) = self.nodes[joint.index()] else {
@@ -432,6 +538,7 @@ impl<'a> Reader<'a> {
             return Err(self.fail("the file is damaged (a skin without joints)"));
         }
         for primitive in mesh.primitives() {
+            self.take(size_of::<Part>() as u64)?;
             let mut note = |sentence: &str| {
                 if !self.object.notes.iter().any(|n| n == sentence) {
                     self.object.notes.push(sentence.into());
@@ -459,8 +566,21 @@ impl<'a> Reader<'a> {
         material: Material,
         (first_joint, joint_count): (u32, u32),
     ) -> Result<()> {
+        let texture = primitive.material().pbr_metallic_roughness().base_color_texture();
+        let texture_set = texture.map_or(0, |texture| texture.tex_coord());
+        self.check(primitive.get(&Semantic::Positions), size_of::<Vertex>())?;
+        self.check(primitive.indices(), size_of::<u32>())?;
+        for semantic in [
+            Semantic::TexCoords(texture_set),
+            Semantic::Colors(0),
+            Semantic::Joints(0),
+            Semantic::Weights(0),
+            Semantic::Normals,
+        ] {
+            self.check(primitive.get(&semantic), 1)?;
+        }
         let buffers = &self.buffers;
-        let reader = primitive.reader(|b| buffers.get(b.index()).map(|d| &d[..]));
+        let reader = primitive.reader(|b| buffers.get(b.index()).map(|d| d.as_slice()));
         let Some(positions) = reader.read_positions() else {
             return Err(self.fail("the file is damaged (triangles without positions)"));
         };
@@ -480,11 +600,6 @@ impl<'a> Reader<'a> {
         if !finite || corners.iter().any(|&i| i as usize >= vertices.len()) {
             return Err(self.fail("the file is damaged (triangles with corners that are not there)"));
         }
-        let texture_set = primitive
-            .material()
-            .pbr_metallic_roughness()
-            .base_color_texture()
-            .map_or(0, |texture| texture.tex_coord());
         for (vertex, uv) in vertices
             .iter_mut()
             .zip(reader.read_tex_coords(texture_set).into_iter().flat_map(|t| t.into_f32()))
@@ -526,10 +641,23 @@ impl<'a> Reader<'a> {
             vertex.normal = Vec3::from(vertex.normal).normalize_or_zero().into();
         }
         let (first, start) = (self.object.vertices.len() as u32, self.object.indices.len() as u32);
+        let indices = start..start + corners.len() as u32 / 3 * 3;
+        // Each part is drawn for itself: what is of the same material as the part before is added to it.
+        let parts = &mut self.object.parts;
+        let full = parts.len() == MAX_PARTS;
+        match parts.last_mut().filter(|part| part.material == material) {
+            Some(part) => {
+                let joints_between = first_joint - part.first_joint;
+                vertices.iter_mut().for_each(|v| v.joints = v.joints.map(|j| j + joints_between));
+                part.indices.end = indices.end;
+            }
+            None if full => {
+                return Err(self.fail("the object has too many parts; join those of one material"));
+            }
+            None => parts.push(Part { indices, material, first_joint }),
+        }
         self.object.vertices.append(&mut vertices);
-        self.object.indices.extend(corners.chunks_exact(3).flatten().map(|i| first + i));
-        let indices = start..self.object.indices.len() as u32;
-        self.object.parts.push(Part { indices, material, first_joint });
+        self.object.indices.extend(corners.as_chunks::<3>().0.as_flattened().iter().map(|i| first + i));
         Ok(())
     }
 
@@ -553,29 +681,60 @@ impl<'a> Reader<'a> {
         if let Some(known) = self.images[image.index()] {
             return Ok(known);
         }
-        let data = gltf::image::Data::from_source(image.source(), self.path.parent(), &self.buffers)
-            .map_err(|e| {
-                Error::new(self.path, format!("one of its textures cannot be read ({e})").replace('\n', " "))
-            })?;
-        use gltf::image::Format;
-        let texels = match data.format {
-            Format::R8 => data.pixels.iter().flat_map(|&v| [v, v, v, 255]).collect(),
-            Format::R8G8 => data.pixels.chunks_exact(2).flat_map(|p| [p[0], p[0], p[0], p[1]]).collect(),
-            Format::R8G8B8 => data.pixels.chunks_exact(3).flat_map(|p| [p[0], p[1], p[2], 255]).collect(),
-            Format::R8G8B8A8 => data.pixels,
-            _ => return Err(self.fail("one of its textures has more than 8 bit; save it with 8 bit")),
+        let texture = match image.source() {
+            gltf::image::Source::Uri { uri, .. } => {
+                let bytes = self.beside("texture", uri)?;
+                self.decoded(&bytes)?
+            }
+            gltf::image::Source::View { view, .. } => {
+                let range = view.offset()..view.offset().saturating_add(view.length());
+                let bytes = self.buffers.get(view.buffer().index()).and_then(|b| b.get(range));
+                let missing = || self.fail("the file is damaged (a texture that is not in its buffers)");
+                self.decoded(bytes.ok_or_else(missing)?)?
+            }
         };
+        self.take(texture.texels.len() as u64)?;
         let index = self.object.textures.len();
-        self.object.textures.push(Texture { size: [data.width, data.height], texels });
+        self.object.textures.push(texture);
         self.images[image.index()] = Some(index);
         Ok(index)
     }
 
+    /// A picture, of which the size is checked before it is decoded.
+    fn decoded(&self, bytes: &[u8]) -> Result<Texture> {
+        let fail = |e: &dyn std::fmt::Display| {
+            self.fail(&format!("one of its textures cannot be read ({})", one_line(&e.to_string())))
+        };
+        let Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg)) = image::guess_format(bytes) else {
+            return Err(self.fail("one of its textures is neither PNG nor JPEG; save it as one of them"));
+        };
+        let reader = || ImageReader::with_format(Cursor::new(bytes), format);
+        let (width, height) = reader().into_dimensions().map_err(|e| fail(&e))?;
+        let texels = u64::from(width) * u64::from(height);
+        if u64::from(width.max(height)) > MAX_SIDE as u64
+            || texels > MAX_PIXELS as u64
+            || 4 * texels > self.left
+        {
+            return Err(self.fail(&format!(
+                "one of its textures is too large ({width} x {height} pixels; at most {MAX_SIDE} a side are read)"
+            )));
+        }
+        use DynamicImage::{ImageLuma8, ImageLumaA8, ImageRgb8, ImageRgba8};
+        let image = reader().decode().map_err(|e| fail(&e))?;
+        if !matches!(image, ImageLuma8(_) | ImageLumaA8(_) | ImageRgb8(_) | ImageRgba8(_)) {
+            return Err(self.fail("one of its textures has more than 8 bit; save it with 8 bit"));
+        }
+        Ok(Texture { size: [width, height], texels: image.into_rgba8().into_raw() })
+    }
+
     fn add_animation(&mut self, animation: &gltf::Animation) -> Result<()> {
         for channel in animation.channels() {
+            self.take(size_of::<Channel>() as u64)?;
+            self.check(Some(channel.sampler().input()), size_of::<f32>())?;
+            self.check(Some(channel.sampler().output()), size_of::<Vec4>())?;
             let buffers = &self.buffers;
             let Some(node) = self.nodes[channel.target().node().index()] else { continue };
-            let reader = channel.reader(|b| buffers.get(b.index()).map(|d| &d[..]));
+            let reader = channel.reader(|b| buffers.get(b.index()).map(|d| d.as_slice()));
             let (Some(times), Some(values)) = (reader.read_inputs(), reader.read_outputs()) else {
                 return Err(self.fail("the file is damaged (an animation without values)"));
             };
@@ -773,6 +932,197 @@ mod tests {
                 object.unit();
             }
         }
+    }
+
+    /// What is said of a file of this text.
+    fn said(folder: &Path, text: &str) -> String {
+        let path = folder.join("said.gltf");
+        std::fs::write(&path, text).unwrap();
+        match Object::load(&path) {
+            Ok(object) => format!("{} corners", object.indices.len()),
+            Err(e) => {
+                let e = e.to_string();
+                assert!(e.contains("said.gltf: ") && !e.contains(char::is_control), "{e}");
+                e
+            }
+        }
+    }
+
+    /// A triangle with a texture, both in what these URIs name.
+    fn text(buffer: &str, texture: &str) -> String {
+        format!(
+            r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+            "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"material":0}}]}}],
+            "materials":[{{"pbrMetallicRoughness":{{"baseColorTexture":{{"index":0}}}}}}],
+            "textures":[{{"source":0}}],"images":[{{"uri":"{texture}"}}],
+            "buffers":[{{"byteLength":36,"uri":"{buffer}"}}],"bufferViews":[{{"buffer":0,"byteLength":36}}],
+            "accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}}]}}"#
+        )
+    }
+
+    #[test]
+    fn only_files_beside_the_object_and_below_are_opened() {
+        let outside = tempfile::tempdir().unwrap();
+        let folder = outside.path().join("object");
+        std::fs::create_dir_all(folder.join("in it")).unwrap();
+        let corners: Vec<u8> = bytemuck::cast_slice(&[0f32, 0., 0., 1., 0., 0., 0., 1., 0.]).to_vec();
+        let mut picture = Cursor::new(Vec::new());
+        image::RgbImage::from_pixel(2, 1, image::Rgb([9, 8, 7]))
+            .write_to(&mut picture, ImageFormat::Png)
+            .unwrap();
+        let picture = picture.into_inner();
+        for folder in [outside.path(), &folder, &folder.join("in it")] {
+            std::fs::write(folder.join("corners.bin"), &corners).unwrap();
+            std::fs::write(folder.join("a picture.png"), &picture).unwrap();
+        }
+        use base64::{Engine, engine::general_purpose::STANDARD};
+        let data = |bytes: &[u8]| format!("data:;base64,{}", STANDARD.encode(bytes));
+        for buffer in ["corners.bin", "./corners.bin", "in%20it/corners.bin", &data(&corners)] {
+            for texture in ["a%20picture.png", "in it/a%20picture.png", &data(&picture)] {
+                assert_eq!(said(&folder, &text(buffer, texture)), "3 corners", "{buffer} {texture}");
+            }
+        }
+        let absolute = outside.path().join("corners.bin");
+        let absolute = absolute.to_str().unwrap();
+        let away =
+            ["../corners.bin", "in it/../corners.bin", "%2e%2e/corners.bin", "..%2fcorners.bin", absolute];
+        let schemes = [format!("file://{absolute}"), format!("file:{absolute}"), "file%3Acorners.bin".into()];
+        for uri in away.into_iter().chain(schemes.iter().map(String::as_str)) {
+            let e = said(&folder, &text(uri, "a%20picture.png"));
+            assert!(e.contains("buffer") && e.contains("beside the file or below"), "{e}");
+            let e = said(&folder, &text("corners.bin", uri));
+            assert!(e.contains("texture") && e.contains("beside the file or below"), "{e}");
+        }
+        let many = format!("{}.bin", "x".repeat(10_000));
+        for (uri, sentence) in [
+            (r"none\u001b[31m\n.bin", r"none\u{1b}[31m .bin is not there"),
+            ("%zz.bin", "is no URI"),
+            (&many, " .. "),
+            ("in it", "this is a folder"),
+            ("data:;base64,A", "is damaged"),
+            ("data:,abc", "not in Base64"),
+            ("a%20picture.png%00", "cannot be read"),
+        ] {
+            let e = said(&folder, &text(uri, "a%20picture.png"));
+            assert!(e.contains(sentence) && e.len() < 800, "{e}");
+        }
+        // Not a picture, and one that is larger than any graphics card takes.
+        let e = said(&folder, &text("corners.bin", "corners.bin"));
+        assert!(e.contains("neither PNG nor JPEG"), "{e}");
+        let mut large = picture.clone();
+        large[16..20].copy_from_slice(&60_000u32.to_be_bytes());
+        let e = said(&folder, &text("corners.bin", &data(&large)));
+        assert!(e.contains("texture"), "{e}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_that_lead_away_and_pipes_are_not_opened() {
+        use std::os::unix::fs::symlink;
+        let outside = tempfile::tempdir().unwrap();
+        let folder = outside.path().join("object");
+        std::fs::create_dir(&folder).unwrap();
+        let away = outside.path().join("corners.bin");
+        std::fs::write(&away, [0; 36]).unwrap();
+        std::fs::write(folder.join("own.bin"), [0; 36]).unwrap();
+        symlink(&away, folder.join("away.bin")).unwrap();
+        symlink("own.bin", folder.join("inside.bin")).unwrap();
+        symlink(outside.path(), folder.join("up")).unwrap();
+        let none = |uri: &str| said(&folder, &text(uri, "none.png"));
+        assert!(none("inside.bin").contains("none.png is not there"), "{}", none("inside.bin"));
+        for uri in ["away.bin", "up/corners.bin"] {
+            assert!(none(uri).contains("is a link to a place"), "{}", none(uri));
+        }
+        let made = std::process::Command::new("mkfifo").arg(folder.join("pipe")).status();
+        if made.is_ok_and(|s| s.success()) {
+            assert!(none("pipe").contains("a pipe or a device"), "{}", none("pipe"));
+            let e = Object::load(&folder.join("pipe")).unwrap_err().to_string();
+            assert!(e.contains("pipe: ") && e.contains("a pipe or a device"), "{e}");
+        }
+    }
+
+    #[test]
+    fn files_that_fuzzing_found_end_in_a_sentence() {
+        let folder = tempfile::tempdir().unwrap();
+        let found = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/regressions/gltf");
+        for entry in std::fs::read_dir(found).unwrap() {
+            let bytes = std::fs::read(entry.unwrap().path()).unwrap();
+            let path = folder.path().join("found.glb");
+            std::fs::write(&path, bytes).unwrap();
+            if let Ok(object) = Object::load(&path) {
+                object.moving(0.3, 0.04);
+                object.unit();
+            }
+        }
+    }
+
+    #[test]
+    fn values_that_are_not_in_the_file_are_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("corners.bin"), [0; 60]).unwrap();
+        let of = |view: &str, count: u64, sparse: &str, stride: &str| {
+            format!(
+                r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+                "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}],
+                "buffers":[{{"byteLength":60,"uri":"corners.bin"}}],
+                "bufferViews":[{{"buffer":0,"byteLength":60{stride}}}],
+                "accessors":[{{{view}"componentType":5126,"count":{count},"type":"VEC3","min":[0,0,0],"max":[1,1,0]{sparse}}}]}}"#
+            )
+        };
+        let sparse = |count: u64| {
+            format!(
+                r#","sparse":{{"count":{count},"indices":{{"bufferView":0,"componentType":5121}},"values":{{"bufferView":0}}}}"#
+            )
+        };
+        let load = |text: &str| said(folder.path(), text);
+        let view = r#""bufferView":0,"#;
+        assert_eq!(load(&of(view, 3, "", "")), "3 corners");
+        assert_eq!(load(&of(view, 3, &sparse(3), "")), "3 corners");
+        assert_eq!(load(&of("", 6, &sparse(3), "")), "6 corners");
+        for count in [6, 3_000_000_000, u64::MAX] {
+            assert!(load(&of(view, count, "", "")).contains("file is damaged") || count > 6);
+            assert!(!load(&of(view, count, "", "")).contains("corners"));
+            assert!(!load(&of(view, 5, &sparse(count), "")).contains("corners"));
+        }
+        for count in [5_000, 3_000_000_000, u64::MAX] {
+            assert!(!load(&of("", count, &sparse(1), "")).contains("corners"), "{count}");
+        }
+        // Values that overlap one another.
+        assert!(!load(&of(view, 3, "", r#","byteStride":4"#)).contains("corners"));
+        assert!(!load(&of(view, 3, "", r#","byteStride":0"#)).contains("corners"));
+        let e = load(&of(r#""bufferView":0,"byteOffset":18446744073709551615,"#, 3, "", ""));
+        assert!(!e.contains("corners"), "{e}");
+    }
+
+    /// An object of so many nodes, the first of which has all others as children and which all have a triangle.
+    fn family(nodes: usize) -> String {
+        let children = (1..nodes).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
+        let others = r#",{"mesh":0}"#.repeat(nodes - 1);
+        text("corners.bin", "none.png")
+            .replace(r#","material":0"#, "")
+            .replace(r#"[{"mesh":0}]"#, &format!(r#"[{{"mesh":0,"children":[{children}]}}{others}]"#))
+    }
+
+    #[test]
+    fn many_nodes_and_triangles_that_are_drawn_again_and_again() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("corners.bin"), [0; 36]).unwrap();
+        assert_eq!(said(folder.path(), &family(300_000)), "900000 corners");
+        // They are drawn at once; where two materials take turns, they cannot be.
+        let object = Object::load(&folder.path().join("said.gltf")).unwrap();
+        assert_eq!((object.parts.len(), object.joint_count()), (1, 300_000));
+        assert_eq!(object.vertices[899_999].joints, [299_999; 4]);
+        let turns = r#"{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"material":0}"#;
+        let turns = family(10_000).replace(r#"{"attributes":{"POSITION":0}}"#, turns);
+        let turns = turns.replace(r#""baseColorTexture":{"index":0}"#, r#""metallicFactor":0"#);
+        assert!(said(folder.path(), &turns).contains("too many parts"));
+        // A mesh of many parts in each of many nodes takes too much memory.
+        let part = r#"{"attributes":{"POSITION":0},"mode":0}"#;
+        let many = family(30_000).replace(
+            r#"{"attributes":{"POSITION":0}}"#,
+            &format!("{part}{}", format!(",{part}").repeat(9_999)),
+        );
+        assert!(said(folder.path(), &many).contains("more than 2 GB"));
     }
 
     #[test]

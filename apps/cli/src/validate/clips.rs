@@ -6,9 +6,13 @@ use blindaug::composite::{self, Shot, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
+use blindaug::text::one_line;
 use blindaug::{CameraModel, Encoded, Transfer};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+
+/// The largest `truth.json` that is read, bytes.
+const MAX_TRUTH: u64 = 1 << 24;
 
 /// One condition of a clip.
 pub struct Condition {
@@ -45,11 +49,24 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
     let mut all = vec![];
     for clip in clips {
         let path = clip.join("truth.json");
-        let text = std::fs::read_to_string(&path)
-            .map_err(|e| failure(&path, format_args!("cannot be read ({e})")))?;
-        let json: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text)
-            .map_err(|e| failure(&path, format_args!("is not the truth of a clip: {e}")))?;
+        let text = blindaug_io::read_text(&path, MAX_TRUTH)?;
+        let json: serde_json::Map<String, serde_json::Value> =
+            serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| {
+                failure(&path, format_args!("is not the truth of a clip: {}", one_line(&e.to_string())))
+            })?;
         for (name, truth) in json {
+            // The name becomes that of a folder that is read and of a file that is written.
+            if name.is_empty()
+                || name.starts_with('.')
+                || name.contains(['/', '\\', ':'])
+                || one_line(&name) != name
+            {
+                let name = one_line(&name);
+                return Err(failure(
+                    &path,
+                    format_args!("\"{name}\" must be the plain name of a folder beside it"),
+                ));
+            }
             let number = |v: &serde_json::Value| v.as_f64().map(|v| v as f32);
             let pair = |of: &str, a: &str, b: &str| Some((number(&truth[of][a])?, number(&truth[of][b])?));
             let noise = pair("noise", "k_readout", "k_shot").map(|(a, b)| [a, b]);

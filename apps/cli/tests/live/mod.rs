@@ -1,6 +1,6 @@
 //! `blindaug live` without its window.
 
-use super::{blindaug, fails, files_in, run, sentence_of, succeeds, write_frames};
+use super::{blindaug, fails, files_in, run, sentence_with, succeeds, write_frames};
 use blindaug_gpu::Gpu;
 use blindaug_io::{FrameSource, read_frame};
 use std::{
@@ -73,7 +73,7 @@ fn ctrl_c_keeps_the_frames_so_far_and_says_that_there_should_be_more() {
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
-    let said = sentence_of(&output, "live");
+    let said = sentence_with(130, &output, "live");
     let made = files_in(&d.join("out"));
     let wanted = format!(
         "stopped after frame {} of 100000; for all of them, run it again with --overwrite",
