@@ -43,3 +43,15 @@ shaders:
 # What the GPU's passes cost: bytes, taps and times.
 bench-gpu *ARGS:
     cargo bench -p blindaug-gpu --bench composite -- {{ARGS}}
+
+# Damaged files into every reader, or into one for some seconds; needs cargo-fuzz.
+fuzz *ARGS:
+    tools/fuzz.sh {{ARGS}}
+
+# Runs that are killed at random moments and run again.
+kills *ARGS:
+    tools/check-kills.sh {{ARGS}}
+
+# Licences and sources of the dependencies; needs cargo-deny.
+deny:
+    cargo deny --all-features check licenses sources bans

@@ -1,0 +1,6 @@
+#![no_main]
+use blindaug_fuzz::{check, file};
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    check(blindaug_io::read_flow(file(bytes, "flo")));
+});

@@ -1,0 +1,18 @@
+#![no_main]
+//! The reader of objects is part of the binary; here it is compiled alone, without the window.
+#![allow(dead_code, missing_docs)]
+
+use blindaug_fuzz::{check, file};
+
+#[path = "../../apps/cli/src/live/beside.rs"]
+mod beside;
+#[path = "../../apps/cli/src/live/object.rs"]
+mod object;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    if let Some(object) = check(object::Object::load(file(bytes, "glb"))) {
+        let [now, next] = object.moving(0.3, 0.04);
+        assert_eq!(now.len(), next.len());
+        object.unit();
+    }
+});
