@@ -1,6 +1,6 @@
 //! Files that are read, and what keeps them from being written over.
 
-use crate::{Error, Result};
+use crate::{Error, Result, sequence::has_extension};
 use std::{
     collections::HashMap,
     fs::{File, Metadata},
@@ -117,19 +117,24 @@ pub(crate) fn link_target(path: &Path) -> std::io::Result<PathBuf> {
     Err(std::io::Error::other("too many links"))
 }
 
+/// The extensions of what is read in folders.
+const READ_IN_FOLDERS: [&str; 11] =
+    ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "ppm", "pgm", "pnm", "exr", "flo"];
+
 /// The files and folders that a command reads, so that it never writes over one of them.
 #[derive(Debug, Default)]
 pub struct Inputs(HashMap<Identity, PathBuf>);
 
 impl Inputs {
-    /// These files, and these folders with the files in them. What is not there is left out.
+    /// These files, and these folders with the images, depth, flow and layers in them. What is not there is left out.
     pub fn of<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Self {
         let mut inputs = Self::default();
         for path in paths {
             inputs.add(path.as_ref());
-            // What is in folders below is not read.
+            // Folders below are not read, nor files of another kind, such as a camera model that was written there before.
             let files = path.as_ref().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
-            files.filter(|path| !path.is_dir()).for_each(|path| inputs.add(&path));
+            let is_read = |path: &PathBuf| has_extension(path, &READ_IN_FOLDERS) && !path.is_dir();
+            files.filter(is_read).for_each(|path| inputs.add(&path));
         }
         inputs
     }

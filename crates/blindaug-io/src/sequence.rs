@@ -6,7 +6,7 @@ use crate::{
     image::{frame_size, has_colour, is_exr, read_frame},
     video::{Video, VideoFrames},
 };
-use blindaug::Encoded;
+use blindaug::{Encoded, text::one_line};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -327,7 +327,7 @@ fn by_number(folder: &Path, files: Vec<PathBuf>, notes: &mut Vec<String>) -> Res
     if let [only] = &files[..] {
         return Ok([(number_of(only).unwrap_or(1), only.clone())].into());
     }
-    let name = |p: &Path| p.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let name = |p: &Path| one_line(&p.file_name().unwrap_or_default().to_string_lossy());
     let mut numbered = BTreeMap::<u64, PathBuf>::new();
     let mut unnumbered = Vec::new();
     for path in files {

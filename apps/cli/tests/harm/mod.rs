@@ -171,7 +171,8 @@ fn no_output_is_ever_an_input() {
         assert_eq!(contents(d), before, "{words}");
     }
     // Beside the inputs there is room.
-    succeeds(d, "estimate in -o in/camera.json");
+    succeeds(d, "estimate in -o in/camera.json --report in/report.html");
+    succeeds(d, "estimate in -o in/camera.json --report in/report.html");
     succeeds(d, "apply in --camera c.json -o in/out");
     succeeds(d, "apply in --camera c.json -o in/out --overwrite");
 }
