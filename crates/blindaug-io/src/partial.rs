@@ -66,9 +66,12 @@ impl PartialFile {
         let name = partial_name(name.unwrap_or_default());
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let partial = folder.join(format!("{PREFIX}{}-{count}-{name}", std::process::id()));
+        // Held, so that the program does not end between the two (`remove_incomplete_files`).
+        let mut files = incomplete();
         let lock = OpenOptions::new().write(true).create_new(true).open(&partial);
         let lock = lock.map_err(|e| cannot_write(target, &e))?;
-        incomplete().insert(partial.clone());
+        files.insert(partial.clone());
+        drop(files);
         let file = Self { target: target.into(), place, partial, _lock: lock };
         // A file system without locks is no reason not to write; leftovers stay there. On Windows a lock would keep everybody else
         // from writing, the encoder of a video too.
@@ -192,12 +195,15 @@ pub fn remove_leftovers_in(folder: &Path, of: impl Fn(&str) -> bool) {
     }
 }
 
-/// Removes all files of this process that are not complete: for a program that ends at once.
+/// Removes all files of this process that are not complete, and lets no thread begin another one: for a program that ends at once.
 pub fn remove_incomplete_files() {
-    for path in incomplete().iter() {
+    let files = incomplete();
+    for path in files.iter() {
         // It may have got its name just now.
         let _ = std::fs::remove_file(path);
     }
+    // Whoever begins a file waits for this lock, until the program has ended.
+    std::mem::forget(files);
 }
 
 /// An error of a file that is written.
