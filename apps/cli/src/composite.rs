@@ -7,8 +7,8 @@ use crate::{
 };
 use blindaug::{
     CameraModel, Encoded, Flow, Plane, Raster, Transfer, analysis,
-    composite::{self, Options, Shot, VirtualLayer},
-    model::{CameraTrack, Capture, DefocusModel, DepthKind, Estimate},
+    composite::{self, CompositeOptions, Plate, VirtualLayer},
+    model::{CameraTrack, Capture, DefocusModel, DepthKind, Estimate, Reason},
     synth::{self, defocus::Bokeh, distorted_strips},
 };
 use blindaug_io::{
@@ -130,8 +130,8 @@ enum BokehArg {
 
 impl Style {
     /// As the composite takes them.
-    pub fn options(&self) -> Options {
-        Options {
+    pub fn options(&self) -> CompositeOptions {
+        CompositeOptions {
             naive: false,
             no_noise: self.no_noise,
             bokeh: match self.bokeh {
@@ -233,14 +233,14 @@ pub fn run_apply(args: &Apply) -> Result<()> {
                 warn("without --depth nothing is defocused");
             }
             track = track.map(|mut m| {
-                m.defocus = Estimate::Unknown("there is no depth".into());
+                m.defocus = Estimate::unknown(Reason::NoDepth, "there is no depth");
                 m
             });
             None
         }
     };
-    let Options { no_noise, bokeh, seed, .. } = args.look.style.options();
-    let options = synth::Options { bokeh, no_noise, seed };
+    let CompositeOptions { no_noise, bokeh, seed, .. } = args.look.style.options();
+    let options = synth::SynthesisOptions { bokeh, no_noise, seed };
     let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
     let finds_flow = moving && flow.is_none() && clip.len_hint() != Some(1);
     let given = if finds_flow { 3 * FRAME } else { FRAME } + if moving { FLOW } else { 0 };
@@ -359,7 +359,12 @@ impl DepthMaps {
 }
 
 /// Composites every frame of a scene.
-pub fn composite(scene: &Scene, track: &CameraTrack, options: &Options, output: &mut Output) -> Result<()> {
+pub fn composite(
+    scene: &Scene,
+    track: &CameraTrack,
+    options: &CompositeOptions,
+    output: &mut Output,
+) -> Result<()> {
     let Scene { footage, layers, depth, flow, renders } = scene;
     let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
     let defocused = track.why_unknown(|m| m.defocus.why_unknown()).is_none();
@@ -409,7 +414,7 @@ pub fn composite(scene: &Scene, track: &CameraTrack, options: &Options, output: 
             None if estimates_flow && local.is_some() => neighbours.flow(frame)?,
             None => None,
         };
-        let shot = Shot {
+        let plate = Plate {
             frame: &frame.image,
             number,
             inverse_depth: real_inverse_depth.as_ref(),
@@ -419,9 +424,9 @@ pub fn composite(scene: &Scene, track: &CameraTrack, options: &Options, output: 
         let layer = VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
         let (model, of_frame) =
             (track.at(number), |e| failure(footage.path(), format_args!("frame {number}: {e}")));
-        let work = composite::bytes_beside(&shot, &layer, &model, options).map_err(of_frame)?;
+        let work = composite::bytes_beside(&plate, &layer, &model, options).map_err(of_frame)?;
         check_memory(footage, given, false, work)?;
-        rows.put(&composite::composite(&shot, &layer, &model, options).map_err(of_frame)?.0)
+        rows.put(&composite::composite(&plate, &layer, &model, options).map_err(of_frame)?.0)
     })?;
     if without_layer > 0 {
         note(format_args!("{} without a virtual layer left as they are", count(without_layer, "frame")));

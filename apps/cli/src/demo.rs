@@ -9,10 +9,13 @@ use crate::{
 };
 use blindaug::{
     CameraModel, Encoded, Raster,
-    composite::Options,
+    composite::CompositeOptions,
     fit,
     metrics::{object_area, psnr},
-    model::{Capture, DefocusCurve, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS},
+    model::{
+        Capture, DefocusCurve, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS,
+        Unknown,
+    },
     pyramid,
     synth::noise,
 };
@@ -135,7 +138,7 @@ pub fn run(args: &Demo) -> Result<()> {
     // Once from the frames and their depth alone, and once with the sharp renders of the scene, which whoever composites
     // shadows has anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
     let (frames, depth) = (clip.join("frames"), clip.join("scene"));
-    let options = fit::Options { fps: Some(truth.fps), ..fit::Options::default() };
+    let options = fit::EstimatorOptions { fps: Some(truth.fps), ..fit::EstimatorOptions::default() };
     let blind = estimate::fit(
         &Footage::with_depth(&frames, &depth, None)?,
         Networks::default(),
@@ -168,7 +171,7 @@ pub fn run(args: &Demo) -> Result<()> {
         composite::composite(
             &scene,
             &model.clone().into(),
-            &Options { no_noise: !noise, ..Options::default() },
+            &CompositeOptions { no_noise: !noise, ..CompositeOptions::default() },
             &mut output,
         )?;
         stop_if_interrupted(out)?;
@@ -283,7 +286,10 @@ fn comparison(model: &CameraModel, truth: &Truth) -> Vec<TruthRow> {
         Some([lo, hi]) => format!("{v:.2} ({lo:.2} to {hi:.2})"),
         None => text(v),
     };
-    let unknown = |e: Option<&str>| format!("unknown: {}", e.unwrap_or("not a thin lens"));
+    let unknown = |e: Option<&Unknown>| match e {
+        Some(why) => format!("unknown: {why}"),
+        None => "unknown: not a thin lens".into(),
+    };
     let exposure = model.motion_blur.known().map(|m| with_interval(m.exposure.0, Some(m.interval)));
     let lens = match model.defocus.known().map(|d| d.curve) {
         Some(DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval }) => {

@@ -8,7 +8,10 @@ use crate::{
 };
 use blindaug::{
     Encoded, Flow, Plane, analysis,
-    fit::{Curve, Estimation, Estimator, Evidence, Family, Observation, Options, Shot, track::Tracker},
+    fit::{
+        Curve, Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
+        track::Tracker,
+    },
     model::{BlurSpace, CameraTrack, DepthKind, Stopped, TrackedCamera},
 };
 use blindaug_io::{
@@ -148,7 +151,7 @@ enum DepthKindArg {
 
 /// Runs the command.
 pub fn run(args: &Estimate) -> Result<()> {
-    let options = Options {
+    let options = EstimatorOptions {
         family: match args.method {
             MethodArg::Auto => Family::Auto,
             MethodArg::Spectral => Family::Spectral,
@@ -446,7 +449,7 @@ trait Viewer {
     fn view(
         &mut self,
         number: u64,
-        observation: &Observation,
+        observation: &FrameObservation,
         save: &mut Option<EvidenceWriter>,
     ) -> Result<()>;
 }
@@ -528,7 +531,7 @@ fn show(
         }
         viewer.view(
             number,
-            &Observation { frame: &frame.image, next: after, previous: before, evidence },
+            &FrameObservation { frame: &frame.image, next: after, previous: before, evidence },
             save,
         )?;
         seen.first = if seen.frames == 0 { number } else { seen.first };
@@ -597,9 +600,9 @@ impl Samples<'_> {
         self.wanted && kept < SAMPLES && self.seen >= spread(kept)
     }
 
-    fn keep(&mut self, number: u64, observation: &Observation) -> Result<()> {
+    fn keep(&mut self, number: u64, observation: &FrameObservation) -> Result<()> {
         if self.wants_next() {
-            let Observation { frame, next, evidence, .. } = *observation;
+            let FrameObservation { frame, next, evidence, .. } = *observation;
             let flow = match (evidence.flow, next) {
                 (None, Some(next)) => Some(
                     analysis::flow::flow(&frame.luma(), &next.luma())
@@ -637,7 +640,7 @@ impl Viewer for WholeClip<'_> {
     fn view(
         &mut self,
         number: u64,
-        observation: &Observation,
+        observation: &FrameObservation,
         save: &mut Option<EvidenceWriter>,
     ) -> Result<()> {
         self.numbers.push(number);
@@ -654,7 +657,7 @@ pub fn fit(
     footage: &Footage,
     mut networks: Networks,
     mut save: Option<EvidenceWriter>,
-    mut options: Options,
+    mut options: EstimatorOptions,
     keep_samples: bool,
 ) -> Result<Fitted> {
     let source = &footage.source;
@@ -715,7 +718,12 @@ impl Viewer for Following<'_> {
         true
     }
 
-    fn view(&mut self, number: u64, observation: &Observation, _: &mut Option<EvidenceWriter>) -> Result<()> {
+    fn view(
+        &mut self,
+        number: u64,
+        observation: &FrameObservation,
+        _: &mut Option<EvidenceWriter>,
+    ) -> Result<()> {
         let camera = self.tracker.push(observation).map_err(|e| of_frame(self.source, number, e))?.clone();
         if let Some(last) = self.cameras.last() {
             self.writer.write(last)?;
@@ -729,7 +737,7 @@ impl Viewer for Following<'_> {
 fn track(
     footage: &Footage,
     mut networks: Networks,
-    options: Options,
+    options: EstimatorOptions,
     output: &Path,
     report: Option<&Path>,
 ) -> Result<()> {

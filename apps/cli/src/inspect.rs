@@ -120,7 +120,7 @@ pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
     let _ = noise_words(&mut text, &model.noise);
     let _ = motion_blur_words(&mut text, model);
     let _ = defocus_words(&mut text, &model.defocus, at_depth);
-    let _ = model.sharpening.map_or(Ok(()), |sharpening| sharpening_words(&mut text, &sharpening));
+    let _ = model.sharpening.known().map_or(Ok(()), |sharpening| sharpening_words(&mut text, sharpening));
     text
 }
 
@@ -268,7 +268,7 @@ fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
             let std = LUMINANCES.map(|y| json!({ "luminance": y, "std": total_std(n, y) }));
             json!({ "std_of_encoded_rgb": std, "clip": n.clip, "method": n.method, "samples": n.samples })
         }
-        Estimate::Unknown(why) => json!({ "unknown": why }),
+        Estimate::Unknown(why) => json!(why),
     };
     let motion_blur = match &model.motion_blur {
         Estimate::Known(m) => json!({
@@ -277,18 +277,18 @@ fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
             "exposure_time_s": model.capture.fps.map(|f| m.exposure.seconds(f)),
             "method": m.method, "samples": m.samples
         }),
-        Estimate::Unknown(why) => json!({ "unknown": why }),
+        Estimate::Unknown(why) => json!(why),
     };
     let defocus = match &model.defocus {
         Estimate::Known(d) => defocus_derived(d, at_depth),
-        Estimate::Unknown(why) => json!({ "unknown": why }),
+        Estimate::Unknown(why) => json!(why),
     };
     let mut value =
         json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus });
     if let Some(stopped) = &model.stopped {
         value["stopped"] = json!(stopped);
     }
-    if let Some(sharpening) = &model.sharpening {
+    if let Estimate::Known(sharpening) = &model.sharpening {
         value["sharpening"] = json!(sharpening);
     }
     value

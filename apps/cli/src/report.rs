@@ -10,7 +10,7 @@ use crate::inspect::VISIBLE_PX;
 use blindaug::fit::Diagnostics;
 use blindaug::model::{
     BlurSpace, CameraTrack, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel, NoiseModel,
+    MotionBlurModel, NoiseModel, Unknown,
 };
 use blindaug::{CameraModel, Encoded, Flow, Plane};
 use blindaug_io::{Error, Result, write_atomically};
@@ -171,8 +171,8 @@ fn blur_samples(method: Method) -> &'static str {
     if method == Method::Removal { "places" } else { "image tiles" }
 }
 
-fn unknown(what: &str, why: &str) -> Markup {
-    html! { p.unknown { strong { "Unknown: " } (why) ". " (what) " is not applied to virtual objects." } }
+fn unknown(what: &str, why: &Unknown) -> Markup {
+    html! { p.unknown { strong { "Unknown: " } (why.sentence) ". " (what) " is not applied to virtual objects." } }
 }
 
 fn swatch(RGBColor(r, g, b): RGBColor) -> Markup {

@@ -359,7 +359,7 @@ fn write_pictures(case: &Case, footage: &Footage, estimation: &Estimation, pictu
             &estimation.model,
             Some(&footage.inverse_depth[t]),
             Some(&footage.flow[t]),
-            &synth::Options { bokeh: Bokeh::Disk, no_noise, seed: 1 },
+            &synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise, seed: 1 },
             t as u64,
         )
         .map_err(|e| failure(pictures, e))

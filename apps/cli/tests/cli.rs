@@ -9,7 +9,7 @@ use blindaug::{
     CameraModel, Encoded, Raster,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel, TrackedCamera,
+        NOISE_LEVELS, NoiseLevel, NoiseModel, Reason, SharpeningModel, TrackedCamera,
     },
 };
 use blindaug_io::{read_frame, write_camera, write_png};
@@ -252,7 +252,7 @@ fn a_camera_is_told_in_words_and_as_json() {
     near("/defocus/at/0/sigma_px", 2.0);
     assert!(!words.contains("sharpen") && json.get("sharpening").is_none());
     let mut sharpening = camera(640, 480, DepthKind::Metric);
-    sharpening.sharpening = Some(SharpeningModel {
+    sharpening.sharpening = Estimate::Known(SharpeningModel {
         amount: 0.7,
         radius_px: 1.25,
         interval: [0.5, 0.9],
@@ -338,7 +338,7 @@ fn damaged_and_mixed_frames_end_in_a_sentence_with_the_file_s_name() {
     let d = dir.path();
     // Without motion blur no frame needs the next one.
     let mut still = camera(32, 32, DepthKind::Metric);
-    still.motion_blur = Estimate::Unknown("nothing moves".into());
+    still.motion_blur = Estimate::unknown(Reason::NoMotion, "nothing moves");
     write_camera(d.join("c.json"), &still).unwrap();
     write_frames(&d.join("mixed"), 1..3, (32, 32));
     write_frames(&d.join("mixed"), 3..4, (31, 32));
@@ -682,8 +682,8 @@ fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
             let mut model = camera(160, 128, DepthKind::Metric);
             let level = NoiseLevel { slope: [0.0; 3], intercept: [noise; 3] };
             model.noise = Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 1.0));
-            model.motion_blur = Estimate::Unknown("not looked at".into());
-            model.defocus = Estimate::Unknown("not looked at".into());
+            model.motion_blur = Estimate::unknown(Reason::NotEstimated, "not looked at");
+            model.defocus = Estimate::unknown(Reason::NotEstimated, "not looked at");
             let mut value = serde_json::to_value(&model).unwrap();
             value["frame"] = frame.into();
             format!("{value}\n")

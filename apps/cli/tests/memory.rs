@@ -35,7 +35,7 @@ fn folder() -> tempfile::TempDir {
     let mut camera = CameraModel::unknown(capture, "not measured");
     let level = NoiseLevel { slope: [0.01; 3], intercept: [0.005; 3] };
     camera.noise = Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 1.0));
-    camera.sharpening = Some(SharpeningModel::given(0.5, 1.0));
+    camera.sharpening = Estimate::Known(SharpeningModel::given(0.5, 1.0));
     write_camera(dir.path().join("camera.json"), &camera).unwrap();
     dir
 }

@@ -2,7 +2,7 @@
 //!
 //! At 2 x 2064 x 2208 on a GPU, at 640 x 360 on a software one; `cargo bench -p blindaug-gpu -- WIDTH HEIGHT EYES` chooses.
 
-use blindaug::composite::Options;
+use blindaug::composite::CompositeOptions;
 use blindaug::model::{
     Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
 };
@@ -254,7 +254,7 @@ impl Scene {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {
                 model: &self.camera,
-                options: Options { bokeh, ..Default::default() },
+                options: CompositeOptions { bokeh, ..Default::default() },
                 quality,
                 number,
                 area: None,

@@ -2,7 +2,7 @@
 
 use crate::composite::Quality;
 use blindaug::Result;
-use blindaug::composite::Options;
+use blindaug::composite::CompositeOptions;
 use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, NOISE_LEVELS};
 use blindaug::synth::Blur;
 
@@ -43,7 +43,7 @@ impl Uniforms {
         model: &CameraModel,
         width: usize,
         velocity_scale: [f32; 2],
-        options: &Options,
+        options: &CompositeOptions,
         quality: Quality,
         number: u64,
     ) -> Result<Self> {

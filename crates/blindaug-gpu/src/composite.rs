@@ -5,7 +5,7 @@ use crate::gpu::{array_view, aspect, texture};
 use crate::kernel::{Binding, Kernel, bind, full_screen, layout};
 use crate::timer::Timer;
 use crate::{noise, shaders};
-use blindaug::composite::Options;
+use blindaug::composite::CompositeOptions;
 use blindaug::model::CameraModel;
 use blindaug::synth::defocus::{self, Bokeh};
 use blindaug::{Error, Result, filter};
@@ -92,7 +92,7 @@ pub struct Frame<'a> {
     /// The camera that filmed it.
     pub model: &'a CameraModel,
     /// How to composite. Layers that are composited one after the other need a seed each.
-    pub options: Options,
+    pub options: CompositeOptions,
     /// How closely the reference is followed.
     pub quality: Quality,
     /// The frame's number, so that each has its own noise.

@@ -2,7 +2,7 @@
 //! [wgpu](https://docs.rs/wgpu) on Vulkan, Metal, DirectX 12 and WebGPU. The reference for everything here is the crate `blindaug`.
 //!
 //! ```
-//! use blindaug::{CameraModel, Raster, composite::Options, model::Capture};
+//! use blindaug::{CameraModel, Raster, composite::CompositeOptions, model::Capture};
 //! use blindaug_gpu::{Compositor, Frame, Gpu, Inputs, Quality};
 //! use wgpu::{TextureFormat, TextureUsages};
 //!
@@ -33,7 +33,7 @@
 //! let targets = [target.create_view(&Default::default())];
 //! let of_frame = Frame {
 //!     model: &camera,
-//!     options: Options::default(),
+//!     options: CompositeOptions::default(),
 //!     quality: Quality::High,
 //!     number: 0,
 //!     area: None,

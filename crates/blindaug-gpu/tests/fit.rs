@@ -8,7 +8,7 @@ use common::{GPU, no_gpu};
 
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::track::Tracker;
-use blindaug::fit::{BlurPoint, Evidence, Observation, defocus, motion_blur, spectral};
+use blindaug::fit::{BlurPoint, Evidence, FrameObservation, defocus, motion_blur, spectral};
 use blindaug::model::{BlurSpace, DepthKind, ExposureFraction, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Flow, Plane, Raster, filter};
@@ -180,7 +180,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
 
 /// Nats per tile: exponentials and logarithms of a few hundred bins in f32, whose last digits the shaders' language leaves to the device,
 /// and powers instead of the CPU's table of the transfer curve.
-const OBJECTION: f32 = 0.001;
+const CURVE_TOLERANCE: f32 = 0.001;
 /// Of how sure a tile is of its std, 0 to 1, for the same reasons.
 const WEIGHT: f32 = 0.001;
 /// Relative: of the lens, whose search ends in steps of 1/1000.
@@ -248,21 +248,34 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
         };
         let tiles =
             spectral::tiles(&shot.frame, Some(&flow), Some(&shot.inverse_depth), space).expect("one size");
-        let expected = spectral::fit_exposure(&[&tiles], &[], &noise).expect("much moves");
-        let expected_lens =
-            spectral::fit_lens(&[&tiles], &noise, exposure, Some(&sharpening)).expect("many depths");
+        let expected = spectral::fit_exposure(&[&tiles], &[], &noise)
+            .expect("sound observations")
+            .into_known()
+            .expect("much moves");
+        let expected_lens = spectral::fit_lens(&[&tiles], &noise, exposure, Some(&sharpening))
+            .expect("sound observations")
+            .into_known()
+            .expect("many depths");
         let found = look(&noise, exposure);
-        let fit = spectral::exposure_of(&found.exposure, 1, noise.coding_error).expect("much moves");
-        let lens = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
-        let objections = apart(&fit.curve, &expected.curve) / expected.samples as f32;
+        let fit = spectral::exposure_of(&found.exposure, 1, noise.coding_error)
+            .expect("sound observations")
+            .into_known()
+            .expect("much moves");
+        let lens = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS)
+            .expect("sound observations")
+            .into_known()
+            .expect("many depths");
+        let log_likelihood = apart(&fit.curve, &expected.curve) / expected.samples as f32;
         let (points, lenses) =
             (other_points(&lens.points, &expected_lens.points), other_lens(&lens, &expected_lens));
         println!(
-            "{space:?}: {} witnesses of {:?}, nats per tile {objections}; {} of {:?}, weight {points}, lens {lenses}",
+            "{space:?}: {} observations of {:?}, nats per tile {log_likelihood}; {} of {:?}, weight {points}, lens {lenses}",
             fit.samples, fit.exposure, lens.samples, lens.lens
         );
         assert!(
-            fit.samples == expected.samples && fit.exposure == expected.exposure && objections <= OBJECTION
+            fit.samples == expected.samples
+                && fit.exposure == expected.exposure
+                && log_likelihood <= CURVE_TOLERANCE
         );
         assert!(lens.samples == expected_lens.samples && points <= WEIGHT && lenses <= LENS);
 
@@ -274,9 +287,15 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
             LumaNoise { levels: other, coding_error }
         };
         let found = look(&other, ExposureFraction(0.5));
-        let wrong = spectral::exposure_of(&found.exposure, 1, noise.coding_error).expect("much moves");
-        assert!(apart(&wrong.curve, &expected.curve) / expected.samples as f32 > OBJECTION);
-        let wrong = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths");
+        let wrong = spectral::exposure_of(&found.exposure, 1, noise.coding_error)
+            .expect("sound observations")
+            .into_known()
+            .expect("much moves");
+        assert!(apart(&wrong.curve, &expected.curve) / expected.samples as f32 > CURVE_TOLERANCE);
+        let wrong = spectral::lens_of(&found.lens, spectral::BOOTSTRAPS)
+            .expect("sound observations")
+            .into_known()
+            .expect("many depths");
         assert!(other_lens(&wrong, &expected_lens) > LENS);
     }
 }
@@ -305,9 +324,15 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let of_small = spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space).expect("one size");
     assert_eq!(of_small.len(), spectral::EXPOSURE_TILES);
     let exposure = ExposureFraction(0.0);
-    let of_small = spectral::fit_lens(&[&of_small], &noise, exposure, None).expect("many depths");
+    let of_small = spectral::fit_lens(&[&of_small], &noise, exposure, None)
+        .expect("sound observations")
+        .into_known()
+        .expect("many depths");
     assert!(of_small.samples > 422 * 4 / 5, "{}", of_small.samples);
-    let expected = spectral::fit_lens(&[&tiles], &noise, exposure, None).expect("many depths");
+    let expected = spectral::fit_lens(&[&tiles], &noise, exposure, None)
+        .expect("sound observations")
+        .into_known()
+        .expect("many depths");
     let frame = GPU.upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
     let mut evidence = fit::spectral::TileEvidence::new(device, &frame, None, Some(&plane(&depth)), space)
         .expect("one size");
@@ -315,10 +340,13 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
         assert!(evidence.submit(device, queue, &noise, exposure, None));
         let found = result(|| evidence.poll(device));
         assert!(found.exposure.is_empty());
-        spectral::lens_of(&found.lens, spectral::BOOTSTRAPS).expect("many depths")
+        spectral::lens_of(&found.lens, spectral::BOOTSTRAPS)
+            .expect("sound observations")
+            .into_known()
+            .expect("many depths")
     };
     let points = other_points(&look().points, &expected.points);
-    println!("{} witnesses, weight {points}", expected.samples);
+    println!("{} observations, weight {points}", expected.samples);
     assert!(points <= WEIGHT);
 
     GPU.write(&frame, &[&sharp.map(|v| [v, v, v, 1.0])]);
@@ -349,11 +377,11 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
     let mut tracked = |exposure: f32, itself: bool| {
         let clip = scene.clip(5, |_| leaves::Camera { exposure, ..leaves::CAMERA });
         let mut tracker = Tracker::new(BlurSpace::Linear, None);
-        assert!(tracker.push_witnesses(&[], &[], DepthKind::Metric).is_err());
+        assert!(tracker.push_observations(&[], &[], DepthKind::Metric).is_err());
         for (i, pair) in clip.windows(2).enumerate() {
             let shot = &pair[0];
             if itself || i == 0 {
-                let observation = Observation {
+                let observation = FrameObservation {
                     frame: &shot.frame,
                     next: Some(&pair[1].frame),
                     previous: None,
@@ -366,15 +394,17 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
                 GPU.write(&depth, &[&shot.inverse_depth]);
                 let model = tracker.model().expect("a frame was pushed");
                 let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
-                let sharpening = model.sharpening.as_ref();
+                let sharpening = model.sharpening.known();
                 assert!(evidence.submit(device, queue, tracker.luma_noise(), exposure, sharpening));
                 let found = result(|| evidence.poll(device));
-                tracker.push_witnesses(&found.exposure, &found.lens, DepthKind::Metric).expect("of this fit");
+                tracker
+                    .push_observations(&found.exposure, &found.lens, DepthKind::Metric)
+                    .expect("of this fit");
             }
         }
         let outside =
-            spectral::ExposureWitness { block: 25, frame: 0, speed: 3.0, objections: vec![0.0; 251] };
-        assert!(tracker.push_witnesses(&[outside], &[], DepthKind::Metric).is_err());
+            spectral::ExposureObservation { block: 25, frame: 0, speed: 3.0, log_likelihood: vec![0.0; 251] };
+        assert!(tracker.push_observations(&[outside], &[], DepthKind::Metric).is_err());
         let model = tracker.model().expect("four frames");
         (model.motion_blur.known().map(|m| m.exposure.0), model.defocus.known().is_some())
     };

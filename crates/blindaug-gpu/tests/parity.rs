@@ -1,6 +1,6 @@
 //! The GPU against the reference on the CPU.
 
-use blindaug::composite::{self, Options, Shot, VirtualLayer};
+use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::model::{
     BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
     NOISE_LEVELS, NoiseLevel, NoiseModel,
@@ -124,13 +124,18 @@ impl Eyes {
         }
     }
 
-    fn composite(&self, model: &CameraModel, options: &Options, number: u64) -> Vec<Raster<[f32; 3]>> {
+    fn composite(
+        &self,
+        model: &CameraModel,
+        options: &CompositeOptions,
+        number: u64,
+    ) -> Vec<Raster<[f32; 3]>> {
         composite_of(&self.inputs(), Frame { number, ..of_frame(model, options) })
     }
 }
 
 /// Of frame 3, everywhere, in high quality; without targets.
-fn of_frame<'a>(model: &'a CameraModel, options: &Options) -> Frame<'a> {
+fn of_frame<'a>(model: &'a CameraModel, options: &CompositeOptions) -> Frame<'a> {
     let (options, quality) = (*options, Quality::High);
     Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
 }
@@ -164,13 +169,23 @@ fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
     images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect()
 }
 
-fn on_gpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Raster<[f32; 3]> {
+fn on_gpu(
+    frame: &Encoded,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+    options: &CompositeOptions,
+) -> Raster<[f32; 3]> {
     Eyes::new(&[frame], &[layer]).composite(model, options, 3).remove(0)
 }
 
-fn on_cpu(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Raster<[f32; 3]> {
-    let shot = Shot { frame, number: 3, inverse_depth: None, flow: None, with_and_without: None };
-    composite::composite(&shot, layer, model, options).unwrap().0
+fn on_cpu(
+    frame: &Encoded,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+    options: &CompositeOptions,
+) -> Raster<[f32; 3]> {
+    let plate = Plate { frame, number: 3, inverse_depth: None, flow: None, with_and_without: None };
+    composite::composite(&plate, layer, model, options).unwrap().0
 }
 
 /// Root mean square difference of encoded values.
@@ -230,7 +245,7 @@ fn every_blur_agrees_with_the_reference() {
         let (right, wrong) = (cameras(w, h, 1.0), cameras(w, h, 1.2));
         for ((name, model), (_, wrong)) in right.iter().zip(&wrong) {
             for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-                let options = Options { bokeh, ..Default::default() };
+                let options = CompositeOptions { bokeh, ..Default::default() };
                 let reference = on_cpu(&frame, &layer, model, &options);
                 let eyes = Eyes::new(&[&frame], &[&layer]);
                 for quality in QUALITIES {
@@ -258,15 +273,18 @@ fn without_effects_it_is_the_naive_composite() {
     }
     let (frame, layer) = (frame(97, 61), layer(97, 61));
     let model = with_noise(with_lens(with_exposure(camera(97, 61), 0.5), 9.0, 1.0), 1.0);
-    let naive = Options { naive: true, ..Default::default() };
+    let naive = CompositeOptions { naive: true, ..Default::default() };
     let reference = on_cpu(&frame, &layer, &model, &naive);
     for model in [&model, &camera(97, 61)] {
         assert!(difference(&on_gpu(&frame, &layer, model, &naive), &reference) < ROUNDING);
     }
-    assert!(difference(&on_gpu(&frame, &layer, &model, &Options::default()), &reference) > 10.0 * ROUNDING);
+    assert!(
+        difference(&on_gpu(&frame, &layer, &model, &CompositeOptions::default()), &reference)
+            > 10.0 * ROUNDING
+    );
     // Nothing virtual: the frame, bit by bit.
     let empty = VirtualLayer { color: Premultiplied(Raster::filled(97, 61, [0.0; 4])), ..layer };
-    let out = on_gpu(&frame, &empty, &model, &Options::default());
+    let out = on_gpu(&frame, &empty, &model, &CompositeOptions::default());
     let eight_bit = |i: &Raster<[f32; 3]>| i.map(|v| v.map(|v| (v * 255.0).round()));
     assert_eq!(eight_bit(&out), eight_bit(&frame.0));
 }
@@ -286,7 +304,7 @@ fn eyes_do_not_see_each_other() {
     other.flow = Some(Raster::from_fn(w, h, |x, y| flow.at(w - 1 - x, y)));
     let layers = [layer(w, h), other];
     let model = with_lens(with_exposure(camera(w, h), 0.7), 8.0, 0.4);
-    let options = Options::default();
+    let options = CompositeOptions::default();
     let both = Eyes::new(&frames.each_ref(), &layers.each_ref()).composite(&model, &options, 3);
     for eye in 0..2 {
         assert_eq!(both[eye], on_gpu(&frames[eye], &layers[eye], &model, &options));
@@ -306,7 +324,7 @@ fn a_depth_buffer_and_any_unit_of_velocity_do() {
     let (w, h) = (64, 48);
     let (frame, layer) = (frame(w, h), layer(w, h));
     let model = with_lens(with_exposure(camera(w, h), 0.7), 8.0, 0.4);
-    let reference = on_gpu(&frame, &layer, &model, &Options::default());
+    let reference = on_gpu(&frame, &layer, &model, &CompositeOptions::default());
     // Reversed depth of a near plane at 0.1 m; velocity in normalised device coordinates, which point up.
     let buffer = layer.inverse_depth.as_ref().map(|d| d.map(|d| if d.is_nan() { 0.0 } else { 0.1 * d }));
     let device = layer.flow.as_ref().map(|f| f.map(|[u, v]| [2.0 * u / w as f32, -2.0 * v / h as f32]));
@@ -314,11 +332,11 @@ fn a_depth_buffer_and_any_unit_of_velocity_do() {
     let mut inputs = eyes.inputs();
     inputs.depth.as_mut().unwrap().scale = 10.0;
     inputs.velocity.as_mut().unwrap().scale = [w as f32 / 2.0, -(h as f32) / 2.0];
-    let again = &composite_of(&inputs, of_frame(&model, &Options::default()))[0];
+    let again = &composite_of(&inputs, of_frame(&model, &CompositeOptions::default()))[0];
     let got = difference(again, &reference);
     assert!(got < ROUNDING, "{got}");
     inputs.depth.as_mut().unwrap().scale = 8.0;
-    let wrong = &composite_of(&inputs, of_frame(&model, &Options::default()))[0];
+    let wrong = &composite_of(&inputs, of_frame(&model, &CompositeOptions::default()))[0];
     assert!(difference(wrong, &reference) > 10.0 * ROUNDING);
 }
 
@@ -339,14 +357,14 @@ fn broken_values_stay_where_they_are() {
         layer.inverse_depth.as_mut().unwrap().row_mut(12)[16 + i] = bad;
         layer.flow.as_mut().unwrap().row_mut(13)[16 + i] = [bad, 1.0];
     }
-    let out = on_gpu(&frame, &layer, &model, &Options::default());
+    let out = on_gpu(&frame, &layer, &model, &CompositeOptions::default());
     assert!(out.data().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
     let unknown = VirtualLayer {
         color: layer.color.clone(),
         inverse_depth: Some(Plane::filled(w, h, f32::NAN)),
         flow: Some(Flow::filled(w, h, [f32::NAN; 2])),
     };
-    let out = on_gpu(&frame, &unknown, &model, &Options::default());
+    let out = on_gpu(&frame, &unknown, &model, &CompositeOptions::default());
     assert!(out.data().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
 }
 
@@ -366,7 +384,7 @@ fn what_does_not_fit_is_said() {
     let bound = COMPOSITOR.bind(&GPU.device, &small.inputs()).unwrap();
     let encode = |model: &CameraModel, targets: &[wgpu::TextureView]| {
         let mut encoder = GPU.device.create_command_encoder(&Default::default());
-        let options = Options::default();
+        let options = CompositeOptions::default();
         let frame = Frame { targets, ..of_frame(model, &options) };
         COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap_err()
     };
@@ -474,16 +492,17 @@ fn noise_has_the_reference_s_std_in_each_level() {
     for value in [0.2, 0.6] {
         let layer = grey(w, h, value, 1.0);
         let model = with_noise(camera(w, h), 1.0);
-        let gpu = on_gpu(&frame, &layer, &model, &Options::default());
-        let cpu = on_cpu(&frame, &layer, &model, &Options::default());
+        let gpu = on_gpu(&frame, &layer, &model, &CompositeOptions::default());
+        let cpu = on_cpu(&frame, &layer, &model, &CompositeOptions::default());
         let got = band_difference(&band_stds(&gpu), &band_stds(&cpu));
         println!("grey of {value}: {got}");
         assert!(got < NOISE_TOLERANCE, "{got}");
-        let wrong = on_gpu(&frame, &layer, &with_noise(camera(w, h), 1.1), &Options::default());
+        let wrong = on_gpu(&frame, &layer, &with_noise(camera(w, h), 1.1), &CompositeOptions::default());
         assert!(band_difference(&band_stds(&wrong), &band_stds(&cpu)) > NOISE_TOLERANCE);
     }
     // Nothing is predicted past clipping.
-    let white = on_gpu(&frame, &grey(w, h, 0.99, 1.0), &with_noise(camera(w, h), 1.0), &Options::default());
+    let white =
+        on_gpu(&frame, &grey(w, h, 0.99, 1.0), &with_noise(camera(w, h), 1.0), &CompositeOptions::default());
     assert!(white.data().as_flattened().iter().all(|v| (v - 0.97).abs() < ROUNDING));
 }
 
@@ -504,14 +523,14 @@ fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
     let filmed = filmed_grey(&model, w, h);
     for alpha in [0.25, 0.75] {
         let layer = grey(w, h, 0.5, alpha);
-        let gpu = on_gpu(&filmed, &layer, &model, &Options::default());
-        let cpu = on_cpu(&filmed, &layer, &model, &Options::default());
+        let gpu = on_gpu(&filmed, &layer, &model, &CompositeOptions::default());
+        let cpu = on_cpu(&filmed, &layer, &model, &CompositeOptions::default());
         let got = band_difference(&band_stds(&gpu), &band_stds(&cpu));
         let frame = band_difference(&band_stds(&gpu), &band_stds(&filmed.0));
         println!("alpha {alpha}: {got} from the reference, {frame} from the frame");
         assert!(got < NOISE_TOLERANCE && frame < 0.1, "{got} {frame}");
         // Without the rule, noise is missing.
-        let none = Options { no_noise: true, ..Default::default() };
+        let none = CompositeOptions { no_noise: true, ..Default::default() };
         let without = on_gpu(&filmed, &layer, &model, &none);
         assert!(band_difference(&band_stds(&without), &band_stds(&filmed.0)) > 0.15);
     }
@@ -528,8 +547,8 @@ fn noise_of_layers_does_not_add_up() {
     let filmed = filmed_grey(&model, w, h);
     let layer = grey(w, h, 0.5, 0.6);
     let twice = |second: u64| {
-        let first = Encoded(on_gpu(&filmed, &layer, &model, &Options::default()));
-        on_gpu(&first, &layer, &model, &Options { seed: second, ..Default::default() })
+        let first = Encoded(on_gpu(&filmed, &layer, &model, &CompositeOptions::default()));
+        on_gpu(&first, &layer, &model, &CompositeOptions { seed: second, ..Default::default() })
     };
     let off = |image: &Raster<[f32; 3]>| band_difference(&band_stds(image), &band_stds(&filmed.0));
     let [another, same] = [twice(1), twice(0)].map(|i| off(&i));
@@ -546,7 +565,8 @@ fn noise_does_not_repeat() {
     let (frame, layer) = (frame(w, h), grey(w, h, 0.5, 1.0));
     let model = with_noise(camera(w, h), 1.0);
     let noise = |number| {
-        let image = Eyes::new(&[&frame], &[&layer]).composite(&model, &Options::default(), number).remove(0);
+        let image =
+            Eyes::new(&[&frame], &[&layer]).composite(&model, &CompositeOptions::default(), number).remove(0);
         image.map(|v| v[1] - 0.5)
     };
     let correlation = |a: &Plane, b: &Plane, lag: usize| {
@@ -595,9 +615,9 @@ fn it_agrees_at_4k() {
     };
     let frame = frame(w, h);
     let [gpu, cpu, naive] = [
-        on_gpu(&frame, &layer, &model, &Options::default()),
-        on_cpu(&frame, &layer, &model, &Options::default()),
-        on_cpu(&frame, &layer, &model, &Options { naive: true, ..Default::default() }),
+        on_gpu(&frame, &layer, &model, &CompositeOptions::default()),
+        on_cpu(&frame, &layer, &model, &CompositeOptions::default()),
+        on_cpu(&frame, &layer, &model, &CompositeOptions { naive: true, ..Default::default() }),
     ]
     .map(|i| i.crop(1600, 800, 700, 600));
     let got = difference(&gpu, &cpu);
@@ -633,12 +653,12 @@ fn a_rendered_object_over_a_filmed_frame_agrees() {
     }
     let Some((frame, layer, model)) = rendered_clip() else { return };
     for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-        let options = Options { no_noise: true, bokeh, ..Default::default() };
+        let options = CompositeOptions { no_noise: true, bokeh, ..Default::default() };
         let (gpu, cpu) = (on_gpu(&frame, &layer, &model, &options), on_cpu(&frame, &layer, &model, &options));
         let got = difference(&gpu, &cpu);
         println!("{bokeh:?}: {got}");
         assert!(got < blur_tolerance(Quality::High, bokeh), "{got}");
-        let naive = on_cpu(&frame, &layer, &model, &Options { naive: true, ..options });
+        let naive = on_cpu(&frame, &layer, &model, &CompositeOptions { naive: true, ..options });
         println!("naive: {}", difference(&gpu, &naive));
         assert!(difference(&gpu, &naive) > blur_tolerance(Quality::High, bokeh));
     }
@@ -659,7 +679,8 @@ fn within_an_area_it_is_the_same() {
     let eyes = Eyes::new(&[&frame], &[&layer]);
     let model = with_noise(with_lens(with_exposure(camera(w, h), 0.7), 10.0, 0.35), 1.0);
     let of = |area| {
-        composite_of(&eyes.inputs(), Frame { area, ..of_frame(&model, &Options::default()) }).remove(0)
+        composite_of(&eyes.inputs(), Frame { area, ..of_frame(&model, &CompositeOptions::default()) })
+            .remove(0)
     };
     let everywhere = of(None);
     for (x, y, width, height) in [(61, 21, 180, 170), (40, 12, 261, 999), (0, 0, 301, 200)] {
@@ -695,7 +716,7 @@ fn something_sharp_does_not_bleed_into_blurred_surroundings() {
         inverse_depth: Some(Plane::from_fn(w, h, |x, y| if square(x, y) { near.1 } else { wall.1 })),
         flow: None,
     };
-    let (frame, options) = (frame(w, h), Options::default());
+    let (frame, options) = (frame(w, h), CompositeOptions::default());
     let both = layer(&|_, _| true);
     for (focus, sigma_at_infinity) in [(near.1, 5.0), (wall.1, 1.2)] {
         let model = with_lens(camera(w, h), sigma_at_infinity, focus);

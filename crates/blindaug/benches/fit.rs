@@ -10,7 +10,8 @@
 mod leaves;
 
 use blindaug::fit::{
-    Estimator, Evidence, Observation, defocus, motion_blur, noise::NoiseEvidence, spectral, track::Tracker,
+    Estimator, Evidence, FrameObservation, defocus, motion_blur, noise::NoiseEvidence, spectral,
+    track::Tracker,
 };
 use blindaug::model::{BlurSpace, ExposureFraction, Method};
 use blindaug::synth::{self, defocus::Bokeh};
@@ -100,7 +101,7 @@ fn bench(c: &mut Criterion) {
     });
     // Everything from a pair of frames and nothing else, flow and depth included.
     let clip = leaves::Scene::new(1, (N, N)).clip(2, |_| leaves::CAMERA);
-    let pair = || Observation {
+    let pair = || FrameObservation {
         frame: black_box(&clip[0].frame),
         next: Some(&clip[1].frame),
         previous: None,

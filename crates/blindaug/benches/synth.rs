@@ -4,7 +4,7 @@
 //! 5 ms for anything, by memory; motion blur 8 taps x 4 reads x 3 channels x 2 flops: 13 ms; Gaussian defocus about 3 levels of
 //! 2 x 20 taps: 25 ms; noise 2 M x (2 ln, 2 sqrt, 3 sin or cos): 30 ms, its pyramids 50 MB x 10 passes: 50 ms.
 
-use blindaug::composite::{self, Shot, VirtualLayer, composite};
+use blindaug::composite::{self, Plate, VirtualLayer, composite};
 use blindaug::model::{
     CameraModel, Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
 };
@@ -67,7 +67,9 @@ fn bench(c: &mut Criterion) {
     let depth =
         Plane::from_fn(W, H, |x, y| [0.2, 0.3, 0.8][(x / 400 + y / 300) % 3] + 0.1 * x as f32 / W as f32);
     group.bench_function("distort_frame", |b| {
-        b.iter(|| distort_frame(&sharp, &model, Some(&depth), Some(&flow), &synth::Options::default(), 1))
+        b.iter(|| {
+            distort_frame(&sharp, &model, Some(&depth), Some(&flow), &synth::SynthesisOptions::default(), 1)
+        })
     });
 
     // Everything on an object of 600 x 600 px, behind a post, with a shadow.
@@ -86,7 +88,7 @@ fn bench(c: &mut Criterion) {
         let v = without.0.at(x, y);
         if (500..1300).contains(&x) && y > 600 { v.map(|v| 0.7 * v) } else { v }
     }));
-    let shot = Shot {
+    let plate = Plate {
         frame: &frame,
         number: 1,
         inverse_depth: Some(&real),
@@ -94,7 +96,7 @@ fn bench(c: &mut Criterion) {
         with_and_without: Some((&with, &without)),
     };
     group.bench_function("composite", |b| {
-        b.iter(|| composite(&shot, &layer, &model, &composite::Options::default()))
+        b.iter(|| composite(&plate, &layer, &model, &composite::CompositeOptions::default()))
     });
     group.finish();
 }

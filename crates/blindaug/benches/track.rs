@@ -5,7 +5,7 @@
 #[path = "../tests/leaves/mod.rs"]
 mod leaves;
 
-use blindaug::fit::{Evidence, Observation, track::Tracker};
+use blindaug::fit::{Evidence, FrameObservation, track::Tracker};
 use criterion::{Criterion, criterion_group, criterion_main};
 use leaves::{CAMERA, Scene};
 use std::hint::black_box;
@@ -21,7 +21,7 @@ fn bench(c: &mut Criterion) {
     let mut push = |t: usize| {
         let [frame, next] = [t, t + 1].map(|t| &clip[t].frame);
         let observation =
-            Observation { frame, next: Some(next), previous: None, evidence: Evidence::default() };
+            FrameObservation { frame, next: Some(next), previous: None, evidence: Evidence::default() };
         tracker.push(black_box(&observation)).expect("one size").motion_blur.known().is_some()
     };
     let mut group = c.benchmark_group("track");

@@ -28,7 +28,7 @@ pub struct VirtualLayer {
 
 /// A frame of the camera and what is known of the scene in it.
 #[derive(Clone, Copy, Debug)]
-pub struct Shot<'a> {
+pub struct Plate<'a> {
     /// The frame as it was filmed.
     pub frame: &'a Encoded,
     /// The frame's number, so that each has its own noise.
@@ -43,7 +43,7 @@ pub struct Shot<'a> {
 
 /// How to composite.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
+pub struct CompositeOptions {
     /// Leave out what the camera does: no blur, no sharpening, no noise.
     pub naive: bool,
     /// Leave out the noise.
@@ -62,24 +62,24 @@ pub struct Options {
 /// # Errors
 /// If sizes differ, or the model is for another width or in relative inverse depth.
 pub fn composite(
-    shot: &Shot,
+    plate: &Plate,
     layer: &VirtualLayer,
     model: &CameraModel,
-    options: &Options,
+    options: &CompositeOptions,
 ) -> Result<Encoded> {
-    let Changes { blur, sharpening, places, all } = Changes::new(shot, layer, model, options)?;
-    let Some(changed) = all else { return Ok(shot.frame.clone()) };
+    let Changes { blur, sharpening, places, all } = Changes::new(plate, layer, model, options)?;
+    let Some(changed) = all else { return Ok(plate.frame.clone()) };
     let space = Space::new(model);
-    let frame = changed.crop(&shot.frame.0);
+    let frame = changed.crop(&plate.frame.0);
     let unsharpened = sharpening.map(|m| sharpening::unsharpen(&frame, &m));
     let background = unsharpened.as_ref().unwrap_or(&frame);
     let replaced = |part: &Raster<[f32; 3]>| {
-        let mut whole = shot.frame.clone();
+        let mut whole = plate.frame.clone();
         changed.paste(part, &mut whole.0);
         whole
     };
     let before = unsharpened.as_ref().map(replaced);
-    let filmed = &Shot { frame: before.as_ref().unwrap_or(shot.frame), ..*shot };
+    let filmed = &Plate { frame: before.as_ref().unwrap_or(plate.frame), ..*plate };
     let [shadows, object] = places;
     let shadows =
         shadows.map(|place| Shadows::new(filmed, place, layer, &space, &blur)).transpose()?.flatten();
@@ -95,8 +95,8 @@ pub fn composite(
         Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
     });
     let clean = pixels.map(|p| space.encoded(p.light));
-    let noise =
-        noise_model.map(|m| missing_noise(m, background, &clean, &pixels, &space, options.seed, shot.number));
+    let noise = noise_model
+        .map(|m| missing_noise(m, background, &clean, &pixels, &space, options.seed, plate.number));
     let sharpened = sharpening.map(|m| {
         let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
             true => [0.0; 3],
@@ -134,12 +134,12 @@ const BYTES_PER_CHANGED_PIXEL: u64 = 300;
 /// # Errors
 /// As [`composite`].
 pub fn bytes_beside(
-    shot: &Shot,
+    plate: &Plate,
     layer: &VirtualLayer,
     model: &CameraModel,
-    options: &Options,
+    options: &CompositeOptions,
 ) -> Result<u64> {
-    let changed = Changes::new(shot, layer, model, options)?.all;
+    let changed = Changes::new(plate, layer, model, options)?.all;
     Ok(changed.map_or(0, |place| BYTES_PER_CHANGED_PIXEL * (place.w * place.h) as u64))
 }
 
@@ -154,20 +154,25 @@ struct Changes {
 }
 
 impl Changes {
-    fn new(shot: &Shot, layer: &VirtualLayer, model: &CameraModel, options: &Options) -> Result<Self> {
-        check_sizes(shot, layer)?;
-        let size = shot.frame.0.size();
+    fn new(
+        plate: &Plate,
+        layer: &VirtualLayer,
+        model: &CameraModel,
+        options: &CompositeOptions,
+    ) -> Result<Self> {
+        check_sizes(plate, layer)?;
+        let size = plate.frame.0.size();
         let blur = if options.naive { Blur::default() } else { Blur::new(model, size.0, options.bokeh)? };
-        let places = [Shadows::place(shot, &blur), Object::place(layer, &blur)];
-        let sharpening = model.sharpening.filter(|_| !options.naive);
+        let places = [Shadows::place(plate, &blur), Object::place(layer, &blur)];
+        let sharpening = model.sharpening.known().copied().filter(|_| !options.naive);
         let reach = sharpening.map_or(0, |m| sharpening::reach_px(&m));
         let all = places.into_iter().flatten().reduce(Place::union).map(|place| place.grown(reach, size));
         Ok(Self { blur, sharpening, places, all })
     }
 }
 
-fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {
-    let (w, h) = shot.frame.0.size();
+fn check_sizes(plate: &Plate, layer: &VirtualLayer) -> Result<()> {
+    let (w, h) = plate.frame.0.size();
     let check = |name: &str, size: Option<(usize, usize)>| match size {
         Some((a, b)) if (a, b) != (w, h) => Err(Error::new(format!(
             "{name} has {a} x {b} pixels but the frame {w} x {h}; render or scale it to the frame's size"
@@ -177,10 +182,10 @@ fn check_sizes(shot: &Shot, layer: &VirtualLayer) -> Result<()> {
     check("the virtual layer", Some(layer.color.0.size()))?;
     check("the virtual layer's depth", layer.inverse_depth.as_ref().map(|d| d.size()))?;
     check("the virtual layer's flow", layer.flow.as_ref().map(|f| f.size()))?;
-    check("the real depth", shot.inverse_depth.map(|d| d.size()))?;
-    check("the real flow", shot.flow.map(|f| f.size()))?;
-    check("the render with the object", shot.with_and_without.map(|(w, _)| w.0.size()))?;
-    check("the render without the object", shot.with_and_without.map(|(_, w)| w.0.size()))
+    check("the real depth", plate.inverse_depth.map(|d| d.size()))?;
+    check("the real flow", plate.flow.map(|f| f.size()))?;
+    check("the render with the object", plate.with_and_without.map(|(w, _)| w.0.size()))?;
+    check("the render without the object", plate.with_and_without.map(|(_, w)| w.0.size()))
 }
 
 /// A part of the frame.
@@ -249,15 +254,15 @@ const OPAQUE: f32 = 0.01;
 
 impl Shadows {
     /// Where there may be any.
-    fn place(shot: &Shot, blur: &Blur) -> Option<Place> {
-        let (with, without) = shot.with_and_without?;
+    fn place(plate: &Plate, blur: &Blur) -> Option<Place> {
+        let (with, without) = plate.with_and_without?;
         let size = with.0.size();
         let reach = Raster::from_fn(1, size.1, |_, y| {
             (0..size.0)
                 .map(|x| {
                     blur.reach_px(
-                        shot.inverse_depth.map_or(f32::NAN, |d| d.at(x, y)),
-                        shot.flow.map_or([0.0; 2], |f| f.at(x, y)),
+                        plate.inverse_depth.map_or(f32::NAN, |d| d.at(x, y)),
+                        plate.flow.map_or([0.0; 2], |f| f.at(x, y)),
                     )
                 })
                 .fold(0.0, f32::max)
@@ -268,13 +273,13 @@ impl Shadows {
     }
 
     fn new(
-        shot: &Shot,
+        plate: &Plate,
         place: Place,
         layer: &VirtualLayer,
         space: &Space,
         blur: &Blur,
     ) -> Result<Option<Self>> {
-        let Some((with, without)) = shot.with_and_without else { return Ok(None) };
+        let Some((with, without)) = plate.with_and_without else { return Ok(None) };
         // Where a render clips or the object is in front, the difference is not that of the background.
         let clipped = |v: [f32; 3]| v.iter().any(|v| (0.996..=1.0).contains(v) || !v.is_finite());
         let seen = |x, y| {
@@ -289,8 +294,8 @@ impl Shadows {
         let sharp = extended(&sharp, |x, y| if seen(place.x + x, place.y + y) { 1.0 } else { 0.0 });
         let difference = blur.of(
             &sharp,
-            shot.inverse_depth.map(|d| place.crop(d)).as_ref(),
-            shot.flow.map(|f| place.crop(f)).as_ref(),
+            plate.inverse_depth.map(|d| place.crop(d)).as_ref(),
+            plate.flow.map(|f| place.crop(f)).as_ref(),
         )?;
         Ok(Some(Self { place, difference }))
     }
@@ -333,14 +338,14 @@ impl Object {
         Some(tight.grown((reach + 1.0).ceil() as usize, size))
     }
 
-    fn new(shot: &Shot, place: Place, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Self> {
+    fn new(plate: &Plate, place: Place, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Self> {
         let color = place.crop(&layer.color.0).map(|v| space.of_premultiplied(v));
         let depth = layer.inverse_depth.as_ref().map(|d| place.crop(d));
         let flow = layer.flow.as_ref().map(|f| place.crop(f));
-        let front = match (&depth, shot.inverse_depth) {
+        let front = match (&depth, plate.inverse_depth) {
             (Some(depth), Some(real)) => {
                 let depth = extended(depth, coverage_weight(&color));
-                Front::new(shot, place, &depth, &place.crop(real), space, blur)?
+                Front::new(plate, place, &depth, &place.crop(real), space, blur)?
             }
             _ => None,
         };
@@ -356,7 +361,7 @@ impl Object {
             }
             match &front {
                 None => {
-                    let f = space.of_encoded(shot.frame.0.at(place.x + x, place.y + y));
+                    let f = space.of_encoded(plate.frame.0.at(place.x + x, place.y + y));
                     ObjectPixel { added: [r - a * f[0], g - a * f[1], b - a * f[2]], cover: a, lost: a }
                 }
                 Some(front) => {
@@ -388,7 +393,7 @@ struct Front {
 impl Front {
     /// `None` if nothing is in front of a surface of this inverse depth.
     fn new(
-        shot: &Shot,
+        plate: &Plate,
         place: Place,
         virtual_depth: &Plane,
         real_depth: &Plane,
@@ -403,8 +408,8 @@ impl Front {
             return Ok(None);
         }
         let depth = extended(real_depth, |x, y| mask.at(x, y));
-        let flow = shot.flow.map(|f| extended(&place.crop(f), |x, y| mask.at(x, y)));
-        let render = shot.with_and_without.map(|(_, without)| place.crop(&without.0));
+        let flow = plate.flow.map(|f| extended(&place.crop(f), |x, y| mask.at(x, y)));
+        let render = plate.with_and_without.map(|(_, without)| place.crop(&without.0));
         let sharp = Raster::from_fn(w, h, |x, y| {
             let m = mask.at(x, y);
             let [r, g, b] = render.as_ref().map_or([0.0; 3], |r| space.of_linear(r.at(x, y)));
@@ -415,7 +420,7 @@ impl Front {
         // The frame is c C + (1 - c) B0: what is in front and what is behind. First guesses: the frame's own colours where only one
         // of them is seen, continued; for what is in front the render, if there is one. Then the rest is shared out, more to
         // the less certain of them (least squares).
-        let frame = place.crop(&shot.frame.0).map(|v| space.of_encoded(v));
+        let frame = place.crop(&plate.frame.0).map(|v| space.of_encoded(v));
         let only_front = extended(&frame, |x, y| if coverage.at(x, y) > 0.9 { 1.0 } else { 0.0 });
         let only_behind = extended(&frame, |x, y| if coverage.at(x, y) < 0.1 { 1.0 } else { 0.0 });
         let uncertainty = if render.is_some() { 16.0 } else { 2.0 };
@@ -540,8 +545,8 @@ mod tests {
         }
     }
 
-    fn shot(frame: &Encoded) -> Shot<'_> {
-        Shot { frame, number: 7, inverse_depth: None, flow: None, with_and_without: None }
+    fn plate(frame: &Encoded) -> Plate<'_> {
+        Plate { frame, number: 7, inverse_depth: None, flow: None, with_and_without: None }
     }
 
     fn close(a: [f32; 3], b: [f32; 3], tolerance: f32) -> bool {
@@ -554,12 +559,12 @@ mod tests {
     fn without_blur_and_noise_it_is_plain_over() {
         let frame = background();
         let layer = square([0.5, 0.2, 0.1], 0.25, 1.0, [0.0; 2]);
-        let naive = Options { naive: true, ..Options::default() };
+        let naive = CompositeOptions { naive: true, ..CompositeOptions::default() };
         let model = with_noise(camera(), 0.1, 0.1, 1.0);
-        let out = composite(&shot(&frame), &layer, &model, &naive).unwrap();
+        let out = composite(&plate(&frame), &layer, &model, &naive).unwrap();
         // In focus and at rest, the camera's blur does nothing either.
-        let silent = Options { no_noise: true, ..Options::default() };
-        assert!(out == composite(&shot(&frame), &layer, &model, &silent).unwrap());
+        let silent = CompositeOptions { no_noise: true, ..CompositeOptions::default() };
+        assert!(out == composite(&plate(&frame), &layer, &model, &silent).unwrap());
         let t = Transfer::Srgb;
         let (f, l) = (frame.0.at(70, 60), layer.color.0.at(70, 60));
         let want = std::array::from_fn(|c| t.encode(l[c] + 0.75 * t.decode(f[c])));
@@ -572,10 +577,10 @@ mod tests {
         let frame = background();
         let model = with_noise(camera(), 0.05, 0.02, 1.0);
         for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-            let options = Options { bokeh, ..Options::default() };
+            let options = CompositeOptions { bokeh, ..CompositeOptions::default() };
             // 3 px of defocus, 12 px of path.
             let out =
-                composite(&shot(&frame), &square(GREY, 1.0, 2.0, [24.0, 0.0]), &model, &options).unwrap();
+                composite(&plate(&frame), &square(GREY, 1.0, 2.0, [24.0, 0.0]), &model, &options).unwrap();
             for y in 0..H {
                 for x in 0..W {
                     if !(50 - 22..100 + 22).contains(&x) || !(40 - 16..80 + 16).contains(&y) {
@@ -586,17 +591,17 @@ mod tests {
             assert_ne!(out.0.at(46, 60), frame.0.at(46, 60));
         }
         let empty = square(GREY, 0.0, 2.0, [24.0, 0.0]);
-        assert!(composite(&shot(&frame), &empty, &model, &Options::default()).unwrap() == frame);
+        assert!(composite(&plate(&frame), &empty, &model, &CompositeOptions::default()).unwrap() == frame);
     }
 
     #[test]
     fn the_silhouette_is_blurred_beyond_itself_and_mixes_light() {
         let frame = Encoded(Raster::filled(W, H, [0.0; 3]));
         let out = composite(
-            &shot(&frame),
+            &plate(&frame),
             &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]),
             &camera(),
-            &Options::default(),
+            &CompositeOptions::default(),
         );
         let light = out.unwrap().to_linear(Transfer::Srgb).0;
         // A ramp of light over 12 px, centred on the edge at x = 49.5.
@@ -606,21 +611,25 @@ mod tests {
         // On request it is encoded values that are mixed.
         let mut model = camera();
         model.blur_space = BlurSpace::Encoded;
-        let out =
-            composite(&shot(&frame), &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]), &model, &Options::default());
+        let out = composite(
+            &plate(&frame),
+            &square([1.0; 3], 1.0, 1.0, [24.0, 0.0]),
+            &model,
+            &CompositeOptions::default(),
+        );
         assert!((out.unwrap().0.at(49, 60)[0] - 5.5 / 12.0).abs() < 0.02);
     }
 
     #[test]
     fn unknown_parts_and_missing_evidence_are_left_out() {
         let frame = background();
-        let plain = Options { naive: true, ..Options::default() };
+        let plain = CompositeOptions { naive: true, ..CompositeOptions::default() };
         let moving = square(GREY, 1.0, 3.0, [24.0, 0.0]);
-        let naive = composite(&shot(&frame), &moving, &camera(), &plain).unwrap();
+        let naive = composite(&plate(&frame), &moving, &camera(), &plain).unwrap();
         let nothing = CameraModel::unknown(camera().capture, "a wall");
-        assert!(composite(&shot(&frame), &moving, &nothing, &Options::default()).unwrap() == naive);
+        assert!(composite(&plate(&frame), &moving, &nothing, &CompositeOptions::default()).unwrap() == naive);
         let bare = VirtualLayer { inverse_depth: None, flow: None, ..moving };
-        assert!(composite(&shot(&frame), &bare, &camera(), &Options::default()).unwrap() == naive);
+        assert!(composite(&plate(&frame), &bare, &camera(), &CompositeOptions::default()).unwrap() == naive);
     }
 
     #[test]
@@ -637,8 +646,8 @@ mod tests {
         for y in 0..70 {
             cut.color.0.row_mut(y)[70..80].fill([0.0; 4]);
         }
-        let with_depth = Shot { inverse_depth: Some(&real), ..shot(&frame) };
-        let naive = Options { naive: true, ..Options::default() };
+        let with_depth = Plate { inverse_depth: Some(&real), ..plate(&frame) };
+        let naive = CompositeOptions { naive: true, ..CompositeOptions::default() };
         for layer in [&uncut, &cut] {
             let out = composite(&with_depth, layer, &camera(), &naive).unwrap();
             assert_eq!(out.0.at(75, 60), frame.0.at(75, 60));
@@ -668,15 +677,15 @@ mod tests {
             inverse_depth: Some(Plane::filled(W, H, 1.0)),
             flow: None,
         };
-        let shot = Shot { inverse_depth: Some(&real), ..shot(&frame) };
-        let out = composite(&shot, &layer, &camera(), &Options::default()).unwrap();
+        let plate = Plate { inverse_depth: Some(&real), ..plate(&frame) };
+        let out = composite(&plate, &layer, &camera(), &CompositeOptions::default()).unwrap();
         let worst = |a: &Encoded| {
             (40..120).map(|x| (a.0.at(x, 60)[0] - truth.0.at(x, 60)[0]).abs()).fold(0.0, f32::max)
         };
         assert!(worst(&out) < 0.03, "{}", worst(&out));
         // Plain over by the mask alone is seen to be wrong.
-        let naive = Options { naive: true, ..Options::default() };
-        assert!(worst(&composite(&shot, &layer, &camera(), &naive).unwrap()) > 0.1);
+        let naive = CompositeOptions { naive: true, ..CompositeOptions::default() };
+        assert!(worst(&composite(&plate, &layer, &camera(), &naive).unwrap()) > 0.1);
     }
 
     #[test]
@@ -691,8 +700,8 @@ mod tests {
             _ if x >= 30 => [0.1; 3],
             _ => [0.2; 3],
         }));
-        let shot = Shot { with_and_without: Some((&with, &without)), ..shot(&frame) };
-        let out = composite(&shot, &layer, &camera(), &Options::default()).unwrap();
+        let plate = Plate { with_and_without: Some((&with, &without)), ..plate(&frame) };
+        let out = composite(&plate, &layer, &camera(), &CompositeOptions::default()).unwrap();
         let shadow = t.decode(0.6) - 0.1;
         assert_eq!(out.0.at(10, 60), frame.0.at(10, 60));
         assert!(close(out.0.at(140, 60), [t.encode(shadow); 3], 1e-4));
@@ -711,8 +720,8 @@ mod tests {
         let (mut sum, mut count) = (0.0, 0.0);
         for number in 0..6 {
             let frame = frame(number);
-            let shot = Shot { number, ..shot(&frame) };
-            let out = composite(&shot, layer, model, &Options::default()).unwrap();
+            let plate = Plate { number, ..plate(&frame) };
+            let out = composite(&plate, layer, model, &CompositeOptions::default()).unwrap();
             for y in 46..74 {
                 for x in 56..94 {
                     sum += (out.0.at(x, y)[0] - clean).powi(2);
@@ -734,7 +743,7 @@ mod tests {
         let plain = camera();
         let sharpening = SharpeningModel::given(0.9, 1.2);
         let mut sharpening_camera = camera();
-        sharpening_camera.sharpening = Some(sharpening);
+        sharpening_camera.sharpening = Estimate::Known(sharpening);
         let sharpened = |image: &Encoded| Encoded(sharpening::sharpen(&image.0, &sharpening));
         let frame = sharpened(&background());
         // In focus; and blurred by 3 px and 6 px of motion.
@@ -744,7 +753,7 @@ mod tests {
                 let over = |frame: &Encoded, model: &CameraModel| {
                     let mut model = model.clone();
                     model.blur_space = blur_space;
-                    composite(&shot(frame), &layer, &model, &Options::default()).unwrap()
+                    composite(&plate(frame), &layer, &model, &CompositeOptions::default()).unwrap()
                 };
                 let want = sharpened(&over(&background(), &plain));
                 let out = over(&frame, &sharpening_camera);
@@ -761,9 +770,9 @@ mod tests {
             }
         }
         let layer = square(GREY, 1.0, 1.0, [0.0; 2]);
-        let naive = Options { naive: true, ..Options::default() };
+        let naive = CompositeOptions { naive: true, ..CompositeOptions::default() };
         let [with, without] =
-            [&sharpening_camera, &plain].map(|m| composite(&shot(&frame), &layer, m, &naive).unwrap());
+            [&sharpening_camera, &plain].map(|m| composite(&plate(&frame), &layer, m, &naive).unwrap());
         assert!(with == without);
     }
 
@@ -775,7 +784,7 @@ mod tests {
     #[test]
     fn sharpening_leaves_the_noise_as_it_is() {
         let mut model = with_noise(camera(), 0.04, 0.01, 1.0);
-        model.sharpening = Some(SharpeningModel::given(1.0, 1.0));
+        model.sharpening = Estimate::Known(SharpeningModel::given(1.0, 1.0));
         noise_ends_at_the_model_s_variance(model);
     }
 
@@ -801,11 +810,19 @@ mod tests {
     fn nothing_is_noisy_or_brighter_past_the_clip() {
         let model = with_noise(camera(), 0.04, 0.01, 0.9);
         let frame = background();
-        let bright =
-            composite(&shot(&frame), &square([3.0; 3], 1.0, 1.0, [0.0; 2]), &model, &Options::default());
+        let bright = composite(
+            &plate(&frame),
+            &square([3.0; 3], 1.0, 1.0, [0.0; 2]),
+            &model,
+            &CompositeOptions::default(),
+        );
         assert_eq!(bright.unwrap().0.at(70, 60), [0.9; 3]);
-        let below =
-            composite(&shot(&frame), &square([0.75; 3], 1.0, 1.0, [0.0; 2]), &model, &Options::default());
+        let below = composite(
+            &plate(&frame),
+            &square([0.75; 3], 1.0, 1.0, [0.0; 2]),
+            &model,
+            &CompositeOptions::default(),
+        );
         let below = below.unwrap();
         assert!(below.0.crop(55, 45, 40, 30).data().iter().flatten().all(|&v| (0.7..=0.9).contains(&v)));
         assert_ne!(below.0.at(70, 60), below.0.at(71, 60));
@@ -815,25 +832,25 @@ mod tests {
     fn what_does_not_fit_together_is_an_error_that_says_so() {
         let frame = background();
         let layer = square(GREY, 1.0, 1.0, [0.0; 2]);
-        let fails = |shot: &Shot, layer: &VirtualLayer, model: &CameraModel, says: &str| {
-            let e = composite(shot, layer, model, &Options::default()).unwrap_err().to_string();
+        let fails = |plate: &Plate, layer: &VirtualLayer, model: &CameraModel, says: &str| {
+            let e = composite(plate, layer, model, &CompositeOptions::default()).unwrap_err().to_string();
             assert!(e.contains(says), "{e}");
         };
         let small = Plane::filled(3, 3, 1.0);
         fails(
-            &Shot { inverse_depth: Some(&small), ..shot(&frame) },
+            &Plate { inverse_depth: Some(&small), ..plate(&frame) },
             &layer,
             &camera(),
             "the real depth has 3 x 3",
         );
         let other = VirtualLayer { flow: Some(Flow::filled(2, 2, [0.0; 2])), ..layer.clone() };
-        fails(&shot(&frame), &other, &camera(), "flow has 2 x 2");
-        fails(&shot(&frame), &layer, &camera().scaled_to(2 * W, 2 * H), "320");
+        fails(&plate(&frame), &other, &camera(), "flow has 2 x 2");
+        fails(&plate(&frame), &layer, &camera().scaled_to(2 * W, 2 * H), "320");
         let mut relative = camera();
         if let Estimate::Known(d) = &mut relative.defocus {
             d.depth_kind = DepthKind::Relative;
         }
-        fails(&shot(&frame), &layer, &relative, "relative inverse depth");
+        fails(&plate(&frame), &layer, &relative, "relative inverse depth");
     }
 
     #[test]
@@ -850,13 +867,13 @@ mod tests {
         let with = Linear(Raster::from_fn(W, H, |x, y| [if (x + y) % 7 == 0 { f32::NAN } else { 0.3 }; 3]));
         let without = Linear(Raster::filled(W, H, [0.4; 3]));
         let model = with_noise(camera(), 0.04, 0.01, 1.0);
-        let shot = Shot {
+        let plate = Plate {
             inverse_depth: Some(&real),
             flow: Some(&flow),
             with_and_without: Some((&with, &without)),
-            ..shot(&frame)
+            ..plate(&frame)
         };
-        let out = composite(&shot, &layer, &model, &Options::default()).unwrap();
+        let out = composite(&plate, &layer, &model, &CompositeOptions::default()).unwrap();
         assert!(out.0.data().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
     }
 }

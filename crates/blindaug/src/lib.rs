@@ -6,8 +6,8 @@
 //! also builds for the web.
 //!
 //! ```
-//! use blindaug::composite::{Options, Shot, VirtualLayer, composite};
-//! use blindaug::fit::{Estimator, Evidence, Observation};
+//! use blindaug::composite::{CompositeOptions, Plate, VirtualLayer, composite};
+//! use blindaug::fit::{Estimator, Evidence, FrameObservation};
 //! use blindaug::{Encoded, Flow, Plane, Premultiplied, Raster};
 //!
 //! // Two frames of a noisy wall.
@@ -22,7 +22,7 @@
 //! // Frames in, camera model out.
 //! let mut estimator = Estimator::new(Default::default());
 //! let still = Flow::filled(160, 128, [0.0; 2]);
-//! estimator.add(&Observation {
+//! estimator.add(&FrameObservation {
 //!     frame: &frame,
 //!     next: Some(&next),
 //!     previous: None,
@@ -42,8 +42,8 @@
 //!     inverse_depth: Some(Plane::filled(160, 128, 0.5)),
 //!     flow: Some(Flow::filled(160, 128, [8.0, 0.0])),
 //! };
-//! let shot = Shot { frame: &frame, number: 1, inverse_depth: None, flow: None, with_and_without: None };
-//! let out = composite(&shot, &layer, &camera, &Options::default())?;
+//! let plate = Plate { frame: &frame, number: 1, inverse_depth: None, flow: None, with_and_without: None };
+//! let out = composite(&plate, &layer, &camera, &CompositeOptions::default())?;
 //! assert_eq!(out.0.at(5, 5), frame.0.at(5, 5));
 //! assert_ne!(out.0.at(80, 60), frame.0.at(80, 60));
 //! # Ok::<(), blindaug::Error>(())

@@ -75,7 +75,7 @@ fn known(flow: &Flow) -> RelativeDepth {
 fn reason(flow: &Flow) -> String {
     match inverse_depth_from_flow(flow, &everything_seen()).unwrap() {
         Parallax::Known(depth) => panic!("known: {depth:?}"),
-        Parallax::Unknown(why) => why,
+        Parallax::Unknown(why) => why.sentence,
     }
 }
 
@@ -215,7 +215,7 @@ fn occluded_and_unknown_flow_is_left_out() {
     assert!(depth.inverse_depth.at(9, 9).is_finite());
     let hidden = Raster::from_fn(SIZE.0, SIZE.1, |x, _| x % 4 > 0);
     let Parallax::Unknown(why) = inverse_depth_from_flow(&flow, &hidden).unwrap() else { panic!("known") };
-    assert!(why.contains("found again"), "{why}");
+    assert!(why.sentence.contains("found again"), "{why}");
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Footage that a video coder has been at: a small one, which predicts along the motion and quantises 8x8 transforms.
 
 use blindaug::fit::noise::{LumaNoise, NoiseEvidence};
-use blindaug::fit::{Estimator, Evidence, Observation, Options, spectral};
+use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, spectral};
 use blindaug::model::{BlurSpace, ExposureFraction, Method};
 use blindaug::{Encoded, Flow, Plane, Raster, Transfer, filter, synth};
 use std::f32::consts::PI;
@@ -139,11 +139,11 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         let coded = coded(&plain);
         let noise = noise_of(&coded);
         assert!(noise.coding_error > 0.03, "{noise:?}");
-        let mut estimator = Estimator::new(Options::default());
+        let mut estimator = Estimator::new(EstimatorOptions::default());
         for (i, frame) in coded.iter().enumerate() {
             let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
             let (next, previous) = (coded.get(i + 1), i.checked_sub(1).map(|i| &coded[i]));
-            estimator.add(&Observation { frame, next, previous, evidence }).unwrap();
+            estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
         }
         let found = estimator.estimate().unwrap();
         let notes = &found.diagnostics.notes;
@@ -157,7 +157,10 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
             coded.iter().map(|f| spectral::tiles(f, Some(&flow), None, BlurSpace::Linear).unwrap()).collect();
         let tiles: Vec<&[spectral::Tile]> = tiles.iter().map(Vec::as_slice).collect();
         let credulous = LumaNoise { coding_error: 0.0, ..noise };
-        let wrong = spectral::fit_exposure(&tiles, &[], &credulous).expect("they are sure of it");
+        let wrong = spectral::fit_exposure(&tiles, &[], &credulous)
+            .expect("sound observations")
+            .into_known()
+            .expect("they are sure of it");
         println!("nothing allowed for: {:?} {:?}", wrong.exposure, wrong.interval);
         assert!((wrong.exposure.0 - exposure).abs() > 0.1);
         assert!(!(wrong.interval[0]..=wrong.interval[1]).contains(&exposure));

@@ -2,8 +2,8 @@
 
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::track::Tracker;
-use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options, spectral};
-use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, SharpeningModel};
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation, spectral};
+use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, Reason, SharpeningModel};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Plane, Raster, filter};
 
@@ -40,7 +40,7 @@ fn noisy(image: &Plane, std: f32, seed: u64) -> Encoded {
 }
 
 fn estimator(family: Family) -> Estimator {
-    Estimator::new(Options { family, blur_space: BlurSpace::Encoded, ..Options::default() })
+    Estimator::new(EstimatorOptions { family, blur_space: BlurSpace::Encoded, ..EstimatorOptions::default() })
 }
 
 /// What the frame alone says of the shutter, if it is blurred along `moved` and said to move along `told`.
@@ -50,7 +50,8 @@ fn blind(sharp: &Plane, moved: [f32; 2], told: [f32; 2], lambda: f32) -> Estimat
     let mut e = estimator(Family::Spectral);
     let flow = Flow::filled(N, N, told);
     let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
-    e.add(&Observation { frame: &noisy(&blurred, 0.004, 99), next: None, previous: None, evidence }).unwrap();
+    e.add(&FrameObservation { frame: &noisy(&blurred, 0.004, 99), next: None, previous: None, evidence })
+        .unwrap();
     e.estimate().unwrap()
 }
 
@@ -95,7 +96,7 @@ fn what_lens_and_noise_leave_of_a_texture_tells_its_exposure_without_bias() {
             })
             .collect();
         let tiles: Vec<&[spectral::Tile]> = tiles.iter().map(Vec::as_slice).collect();
-        let fit = spectral::fit_exposure(&tiles, &[], &noise).unwrap();
+        let fit = spectral::fit_exposure(&tiles, &[], &noise).unwrap().into_known().unwrap();
         println!("{lambda}: {:?} {:?}", fit.exposure, fit.interval);
         assert!((fit.exposure.0 - lambda).abs() < 0.06, "{:?} for {lambda}", fit.exposure);
         assert!((fit.interval[0]..=fit.interval[1]).contains(&lambda), "{:?} for {lambda}", fit.interval);
@@ -140,7 +141,7 @@ fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurre
             for i in 0..2 {
                 let evidence = Evidence { flow: Some(&flows[i]), ..Evidence::default() };
                 let previous = (pairs && i == 1).then(|| &frames[0]);
-                e.add(&Observation { frame: &frames[i], next: frames.get(i + 1), previous, evidence })
+                e.add(&FrameObservation { frame: &frames[i], next: frames.get(i + 1), previous, evidence })
                     .unwrap();
             }
             exposure(&e.estimate().unwrap())
@@ -178,7 +179,8 @@ fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open()
             let flow = given(i);
             let evidence = Evidence { flow: flow.as_ref(), ..Evidence::default() };
             let previous = (i > first).then(|| &frames[i - 1]);
-            e.add(&Observation { frame: &frames[i], next: frames.get(i + 1), previous, evidence }).unwrap();
+            e.add(&FrameObservation { frame: &frames[i], next: frames.get(i + 1), previous, evidence })
+                .unwrap();
         }
         e.estimate().unwrap().diagnostics.exposure_per_frame
     };
@@ -197,7 +199,7 @@ fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open()
         for i in 2 - frames_before..3 {
             let evidence = Evidence { flow: Some(&flows[i + 1]), ..Evidence::default() };
             let next = frames.get(i + 1);
-            tracker.push(&Observation { frame: &frames[i], next, previous: None, evidence }).unwrap();
+            tracker.push(&FrameObservation { frame: &frames[i], next, previous: None, evidence }).unwrap();
         }
         let model = tracker.model().unwrap();
         model.motion_blur.known().map_or(f32::NAN, |m| m.exposure.0)
@@ -251,7 +253,8 @@ fn a_frame_with_depth_tells_its_lens() {
     let (_, blurred) = through_a_lens(7, &depth, LENS);
     let mut e = estimator(Family::Spectral);
     let evidence = Evidence { inverse_depth: Some((&depth, DepthKind::Metric)), ..Evidence::default() };
-    e.add(&Observation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence }).unwrap();
+    e.add(&FrameObservation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence })
+        .unwrap();
     let error = lens_error(&e.estimate().unwrap(), &depth, LENS);
     println!("{error}");
     assert!(error < 0.3, "{error}");
@@ -260,7 +263,8 @@ fn a_frame_with_depth_tells_its_lens() {
     let wall = Plane::filled(N, N, 0.3);
     let mut e = estimator(Family::Spectral);
     let evidence = Evidence { inverse_depth: Some((&wall, DepthKind::Metric)), ..Evidence::default() };
-    e.add(&Observation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence }).unwrap();
+    e.add(&FrameObservation { frame: &noisy(&blurred, 0.004, 98), next: None, previous: None, evidence })
+        .unwrap();
     assert!(e.estimate().unwrap().model.defocus.known().is_none());
 }
 
@@ -270,8 +274,13 @@ fn error_of_strong_lens(n: usize, seed: u64, lens: (f32, f32)) -> f32 {
     let (_, blurred) = through_a_lens(seed, &depth, lens);
     let mut e = estimator(Family::Spectral);
     let evidence = Evidence { inverse_depth: Some((&depth, DepthKind::Metric)), ..Evidence::default() };
-    e.add(&Observation { frame: &noisy(&blurred, 0.004, 98 + seed), next: None, previous: None, evidence })
-        .unwrap();
+    e.add(&FrameObservation {
+        frame: &noisy(&blurred, 0.004, 98 + seed),
+        next: None,
+        previous: None,
+        evidence,
+    })
+    .unwrap();
     let error = lens_error(&e.estimate().unwrap(), &depth, lens);
     println!("{lens:?}: {error}");
     error
@@ -305,7 +314,8 @@ fn a_clean_frame_tells_both_at_once() {
         clean: Some(&clean),
         ..Evidence::default()
     };
-    e.add(&Observation { frame: &noisy(&blurred, 0.01, 97), next: None, previous: None, evidence }).unwrap();
+    e.add(&FrameObservation { frame: &noisy(&blurred, 0.01, 97), next: None, previous: None, evidence })
+        .unwrap();
     let e = e.estimate().unwrap();
     let (error, (lambda, _)) = (lens_error(&e, &depth, LENS), exposure(&e));
     println!("{error} {lambda}");
@@ -318,13 +328,13 @@ fn of_a_long_clip_evenly_spaced_frames_are_used() {
     let used = |mut e: Estimator, n: usize| -> Vec<usize> {
         let add = |e: &mut Estimator| {
             let evidence = Evidence::default();
-            e.add(&Observation { frame: &frame, next: None, previous: None, evidence }).unwrap()
+            e.add(&FrameObservation { frame: &frame, next: None, previous: None, evidence }).unwrap()
         };
         (0..n).filter(|_| add(&mut e)).collect()
     };
-    let spaced = used(Estimator::new(Options::default()).expecting(200), 200);
+    let spaced = used(Estimator::new(EstimatorOptions::default()).expecting(200), 200);
     assert_eq!(spaced, (0..200).step_by(5).collect::<Vec<_>>());
-    let thinned = used(Estimator::new(Options::default()), 200);
+    let thinned = used(Estimator::new(EstimatorOptions::default()), 200);
     assert!(thinned.len() > spaced.len() && thinned.windows(2).all(|w| w[1] - w[0] <= 4), "{thinned:?}");
 }
 
@@ -339,33 +349,35 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
         });
         let mut e = estimator(Family::Spectral);
         let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
-        e.add(&Observation { frame: &frame, next: Some(&next), previous: None, evidence }).unwrap();
+        e.add(&FrameObservation { frame: &frame, next: Some(&next), previous: None, evidence }).unwrap();
         e.estimate().unwrap().model.sharpening
     };
-    let found = filmed(1.2).expect("its noise is sharpened");
+    let found = *filmed(1.2).known().expect("its noise is sharpened");
     println!("{found:?}");
     assert!((found.amount - 1.2).abs() < 0.4, "{found:?}");
     assert!((found.interval[0]..found.interval[1]).contains(&1.2), "{found:?}");
-    assert_eq!(filmed(0.0), None);
+    assert_eq!(filmed(0.0).why_unknown().map(|why| why.reason), Some(Reason::NotSeen));
 }
 
 /// So many tiles of all parts of the image that agree on an exposure: at most so many nats each.
-fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureWitness> {
+fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureObservation> {
     let objection = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
-    let objections: Vec<f32> = (0..spectral::EXPOSURES).map(objection).collect();
-    let witness = |i: u32| spectral::ExposureWitness {
+    let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(objection).collect();
+    let observation = |i: u32| spectral::ExposureObservation {
         block: i % 25,
         frame: 0,
         speed: 20.0,
-        objections: objections.clone(),
+        log_likelihood: log_likelihood.clone(),
     };
-    (0..tiles).map(witness).collect()
+    (0..tiles).map(observation).collect()
 }
 
 #[test]
 fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
     // As sure as it gets, of 1.1 or of 0.4.
-    let of = |exposure: f32| spectral::exposure_of(&agreeing_tiles(400, exposure, 8.0), 1, 0.0).unwrap();
+    let of = |exposure: f32| {
+        spectral::exposure_of(&agreeing_tiles(400, exposure, 8.0), 1, 0.0).unwrap().into_known().unwrap()
+    };
     let fit = of(1.1);
     let [low, high] = fit.interval;
     assert!(fit.exposure.0 == 1.0 && (0.9..0.96).contains(&low) && high == 1.0, "{low} {high}");
@@ -376,12 +388,22 @@ fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
 #[test]
 fn tiles_that_agree_but_hardly_object_to_anything_else_tell_no_exposure() {
     // All replicas of a bootstrap are alike.
-    let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.0).unwrap_err();
-    assert!(why.starts_with("too little in the frames moves, or what moves has too little texture"), "{why}");
-    let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.03).unwrap_err();
-    assert!(why.contains("compression"), "{why}");
+    let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.0).unwrap();
+    let why = why.why_unknown().unwrap();
+    assert_eq!(why.reason, Reason::Uncertain);
+    assert!(
+        why.sentence.starts_with("too little in the frames moves, or what moves has too little texture"),
+        "{why}"
+    );
+    let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.03).unwrap();
+    let why = why.why_unknown().unwrap();
+    assert!(why.sentence.contains("compression"), "{why}");
     let width = |tiles: u32| {
-        let [low, high] = spectral::exposure_of(&agreeing_tiles(tiles, 0.5, 8.0), 1, 0.0).unwrap().interval;
+        let [low, high] = spectral::exposure_of(&agreeing_tiles(tiles, 0.5, 8.0), 1, 0.0)
+            .unwrap()
+            .into_known()
+            .unwrap()
+            .interval;
         high - low
     };
     let (few, many) = (width(7), width(700));
@@ -393,8 +415,8 @@ fn what_texture_hides_of_slow_streaks_is_allowed_for_once_in_clips_of_any_length
     let of = |frames: usize| {
         let slow = agreeing_tiles(400, 0.5, 8.0).into_iter().enumerate();
         let slow: Vec<_> =
-            slow.map(|(i, w)| spectral::ExposureWitness { frame: i % frames, speed: 4.0, ..w }).collect();
-        spectral::exposure_of(&slow, frames, 0.0).unwrap().interval
+            slow.map(|(i, w)| spectral::ExposureObservation { frame: i % frames, speed: 4.0, ..w }).collect();
+        spectral::exposure_of(&slow, frames, 0.0).unwrap().into_known().unwrap().interval
     };
     // 0.45 less a streak of 1.2 px, and 0.55 and one more.
     let [low, high] = of(1);

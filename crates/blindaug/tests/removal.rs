@@ -3,7 +3,7 @@
 mod leaves;
 
 use blindaug::fit::removal::{Line, NoisyLight, denoise, kernel};
-use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
 use blindaug::model::{DefocusCurve, DepthKind, Method};
 use blindaug::{Flow, Plane, Raster, synth};
 use leaves::{CAMERA, Camera, Scene};
@@ -144,7 +144,8 @@ fn kernels_have_unit_sum_and_the_variance_of_their_parts() {
 /// What removal makes of three frames of a camera, motion and depth given.
 fn by_removal(camera: Camera) -> Estimation {
     let clip = Scene::new(3, (320, 240)).clip(4, |_| camera);
-    let mut estimator = Estimator::new(Options { family: Family::Removal, ..Options::default() });
+    let mut estimator =
+        Estimator::new(EstimatorOptions { family: Family::Removal, ..EstimatorOptions::default() });
     for (i, shot) in clip.iter().enumerate().take(3) {
         let evidence = Evidence {
             flow: Some(&shot.flow),
@@ -153,7 +154,7 @@ fn by_removal(camera: Camera) -> Estimation {
         };
         let previous = i.checked_sub(1).map(|i| &clip[i].frame);
         estimator
-            .add(&Observation { frame: &shot.frame, next: Some(&clip[i + 1].frame), previous, evidence })
+            .add(&FrameObservation { frame: &shot.frame, next: Some(&clip[i + 1].frame), previous, evidence })
             .unwrap();
     }
     estimator.estimate().unwrap()

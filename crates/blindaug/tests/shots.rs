@@ -4,7 +4,8 @@ mod leaves;
 
 use blindaug::Encoded;
 use blindaug::fit::track::Tracker;
-use blindaug::fit::{Estimation, Estimator, Observation, Options};
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, FrameObservation};
+use blindaug::model::Reason;
 use leaves::{CAMERA, Camera, Scene};
 
 const FRAMES: usize = 4;
@@ -22,15 +23,15 @@ fn montage(exposures: [f32; 2]) -> Estimation {
 }
 
 /// Nothing but the frames.
-fn observations(frames: &[Encoded]) -> impl Iterator<Item = Observation<'_>> {
+fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
     frames.iter().enumerate().map(|(i, frame)| {
         let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
-        Observation { frame, next, previous, evidence: Default::default() }
+        FrameObservation { frame, next, previous, evidence: Default::default() }
     })
 }
 
 fn estimate(frames: &[Encoded]) -> Estimation {
-    let mut estimator = Estimator::new(Options::default());
+    let mut estimator = Estimator::new(EstimatorOptions::default());
     observations(frames).for_each(|o| assert!(estimator.add(&o).unwrap()));
     estimator.estimate().unwrap()
 }
@@ -40,7 +41,8 @@ fn shots_of_different_shutters_are_told_apart() {
     let Estimation { model, diagnostics } = montage([0.25, 0.8]);
     let why = model.motion_blur.why_unknown().expect("no one exposure is that of both");
     println!("{why}");
-    assert!(why.contains("shot 1") && why.contains("shot 2"), "{why}");
+    assert_eq!(why.reason, Reason::Contradicting);
+    assert!(why.sentence.contains("shot 1") && why.sentence.contains("shot 2"), "{why}");
     assert_eq!(diagnostics.shots.iter().map(|s| s.frames.clone()).collect::<Vec<_>>(), [0..4, 4..8]);
     for (shot, exposure) in diagnostics.shots.iter().zip([0.25, 0.8]) {
         let found = shot.motion_blur.known().expect("each can tell").exposure.0;
@@ -71,7 +73,7 @@ fn a_clip_without_a_cut_is_one_shot_whatever_its_shutter_does() {
 fn a_tracker_does_not_carry_over_a_cut_what_it_knows_of_the_shutter() {
     let known = |frames: &[Encoded]| -> Vec<Option<f32>> {
         let mut tracker = Tracker::new(Default::default(), None);
-        let exposure = |o: Observation| Some(tracker.push(&o).unwrap().motion_blur.known()?.exposure.0);
+        let exposure = |o: FrameObservation| Some(tracker.push(&o).unwrap().motion_blur.known()?.exposure.0);
         observations(frames).map(exposure).collect()
     };
     let moving = filmed(1, &[0.5; 6]);

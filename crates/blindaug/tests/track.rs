@@ -2,7 +2,7 @@
 
 mod leaves;
 
-use blindaug::fit::{Estimator, Evidence, Observation, track::Tracker};
+use blindaug::fit::{Estimator, Evidence, FrameObservation, track::Tracker};
 use blindaug::model::{BlurSpace, CameraModel, Changes, DepthKind};
 use blindaug::synth;
 use leaves::{CAMERA, Camera, Scene, Shot};
@@ -26,7 +26,8 @@ fn push(tracker: &mut Tracker, shot: &Shot, next: &Shot) -> CameraModel {
         inverse_depth: Some((&shot.inverse_depth, DepthKind::Metric)),
         ..Evidence::default()
     };
-    let observation = Observation { frame: &shot.frame, next: Some(&next.frame), previous: None, evidence };
+    let observation =
+        FrameObservation { frame: &shot.frame, next: Some(&next.frame), previous: None, evidence };
     tracker.push(&observation).unwrap().clone()
 }
 
@@ -99,7 +100,7 @@ fn what_never_forgets_is_seen_not_to_settle() {
     let mut all = Estimator::new(Default::default());
     for w in clip.windows(2).take(JUMP + SETTLED) {
         let evidence = Evidence { flow: Some(&w[0].flow), ..Evidence::default() };
-        all.add(&Observation { frame: &w[0].frame, next: Some(&w[1].frame), previous: None, evidence })
+        all.add(&FrameObservation { frame: &w[0].frame, next: Some(&w[1].frame), previous: None, evidence })
             .unwrap();
     }
     let found = exposure(&all.estimate().unwrap().model);
@@ -196,7 +197,7 @@ fn frames_alone_are_enough() {
     for w in clip.windows(2) {
         let evidence = Evidence::default();
         let observation =
-            Observation { frame: &w[0].frame, next: Some(&w[1].frame), previous: None, evidence };
+            FrameObservation { frame: &w[0].frame, next: Some(&w[1].frame), previous: None, evidence };
         tracker.push(&observation).unwrap();
     }
     let model = tracker.model().unwrap();

@@ -1,7 +1,7 @@
 //! The object over a frame.
 
 use super::{render::Layer, source::Shot};
-use blindaug::{CameraModel, Result, composite::Options};
+use blindaug::{CameraModel, Result, composite::CompositeOptions};
 use blindaug_gpu::{Bound, Compositor as Effects, Depth, Frame, Gpu, Inputs, Quality, Velocity, texture};
 use wgpu::{TextureFormat, TextureUsages, TextureView};
 
@@ -45,7 +45,7 @@ impl Compositor {
         shot: &Shot,
         camera: &CameraModel,
         quality: Quality,
-        targets: &[(Options, &TextureView)],
+        targets: &[(CompositeOptions, &TextureView)],
     ) -> Result<()> {
         gpu.write(&self.frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
         for (options, target) in targets {

@@ -6,8 +6,8 @@ use super::{
 };
 use blindaug::{
     CameraModel, Plane, Result,
-    fit::{Evidence, Observation, track::Tracker},
-    model::{BlurSpace, DepthKind, Estimate as Parameter, TrackedCamera},
+    fit::{Evidence, FrameObservation, track::Tracker},
+    model::{BlurSpace, DepthKind, Estimate as Parameter, Reason, TrackedCamera},
 };
 use glam::DVec2;
 use std::time::{Duration, Instant};
@@ -87,7 +87,7 @@ impl Estimation {
     pub fn push(&mut self, shot: &Shot, home: Home) -> Result<Estimate> {
         let start = Instant::now();
         let Shot { number, lap, frame, next, previous } = shot;
-        let observation = Observation {
+        let observation = FrameObservation {
             frame,
             next: next.as_deref(),
             previous: previous.as_deref(),
@@ -164,7 +164,9 @@ fn in_metres(mut camera: CameraModel, scale: Option<f32>) -> CameraModel {
     {
         camera.defocus = match scale {
             Some(scale) => Parameter::Known(lens.to_metric(scale, 0.0)),
-            None => Parameter::Unknown("nothing is known of the depth where the object stands".into()),
+            None => {
+                Parameter::unknown(Reason::NoDepth, "nothing is known of the depth where the object stands")
+            }
         };
     }
     camera

@@ -17,7 +17,7 @@ use crate::{
     console::{Failure, Result, failure, note},
     within,
 };
-use blindaug::composite::Options;
+use blindaug::composite::CompositeOptions;
 use blindaug_gpu::{Gpu, Quality};
 use blindaug_io::{FrameSource, Inputs};
 use estimation::Home;
@@ -134,7 +134,7 @@ pub fn run(args: &Live) -> Result<()> {
     let look = Look {
         split: args.split as f32,
         size: (args.size * scene.seen()) as f32,
-        options: Options { naive: false, ..args.style.options() },
+        options: CompositeOptions { naive: false, ..args.style.options() },
         quality: Quality::default(),
     };
     let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {

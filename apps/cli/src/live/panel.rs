@@ -116,8 +116,8 @@ fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
         Parameter::Unknown(why) => rows.push(("defocus", format!("unknown: {why}"))),
     }
     match &camera.sharpening {
-        Some(s) => rows.push(("sharpening", with_interval(s.amount, s.interval))),
-        None => rows.push(("sharpening", "none seen".into())),
+        Parameter::Known(s) => rows.push(("sharpening", with_interval(s.amount, s.interval))),
+        Parameter::Unknown(why) => rows.push(("sharpening", format!("unknown: {why}"))),
     }
     rows
 }

@@ -8,7 +8,7 @@ use super::{
     render::{Light, Moment, Renderer, attachment},
     source::Shot,
 };
-use blindaug::{Encoded, Error, Result, Transfer, composite::Options, luma};
+use blindaug::{Encoded, Error, Result, Transfer, composite::CompositeOptions, luma};
 use blindaug_gpu::{Gpu, Quality, bind, full_screen, texture};
 use bytemuck::bytes_of;
 use glam::Vec3;
@@ -34,7 +34,7 @@ pub struct Look {
     /// The object's longest side, m.
     pub size: f32,
     /// Of the composite right of the line.
-    pub options: Options,
+    pub options: CompositeOptions,
     /// Of both.
     pub quality: Quality,
 }
@@ -140,7 +140,7 @@ impl Stage {
         self.renderer.draw(&self.gpu, &moment);
         self.settle()?;
         let render = start.elapsed();
-        let naive = Options { naive: true, ..look.options };
+        let naive = CompositeOptions { naive: true, ..look.options };
         let mut targets = vec![];
         if look.split > 0.0 {
             targets.push((naive, &self.naive));
@@ -229,7 +229,8 @@ mod tests {
         let shot = Shot { number: 1, lap: 0, frame: frame.clone(), next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
         let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
-        let look = Look { split: 0.0, size: 1.0, options: Options::default(), quality: Quality::High };
+        let look =
+            Look { split: 0.0, size: 1.0, options: CompositeOptions::default(), quality: Quality::High };
         let stage = |gpu| Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         let first = stage(gpu);
         first.draw(&shot, &estimate, &look).unwrap();
@@ -253,7 +254,8 @@ mod tests {
         let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
         let stage = Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         for (split, line) in [(0.25, Some(16)), (0.0, None), (1.0, None)] {
-            let look = Look { split, size: 0.1, options: Options::default(), quality: Quality::High };
+            let look =
+                Look { split, size: 0.1, options: CompositeOptions::default(), quality: Quality::High };
             stage.draw(&shot, &estimate, &look).unwrap();
             let picture = stage.read().unwrap();
             let white: Vec<usize> = (0..64).filter(|&x| picture.0.at(x, 1) == [1.0; 3]).collect();

@@ -2,7 +2,7 @@ use super::*;
 use blindaug::Raster;
 use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
-    Capture, Changes, NOISE_LEVELS, NoiseInterval, NoiseLevel, ThinLensInterval, TrackedCamera,
+    Capture, Changes, NOISE_LEVELS, NoiseInterval, NoiseLevel, Reason, ThinLensInterval, TrackedCamera,
 };
 use blindaug::synth::noise::noise;
 use std::path::PathBuf;
@@ -257,7 +257,11 @@ fn each_shot_has_its_own_exposure() {
     };
     let shot = |frames, known: bool| Shot {
         frames,
-        motion_blur: if known { model.motion_blur.clone() } else { Estimate::Unknown("still".into()) },
+        motion_blur: if known {
+            model.motion_blur.clone()
+        } else {
+            Estimate::unknown(Reason::NoMotion, "still")
+        },
     };
     assert_eq!(exposures(vec![]), (1, false));
     assert_eq!(exposures(vec![shot(0..2, true), shot(2..4, true), shot(4..5, false)]), (2, true));
@@ -308,7 +312,7 @@ fn odd_frames_and_numbers_give_a_report() {
             ],
             exposure_per_frame: vec![(0, nan), (1, 7.0), (usize::MAX, -1.0)],
             shots: vec![
-                Shot { frames: 0..0, motion_blur: Estimate::Unknown("<b>".into()) },
+                Shot { frames: 0..0, motion_blur: Estimate::unknown(Reason::Other, "<b>") },
                 Shot {
                     frames: 5..usize::MAX,
                     motion_blur: Estimate::Known(MotionBlurModel::given(ExposureFraction(nan))),
@@ -434,12 +438,12 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
 #[test]
 fn what_a_track_does_not_know_is_left_out_and_said() {
     let (plots, html) = tracked(|number, camera, _| {
-        camera.noise = Estimate::Unknown("too <dark>".into());
+        camera.noise = Estimate::unknown(Reason::Flat, "too <dark>");
         if number < 3 || number == 8 {
-            camera.defocus = Estimate::Unknown(format!("nothing near, {number}"));
+            camera.defocus = Estimate::unknown(Reason::Flat, format!("nothing near, {number}"));
         }
         if number != 5 {
-            camera.motion_blur = Estimate::Unknown("nothing moves".into());
+            camera.motion_blur = Estimate::unknown(Reason::NoMotion, "nothing moves");
         }
     });
     // The lens in two stretches, the exposure in a single frame, the noise not at all.

@@ -7,7 +7,7 @@ use super::{
     write_page,
 };
 use blindaug::CameraModel;
-use blindaug::model::{CameraTrack, Changes, DefocusCurve, DepthKind, TrackedCamera};
+use blindaug::model::{CameraTrack, Changes, DefocusCurve, DepthKind, TrackedCamera, Unknown};
 use blindaug_io::Result;
 use maud::{Markup, html};
 use plotters::style::RGBColor;
@@ -159,7 +159,7 @@ fn figure<F: Fn(&CameraModel) -> Known>(
 fn in_words(
     frames: &[TrackedCamera],
     changed: impl Fn(Changes) -> bool,
-    why_unknown: impl Fn(&CameraModel) -> Option<&str>,
+    why_unknown: impl Fn(&CameraModel) -> Option<&Unknown>,
 ) -> Markup {
     let changes: Vec<String> =
         frames.iter().filter(|f| changed(f.changed)).map(|f| f.frame.to_string()).collect();

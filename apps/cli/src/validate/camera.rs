@@ -57,7 +57,7 @@ impl Camera {
         let (without_noise, noisy) = match self {
             Self::Synthesis => {
                 let model = model(sharp.0.size(), setting);
-                let options = synth::Options { bokeh: Bokeh::Disk, no_noise: true, seed };
+                let options = synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed };
                 let clean =
                     synth::distort_frame(sharp, &model, Some(inverse_depth), Some(motion), &options, time)?;
                 let noise = model.noise.known().map(|m| noise::noise(m, &clean.luma(), seed, time));

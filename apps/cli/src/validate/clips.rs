@@ -2,7 +2,7 @@
 
 use super::measure::{Footage, NoiseTruth, Truth};
 use crate::console::{Failure, Result, failure};
-use blindaug::composite::{self, Shot, VirtualLayer};
+use blindaug::composite::{self, Plate, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
@@ -21,7 +21,7 @@ pub struct Condition {
     /// The folder of its frames.
     pub name: String,
     truth: Truth,
-    /// Readout and shot noise: std = readout + shot sqrt(I), of encoded values.
+    /// Readout and plate noise: std = readout + plate sqrt(I), of encoded values.
     noise: Option<[f32; 2]>,
 }
 
@@ -127,11 +127,11 @@ impl Condition {
             for (frame, &n) in frames.iter().zip(&numbers) {
                 truth.add(frame, &self.frame(&plain, n)?);
             }
-        } else if let Some([readout, shot]) = self.noise {
+        } else if let Some([readout, plate]) = self.noise {
             let white = white_band_std();
             // 8-bit rounding adds a variance of 1/12 step.
             let rounding = (1.0 / 255.0f32).powi(2) / 12.0;
-            let std = |y: f32| ((readout + shot * y.sqrt()).powi(2) + rounding).sqrt();
+            let std = |y: f32| ((readout + plate * y.sqrt()).powi(2) + rounding).sqrt();
             noise = Some(NoiseTruth::known(|level, y| std(y) * white[level]));
         }
         Ok(Footage {
@@ -174,7 +174,7 @@ impl Condition {
             let geometry = self.clip.join(format!("clean/{n:04}.exr"));
             let depth = blindaug_io::read_inverse_depth(&geometry, Default::default())?;
             let flow = blindaug_io::read_flow(&geometry)?;
-            let shot = Shot {
+            let plate = Plate {
                 frame: &frame,
                 number: n,
                 inverse_depth: Some(&depth),
@@ -184,8 +184,9 @@ impl Condition {
             let area = object_area(&layer.color.0.map(|p| p[3]), 20);
             for (sum, (model, naive)) in sums.iter_mut().zip([(model, true), (model, false), (&real, false)])
             {
-                let options = composite::Options { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
-                let made = composite::composite(&shot, &layer, model, &options);
+                let options =
+                    composite::CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
+                let made = composite::composite(&plate, &layer, model, &options);
                 let made = made.and_then(|made| psnr(&made, &truth, Some(&area)));
                 *sum += made.map_err(|e| failure(&self.clip, e))? / numbers.len() as f64;
             }

@@ -1,7 +1,7 @@
 //! Estimates beside the truth.
 
 use crate::networks::{Networks, or_removed};
-use blindaug::fit::{Estimation, Estimator, Evidence, Family, Observation, Options};
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
 use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::{Encoded, Flow, Plane, Raster, Result, pyramid};
 use serde::{Deserialize, Serialize};
@@ -261,9 +261,9 @@ fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<
     let used = if slow { footage.frames.len().min(REMOVAL_FRAMES) } else { footage.frames.len() };
     let numbered: Vec<(u64, &Encoded)> = (0..).zip(&footage.frames).collect();
     networks.clear();
-    let mut estimator = Estimator::new(Options {
+    let mut estimator = Estimator::new(EstimatorOptions {
         family: if by_removal { Family::Removal } else { Family::Spectral },
-        ..Options::default()
+        ..EstimatorOptions::default()
     })
     .expecting(used);
     let several = footage.frames.len() > 1;
@@ -272,7 +272,7 @@ fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<
         let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
         let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
         let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
-        estimator.add(&Observation {
+        estimator.add(&FrameObservation {
             frame,
             next: footage.frames.get(i + 1),
             previous: i.checked_sub(1).map(|i| &footage.frames[i]),

@@ -3,7 +3,7 @@
 use super::measure::{NoiseTruth, median, noise_errors};
 use crate::console::{Result, failure};
 use crate::networks::Networks;
-use blindaug::fit::{Estimator, Evidence, Observation, Options};
+use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::model::{Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::synth;
 use blindaug::{Encoded, Plane, Raster, filter};
@@ -84,7 +84,7 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
     let numbered: Vec<(u64, &Encoded)> = (0..).zip(&first).collect();
     let mut of = |what: &str, single: bool, by_networks: bool| -> Result<()> {
         networks.clear();
-        let mut estimator = Estimator::new(Options::default());
+        let mut estimator = Estimator::new(EstimatorOptions::default());
         let frames = if single { 1 } else { first.len() };
         for (i, frame) in first.iter().enumerate().take(frames) {
             let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
@@ -92,11 +92,13 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
             let previous = i.checked_sub(1).map(|i| &first[i]);
             // As if it were known: an estimate leaves a network's residual out.
             let evidence = Evidence { denoised: removed.denoised.as_deref(), ..Evidence::default() };
-            estimator.add(&Observation { frame, next, previous, evidence }).map_err(|e| failure(path, e))?;
+            estimator
+                .add(&FrameObservation { frame, next, previous, evidence })
+                .map_err(|e| failure(path, e))?;
         }
         let model = estimator.estimate().map_err(|e| failure(path, e))?.model;
         let Estimate::Known(noise) = &model.noise else {
-            let why = model.noise.why_unknown().unwrap_or_default();
+            let why = model.noise.why_unknown().map_or("", |why| &why.sentence);
             let _ = writeln!(text, "  {what}: unknown ({why})");
             return Ok(());
         };

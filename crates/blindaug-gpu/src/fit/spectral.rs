@@ -4,8 +4,8 @@ use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, 
 use crate::gpu::array_view;
 use blindaug::fit::noise::LumaNoise;
 use blindaug::fit::spectral::{
-    self, BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureWitness,
-    LENS_TILES_PER_BLOCK, LEVELS, LensWitness, SIGMAS, TILE, TILE_SIGMAS, frequencies, hann, lens_gain,
+    self, BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureObservation,
+    LENS_TILES_PER_BLOCK, LEVELS, LensObservation, SIGMAS, TILE, TILE_SIGMAS, frequencies, hann, lens_gain,
 };
 use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
@@ -28,25 +28,25 @@ pub(crate) const LENS: &str = concat!(
     include_str!("spectral/lens.wgsl")
 );
 
-/// f32 of the shader's `Tile`, of its `Params`, of a witness of exposure or lens with what comes first in both, and of a row of its table of lenses.
+/// f32 of the shader's `Tile`, of its `Params`, of an observation of exposure or lens with what comes first in both, and of a row of its table of lenses.
 const TILE_LEN: usize = 12;
 const PARAMS: usize = 44;
 const HEAD: usize = 3;
-const EXPOSURE_WITNESS: usize = HEAD + EXPOSURES;
-const LENS_WITNESS: usize = HEAD + SIGMAS;
+const EXPOSURE_OBSERVATION: usize = HEAD + EXPOSURES;
+const LENS_OBSERVATION: usize = HEAD + SIGMAS;
 const GAINS: usize = 128;
-/// Tiles that may be witnesses of the lens.
+/// Tiles that may be observations of the lens.
 const LENS_TILES: usize = BLOCK_COUNT * LENS_TILES_PER_BLOCK;
 
 /// What the tiles of a frame say of exposure and defocus. [`blindaug::fit::spectral::exposure_of`] and
 /// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on, and
-/// [`blindaug::fit::track::Tracker::push_witnesses`] follows them over time.
+/// [`blindaug::fit::track::Tracker::push_observations`] follows them over time.
 #[derive(Clone, Debug, Default)]
-pub struct Witnesses {
+pub struct Observations {
     /// Tiles that move; as of frame 0.
-    pub exposure: Vec<ExposureWitness>,
+    pub exposure: Vec<ExposureObservation>,
     /// Tiles of one depth; as of the first part of a clip.
-    pub lens: Vec<LensWitness>,
+    pub lens: Vec<LensObservation>,
 }
 
 /// Looks at the frame in a texture, with the flow to the next frame and inverse depth, where known: its tiles' periodograms, and
@@ -60,7 +60,7 @@ pub struct TileEvidence {
     levels: [[u32; 4]; LEVELS],
     /// Light, places, periodograms, choice, exposure, lens; of a frame that is smaller than a tile, none.
     stages: Vec<Stage>,
-    witnesses: Readback,
+    observations: Readback,
 }
 
 impl TileEvidence {
@@ -104,8 +104,11 @@ impl TileEvidence {
             usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        let witnesses =
-            Readback::new(device, "witnesses", EXPOSURE_TILES * EXPOSURE_WITNESS + LENS_TILES * LENS_WITNESS);
+        let observations = Readback::new(
+            device,
+            "observations",
+            EXPOSURE_TILES * EXPOSURE_OBSERVATION + LENS_TILES * LENS_OBSERVATION,
+        );
         let flags = [space == BlurSpace::Linear, flow.is_some(), inverse_depth.is_some()];
         let [linear_light, has_flow, has_depth] = flags.map(u32::from);
         let frame_words = [size[0], size[1], linear_light, has_flow, has_depth];
@@ -113,9 +116,9 @@ impl TileEvidence {
             vec![]
         } else {
             let views = [frame, or_flow, or_depth].map(array_view);
-            stages(device, (size, count, pixels), &params, &views, &witnesses.source)
+            stages(device, (size, count, pixels), &params, &views, &observations.source)
         };
-        Ok(Self { params, frame: frame_words, levels, stages, witnesses })
+        Ok(Self { params, frame: frame_words, levels, stages, observations })
     }
 
     /// Starts to look at the textures as they are, given the noise, the exposure so far (for the lens; 0 if
@@ -129,7 +132,7 @@ impl TileEvidence {
         exposure: ExposureFraction,
         sharpening: Option<&SharpeningModel>,
     ) -> bool {
-        if !self.witnesses.is_idle() {
+        if !self.observations.is_idle() {
             return false;
         }
         let [amount, radius] = sharpening.map_or([0.0; 2], |s| [s.amount, s.radius_px]);
@@ -142,7 +145,7 @@ impl TileEvidence {
         let mut words = [0; PARAMS];
         words.iter_mut().zip(all).for_each(|(word, v)| *word = v);
         queue.write_buffer(&self.params, 0, bytemuck::cast_slice(&words));
-        self.witnesses.submit(device, queue, "spectral fit", |pass| {
+        self.observations.submit(device, queue, "spectral fit", |pass| {
             self.stages.iter().for_each(|s| s.run(pass));
         });
         true
@@ -152,20 +155,22 @@ impl TileEvidence {
     ///
     /// # Errors
     /// If the device was lost.
-    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Witnesses>> {
-        self.witnesses.poll(device, |values| {
-            let mut out = Witnesses::default();
+    pub fn poll(&mut self, device: &wgpu::Device) -> Result<Option<Observations>> {
+        self.observations.poll(device, |values| {
+            let mut out = Observations::default();
             if self.stages.is_empty() {
                 return out;
             }
-            let (exposure, lens) = values.split_at(EXPOSURE_TILES * EXPOSURE_WITNESS);
-            for witness in exposure.chunks_exact(EXPOSURE_WITNESS).filter(|w| w[0] > 0.0) {
-                let (block, speed, objections) = (witness[1] as u32, witness[2], witness[HEAD..].to_vec());
-                out.exposure.push(ExposureWitness { block, frame: 0, speed, objections });
+            let (exposure, lens) = values.split_at(EXPOSURE_TILES * EXPOSURE_OBSERVATION);
+            for observation in exposure.chunks_exact(EXPOSURE_OBSERVATION).filter(|w| w[0] > 0.0) {
+                let (block, speed, log_likelihood) =
+                    (observation[1] as u32, observation[2], observation[HEAD..].to_vec());
+                out.exposure.push(ExposureObservation { block, frame: 0, speed, log_likelihood });
             }
-            for witness in lens.chunks_exact(LENS_WITNESS).filter(|w| w[0] > 0.0) {
-                let (block, inverse_depth, table) = (witness[1] as u32, witness[2], witness[HEAD..].to_vec());
-                out.lens.push(LensWitness { inverse_depth, table, tiles: 1.0, block, part: 0 });
+            for observation in lens.chunks_exact(LENS_OBSERVATION).filter(|w| w[0] > 0.0) {
+                let (block, inverse_depth, table) =
+                    (observation[1] as u32, observation[2], observation[HEAD..].to_vec());
+                out.lens.push(LensObservation { inverse_depth, table, tiles: 1.0, block, part: 0 });
             }
             out
         })
@@ -183,7 +188,7 @@ fn stages(
     (size, count, pixels): ([u32; 2], usize, usize),
     params: &wgpu::Buffer,
     [frame, flow, inverse_depth]: &[wgpu::TextureView; 3],
-    witnesses: &wgpu::Buffer,
+    observations: &wgpu::Buffer,
 ) -> Vec<Stage> {
     let params = uniform(params);
     let light = storage(device, "light", 4 * pixels);
@@ -216,7 +221,7 @@ fn stages(
         read(&periodograms),
         read(&by_ring),
         read(&rings),
-        write(witnesses),
+        write(observations),
     ];
     let lens: Vec<_> = shared.iter().cloned().chain([read(&gains)]).collect();
     let of_each = |threads: usize, n: usize| [(threads * n) as u32, 1, 1];

@@ -19,6 +19,7 @@
 
 use super::flow::FlowPair;
 use super::quantile;
+use crate::model::{Reason, Unknown};
 use crate::{Error, Flow, Plane, Raster, Result, par};
 
 /// Assumed focal length, in image widths.
@@ -58,8 +59,8 @@ const OUTLIER_PX: [f64; 2] = [0.2, 1.0];
 pub enum Parallax {
     /// The camera has moved enough.
     Known(RelativeDepth),
-    /// Why nothing is known, in a clause.
-    Unknown(String),
+    /// Why nothing is known.
+    Unknown(Unknown),
 }
 
 /// Relative inverse depth, and what it rests on.
@@ -525,7 +526,7 @@ fn unscaled(
     flow: &Flow,
     occluded: &Raster<bool>,
     near: Option<[f64; 3]>,
-) -> Result<std::result::Result<RelativeDepth, String>> {
+) -> Result<std::result::Result<RelativeDepth, Unknown>> {
     let (w, h) = flow.size();
     if occluded.size() != (w, h) {
         let (ow, oh) = occluded.size();
@@ -543,7 +544,7 @@ fn depth_of(
     flow: &Flow,
     occluded: &Raster<bool>,
     near: Option<[f64; 3]>,
-) -> std::result::Result<RelativeDepth, String> {
+) -> std::result::Result<RelativeDepth, Unknown> {
     let (w, h) = flow.size();
     let f = FOCAL_LENGTH * w as f64;
     let step = ((w * h) as f64 / SAMPLES as f64).sqrt().max(1.0) as usize;
@@ -553,12 +554,18 @@ fn depth_of(
         .flat_map(|y| grid(w).filter_map(move |x| Some((x, y, Sample::new(flow, occluded, x, y)?))))
         .collect();
     if tried < FEWEST_SAMPLES {
-        return Err(format!("{w} x {h} pixels are too few to find the camera's motion"));
+        return Err(Unknown::new(
+            Reason::Flat,
+            format!("{w} x {h} pixels are too few to find the camera's motion"),
+        ));
     }
     if samples.len() < FEWEST_SAMPLES || (samples.len() as f32) < MATCHED * tried as f32 {
-        return Err(format!(
-            "only {} % of the picture is found again in the next frame (a cut, or too large a motion)",
-            100 * samples.len() / tried
+        return Err(Unknown::new(
+            Reason::NotFollowed,
+            format!(
+                "only {} % of the picture is found again in the next frame (a cut, or too large a motion)",
+                100 * samples.len() / tried
+            ),
         ));
     }
     let flat: Vec<Sample> = samples.iter().map(|s| s.2).collect();
@@ -566,18 +573,22 @@ fn depth_of(
         |of: &dyn Fn(&Sample) -> bool| flat.iter().filter(|s| of(s)).count() as f64 / flat.len() as f64;
     let still = share(&|s| f * s.u.hypot(s.v) < STILL_PX);
     if still > 0.9 {
-        return Err("nothing moves between the frames".into());
+        return Err(Unknown::new(Reason::NoMotion, "nothing moves between the frames"));
     }
     if still > STILL {
-        return Err(format!(
-            "{:.0} % of the picture stands still while the rest moves, so it is the scene that moves, not the camera",
-            100.0 * still
+        return Err(Unknown::new(
+            Reason::SceneMoves,
+            format!(
+                "{:.0} % of the picture stands still while the rest moves, so it is the scene that moves, not the camera",
+                100.0 * still
+            ),
         ));
     }
     let parallax = f * parallax_beside_turn(&flat);
     if parallax < PARALLAX_PX {
-        return Err(format!(
-            "the camera hardly does more than turn: {parallax:.2} px of parallax between the frames"
+        return Err(Unknown::new(
+            Reason::NoMotion,
+            format!("the camera hardly does more than turn: {parallax:.2} px of parallax between the frames"),
         ));
     }
     let (motion, uncertainty) = camera_motion(&samples, (w, h), near);
@@ -588,22 +599,31 @@ fn depth_of(
     let agrees = |[d, length, across]: [f64; 3]| across.abs() <= limit && d * length >= -limit;
     let inliers = share(&|s| agrees(motion.measure(s)));
     if inliers < INLIERS {
-        return Err(format!(
-            "the scene moves, or the flow is wrong: only {:.0} % of the picture agrees with one motion of the camera",
-            100.0 * inliers
+        return Err(Unknown::new(
+            Reason::SceneMoves,
+            format!(
+                "the scene moves, or the flow is wrong: only {:.0} % of the picture agrees with one motion of the camera",
+                100.0 * inliers
+            ),
         ));
     }
     if parallax < PARALLAX_TO_STD * residual {
-        return Err(format!(
-            "{parallax:.2} px of parallax are too little beside {residual:.2} px of contradiction in the flow (the \
+        return Err(Unknown::new(
+            Reason::NoMotion,
+            format!(
+                "{parallax:.2} px of parallax are too little beside {residual:.2} px of contradiction in the flow (the \
              camera hardly does more than turn, or the scene moves)"
+            ),
         ));
     }
     // Also where it is not a number.
     if uncertainty.is_nan() || uncertainty > UNCERTAINTY {
-        return Err(format!(
-            "parts of the picture tell of different motions of the camera: their depths differ by {:.0} % of the range",
-            100.0 * uncertainty
+        return Err(Unknown::new(
+            Reason::Contradicting,
+            format!(
+                "parts of the picture tell of different motions of the camera: their depths differ by {:.0} % of the range",
+                100.0 * uncertainty
+            ),
         ));
     }
     let mut known: Vec<f64> =

@@ -27,7 +27,7 @@ pub mod unity_urp;
 pub mod unreal;
 
 use crate::model::{
-    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, NoiseModel,
+    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, NoiseModel, Unknown,
 };
 use crate::{CameraModel, Error, Raster, Result, Transfer, text};
 use std::fmt;
@@ -146,7 +146,7 @@ impl Camera {
         }
         let model = model.scaled_to(width, height);
         let mut left = vec![];
-        let mut unknown = |part: &str, why: Option<&str>| {
+        let mut unknown = |part: &str, why: Option<&Unknown>| {
             left.extend(
                 why.map(|why| format!("{part} is left at the tool's default, since it is unknown: {why}")),
             );
@@ -177,7 +177,7 @@ impl Camera {
                     .into(),
             );
         }
-        if let Some(s) = &model.sharpening {
+        if let Some(s) = model.sharpening.known() {
             left.push(format!("the camera's own sharpening (amount {:.2}) is not exported", s.amount));
         }
         Ok(Self {

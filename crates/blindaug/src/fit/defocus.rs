@@ -412,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn rivals_of_the_best_lens_are_found_too() {
+    fn other_candidates_for_the_lens_are_found_too() {
         let lenses = [Lens { slope: 5.0, focus: 0.2 }, Lens { slope: 3.0, focus: 1.0 }];
         let value = |of: usize, l: Lens| {
             let apart = [l.slope / lenses[of].slope, l.focus / lenses[of].focus].map(|r| r.ln().powi(2));

@@ -16,7 +16,7 @@ pub mod track;
 
 use crate::model::{
     BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
-    Method, MotionBlurModel, SharpeningModel, ThinLensInterval,
+    Method, MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
 };
 use crate::strips::largest_strip;
 use crate::synth::{self, defocus::Bokeh};
@@ -50,9 +50,9 @@ pub enum Curve {
     Quadratic,
 }
 
-/// Options of an [`Estimator`].
+/// EstimatorOptions of an [`Estimator`].
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
+pub struct EstimatorOptions {
     /// Which family answers for blur.
     pub family: Family,
     /// The curve of defocus over inverse depth.
@@ -65,7 +65,7 @@ pub struct Options {
 
 /// One frame with what is known of it. All rasters have the frame's size.
 #[derive(Clone, Copy, Debug)]
-pub struct Observation<'a> {
+pub struct FrameObservation<'a> {
     /// The frame.
     pub frame: &'a Encoded,
     /// The frame after it; without both neighbours there is no motion to see.
@@ -146,7 +146,7 @@ pub struct BlurPoint {
 /// Takes frames one after another and gives one camera model. Memory does not grow with the length of a clip: frames
 /// are thinned out evenly once there are more than [`Estimator::MAX_FRAMES`].
 pub struct Estimator {
-    options: Options,
+    options: EstimatorOptions,
     size: Option<(usize, usize)>,
     /// Frames given so far, and the distance of those that are used.
     given: usize,
@@ -155,7 +155,7 @@ pub struct Estimator {
     flow: FlowEstimator,
     parallax: ParallaxTracker,
     /// Of the last frame whose depth could not be told from parallax, why.
-    why_no_depth: String,
+    why_no_depth: Unknown,
     depth_kind: Option<DepthKind>,
     depth_given: bool,
     last_depth: Option<(usize, Plane)>,
@@ -236,7 +236,7 @@ impl Estimator {
     }
 
     /// An estimator that has seen nothing yet.
-    pub fn new(options: Options) -> Self {
+    pub fn new(options: EstimatorOptions) -> Self {
         Self {
             options,
             size: None,
@@ -245,7 +245,7 @@ impl Estimator {
             frames: vec![],
             flow: FlowEstimator::new(),
             parallax: ParallaxTracker::default(),
-            why_no_depth: "no depth was given and there is only one frame".into(),
+            why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given and there is only one frame"),
             depth_kind: None,
             depth_given: false,
             last_depth: None,
@@ -273,8 +273,8 @@ impl Estimator {
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
-    pub fn add(&mut self, observation: &Observation) -> Result<bool> {
-        let Observation { frame, next, previous, evidence } = *observation;
+    pub fn add(&mut self, observation: &FrameObservation) -> Result<bool> {
+        let FrameObservation { frame, next, previous, evidence } = *observation;
         check_sizes(&mut self.size, observation)?;
         let index = self.given;
         self.given += 1;
@@ -334,7 +334,7 @@ impl Estimator {
                         Some(depth.inverse_depth)
                     }
                     Some(Parallax::Unknown(why)) => {
-                        self.why_no_depth = format!("no depth was given, and parallax gives none: {why}");
+                        self.why_no_depth = no_parallax(&why);
                         None
                     }
                     None => None,
@@ -383,7 +383,7 @@ impl Estimator {
         let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
         if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
             let moves = to_next.as_ref().zip(motion.as_ref());
-            let within_shot = Observation { next, previous, ..*observation };
+            let within_shot = FrameObservation { next, previous, ..*observation };
             kept.removal = self.removal_tiles(&within_shot, &kept, moves, depth.as_ref());
         }
         if self.options.family != Family::Spectral {
@@ -409,7 +409,7 @@ impl Estimator {
     /// What removal needs of a frame without given clean ones. Its own noise will do: the whole clip's is known only at the end.
     fn removal_tiles(
         &self,
-        observation: &Observation,
+        observation: &FrameObservation,
         kept: &FrameEvidence,
         flow_and_motion: Option<(&Flow, &Flow)>,
         depth: Option<&Plane>,
@@ -564,8 +564,8 @@ impl Estimator {
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
-        self.fit_exposure(&mut model, &mut diagnostics, &luma_noise);
-        self.fit_defocus(&mut model, &mut diagnostics, &luma_noise);
+        self.fit_exposure(&mut model, &mut diagnostics, &luma_noise)?;
+        self.fit_defocus(&mut model, &mut diagnostics, &luma_noise)?;
         model.validate()?;
         Ok(Estimation { model, diagnostics })
     }
@@ -601,7 +601,7 @@ impl Estimator {
             ));
         }
         model.sharpening = sharpening::of_noise(&fit);
-        if let Some(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
+        if let Estimate::Known(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
             diagnostics.notes.push(format!(
                 "the camera sharpens: fine noise is stronger than white noise, as after an unsharp mask of {amount:.1} ({low:.1} to {high:.1})"
             ));
@@ -611,31 +611,38 @@ impl Estimator {
         fit.luma.unwrap_or_default()
     }
 
-    fn fit_exposure(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &LumaNoise) {
+    fn fit_exposure(
+        &self,
+        model: &mut CameraModel,
+        diagnostics: &mut Diagnostics,
+        noise: &LumaNoise,
+    ) -> Result<()> {
         let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
         let why = if self.given < 2 {
-            "a single image says nothing about the exposure".to_owned()
+            Unknown::new(Reason::TooShort, "a single image says nothing about the exposure")
         } else {
-            "no frame could be followed to the next".to_owned()
+            Unknown::new(Reason::NotFollowed, "no frame could be followed to the next")
         };
         let method = self.blind_method();
-        (diagnostics.shots, diagnostics.exposure_per_frame) = self.exposure_of_shots(&moving, noise);
+        (diagnostics.shots, diagnostics.exposure_per_frame) = self.exposure_of_shots(&moving, noise)?;
         let blind = match contradiction(&diagnostics.shots) {
-            _ if moving.is_empty() => Err(why),
-            Some(why) => Err(why),
-            None => self.blind_exposure(&moving, noise),
+            _ if moving.is_empty() => Estimate::Unknown(why),
+            Some(why) => Estimate::Unknown(why),
+            None => self.blind_exposure(&moving, noise)?,
         };
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];
         let (known, curve, per_frame, by_tiles) = match (blind, compared) {
-            (Ok(b), Some(c)) if method != Method::Removal && width(b.interval) <= width(c.0.interval) => {
+            (Estimate::Known(b), Some(c))
+                if method != Method::Removal && width(b.interval) <= width(c.0.interval) =>
+            {
                 (blind_model(method, &b), b.curve, b.per_frame, true)
             }
             (_, Some((m, curve, per_frame))) => (m, curve, per_frame, false),
-            (Ok(b), None) => (blind_model(method, &b), b.curve, b.per_frame, true),
-            (Err(why), None) => {
+            (Estimate::Known(b), None) => (blind_model(method, &b), b.curve, b.per_frame, true),
+            (Estimate::Unknown(why), None) => {
                 model.motion_blur = Estimate::Unknown(why);
-                return;
+                return Ok(());
             }
         };
         model.motion_blur = Estimate::Known(known);
@@ -643,6 +650,7 @@ impl Estimator {
         // Per frame: numbered as they were given.
         diagnostics.exposure_per_frame =
             per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
+        Ok(())
     }
 
     /// What each shot alone tells without clean frames, and each of its frames; nothing if there is no cut.
@@ -650,28 +658,30 @@ impl Estimator {
         &self,
         moving: &[&FrameEvidence],
         noise: &LumaNoise,
-    ) -> (Vec<Shot>, Vec<(usize, f32)>) {
+    ) -> Result<(Vec<Shot>, Vec<(usize, f32)>)> {
         let mut per_frame = vec![];
         if self.shots.len() < 2 {
-            return (vec![], per_frame);
+            return Ok((vec![], per_frame));
         }
         let ends = self.shots[1..].iter().copied().chain([self.given]);
         let shot = |(number, frames): (usize, Range<usize>)| {
             let own: Vec<&FrameEvidence> = moving.iter().filter(|f| f.shot == number).copied().collect();
-            let motion_blur = match self.blind_exposure(&own, noise) {
+            let motion_blur = match self.blind_exposure(&own, noise)? {
                 // One frame may err by more than it knows.
-                Ok(_) if own.len() < 2 => Estimate::Unknown("only one of its frames was looked at".into()),
-                Ok(fit) => {
+                Estimate::Known(_) if own.len() < 2 => {
+                    Estimate::unknown(Reason::TooShort, "only one of its frames was looked at")
+                }
+                Estimate::Known(fit) => {
                     per_frame.extend(fit.per_frame.iter().map(|&(i, v)| (own[i].index, v)));
                     Estimate::Known(blind_model(self.blind_method(), &fit))
                 }
-                Err(why) => Estimate::Unknown(why),
+                Estimate::Unknown(why) => Estimate::Unknown(why),
             };
-            Shot { frames, motion_blur }
+            Ok(Shot { frames, motion_blur })
         };
-        let shots =
-            self.shots.iter().zip(ends).map(|(&first, end)| first..end).enumerate().map(shot).collect();
-        (shots, per_frame)
+        let frames = self.shots.iter().zip(ends).map(|(&first, end)| first..end);
+        let shots = frames.enumerate().map(shot).collect::<Result<Vec<Shot>>>()?;
+        Ok((shots, per_frame))
     }
 
     /// The exposure that frames agree on, without clean ones.
@@ -679,9 +689,9 @@ impl Estimator {
         &self,
         frames: &[&FrameEvidence],
         noise: &LumaNoise,
-    ) -> std::result::Result<spectral::ExposureFit, String> {
+    ) -> Result<Estimate<spectral::ExposureFit>> {
         if self.blind_method() == Method::Removal {
-            return removal::fit_exposure(&removal_tiles(frames));
+            return Ok(removal::fit_exposure(&removal_tiles(frames)));
         }
         let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
         spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
@@ -713,10 +723,15 @@ impl Estimator {
             .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
     }
 
-    fn fit_defocus(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics, noise: &LumaNoise) {
+    fn fit_defocus(
+        &self,
+        model: &mut CameraModel,
+        diagnostics: &mut Diagnostics,
+        noise: &LumaNoise,
+    ) -> Result<()> {
         let Some(depth_kind) = self.depth_kind else {
             model.defocus = Estimate::Unknown(self.why_no_depth.clone());
-            return;
+            return Ok(());
         };
         let mut deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
         // Relative depth has a unit of its own in each shot, and shots of different shutters may be different cameras'.
@@ -734,8 +749,8 @@ impl Estimator {
         let exposure = motion_blur.map_or(ExposureFraction(0.0), |m| m.exposure);
         let blind_method = self.blind_method();
         let blind = match blind_method {
-            Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure),
-            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure, model.sharpening.as_ref()),
+            Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure)?,
+            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure, model.sharpening.known())?,
         };
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];
@@ -743,7 +758,7 @@ impl Estimator {
             (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points)
         };
         let (lens, sigma, focus, method, samples, points) = match (blind, compared) {
-            (Ok(b), Some(c))
+            (Estimate::Known(b), Some(c))
                 if blind_method != Method::Removal && width(b.sigma_px_at_infinity) <= width(c.1) =>
             {
                 of_tiles(b)
@@ -752,10 +767,10 @@ impl Estimator {
                 let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
                 (lens, sigma, focus, Method::Removal, samples, searched)
             }
-            (Ok(b), None) => of_tiles(b),
-            (Err(why), None) => {
+            (Estimate::Known(b), None) => of_tiles(b),
+            (Estimate::Unknown(why), None) => {
                 model.defocus = Estimate::Unknown(why);
-                return;
+                return Ok(());
             }
         };
         let thin = DefocusCurve::ThinLens {
@@ -783,6 +798,7 @@ impl Estimator {
         }
         diagnostics.blur_points = points;
         model.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method, samples: samples as u64 });
+        Ok(())
     }
 
     fn aggregate_lens(&self) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
@@ -817,8 +833,8 @@ impl Estimator {
 }
 
 /// Fails if a frame or its evidence differs in size from the first frame, which `first` becomes, or is not finite.
-fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Observation) -> Result<()> {
-    let Observation { frame, next, previous, evidence } = observation;
+fn check_sizes(first: &mut Option<(usize, usize)>, observation: &FrameObservation) -> Result<()> {
+    let FrameObservation { frame, next, previous, evidence } = observation;
     let size = frame.0.size();
     if size.0 == 0 || size.1 == 0 {
         return Err(Error::new("the frame has no pixels"));
@@ -850,12 +866,17 @@ fn known_flow(pair: &analysis::flow::FlowPair) -> Flow {
     Flow::from_fn(w, h, |x, y| if pair.occluded.at(x, y) { [f32::NAN; 2] } else { pair.forward.at(x, y) })
 }
 
+/// Why there is no depth where none was given.
+fn no_parallax(why: &Unknown) -> Unknown {
+    Unknown::new(why.reason, format!("no depth was given, and parallax gives none: {why}"))
+}
+
 fn blind_model(method: Method, fit: &spectral::ExposureFit) -> MotionBlurModel {
     MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
 }
 
 /// Why no one exposure is that of all shots, if two of them are sure that theirs differ.
-fn contradiction(shots: &[Shot]) -> Option<String> {
+fn contradiction(shots: &[Shot]) -> Option<Unknown> {
     let known = || (1..).zip(shots).filter_map(|(n, s)| Some((n, s.motion_blur.known()?)));
     // The largest of n deviations grows as sqrt(2 ln n); intervals are as they are for two.
     let spread = |n: usize| 1.0 + (2.0 * (n as f32).ln()).sqrt();
@@ -867,11 +888,12 @@ fn contradiction(shots: &[Shot]) -> Option<String> {
         format!("{:.2} ({:.2} to {:.2}) in shot {n}", m.exposure.0, m.interval[0], m.interval[1])
     };
     (end(shortest, 1) < end(longest, 0)).then(|| {
-        format!(
+        let why = format!(
             "the shots were filmed with different shutters, exposures of {} and {}: estimate each alone, or a model for each frame",
             told(m, shortest),
             told(n, longest)
-        )
+        );
+        Unknown::new(Reason::Contradicting, why)
     })
 }
 

@@ -5,7 +5,7 @@
 //! 24 numbers of the model, each with an interval.
 
 use crate::analysis::brightness::{brightening, undone};
-use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
+use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel, Reason};
 use crate::raster::cubic_weights;
 use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
@@ -382,13 +382,14 @@ impl NoiseEvidence {
 
     /// The model that the collected variances give.
     pub fn fit(&self) -> NoiseFit {
-        let unknown =
-            |why: &str| NoiseFit { model: Estimate::Unknown(why.into()), luma: None, points: vec![] };
         if self.levels[0].len() < 8 {
-            return unknown(match self.method {
-                Method::Temporal => "no part of the frames could be followed from one to the next",
-                _ => "the frames are too small, or clipped everywhere",
-            });
+            let (reason, why) = match self.method {
+                Method::Temporal => {
+                    (Reason::NotFollowed, "no part of the frames could be followed from one to the next")
+                }
+                _ => (Reason::Flat, "the frames are too small, or clipped everywhere"),
+            };
+            return NoiseFit { model: Estimate::unknown(reason, why), luma: None, points: vec![] };
         }
         let mut points = vec![];
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];

@@ -15,12 +15,12 @@
 
 use super::noise::NoiseLine;
 use super::spectral::{
-    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensWitness, SIGMAS, SPEEDS, TILE, block_of,
+    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensObservation, SIGMAS, SPEEDS, TILE, block_of,
     relative, sigma_of,
 };
-use crate::model::{BlurSpace, ExposureFraction};
+use crate::model::{BlurSpace, Estimate, ExposureFraction, Reason};
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Flow, Plane, Raster, Transfer, filter, par, raster};
+use crate::{Encoded, Flow, Plane, Raster, Result, Transfer, filter, par, raster};
 
 /// Defocus stds that are tried, px.
 const DELTAS: [f32; 10] = [0.0, 0.35, 0.7, 1.05, 1.4, 1.9, 2.6, 3.6, 5.0, 7.0];
@@ -414,7 +414,7 @@ impl Tile {
 
     /// What it objects to the exposures of a curve, in nats, within [-CLIP, 0]: what the lens and the texture blur is taken
     /// from the lines across, as far as these are sure.
-    fn objections(&self) -> Vec<f32> {
+    fn clipped_log_likelihood(&self) -> Vec<f32> {
         let across = self.across();
         let likely = || (0..DELTAS.len()).filter(|&i| across[i] > -2.0);
         let table: Vec<f32> = (0..LAMBDAS)
@@ -452,15 +452,13 @@ fn looked_at<'a>(frames: &[&'a [Tile]]) -> Vec<(usize, usize, &'a Tile)> {
 }
 
 /// The exposure that the tiles of all frames agree on.
-///
-/// # Errors
-/// The reason why they cannot tell.
-pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
+pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
     let moving: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.speed > 0.0).collect();
     if moving.len() < 6 {
-        return Err("too little in the frames moves, or what moves has no texture".into());
+        let why = "too little in the frames moves, or what moves has no texture";
+        return Estimate::unknown(Reason::NoMotion, why);
     }
-    let curves = par::map(moving.len(), |i| moving[i].2.objections());
+    let curves = par::map(moving.len(), |i| moving[i].2.clipped_log_likelihood());
     let summed = |which: &dyn Fn(usize) -> bool| {
         let mut sum = vec![0.0f32; EXPOSURES];
         for (_, curve) in curves.iter().enumerate().filter(|(i, _)| which(*i)) {
@@ -481,9 +479,9 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
     alone.sort_by(f32::total_cmp);
     let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
     if high - low > spectral::MAX_UNCERTAINTY {
-        return Err(format!(
-            "too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit"
-        ));
+        let why =
+            format!("too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit");
+        return Estimate::unknown(Reason::Uncertain, why);
     }
     let per_frame = (0..frames.len())
         .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= 6)
@@ -494,7 +492,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
         .enumerate()
         .map(|(i, v)| [i as f32 * EXPOSURE_STEP, v])
         .collect();
-    Ok(ExposureFit {
+    Estimate::Known(ExposureFit {
         exposure: ExposureFraction(estimate.min(1.0)),
         interval: [low, high],
         samples: moving.len(),
@@ -506,15 +504,15 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Result<ExposureFit, String> {
 /// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it).
 ///
 /// # Errors
-/// The reason why they cannot tell.
-pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFit, String> {
+/// As [`spectral::lens_of`].
+pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<Estimate<LensFit>> {
     let known: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.inverse_depth.is_finite()).collect();
-    let witnesses = par::map(known.len(), |i| {
+    let observations = par::map(known.len(), |i| {
         let (_, part, tile) = known[i];
         let table: Vec<f32> = (tile.across().iter().zip(DELTAS))
             .map(|(across, delta)| across + tile.evidence(0, exposure.0, delta))
             .collect();
-        LensWitness {
+        LensObservation {
             inverse_depth: tile.inverse_depth,
             table: relative(
                 (0..SIGMAS).map(|s| between(&DELTAS, &table, sigma_of(s).min(DELTAS[DELTAS.len() - 1]))),
@@ -524,5 +522,5 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<LensFi
             part,
         }
     });
-    spectral::lens_of(&witnesses, BOOTSTRAPS)
+    spectral::lens_of(&observations, BOOTSTRAPS)
 }

@@ -6,7 +6,7 @@
 
 use super::noise::{NoiseFit, NoisePoint};
 use super::uniform;
-use crate::model::{Method, NOISE_LEVELS, SharpeningModel};
+use crate::model::{Estimate, Method, NOISE_LEVELS, Reason, SharpeningModel};
 use crate::synth::noise::white_band_std;
 use crate::{Plane, filter, pyramid};
 use std::sync::OnceLock;
@@ -19,11 +19,20 @@ const FLOOR: f32 = 0.05;
 const MIN_AMOUNT: f32 = 0.15;
 const MAX_AMOUNT: f32 = 8.0;
 
-/// What noise between frames says; `None` if it is not sure to have been sharpened.
-pub(super) fn of_noise(fit: &NoiseFit) -> Option<SharpeningModel> {
+/// What noise between frames says; unknown if it is not sure to have been sharpened.
+pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
     const MIDDLE: f32 = 0.5;
-    // In one frame coarse noise is taken to be white, and so says nothing.
-    let noise = fit.model.known().filter(|n| n.method != Method::Spatial)?;
+    let noise = match &fit.model {
+        Estimate::Known(noise) => noise,
+        Estimate::Unknown(_) => {
+            return Estimate::unknown(Reason::Flat, "it shows in noise, which is unknown");
+        }
+    };
+    if noise.method == Method::Spatial {
+        // In one frame coarse noise is taken to be white, and so says nothing.
+        let why = "it shows in noise between frames, and noise was measured in single frames";
+        return Estimate::unknown(Reason::TooShort, why);
+    }
     let white = white_band_std();
     let mean = |v: [f32; 3]| v.iter().sum::<f32>() / 3.0;
     // Relative to white noise, with the relative variance that the scatter of its points around the line gives it.
@@ -37,7 +46,11 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Option<SharpeningModel> {
     let ratio = fine / coarse;
     let reach = 1.96 * (fine_variance + coarse_variance + FLOOR * FLOOR).sqrt();
     let [amount, low, high] = [ratio, ratio * (-reach).exp(), ratio * reach.exp()].map(amount_of);
-    (low > MIN_AMOUNT).then_some(SharpeningModel {
+    if low <= MIN_AMOUNT {
+        let why = "none is seen: fine noise is no stronger than white noise is";
+        return Estimate::unknown(Reason::NotSeen, why);
+    }
+    Estimate::Known(SharpeningModel {
         amount,
         radius_px: RADIUS,
         interval: [low, high],
@@ -99,7 +112,8 @@ mod tests {
     #[test]
     fn sharpened_noise_tells_by_how_much() {
         for amount in [0.6, 1.2, 2.0] {
-            let found = of_noise(&noise(band_gains(amount), Method::Temporal)).expect("it is blue");
+            let found =
+                of_noise(&noise(band_gains(amount), Method::Temporal)).into_known().expect("it is blue");
             assert!((found.amount - amount).abs() < 1e-2, "{found:?}");
             assert!(found.interval[0] < amount && amount < found.interval[1], "{found:?}");
         }
@@ -107,8 +121,8 @@ mod tests {
 
     #[test]
     fn white_and_smoothed_noise_were_not_sharpened_and_a_single_frame_does_not_tell() {
-        assert!(of_noise(&noise([1.0; NOISE_LEVELS], Method::Temporal)).is_none());
-        assert!(of_noise(&noise([0.6, 0.9, 1.0, 1.0], Method::Temporal)).is_none());
-        assert!(of_noise(&noise(band_gains(1.2), Method::Spatial)).is_none());
+        assert!(of_noise(&noise([1.0; NOISE_LEVELS], Method::Temporal)).known().is_none());
+        assert!(of_noise(&noise([0.6, 0.9, 1.0, 1.0], Method::Temporal)).known().is_none());
+        assert!(of_noise(&noise(band_gains(1.2), Method::Spatial)).known().is_none());
     }
 }

@@ -21,7 +21,7 @@ mod pairs;
 use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, MAX_CODING_ERROR, NoiseLine};
 use super::{BlurPoint, NOTABLE_CODING_ERROR};
-use crate::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
+use crate::model::{BlurSpace, Estimate, ExposureFraction, NOISE_LEVELS, Reason, SharpeningModel};
 use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
@@ -39,9 +39,9 @@ pub const TILE: usize = 48;
 pub const LEVELS: usize = 4;
 /// From the third on only if it has this many px each way.
 const COARSE_SIDE: usize = 4 * TILE;
-/// At most this many tiles of a frame are witnesses of the exposure, those of most contrast.
+/// At most this many tiles of a frame are observations of the exposure, those of most contrast.
 pub const EXPOSURE_TILES: usize = 400;
-/// And this many of each block of the image are witnesses of the lens, again those of most contrast: what has most contrast in the
+/// And this many of each block of the image are observations of the lens, again those of most contrast: what has most contrast in the
 /// whole image is what is in focus. Of more than [`EXPOSURE_TILES`] the fifth of least contrast is left out.
 pub const LENS_TILES_PER_BLOCK: usize = 32;
 /// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
@@ -114,9 +114,9 @@ const CODING_FLOOR: f32 = 0.05;
 pub const CODING_OF_LENS: f32 = 0.45;
 /// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
 const TEXTURE_BLUR: f32 = 0.2;
-/// A lens is a rival of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
+/// A lens is a candidate of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
 /// hardly any replica.
-const RIVAL: f32 = 0.5;
+const CANDIDATE: f32 = 0.5;
 /// A lens needs places whose inverse depths span this share of the largest.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 /// Tiles whose inverse depths differ by less than this share of the largest mostly show one surface, and what a surface tells grows with its
@@ -145,7 +145,7 @@ pub struct Tile {
     inverse_depth: f32,
     /// Means of g Y^2, g Y and g, g the [`noise_gain`]: what the noise of the tile follows from.
     noise_moments: [f32; 3],
-    /// Whether it is a witness of the exposure, and of the lens.
+    /// Whether it is an observation of the exposure, and of the lens.
     of_exposure: bool,
     of_lens: bool,
     bins: Vec<Bin>,
@@ -634,7 +634,7 @@ impl<'a> Prepared<'a> {
     }
 
     /// What the tile objects to the exposures of a curve, in nats, within [-CLIP, 0].
-    fn objections(&self) -> Vec<f32> {
+    fn clipped_log_likelihood(&self) -> Vec<f32> {
         let step = (STREAK_STEP / self.tile.speed).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
         let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
         let table = self.over_lambda(step);
@@ -1060,7 +1060,7 @@ fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
 }
 
 /// The 95 % interval of an exposure from the same curves, their sum, [`LumaNoise::coding_error`], and the [`typical_speed`] of the
-/// witnesses. It also holds exposures to which all of these together object by less than one of them may, and those of streaks that
+/// observations. It also holds exposures to which all of these together object by less than one of them may, and those of streaks that
 /// their texture hides.
 pub(super) fn exposure_interval(
     estimate: f32,
@@ -1086,80 +1086,89 @@ fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
 }
 
-/// Of the sum of the witnesses' [`ExposureWitness::speed`] and of that of its squares: fast ones tell more.
+/// Of the sum of the observations' [`ExposureObservation::speed`] and of that of its squares: fast ones tell more.
 pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
     squares / sum
 }
 
 /// What a tile, or a pair of them, says of the exposure.
 #[derive(Clone, Debug)]
-pub struct ExposureWitness {
-    /// The block of the image, < 25: witnesses of one err alike.
+pub struct ExposureObservation {
+    /// The block of the image, < 25: observations of one err alike.
     pub block: u32,
     /// The number of the frame, from 0.
     pub frame: usize,
     /// px per frame interval, of the frame.
     pub speed: f32,
     /// What it objects to each of the [`EXPOSURES`], in nats, <= 0.
-    pub objections: Vec<f32>,
+    pub log_likelihood: Vec<f32>,
 }
 
-/// The tiles that move, as witnesses of the exposure.
-pub(super) fn exposure_witnesses(frames: &[&[Tile]], noise: &LumaNoise) -> Vec<ExposureWitness> {
+/// The tiles that move, as observations of the exposure.
+pub(super) fn exposure_observations(frames: &[&[Tile]], noise: &LumaNoise) -> Vec<ExposureObservation> {
     let moving: Vec<Prepared> =
         prepare(frames, noise, noise.coding_error, |t| t.of_exposure && t.speed >= SPEEDS.start);
     par::map(moving.len(), |i| {
         let Prepared { tile, frame, .. } = moving[i];
         let speed = tile.speed * tile.scale;
-        ExposureWitness { block: tile.block, frame, speed, objections: moving[i].objections() }
+        ExposureObservation {
+            block: tile.block,
+            frame,
+            speed,
+            log_likelihood: moving[i].clipped_log_likelihood(),
+        }
     })
 }
 
 /// The exposure that the tiles of all frames agree on, and the pairs of each frame with the one before.
 ///
 /// # Errors
-/// The reason why they cannot tell.
+/// As [`exposure_of`].
 pub fn fit_exposure(
     frames: &[&[Tile]],
     pairs: &[&[Pair]],
     noise: &LumaNoise,
-) -> std::result::Result<ExposureFit, String> {
-    let mut witnesses = exposure_witnesses(frames, noise);
-    let of_tiles = exposure_of(&witnesses, frames.len(), noise.coding_error)?;
+) -> Result<Estimate<ExposureFit>> {
+    let mut observations = exposure_observations(frames, noise);
+    let of_tiles = exposure_of(&observations, frames.len(), noise.coding_error)?;
+    let Estimate::Known(ExposureFit { samples, .. }) = of_tiles else { return Ok(of_tiles) };
     // Pairs sharpen what tiles tell. Where those cannot tell, a few pairs may be sure of anything.
     let pairs: Vec<(usize, &Pair)> =
         pairs.iter().enumerate().flat_map(|(f, pairs)| pairs.iter().map(move |p| (f, p))).collect();
     let of_pairs = par::map(pairs.len(), |i| {
         let (frame, pair) = pairs[i];
-        let objections = pair.objections(noise)?;
-        Some(ExposureWitness { block: pair.block, frame, speed: pair.speed(), objections })
+        let log_likelihood = pair.clipped_log_likelihood(noise)?;
+        Some(ExposureObservation { block: pair.block, frame, speed: pair.speed(), log_likelihood })
     });
-    witnesses.extend(of_pairs.into_iter().flatten());
-    if witnesses.len() == of_tiles.samples {
+    observations.extend(of_pairs.into_iter().flatten());
+    if observations.len() == samples {
         return Ok(of_tiles);
     }
-    exposure_of(&witnesses, frames.len(), noise.coding_error)
+    exposure_of(&observations, frames.len(), noise.coding_error)
 }
 
-/// The exposure that the witnesses of so many frames agree on, found with noise of this [`LumaNoise::coding_error`].
+/// The exposure that the observations of so many frames agree on, found with noise of this [`LumaNoise::coding_error`].
 ///
 /// # Errors
-/// The reason why they cannot tell.
+/// If an observation has another number of log_likelihood than [`EXPOSURES`].
 pub fn exposure_of(
-    witnesses: &[ExposureWitness],
+    observations: &[ExposureObservation],
     frames: usize,
     coding_error: f32,
-) -> std::result::Result<ExposureFit, String> {
-    if witnesses.iter().any(|w| w.objections.len() != EXPOSURES) {
-        return Err(format!("a witness of the exposure must hold {EXPOSURES} objections"));
+) -> Result<Estimate<ExposureFit>> {
+    if observations.iter().any(|w| w.log_likelihood.len() != EXPOSURES) {
+        return Err(Error::new(format!(
+            "an observation of the exposure must hold {EXPOSURES} log_likelihood"
+        )));
     }
-    if witnesses.len() < 6 {
-        return Err("too little in the frames moves, or what moves has no texture".into());
+    if observations.len() < 6 {
+        let why = "too little in the frames moves, or what moves has no texture";
+        return Ok(Estimate::unknown(Reason::NoMotion, why));
     }
-    let summed = |which: &dyn Fn(&ExposureWitness) -> bool| {
+    let summed = |which: &dyn Fn(&ExposureObservation) -> bool| {
         let mut sum = vec![0.0f32; EXPOSURES];
-        for w in witnesses.iter().filter(|w| which(w)) {
-            sum.iter_mut().zip(&w.objections).for_each(|(s, v)| *s += v);
+        for w in observations.iter().filter(|w| which(w)) {
+            sum.iter_mut().zip(&w.log_likelihood).for_each(|(s, v)| *s += v);
         }
         sum
     };
@@ -1167,9 +1176,10 @@ pub fn exposure_of(
     let sum = summed(&|_| true);
     let estimate = best(&sum);
     if estimate > LONGEST {
-        return Err(format!(
+        let why = format!(
             "what moves looks as if the shutter were open for longer than a frame interval ({estimate:.2}), which none is: its texture may run along its motion, or compression has smoothed it"
-        ));
+        );
+        return Ok(Estimate::unknown(Reason::Contradicting, why));
     }
     let parts: Vec<(u32, usize, Vec<f32>)> = (0..BLOCKS * BLOCKS * PARTS)
         .map(|i| ((i / PARTS) as u32, i % PARTS))
@@ -1177,10 +1187,10 @@ pub fn exposure_of(
         .filter(|(.., curve)| curve.iter().any(|&v| v < 0.0))
         .collect();
     let per_frame: Vec<(usize, f32)> = (0..frames)
-        .filter(|&f| witnesses.iter().filter(|w| w.frame == f).count() >= 6)
+        .filter(|&f| observations.iter().filter(|w| w.frame == f).count() >= 6)
         .map(|f| (f, best(&summed(&|w| w.frame == f)).min(1.0)))
         .collect();
-    let over_speeds = |f: &dyn Fn(f32) -> f32| witnesses.iter().map(|w| f(w.speed)).sum::<f32>();
+    let over_speeds = |f: &dyn Fn(f32) -> f32| observations.iter().map(|w| f(w.speed)).sum::<f32>();
     let speed = typical_speed(over_speeds(&|v| v), over_speeds(&|v| v * v));
     let [low, high] = exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed);
     // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
@@ -1188,65 +1198,68 @@ pub fn exposure_of(
         .map(|of_frames| with_hidden_streak(of_frames, speed))
         .map_or([low, high], |[l, h]| [low.min(l), high.max(h)]);
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
-        let why = if high - low <= MAX_UNCERTAINTY {
+        let contradicting = high - low <= MAX_UNCERTAINTY;
+        let why = if contradicting {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"
         } else if coding_error >= NOTABLE_CODING_ERROR {
             "too little in the frames moves, or too little of it stands out of what compression has taken, to tell"
         } else {
             "too little in the frames moves, or what moves has too little texture, to tell"
         };
-        return Err(format!("{why}: exposures from {:.2} to {:.2} all fit", interval[0], interval[1]));
+        let reason = if contradicting { Reason::Contradicting } else { Reason::Uncertain };
+        let why = format!("{why}: exposures from {:.2} to {:.2} all fit", interval[0], interval[1]);
+        return Ok(Estimate::unknown(reason, why));
     }
     let max = sum.iter().copied().fold(f32::MIN, f32::max);
-    Ok(ExposureFit {
+    Ok(Estimate::Known(ExposureFit {
         exposure: ExposureFraction(estimate.min(1.0)),
         interval,
-        samples: witnesses.len(),
+        samples: observations.len(),
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - max]).collect(),
         per_frame,
-    })
+    }))
 }
 
 /// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it) and the camera's
 /// sharpening, which hides blur.
 ///
 /// # Errors
-/// The reason why they cannot tell.
+/// As [`lens_of`].
 pub fn fit_lens(
     frames: &[&[Tile]],
     noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
-) -> std::result::Result<LensFit, String> {
-    lens_of(&lens_witnesses(frames, noise, exposure, sharpening), BOOTSTRAPS)
+) -> Result<Estimate<LensFit>> {
+    lens_of(&lens_observations(frames, noise, exposure, sharpening), BOOTSTRAPS)
 }
 
 /// What a tile, or several of one block and depth, say of the blur there.
 #[derive(Clone, Debug)]
-pub struct LensWitness {
+pub struct LensObservation {
     /// Inverse depth of the place.
     pub inverse_depth: f32,
     /// Log-likelihood over the [`SIGMAS`] of the tables, relative to its maximum.
     pub table: Vec<f32>,
     /// How many tiles it is the sum of.
     pub tiles: f32,
-    /// The block of the image, < 25: witnesses of one err alike.
+    /// The block of the image, < 25: observations of one err alike.
     pub block: u32,
     /// The part of the clip, < 8, likewise.
     pub part: usize,
 }
 
-/// The tiles whose depth is known, as witnesses of the lens.
-pub(super) fn lens_witnesses(
+/// The tiles whose depth is known, as observations of the lens.
+pub(super) fn lens_observations(
     frames: &[&[Tile]],
     noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
-) -> Vec<LensWitness> {
+) -> Vec<LensObservation> {
     let prepared: Vec<Prepared> = prepare(frames, noise, CODING_OF_LENS * noise.coding_error, |t| {
         t.of_lens && t.inverse_depth.is_finite()
     });
-    par::map(prepared.len(), |i| LensWitness {
+    par::map(prepared.len(), |i| LensObservation {
         inverse_depth: prepared[i].tile.inverse_depth,
         table: prepared[i].over_sigma_of_frame(exposure.0, sharpening),
         tiles: 1.0,
@@ -1255,29 +1268,30 @@ pub(super) fn lens_witnesses(
     })
 }
 
-/// The thin lens that the witnesses agree on, its intervals from so many replicas of the bootstrap.
+/// The thin lens that the observations agree on, its intervals from so many replicas of the bootstrap.
 ///
 /// # Errors
-/// The reason why they cannot tell.
-pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Result<LensFit, String> {
-    if witnesses.iter().any(|w| w.table.len() != SIGMAS) {
-        return Err(format!("a witness of the lens must have a table of {SIGMAS} stds"));
+/// If an observation has a table of another length than [`SIGMAS`].
+pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Estimate<LensFit>> {
+    if observations.iter().any(|w| w.table.len() != SIGMAS) {
+        return Err(Error::new(format!("an observation of the lens must have a table of {SIGMAS} stds")));
     }
-    let tiles: f32 = witnesses.iter().map(|w| w.tiles).sum();
+    let tiles: f32 = observations.iter().map(|w| w.tiles).sum();
     if tiles < 8.0 {
-        return Err("too few textured places whose depth is known".into());
+        return Ok(Estimate::unknown(Reason::Flat, "too few textured places whose depth is known"));
     }
-    let range = lens_range(witnesses);
+    let range = lens_range(observations);
     if range.1 - range.0 < MIN_DEPTH_SPAN * range.1.abs() {
-        return Err("the textured places all lie at about one depth, through which many lenses fit".into());
+        let why = "the textured places all lie at about one depth, through which many lenses fit";
+        return Ok(Estimate::unknown(Reason::OneDepth, why));
     }
-    let fine = FineTables::new(witnesses);
+    let fine = FineTables::new(observations);
     // A lens that fits nearly as well may fit best on other surfaces.
     let mut candidates = defocus::best_lenses(range, |lens| fine.log_likelihood(lens, None));
     let (most, lens) = candidates[0];
-    candidates.retain(|c| c.0 >= most - (RIVAL * most.abs()).max(CLIP));
+    candidates.retain(|c| c.0 >= most - (CANDIDATE * most.abs()).max(CLIP));
     let replicas: Vec<Lens> = par::map(bootstraps.max(1), |r| {
-        let weights: Vec<f32> = witnesses.iter().map(|w| resampled(r, w.block, w.part)).collect();
+        let weights: Vec<f32> = observations.iter().map(|w| resampled(r, w.block, w.part)).collect();
         let of = |l: Lens| fine.log_likelihood(l, Some(&weights));
         let best = candidates.iter().map(|c| defocus::refined_lens(c.1, 5e-3, range, of));
         best.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(lens, |b| b.1)
@@ -1287,19 +1301,21 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
         let s: Vec<f32> = replicas.iter().map(|l| l.sigma_px(d)).collect();
         std_of(&s)
     };
-    let mean =
-        |f: &dyn Fn(f32) -> f32| witnesses.iter().map(|w| w.tiles * f(w.inverse_depth)).sum::<f32>() / tiles;
+    let mean = |f: &dyn Fn(f32) -> f32| {
+        observations.iter().map(|w| w.tiles * f(w.inverse_depth)).sum::<f32>() / tiles
+    };
     let (scatter, typical) = (mean(&spread), mean(&|d| lens.sigma_px(d)));
     if scatter > (0.6 * typical).max(0.4) {
-        return Err(format!(
+        let why = format!(
             "the textures at hand fit many lenses: blur of {typical:.1} px give or take {:.1}",
             2.0 * scatter
-        ));
+        );
+        return Ok(Estimate::unknown(Reason::Uncertain, why));
     }
     let of = |f: &dyn Fn(&Lens) -> f32, floor: f32| {
         interval(f(&lens), &replicas.iter().map(f).collect::<Vec<f32>>(), floor * f(&lens))
     };
-    let points = witnesses
+    let points = observations
         .iter()
         .map(|w| {
             let at = (0..SIGMAS).max_by(|&a, &b| w.table[a].total_cmp(&w.table[b])).unwrap_or(0);
@@ -1312,66 +1328,69 @@ pub fn lens_of(witnesses: &[LensWitness], bootstraps: usize) -> std::result::Res
     let texture = TEXTURE_BLUR / lens.sigma_px_at_infinity().max(TEXTURE_BLUR);
     // The blur of the scene's middle changes by this much when the focus is nearer by the factor e, over the blur at infinity.
     let nearness = (mean(&|d| d.abs()) / lens.focus.max(1e-6)).max(0.1);
-    Ok(LensFit {
+    Ok(Estimate::Known(LensFit {
         lens,
         sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), LENS_FLOORS.0.hypot(texture)),
         focus_inverse_depth: of(&|l| l.focus, LENS_FLOORS.1.hypot(texture / nearness)),
         samples: tiles.round() as usize,
         points,
-    })
+    }))
 }
 
-/// What each witness counts, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of
+/// What each observation counts, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of
 /// them alike: so a wall that fills half of the picture is not worth as much as all that is before it.
-fn surface_weights(witnesses: &[LensWitness]) -> Vec<f32> {
-    let total: f32 = witnesses.iter().map(|w| w.tiles).sum();
-    let reach = SAME_DEPTH * witnesses.iter().map(|w| w.inverse_depth.abs()).fold(0.0, f32::max);
-    let mut order: Vec<&LensWitness> = witnesses.iter().collect();
+fn surface_weights(observations: &[LensObservation]) -> Vec<f32> {
+    let total: f32 = observations.iter().map(|w| w.tiles).sum();
+    let reach = SAME_DEPTH * observations.iter().map(|w| w.inverse_depth.abs()).fold(0.0, f32::max);
+    let mut order: Vec<&LensObservation> = observations.iter().collect();
     order.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
     // Tiles up to each.
     let mut tiles = vec![0.0];
     for w in &order {
         tiles.push(tiles[tiles.len() - 1] + w.tiles);
     }
-    let weight = |w: &LensWitness| {
+    let weight = |w: &LensObservation| {
         let below = |limit: f32| tiles[order.partition_point(|o| o.inverse_depth < limit)];
         let near = below(w.inverse_depth + reach) - below(w.inverse_depth - reach);
         1.0 / (1.0 + SURFACES * near / total)
     };
-    let weights: Vec<f32> = witnesses.iter().map(weight).collect();
-    let mean = witnesses.iter().zip(&weights).map(|(w, k)| w.tiles * k).sum::<f32>() / total;
+    let weights: Vec<f32> = observations.iter().map(weight).collect();
+    let mean = observations.iter().zip(&weights).map(|(w, k)| w.tiles * k).sum::<f32>() / total;
     weights.into_iter().map(|k| k / mean).collect()
 }
 
-/// 5 % and 95 % of the witnesses' inverse depths.
-pub(super) fn lens_range(witnesses: &[LensWitness]) -> (f32, f32) {
-    defocus::seen_range(witnesses.iter().map(|w| w.inverse_depth))
+/// 5 % and 95 % of the observations' inverse depths.
+pub(super) fn lens_range(observations: &[LensObservation]) -> (f32, f32) {
+    defocus::seen_range(observations.iter().map(|w| w.inverse_depth))
 }
 
-/// The tables of witnesses at steps so small that straight lines between them will do: they are asked of thousands of lenses.
+/// The tables of observations at steps so small that straight lines between them will do: they are asked of thousands of lenses.
 pub(super) struct FineTables {
     inverse_depths: Vec<f32>,
     tables: Vec<f32>,
 }
 
 impl FineTables {
-    /// Steps in one of the witnesses' tables.
+    /// Steps in one of the observations' tables.
     const STEPS: usize = 4;
     const LEN: usize = Self::STEPS * (SIGMAS - 1) + 2;
 
-    pub fn new(witnesses: &[LensWitness]) -> Self {
-        let weights = surface_weights(witnesses);
-        let fine = |w: &LensWitness, weight: f32, i: usize| {
+    pub fn new(observations: &[LensObservation]) -> Self {
+        let weights = surface_weights(observations);
+        let fine = |w: &LensObservation, weight: f32, i: usize| {
             weight
                 * interpolate(&w.table, (i as f32 / Self::STEPS as f32).min((SIGMAS - 1) as f32))
                     .max(-CLIP * w.tiles)
         };
         let tables =
-            witnesses.iter().zip(&weights).flat_map(|(w, &k)| (0..Self::LEN).map(move |i| fine(w, k, i)));
-        Self { inverse_depths: witnesses.iter().map(|w| w.inverse_depth).collect(), tables: tables.collect() }
+            observations.iter().zip(&weights).flat_map(|(w, &k)| (0..Self::LEN).map(move |i| fine(w, k, i)));
+        Self {
+            inverse_depths: observations.iter().map(|w| w.inverse_depth).collect(),
+            tables: tables.collect(),
+        }
     }
 
-    /// What the witnesses say of a lens, in nats, each with its weight, or 1.
+    /// What the observations say of a lens, in nats, each with its weight, or 1.
     pub fn log_likelihood(&self, lens: Lens, weights: Option<&[f32]>) -> f32 {
         let mut sum = 0.0;
         for (i, (&d, table)) in
@@ -1390,10 +1409,10 @@ fn prepare<'a>(
     frames: &[&'a [Tile]],
     noise: &LumaNoise,
     coding_error: f32,
-    witness: impl Fn(&Tile) -> bool,
+    observation: impl Fn(&Tile) -> bool,
 ) -> Vec<Prepared<'a>> {
     let all = frames.iter().enumerate().flat_map(|(f, tiles)| tiles.iter().map(move |t| (f, t)));
-    all.filter(|(_, t)| witness(t))
+    all.filter(|(_, t)| observation(t))
         .filter_map(|(f, t)| Prepared::new(t, f, part_of(f, frames.len()), noise, coding_error))
         .collect()
 }
@@ -1404,7 +1423,7 @@ fn part_of(frame: usize, frames: usize) -> usize {
 }
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
-/// the block and of the part. What only one surface or one shot says thus counts as one witness.
+/// the block and of the part. What only one surface or one shot says thus counts as one observation.
 fn resampled(replica: usize, block: u32, part: usize) -> f32 {
     let weight = |i: u64| -(1.0 - super::uniform(replica as u64, i)).ln();
     weight(u64::from(block)) * weight((BLOCKS * BLOCKS + part) as u64)
@@ -1589,45 +1608,45 @@ mod tests {
     #[test]
     fn surfaces_that_disagree_about_the_lens_leave_it_unknown() {
         let lenses = [Lens { slope: 4.0, focus: 0.2 }, Lens { slope: 4.0, focus: 0.8 }];
-        let witness = |i: usize, lens: &Lens| {
+        let observation = |i: usize, lens: &Lens| {
             let inverse_depth = 0.1 + 0.8 * (i / BLOCK_COUNT) as f32 / 9.0;
             let objection =
                 |s: usize| (-20.0 * (sigma_of(s) - lens.sigma_px(inverse_depth)).powi(2)).max(-CLIP);
             let table = (0..SIGMAS).map(objection).collect();
-            LensWitness { inverse_depth, table, tiles: 1.0, block: (i % BLOCK_COUNT) as u32, part: 0 }
+            LensObservation { inverse_depth, table, tiles: 1.0, block: (i % BLOCK_COUNT) as u32, part: 0 }
         };
         let fit = |of_block: &dyn Fn(usize) -> usize| {
-            let witnesses: Vec<LensWitness> =
-                (0..250).map(|i| witness(i, &lenses[of_block(i % BLOCK_COUNT)])).collect();
-            lens_of(&witnesses, BOOTSTRAPS)
+            let observations: Vec<LensObservation> =
+                (0..250).map(|i| observation(i, &lenses[of_block(i % BLOCK_COUNT)])).collect();
+            lens_of(&observations, BOOTSTRAPS)
         };
-        let agreed = fit(&|_| 0).expect("all surfaces agree");
+        let agreed = fit(&|_| 0).unwrap().into_known().expect("all surfaces agree");
         let [low, high] = agreed.focus_inverse_depth;
         assert!((low..high).contains(&lenses[0].focus) && high < 0.5 * lenses[1].focus, "{agreed:?}");
-        let why = fit(&|block| block % 2).expect_err("they do not");
-        assert!(why.contains("fit many lenses"), "{why}");
+        let disagreed = fit(&|block| block % 2).unwrap();
+        assert_eq!(disagreed.why_unknown().expect("they do not").reason, Reason::Uncertain);
     }
 
     #[test]
     fn a_soft_wall_does_not_outvote_all_that_stands_before_it() {
         // Most tiles are of a far wall that looks blurred; what stands before it, down to the wall, is sharp.
-        let witness = |i: usize, inverse_depth: f32, blur: f32| LensWitness {
+        let observation = |i: usize, inverse_depth: f32, blur: f32| LensObservation {
             inverse_depth,
             table: (0..SIGMAS).map(|s| (-4.0 * (sigma_of(s) - blur).powi(2)).max(-CLIP)).collect(),
             tiles: 1.0,
             block: (i % BLOCK_COUNT) as u32,
             part: 0,
         };
-        let wall = (0..150).map(|i| witness(i, 0.1, 0.8));
-        let things = (0..100).map(|i| witness(i, 0.11 + 0.008 * i as f32, 0.0));
-        let witnesses: Vec<LensWitness> = wall.chain(things).collect();
-        let tables = FineTables::new(&witnesses);
+        let wall = (0..150).map(|i| observation(i, 0.1, 0.8));
+        let things = (0..100).map(|i| observation(i, 0.11 + 0.008 * i as f32, 0.0));
+        let observations: Vec<LensObservation> = wall.chain(things).collect();
+        let tables = FineTables::new(&observations);
         let lens = |log_likelihood: &(dyn Fn(Lens) -> f32 + Sync)| {
-            defocus::best_lens(lens_range(&witnesses), log_likelihood)
+            defocus::best_lens(lens_range(&observations), log_likelihood)
         };
         let weighted = lens(&|l| tables.log_likelihood(l, None)).sigma_px(0.1);
-        // Negative control: one witness, one vote.
-        let undo: Vec<f32> = surface_weights(&witnesses).iter().map(|w| 1.0 / w).collect();
+        // Negative control: one observation, one vote.
+        let undo: Vec<f32> = surface_weights(&observations).iter().map(|w| 1.0 / w).collect();
         let plain = lens(&|l| tables.log_likelihood(l, Some(&undo))).sigma_px(0.1);
         assert!(weighted < 0.4 && plain > 0.6, "{weighted} {plain}");
     }

@@ -15,14 +15,15 @@
 use super::defocus::{self, Lens};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
 use super::sharpening;
-use super::spectral::{self, ExposureWitness, FineTables, LensWitness};
-use super::{Observation, check_sizes, known_flow};
+use super::spectral::{self, ExposureObservation, FineTables, LensObservation};
+use super::{FrameObservation, check_sizes, known_flow, no_parallax};
 use crate::analysis::cuts::{MIN_CONFIRMED, look_different};
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::{FlowEstimator, motion_at_frame};
 use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
-    ExposureFraction, Method, MotionBlurModel, NoiseModel, SharpeningModel, ThinLensInterval,
+    ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, ThinLensInterval,
+    Unknown,
 };
 use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
 use std::borrow::Cow;
@@ -68,12 +69,12 @@ const SCALE_CONFIRMED: f32 = 0.6;
 ///
 /// ```no_run
 /// # fn newest_frame() -> Option<blindaug::Encoded> { None }
-/// use blindaug::fit::{Evidence, Observation, track::Tracker};
+/// use blindaug::fit::{Evidence, FrameObservation, track::Tracker};
 /// let mut tracker = Tracker::new(Default::default(), Some(30.0));
 /// let mut last = newest_frame().unwrap();
 /// while let Some(newest) = newest_frame() {
 ///     let evidence = Evidence::default();
-///     let model = tracker.push(&Observation { frame: &last, next: Some(&newest), previous: None, evidence })?;
+///     let model = tracker.push(&FrameObservation { frame: &last, next: Some(&newest), previous: None, evidence })?;
 ///     println!("{:?}", model.motion_blur);
 ///     last = newest;
 /// }
@@ -100,7 +101,7 @@ pub struct Tracker {
     known: Known,
     /// Whether the next frame belongs to another shot.
     cut_ahead: bool,
-    why_no_depth: String,
+    why_no_depth: Unknown,
     model: Option<CameraModel>,
     changes: Changes,
 }
@@ -109,7 +110,7 @@ pub struct Tracker {
 #[derive(Default)]
 struct Known {
     noise: Option<NoiseModel>,
-    sharpening: Option<SharpeningModel>,
+    sharpening: Option<Estimate<SharpeningModel>>,
     exposure: Option<MotionBlurModel>,
     lens: Option<DefocusModel>,
 }
@@ -158,24 +159,24 @@ impl Tracker {
             depth_kind: None,
             known: Known::default(),
             cut_ahead: false,
-            why_no_depth: "no depth was given, and nothing has moved yet".into(),
+            why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given, and nothing has moved yet"),
             model: None,
             changes: Changes::default(),
         }
     }
 
     /// Looks at a frame, and gives the model that holds for it. A live camera's frame is pushed when the one after it has
-    /// come; [`Observation::previous`] is used where there is no next one.
+    /// come; [`FrameObservation::previous`] is used where there is no next one.
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
-    pub fn push(&mut self, observation: &Observation) -> Result<&CameraModel> {
+    pub fn push(&mut self, observation: &FrameObservation) -> Result<&CameraModel> {
         par::within(|| self.look_at(observation))
     }
 
-    fn look_at(&mut self, observation: &Observation) -> Result<&CameraModel> {
+    fn look_at(&mut self, observation: &FrameObservation) -> Result<&CameraModel> {
         check_sizes(&mut self.size, observation)?;
-        let Observation { frame, next, previous, .. } = *observation;
+        let FrameObservation { frame, next, previous, .. } = *observation;
         let (width, height) = frame.0.size();
         let capture = Capture { width, height, fps: self.fps, frames_used: self.frames + 1 };
         self.changes = Changes::default();
@@ -195,12 +196,17 @@ impl Tracker {
         };
         let tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
         drop(motion);
-        let found = spectral::exposure_witnesses(&[&tiles], &self.luma_noise);
+        let found = spectral::exposure_observations(&[&tiles], &self.luma_noise);
         model.motion_blur = self.follow_exposure(&found);
-        model.sharpening = self.known.sharpening;
-        let (exposure, sharpening) = (self.exposure(), self.known.sharpening.as_ref());
-        let found = spectral::lens_witnesses(&[&tiles], &self.luma_noise, exposure, sharpening);
-        model.defocus = self.follow_lens(&found);
+        model.sharpening = self.known.sharpening.clone().unwrap_or_else(|| {
+            Estimate::unknown(
+                Reason::NotFollowed,
+                "it shows in noise between frames, and none was seen in this shot so far",
+            )
+        });
+        let (exposure, sharpening) = (self.exposure(), model.sharpening.known());
+        let found = spectral::lens_observations(&[&tiles], &self.luma_noise, exposure, sharpening);
+        model.defocus = self.follow_lens(&found)?;
         let found = matches!(geometry.flow, Some(Cow::Owned(_)));
         let flow = geometry.flow.map(Cow::into_owned);
         let before = std::mem::replace(&mut self.last_flow, LastFlow { flow, found, to_next });
@@ -230,11 +236,11 @@ impl Tracker {
     /// exposure and sharpening. The noise stays as it is until a frame is pushed again.
     ///
     /// # Errors
-    /// If no frame was pushed before, a witness is not one of [`spectral`], or depth is in another unit than before.
-    pub fn push_witnesses(
+    /// If no frame was pushed before, an observation is not one of [`spectral`], or depth is in another unit than before.
+    pub fn push_observations(
         &mut self,
-        exposure: &[ExposureWitness],
-        lens: &[LensWitness],
+        exposure: &[ExposureObservation],
+        lens: &[LensObservation],
         depth_kind: DepthKind,
     ) -> Result<&CameraModel> {
         let Some(mut model) = self.model.clone() else {
@@ -245,16 +251,17 @@ impl Tracker {
                 && values.len() == len
                 && values.iter().all(|&v| v <= 0.0 && v.is_finite())
         };
-        let sound_lens = |w: &LensWitness| {
+        let sound_lens = |w: &LensObservation| {
             sound(w.block, &w.table, SIGMAS)
                 && w.inverse_depth.is_finite()
                 && w.tiles.is_finite()
                 && w.tiles > 0.0
         };
-        if !exposure.iter().all(|w| sound(w.block, &w.objections, EXPOSURES)) || !lens.iter().all(sound_lens)
+        if !exposure.iter().all(|w| sound(w.block, &w.log_likelihood, EXPOSURES))
+            || !lens.iter().all(sound_lens)
         {
             return Err(Error::new(format!(
-                "a witness must lie in one of {} blocks and hold {EXPOSURES} objections or {SIGMAS} log-likelihoods, finite and none of them above 0",
+                "an observation must lie in one of {} blocks and hold {EXPOSURES} log_likelihood or {SIGMAS} log-likelihoods, finite and none of them above 0",
                 spectral::BLOCK_COUNT
             )));
         }
@@ -265,7 +272,7 @@ impl Tracker {
         self.changes = Changes::default();
         self.begin_shot();
         model.motion_blur = self.follow_exposure(exposure);
-        model.defocus = self.follow_lens(lens);
+        model.defocus = self.follow_lens(lens)?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
         model.validate()?;
@@ -311,8 +318,8 @@ impl Tracker {
         self.changes
     }
 
-    fn geometry<'a>(&mut self, observation: &Observation<'a>) -> Result<Geometry<'a>> {
-        let Observation { frame, next, previous, evidence } = *observation;
+    fn geometry<'a>(&mut self, observation: &FrameObservation<'a>) -> Result<Geometry<'a>> {
+        let FrameObservation { frame, next, previous, evidence } = *observation;
         let mut geometry = Geometry { flow: None, inverse_depth: None };
         let wants_parallax = evidence.inverse_depth.is_none()
             && self.depth_kind != Some(DepthKind::Metric)
@@ -360,7 +367,7 @@ impl Tracker {
                 geometry.inverse_depth = Some(Cow::Owned(depth.inverse_depth));
             }
             Some(Parallax::Unknown(why)) => {
-                self.why_no_depth = format!("no depth was given, and parallax gives none: {why}");
+                self.why_no_depth = no_parallax(&why);
             }
             None => {}
         }
@@ -403,7 +410,7 @@ impl Tracker {
         };
         if fresh.method == Method::Temporal {
             self.known.noise = Some(fresh.clone());
-            self.known.sharpening = sharpening::of_noise(&fit);
+            self.known.sharpening = Some(sharpening::of_noise(&fit));
         }
         Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
     }
@@ -447,7 +454,7 @@ impl Tracker {
         spectral::tiles_at(frame, &chosen, flow, depth, self.blur_space)
     }
 
-    fn follow_exposure(&mut self, found: &[ExposureWitness]) -> Estimate<MotionBlurModel> {
+    fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
         let memory = &mut self.exposure;
         memory.fade();
         if !found.is_empty() {
@@ -455,7 +462,7 @@ impl Tracker {
             let (curves, moments) = evidence.split_at_mut(CURVES);
             for w in found {
                 let at = w.block as usize * EXPOSURES;
-                curves[at..at + EXPOSURES].iter_mut().zip(&w.objections).for_each(|(s, v)| *s += v);
+                curves[at..at + EXPOSURES].iter_mut().zip(&w.log_likelihood).for_each(|(s, v)| *s += v);
                 moments.iter_mut().zip([1.0, w.speed, w.speed * w.speed]).for_each(|(s, v)| *s += v);
             }
             memory.add(evidence);
@@ -490,15 +497,14 @@ impl Tracker {
             }
         }
         let Some(known) = self.known.exposure else {
-            return Estimate::Unknown(
-                "in this shot so far, too little has moved, or what moved has too little texture".into(),
-            );
+            let why = "in this shot so far, too little has moved, or what moved has too little texture";
+            return Estimate::unknown(Reason::NoMotion, why);
         };
         let [low, high] = walked(known.interval, known.exposure.0, WALK_EXPOSURE, memory.age);
         Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })
     }
 
-    fn follow_lens(&mut self, found: &[LensWitness]) -> Estimate<DefocusModel> {
+    fn follow_lens(&mut self, found: &[LensObservation]) -> Result<Estimate<DefocusModel>> {
         let memory = &mut self.lens;
         memory.fade();
         let mut why = self.why_no_depth.clone();
@@ -516,8 +522,8 @@ impl Tracker {
                 memory.forget_old();
                 self.changes.defocus = true;
             }
-            match spectral::lens_of(&witnesses_of(&memory.sum()), BOOTSTRAPS) {
-                Ok(fit) => {
+            match spectral::lens_of(&observations_of(&memory.sum()), BOOTSTRAPS)? {
+                Estimate::Known(fit) => {
                     let curve = DefocusCurve::ThinLens {
                         sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
                         focus_inverse_depth: fit.lens.focus,
@@ -530,17 +536,17 @@ impl Tracker {
                     memory.age = 0;
                     self.known.lens = Some(DefocusModel { curve, depth_kind, method, samples });
                 }
-                Err(reason) => why = reason,
+                Estimate::Unknown(reason) => why = reason,
             }
         }
-        let Some(mut known) = self.known.lens else { return Estimate::Unknown(why) };
+        let Some(mut known) = self.known.lens else { return Ok(Estimate::Unknown(why)) };
         if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
             &mut known.curve
         {
             i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK_LENS * *s, memory.age);
             i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK_LENS * *f, memory.age);
         }
-        Estimate::Known(known)
+        Ok(Estimate::Known(known))
     }
 }
 
@@ -665,7 +671,7 @@ fn curve_of(evidence: &[f32]) -> Vec<f32> {
 }
 
 /// The mean over a curve as wide as that of [`MEAN_OF`] frames, if `frames` are in it: the maximum of a sum of clipped
-/// objections jumps between places that are almost as likely.
+/// log_likelihood jumps between places that are almost as likely.
 fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
     let max = curve.iter().copied().fold(f32::MIN, f32::max);
     let sharpness = (MEAN_OF / frames).min(1.0);
@@ -704,12 +710,12 @@ fn depth_bin(inverse_depth: f32) -> usize {
     (8.0 * (inverse_depth.max(1e-6).log2() + 8.0)).clamp(0.0, (DEPTHS - 1) as f32) as usize
 }
 
-fn witnesses_of(evidence: &[f32]) -> Vec<LensWitness> {
+fn observations_of(evidence: &[f32]) -> Vec<LensObservation> {
     evidence
         .chunks(CELL)
         .enumerate()
         .filter(|(_, cell)| cell[SIGMAS + 1] > 0.05)
-        .map(|(i, cell)| LensWitness {
+        .map(|(i, cell)| LensObservation {
             inverse_depth: cell[SIGMAS] / cell[SIGMAS + 1],
             table: cell[..SIGMAS].to_vec(),
             tiles: cell[SIGMAS + 1],
@@ -724,11 +730,12 @@ fn lens_changed(memory: &Memory) -> bool {
     if memory.recent.len() < AGREEING {
         return false;
     }
-    let best = |witnesses: &[LensWitness], tables: &FineTables| -> Option<Lens> {
-        (witnesses.iter().map(|w| w.tiles).sum::<f32>() >= 8.0)
-            .then(|| defocus::best_lens(spectral::lens_range(witnesses), |l| tables.log_likelihood(l, None)))
+    let best = |observations: &[LensObservation], tables: &FineTables| -> Option<Lens> {
+        (observations.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
+            defocus::best_lens(spectral::lens_range(observations), |l| tables.log_likelihood(l, None))
+        })
     };
-    let [old, recent] = [witnesses_of(&memory.old), witnesses_of(&memory.recent_sum())];
+    let [old, recent] = [observations_of(&memory.old), observations_of(&memory.recent_sum())];
     let of_recent = FineTables::new(&recent);
     let (Some(before), Some(now)) = (best(&old, &FineTables::new(&old)), best(&recent, &of_recent)) else {
         return false;
@@ -742,7 +749,7 @@ fn lens_changed(memory: &Memory) -> bool {
         > SAME_BLUR.0 + SAME_BLUR.1 * mean(&|d| before.sigma_px(d))
         && likelihood(now) >= LEFT_OF_LENS * likelihood(before)
         && memory.recent.iter().all(|frame| {
-            let tables = FineTables::new(&witnesses_of(frame));
+            let tables = FineTables::new(&observations_of(frame));
             let of = |lens| tables.log_likelihood(lens, None);
             of(now) - of(before) > SURE
         })

@@ -1,19 +1,21 @@
 //! The camera model: a small file that says how this camera distorts what it films.
 
 mod defocus;
+mod estimate;
 mod motion_blur;
 mod noise;
 mod sharpening;
 mod track;
 
 pub use defocus::{DefocusCurve, DefocusModel, DepthKind, ThinLensInterval};
+pub use estimate::{Estimate, Reason, Unknown};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
 pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
 
 use crate::{Error, Result, Transfer, text};
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// How a part of the model was estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,60 +77,6 @@ impl std::fmt::Display for Stopped {
     }
 }
 
-/// A part of the model: known, or unknown for a reason that can be read.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Estimate<T> {
-    /// The estimate.
-    Known(T),
-    /// Why the footage cannot tell. Of a file's text it is one printable line ([`text::one_line`]).
-    Unknown(String),
-}
-
-impl<T> Estimate<T> {
-    /// The estimate, if it is known.
-    pub fn known(&self) -> Option<&T> {
-        match self {
-            Self::Known(t) => Some(t),
-            Self::Unknown(_) => None,
-        }
-    }
-
-    /// Why it is unknown, if it is.
-    pub fn why_unknown(&self) -> Option<&str> {
-        match self {
-            Self::Known(_) => None,
-            Self::Unknown(why) => Some(why),
-        }
-    }
-}
-
-#[derive(Serialize, Deserialize)]
-struct Unknown {
-    unknown: String,
-}
-
-impl<T: Serialize> Serialize for Estimate<T> {
-    fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
-        match self {
-            Self::Known(t) => t.serialize(s),
-            Self::Unknown(why) => Unknown { unknown: why.clone() }.serialize(s),
-        }
-    }
-}
-
-impl<'de, T: DeserializeOwned> Deserialize<'de> for Estimate<T> {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> std::result::Result<Self, D::Error> {
-        // Not serde's `untagged`: its messages do not say which field is missing.
-        let value = serde_json::Value::deserialize(d)?;
-        let custom = |e: serde_json::Error| serde::de::Error::custom(e);
-        Ok(if value.get("unknown").is_some() {
-            Self::Unknown(text::one_line(&serde_json::from_value::<Unknown>(value).map_err(custom)?.unknown))
-        } else {
-            Self::Known(serde_json::from_value(value).map_err(custom)?)
-        })
-    }
-}
-
 /// Everything that is known of a camera's noise, motion blur and defocus.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraModel {
@@ -150,9 +98,13 @@ pub struct CameraModel {
     pub motion_blur: Estimate<MotionBlurModel>,
     /// Defocus blur over inverse depth.
     pub defocus: Estimate<DefocusModel>,
-    /// The camera's own sharpening; `None` if none was seen.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sharpening: Option<SharpeningModel>,
+    /// The camera's own sharpening. A file without it says nothing of it.
+    #[serde(default = "unknown_sharpening")]
+    pub sharpening: Estimate<SharpeningModel>,
+}
+
+fn unknown_sharpening() -> Estimate<SharpeningModel> {
+    Estimate::unknown(Reason::NotEstimated, "the file says nothing of it")
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -179,8 +131,9 @@ impl<'de> Deserialize<'de> for Version {
 }
 
 impl CameraModel {
-    /// A model in which nothing is known yet.
+    /// A model in which nothing was estimated yet, or on purpose ([`Reason::NotEstimated`]): `why` says so to people.
     pub fn unknown(capture: Capture, why: &str) -> Self {
+        let why = Unknown::new(Reason::NotEstimated, why);
         Self {
             format: Format::BlindaugCamera,
             version: Version(VERSION),
@@ -188,10 +141,10 @@ impl CameraModel {
             stopped: None,
             transfer: Transfer::Srgb,
             blur_space: BlurSpace::Linear,
-            noise: Estimate::Unknown(why.into()),
-            motion_blur: Estimate::Unknown(why.into()),
-            defocus: Estimate::Unknown(why.into()),
-            sharpening: None,
+            noise: Estimate::Unknown(why.clone()),
+            motion_blur: Estimate::Unknown(why.clone()),
+            defocus: Estimate::Unknown(why.clone()),
+            sharpening: Estimate::Unknown(why),
         }
     }
 
@@ -237,7 +190,7 @@ impl CameraModel {
         self.noise.known().map_or(Ok(()), NoiseModel::validate)?;
         self.motion_blur.known().map_or(Ok(()), MotionBlurModel::validate)?;
         self.defocus.known().map_or(Ok(()), DefocusModel::validate)?;
-        self.sharpening.as_ref().map_or(Ok(()), SharpeningModel::validate)
+        self.sharpening.known().map_or(Ok(()), SharpeningModel::validate)
     }
 
     /// Whether the model is for frames as wide as these.
@@ -263,7 +216,9 @@ impl CameraModel {
         if let Estimate::Known(d) = &mut m.defocus {
             *d = d.scaled(s);
         }
-        m.sharpening = m.sharpening.map(|sharpening| sharpening.scaled(s));
+        if let Estimate::Known(sharpening) = &mut m.sharpening {
+            *sharpening = sharpening.scaled(s);
+        }
         m.capture.width = width;
         m.capture.height = height;
         m
@@ -307,7 +262,8 @@ mod tests {
         let m =
             CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 0 }, "nothing moves");
         assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
-        assert_eq!(m.motion_blur.why_unknown(), Some("nothing moves"));
+        let why = m.motion_blur.why_unknown().unwrap();
+        assert_eq!((why.reason, why.sentence.as_str()), (Reason::NotEstimated, "nothing moves"));
     }
 
     #[test]
@@ -339,7 +295,7 @@ mod tests {
         };
         let m = with("0.7").unwrap();
         assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
-        let sharpening = m.scaled_to(1024, 1024).sharpening.unwrap();
+        let sharpening = *m.scaled_to(1024, 1024).sharpening.known().unwrap();
         assert_eq!(sharpening.radius_px, 2.0);
         assert_eq!(sharpening.gain(0.0), 1.0);
         assert!((sharpening.gain(0.5) - 1.7).abs() < 1e-3);

@@ -1,5 +1,5 @@
 use super::{CameraModel, DefocusCurve, DefocusModel, Estimate, ExposureFraction, NoiseLevel, NoiseModel};
-use super::{MotionBlurModel, NoiseInterval, ThinLensInterval};
+use super::{MotionBlurModel, NoiseInterval, SharpeningModel, ThinLensInterval, Unknown};
 use crate::{Error, Result, text};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -147,7 +147,7 @@ impl CameraTrack {
     }
 
     /// Why a part of the model is known in no frame; `None` if it is in one.
-    pub fn why_unknown(&self, part: impl Fn(&CameraModel) -> Option<&str>) -> Option<&str> {
+    pub fn why_unknown(&self, part: impl Fn(&CameraModel) -> Option<&Unknown>) -> Option<&Unknown> {
         self.frames.iter().map(|f| part(&f.camera)).reduce(|a, b| a.and(b)).flatten()
     }
 }
@@ -163,6 +163,12 @@ fn between(a: &CameraModel, b: &CameraModel, t: f32) -> CameraModel {
             ..if t < 0.5 { *a } else { *b }
         }),
         defocus: both(&a.defocus, &b.defocus, |a, b| lens_between(a, b, t)),
+        sharpening: both(&a.sharpening, &b.sharpening, |a, b| SharpeningModel {
+            amount: lerp(a.amount, b.amount, t),
+            radius_px: lerp(a.radius_px, b.radius_px, t),
+            interval: lerp_all(a.interval, b.interval, t),
+            ..if t < 0.5 { *a } else { *b }
+        }),
         ..nearer.clone()
     }
 }

@@ -83,7 +83,7 @@ impl Blur {
 
 /// How to distort a whole frame.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
+pub struct SynthesisOptions {
     /// The shape of out-of-focus points.
     pub bokeh: Bokeh,
     /// Leave out the noise.
@@ -104,7 +104,7 @@ pub fn distort_frame(
     model: &CameraModel,
     inverse_depth: Option<&Plane>,
     flow: Option<&Flow>,
-    options: &Options,
+    options: &SynthesisOptions,
     number: u64,
 ) -> Result<Encoded> {
     let light = |x, y| frame.0.at(x, y);
@@ -124,7 +124,7 @@ pub fn distorted_strips<'a>(
     model: &'a CameraModel,
     inverse_depth: Option<&'a Plane>,
     flow: Option<&'a Flow>,
-    options: &Options,
+    options: &SynthesisOptions,
     number: u64,
 ) -> Result<impl Iterator<Item = Raster<[f32; 3]>> + 'a> {
     let light = |x, y| frame.0.at(x, y).map(|v| model.transfer.decode(v));
@@ -166,7 +166,7 @@ impl<'a> Distortion<'a> {
         model: &'a CameraModel,
         inverse_depth: Option<&Plane>,
         flow: Option<&'a Flow>,
-        options: &Options,
+        options: &SynthesisOptions,
         number: u64,
     ) -> Result<Self> {
         let blur = Blur::new(model, size.0, options.bokeh)?;
@@ -177,7 +177,7 @@ impl<'a> Distortion<'a> {
             space: Space::new(model),
             blurred: None,
             moving: None,
-            sharpening: model.sharpening.as_ref(),
+            sharpening: model.sharpening.known(),
             noise,
             clip: noise.map_or(1.0, |m| m.clip.min(1.0)),
             seed: options.seed,
@@ -593,7 +593,7 @@ pub(crate) fn extended<P: Pixel>(
 mod tests {
     use super::*;
     use crate::model::{
-        Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel,
+        Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel, Reason, SharpeningModel,
     };
 
     const W: usize = 200;
@@ -685,7 +685,7 @@ mod tests {
             let blur = Blur::new(&model, W, Bokeh::Disk).unwrap();
             let (sharp, depth, flow) = (scene.sharp(), scene.inverse_depth(), scene.flow());
             let truth = scene.filmed(&blur, 0.5).to_encoded(Transfer::Srgb);
-            let options = Options { bokeh: Bokeh::Disk, ..Options::default() };
+            let options = SynthesisOptions { bokeh: Bokeh::Disk, ..SynthesisOptions::default() };
             let slabs = distort_frame(&sharp, &model, Some(&depth), Some(&flow), &options, 0).unwrap();
             let gather =
                 Linear(blur.of(&sharp.0, Some(&depth), Some(&flow)).unwrap()).to_encoded(Transfer::Srgb);
@@ -725,8 +725,10 @@ mod tests {
             (Some(SharpeningModel::given(0.8, 1.3)), BlurSpace::Linear, Some(&depth), Some(&flow), false),
             (None, BlurSpace::Linear, None, Some(&flow), true),
         ] {
-            (model.sharpening, model.blur_space) = (sharpening, blur_space);
-            let options = Options { seed: 5, no_noise, ..Options::default() };
+            model.sharpening =
+                sharpening.map_or_else(|| Estimate::unknown(Reason::NotSeen, "none"), Estimate::Known);
+            model.blur_space = blur_space;
+            let options = SynthesisOptions { seed: 5, no_noise, ..SynthesisOptions::default() };
             let whole =
                 distort_frame(&frame.to_linear(model.transfer), &model, depth, flow, &options, 3).unwrap();
             let distortion = || {
@@ -744,7 +746,7 @@ mod tests {
             assert_eq!(bits(&alone) == bits(&whole.0.crop(0, 64, w, 64)), no_noise);
         }
         let all: Vec<_> =
-            distorted_strips(&frame, &model, None, None, &Options::default(), 3).unwrap().collect();
+            distorted_strips(&frame, &model, None, None, &SynthesisOptions::default(), 3).unwrap().collect();
         assert_eq!(all.len(), 1);
     }
 
@@ -755,7 +757,7 @@ mod tests {
         let sharp = scene.sharp();
         let run = |model: &CameraModel, number| {
             let (d, f) = (scene.inverse_depth(), scene.flow());
-            distort_frame(&sharp, model, Some(&d), Some(&f), &Options::default(), number).unwrap()
+            distort_frame(&sharp, model, Some(&d), Some(&f), &SynthesisOptions::default(), number).unwrap()
         };
         let clean = sharp.to_encoded(Transfer::Srgb);
         assert!(run(&model, 1) == clean);
@@ -775,12 +777,12 @@ mod tests {
         let mut model = camera(3.0, 0.2001, 0.5);
         let run = |model: &CameraModel, sharp: &Linear| {
             let d = scene.inverse_depth();
-            distort_frame(sharp, model, Some(&d), None, &Options::default(), 0).unwrap()
+            distort_frame(sharp, model, Some(&d), None, &SynthesisOptions::default(), 0).unwrap()
         };
         let bright = Linear(scene.sharp().0.map(|v| v.map(|v| if v > 0.5 { 30.0 } else { v })));
         let soft = [scene.sharp(), bright].map(|sharp| (run(&model, &sharp), sharp));
         let sharpening = SharpeningModel::given(0.8, 1.5);
-        model.sharpening = Some(sharpening);
+        model.sharpening = Estimate::Known(sharpening);
         for (soft, sharp) in soft {
             let want = sharpening::sharpen(&soft.0, &sharpening).map(|v| v.map(|v| v.clamp(0.0, 1.0)));
             assert!(run(&model, &sharp).0 == want);
@@ -792,8 +794,9 @@ mod tests {
     fn missing_evidence_is_left_out_and_wrong_sizes_are_errors() {
         let scene = Scene::new([20.0, 0.0]);
         let (model, sharp) = (camera(3.0, 0.2001, 0.5), scene.sharp());
-        let run =
-            |d: Option<&Plane>, f: Option<&Flow>| distort_frame(&sharp, &model, d, f, &Options::default(), 0);
+        let run = |d: Option<&Plane>, f: Option<&Flow>| {
+            distort_frame(&sharp, &model, d, f, &SynthesisOptions::default(), 0)
+        };
         assert!(run(None, None).unwrap() == sharp.to_encoded(Transfer::Srgb));
         let unknown = Plane::filled(W, H, f32::NAN);
         assert!(run(Some(&unknown), None).unwrap() == sharp.to_encoded(Transfer::Srgb));

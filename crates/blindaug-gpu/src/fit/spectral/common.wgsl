@@ -37,7 +37,7 @@ const LEVELS = 4u;
 // Columns of a periodogram, as many rings of like modulus, and at most as many bins in each.
 const COLUMNS = 17u;
 const BINS = COLUMNS * COLUMNS;
-// Of the chosen tiles: witnesses of the exposure, then of the lens for each block of the image; some may be none.
+// Of the chosen tiles: observations of the exposure, then of the lens for each block of the image; some may be none.
 const EXPOSURE_TILES = 400u;
 const LENS_TILES_PER_BLOCK = 32u;
 const BLOCKS = 25u;

@@ -134,18 +134,18 @@ fn solve(score: vec3f) -> vec3f {
 
 @compute @workgroup_size(32)
 fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    let witness = group.x * EXPOSURE_WITNESS;
+    let observation = group.x * EXPOSURE_OBSERVATION;
     let index = chosen[group.x];
     if thread == 0u {
-        witnesses[witness] = 0.0;
+        observations[observation] = 0.0;
     }
     if index == NONE {
         return;
     }
     let tile = tiles[index];
     if thread == 0u {
-        witnesses[witness + 1u] = f32(tile.block);
-        witnesses[witness + 2u] = tile.speed * tile.scale;
+        observations[observation + 1u] = f32(tile.block);
+        observations[observation + 2u] = tile.speed * tile.scale;
     }
     if tile.speed < MIN_SPEED {
         return;
@@ -186,7 +186,7 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             noise += ring_sums[COLUMNS + i];
         }
         has_contrast = u32(seen > MIN_CONTRAST * noise);
-        witnesses[witness] = f32(has_contrast);
+        observations[observation] = f32(has_contrast);
     }
     if workgroupUniformLoad(&has_contrast) == 0u {
         return;
@@ -267,6 +267,6 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     let most = all.x - all.y;
     for (var i = thread; i < EXPOSURES; i += THREADS) {
         let v = interpolate(blurred, count, f32(i) / f32(stride)) - all.x;
-        witnesses[witness + HEAD + i] = clamp(v * most / (most + TELLING), -CLIP, 0.0);
+        observations[observation + HEAD + i] = clamp(v * most / (most + TELLING), -CLIP, 0.0);
     }
 }

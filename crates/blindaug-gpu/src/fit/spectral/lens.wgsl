@@ -67,10 +67,10 @@ fn of_frame(index: u32, scale: f32) -> f32 {
 
 @compute @workgroup_size(48)
 fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
-    let witness = LENSES_AT + group.x * LENS_WITNESS;
+    let observation = LENSES_AT + group.x * LENS_OBSERVATION;
     let index = chosen[EXPOSURE_TILES + group.x];
     if thread == 0u {
-        witnesses[witness] = 0.0;
+        observations[observation] = 0.0;
     }
     if index == NONE {
         return;
@@ -117,9 +117,9 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
             seen += lane_sums[i];
         }
         has_contrast = u32(seen.x > MIN_CONTRAST * seen.y);
-        witnesses[witness] = f32(has_contrast);
-        witnesses[witness + 1u] = f32(tile.block);
-        witnesses[witness + 2u] = tile.inverse_depth;
+        observations[observation] = f32(has_contrast);
+        observations[observation + 1u] = f32(tile.block);
+        observations[observation + 2u] = tile.inverse_depth;
     }
     if workgroupUniformLoad(&has_contrast) == 0u {
         return;
@@ -216,6 +216,6 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
         highest = max(highest, of_frame(s, tile.scale));
     }
     for (var s = thread; s < SIGMAS; s += ALPHAS * LANES) {
-        witnesses[witness + HEAD + s] = of_frame(s, tile.scale) - highest;
+        observations[observation + HEAD + s] = of_frame(s, tile.scale) - highest;
     }
 }

@@ -6,19 +6,19 @@
 // x, y, modulus, and place in a periodogram, ring by ring, and the first of each ring.
 @group(0) @binding(4) var<storage, read> frequencies: array<vec4f>;
 @group(0) @binding(5) var<storage, read> rings: array<u32, COLUMNS + 1u>;
-// Of each tile chosen for the exposure: whether it is a witness, block, speed, objections. Then of each chosen for the lens: whether it
-// is a witness, block, inverse depth, table.
-@group(0) @binding(6) var<storage, read_write> witnesses: array<f32>;
+// Of each tile chosen for the exposure: whether it is an observation, block, speed, log_likelihood. Then of each chosen for the lens: whether it
+// is an observation, block, inverse depth, table.
+@group(0) @binding(6) var<storage, read_write> observations: array<f32>;
 
 const EXPOSURES = 251u;
 const SIGMAS = 50u;
 // Those that a tile is asked for, px of its own.
 const TILE_SIGMAS = 22u;
-// What comes before the objections or the table.
+// What comes before the log_likelihood or the table.
 const HEAD = 3u;
-const EXPOSURE_WITNESS = HEAD + EXPOSURES;
-const LENS_WITNESS = HEAD + SIGMAS;
-const LENSES_AT = EXPOSURE_TILES * EXPOSURE_WITNESS;
+const EXPOSURE_OBSERVATION = HEAD + EXPOSURES;
+const LENS_OBSERVATION = HEAD + SIGMAS;
+const LENSES_AT = EXPOSURE_TILES * EXPOSURE_OBSERVATION;
 
 const TEMPER = 0.15;
 const MIN_CONTRAST = 3.0;

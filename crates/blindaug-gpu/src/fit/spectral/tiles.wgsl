@@ -341,7 +341,7 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 }
 
 @group(0) @binding(1) var<storage, read> contrast_of: array<f32>;
-// Of the tiles, the witnesses of the exposure: those of most contrast, the first having most; then those of the lens: in each block
+// Of the tiles, the observations of the exposure: those of most contrast, the first having most; then those of the lens: in each block
 // of the image those of most contrast.
 @group(0) @binding(3) var<storage, read_write> chosen_out: array<u32>;
 

@@ -23,7 +23,7 @@ const MAX_DEVIATION: f32 = 0.5;
 const MISMATCHES: [f32; 2] = [0.05, 0.2];
 /// And this share of the power may differ whatever the frequency: changes of light.
 const CHANGE: f32 = 1e-3;
-/// Objections of up to so many nats do not count.
+/// Log-likelihoods of up to so many nats do not count.
 const TOLERANCE: f32 = 1.0;
 
 /// A tile of one frame and the same surface's in the next.
@@ -182,7 +182,7 @@ impl Pair {
     }
 
     /// What the pair objects to the exposures of a curve, in nats, within [-CLIP, 0]; `None` if it holds hardly more than noise.
-    pub(super) fn objections(&self, noise: &LumaNoise) -> Option<Vec<f32>> {
+    pub(super) fn clipped_log_likelihood(&self, noise: &LumaNoise) -> Option<Vec<f32>> {
         let hidden = hidden(self.noise_moments, self.scale, noise.coding_error);
         let density = noise_density(self.noise_moments, self.scale, noise, noise.coding_error);
         let noise: Vec<f32> = frequencies().iter().map(|q| density(q.modulus)).collect();

@@ -1,0 +1,169 @@
+//! A part of the model that is known, or unknown for a reason that a person can read and a program can branch on.
+
+use crate::text;
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
+
+/// A part of the model: known, or unknown for a reason.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Estimate<T> {
+    /// The estimate.
+    Known(T),
+    /// Why the footage cannot tell.
+    Unknown(Unknown),
+}
+
+/// Why something is unknown.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unknown {
+    /// For programs.
+    pub reason: Reason,
+    /// For people: one clause, without a full stop. If it was read from a file, it is one printable line ([`text::one_line`]).
+    pub sentence: String,
+}
+
+/// The kinds of reasons for which something is unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Reason {
+    /// Nobody looked, or it was left out on purpose.
+    NotEstimated,
+    /// There are too few frames: one image has no motion, for instance.
+    TooShort,
+    /// Nothing moves, or the camera only turns where parallax is needed.
+    NoMotion,
+    /// Frames could not be followed to their neighbours: a cut lies between them, or too much changes.
+    NotFollowed,
+    /// The scene moves by itself, where only the camera may.
+    SceneMoves,
+    /// No depth was given and none could be found.
+    NoDepth,
+    /// Everything that could be measured lies at about one depth.
+    OneDepth,
+    /// The picture is too flat, too small or clipped.
+    Flat,
+    /// Shots, frames or parts of the picture contradict each other.
+    Contradicting,
+    /// Values that are far apart fit about equally well.
+    Uncertain,
+    /// The distortion was looked for and leaves no trace that is surely its own.
+    NotSeen,
+    /// A reason that this version does not know, or a file gave none.
+    #[default]
+    #[serde(other)]
+    Other,
+}
+
+impl Unknown {
+    /// A reason and its sentence.
+    pub fn new(reason: Reason, sentence: impl Into<String>) -> Self {
+        Self { reason, sentence: sentence.into() }
+    }
+}
+
+impl std::fmt::Display for Unknown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.sentence)
+    }
+}
+
+impl<T> Estimate<T> {
+    /// Unknown for a reason.
+    pub fn unknown(reason: Reason, sentence: impl Into<String>) -> Self {
+        Self::Unknown(Unknown::new(reason, sentence))
+    }
+
+    /// The estimate, if it is known.
+    pub fn known(&self) -> Option<&T> {
+        match self {
+            Self::Known(t) => Some(t),
+            Self::Unknown(_) => None,
+        }
+    }
+
+    /// As [`Estimate::known`], by value.
+    pub fn into_known(self) -> Option<T> {
+        match self {
+            Self::Known(t) => Some(t),
+            Self::Unknown(_) => None,
+        }
+    }
+
+    /// Why it is unknown, if it is.
+    pub fn why_unknown(&self) -> Option<&Unknown> {
+        match self {
+            Self::Known(_) => None,
+            Self::Unknown(why) => Some(why),
+        }
+    }
+}
+
+impl<T> From<std::result::Result<T, Unknown>> for Estimate<T> {
+    fn from(result: std::result::Result<T, Unknown>) -> Self {
+        match result {
+            Ok(t) => Self::Known(t),
+            Err(why) => Self::Unknown(why),
+        }
+    }
+}
+
+/// How an unknown part stands in camera.json.
+#[derive(Serialize, Deserialize)]
+struct UnknownInFile {
+    unknown: String,
+    #[serde(default, skip_serializing_if = "is_other")]
+    reason: Reason,
+}
+
+fn is_other(reason: &Reason) -> bool {
+    *reason == Reason::Other
+}
+
+impl Serialize for Unknown {
+    fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
+        UnknownInFile { unknown: self.sentence.clone(), reason: self.reason }.serialize(s)
+    }
+}
+
+impl<T: Serialize> Serialize for Estimate<T> {
+    fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
+        match self {
+            Self::Known(t) => t.serialize(s),
+            Self::Unknown(why) => why.serialize(s),
+        }
+    }
+}
+
+impl<'de, T: DeserializeOwned> Deserialize<'de> for Estimate<T> {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> std::result::Result<Self, D::Error> {
+        // Not serde's `untagged`: its messages do not say which field is missing.
+        let value = serde_json::Value::deserialize(d)?;
+        let custom = |e: serde_json::Error| serde::de::Error::custom(e);
+        Ok(if value.get("unknown").is_some() {
+            let UnknownInFile { unknown, reason } = serde_json::from_value(value).map_err(custom)?;
+            Self::unknown(reason, text::one_line(&unknown))
+        } else {
+            Self::Known(serde_json::from_value(value).map_err(custom)?)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reason_is_read_back_and_one_that_is_not_known_is_another() {
+        type Number = Estimate<f32>;
+        let still = Number::unknown(Reason::NoMotion, "nothing moves");
+        let text = serde_json::to_string(&still).unwrap();
+        assert_eq!(text, r#"{"unknown":"nothing moves","reason":"no_motion"}"#);
+        assert_eq!(serde_json::from_str::<Number>(&text).unwrap(), still);
+        for old in [r#"{"unknown":"x"}"#, r#"{"unknown":"x","reason":"of a later version"}"#] {
+            let read: Number = serde_json::from_str(old).unwrap();
+            assert_eq!(read, Number::unknown(Reason::Other, "x"));
+            assert_eq!(serde_json::to_string(&read).unwrap(), r#"{"unknown":"x"}"#);
+        }
+        assert_eq!(serde_json::from_str::<Number>("1.5").unwrap(), Estimate::Known(1.5));
+    }
+}
