@@ -3,18 +3,18 @@
 use crate::{
     console::{self, Failure, Progress, Result, failure, note, warn},
     estimate::{DepthArgs, check_match, open_source, opened},
-    inspect::count,
 };
 use blindaug::{
     CameraModel, Encoded, Flow, Plane, Raster, Transfer, analysis,
     composite::{self, CompositeOptions, Plate, VirtualLayer},
-    model::{CameraTrack, Capture, DefocusModel, DepthKind, Estimate, Reason},
+    model::{CameraTrack, Capture, DefocusModel, DepthKind, Distortion, Estimate, Reason},
     synth::{self, defocus::Bokeh, distorted_strips},
 };
 use blindaug_io::{
     Frame, FrameRange, FrameSource, Inputs, PngWriter, SideFolder, VideoWriter, VirtualLayerFile, is_stream,
     memory, read_camera_track, remove_leftovers_in,
 };
+use blindaug_report::words::count;
 use clap::ValueEnum;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -241,7 +241,7 @@ pub fn run_apply(args: &Apply) -> Result<()> {
     };
     let CompositeOptions { no_noise, bokeh, seed, .. } = args.look.style.options();
     let options = synth::SynthesisOptions { bokeh, no_noise, seed };
-    let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
+    let moving = track.why_unknown(Distortion::MotionBlur).is_none();
     let finds_flow = moving && flow.is_none() && clip.len_hint() != Some(1);
     let given = if finds_flow { 3 * FRAME } else { FRAME } + if moving { FLOW } else { 0 };
     let work = synth::bytes_beside(clip.size(), depth.is_some());
@@ -366,8 +366,8 @@ pub fn composite(
     output: &mut Output,
 ) -> Result<()> {
     let Scene { footage, layers, depth, flow, renders } = scene;
-    let moving = track.why_unknown(|m| m.motion_blur.why_unknown()).is_none();
-    let defocused = track.why_unknown(|m| m.defocus.why_unknown()).is_none();
+    let moving = track.why_unknown(Distortion::MotionBlur).is_none();
+    let defocused = track.why_unknown(Distortion::Defocus).is_none();
     let mut missing = Missing::default();
     let mut without_layer = 0;
     let estimates_flow = moving && renders.is_some() && flow.is_none();
@@ -464,13 +464,11 @@ fn open_camera(path: &Path, source: &FrameSource) -> Result<CameraTrack> {
         }
     }
     let track = track.map(|m| m.scaled_to(width, height));
-    for (what, why) in [
-        ("noise", track.why_unknown(|m| m.noise.why_unknown())),
-        ("motion blur", track.why_unknown(|m| m.motion_blur.why_unknown())),
-        ("defocus", track.why_unknown(|m| m.defocus.why_unknown())),
-    ] {
-        if let Some(why) = why {
-            warn(format_args!("{what} is unknown and not applied: {why}"));
+    for distortion in Distortion::ALL {
+        // That a camera does not sharpen, or that an old file says nothing of it, is nothing to warn of.
+        let why = track.why_unknown(distortion);
+        if let Some(why) = why.filter(|_| distortion != Distortion::Sharpening) {
+            warn(format_args!("{} is unknown and not applied: {why}", distortion.name()));
         }
     }
     Ok(track)

@@ -1,7 +1,7 @@
 //! What the program says: results on standard output, progress and notes on standard error; and the signals that stop it.
 
 use blindaug::text::{cut, printable};
-use blindaug_io::{Error, Inputs, remove_incomplete_files, same_file};
+use blindaug_io::{Error, Inputs, remove_incomplete_files, same_file, write_atomically};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::{
     cell::RefCell,
@@ -254,4 +254,13 @@ pub fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
         .map_err(|e| failure(folder, format_args!("the folder cannot be made ({e}); choose another")))?;
     check_folder(folder)
+}
+
+/// Writes a page that was made, whole or not at all.
+///
+/// # Errors
+/// If it could not be made or cannot be written; then nothing is left of it.
+pub fn write_page(path: &Path, page: blindaug_report::Result<String>) -> Result<()> {
+    let page = page.map_err(|e| failure(path, e))?;
+    Ok(write_atomically(path, |partial| std::fs::write(partial, page))?)
 }

@@ -5,7 +5,6 @@ use crate::{
     console::{self, Failure, Result, note},
     estimate::{self, DepthArgs, Footage, open_source},
     networks::Networks,
-    report::{self, Picture, ReportInput, TruthRow},
 };
 use blindaug::{
     CameraModel, Encoded, Raster,
@@ -20,6 +19,7 @@ use blindaug::{
     synth::noise,
 };
 use blindaug_io::{SideFolder, VideoWriter, read_frame, write_atomically, write_camera, write_png};
+use blindaug_report::{Picture, ReportInput, TruthRow};
 use std::{
     collections::BTreeMap,
     fmt::Write,
@@ -213,17 +213,15 @@ pub fn run(args: &Demo) -> Result<()> {
     let images: Vec<&Encoded> = pictures.iter().map(|p| &p.image).collect();
     write_png(out.join("comparison.png"), &side_by_side(&images))?;
     let video = write_video(&out.join("comparison.mp4"), &naive, &composites);
-    report::write(
-        &out.join("report.html"),
-        &ReportInput {
-            title: "The demo's camera".into(),
-            model,
-            diagnostics: &fitted.estimation.diagnostics,
-            samples: fitted.samples,
-            comparison: rows,
-            pictures,
-        },
-    )?;
+    let report = ReportInput {
+        title: "The demo's camera".into(),
+        model,
+        diagnostics: &fitted.estimation.diagnostics,
+        samples: fitted.samples,
+        comparison: rows,
+        pictures,
+    };
+    console::write_page(&out.join("report.html"), blindaug_report::page(&report))?;
     console::print(&next_steps(out, &clip, &camera, video))
 }
 
@@ -313,7 +311,7 @@ fn comparison(model: &CameraModel, truth: &Truth) -> Vec<TruthRow> {
         row("focus distance, m", focus.unwrap_or_else(why), text(truth.focus_m)),
     ];
     for y in LUMINANCES {
-        let std = model.noise.known().map(|n| noise::total_std(n, y).iter().sum::<f32>() / 3.0);
+        let std = model.noise.known().map(|n| n.total_std(y).iter().sum::<f32>() / 3.0);
         rows.push(row(
             &format!("noise std at luminance {y}, steps of 8 bit"),
             std.map_or_else(|| unknown(model.noise.why_unknown()), |s| text(255.0 * s)),

@@ -2,9 +2,7 @@
 
 use crate::{
     console::{self, Failure, Progress, Result, failure, note, warn},
-    inspect,
     networks::{EvidenceWriter, Networks, or_removed},
-    report::{self, ReportInput, Sample, TrackReportInput},
 };
 use blindaug::{
     Encoded, Flow, Plane, analysis,
@@ -19,6 +17,7 @@ use blindaug_io::{
     SideFolder, memory, write_camera,
 };
 use blindaug_nets::Removed;
+use blindaug_report::{ReportInput, Sample, TrackReportInput, words};
 use clap::ValueEnum;
 use std::{
     collections::VecDeque,
@@ -199,7 +198,7 @@ pub fn run(args: &Estimate) -> Result<()> {
     let fitted = fit(&footage, networks, save, options, args.report.is_some())?;
     let Estimation { model, diagnostics } = &fitted.estimation;
     write_camera(&args.output, model)?;
-    let mut text = inspect::words(model, &[]);
+    let mut text = words::words(model, &[]);
     for sentence in &diagnostics.notes {
         // Writing to a String cannot fail.
         let _ = writeln!(text, "Note       {sentence}");
@@ -207,17 +206,15 @@ pub fn run(args: &Estimate) -> Result<()> {
     console::print_beside(&args.output, &text)?;
     note(format_args!("written: {}", args.output.display()));
     if let Some(path) = &args.report {
-        report::write(
-            path,
-            &ReportInput {
-                title: report_title(&footage.source),
-                model,
-                diagnostics,
-                samples: fitted.samples,
-                comparison: Vec::new(),
-                pictures: Vec::new(),
-            },
-        )?;
+        let input = ReportInput {
+            title: report_title(&footage.source),
+            model,
+            diagnostics,
+            samples: fitted.samples,
+            comparison: Vec::new(),
+            pictures: Vec::new(),
+        };
+        console::write_page(path, blindaug_report::page(&input))?;
         note(format_args!("written: {}", path.display()));
     }
     if model.stopped.is_some() {
@@ -755,11 +752,12 @@ fn track(
     }
     let track = CameraTrack::from_frames(cameras).map_err(|e| failure(source.path(), e))?;
     writer.finish()?;
-    console::print_beside(output, &inspect::table(&track))?;
+    console::print_beside(output, &words::table(&track))?;
     note(format_args!("written: {}", output.display()));
     if let Some(path) = report {
         let samples = samples.kept;
-        report::write_track(path, &TrackReportInput { title: report_title(source), track: &track, samples })?;
+        let input = TrackReportInput { title: report_title(source), track: &track, samples };
+        console::write_page(path, blindaug_report::track_page(&input))?;
         note(format_args!("written: {}", path.display()));
     }
     if seen.stopped.is_some() {

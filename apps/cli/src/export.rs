@@ -3,10 +3,10 @@
 use crate::{
     composite::{SceneScale, in_metres},
     console::{self, Failure, Result, failure, note, print},
-    inspect::count,
 };
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
 use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
+use blindaug_report::words::count;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::path::{Path, PathBuf};
 

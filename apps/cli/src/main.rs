@@ -11,7 +11,6 @@ mod inspect;
 mod live;
 mod models;
 mod networks;
-mod report;
 mod validate;
 
 use clap::Parser;

@@ -1,10 +1,8 @@
 //! `blindaug validate`: how far estimates lie from the truth, on scenes of its own and on rendered clips.
 
-mod camera;
 mod clips;
-mod measure;
 mod page;
-mod scene;
+mod run;
 mod still;
 
 use crate::console::{self, Progress, Result, failure, note};
@@ -15,10 +13,11 @@ use blindaug::{Encoded, Flow, Transfer};
 use blindaug_io::{
     FrameRange, FrameSource, Inputs, VideoWriter, remove_leftovers_in, write_atomically, write_png,
 };
-use camera::{Camera, Setting};
+use blindaug_scenes::camera::{Camera, Setting};
+use blindaug_scenes::measure::{Footage, Given, Measured, NoiseTruth, Truth};
+use blindaug_scenes::scene::{Exposure, Scene};
 use clips::{Condition, Fidelity};
-use measure::{Footage, Given, Measured, NoiseTruth, Truth, measure};
-use scene::{Exposure, Scene};
+use run::{given_with, measure};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::BTreeMap,
@@ -324,7 +323,7 @@ fn measure_own(
         footage.noise = None;
     }
     let mut measured = vec![];
-    for given in Given::with(networks) {
+    for given in given_with(networks) {
         if case.coded.is_some() && ![Given::DepthAndFlow, Given::Depth, Given::Nothing].contains(&given) {
             continue;
         }
@@ -380,7 +379,7 @@ fn measure_clip(case: &Case, condition: &Condition, networks: &mut Networks) -> 
     let footage = condition.read()?;
     let mut measured = vec![];
     let mut fidelity = None;
-    for given in Given::with(networks) {
+    for given in given_with(networks) {
         let (m, estimation) = measure(&footage, given, networks).map_err(|e| failure(&condition.clip, e))?;
         measured.push(m);
         if given == Given::Depth {

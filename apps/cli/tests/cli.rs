@@ -9,7 +9,7 @@ use blindaug::{
     CameraModel, Encoded, Raster,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS, NoiseLevel, NoiseModel, Reason, SharpeningModel, TrackedCamera,
+        NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera,
     },
 };
 use blindaug_io::{read_frame, write_camera, write_png};
@@ -100,13 +100,13 @@ fn write_frames(folder: &Path, numbers: impl IntoIterator<Item = usize>, (width,
 fn camera(width: usize, height: usize, depth_kind: DepthKind) -> CameraModel {
     let capture = Capture { width, height, fps: Some(25.0), frames_used: 3 };
     let mut model = CameraModel::unknown(capture, "");
-    model.noise = Estimate::Known(NoiseModel {
+    model.noise = Estimate::Known(NoiseModel::Lines(NoiseLines {
         levels: [NoiseLevel { slope: [0.01; 3], intercept: [0.01; 3] }; NOISE_LEVELS],
         interval: None,
         clip: 1.0,
         method: Method::Temporal,
         samples: 1000,
-    });
+    }));
     model.motion_blur = Estimate::Known(MotionBlurModel {
         exposure: ExposureFraction(0.5),
         interval: [0.45, 0.55],

@@ -80,10 +80,10 @@ impl Uniforms {
         }
         if let Some(noise) = model.noise.known().filter(|_| !options.no_noise) {
             uniforms.noise = 1;
-            uniforms.clip = noise.clip;
+            uniforms.clip = noise.clip();
             let rgb = |[r, g, b]: [f32; 3]| [r, g, b, 0.0];
-            uniforms.slope = noise.levels.map(|l| rgb(l.slope));
-            uniforms.intercept = noise.levels.map(|l| rgb(l.intercept));
+            uniforms.slope = noise.lines().levels.map(|l| rgb(l.slope));
+            uniforms.intercept = noise.lines().levels.map(|l| rgb(l.intercept));
         }
         Ok(uniforms)
     }

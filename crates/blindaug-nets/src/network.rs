@@ -384,7 +384,7 @@ fn noise_std(frame: &Encoded) -> f32 {
     let luma = frame.luma();
     let mean = luma.data().iter().sum::<f32>() / luma.data().len() as f32;
     let fit = evidence.fit();
-    let finest = fit.model.known().map_or([0.0; 3], |m| m.levels[0].sigma(mean));
+    let finest = fit.model.known().map_or([0.0; 3], |m| m.std(0, mean));
     finest.iter().sum::<f32>() / 3.0 / white_band_std()[0]
 }
 

@@ -85,7 +85,7 @@ pub fn composite(
         shadows.map(|place| Shadows::new(filmed, place, layer, &space, &blur)).transpose()?.flatten();
     let object = object.map(|place| Object::new(filmed, place, layer, &space, &blur)).transpose()?;
     let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
-    let clip = noise_model.map_or(1.0, |m| m.clip.min(1.0));
+    let clip = noise_model.map_or(1.0, |m| m.clip().min(1.0));
     let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
         let f = space.of_encoded(background.at(x, y));
         let at = (x + changed.x, y + changed.y);
@@ -474,7 +474,7 @@ fn missing_noise(
     let gain = Raster::from_fn(w, h, |x, y| {
         let (s, v, k) = (smooth.at(x, y), clean.at(x, y), pixels.at(x, y).kept);
         let gain = |c: usize| (k * space.slope(v[c]) / space.slope(s[c])).clamp(0.0, 1.5);
-        std::array::from_fn::<f32, 3, _>(|c| if s[c] >= model.clip { 0.0 } else { gain(c) })
+        std::array::from_fn::<f32, 3, _>(|c| if s[c] >= model.clip() { 0.0 } else { gain(c) })
     });
     let mut frame_luma = smooth.map(luma);
     let mut luma = Plane::from_fn(w, h, |x, y| {
@@ -488,9 +488,8 @@ fn missing_noise(
             frame_luma = pyramid::downsample(&frame_luma);
             kept_variance = pyramid::downsample(&kept_variance);
         }
-        let model = model.levels[level];
         Raster::from_fn(luma.width(), luma.height(), |x, y| {
-            let (want, there) = (model.sigma(luma.at(x, y)), model.sigma(frame_luma.at(x, y)));
+            let (want, there) = (model.std(level, luma.at(x, y)), model.std(level, frame_luma.at(x, y)));
             let kept = kept_variance.at(x, y);
             std::array::from_fn(|c| (want[c] * want[c] - kept[c] * there[c] * there[c]).max(0.0).sqrt())
         })

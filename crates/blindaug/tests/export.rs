@@ -6,7 +6,6 @@ use blindaug::model::{
     Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
     NOISE_LEVELS, NoiseLevel, NoiseModel,
 };
-use blindaug::synth::noise::total_std;
 
 fn camera_model(exposure: f32, sigma: f32, focus_m: f32) -> CameraModel {
     let capture = Capture { width: 1920, height: 1080, fps: Some(25.0), frames_used: 9 };
@@ -243,7 +242,7 @@ fn unity_s_grain_gives_the_model_s_std_where_it_can() {
                 })
                 .sum();
             let std = (squares / tile.data().len() as f32).sqrt();
-            let want = (total_std(noise, y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
+            let want = (noise.total_std(y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
             println!("{target}, luminance {y}: {std:.5} for {want:.5}");
             assert!((std / want - 1.0).abs() < 0.25, "{target} at {y}: {std} for {want}");
         }
@@ -482,7 +481,7 @@ fn nuke_s_expression_makes_the_model_s_noise() {
             })
             .sum::<f32>()
             / bands.data().len() as f32;
-        let want = total_std(noise, y)[c];
+        let want = noise.total_std(y)[c];
         assert!((variance.sqrt() / want - 1.0).abs() < 0.02, "{} {want}", variance.sqrt());
     }
 }

@@ -38,7 +38,7 @@ fn exposure(m: &CameraModel) -> f32 {
 fn noise(m: &CameraModel) -> f32 {
     let white = synth::noise::white_band_std();
     m.noise.known().map_or(f32::NAN, |n| {
-        let l = n.levels[0];
+        let l = n.lines().levels[0];
         (0..3).map(|c| l.slope[c] * 0.4 + l.intercept[c]).sum::<f32>() / 3.0 / white[0]
     })
 }

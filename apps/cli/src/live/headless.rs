@@ -9,8 +9,8 @@ use super::{
 use crate::{
     composite::Output,
     console::{self, Result, failure, note},
-    inspect::count,
 };
+use blindaug_report::words::count;
 use std::time::{Duration, Instant};
 
 /// How often it is told how far it has come.

@@ -5,13 +5,13 @@ use super::{
     estimation::{Estimate, Home},
     stage::{Look, Times},
 };
-use crate::inspect::with_interval;
 use blindaug::{
     CameraModel,
     model::{DefocusCurve, DepthKind, Estimate as Parameter},
-    synth::{defocus::Bokeh, noise::total_std},
+    synth::defocus::Bokeh,
 };
 use blindaug_gpu::Quality;
+use blindaug_report::words::with_interval;
 use egui::{
     CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
     TextureId, Ui, pos2, vec2,
@@ -94,7 +94,7 @@ fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
     }
     match &camera.noise {
         Parameter::Known(n) => {
-            let [r, g, b] = total_std(n, 0.5).map(|v| 255.0 * v);
+            let [r, g, b] = n.total_std(0.5).map(|v| 255.0 * v);
             rows.push(("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}")));
         }
         Parameter::Unknown(why) => rows.push(("noise", format!("unknown: {why}"))),

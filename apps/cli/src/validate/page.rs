@@ -1,10 +1,11 @@
 //! The results as a table and as a page with the paper's plots.
 
-use super::camera::Camera;
-use super::measure::{Given, Measured, median};
 use super::{Experiment, Outcome, Summary, mean, worst};
-use crate::report::{PlotError, page_with, plots};
 use blindaug_io::{Result, read_frame, write_atomically};
+use blindaug_report::page_with;
+use blindaug_report::plots::{self, PlotError};
+use blindaug_scenes::camera::Camera;
+use blindaug_scenes::measure::{Given, Measured, median};
 use maud::{Markup, html};
 use std::{collections::BTreeSet, fmt::Write, path::Path};
 
@@ -287,9 +288,9 @@ fn noise_plot(outcomes: &[Outcome]) -> std::result::Result<Option<Markup>, PlotE
 fn picture_section(outcomes: &[Outcome], pictures: &Path) -> Markup {
     let shown = |name: String| {
         let frame = read_frame(pictures.join(name)).ok()?;
-        crate::report::shown(&frame, 512 * 384)
+        blindaug_report::shown(&frame, 512 * 384)
     };
-    let rows: Vec<(&Outcome, Vec<(&str, crate::report::Shown)>)> = outcomes
+    let rows: Vec<(&Outcome, Vec<(&str, blindaug_report::Shown)>)> = outcomes
         .iter()
         .filter(|o| o.case.scene == 1 && o.case.experiment == Experiment::All)
         .map(|o| {

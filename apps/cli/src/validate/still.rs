@@ -1,6 +1,5 @@
 //! Real noise: a camera that stands still before something still. The median over time is the clean picture.
 
-use super::measure::{NoiseTruth, median, noise_errors};
 use crate::console::{Result, failure};
 use crate::networks::Networks;
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
@@ -8,6 +7,7 @@ use blindaug::model::{Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::synth;
 use blindaug::{Encoded, Plane, Raster, filter};
 use blindaug_io::{FrameRange, FrameSource};
+use blindaug_scenes::measure::{NoiseTruth, median, noise_errors};
 use std::fmt::Write;
 use std::path::Path;
 

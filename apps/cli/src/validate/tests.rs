@@ -1,5 +1,5 @@
 use super::*;
-use measure::Lens;
+use blindaug_scenes::measure::Lens;
 
 /// The shared clips, or `None`, said loudly, where they are missing.
 fn shared_clips() -> Option<PathBuf> {

@@ -10,7 +10,7 @@
 
 use super::{Abilities, Camera, Export, File, grain};
 use crate::model::{NOISE_LEVELS, NoiseModel};
-use crate::synth::noise::{tileable_bands, total_std};
+use crate::synth::noise::tileable_bands;
 use crate::{Plane, Raster};
 
 pub(super) const ABILITIES: Abilities = Abilities {
@@ -237,10 +237,7 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
     let matrix = ycbcr(height);
     let bands = tileable_bands(256, 0);
     let channels: [Covariance; 3] = std::array::from_fn(|c| {
-        Covariance::of_channel(
-            &bands,
-            std::array::from_fn(|l| noise.levels[l].sigma(grain::TILE_LUMINANCE)[c]),
-        )
+        Covariance::of_channel(&bands, std::array::from_fn(|l| noise.std(l, grain::TILE_LUMINANCE)[c]))
     });
     // The channels are independent, so that covariances add.
     let of = |a: usize, b: usize| {
@@ -290,7 +287,7 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
     // Std in 8-bit code values of the limited range, over the encoded luminance.
     let code_std = |plane: usize, y: f32| {
         let range = if plane == 0 { 219.0 } else { 224.0 };
-        let variance: f32 = (0..3).map(|c| (matrix[plane][c] * total_std(noise, y)[c]).powi(2)).sum();
+        let variance: f32 = (0..3).map(|c| (matrix[plane][c] * noise.total_std(y)[c]).powi(2)).sum();
         // Chroma at half the size is a mean.
         let kept = if plane == 0 {
             1.0
@@ -300,7 +297,7 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
         };
         range * (variance * kept.max(0.0)).sqrt()
     };
-    let clip = noise.clip.min(1.0);
+    let clip = noise.clip().min(1.0);
     let code = |y: f32| (16.0 + 219.0 * y).round() as u8;
     let points = |count: usize| (0..count).map(move |i| clip * i as f32 / count as f32);
     let grain_std =
@@ -474,8 +471,8 @@ mod tests {
             let weights = ycbcr(1080)[0];
             for luma in [40, 126, 200] {
                 let y = (f32::from(luma) - 16.0) / 219.0;
-                let want = 219.0
-                    * (0..3).map(|c| (weights[c] * total_std(&model, y)[c]).powi(2)).sum::<f32>().sqrt();
+                let want =
+                    219.0 * (0..3).map(|c| (weights[c] * model.total_std(y)[c]).powi(2)).sum::<f32>().sqrt();
                 let got = std(&decoded(&s, luma, 128));
                 assert!((got / want - 1.0).abs() < 0.08, "luma {luma}: {got} for {want}");
             }
@@ -489,8 +486,7 @@ mod tests {
                 sum / (n * n) as f32 / std(&plane).powi(2)
             };
             let bands = tileable_bands(256, 3);
-            let truth =
-                Covariance::of_channel(&bands, std::array::from_fn(|l| model.levels[l].sigma(0.5)[0]));
+            let truth = Covariance::of_channel(&bands, std::array::from_fn(|l| model.std(l, 0.5)[0]));
             for (dx, dy) in [(1, 0), (0, 1), (1, 1), (2, 0)] {
                 let want = truth.at(dx as isize, dy as isize) / truth.at(0, 0);
                 assert!((lag(dx, dy) - want).abs() < 0.06, "lag {dx} {dy}: {} for {want}", lag(dx, dy));

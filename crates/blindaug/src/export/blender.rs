@@ -43,7 +43,7 @@ pub(super) fn export(camera: &Camera) -> Export {
             ("fov", camera.fov_y_degrees.map_or_else(none, number)),
             ("slope", slope),
             ("intercept", intercept),
-            ("clip", camera.noise.as_ref().map_or_else(none, |n| number(n.clip))),
+            ("clip", camera.noise.as_ref().map_or_else(none, |n| number(n.clip()))),
             ("bands", grain::BANDS.into()),
             ("gain", number(grain::GAIN)),
             ("side", grain::SIDE.to_string()),

@@ -73,7 +73,7 @@ pub(super) fn export(camera: &Camera) -> Export {
                 ("bands", grain::BANDS.into()),
                 ("slope", numbers(slope.as_flattened())),
                 ("intercept", numbers(intercept.as_flattened())),
-                ("clip", number(noise.clip)),
+                ("clip", number(noise.clip())),
             ],
         );
         let shader = filled(

@@ -3,7 +3,7 @@
 
 use super::{Camera, number, short};
 use crate::model::{NOISE_LEVELS, NoiseModel};
-use crate::synth::noise::{tileable_bands, total_std};
+use crate::synth::noise::tileable_bands;
 use crate::{Raster, Transfer};
 use std::sync::OnceLock;
 
@@ -46,7 +46,7 @@ pub fn bands() -> Raster<[f32; 4]> {
 pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
     let bands = tileable_bands(SIDE, 1);
     let one = self::bands();
-    let sigma: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|l| model.levels[l].sigma(TILE_LUMINANCE));
+    let sigma: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|l| model.std(l, TILE_LUMINANCE));
     let mean = sigma.map(root_mean_square);
     let mut tile = Raster::from_fn(SIDE, SIDE, |x, y| {
         let mut sum = [0.0; 4];
@@ -86,7 +86,7 @@ pub fn table(model: &NoiseModel) -> String {
     );
     text += &format!(
         "# Nothing is noisy at and above {}, where the sensor clips.\nluminance",
-        number(model.clip)
+        number(model.clip())
     );
     let names = std::iter::once("std".into()).chain((0..NOISE_LEVELS).map(|l| format!("level{l}")));
     for name in names {
@@ -94,9 +94,9 @@ pub fn table(model: &NoiseModel) -> String {
     }
     text.push('\n');
     for y in luminances(33) {
-        let levels = model.levels.iter().map(|l| l.sigma(y));
+        let levels = (0..NOISE_LEVELS).map(|l| model.std(l, y));
         let row: Vec<String> =
-            std::iter::once(total_std(model, y)).chain(levels).flatten().map(number).collect();
+            std::iter::once(model.total_std(y)).chain(levels).flatten().map(number).collect();
         text += &format!("{},{}\n", number(y), row.join(","));
     }
     text
@@ -123,10 +123,10 @@ impl Response {
         // Black is left out, where the response is zero whatever its parameters.
         let points: Vec<[f32; 3]> = luminances(64)
             .skip(1)
-            .filter(|y| *y < model.clip)
+            .filter(|y| *y < model.clip())
             .map(|y| {
                 let light = transfer.decode(y);
-                [light * transfer.slope(light), light.sqrt(), root_mean_square(total_std(model, y))]
+                [light * transfer.slope(light), light.sqrt(), root_mean_square(model.total_std(y))]
             })
             .collect();
         // sigma = I s - I r s sqrt(L), s = L dE/dL: for each r, the least-squares I.
@@ -168,7 +168,7 @@ impl Response {
 /// The slopes and intercepts by channel, each over the levels: what a shader that reads [`bands`] takes.
 pub(super) fn by_channel(model: &NoiseModel) -> ([[f32; 4]; 3], [[f32; 4]; 3]) {
     let of = |f: &dyn Fn(usize) -> [f32; 3]| std::array::from_fn(|c| std::array::from_fn(|l| f(l)[c]));
-    (of(&|l| model.levels[l].slope), of(&|l| model.levels[l].intercept))
+    (of(&|l| model.lines().levels[l].slope), of(&|l| model.lines().levels[l].intercept))
 }
 
 /// What is lost by every pass that takes all the numbers.
@@ -207,7 +207,7 @@ mod tests {
             let sum: f64 = (0..SIDE * SIDE).map(|i| f64::from(f(i % SIDE, i / SIDE))).sum();
             sum / (SIDE * SIDE) as f64
         };
-        for (c, want) in total_std(&m, y).into_iter().enumerate() {
+        for (c, want) in m.total_std(y).into_iter().enumerate() {
             let got = all(&|x, y| noise(x, y, c).powi(2)).sqrt();
             assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
             assert!(all(&|x, y| noise(x, y, c)).abs() < 0.02 * f64::from(want));
@@ -250,7 +250,7 @@ mod tests {
                 .map(|y| {
                     let light = t.decode(y);
                     let rms =
-                        (total_std(&model(0.03, 0.01), y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
+                        (model(0.03, 0.01).total_std(y).iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt();
                     (rms - i * light * t.slope(light) * (1.0 - r * light.sqrt())).powi(2)
                 })
                 .sum::<f32>()
@@ -274,8 +274,8 @@ mod tests {
         assert_eq!(rows.len(), 33);
         for row in rows {
             assert_eq!(row.len(), 16);
-            assert!((row[1] - total_std(&m, row[0])[0]).abs() < 1e-5);
-            assert!((row[4 + 1] - m.levels[0].sigma(row[0])[1]).abs() < 1e-5);
+            assert!((row[1] - m.total_std(row[0])[0]).abs() < 1e-5);
+            assert!((row[4 + 1] - m.std(0, row[0])[1]).abs() < 1e-5);
         }
     }
 }

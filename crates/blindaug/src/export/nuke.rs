@@ -63,7 +63,7 @@ pub fn settings(camera: &Camera) -> Settings {
 fn expression(noise: &NoiseModel, channel: usize) -> String {
     let [dx, dy] = grain::CHANNEL_OFFSETS[channel];
     let side = grain::SIDE;
-    let octaves = noise.levels.iter().zip(["r", "g", "b", "a"]).map(|(level, band)| {
+    let octaves = noise.lines().levels.iter().zip(["r", "g", "b", "a"]).map(|(level, band)| {
         format!(
             "max({}*luma+{},0)*(A{band}((x+dx+{dx})%{side},(y+dy+{dy})%{side})-0.5)",
             number(level.slope[channel]),
@@ -71,7 +71,7 @@ fn expression(noise: &NoiseModel, channel: usize) -> String {
         )
     });
     let sum = octaves.collect::<Vec<_>>().join("+");
-    let (value, clip) = (["Br", "Bg", "Bb"][channel], number(noise.clip));
+    let (value, clip) = (["Br", "Bg", "Bb"][channel], number(noise.clip()));
     format!(
         "{value}>={clip}?{value}:min({value}+sqrt(max(1-(1-Ba)*(1-Ba),0))/{}*({sum}),{clip})",
         number(grain::GAIN)

@@ -106,7 +106,7 @@ pub(super) fn export(camera: &Camera) -> Export {
             "{{ slope: [ {} ], intercept: [ {} ], clip: {} }}",
             rows(slope),
             rows(intercept),
-            number(noise.clip)
+            number(noise.clip())
         )
     });
     lost.extend(grain::full_pass_lost(camera));

@@ -118,7 +118,7 @@ pub(super) fn grain_shader(camera: &Camera) -> Option<[File; 2]> {
             ("slope", vectors(slope)),
             ("intercept", vectors(intercept)),
             ("offsets", grain::CHANNEL_OFFSETS.map(|[x, y]| format!("int2({x}, {y})")).join(", ")),
-            ("clip", number(noise.clip)),
+            ("clip", number(noise.clip())),
             ("mask", (grain::SIDE - 1).to_string()),
             ("gain", number(grain::GAIN)),
         ],

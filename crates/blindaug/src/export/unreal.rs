@@ -10,7 +10,6 @@
 
 use super::{Abilities, Camera, Export, File, ThinLens, grain, head, number};
 use crate::model::NoiseModel;
-use crate::synth::noise::total_std;
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Unreal Engine 5.1 and later",
@@ -73,7 +72,7 @@ fn depth_of_field(camera: &Camera, lens: &ThinLens) -> DepthOfField {
 fn zones(noise: &NoiseModel, camera: &Camera) -> [f32; 3] {
     ZONES.map(|light| {
         let y = camera.transfer.encode(light);
-        let rms = grain::root_mean_square(total_std(noise, y));
+        let rms = grain::root_mean_square(noise.total_std(y));
         // The texture's std as a factor around 1 is 2 GAIN.
         (rms / camera.transfer.slope(light) / light / (2.0 * grain::GAIN)).min(1.0)
     })

@@ -587,7 +587,7 @@ impl Estimator {
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
         let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
-        if fit.model.known().is_some_and(|m| m.method == Method::Spatial) {
+        if fit.model.known().is_some_and(|m| m.method() == Method::Spatial) {
             diagnostics.notes.push(
                 "noise was measured in single frames: coarse noise cannot be told from structure there and is taken to be white"
                     .into(),

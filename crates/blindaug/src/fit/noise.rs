@@ -5,7 +5,9 @@
 //! 24 numbers of the model, each with an interval.
 
 use crate::analysis::brightness::{brightening, undone};
-use crate::model::{Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel, Reason};
+use crate::model::{
+    Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
+};
 use crate::raster::cubic_weights;
 use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
@@ -437,13 +439,13 @@ impl NoiseEvidence {
                 samples: b.blocks,
             }));
         }
-        let model = NoiseModel {
+        let model = NoiseModel::Lines(NoiseLines {
             levels,
             interval: Some(interval),
             clip: self.clip_level(),
             method: self.method,
             samples: self.len() as u64,
-        };
+        });
         let coding_error = match self.method {
             Method::Temporal if self.coloured => coding_error(&finest, most_common),
             // What is left of structure is common to all channels, and in grey footage all is.

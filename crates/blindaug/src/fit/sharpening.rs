@@ -28,7 +28,7 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
             return Estimate::unknown(Reason::Flat, "it shows in noise, which is unknown");
         }
     };
-    if noise.method == Method::Spatial {
+    if noise.method() == Method::Spatial {
         // In one frame coarse noise is taken to be white, and so says nothing.
         let why = "it shows in noise between frames, and noise was measured in single frames";
         return Estimate::unknown(Reason::TooShort, why);
@@ -37,10 +37,10 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
     let mean = |v: [f32; 3]| v.iter().sum::<f32>() / 3.0;
     // Relative to white noise, with the relative variance that the scatter of its points around the line gives it.
     let level = |l: usize| {
-        let off = |p: &NoisePoint| (mean(p.sigma) / mean(noise.levels[l].sigma(p.y)).max(1e-6)).ln().powi(2);
+        let off = |p: &NoisePoint| (mean(p.sigma) / mean(noise.std(l, p.y)).max(1e-6)).ln().powi(2);
         let of_points: Vec<f32> = fit.points.iter().filter(|p| p.level == l).map(off).collect();
         let points = of_points.len().max(1) as f32;
-        (mean(noise.levels[l].sigma(MIDDLE)) / white[l], of_points.iter().sum::<f32>() / (points * points))
+        (mean(noise.std(l, MIDDLE)) / white[l], of_points.iter().sum::<f32>() / (points * points))
     };
     let ((fine, fine_variance), (coarse, coarse_variance)) = (level(0), level(1));
     let ratio = fine / coarse;
@@ -54,8 +54,8 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
         amount,
         radius_px: RADIUS,
         interval: [low, high],
-        method: noise.method,
-        samples: noise.samples,
+        method: noise.method(),
+        samples: noise.samples(),
     })
 }
 
@@ -90,7 +90,7 @@ fn band_gains(amount: f32) -> [f32; NOISE_LEVELS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Estimate, NoiseLevel, NoiseModel};
+    use crate::model::{Estimate, NoiseLevel, NoiseLines, NoiseModel};
 
     /// White noise of std 0.01 times some factor in each level, in points that scatter by 4 %.
     fn noise(factors: [f32; NOISE_LEVELS], method: Method) -> NoiseFit {
@@ -103,7 +103,10 @@ mod tests {
             samples: 50,
         };
         NoiseFit {
-            model: Estimate::Known(NoiseModel { method, ..NoiseModel::given(levels, 1.0) }),
+            model: Estimate::Known(NoiseModel::Lines(NoiseLines {
+                method,
+                ..NoiseModel::given(levels, 1.0).lines().clone()
+            })),
             luma: None,
             points: (0..NOISE_LEVELS).flat_map(|l| (1..9).map(move |i| point(l, i))).collect(),
         }

@@ -408,7 +408,7 @@ impl Tracker {
                 None => fit.model,
             });
         };
-        if fresh.method == Method::Temporal {
+        if fresh.method() == Method::Temporal {
             self.known.noise = Some(fresh.clone());
             self.known.sharpening = Some(sharpening::of_noise(&fit));
         }
@@ -579,7 +579,7 @@ fn walked([low, high]: [f32; 2], value: f32, step: f32, age: usize) -> [f32; 2] 
 }
 
 fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
-    let mut noise = noise.clone();
+    let NoiseModel::Lines(mut noise) = noise.clone();
     for (level, interval) in noise.levels.iter().zip(noise.interval.iter_mut().flatten()) {
         for c in 0..3 {
             let step = WALK_NOISE * level.intercept[c];
@@ -591,7 +591,7 @@ fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
                 [level.slope[c] - side(level.slope[c] - low), level.slope[c] + side(high - level.slope[c])];
         }
     }
-    noise
+    NoiseModel::Lines(noise)
 }
 
 /// Sums of evidence, in which older frames count less and less. The last few frames are kept apart.

@@ -1,4 +1,5 @@
-use super::{Method, check};
+use super::distortion::DistortionModel;
+use super::{Method, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -119,20 +120,6 @@ impl DefocusModel {
         }
     }
 
-    /// The same lens for frames `s` times as wide.
-    pub(super) fn scaled(mut self, s: f32) -> Self {
-        match &mut self.curve {
-            DefocusCurve::ThinLens { sigma_px_at_infinity, interval, .. } => {
-                *sigma_px_at_infinity *= s;
-                if let Some(i) = interval {
-                    i.sigma_px_at_infinity = i.sigma_px_at_infinity.map(|v| v * s);
-                }
-            }
-            DefocusCurve::Quadratic { a, b, c, .. } => [a, b, c].into_iter().for_each(|v| *v *= s),
-        }
-        self
-    }
-
     /// The same lens over metric inverse depth, if relative inverse depth is `scale / Z + offset`.
     ///
     /// A focus that lies beyond infinity, as an offset can make it, is put very far away.
@@ -156,8 +143,46 @@ impl DefocusModel {
         self.depth_kind = DepthKind::Metric;
         self
     }
+}
 
-    pub(super) fn validate(&self) -> Result<()> {
+impl DistortionModel for DefocusModel {
+    fn scaled(mut self, s: f32) -> Self {
+        match &mut self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity, interval, .. } => {
+                *sigma_px_at_infinity *= s;
+                if let Some(i) = interval {
+                    i.sigma_px_at_infinity = i.sigma_px_at_infinity.map(|v| v * s);
+                }
+            }
+            DefocusCurve::Quadratic { a, b, c, .. } => [a, b, c].into_iter().for_each(|v| *v *= s),
+        }
+        self
+    }
+
+    /// Lenses of another kind or unit cannot be mixed: then the nearer one.
+    fn between(&self, other: &Self, t: f32) -> Self {
+        let nearer = if t < 0.5 { *self } else { *other };
+        match (self.curve, other.curve) {
+            (
+                DefocusCurve::ThinLens { sigma_px_at_infinity: sa, focus_inverse_depth: fa, interval: ia },
+                DefocusCurve::ThinLens { sigma_px_at_infinity: sb, focus_inverse_depth: fb, interval: ib },
+            ) if self.depth_kind == other.depth_kind => {
+                let interval = ia.zip(ib).map(|(a, b)| ThinLensInterval {
+                    sigma_px_at_infinity: lerp_all(a.sigma_px_at_infinity, b.sigma_px_at_infinity, t),
+                    focus_inverse_depth: lerp_all(a.focus_inverse_depth, b.focus_inverse_depth, t),
+                });
+                let curve = DefocusCurve::ThinLens {
+                    sigma_px_at_infinity: lerp(sa, sb, t),
+                    focus_inverse_depth: lerp(fa, fb, t),
+                    interval,
+                };
+                DefocusModel { curve, ..nearer }
+            }
+            _ => nearer,
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
         match self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
                 check(s.is_finite() && s >= 0.0, "defocus.sigma_px_at_infinity must be a number >= 0")?;

@@ -73,6 +73,14 @@ impl<T> Estimate<T> {
         Self::Unknown(Unknown::new(reason, sentence))
     }
 
+    /// What a function makes of the estimate; what is unknown stays so.
+    pub fn map<U>(self, f: impl FnOnce(T) -> U) -> Estimate<U> {
+        match self {
+            Self::Known(t) => Estimate::Known(f(t)),
+            Self::Unknown(why) => Estimate::Unknown(why),
+        }
+    }
+
     /// The estimate, if it is known.
     pub fn known(&self) -> Option<&T> {
         match self {
@@ -94,15 +102,6 @@ impl<T> Estimate<T> {
         match self {
             Self::Known(_) => None,
             Self::Unknown(why) => Some(why),
-        }
-    }
-}
-
-impl<T> From<std::result::Result<T, Unknown>> for Estimate<T> {
-    fn from(result: std::result::Result<T, Unknown>) -> Self {
-        match result {
-            Ok(t) => Self::Known(t),
-            Err(why) => Self::Unknown(why),
         }
     }
 }

@@ -1,16 +1,20 @@
 //! The camera model: a small file that says how this camera distorts what it films.
 
 mod defocus;
+mod distortion;
 mod estimate;
+mod facts;
 mod motion_blur;
 mod noise;
 mod sharpening;
 mod track;
 
 pub use defocus::{DefocusCurve, DefocusModel, DepthKind, ThinLensInterval};
+pub use distortion::Distortion;
 pub use estimate::{Estimate, Reason, Unknown};
+pub use facts::{DefocusFacts, Focus, VISIBLE_PX, thin_lens_sharp};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
-pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseModel};
+pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, total_of_levels};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
 
@@ -187,10 +191,7 @@ impl CameraModel {
         let Capture { width, height, fps, .. } = self.capture;
         check(width > 0 && height > 0, "capture.width and capture.height must be at least 1 px")?;
         check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
-        self.noise.known().map_or(Ok(()), NoiseModel::validate)?;
-        self.motion_blur.known().map_or(Ok(()), MotionBlurModel::validate)?;
-        self.defocus.known().map_or(Ok(()), DefocusModel::validate)?;
-        self.sharpening.known().map_or(Ok(()), SharpeningModel::validate)
+        self.validate_distortions()
     }
 
     /// Whether the model is for frames as wide as these.
@@ -211,14 +212,7 @@ impl CameraModel {
     ///
     /// Noise is kept per pixel of the new size, as of a camera of the same sensor quality.
     pub fn scaled_to(&self, width: usize, height: usize) -> Self {
-        let mut m = self.clone();
-        let s = width as f32 / self.capture.width as f32;
-        if let Estimate::Known(d) = &mut m.defocus {
-            *d = d.scaled(s);
-        }
-        if let Estimate::Known(sharpening) = &mut m.sharpening {
-            *sharpening = sharpening.scaled(s);
-        }
+        let mut m = self.clone().scaled(width as f32 / self.capture.width as f32);
         m.capture.width = width;
         m.capture.height = height;
         m
@@ -227,6 +221,16 @@ impl CameraModel {
 
 fn check(holds: bool, sentence: &str) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::new(sentence)) }
+}
+
+/// `a` at t = 0, `b` at t = 1.
+fn lerp(a: f32, b: f32, t: f32) -> f32 {
+    a + t * (b - a)
+}
+
+/// As [`lerp`], number by number.
+fn lerp_all<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
+    std::array::from_fn(|i| lerp(a[i], b[i], t))
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-use super::{Method, check};
+use super::distortion::DistortionModel;
+use super::{Method, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -36,8 +37,23 @@ impl MotionBlurModel {
     pub fn given(exposure: ExposureFraction) -> Self {
         Self { exposure, interval: [exposure.0; 2], method: Method::Given, samples: 0 }
     }
+}
 
-    pub(super) fn validate(&self) -> Result<()> {
+impl DistortionModel for MotionBlurModel {
+    /// A fraction of time does not depend on the frame's size.
+    fn scaled(self, _: f32) -> Self {
+        self
+    }
+
+    fn between(&self, other: &Self, t: f32) -> Self {
+        Self {
+            exposure: ExposureFraction(lerp(self.exposure.0, other.exposure.0, t)),
+            interval: lerp_all(self.interval, other.interval, t),
+            ..if t < 0.5 { *self } else { *other }
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
         check((0.0..=1.0).contains(&self.exposure.0), "motion_blur.exposure must lie in [0, 1]")?;
         let [lo, hi] = self.interval;
         check(0.0 <= lo && lo <= hi && hi.is_finite(), "motion_blur.interval must be two rising numbers >= 0")

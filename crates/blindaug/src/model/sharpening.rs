@@ -1,4 +1,5 @@
-use super::{Method, check};
+use super::distortion::DistortionModel;
+use super::{Method, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -29,12 +30,23 @@ impl SharpeningModel {
         let x = std::f32::consts::TAU * self.radius_px * frequency;
         1.0 + self.amount * (1.0 - (-0.5 * x * x).exp())
     }
+}
 
-    pub(super) fn scaled(self, factor: f32) -> Self {
-        Self { radius_px: self.radius_px * factor, ..self }
+impl DistortionModel for SharpeningModel {
+    fn scaled(self, s: f32) -> Self {
+        Self { radius_px: self.radius_px * s, ..self }
     }
 
-    pub(super) fn validate(&self) -> Result<()> {
+    fn between(&self, other: &Self, t: f32) -> Self {
+        Self {
+            amount: lerp(self.amount, other.amount, t),
+            radius_px: lerp(self.radius_px, other.radius_px, t),
+            interval: lerp_all(self.interval, other.interval, t),
+            ..if t < 0.5 { *self } else { *other }
+        }
+    }
+
+    fn validate(&self) -> Result<()> {
         let Self { amount, radius_px, interval: [lo, hi], .. } = *self;
         check((0.0..=20.0).contains(&amount), "sharpening.amount must lie in [0, 20]")?;
         check((0.1..=20.0).contains(&radius_px), "sharpening.radius_px must lie in [0.1, 20]")?;

@@ -1,5 +1,4 @@
-use super::{CameraModel, DefocusCurve, DefocusModel, Estimate, ExposureFraction, NoiseLevel, NoiseModel};
-use super::{MotionBlurModel, NoiseInterval, SharpeningModel, ThinLensInterval, Unknown};
+use super::{CameraModel, Distortion, Unknown};
 use crate::{Error, Result, text};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -16,12 +15,25 @@ pub struct Changes {
     /// Focus, aperture or focal length.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub defocus: bool,
+    /// The camera's sharpening.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub sharpening: bool,
 }
 
 impl Changes {
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Whether the parameters of a distortion jumped.
+    pub fn of(&self, distortion: Distortion) -> bool {
+        match distortion {
+            Distortion::Defocus => self.defocus,
+            Distortion::MotionBlur => self.exposure,
+            Distortion::Sharpening => self.sharpening,
+            Distortion::Noise => self.noise,
+        }
     }
 }
 
@@ -137,7 +149,7 @@ impl CameraTrack {
         }
         let last = &self.frames[after - 1];
         let t = (frame - last.frame) as f32 / (next.frame - last.frame) as f32;
-        Cow::Owned(between(&last.camera, &next.camera, t))
+        Cow::Owned(last.camera.between(&next.camera, t))
     }
 
     /// Every camera changed by a function.
@@ -146,94 +158,19 @@ impl CameraTrack {
         self
     }
 
-    /// Why a part of the model is known in no frame; `None` if it is in one.
-    pub fn why_unknown(&self, part: impl Fn(&CameraModel) -> Option<&Unknown>) -> Option<&Unknown> {
-        self.frames.iter().map(|f| part(&f.camera)).reduce(|a, b| a.and(b)).flatten()
-    }
-}
-
-/// `a` at t = 0, `b` at t = 1; what is unknown in one is the other's.
-fn between(a: &CameraModel, b: &CameraModel, t: f32) -> CameraModel {
-    let nearer = if t < 0.5 { a } else { b };
-    CameraModel {
-        noise: both(&a.noise, &b.noise, |a, b| noise_between(a, b, t)),
-        motion_blur: both(&a.motion_blur, &b.motion_blur, |a, b| MotionBlurModel {
-            exposure: ExposureFraction(lerp(a.exposure.0, b.exposure.0, t)),
-            interval: lerp_all(a.interval, b.interval, t),
-            ..if t < 0.5 { *a } else { *b }
-        }),
-        defocus: both(&a.defocus, &b.defocus, |a, b| lens_between(a, b, t)),
-        sharpening: both(&a.sharpening, &b.sharpening, |a, b| SharpeningModel {
-            amount: lerp(a.amount, b.amount, t),
-            radius_px: lerp(a.radius_px, b.radius_px, t),
-            interval: lerp_all(a.interval, b.interval, t),
-            ..if t < 0.5 { *a } else { *b }
-        }),
-        ..nearer.clone()
-    }
-}
-
-fn both<T: Clone>(a: &Estimate<T>, b: &Estimate<T>, of: impl Fn(&T, &T) -> T) -> Estimate<T> {
-    match (a, b) {
-        (Estimate::Known(a), Estimate::Known(b)) => Estimate::Known(of(a, b)),
-        (Estimate::Unknown(_), _) => b.clone(),
-        _ => a.clone(),
-    }
-}
-
-fn lerp(a: f32, b: f32, t: f32) -> f32 {
-    a + t * (b - a)
-}
-
-fn lerp_all<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
-    std::array::from_fn(|i| lerp(a[i], b[i], t))
-}
-
-fn noise_between(a: &NoiseModel, b: &NoiseModel, t: f32) -> NoiseModel {
-    let intervals = |a: &[[f32; 2]; 3], b: &[[f32; 2]; 3]| std::array::from_fn(|c| lerp_all(a[c], b[c], t));
-    NoiseModel {
-        levels: std::array::from_fn(|l| NoiseLevel {
-            slope: lerp_all(a.levels[l].slope, b.levels[l].slope, t),
-            intercept: lerp_all(a.levels[l].intercept, b.levels[l].intercept, t),
-        }),
-        interval: a.interval.zip(b.interval).map(|(a, b)| {
-            std::array::from_fn(|l| NoiseInterval {
-                slope: intervals(&a[l].slope, &b[l].slope),
-                intercept: intervals(&a[l].intercept, &b[l].intercept),
-            })
-        }),
-        clip: lerp(a.clip, b.clip, t),
-        ..if t < 0.5 { a.clone() } else { b.clone() }
-    }
-}
-
-/// Lenses of another kind or unit cannot be mixed: then the nearer one.
-fn lens_between(a: &DefocusModel, b: &DefocusModel, t: f32) -> DefocusModel {
-    let nearer = if t < 0.5 { *a } else { *b };
-    match (a.curve, b.curve) {
-        (
-            DefocusCurve::ThinLens { sigma_px_at_infinity: sa, focus_inverse_depth: fa, interval: ia },
-            DefocusCurve::ThinLens { sigma_px_at_infinity: sb, focus_inverse_depth: fb, interval: ib },
-        ) if a.depth_kind == b.depth_kind => {
-            let interval = ia.zip(ib).map(|(a, b)| ThinLensInterval {
-                sigma_px_at_infinity: lerp_all(a.sigma_px_at_infinity, b.sigma_px_at_infinity, t),
-                focus_inverse_depth: lerp_all(a.focus_inverse_depth, b.focus_inverse_depth, t),
-            });
-            let curve = DefocusCurve::ThinLens {
-                sigma_px_at_infinity: lerp(sa, sb, t),
-                focus_inverse_depth: lerp(fa, fb, t),
-                interval,
-            };
-            DefocusModel { curve, ..nearer }
-        }
-        _ => nearer,
+    /// Why a distortion is known in no frame; `None` if it is known in one.
+    pub fn why_unknown(&self, distortion: Distortion) -> Option<&Unknown> {
+        self.frames.iter().map(|f| f.camera.why_unknown(distortion)).reduce(|a, b| a.and(b)).flatten()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Capture, NOISE_LEVELS};
+    use crate::model::{
+        Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS, NoiseLevel,
+        NoiseModel,
+    };
 
     fn camera(frame: u64, exposure: Option<f32>, focus: f32) -> TrackedCamera {
         let mut camera =
@@ -272,7 +209,7 @@ mod tests {
         assert_eq!(at(15).0, Some(0.2));
         assert_eq!((at(0), at(10).0), (at(10), None));
         assert_eq!(at(99), at(30));
-        assert_eq!(track.why_unknown(|m| m.motion_blur.why_unknown()), None);
+        assert_eq!(track.why_unknown(Distortion::MotionBlur), None);
     }
 
     #[test]

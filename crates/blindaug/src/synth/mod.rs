@@ -179,7 +179,7 @@ impl<'a> Distortion<'a> {
             moving: None,
             sharpening: model.sharpening.known(),
             noise,
-            clip: noise.map_or(1.0, |m| m.clip.min(1.0)),
+            clip: noise.map_or(1.0, |m| m.clip().min(1.0)),
             seed: options.seed,
             number,
         };

@@ -27,7 +27,7 @@ pub(super) fn noise_of_rows(
         if level > 0 {
             luma = pyramid::downsample(&luma);
         }
-        luma.map(|y| model.levels[level].sigma(y))
+        luma.map(|y| model.std(level, y))
     })
 }
 
@@ -66,30 +66,6 @@ pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
         };
         let full = bands[..level].iter().rev().fold(bands[level].clone(), enlarged);
         full.crop(MARGIN, MARGIN, side, side)
-    })
-}
-
-/// Std of the noise in R, G and B over content of this even luminance, all levels together.
-pub fn total_std(model: &NoiseModel, y: f32) -> [f32; 3] {
-    let covariance = band_covariance();
-    let sigma: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|l| model.levels[l].sigma(y));
-    std::array::from_fn(|c| {
-        let pairs = (0..NOISE_LEVELS).flat_map(|i| (0..NOISE_LEVELS).map(move |j| (i, j)));
-        pairs.map(|(i, j)| sigma[i][c] * sigma[j][c] * covariance[i][j]).sum::<f32>().max(0.0).sqrt()
-    })
-}
-
-/// Of the levels at full resolution: the bands of a Laplacian pyramid overlap, so that their variances do not just add.
-fn band_covariance() -> &'static [[f32; NOISE_LEVELS]; NOISE_LEVELS] {
-    static COVARIANCE: OnceLock<[[f32; NOISE_LEVELS]; NOISE_LEVELS]> = OnceLock::new();
-    COVARIANCE.get_or_init(|| {
-        let bands = tileable_bands(512, 0);
-        let mean = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| {
-            let (a, b) = (a.data().as_flattened(), b.data().as_flattened());
-            let sum: f64 = a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum();
-            (sum / a.len() as f64) as f32
-        };
-        std::array::from_fn(|i| std::array::from_fn(|j| mean(&bands[i], &bands[j])))
     })
 }
 
@@ -318,7 +294,7 @@ mod tests {
         }));
         for y in [0.1, 0.7] {
             let made = noise(&model, &Plane::filled(512, 512, y), 3, 0).crop(32, 32, 448, 448);
-            for (c, want) in total_std(&model, y).into_iter().enumerate() {
+            for (c, want) in model.total_std(y).into_iter().enumerate() {
                 let (_, got) = statistics(&made, c);
                 assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
             }

@@ -1,11 +1,9 @@
 //! Estimates beside the truth.
 
-use crate::networks::{Networks, or_removed};
-use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
+use blindaug::fit::Estimation;
 use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, NOISE_LEVELS, NoiseModel};
-use blindaug::{Encoded, Flow, Plane, Raster, Result, pyramid};
+use blindaug::{Encoded, Flow, Plane, Raster, pyramid};
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
 
 /// What is given beside the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -39,13 +37,8 @@ impl Given {
         Self::NothingByNetworks,
     ];
 
-    /// Those that can be measured with these networks.
-    pub fn with(networks: &Networks) -> Vec<Self> {
-        let any = !networks.is_empty();
-        Self::ALL.into_iter().filter(|g| any || !g.by_networks()).collect()
-    }
-
-    fn by_networks(self) -> bool {
+    /// Whether networks remove the blur.
+    pub fn by_networks(self) -> bool {
         matches!(self, Self::DepthAndFlowByNetworks | Self::NothingByNetworks)
     }
 
@@ -218,17 +211,8 @@ pub struct Measured {
     pub seconds: f32,
 }
 
-/// Removal looks at so many frames only: it takes eight times as long as the spectra, and what it gets wrong is wrong in each frame.
-const REMOVAL_FRAMES: usize = 4;
-
-/// Estimates the camera of footage and compares it with the truth.
-///
-/// # Errors
-/// None that sound footage gives cause for.
-pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Result<(Measured, Estimation)> {
-    let start = Instant::now();
-    let estimation = estimate(footage, given, networks)?;
-    let seconds = start.elapsed().as_secs_f32();
+/// Compares an estimate of the footage's camera, which took `seconds`, with the truth.
+pub fn measure(footage: &Footage, given: Given, estimation: &Estimation, seconds: f32) -> Measured {
     let model = &estimation.model;
     let noise = match (&model.noise, &footage.noise) {
         (Estimate::Known(m), Some(truth)) => noise_errors(m, truth),
@@ -240,54 +224,16 @@ pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Resu
         ("exposure", model.motion_blur.why_unknown()),
         ("lens", model.defocus.why_unknown()),
     ];
-    let measured = Measured {
+    Measured {
         given,
         exposure: model.motion_blur.known().map(|m| Value { estimate: m.exposure.0, interval: m.interval }),
         exposure_per_frame: estimation.diagnostics.exposure_per_frame.iter().map(|f| f.1).collect(),
-        lens: model.defocus.known().and_then(|m| lens(m, &estimation, footage)),
+        lens: model.defocus.known().and_then(|m| lens(m, estimation, footage)),
         noise: (0..NOISE_LEVELS).map_while(of_level).collect(),
         noise_median: median(noise.iter().map(|e| e.1).collect()),
         unknown: why.iter().filter_map(|(what, why)| Some(format!("{what}: {}", (*why)?))).collect(),
         seconds,
-    };
-    Ok((measured, estimation))
-}
-
-fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<Estimation> {
-    let everything = given == Given::Everything;
-    let by_networks = given.by_networks();
-    let by_removal = everything || by_networks || given == Given::DepthAndFlowByRemoval;
-    let slow = given == Given::DepthAndFlowByRemoval;
-    let used = if slow { footage.frames.len().min(REMOVAL_FRAMES) } else { footage.frames.len() };
-    let numbered: Vec<(u64, &Encoded)> = (0..).zip(&footage.frames).collect();
-    networks.clear();
-    let mut estimator = Estimator::new(EstimatorOptions {
-        family: if by_removal { Family::Removal } else { Family::Spectral },
-        ..EstimatorOptions::default()
-    })
-    .expecting(used);
-    let several = footage.frames.len() > 1;
-    for (i, frame) in footage.frames.iter().enumerate().take(used) {
-        // Of a single frame nothing is known of how it moves.
-        let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
-        let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
-        let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
-        estimator.add(&FrameObservation {
-            frame,
-            next: footage.frames.get(i + 1),
-            previous: i.checked_sub(1).map(|i| &footage.frames[i]),
-            evidence: or_removed(
-                Evidence {
-                    flow,
-                    inverse_depth: depth,
-                    clean: everything.then(|| &footage.clean[i]),
-                    ..Evidence::default()
-                },
-                &removed,
-            ),
-        })?;
     }
-    estimator.estimate()
 }
 
 fn lens(model: &DefocusModel, estimation: &Estimation, footage: &Footage) -> Option<Lens> {
@@ -337,7 +283,7 @@ fn lens(model: &DefocusModel, estimation: &Estimation, footage: &Footage) -> Opt
 pub fn noise_errors(model: &NoiseModel, truth: &NoiseTruth) -> Vec<(usize, f32)> {
     truth
         .points()
-        .map(|(level, c, y, std)| (level, (model.levels[level].sigma(y)[c] / std.max(1e-6) - 1.0).abs()))
+        .map(|(level, c, y, std)| (level, (model.std(level, y)[c] / std.max(1e-6) - 1.0).abs()))
         .collect()
 }
 

@@ -1,17 +1,20 @@
 //! The plots of a report, as SVG. Each is `None` where there is nothing to draw.
 
-use super::words::{distance, tick};
-use crate::inspect::VISIBLE_PX;
+use crate::numbers::{distance, tick};
 use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
-use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, MotionBlurModel, NOISE_LEVELS, NoiseModel};
+use blindaug::model::{
+    DefocusCurve, DefocusModel, DepthKind, MotionBlurModel, NOISE_LEVELS, NoiseModel, VISIBLE_PX,
+};
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::{Shift, types::RangedCoordf64};
 use plotters::prelude::*;
 use std::ops::Range;
 
-/// Colours that are told apart by eyes that see no red or no green.
+/// The estimate. It and [`POINTS`] are told apart by eyes that see no red or no green.
 pub const ESTIMATE: RGBColor = RGBColor(0xc2, 0x41, 0x0c);
+/// Measured points.
 pub const POINTS: RGBColor = RGBColor(0x1d, 0x4e, 0xd8);
+/// Red, green and blue.
 pub const CHANNELS: [RGBColor; 3] =
     [RGBColor(0xd0, 0x3a, 0x2f), RGBColor(0x0f, 0x8a, 0x4c), RGBColor(0x2f, 0x5f, 0xd0)];
 const INK: RGBColor = RGBColor(0x33, 0x33, 0x33);
@@ -25,6 +28,7 @@ const FONT: u32 = 29;
 /// More points than this are not told apart, and make the file large.
 const MOST_POINTS: usize = 1500;
 
+/// Why a plot cannot be drawn.
 pub type PlotError = DrawingAreaErrorKind<std::io::Error>;
 type Result<T> = std::result::Result<T, PlotError>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -281,6 +285,7 @@ pub fn exposure_per_frame(
 pub struct Course {
     /// `[frame, value, low, high]`
     pub stretches: Vec<Vec<[f64; 4]>>,
+    /// Its colour.
     pub colour: RGBColor,
 }
 
@@ -442,7 +447,7 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
         let lines: Vec<[[f64; 2]; 11]> = (0..3)
             .filter_map(|c| {
                 Some(LUMINANCES.map(|y| [f64::from(y), 0.0])).zip(model).map(|(mut l, m)| {
-                    l.iter_mut().zip(LUMINANCES).for_each(|(p, y)| p[1] = steps(m.levels[level].sigma(y)[c]));
+                    l.iter_mut().zip(LUMINANCES).for_each(|(p, y)| p[1] = steps(m.std(level, y)[c]));
                     l
                 })
             })
@@ -463,7 +468,7 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
         if let Some(m) = model {
             for (c, colour) in CHANNELS.into_iter().enumerate() {
                 let band = LUMINANCES.map(|y| {
-                    let (middle, half) = (m.levels[level].sigma(y)[c], noise_half_width(m, level, c, y));
+                    let (middle, half) = (m.std(level, y)[c], m.half_width(level, c, y));
                     [f64::from(y), steps((middle - half).max(0.0)), steps(middle + half)]
                 });
                 axes.band(&mut chart, &band, colour)?;
@@ -568,14 +573,4 @@ pub fn band_name(level: usize) -> String {
         0 => "finest grain".into(),
         _ => format!("grain of about {} px", 2 << level),
     }
-}
-
-/// Half the 95 % interval of a band's std, from those of its slope and intercept. The two errors are taken as
-/// independent; since they are in fact opposed, this is on the wide side.
-pub fn noise_half_width(model: &NoiseModel, level: usize, channel: usize, y: f32) -> f32 {
-    let Some(interval) = &model.interval else { return 0.0 };
-    let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
-    let (slope, intercept) = (half(interval[level].slope[channel]), half(interval[level].intercept[channel]));
-    let half = intercept.hypot(y * slope);
-    if half.is_finite() { half } else { 0.0 }
 }

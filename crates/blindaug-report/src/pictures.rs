@@ -1,6 +1,6 @@
 //! The pictures of a report: PNG as data URIs, and what they are made of.
 
-use super::Sample;
+use crate::Sample;
 use base64::{Engine, engine::general_purpose::STANDARD};
 use blindaug::model::{BlurSpace, CameraTrack, DepthKind, Estimate, NoiseModel};
 use blindaug::synth::{Blur, defocus::Bokeh, noise};
@@ -149,8 +149,8 @@ fn with_noise(image: &Encoded, model: &NoiseModel, number: u64) -> Encoded {
     let mut out = image.clone();
     for (v, n) in out.0.data_mut().as_flattened_mut().iter_mut().zip(grain.data().as_flattened()) {
         // The sensor clips: no noise there, and none that reaches beyond.
-        if *v < model.clip {
-            *v = (*v + n).min(model.clip);
+        if *v < model.clip() {
+            *v = (*v + n).min(model.clip());
         }
     }
     out
@@ -229,7 +229,7 @@ pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch>
         for at in squares(w, h, PATCH) {
             let [x0, y0] = at;
             let patch = sample.frame.0.crop(x0, y0, PATCH, PATCH);
-            let clips = |v: &f32| !(*v > 0.02 && *v < model.clip - 0.02);
+            let clips = |v: &f32| !(*v > 0.02 && *v < model.clip() - 0.02);
             if patch.data().as_flattened().iter().any(clips) {
                 continue;
             }
@@ -322,15 +322,4 @@ fn at_plane([middle, sx, sy]: [f32; 3], x: usize, y: usize) -> f32 {
 
 fn from_middle(x: usize) -> f32 {
     x as f32 - 0.5 * (PATCH - 1) as f32
-}
-
-/// The std of the whole noise (all bands together) per channel for even content of luminance `y`, as synthesis makes it, if
-/// the std of each band were `band_std(level, channel)`.
-pub fn total_std(model: &NoiseModel, band_std: impl Fn(usize, usize) -> f32) -> [f32; 3] {
-    let mut even = model.clone();
-    for (level, l) in even.levels.iter_mut().enumerate() {
-        l.slope = [0.0; 3];
-        l.intercept = std::array::from_fn(|c| band_std(level, c));
-    }
-    noise::total_std(&even, 0.5)
 }

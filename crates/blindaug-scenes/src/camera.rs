@@ -1,6 +1,6 @@
 //! Two cameras that film a scene with known numbers: the project's own synthesis, and one made of physics alone.
 
-use super::scene::{Exposure, Scene};
+use crate::scene::{Exposure, Scene};
 use blindaug::model::{
     Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
 };

@@ -2,10 +2,11 @@ use super::*;
 use blindaug::Raster;
 use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
-    Capture, Changes, NOISE_LEVELS, NoiseInterval, NoiseLevel, Reason, ThinLensInterval, TrackedCamera,
+    Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    MotionBlurModel, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
+    ThinLensInterval, TrackedCamera, total_of_levels,
 };
 use blindaug::synth::noise::noise;
-use std::path::PathBuf;
 
 const SECTIONS: [&str; 5] =
     ["Motion blur: the shutter", "Depth of field: the lens", "Noise: the sensor", "Frames", "Notes"];
@@ -18,7 +19,13 @@ fn noise_model() -> NoiseModel {
     let around = |v: [f32; 3]| v.map(|v| [0.85 * v, 1.15 * v]);
     let interval =
         levels.map(|l: NoiseLevel| NoiseInterval { slope: around(l.slope), intercept: around(l.intercept) });
-    NoiseModel { levels, interval: Some(interval), clip: 1.0, method: Method::Temporal, samples: 12_345 }
+    NoiseModel::Lines(NoiseLines {
+        levels,
+        interval: Some(interval),
+        clip: 1.0,
+        method: Method::Temporal,
+        samples: 12_345,
+    })
 }
 
 fn capture_of(width: usize, height: usize) -> Capture {
@@ -62,8 +69,7 @@ fn diagnostics(model: &CameraModel) -> Diagnostics {
             .flat_map(|level| (1..15).map(move |i| (level, i)))
             .map(|(level, i)| {
                 let y = i as f32 / 16.0;
-                let sigma =
-                    noise_model().levels[level].sigma(y).map(|s| s * (1.0 + 0.1 * jitter(i + 31 * level)));
+                let sigma = noise_model().std(level, y).map(|s| s * (1.0 + 0.1 * jitter(i + 31 * level)));
                 NoisePoint { level, y, sigma, samples: 40 }
             })
             .collect(),
@@ -118,11 +124,7 @@ fn full_sample(w: usize, h: usize) -> Sample {
 }
 
 fn written(input: &ReportInput) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("report.html");
-    write(&path, input).unwrap();
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "only the report is left");
-    std::fs::read_to_string(path).unwrap()
+    page(input).unwrap()
 }
 
 /// Elements that have no end.
@@ -393,10 +395,7 @@ fn tracked(frame: impl Fn(u64, &mut CameraModel, &mut Changes)) -> (Vec<String>,
     };
     let track = CameraTrack::from_json(&(1..=20).map(line).collect::<String>()).unwrap();
     let samples = vec![Sample { clean: None, ..full_sample(200, 150) }];
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("report.html");
-    write_track(&path, &TrackReportInput { title: "<clip>".into(), track: &track, samples }).unwrap();
-    let html = std::fs::read_to_string(path).unwrap();
+    let html = track_page(&TrackReportInput { title: "<clip>".into(), track: &track, samples }).unwrap();
     check_page(&html);
     let svgs = html.split("<svg").skip(1).map(|s| s.split("</svg>").next().unwrap().into());
     (svgs.collect(), html.clone())
@@ -478,26 +477,11 @@ fn large_noisy_frames_do_not_make_a_large_file() {
 }
 
 #[test]
-fn a_place_that_cannot_be_written_is_named() {
-    let model = known_model(8, 8);
-    let input = ReportInput {
-        title: String::new(),
-        model: &model,
-        diagnostics: &Diagnostics::default(),
-        samples: vec![],
-        comparison: vec![],
-        pictures: vec![],
-    };
-    let path = PathBuf::from("no such folder/report.html");
-    assert!(write(&path, &input).unwrap_err().to_string().contains("no such folder"));
-}
-
-#[test]
 fn the_noise_of_even_content_is_that_of_its_bands() {
     let m = noise_model();
     // White noise of std 0.02 has these bands, so all of them together have nearly its std.
     let band = blindaug::synth::noise::white_band_std();
-    for std in pictures::total_std(&m, |level, _| 0.02 * band[level]) {
+    for std in total_of_levels(&std::array::from_fn(|level| [0.02 * band[level]; 3])) {
         assert!((std / 0.02 - 1.0).abs() < 0.03, "{std}");
     }
 }

@@ -1,37 +1,17 @@
 //! The report of a camera that was followed: each number over time.
 
-use super::plots::{self, CHANNELS, Course, ESTIMATE, noise_half_width};
-use super::words::{distance, number};
-use super::{
-    Part, Sample, capture, cards, channel_key, footer, page_with, patches, pictures, sample_section,
-    write_page,
-};
+use crate::noise::{channel_key, patches};
+use crate::numbers::{distance, number};
+use crate::page::{Part, capture, cards, footer, page_with};
+use crate::plots::{self, CHANNELS, Course, ESTIMATE};
+use crate::samples::sample_section;
+use crate::{TrackReportInput, pictures};
 use blindaug::CameraModel;
-use blindaug::model::{CameraTrack, Changes, DefocusCurve, DepthKind, TrackedCamera, Unknown};
-use blindaug_io::Result;
+use blindaug::model::{DefocusCurve, DepthKind, Distortion, TrackedCamera};
 use maud::{Markup, html};
 use plotters::style::RGBColor;
-use std::path::Path;
 
-/// What the report of a track shows.
-pub struct TrackReportInput<'a> {
-    /// Heading of the page, such as the clip's name.
-    pub title: String,
-    /// What was estimated for each frame.
-    pub track: &'a CameraTrack,
-    /// A few frames with what is known of them.
-    pub samples: Vec<Sample>,
-}
-
-/// Writes the report of a track.
-///
-/// # Errors
-/// If the file cannot be written; then nothing is left of it.
-pub fn write_track(path: &Path, input: &TrackReportInput) -> Result<()> {
-    write_page(path, page(input))
-}
-
-fn page(TrackReportInput { title, track, samples }: &TrackReportInput) -> Part {
+pub(crate) fn page(TrackReportInput { title, track, samples }: &TrackReportInput) -> Part {
     let frames = track.frames();
     let last = &frames[frames.len() - 1].camera;
     let metric = is_metric(frames);
@@ -43,39 +23,58 @@ fn page(TrackReportInput { title, track, samples }: &TrackReportInput) -> Part {
             "interval (shaded, 95 %) widens; where nothing was seen of it yet, it is left out. Dashed lines: a change was noticed, which takes up to "
             "three frames."
         }
-        section {
-            h2 { "Motion blur: the shutter" }
-            (figure(frames, "exposure, %", Some(100.0), &[(ESTIMATE, exposure)], |c| c.exposure)?)
-            p.soft { "The part of the time from one frame to the next in which the shutter is open." }
-            (in_words(frames, |c| c.exposure, |m| m.motion_blur.why_unknown()))
-        }
-        section {
-            h2 { "Depth of field: the lens" }
-            (figure(frames, "blur, px", None, &[(ESTIMATE, |m: &CameraModel| Some(lens(m)?[0]))], |c| c.defocus)?)
-            p.soft { "Std of the Gaussian that is equivalent to the blur of what is very far" @if !metric { " (at relative inverse depth 0)" } "." }
-            (figure(frames, if metric { "focus, 1/m" } else { "focus, relative" }, None, &[(ESTIMATE, |m: &CameraModel| Some(lens(m)?[1]))], |c| c.defocus)?)
-            p.soft {
-                "The inverse depth that is in focus"
-                @if metric { ", in 1/m." } @else { ", relative: without a unit, larger is nearer, and on another scale after a cut." }
+        @for distortion in Distortion::ALL {
+            section {
+                h2 { (heading(distortion)) }
+                @match distortion {
+                    Distortion::Defocus => (defocus_figures(frames, metric)?),
+                    Distortion::MotionBlur => {
+                        (figure(frames, "exposure, %", Some(100.0), &[(ESTIMATE, exposure)], distortion)?)
+                        p.soft { "The part of the time from one frame to the next in which the shutter is open." }
+                    },
+                    Distortion::Sharpening => (figure(frames, "amount", None, &[(ESTIMATE, sharpening)], distortion)?),
+                    Distortion::Noise => {
+                        (figure(frames, "std, 8-bit steps", None, &noise_lines, distortion)?)
+                        p.soft { "The std of the finest grain at luminance " (MIDDLE) ": " (channel_key()) }
+                    },
+                }
+                (in_words(frames, distortion))
+                @if distortion == Distortion::Noise { (patches(samples, track)) }
             }
-            (in_words(frames, |c| c.defocus, |m| m.defocus.why_unknown()))
-        }
-        section {
-            h2 { "Noise: the sensor" }
-            (figure(frames, "std, 8-bit steps", None, &noise_lines, |c| c.noise)?)
-            p.soft { "The std of the finest grain at luminance " (MIDDLE) ": " (channel_key()) }
-            (in_words(frames, |c| c.noise, |m| m.noise.why_unknown()))
-            (patches(samples, track))
         }
         (sample_section(track, samples, pictures::share_of_budget(samples.len())))
     };
     Ok(page_with(title, &capture(last), &body, &footer(last)))
 }
 
+fn heading(distortion: Distortion) -> &'static str {
+    match distortion {
+        Distortion::Defocus => "Depth of field: the lens",
+        Distortion::MotionBlur => "Motion blur: the shutter",
+        Distortion::Sharpening => "Sharpening: the camera's processing",
+        Distortion::Noise => "Noise: the sensor",
+    }
+}
+
+fn defocus_figures(frames: &[TrackedCamera], metric: bool) -> Part {
+    let sigma = |m: &CameraModel| Some(lens(m)?[0]);
+    let focus = |m: &CameraModel| Some(lens(m)?[1]);
+    let focus_name = if metric { "focus, 1/m" } else { "focus, relative" };
+    Ok(html! {
+        (figure(frames, "blur, px", None, &[(ESTIMATE, sigma)], Distortion::Defocus)?)
+        p.soft { "Std of the Gaussian that is equivalent to the blur of what is very far" @if !metric { " (at relative inverse depth 0)" } "." }
+        (figure(frames, focus_name, None, &[(ESTIMATE, focus)], Distortion::Defocus)?)
+        p.soft {
+            "The inverse depth that is in focus"
+            @if metric { ", in 1/m." } @else { ", relative: without a unit, larger is nearer, and on another scale after a cut." }
+        }
+    })
+}
+
 /// A number and its interval.
 type Known = Option<[f64; 3]>;
 
-/// In % of the frame interval.
+/// The exposure fraction in %.
 fn exposure(model: &CameraModel) -> Known {
     let m = model.motion_blur.known()?;
     Some([m.exposure.0, m.interval[0], m.interval[1]].map(|v| 100.0 * f64::from(v)))
@@ -93,13 +92,19 @@ fn lens(model: &CameraModel) -> Option<[[f64; 3]; 2]> {
     }
 }
 
+/// The amount of the camera's unsharp mask.
+fn sharpening(model: &CameraModel) -> Known {
+    let m = model.sharpening.known()?;
+    Some([m.amount, m.interval[0], m.interval[1]].map(f64::from))
+}
+
 /// The luminance at which noise is told.
 const MIDDLE: f32 = 0.5;
 
-/// Of the finest level, in 8-bit steps.
+/// The std of the finest level's noise in a channel, in steps of 8 bit.
 fn noise(model: &CameraModel, channel: usize) -> Known {
     let m = model.noise.known()?;
-    let (std, half) = (m.levels[0].sigma(MIDDLE)[channel], noise_half_width(m, 0, channel, MIDDLE));
+    let (std, half) = (m.std(0, MIDDLE)[channel], m.half_width(0, channel, MIDDLE));
     Some([std, (std - half).max(0.0), std + half].map(|v| 255.0 * f64::from(v)))
 }
 
@@ -123,15 +128,25 @@ fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
     } else {
         "in relative inverse depth: no unit, larger is nearer"
     };
-    cards([
-        card(&degrees, &|range| format!("{range}° shutter"), "360° is the whole frame interval"),
-        card(&focus, &|range| format!("Focus at {range}{}", if metric { " m" } else { "" }), focus_meaning),
-        card(
+    cards(|distortion| match distortion {
+        Distortion::Defocus => {
+            let unit = if metric { " m" } else { "" };
+            card(&focus, &|range| format!("Focus at {range}{unit}"), focus_meaning)
+        }
+        Distortion::MotionBlur => {
+            card(&degrees, &|range| format!("{range}° shutter"), "360° is the whole frame interval")
+        }
+        Distortion::Sharpening => card(
+            &|m| Some(sharpening(m)?[0]),
+            &|range| format!("Unsharp mask of {range}"),
+            "the mask's amount",
+        ),
+        Distortion::Noise => card(
             &|m| Some(noise(m, 1)?[0]),
             &|range| format!("{range} of 255"),
             "std of the finest grain of green at middle brightness",
         ),
-    ])
+    })
 }
 
 /// Numbers over time, and the changes that were noticed of them.
@@ -140,7 +155,7 @@ fn figure<F: Fn(&CameraModel) -> Known>(
     name: &str,
     most: Option<f64>,
     lines: &[(RGBColor, F)],
-    changed: impl Fn(Changes) -> bool,
+    distortion: Distortion,
 ) -> Part {
     let ends = [&frames[0], &frames[frames.len() - 1]].map(|f| f.frame as f64);
     let course = |(colour, of): &(RGBColor, F)| {
@@ -150,29 +165,26 @@ fn figure<F: Fn(&CameraModel) -> Known>(
         Course { stretches, colour: *colour }
     };
     let courses: Vec<Course> = lines.iter().map(course).collect();
-    let changes: Vec<f64> = frames.iter().filter(|f| changed(f.changed)).map(|f| f.frame as f64).collect();
+    let changes: Vec<f64> =
+        frames.iter().filter(|f| f.changed.of(distortion)).map(|f| f.frame as f64).collect();
     let plot = plots::over_time(name, ends, most, &courses, &changes)?;
     Ok(html! { @if let Some(plot) = plot { figure { (plot) } } })
 }
 
 /// When a change was noticed, and when and why there is no estimate.
-fn in_words(
-    frames: &[TrackedCamera],
-    changed: impl Fn(Changes) -> bool,
-    why_unknown: impl Fn(&CameraModel) -> Option<&Unknown>,
-) -> Markup {
+fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
     let changes: Vec<String> =
-        frames.iter().filter(|f| changed(f.changed)).map(|f| f.frame.to_string()).collect();
-    let unknown = |f: &TrackedCamera| why_unknown(&f.camera).is_some();
+        frames.iter().filter(|f| f.changed.of(distortion)).map(|f| f.frame.to_string()).collect();
+    let unknown = |f: &TrackedCamera| f.camera.why_unknown(distortion).is_some();
     html! {
         @if !changes.is_empty() { p { "A change was noticed in frame " (changes.join(", ")) "." } }
         @for stretch in frames.chunk_by(|a, b| unknown(a) == unknown(b)) {
             @let (first, last) = (&stretch[0], &stretch[stretch.len() - 1]);
             // Of several reasons the last: what was missing to the end.
-            @if let Some(why) = why_unknown(&last.camera) {
+            @if let Some(why) = last.camera.why_unknown(distortion) {
                 p.unknown {
                     strong { "Unknown in frame " (first.frame) @if first.frame < last.frame { " to " (last.frame) } ": " }
-                    (why) "."
+                    (why.sentence) "."
                 }
             }
         }

@@ -1,0 +1,65 @@
+//! Runs an estimator on footage of known truth.
+
+use crate::networks::{Networks, or_removed};
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
+use blindaug::model::DepthKind;
+use blindaug::{Encoded, Result};
+use blindaug_scenes::measure::{self, Footage, Given, Measured};
+use std::time::Instant;
+
+/// Removal looks at so many frames only: it takes eight times as long as the spectra, and what it gets wrong is wrong in each frame.
+const REMOVAL_FRAMES: usize = 4;
+
+/// What can be measured with these networks, or without any.
+pub fn given_with(networks: &Networks) -> Vec<Given> {
+    let any = !networks.is_empty();
+    Given::ALL.into_iter().filter(|g| any || !g.by_networks()).collect()
+}
+
+/// Estimates the camera of footage and compares it with the truth.
+///
+/// # Errors
+/// None that sound footage gives cause for.
+pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Result<(Measured, Estimation)> {
+    let start = Instant::now();
+    let estimation = estimate(footage, given, networks)?;
+    let seconds = start.elapsed().as_secs_f32();
+    Ok((measure::measure(footage, given, &estimation, seconds), estimation))
+}
+
+fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<Estimation> {
+    let everything = given == Given::Everything;
+    let by_networks = given.by_networks();
+    let by_removal = everything || by_networks || given == Given::DepthAndFlowByRemoval;
+    let slow = given == Given::DepthAndFlowByRemoval;
+    let used = if slow { footage.frames.len().min(REMOVAL_FRAMES) } else { footage.frames.len() };
+    let numbered: Vec<(u64, &Encoded)> = (0..).zip(&footage.frames).collect();
+    networks.clear();
+    let mut estimator = Estimator::new(EstimatorOptions {
+        family: if by_removal { Family::Removal } else { Family::Spectral },
+        ..EstimatorOptions::default()
+    })
+    .expecting(used);
+    let several = footage.frames.len() > 1;
+    for (i, frame) in footage.frames.iter().enumerate().take(used) {
+        // Of a single frame nothing is known of how it moves.
+        let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
+        let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
+        let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
+        estimator.add(&FrameObservation {
+            frame,
+            next: footage.frames.get(i + 1),
+            previous: i.checked_sub(1).map(|i| &footage.frames[i]),
+            evidence: or_removed(
+                Evidence {
+                    flow,
+                    inverse_depth: depth,
+                    clean: everything.then(|| &footage.clean[i]),
+                    ..Evidence::default()
+                },
+                &removed,
+            ),
+        })?;
+    }
+    estimator.estimate()
+}

@@ -1,0 +1,174 @@
+//! The section of defocus.
+
+use crate::numbers::{distance, interval, metres, number, tick};
+use crate::page::{Parameter, Part, basis, blur_samples, parameter_table, swatch, unknown};
+use crate::plots::{self, ESTIMATE, POINTS};
+use blindaug::CameraModel;
+use blindaug::fit::Diagnostics;
+use blindaug::model::{
+    DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, Focus, ThinLensInterval, VISIBLE_PX,
+    thin_lens_sharp,
+};
+use maud::html;
+
+/// "from 0.8 m to 1.2 m" of inverse depths in 1/m.
+fn metric_range([low, high]: [f32; 2]) -> String {
+    let [low, high] = [low, high].map(f64::from);
+    let near = distance(high);
+    match distance(low) {
+        far if far.is_infinite() && (near == 0.0 || high.is_infinite()) => "at every distance".into(),
+        far if far.is_infinite() => format!("from {} m on", number(near)),
+        far => format!("from {} to {} m", number(near), number(far)),
+    }
+}
+
+pub(crate) fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
+    let known = model.defocus.known();
+    let plot = plots::defocus(&diagnostics.blur_points, known)?;
+    let points = diagnostics.blur_points.len();
+    Ok(html! {
+        section {
+            h2 { "Depth of field: the lens" }
+            @match &model.defocus {
+                Estimate::Known(m) => {
+                    (parameter_table(&lens_parameters(m)))
+                    (basis(m.samples, blur_samples(m.method), m.method))
+                    @if m.depth_kind == DepthKind::Relative {
+                        p.soft { "Depth is known up to a scale and an offset only, so there are no metres here. Compositing needs the relation to metres (the scene's scale, or real depth)." }
+                    }
+                }
+                Estimate::Unknown(why) => (unknown(Distortion::Defocus, why)),
+            }
+            @match plot {
+                Some(plot) => figure { (plot) figcaption {
+                    @if points > 0 { (swatch(POINTS)) "the blur that fits each place best alone, the darker the more it says; " }
+                    @if let Some(m) = known {
+                        (swatch(ESTIMATE)) "the fitted curve"
+                        @if matches!(m.curve, DefocusCurve::ThinLens { interval: Some(_), .. }) { " with both of its numbers anywhere in their 95 % intervals" }
+                        "; "
+                    }
+                    "dashed: " (tick(VISIBLE_PX.into())) " px, where blur starts to show."
+                    @if points == 0 { " No measured places were kept." }
+                } },
+                None => @if known.is_some() { p.soft { "There is nothing to plot for this estimate." } },
+            }
+        }
+    })
+}
+
+fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
+    let metric = m.depth_kind == DepthKind::Metric;
+    let place = |d: f64| if metric { metres(d) } else { number(d) };
+    let place_interval = |[a, b]: [f64; 2]| {
+        if metric { interval([distance(a), distance(b)], " m") } else { interval([a, b], "") }
+    };
+    let focus_name = if metric { "Focus distance" } else { "Focus (relative inverse depth)" };
+    let facts = m.facts();
+    let range_value = if facts.sharp.is_empty() {
+        "nowhere".into()
+    } else if metric {
+        facts.sharp.iter().map(|r| metric_range(*r)).collect::<Vec<_>>().join("; ")
+    } else {
+        facts.sharp.iter().map(|r| interval(r.map(f64::from), "")).collect::<Vec<_>>().join("; ")
+    };
+    let range = |interval: Option<String>| Parameter {
+        name: "Blur stays below 0.5 px",
+        value: range_value.clone(),
+        interval,
+        meaning: "Outside this range blur starts to show.".into(),
+    };
+    let focus = match facts.focus {
+        Focus::At(d) => Some(Parameter {
+            name: focus_name,
+            value: place(d.into()),
+            interval: facts.focus_interval.map(|i| place_interval(i.map(f64::from))),
+            meaning: "What lies here is sharp.".into(),
+        }),
+        Focus::LeastBlurred { inverse_depth, sigma_px } => Some(Parameter {
+            name: if metric { "Least blur at" } else { "Least blur at (relative inverse depth)" },
+            value: place(inverse_depth.into()),
+            interval: None,
+            meaning: format!(
+                "What lies here is sharpest, but for {} px of blur: nothing is quite in focus.",
+                number(sigma_px.into())
+            ),
+        }),
+        Focus::Everywhere => None,
+    };
+    let mut rows: Vec<Parameter> = focus.into_iter().collect();
+    match m.curve {
+        DefocusCurve::ThinLens { sigma_px_at_infinity: s, interval: known, .. } => {
+            let ends = known.map(|i| {
+                let [far, near] = sharp_ends(i).map(place_interval);
+                format!("near end {near}\nfar end {far}")
+            });
+            rows.push(range(ends));
+            rows.push(Parameter {
+                name: if metric { "Blur at infinity" } else { "Blur at relative inverse depth 0" },
+                value: format!("{} px", number(s.into())),
+                interval: known.map(|i| interval(i.sigma_px_at_infinity.map(f64::from), " px")),
+                meaning: format!(
+                    "Std of the Gaussian that is equivalent to the blur of what is very far. A round aperture turns a point of light \
+                     there into a disk {} px across.",
+                    number(4.0 * f64::from(s))
+                ),
+            });
+        }
+        DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [low, high] } => {
+            rows.push(range(None));
+            let [low, high] = [low, high].map(f64::from);
+            rows.push(Parameter {
+                name: "Blur at the far and the near end",
+                value: format!("{} px, {} px", number(m.sigma_px(low as f32).into()), number(m.sigma_px(high as f32).into())),
+                interval: None,
+                meaning: format!(
+                    "Std of the equivalent Gaussian at the farthest and the nearest depth that was seen ({} and {}); beyond, it is taken as constant.",
+                    place(low),
+                    place(high)
+                ),
+            });
+            let unit = if metric { " with d in 1/m" } else { " with d relative" };
+            rows.push(Parameter {
+                name: "Curve",
+                value: format!("{} d² + {} d + {}", number(a.into()), number(b.into()), number(c.into())),
+                interval: None,
+                meaning: format!("Blur std in px over inverse depth d{unit}. Its three numbers depend on each other; the plot shows how far the points scatter."),
+            });
+        }
+    }
+    rows
+}
+
+/// The least and the largest inverse depth at which the far and the near end of what is sharp may lie, if both numbers of a thin lens
+/// lie anywhere in their intervals.
+fn sharp_ends(interval: ThinLensInterval) -> [[f64; 2]; 2] {
+    let corners: Vec<[f32; 2]> = interval
+        .sigma_px_at_infinity
+        .iter()
+        .flat_map(|&s| interval.focus_inverse_depth.map(|f| thin_lens_sharp(s, f)))
+        .collect();
+    [0, 1].map(|end| {
+        let values = corners.iter().map(|c| f64::from(c[end]));
+        [values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::NEG_INFINITY, f64::max)]
+    })
+}
+
+/// The lens in short.
+pub(crate) fn focus_card(m: &DefocusModel) -> (String, String) {
+    let metric = m.depth_kind == DepthKind::Metric;
+    let relative = "in relative inverse depth: no unit, larger is nearer";
+    let facts = m.facts();
+    match facts.focus {
+        Focus::Everywhere => ("No blur seen".into(), "everything that was seen is sharp".into()),
+        Focus::At(d) if metric => {
+            let sharp = facts.sharp.first().map_or(String::new(), |r| format!("sharp {}", metric_range(*r)));
+            (format!("Focus at {}", metres(d.into())), sharp)
+        }
+        Focus::At(d) => (format!("Focus at {}", number(d.into())), relative.into()),
+        Focus::LeastBlurred { inverse_depth: d, sigma_px } => {
+            let place = if metric { metres(d.into()) } else { number(d.into()) };
+            let more = format!("no distance is quite sharp: {} px there", number(sigma_px.into()));
+            (format!("Least blur at {place}"), more)
+        }
+    }
+}

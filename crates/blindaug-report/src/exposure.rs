@@ -1,0 +1,104 @@
+//! The section of motion blur.
+
+use crate::numbers::{interval, number, tick};
+use crate::page::{Parameter, Part, basis, blur_samples, parameter_table, swatch, unknown};
+use crate::plots::{self, ESTIMATE, POINTS};
+use blindaug::CameraModel;
+use blindaug::fit::Diagnostics;
+use blindaug::model::{Distortion, Estimate, ExposureFraction, Method, MotionBlurModel};
+use maud::html;
+
+pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
+    let known = model.motion_blur.known();
+    let curve = plots::exposure(&diagnostics.exposure_curve, known)?;
+    let per_frame = plots::exposure_per_frame(&diagnostics.exposure_per_frame, known, &diagnostics.shots)?;
+    Ok(html! {
+        section {
+            h2 { "Motion blur: the shutter" }
+            @match &model.motion_blur {
+                Estimate::Known(m) => {
+                    (parameter_table(&shutter_parameters(m, model.capture.fps)))
+                    (basis(m.samples, blur_samples(m.method), m.method))
+                }
+                Estimate::Unknown(why) => (unknown(Distortion::MotionBlur, why)),
+            }
+            @match curve {
+                Some(plot) => figure { (plot) figcaption {
+                    "How well each exposure explains the frames: the higher, the better. "
+                    @if known.is_some() { (swatch(ESTIMATE)) "the estimate and its 95 % interval. " }
+                    @if known.is_some_and(|m| m.method == Method::Removal) { "Drawn is minus the error of re-blurred given clean frames, scaled as a log-likelihood, or, without such, the evidence." }
+                } },
+                None => @if known.is_some() { p.soft { "There is no likelihood curve for this estimate." } },
+            }
+            @if let Some(plot) = per_frame {
+                figure { (plot) figcaption {
+                    (swatch(POINTS)) "what each frame says alone"
+                    @if !diagnostics.shots.is_empty() { ", " (swatch(ESTIMATE)) "what each shot says alone and its interval" }
+                    @else if known.is_some() { ", " (swatch(ESTIMATE)) "the estimate from all frames and its interval" }
+                    ". Points that scatter about one value speak for it; a trend would mean that the shutter changed."
+                } }
+            }
+        }
+    })
+}
+
+fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Parameter> {
+    let of =
+        |f: &dyn Fn(ExposureFraction) -> f64| (f(m.exposure), m.interval.map(|v| f(ExposureFraction(v))));
+    let (share, share_interval) = of(&|e| 100.0 * f64::from(e.0));
+    let (angle, angle_interval) = of(&|e| e.shutter_angle().into());
+    let time = match fps {
+        Some(fps) => {
+            let (time, between) = of(&|e| 1000.0 * e.seconds(fps));
+            Parameter {
+                name: "Exposure time",
+                value: seconds(time / 1000.0),
+                interval: Some(interval(between, " ms")),
+                meaning: format!("What the camera's display would show at {} frames per second.", tick(fps)),
+            }
+        }
+        None => Parameter {
+            name: "Exposure time",
+            value: "not known".into(),
+            interval: None,
+            meaning:
+                "It needs the frame rate, which an image sequence does not tell: give it to the estimate."
+                    .into(),
+        },
+    };
+    vec![
+        Parameter {
+            name: "Exposure",
+            value: format!("{} %", number(share)),
+            interval: Some(interval(share_interval, " %")),
+            meaning: "The part of the time from one frame to the next in which the shutter is open. At 0 % moving things stay sharp, at \
+                      100 % they are smeared over their whole way."
+                .into(),
+        },
+        Parameter {
+            name: "Shutter angle",
+            value: format!("{}°", number(angle)),
+            interval: Some(interval(angle_interval, "°")),
+            meaning: "The same in film makers' degrees: 360° is the whole frame interval, 180° the usual look of films.".into(),
+        },
+        time,
+    ]
+}
+
+/// The shutter in short.
+pub(crate) fn shutter_card(m: &MotionBlurModel, fps: Option<f64>) -> (String, String) {
+    let more = match fps {
+        Some(fps) => format!("open for {} of each frame", seconds(m.exposure.seconds(fps))),
+        None => format!("open for {} % of each frame", number(100.0 * f64::from(m.exposure.0))),
+    };
+    (format!("{}° shutter", number(m.exposure.shutter_angle().into())), more)
+}
+
+/// A short time in words.
+fn seconds(s: f64) -> String {
+    if s > 0.0 && s < 0.5 {
+        format!("{} ms (1/{} s)", number(1000.0 * s), (1.0 / s).round())
+    } else {
+        format!("{} s", number(s))
+    }
+}

@@ -1,0 +1,125 @@
+//! What was estimated, as a page of HTML without outside resources, and in words: a model and its diagnostics in, a `String` out.
+//!
+//! [`page`] tells one model, [`track_page`] one for each frame, [`words`] both in plain text. Nothing here reads or writes a file.
+//!
+//! ```
+//! use blindaug::CameraModel;
+//! use blindaug::fit::Diagnostics;
+//! use blindaug::model::{Capture, Estimate, ExposureFraction, MotionBlurModel};
+//! use blindaug_report::{ReportInput, page, words};
+//!
+//! let capture = Capture { width: 640, height: 480, fps: Some(25.0), frames_used: 5 };
+//! let mut model = CameraModel::unknown(capture, "nobody looked");
+//! model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
+//! let diagnostics = Diagnostics::default();
+//! let html = page(&ReportInput::new("My clip", &model, &diagnostics))?;
+//! assert!(html.contains("180°") && html.contains("nobody looked"));
+//! assert!(words::words(&model, &[]).contains("a shutter angle of 180 degrees"));
+//! # Ok::<(), blindaug_report::Error>(())
+//! ```
+
+mod clip;
+mod defocus;
+mod error;
+mod exposure;
+mod noise;
+mod numbers;
+mod page;
+mod pictures;
+pub mod plots;
+mod samples;
+mod sharpening;
+mod track;
+pub mod words;
+
+use blindaug::fit::Diagnostics;
+use blindaug::model::CameraTrack;
+use blindaug::{CameraModel, Encoded, Flow, Plane};
+pub use error::{Error, Result};
+pub use page::page_with;
+pub use pictures::{Shown, shown};
+
+/// What a report shows.
+pub struct ReportInput<'a> {
+    /// Heading of the page, such as the clip's name.
+    pub title: String,
+    /// What was estimated.
+    pub model: &'a CameraModel,
+    /// On what it rests.
+    pub diagnostics: &'a Diagnostics,
+    /// A few frames with what is known of them.
+    pub samples: Vec<Sample>,
+    /// Estimated beside true values, where the truth is known.
+    pub comparison: Vec<TruthRow>,
+    /// More pictures, such as composites.
+    pub pictures: Vec<Picture>,
+}
+
+/// A frame with what is known of it. All rasters have the frame's size.
+pub struct Sample {
+    /// The frame's number.
+    pub number: u64,
+    /// As it was filmed.
+    pub frame: Encoded,
+    /// To the next frame.
+    pub flow: Option<Flow>,
+    /// In the unit of the model's defocus.
+    pub inverse_depth: Option<Plane>,
+    /// Sharp and without noise.
+    pub clean: Option<Encoded>,
+}
+
+/// A row of the table of estimated and true values.
+pub struct TruthRow {
+    /// What it is, with its unit.
+    pub name: String,
+    /// The estimate.
+    pub estimated: String,
+    /// The truth.
+    pub truth: String,
+}
+
+/// A picture with a title.
+pub struct Picture {
+    /// Below the picture.
+    pub title: String,
+    /// The picture.
+    pub image: Encoded,
+}
+
+impl<'a> ReportInput<'a> {
+    /// The report of a model alone, without frames, truth or pictures.
+    pub fn new(title: &str, model: &'a CameraModel, diagnostics: &'a Diagnostics) -> Self {
+        let (samples, comparison, pictures) = (vec![], vec![], vec![]);
+        Self { title: title.into(), model, diagnostics, samples, comparison, pictures }
+    }
+}
+
+/// What the report of a track shows.
+pub struct TrackReportInput<'a> {
+    /// Heading of the page, such as the clip's name.
+    pub title: String,
+    /// What was estimated for each frame.
+    pub track: &'a CameraTrack,
+    /// A few frames with what is known of them.
+    pub samples: Vec<Sample>,
+}
+
+/// The page of one model.
+///
+/// # Errors
+/// If a plot cannot be drawn.
+pub fn page(input: &ReportInput) -> Result<String> {
+    Ok(clip::page(input)?.into_string())
+}
+
+/// The page of a model for each frame: each number over time.
+///
+/// # Errors
+/// If a plot cannot be drawn.
+pub fn track_page(input: &TrackReportInput) -> Result<String> {
+    Ok(track::page(input)?.into_string())
+}
+
+#[cfg(test)]
+mod tests;

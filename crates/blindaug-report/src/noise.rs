@@ -1,0 +1,148 @@
+//! The section of noise.
+
+use crate::numbers::number;
+use crate::page::{Part, basis, rgb, steps, swatch, unknown, zoomed};
+use crate::plots::{self, CHANNELS};
+use crate::{Sample, pictures};
+use blindaug::CameraModel;
+use blindaug::fit::Diagnostics;
+use blindaug::model::{CameraTrack, Distortion, Estimate, NOISE_LEVELS, NoiseModel, total_of_levels};
+use maud::{Markup, html};
+
+/// The std of the whole noise per channel at luminance `y`; each band's std is moved by `shift` of half its interval.
+fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
+    let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| {
+        let std = m.std(level, y);
+        std::array::from_fn(|c| (std[c] + shift * m.half_width(level, c, y)).max(0.0))
+    });
+    total_of_levels(&std)
+}
+
+/// The noise in short.
+pub(crate) fn noise_card(m: &NoiseModel) -> (String, String) {
+    let mean = m.total_std(0.5).iter().sum::<f32>() / 3.0;
+    let more = "std of the noise at middle brightness, mean of red, green and blue";
+    (format!("{} of 255", steps(mean)), more.into())
+}
+
+const CHANNEL_NAMES: [&str; 3] = ["Red", "Green", "Blue"];
+
+pub(crate) fn noise_section(
+    model: &CameraModel,
+    diagnostics: &Diagnostics,
+    track: &CameraTrack,
+    samples: &[Sample],
+) -> Part {
+    let plot = plots::noise(&diagnostics.noise_points, model.noise.known())?;
+    Ok(html! {
+        section {
+            h2 { "Noise: the sensor" }
+            @match &model.noise {
+                Estimate::Known(m) => {
+                    p { "The std of the noise, in steps of an 8-bit image (1/255 of full range), all bands together. Luminance Y runs from 0 (black) to 1 (white)." }
+                    (noise_table(m))
+                    (basis(m.samples(), "local measurements of the std", m.method()))
+                    p.soft {
+                        @if m.clip() < 1.0 { "The sensor clips at " (steps(m.clip())) " of 255: no noise is added there." }
+                        @else { "No noise is added where the picture is clipped (255 of 255)." }
+                    }
+                }
+                Estimate::Unknown(why) => (unknown(Distortion::Noise, why)),
+            }
+            @match plot {
+                Some(plot) => figure { (plot) figcaption {
+                    (channel_key())
+                    "· dots: measured"
+                    @if diagnostics.noise_points.is_empty() { " (none were kept)" }
+                    @if model.noise.known().is_some() { ", lines: the model, shaded: its 95 % interval" }
+                    ". Each panel has its own scale."
+                } },
+                None => {}
+            }
+            @if let Some(m) = model.noise.known() {
+                (patches(samples, track))
+                h3 { "The numbers of the model" }
+                p { "Std = slope × Y + intercept per band and channel, in 8-bit steps, with 95 % intervals." }
+                (band_table(m))
+            }
+        }
+    })
+}
+
+/// Which colour stands for which channel.
+pub(crate) fn channel_key() -> Markup {
+    html! { @for (name, colour) in CHANNEL_NAMES.iter().zip(CHANNELS) { (swatch(colour)) (name.to_lowercase()) " " } }
+}
+
+fn noise_table(m: &NoiseModel) -> Markup {
+    html! {
+        div.wide { table {
+            thead { tr {
+                th scope="col" { "Brightness" }
+                @for name in CHANNEL_NAMES { th scope="col" { (name) @if m.lines().interval.is_some() { " (95 % interval)" } } }
+            } }
+            tbody { @for (name, y) in [("Dark, Y = 0.1", 0.1), ("Middle, Y = 0.5", 0.5), ("Bright, Y = 0.9", 0.9)] {
+                @let [low, middle, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(m, y, shift));
+                tr {
+                    th scope="row" { (name) }
+                    @for c in 0..3 { td.number {
+                        (steps(middle[c]))
+                        @if m.lines().interval.is_some() { " (" (steps(low[c])) " to " (steps(high[c])) ")" }
+                    } }
+                }
+            } }
+        } }
+    }
+}
+
+fn band_table(m: &NoiseModel) -> Markup {
+    let cell = |value: f32, interval: Option<[f32; 2]>| {
+        html! { td.number { (steps(value)) @if let Some([low, high]) = interval { " (" (steps(low)) " to " (steps(high)) ")" } } }
+    };
+    html! {
+        div.wide { table {
+            thead { tr { th scope="col" { "Band" } th scope="col" { "Number" } @for name in CHANNEL_NAMES { th scope="col" { (name) } } } }
+            tbody { @for (level, l) in m.lines().levels.iter().enumerate() {
+                @let known = m.lines().interval.map(|i| i[level]);
+                tr {
+                    th scope="row" rowspan="2" { (level + 1) ": " (plots::band_name(level)) }
+                    td { "slope" }
+                    @for c in 0..3 { (cell(l.slope[c], known.map(|i| i.slope[c]))) }
+                }
+                tr {
+                    td { "intercept" }
+                    @for c in 0..3 { (cell(l.intercept[c], known.map(|i| i.intercept[c]))) }
+                }
+            } }
+        } }
+    }
+}
+
+pub(crate) fn patches(samples: &[Sample], track: &CameraTrack) -> Markup {
+    let patches = pictures::noise_patches(samples, track);
+    html! {
+        h3 { "A real patch of noise beside a synthetic one" }
+        @if patches.is_empty() {
+            p.soft { "The frames shown have no flat part that is large enough." }
+        } @else {
+            p {
+                "The flattest parts of the frames, each beside noise of the model for the same brightness, four times as large. Shading is taken "
+                "out of both and contrast is raised alike: grain, colour and strength should look the same. What is left of the scene's own texture is in the real patch only."
+            }
+            div.patches { @for p in &patches { figure {
+                div.two {
+                    (zoomed(&p.real, &format!("Real noise at luminance {}", number(p.y.into())), 4))
+                    (zoomed(&p.synthetic, &format!("Synthetic noise at luminance {}", number(p.y.into())), 4))
+                }
+                figcaption {
+                    "left real, right synthetic" br;
+                    "frame " (p.number) ", Y = " (number(p.y.into())) " "
+                    (swatch(rgb(p.colour))) br;
+                    "std of luminance " (steps(p.sigma[0])) " and " (steps(p.sigma[1])) " of 255" br;
+                    "contrast × " (number(p.gain.into()))
+                    @if !p.flat { br; "no part is flat: this one has texture of the scene" }
+                }
+            } } }
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! What the pages are made of: the frame around them, tables, cards, and words that several sections share.
+
+use crate::numbers::{count, number, tick};
+use crate::pictures::Shown;
+use crate::plots::PlotError;
+use blindaug::CameraModel;
+use blindaug::model::{BlurSpace, Distortion, Method, Unknown};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use plotters::style::RGBColor;
+
+/// Part of a page that may have a plot.
+pub(crate) type Part = std::result::Result<Markup, PlotError>;
+
+/// A page without outside resources.
+pub fn page_with(title: &str, about: &str, body: &Markup, footer: &str) -> Markup {
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                // Nothing from outside, by the browser's word as well.
+                meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'";
+                title { (title) " · camera report" }
+                style { (PreEscaped(include_str!("page.css"))) }
+            }
+            body {
+                header {
+                    h1 { (title) }
+                    p.soft { (about) }
+                }
+                main { (body) }
+                footer.soft { p { "Written by blindaug " (env!("CARGO_PKG_VERSION")) ". " (footer) } }
+            }
+        }
+    }
+}
+
+pub(crate) fn footer(model: &CameraModel) -> String {
+    format!(
+        "An interval is the 95 % confidence interval: if the same camera were estimated from many such clips, 95 of 100 intervals \
+         would hold the true value. Px are pixels of a frame {} px wide.",
+        model.capture.width
+    )
+}
+
+pub(crate) fn capture(model: &CameraModel) -> String {
+    let c = &model.capture;
+    let rate = c.fps.map_or("frame rate not known".into(), |f| format!("{} frames per second", tick(f)));
+    let frames =
+        if c.frames_used == 1 { "1 frame".into() } else { format!("{} frames", count(c.frames_used as u64)) };
+    let space = match model.blur_space {
+        BlurSpace::Linear => "blur acts on linear light",
+        BlurSpace::Encoded => "blur acts on encoded values",
+    };
+    let stopped = model.stopped.map_or(String::new(), |stopped| format!(" ({stopped})"));
+    format!("{} × {} px · {rate} · estimated from {frames}{stopped} · {space}", c.width, c.height)
+}
+
+pub(crate) fn method_in_words(method: Method) -> &'static str {
+    match method {
+        Method::Temporal => "differences of successive frames along the motion",
+        Method::Spatial => "the flattest parts of single frames",
+        Method::Spectral => "the spectra of image tiles (spectral)",
+        Method::Removal => "comparison with clean frames, given or restored (removal)",
+        Method::Given => "given, not estimated",
+    }
+}
+
+pub(crate) fn basis(samples: u64, tiles: &str, method: Method) -> Markup {
+    html! { p.basis { "Rests on " (count(samples)) " " (tiles) ". Method: " (method_in_words(method)) "." } }
+}
+
+/// What a sample of blur is, by method.
+pub(crate) fn blur_samples(method: Method) -> &'static str {
+    if method == Method::Removal { "places" } else { "image tiles" }
+}
+
+pub(crate) fn unknown(distortion: Distortion, why: &Unknown) -> Markup {
+    let name = distortion.name();
+    let name = name[..1].to_uppercase() + &name[1..];
+    html! { p.unknown { strong { "Unknown: " } (why.sentence) ". " (name) " is not applied to virtual objects." } }
+}
+
+pub(crate) fn swatch(RGBColor(r, g, b): RGBColor) -> Markup {
+    html! { span.swatch style=(format!("background:rgb({r},{g},{b})")) {} }
+}
+
+pub(crate) fn picture(shown: &Shown, alt: &str, class: &str) -> Markup {
+    html! { img class=(class) src=(shown.uri) width=(shown.width) height=(shown.height) alt=(alt); }
+}
+
+/// A small picture whose pixels are shown `zoom` times as large.
+pub(crate) fn zoomed(shown: &Shown, alt: &str, zoom: u32) -> Markup {
+    html! { img.zoom src=(shown.uri) width=(zoom * shown.width) height=(zoom * shown.height) alt=(alt); }
+}
+
+/// Says so if a picture is smaller than the frame, since noise and blur then look weaker.
+pub(crate) fn reduced(shown: &Shown) -> String {
+    if shown.reduced <= 1.0 {
+        String::new()
+    } else {
+        format!(" (reduced {} times: noise and blur look weaker here)", number(shown.reduced.into()))
+    }
+}
+
+pub(crate) struct Parameter {
+    pub name: &'static str,
+    pub value: String,
+    pub interval: Option<String>,
+    pub meaning: String,
+}
+
+pub(crate) fn parameter_table(parameters: &[Parameter]) -> Markup {
+    html! {
+        div.wide { table {
+            thead { tr { th scope="col" { "Quantity" } th scope="col" { "Estimate" } th scope="col" { "95 % interval" } th scope="col" { "What it means" } } }
+            tbody { @for p in parameters { tr {
+                th scope="row" { (p.name) }
+                td.number { (p.value) }
+                td.number { (p.interval.as_deref().unwrap_or("not estimated")) }
+                td { (p.meaning) }
+            } } }
+        } }
+    }
+}
+
+/// What a distortion is called in headings.
+pub(crate) fn title(distortion: Distortion) -> &'static str {
+    match distortion {
+        Distortion::Defocus => "Depth of field",
+        Distortion::MotionBlur => "Motion blur",
+        Distortion::Sharpening => "Sharpening",
+        Distortion::Noise => "Noise",
+    }
+}
+
+/// The distortions in short, each as a few large words and more of them, if it is known.
+pub(crate) fn cards(known: impl Fn(Distortion) -> Option<(String, String)>) -> Markup {
+    html! {
+        section aria-label="In short" {
+            div.cards { @for distortion in Distortion::ALL {
+                div.card {
+                    h3 { (title(distortion)) }
+                    @match known(distortion) {
+                        Some((big, more)) => { p.big { (big) } p { (more) } }
+                        None => { p.big { "Unknown" } p { "The footage cannot tell; the reason is given below." } }
+                    }
+                }
+            } }
+        }
+    }
+}
+
+/// An encoded value in steps of 8 bits.
+pub(crate) fn steps(v: f32) -> String {
+    number(255.0 * f64::from(v))
+}
+
+pub(crate) fn rgb(colour: [f32; 3]) -> RGBColor {
+    let [r, g, b] = colour.map(|v| (255.0 * v + 0.5) as u8);
+    RGBColor(r, g, b)
+}

@@ -1,0 +1,349 @@
+//! A camera model in words and units, for a terminal, and the same numbers as JSON; per-frame models as a table.
+
+use blindaug::{
+    CameraModel,
+    model::{
+        CameraTrack, Capture, DefocusModel, DepthKind, Distortion, Estimate, Focus, Method, NoiseModel,
+        SharpeningModel, TrackedCamera, VISIBLE_PX,
+    },
+};
+use serde_json::{Map, Value, json};
+use std::fmt::Write;
+
+/// Rows of the table over time, beside those of changes.
+const ROWS: usize = 10;
+
+/// A camera over time: a row for a handful of frames, and for each in which something was found to have changed.
+pub fn table(track: &CameraTrack) -> String {
+    let frames = track.frames();
+    let TrackedCamera { camera, frame: first, .. } = &frames[0];
+    let Capture { width, height, .. } = camera.capture;
+    let last = frames[frames.len() - 1].frame;
+    let stopped =
+        frames[frames.len() - 1].camera.stopped.map_or(String::new(), |stopped| format!("; {stopped}"));
+    let mut text = format!(
+        "Camera     {width} x {height} px, tracked over {} ({first} to {last}{stopped})\n\n",
+        count(frames.len() as u64, "frame")
+    );
+    let lens = match frames.iter().find_map(|f| f.camera.defocus.known()).map(|d| d.depth_kind) {
+        Some(DepthKind::Metric) => "in focus at, m",
+        _ => "in focus at, relative",
+    };
+    let row = |cells: [&str; 6]| {
+        let [frame, exposure, sigma, focus, noise, changed] = cells;
+        let line = format!("{frame:>7}  {exposure:<18}  {sigma:<15}  {focus:<21}  {noise:<12}  {changed}");
+        format!("{}\n", line.trim_end())
+    };
+    text += &row(["frame", "exposure", "px at infinity", lens, "noise, /255", "changed"]);
+    let step = (frames.len() - 1).div_ceil(ROWS - 1).max(1);
+    let shown =
+        (0..).zip(frames).filter(|(i, f)| i % step == 0 || *i == frames.len() - 1 || !f.changed.is_empty());
+    for (_, f) in shown {
+        let unknown = || "unknown".to_owned();
+        let exposure =
+            f.camera.motion_blur.known().map_or_else(unknown, |m| with_interval(m.exposure.0, m.interval));
+        let facts = f.camera.defocus.known().map(DefocusModel::facts);
+        let metric = lens.ends_with(" m");
+        let number = |v: Option<f32>| v.map_or_else(unknown, |v| format!("{v:.2}"));
+        let focus = facts.as_ref().and_then(|d| d.in_focus()).map(|d| if metric { d.recip() } else { d });
+        let noise = f.camera.noise.known().map(|n| 255.0 * n.total_std(0.5)[1]);
+        let changed: Vec<&str> =
+            Distortion::ALL.into_iter().filter(|d| f.changed.of(*d)).map(changed_name).collect();
+        text += &row([
+            &f.frame.to_string(),
+            &exposure,
+            &number(facts.as_ref().and_then(|d| d.sigma_px_at_infinity)),
+            &number(focus),
+            &number(noise),
+            &changed.join(", "),
+        ]);
+    }
+    text += "\nIntervals are 95 %; noise is the std of green at luminance 0.5, in steps of 8 bit.\n";
+    text
+}
+
+/// What a change of a distortion's parameters is called in the table.
+fn changed_name(distortion: Distortion) -> &'static str {
+    match distortion {
+        Distortion::Defocus => "lens",
+        Distortion::MotionBlur => "exposure",
+        Distortion::Sharpening => "sharpening",
+        Distortion::Noise => "noise",
+    }
+}
+
+/// Luminances at which the noise is told.
+const LUMINANCES: [f32; 3] = [0.1, 0.5, 0.9];
+
+/// The model in words, a line per fact.
+pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
+    let Capture { width, height, fps, frames_used } = model.capture;
+    let rate = fps.map_or("at an unknown frame rate".into(), |f| format!("at {} frames a second", short(f)));
+    let frames = count(frames_used as u64, "frame");
+    let stopped = model.stopped.map_or(String::new(), |stopped| format!(" ({stopped})"));
+    let mut text = format!("Camera     {width} x {height} px {rate}; estimated from {frames}{stopped}\n");
+    // Writing to a String cannot fail.
+    let _ = noise_words(&mut text, &model.noise);
+    let _ = motion_blur_words(&mut text, model);
+    let _ = defocus_words(&mut text, &model.defocus, at_depth);
+    let _ = model.sharpening.known().map_or(Ok(()), |sharpening| sharpening_words(&mut text, sharpening));
+    text
+}
+
+fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Result {
+    let noise = match noise {
+        Estimate::Known(noise) => noise,
+        Estimate::Unknown(why) => return writeln!(text, "Noise      unknown: {why}"),
+    };
+    writeln!(text, "Noise      std in R, G, B, in steps of 8 bit (1/255):")?;
+    for y in LUMINANCES {
+        let [r, g, b] = noise.total_std(y).map(|v| 255.0 * v);
+        writeln!(text, "             at luminance {y}: {r:.2}, {g:.2}, {b:.2}")?;
+    }
+    writeln!(
+        text,
+        "           none from the encoded value {} up, where the sensor clips",
+        short(noise.clip().into())
+    )?;
+    writeln!(text, "           {}", origin(noise.method(), noise.samples(), "local measurements"))
+}
+
+fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result {
+    let blur = match &model.motion_blur {
+        Estimate::Known(blur) => blur,
+        Estimate::Unknown(why) => return writeln!(text, "Exposure   unknown: {why}"),
+    };
+    let angle = blur.exposure.shutter_angle();
+    writeln!(
+        text,
+        "Exposure   {} of the frame interval ({}): a shutter angle of {angle:.0} degrees",
+        short(blur.exposure.0.into()),
+        interval(blur.interval)
+    )?;
+    if let Some(fps) = model.capture.fps {
+        let seconds = blur.exposure.seconds(fps);
+        let fraction = if seconds > 0.0 { format!(", 1/{:.0} s", seconds.recip()) } else { String::new() };
+        writeln!(text, "           {:.1} ms at {} frames a second{fraction}", 1e3 * seconds, short(fps))?;
+    }
+    writeln!(text, "           {}", origin(blur.method, blur.samples, unit_of_samples(blur.method)))
+}
+
+fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: &[f32]) -> std::fmt::Result {
+    let defocus = match defocus {
+        Estimate::Known(defocus) => defocus,
+        Estimate::Unknown(why) => return writeln!(text, "Defocus    unknown: {why}"),
+    };
+    let metric = defocus.depth_kind == DepthKind::Metric;
+    let facts = defocus.facts();
+    let place = |d: f32| if metric { depth(d) } else { format!("relative inverse depth {d:.3}") };
+    let known_to = |i: Option<[f32; 2]>, text: &dyn Fn(f32) -> String| {
+        i.map_or(String::new(), |[lo, hi]| format!(" ({} to {})", text(lo), text(hi)))
+    };
+    match facts.focus {
+        Focus::At(d) => {
+            // The far end of the interval of inverse depth is the larger depth.
+            let i = facts.focus_interval.map(|[lo, hi]| if metric { [hi, lo] } else { [lo, hi] });
+            writeln!(text, "Defocus    in focus at {}{}", place(d), known_to(i, &place))?;
+        }
+        Focus::LeastBlurred { inverse_depth, sigma_px } => {
+            let place = place(inverse_depth);
+            writeln!(
+                text,
+                "Defocus    nothing in its range is in focus; least blurred ({sigma_px:.2} px) at {place}"
+            )?;
+        }
+        Focus::Everywhere => writeln!(text, "Defocus    no blur: everything is in focus")?,
+    }
+    if let Some(s) = facts.sigma_px_at_infinity {
+        let of = if metric { "at infinity" } else { "at relative inverse depth 0" };
+        let i = known_to(facts.sigma_interval, &|v| format!("{v:.2}"));
+        writeln!(text, "           blur {of}: {s:.2} px{i}, the std of the equivalent Gaussian")?;
+    }
+    let shows = format!("           blur shows (over {VISIBLE_PX} px)");
+    match facts.sharp.as_slice() {
+        [] => writeln!(text, "{shows} everywhere")?,
+        // Relative inverse depth ends at 1, where the nearest things are.
+        [[far, near]] if *far <= 0.0 && (*near >= 1.0 && !metric || near.is_infinite()) => {
+            writeln!(text, "{shows} nowhere")?;
+        }
+        sharp => {
+            let ends = |&[far, near]: &[f32; 2]| if metric { [near, far] } else { [far, near] };
+            let ranges: Vec<String> = sharp
+                .iter()
+                .map(|range| {
+                    let [low, high] = ends(range).map(place);
+                    format!("{low} to {high}")
+                })
+                .collect();
+            let ranges = ranges.join(" and ");
+            writeln!(text, "           blur starts to show (over {VISIBLE_PX} px) outside {ranges}")?;
+        }
+    }
+    for &at in at_depth {
+        let d = if metric { at.recip() } else { at };
+        let what = if metric { format!("{at} m") } else { format!("relative inverse depth {at}") };
+        writeln!(text, "           at {what}: {:.2} px", defocus.sigma_px(d))?;
+    }
+    writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
+}
+
+fn sharpening_words(text: &mut String, sharpening: &SharpeningModel) -> std::fmt::Result {
+    let SharpeningModel { amount, radius_px, interval: i, method, samples } = *sharpening;
+    let [amount, radius] = [amount, radius_px].map(|v| short(v.into()));
+    writeln!(
+        text,
+        "Sharpening the camera sharpens its pictures: an unsharp mask of amount {amount} ({})",
+        interval(i)
+    )?;
+    writeln!(text, "           and radius {radius} px, the std of its Gaussian")?;
+    writeln!(text, "           {}", origin(method, samples, unit_of_samples(method)))
+}
+
+/// The derived values, for programs.
+pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
+    let noise = match &model.noise {
+        Estimate::Known(n) => {
+            let std = LUMINANCES.map(|y| json!({ "luminance": y, "std": n.total_std(y) }));
+            json!({ "std_of_encoded_rgb": std, "clip": n.clip(), "method": n.method(), "samples": n.samples() })
+        }
+        Estimate::Unknown(why) => json!(why),
+    };
+    let motion_blur = match &model.motion_blur {
+        Estimate::Known(m) => json!({
+            "exposure": m.exposure, "interval": m.interval,
+            "shutter_angle_degrees": m.exposure.shutter_angle(),
+            "exposure_time_s": model.capture.fps.map(|f| m.exposure.seconds(f)),
+            "method": m.method, "samples": m.samples
+        }),
+        Estimate::Unknown(why) => json!(why),
+    };
+    let defocus = match &model.defocus {
+        Estimate::Known(d) => defocus_derived(d, at_depth),
+        Estimate::Unknown(why) => json!(why),
+    };
+    let mut value =
+        json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus });
+    if let Some(stopped) = &model.stopped {
+        value["stopped"] = json!(stopped);
+    }
+    if let Estimate::Known(sharpening) = &model.sharpening {
+        value["sharpening"] = json!(sharpening);
+    }
+    value
+}
+
+fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
+    let facts = model.facts();
+    let mut values = Map::new();
+    let mut put = |key: &str, value: Value| values.insert(key.into(), value);
+    put("depth_kind", json!(model.depth_kind));
+    put("sigma_px_at_infinity", json!(facts.sigma_px_at_infinity));
+    put("focus_inverse_depth", json!(facts.in_focus()));
+    // From the far end of the farthest range to the near end of the nearest one.
+    let finite = |d: f32| d.is_finite().then_some(d);
+    let sharp = facts.sharp.first().zip(facts.sharp.last()).map(|(far, near)| [far[0], near[1]]);
+    put("inverse_depth_with_sigma_below_half_px", json!(sharp.map(|range| range.map(finite))));
+    let metric = model.depth_kind == DepthKind::Metric;
+    if metric {
+        // Null: infinitely far.
+        let metres = |d: f32| (d > 0.0).then(|| d.recip());
+        put("focus_distance_m", json!(facts.in_focus().and_then(metres)));
+        put("depth_m_with_sigma_below_half_px", json!(sharp.map(|[far, near]| [near, far].map(metres))));
+    }
+    let at: Vec<_> = at_depth
+        .iter()
+        .map(|&z| {
+            let (key, d) = if metric { ("depth_m", z.recip()) } else { ("relative_inverse_depth", z) };
+            json!({ key: z, "sigma_px": model.sigma_px(d) })
+        })
+        .collect();
+    put("at", json!(at));
+    put("method", json!(model.method));
+    put("samples", json!(model.samples));
+    Value::Object(values)
+}
+
+/// A depth in words, from inverse depth in 1/m.
+fn depth(d: f32) -> String {
+    if d > 1e-4 { format!("{} m", short(d.recip().into())) } else { "infinity".into() }
+}
+
+/// "0.45 to 0.51, 95 % sure".
+fn interval([lo, hi]: [f32; 2]) -> String {
+    format!("{} to {}, 95 % sure", short(lo.into()), short(hi.into()))
+}
+
+fn origin(method: Method, samples: u64, unit: &str) -> String {
+    let how = match method {
+        Method::Temporal => "from differences of successive frames",
+        Method::Spatial => "from the flattest parts of single frames",
+        Method::Spectral => "from local spectra",
+        Method::Removal => "by comparison with clean frames, given or restored",
+        Method::Given => return "given, not estimated".into(),
+    };
+    format!("{how} ({samples} {unit})")
+}
+
+fn unit_of_samples(method: Method) -> &'static str {
+    if method == Method::Spectral { "tiles" } else { "places" }
+}
+
+/// "0.48 [0.45, 0.51]".
+pub fn with_interval(value: f32, [lo, hi]: [f32; 2]) -> String {
+    format!("{value:.2} [{lo:.2}, {hi:.2}]")
+}
+
+/// Three significant digits or so, without zeros at the end.
+pub fn short(v: f64) -> String {
+    let decimals = match v.abs() {
+        a if a >= 100.0 => 1,
+        a if a >= 0.1 => 2,
+        _ => 4,
+    };
+    let text = format!("{v:.decimals$}");
+    text.trim_end_matches('0').trim_end_matches('.').into()
+}
+
+/// "1 frame", "5 frames".
+pub fn count(n: u64, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_short() {
+        for (v, text) in [
+            (0.48, "0.48"),
+            (30.0, "30"),
+            (29.97, "29.97"),
+            (0.0123, "0.0123"),
+            (0.0, "0"),
+            (1234.56, "1234.6"),
+        ] {
+            assert_eq!(short(v), text);
+        }
+    }
+
+    #[test]
+    fn where_blur_shows_is_said_in_the_model_s_own_depth() {
+        let told = |sigma, depth_kind| {
+            let mut model = CameraModel::unknown(
+                Capture { width: 8, height: 8, fps: None, frames_used: 1 },
+                "not looked at",
+            );
+            let lens = DefocusModel::given_lens(sigma, 0.25);
+            model.defocus = Estimate::Known(DefocusModel { depth_kind, ..lens });
+            words(&model, &[])
+        };
+        assert!(told(0.1, DepthKind::Relative).contains("(over 0.5 px) nowhere"));
+        assert!(told(2.0, DepthKind::Relative).contains("outside relative inverse depth 0.188 to"));
+        assert!(!told(0.1, DepthKind::Metric).contains("nowhere"));
+        for kind in [DepthKind::Metric, DepthKind::Relative] {
+            let text = told(0.0, kind);
+            assert!(text.contains("everything is in focus") && text.contains("nowhere"), "{text}");
+        }
+    }
+}

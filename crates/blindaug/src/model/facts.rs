@@ -1,0 +1,162 @@
+//! What a model means, computed once for whoever tells it: `inspect`, the report, a window, a page, Python.
+
+use super::{DefocusCurve, DefocusModel};
+
+/// Blur that starts to show: the std of the equivalent Gaussian, px.
+pub const VISIBLE_PX: f32 = 0.5;
+
+/// Blur below this std, px, is none: a curve that stays below it everywhere says nothing of a focus.
+const NONE_PX: f32 = 0.01;
+
+/// What a lens brings into focus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Focus {
+    /// The inverse depth that is in focus.
+    At(f32),
+    /// Nothing in the curve's range is in focus: blur shows everywhere, least at this inverse depth.
+    LeastBlurred {
+        /// The inverse depth of least blur.
+        inverse_depth: f32,
+        /// The std of the blur there, px, at least [`VISIBLE_PX`].
+        sigma_px: f32,
+    },
+    /// Nothing is blurred at any depth, so no depth is in focus more than another.
+    Everywhere,
+}
+
+/// What follows from a defocus model, in its own inverse depth and px.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DefocusFacts {
+    /// What is in focus.
+    pub focus: Focus,
+    /// The 95 % interval of the inverse depth that is in focus; only a thin lens has one.
+    pub focus_interval: Option<[f32; 2]>,
+    /// The std of the blur at inverse depth 0, px; only of a thin lens, since other curves are not known that far.
+    pub sigma_px_at_infinity: Option<f32>,
+    /// Its 95 % interval.
+    pub sigma_interval: Option<[f32; 2]>,
+    /// The ranges of inverse depth, far and near end, in which the std stays up to [`VISIBLE_PX`], from far to near. An end of 0 is
+    /// infinitely far, one of infinity touches the lens. None of them: blur shows everywhere.
+    pub sharp: Vec<[f32; 2]>,
+}
+
+impl DefocusModel {
+    /// What the model means.
+    pub fn facts(&self) -> DefocusFacts {
+        match self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
+                DefocusFacts {
+                    focus: if s > 0.0 { Focus::At(f) } else { Focus::Everywhere },
+                    focus_interval: interval.map(|i| i.focus_inverse_depth),
+                    sigma_px_at_infinity: Some(s),
+                    sigma_interval: interval.map(|i| i.sigma_px_at_infinity),
+                    sharp: vec![thin_lens_sharp(s, f)],
+                }
+            }
+            DefocusCurve::Quadratic { inverse_depth_range, .. } => self.quadratic_facts(inverse_depth_range),
+        }
+    }
+
+    fn quadratic_facts(&self, [low, high]: [f32; 2]) -> DefocusFacts {
+        const STEPS: u16 = 1000;
+        /// Stds that differ by less are the same, px.
+        const SAME_PX: f32 = 1e-4;
+        let places: Vec<f32> =
+            (0..=STEPS).map(|i| low + (high - low) * f32::from(i) / f32::from(STEPS)).collect();
+        let least = places.iter().map(|&d| self.sigma_px(d)).fold(f32::INFINITY, f32::min);
+        // Where a whole stretch is the sharpest, its middle.
+        let sharpest: Vec<f32> =
+            places.iter().copied().filter(|&d| self.sigma_px(d) <= least + SAME_PX).collect();
+        let middle = sharpest.get(sharpest.len() / 2).copied().unwrap_or(low);
+        let focus = if places.iter().all(|&d| self.sigma_px(d) < NONE_PX) {
+            Focus::Everywhere
+        } else if least > VISIBLE_PX {
+            Focus::LeastBlurred { inverse_depth: middle, sigma_px: least }
+        } else {
+            Focus::At(middle)
+        };
+        let mut sharp: Vec<[f32; 2]> = vec![];
+        let mut inside = false;
+        for d in places {
+            let is_sharp = self.sigma_px(d) <= VISIBLE_PX;
+            match sharp.last_mut() {
+                Some(range) if is_sharp && inside => range[1] = d,
+                _ if is_sharp => sharp.push([d, d]),
+                _ => {}
+            }
+            inside = is_sharp;
+        }
+        DefocusFacts { focus, focus_interval: None, sigma_px_at_infinity: None, sigma_interval: None, sharp }
+    }
+}
+
+/// The inverse depths between which a thin lens blurs by up to [`VISIBLE_PX`], from the std at infinity (px) and the inverse depth in
+/// focus.
+pub fn thin_lens_sharp(sigma_px_at_infinity: f32, focus_inverse_depth: f32) -> [f32; 2] {
+    let reach = VISIBLE_PX / sigma_px_at_infinity;
+    if sigma_px_at_infinity > 0.0 {
+        [focus_inverse_depth * (1.0 - reach).max(0.0), focus_inverse_depth * (1.0 + reach)]
+    } else {
+        [0.0, f32::INFINITY]
+    }
+}
+
+impl DefocusFacts {
+    /// The inverse depth that is in focus, if there is one.
+    pub fn in_focus(&self) -> Option<f32> {
+        match self.focus {
+            Focus::At(d) => Some(d),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::DepthKind;
+
+    fn quadratic(a: f32, b: f32, c: f32) -> DefocusModel {
+        let curve = DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [0.0, 1.0] };
+        DefocusModel::given(curve, DepthKind::Metric)
+    }
+
+    #[test]
+    fn blur_starts_to_show_where_the_curve_says() {
+        let lens = |s| DefocusModel::given_lens(s, 0.25);
+        let [far, near] = lens(2.0).facts().sharp[0];
+        assert!((lens(2.0).sigma_px(far) - VISIBLE_PX).abs() < 1e-5);
+        assert!((lens(2.0).sigma_px(near) - VISIBLE_PX).abs() < 1e-5);
+        assert!(far < 0.25 && near > 0.25);
+        assert_eq!(lens(0.3).facts().sharp[0][0], 0.0);
+        let bowl = quadratic(4.0, -4.0, 1.2);
+        let facts = bowl.facts();
+        let [lo, hi] = facts.sharp[0];
+        assert!((facts.in_focus().unwrap() - 0.5).abs() < 2e-3 && (lo + hi - 1.0).abs() < 4e-3);
+        assert!((bowl.sigma_px(lo) - VISIBLE_PX).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_lens_that_blurs_nothing_has_no_focus_and_is_sharp_throughout() {
+        for model in [DefocusModel::given_lens(0.0, 0.25), quadratic(0.0, 0.0, 0.0)] {
+            let facts = model.facts();
+            assert_eq!(facts.focus, Focus::Everywhere);
+            assert_eq!((facts.in_focus(), facts.sharp.len(), facts.sharp[0][0]), (None, 1, 0.0));
+        }
+    }
+
+    #[test]
+    fn a_curve_that_blurs_everywhere_has_a_depth_of_least_blur_and_none_in_focus() {
+        let facts = quadratic(4.0, -4.0, 1.8).facts();
+        let Focus::LeastBlurred { inverse_depth, sigma_px } = facts.focus else { panic!("{facts:?}") };
+        assert!((inverse_depth - 0.5).abs() < 2e-3 && (sigma_px - 0.8).abs() < 1e-3, "{facts:?}");
+        assert_eq!((facts.in_focus(), facts.sharp.len()), (None, 0));
+    }
+
+    #[test]
+    fn a_curve_may_be_sharp_far_away_and_near_by() {
+        let facts = quadratic(-8.0, 8.0, 0.0).facts();
+        assert_eq!(facts.sharp.len(), 2);
+        assert!(facts.sharp[0][0] == 0.0 && facts.sharp[1][1] == 1.0, "{facts:?}");
+    }
+}
