@@ -4,9 +4,9 @@
 
 use blindaug_fuzz::{check, file};
 
-#[path = "../../apps/cli/src/live/beside.rs"]
+#[path = "../../apps/live/src/beside.rs"]
 mod beside;
-#[path = "../../apps/cli/src/live/object.rs"]
+#[path = "../../apps/live/src/object.rs"]
 mod object;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

@@ -8,6 +8,7 @@ use std::{
     fmt::Display,
     io::{ErrorKind, IsTerminal, Write},
     path::Path,
+    process::ExitCode,
     sync::atomic::{AtomicI32, Ordering},
     time::{Duration, Instant},
 };
@@ -21,13 +22,96 @@ pub type Result<T> = std::result::Result<T, Failure>;
 
 impl From<Error> for Failure {
     fn from(e: Error) -> Self {
-        Self(e.to_string())
+        match e.is_over_budget() {
+            true => Self(format!("{e} (--memory SIZE raises the budget)")),
+            false => Self(e.to_string()),
+        }
+    }
+}
+
+/// The sentence of the library, and the option that helps.
+impl From<blindaug_pipeline::Error> for Failure {
+    fn from(e: blindaug_pipeline::Error) -> Self {
+        use blindaug_pipeline::Error as E;
+        match e {
+            E::File(e) => e.into(),
+            E::NoSceneScale { .. } => {
+                Self(format!("{e}: give --scene-scale S[,O], where relative inverse depth is S / Z + O"))
+            }
+            E::AlreadyThere { name } => {
+                Self(format!("{name}: this video is there already; add --overwrite, or give another name"))
+            }
+            _ => Self(e.to_string()),
+        }
+    }
+}
+
+/// The command line as an observer of jobs.
+pub struct Console;
+
+/// The one console.
+pub const CONSOLE: &Console = &Console;
+
+thread_local! {
+    static RUNNING: RefCell<Option<Progress>> = const { RefCell::new(None) };
+}
+
+impl blindaug_pipeline::Observer for Console {
+    fn begin(&self, what: &'static str, unit: &'static str, total: Option<usize>) {
+        RUNNING.set(Some(Progress::counting(what, unit, total)));
+    }
+
+    fn step(&self) {
+        RUNNING.with_borrow_mut(|progress| progress.iter_mut().for_each(Progress::step));
+    }
+
+    fn end(&self) {
+        RUNNING.set(None);
+    }
+
+    fn note(&self, sentence: &str) {
+        note(sentence);
+    }
+
+    fn warning(&self, sentence: &str) {
+        warn(sentence);
+    }
+
+    fn stops(&self) -> bool {
+        interrupted()
     }
 }
 
 /// A failure of a file.
 pub fn failure(path: &Path, sentence: impl Display) -> Failure {
     Failure(format!("{}: {sentence}", Error::shown_path(path)))
+}
+
+/// Begins a program: the budget of memory, if one is given, and a file that grows too large.
+pub fn begin(memory: Option<u64>) {
+    if let Some(bytes) = memory {
+        blindaug_io::memory::set_budget(bytes);
+    }
+    catch_size_limit();
+}
+
+/// Ends a program with the status of its command, and says why a command failed.
+pub fn ended(result: Result<()>) -> ExitCode {
+    let Err(Failure(sentence)) = result else { return ExitCode::SUCCESS };
+    // Standard error may be closed; there is nobody else to tell.
+    let _ = writeln!(std::io::stderr(), "blindaug: {}", for_terminal(&sentence));
+    ExitCode::from(exit_status())
+}
+
+/// Prints what the argument parser has to say: help, or what is wrong with the arguments.
+pub fn said(e: &clap::Error) -> ExitCode {
+    if e.use_stderr() {
+        let _ = write!(std::io::stderr(), "{}", for_terminal(&e.render().to_string()));
+        return ExitCode::from(2);
+    }
+    let help = e.render();
+    let help = if std::io::stdout().is_terminal() { help.ansi().to_string() } else { help.to_string() };
+    ended(print(&help))
 }
 
 /// Writes text to standard output. A reader that has gone away (`| head`) is no error.
@@ -226,34 +310,6 @@ pub fn check_outputs<'a>(inputs: &Inputs, outputs: impl IntoIterator<Item = &'a 
         blindaug_io::check_writable(output)?;
     }
     Ok(())
-}
-
-/// Checks, before anything is read, that a folder can be written to, or made.
-///
-/// # Errors
-/// If it is something else, or the system does not allow it.
-pub fn check_folder(folder: &Path) -> Result<()> {
-    if folder.exists() && !folder.is_dir() {
-        return Err(failure(folder, "this is a file; give the name of a folder"));
-    }
-    // What is there of the path.
-    let there =
-        folder.ancestors().find(|p| !p.as_os_str().is_empty() && p.exists()).unwrap_or(Path::new("."));
-    if !there.is_dir() {
-        let file = Error::shown_path(there);
-        return Err(failure(folder, format_args!("the folder cannot be made: {file} is a file")));
-    }
-    let probe = there.join(format!(".blindaug-{}", std::process::id()));
-    std::fs::File::create(&probe).and_then(|_| std::fs::remove_file(&probe)).map_err(|e| {
-        failure(folder, format_args!("no file can be written to this folder ({e}); choose another"))
-    })
-}
-
-/// Makes a folder for results, with those above it.
-pub fn make_folder(folder: &Path) -> Result<()> {
-    std::fs::create_dir_all(folder)
-        .map_err(|e| failure(folder, format_args!("the folder cannot be made ({e}); choose another")))?;
-    check_folder(folder)
 }
 
 /// Writes a page that was made, whole or not at all.

@@ -1,24 +1,27 @@
 //! `blindaug demo`: the main job on a built-in clip of known truth.
 
-use crate::{
-    composite::{self, DepthMaps, Output, Scene},
-    console::{self, Failure, Result, note},
-    estimate::{self, DepthArgs, Footage, open_source},
-    networks::Networks,
-};
 use blindaug::{
     CameraModel, Encoded, Raster,
     composite::CompositeOptions,
     fit,
     metrics::{object_area, psnr},
     model::{
-        Capture, DefocusCurve, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS,
-        Unknown,
+        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
+        NOISE_LEVELS, Unknown,
     },
     pyramid,
     synth::noise,
 };
-use blindaug_io::{SideFolder, VideoWriter, read_frame, write_atomically, write_camera, write_png};
+use blindaug_cli::console::{self, CONSOLE, Failure, Result, note};
+use blindaug_io::{
+    DepthFormat, FrameSource, SideFolder, VideoWriter, make_folder, read_frame, write_atomically,
+    write_camera, write_png,
+};
+use blindaug_pipeline::{
+    Footage, MemorySink,
+    composite::{self, DepthMaps, Scene},
+    estimate,
+};
 use blindaug_report::{Picture, ReportInput, TruthRow};
 use std::{
     collections::BTreeMap,
@@ -130,7 +133,7 @@ impl Truth {
 /// Runs the command.
 pub fn run(args: &Demo) -> Result<()> {
     let out = &args.output;
-    console::make_folder(out)?;
+    make_folder(out)?;
     let clip = out.join("clip");
     write_clip(&clip)?;
     let truth = Truth::read()?;
@@ -139,49 +142,47 @@ pub fn run(args: &Demo) -> Result<()> {
     // shadows has anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
     let (frames, depth) = (clip.join("frames"), clip.join("scene"));
     let options = fit::EstimatorOptions { fps: Some(truth.fps), ..fit::EstimatorOptions::default() };
-    let blind = estimate::fit(
-        &Footage::with_depth(&frames, &depth, None)?,
-        Networks::default(),
-        None,
-        options,
-        false,
-    )?;
-    let footage = Footage::with_depth(&frames, &depth, Some(&clip.join("without")))?;
-    let fitted = estimate::fit(&footage, Networks::default(), None, options, true)?;
+    let fit = |clean: Option<&Path>, keep_samples: bool| {
+        let mut footage = Footage::new(FrameSource::open(&frames, Default::default())?);
+        footage.depth =
+            Some((Box::new(SideFolder::depth(&depth, DepthFormat::default())?), DepthKind::Metric));
+        footage.clean = match clean {
+            Some(clean) => Some(Box::new(SideFolder::frames(clean, "clean frames")?)),
+            None => None,
+        };
+        let job = estimate::Job { options, keep_samples, ..estimate::Job::default() };
+        Ok::<_, Failure>(estimate::estimate(&footage, job, CONSOLE)?)
+    };
+    let blind = fit(None, false)?;
+    let fitted = fit(Some(&clip.join("without")), true)?;
     let model = &fitted.estimation.model;
     let camera = out.join("camera.json");
     write_camera(&camera, model)?;
 
+    let depth = SideFolder::depth(&depth, DepthFormat::default())?;
     let scene = Scene {
-        footage: open_source(&clip.join("frames"), None)?,
-        layers: SideFolder::virtual_layers(clip.join("virtual"))?,
-        depth: DepthArgs::metric(&clip.join("scene"))
-            .open()?
-            .map(|d| DepthMaps::in_metres(d, None))
-            .transpose()?,
-        flow: Some(SideFolder::flow(clip.join("scene"))?),
+        footage: Box::new(FrameSource::open(&frames, Default::default())?),
+        layers: Box::new(SideFolder::virtual_layers(clip.join("virtual"))?),
+        depth: Some(DepthMaps::as_they_are(Box::new(depth))),
+        flow: Some(Box::new(SideFolder::flow(clip.join("scene"))?)),
         renders: Some([
-            SideFolder::frames(clip.join("with"), "renders with the object")?,
-            SideFolder::frames(clip.join("without"), "renders without the object")?,
+            Box::new(SideFolder::frames(clip.join("with"), "renders with the object")?),
+            Box::new(SideFolder::frames(clip.join("without"), "renders without the object")?),
         ]),
     };
     let size = scene.footage.size();
     let made = |model: &CameraModel, noise: bool| {
-        let mut output = Output::memory();
-        composite::composite(
-            &scene,
-            &model.clone().into(),
-            &CompositeOptions { no_noise: !noise, ..CompositeOptions::default() },
-            &mut output,
-        )?;
+        let mut made = MemorySink::default();
+        let options = CompositeOptions { no_noise: !noise, ..CompositeOptions::default() };
+        composite::composite(&scene, &model.clone().into(), &options, &mut made, CONSOLE)?;
         stop_if_interrupted(out)?;
-        Ok::<_, Failure>(output.into_frames())
+        Ok::<_, Failure>(made.frames)
     };
     let naive = made(&composite::naive(size), false)?;
     let composites = made(model, true)?;
     for (name, frames) in [("naive", &naive), ("composite", &composites)] {
         let folder = out.join(name);
-        console::make_folder(&folder)?;
+        make_folder(&folder)?;
         for (number, frame) in frames {
             write_png(folder.join(format!("{number:04}.png")), frame)?;
         }

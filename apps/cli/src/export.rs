@@ -1,10 +1,9 @@
 //! `blindaug export`: the camera as settings of other people's tools.
 
-use crate::{
-    composite::{SceneScale, in_metres},
-    console::{self, Failure, Result, failure, note, print},
-};
+use crate::composite::scene_scale;
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
+use blindaug::model::SceneScale;
+use blindaug_cli::console::{self, Failure, Result, failure, note, print};
 use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
 use blindaug_report::words::count;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -23,13 +22,13 @@ pub struct Export {
     #[arg(short, long, value_name = "FILE", required_if_eq("to", "all"))]
     output: Option<PathBuf>,
     /// Vertical field of view of the tool's camera, degrees from 1 to 170 [default: the tool's own camera's where its script can ask, else 40]
-    #[arg(long, value_name = "DEGREES", value_parser = |t: &str| crate::within(t, 1.0..=170.0))]
+    #[arg(long, value_name = "DEGREES", value_parser = |t: &str| blindaug_cli::arguments::within(t, 1.0..=170.0))]
     fov: Option<f64>,
     /// Width and height of the tool's pictures, px [default: the footage's]
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(usize, usize)>,
     /// Relates a model in relative inverse depth d to metres: d = S / Z + O
-    #[arg(long, value_name = "S[,O]")]
+    #[arg(long, value_name = "S[,O]", value_parser = scene_scale)]
     scene_scale: Option<SceneScale>,
     /// Say what each target can and cannot do
     #[arg(long)]
@@ -71,7 +70,7 @@ pub fn run(args: &Export) -> Result<()> {
         ));
     }
     if let Some(scale) = args.scene_scale {
-        track = in_metres(track, path, Some(scale))?;
+        track = track.to_metric(scale);
     }
     let model = track.at(0);
     let view = View { size: args.size, fov_y_degrees: args.fov.map(|fov| fov as f32) };
@@ -145,7 +144,7 @@ fn write_all(camera: &Camera, folder: &Path, inputs: &Inputs) -> Result<()> {
         }
         let export = target.export(camera);
         let folder = folder.join(target.name());
-        console::make_folder(&folder)?;
+        blindaug_io::make_folder(&folder)?;
         let paths: Vec<PathBuf> = export.files.iter().map(|file| folder.join(&file.name)).collect();
         console::check_outputs(inputs, paths.iter().map(PathBuf::as_path))?;
         for (file, path) in export.files.iter().zip(&paths).rev() {

@@ -2,24 +2,17 @@
 //! so that they look filmed by it.
 
 mod composite;
-mod console;
 mod demo;
 mod estimate;
 mod export;
 mod inspect;
-#[cfg(feature = "live")]
 mod live;
 mod models;
-mod networks;
 mod validate;
 
+use blindaug_cli::{arguments::memory_size, console};
 use clap::Parser;
-use console::Failure;
-use std::{
-    io::{IsTerminal, Write},
-    ops::RangeInclusive,
-    process::ExitCode,
-};
+use std::process::ExitCode;
 
 // Whole images are allocated and freed all the time: see the note in Cargo.toml.
 #[global_allocator]
@@ -48,21 +41,17 @@ enum Command {
     Export(export::Export),
     Validate(validate::Validate),
     Models(models::Models),
-    #[cfg(feature = "live")]
     Live(live::Live),
 }
 
 fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(e) => return said(&e),
+        Err(e) => return console::said(&e),
     };
-    if let Some(bytes) = cli.memory {
-        blindaug_io::memory::set_budget(bytes);
-    }
-    console::catch_size_limit();
-    // The others end at once.
-    if !matches!(cli.command, Command::Models(_) | Command::Inspect(_)) {
+    console::begin(cli.memory);
+    // The others end at once, or in a program of their own.
+    if !matches!(cli.command, Command::Models(_) | Command::Inspect(_) | Command::Live(_)) {
         console::catch_signals();
     }
     let result = match &cli.command {
@@ -74,90 +63,13 @@ fn main() -> ExitCode {
         Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),
         Command::Models(args) => models::run(args),
-        #[cfg(feature = "live")]
-        Command::Live(args) => live::run(args),
+        Command::Live(args) => live::run(args, cli.memory),
     };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failed(&failure),
-    }
-}
-
-/// Says why a command failed.
-fn failed(Failure(sentence): &Failure) -> ExitCode {
-    // Standard error may be closed; there is nobody else to tell.
-    let _ = writeln!(std::io::stderr(), "blindaug: {}", console::for_terminal(sentence));
-    ExitCode::from(console::exit_status())
-}
-
-/// Prints what the argument parser has to say: help, or what is wrong with the arguments.
-fn said(e: &clap::Error) -> ExitCode {
-    if e.use_stderr() {
-        let _ = write!(std::io::stderr(), "{}", console::for_terminal(&e.render().to_string()));
-        return ExitCode::from(2);
-    }
-    let help = e.render();
-    let help = if std::io::stdout().is_terminal() { help.ansi().to_string() } else { help.to_string() };
-    match console::print(&help) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failed(&failure),
-    }
-}
-
-/// Parses a number in a range.
-fn within(text: &str, range: RangeInclusive<f64>) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if range.contains(&v) => Ok(v),
-        _ => Err(format!("it must be a number from {} to {}", range.start(), range.end())),
-    }
-}
-
-/// Parses a size of memory, to bytes.
-fn memory_size(text: &str) -> Result<u64, String> {
-    const RANGE: std::ops::RangeInclusive<f64> = 64e6..=1000e9;
-    let text = text.trim();
-    let unit = match text.chars().last() {
-        Some('M' | 'm') => 1e6,
-        Some('G' | 'g') => 1e9,
-        _ => f64::NAN,
-    };
-    let number = text.get(..text.len().saturating_sub(1)).and_then(|n| n.parse::<f64>().ok());
-    match number.map(|n| n * unit) {
-        Some(bytes) if RANGE.contains(&bytes) => Ok(bytes as u64),
-        _ => Err("give a number with M or G (millions or billions of bytes), from 64M to 1000G".into()),
-    }
-}
-
-/// Parses a number > 0.
-fn positive(text: &str) -> Result<f32, String> {
-    match text.trim().parse::<f32>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err("it must be a number greater than 0".into()),
-    }
-}
-
-/// Parses a frame rate.
-fn frame_rate(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err("frames per second must be a number greater than 0".into()),
-    }
+    console::ended(result)
 }
 
 #[cfg(test)]
 mod tests {
-    #[test]
-    fn sizes_of_memory_are_parsed() {
-        for (text, bytes) in
-            [("4G", 4_000_000_000), ("1500M", 1_500_000_000), ("0.5g", 500_000_000), ("64m", 64_000_000)]
-        {
-            assert_eq!(super::memory_size(text), Ok(bytes), "{text}");
-        }
-        for text in ["", "G", "4", "4K", "4GB", "-4G", "63M", "1001G", "nanG", "infG", "4 é"] {
-            assert!(super::memory_size(text).is_err(), "{text}");
-        }
-    }
-
     #[test]
     fn the_arguments_are_consistent() {
         use clap::CommandFactory;

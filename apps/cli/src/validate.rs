@@ -5,14 +5,14 @@ mod page;
 mod run;
 mod still;
 
-use crate::console::{self, Progress, Result, failure, note};
-use crate::networks::Networks;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Transfer};
+use blindaug_cli::console::{self, CONSOLE, Progress, Result, failure, note};
 use blindaug_io::{
     FrameRange, FrameSource, Inputs, VideoWriter, remove_leftovers_in, write_atomically, write_png,
 };
+use blindaug_pipeline::Networks;
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::measure::{Footage, Given, Measured, NoiseTruth, Truth};
 use blindaug_scenes::scene::{Exposure, Scene};
@@ -111,16 +111,16 @@ struct Outcome {
 
 /// Runs the command.
 pub fn run(args: &Validate) -> Result<()> {
-    let mut networks = Networks::named(&args.network, true)?;
+    let mut networks = Networks::named(&args.network, true, CONSOLE)?;
     if let Some(clip) = &args.still {
         return console::print(&still::measure(clip, &mut networks)?);
     }
     let inputs = Inputs::of(args.clips.iter());
     inputs.check_output_folder(&args.output, |_| true)?;
-    console::make_folder(&args.output)?;
+    blindaug_io::make_folder(&args.output)?;
     let (done, pictures) = (args.output.join("cases"), args.output.join("pictures"));
-    console::make_folder(&done)?;
-    console::make_folder(&pictures)?;
+    blindaug_io::make_folder(&done)?;
+    blindaug_io::make_folder(&pictures)?;
     for folder in [&args.output, &done, &pictures] {
         remove_leftovers_in(folder, |_| true);
     }

@@ -1,22 +1,22 @@
 //! The binary as a person meets it: every command, what it says, and what it leaves behind when something is wrong.
 
+mod common;
 mod harm;
-#[cfg(feature = "live")]
-mod live;
 mod networks;
 
 use blindaug::{
-    CameraModel, Encoded, Raster,
+    CameraModel,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
         NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera,
     },
 };
-use blindaug_io::{read_frame, write_camera, write_png};
+use blindaug_io::{read_frame, write_camera};
+use common::*;
 use std::{
     io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
-    process::{Command, Output, Stdio},
+    process::{Command, Stdio},
     time::{Duration, Instant},
 };
 use tempfile::TempDir;
@@ -25,75 +25,6 @@ fn blindaug() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_blindaug"));
     command.stdin(Stdio::null());
     command
-}
-
-/// Runs the binary with these arguments, separated by spaces, in a folder.
-fn run(folder: &Path, arguments: &str) -> Output {
-    blindaug().current_dir(folder).args(arguments.split_whitespace()).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// What the binary prints to standard output when all is well.
-fn succeeds(folder: &Path, arguments: &str) -> String {
-    let output = run(folder, arguments);
-    assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
-    text(&output.stdout)
-}
-
-/// The sentence with which the binary gives up: exit status 1, the last line of standard error.
-fn fails(folder: &Path, arguments: &str) -> String {
-    sentence_of(&run(folder, arguments), arguments)
-}
-
-fn sentence_of(output: &Output, arguments: &str) -> String {
-    sentence_with(1, output, arguments)
-}
-
-/// The same with another exit status: 130 after Ctrl-C.
-fn sentence_with(status: i32, output: &Output, arguments: &str) -> String {
-    let errors = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(status), "{arguments}: {errors}");
-    assert!(!errors.contains("panicked"), "{arguments}: {errors}");
-    let said: Vec<&str> = errors.lines().filter(|l| l.starts_with("blindaug: ")).collect();
-    assert_eq!(said.len(), 1, "{arguments}: {errors}");
-    assert_eq!(errors.lines().last(), Some(said[0]), "{arguments}: {errors}");
-    said[0].into()
-}
-
-/// Everything in a folder, hidden files too, by path from it.
-fn files_in(folder: &Path) -> Vec<String> {
-    fn visit(folder: &Path, root: &Path, found: &mut Vec<String>) {
-        for entry in folder.read_dir().unwrap() {
-            let path = entry.unwrap().path();
-            match path.is_dir() {
-                true => visit(&path, root, found),
-                false => found.push(path.strip_prefix(root).unwrap().to_string_lossy().into_owned()),
-            }
-        }
-    }
-    let mut found = Vec::new();
-    visit(folder, folder, &mut found);
-    found.sort();
-    found
-}
-
-/// A textured picture, moved by (2 t, t) px.
-fn picture(width: usize, height: usize, t: usize) -> Encoded {
-    Encoded(Raster::from_fn(width, height, |x, y| {
-        let (x, y) = ((x + 2 * t) as f32, (y + t) as f32);
-        let wave = |a: f32, b: f32| 0.5 + 0.25 * (a * x + b * y).sin() + 0.2 * (b * x - a * y).sin();
-        [wave(0.31, 0.17), wave(0.13, 0.57), wave(0.77, 0.05)]
-    }))
-}
-
-fn write_frames(folder: &Path, numbers: impl IntoIterator<Item = usize>, (width, height): (usize, usize)) {
-    std::fs::create_dir_all(folder).unwrap();
-    for n in numbers {
-        write_png(folder.join(format!("{n:04}.png")), &picture(width, height, n)).unwrap();
-    }
 }
 
 /// A camera of known parameters.

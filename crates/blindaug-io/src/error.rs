@@ -15,6 +15,7 @@ use std::{
 pub struct Error {
     path: PathBuf,
     sentence: String,
+    over_budget: bool,
 }
 
 /// The result type of this crate.
@@ -23,7 +24,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// An error of a file. The sentence follows the file's name and has no full stop.
     pub fn new(path: impl AsRef<Path>, sentence: impl Into<String>) -> Self {
-        Self { path: path.as_ref().into(), sentence: sentence.into() }
+        Self { path: path.as_ref().into(), sentence: sentence.into(), over_budget: false }
     }
 
     /// An error of a file that cannot be read.
@@ -46,6 +47,16 @@ impl Error {
     pub fn shown_path(path: &Path) -> String {
         const LONGEST_PATH: usize = 1000;
         printable(&cut(&path.to_string_lossy(), LONGEST_PATH)).replace('\n', "\\n")
+    }
+
+    /// An error of something that would take more memory than the budget.
+    pub(crate) fn over_budget(path: &Path, sentence: String) -> Self {
+        Self { over_budget: true, ..Self::new(path, sentence) }
+    }
+
+    /// Whether it would take more memory than the budget, so that a larger one would help.
+    pub fn is_over_budget(&self) -> bool {
+        self.over_budget
     }
 
     /// The file or folder.

@@ -329,7 +329,7 @@ impl FfmpegFrames {
                 ),
             ));
         }
-        let repair = "try to repair it with ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4, or use fewer frames with --frames";
+        let repair = "try to repair it with ffmpeg -i IN -c:v libx264 -crf 12 OUT.mp4, or use only the frames before the damage";
         if !success {
             let (next, why) = (self.decoded + 1, last_words(&words));
             let what = match self.decoded {

@@ -12,7 +12,8 @@
 //! | virtual layers | EXR | [`read_virtual_layer`] |
 //! | depth | EXR, PNG, PGM, TIFF | [`read_inverse_depth`] |
 //! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
-//! | what belongs to them | folders, by number | [`SideFolder`], [`PaperScene`] |
+//! | what belongs to them | folders, by number | [`SideFolder`] |
+//! | what an estimate rests on | the paper's layout | [`PaperScene`], [`EvidenceWriter`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
 //! | frames out | PNG | [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
@@ -23,6 +24,7 @@
 mod camera;
 mod depth;
 mod error;
+mod evidence;
 mod exr;
 mod ffmpeg;
 mod files;
@@ -39,9 +41,11 @@ mod side;
 mod video;
 mod yuv;
 
+pub use blindaug::Frame;
 pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result, guarded, one_line};
+pub use evidence::{EvidenceWriter, PaperScene};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
 pub use files::{Inputs, open_file, read_file, read_text, same_file};
@@ -51,7 +55,8 @@ pub use image::{
     write_texture,
 };
 pub use partial::{
-    check_writable, is_stream, remove_incomplete_files, remove_leftovers_in, write_atomically,
+    check_folder, check_writable, is_stream, make_folder, remove_incomplete_files, remove_leftovers_in,
+    write_atomically,
 };
-pub use sequence::{Frame, FrameRange, FrameSource, Frames};
-pub use side::{PaperScene, SideFolder};
+pub use sequence::{FrameRange, FrameSource, Frames};
+pub use side::SideFolder;

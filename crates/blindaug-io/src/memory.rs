@@ -39,10 +39,10 @@ pub fn fits(path: &Path, what: &str, bytes: u64) -> Result<()> {
     if bytes <= budget {
         return Ok(());
     }
-    Err(Error::new(
+    Err(Error::over_budget(
         path,
         format!(
-            "{what} takes {} of memory, and the budget is {}: raise it (--memory), or use smaller or fewer frames",
+            "{what} takes {} of memory, and the budget is {}: raise it, or use smaller or fewer frames",
             in_words(bytes),
             in_words(budget)
         ),
@@ -131,7 +131,7 @@ mod tests {
         assert_eq!(fits(path, "the picture", budget()), Ok(()));
         let e = fits(path, "the picture", u64::MAX).unwrap_err().to_string();
         assert!(e.starts_with("huge.png: the picture takes 18446744073.8 GB of memory"), "{e}");
-        assert!(e.contains(&in_words(budget())) && e.contains("--memory"), "{e}");
+        assert!(e.contains(&in_words(budget())) && e.contains("raise it"), "{e}");
         assert_eq!(in_words(1_500_000_000), "1.5 GB");
         assert_eq!(in_words(199_000_001), "200 MB");
     }

@@ -330,3 +330,34 @@ mod tests {
         assert!(!incomplete().iter().any(|p| p.starts_with(dir.path())));
     }
 }
+
+/// Checks, before anything is read, that a folder can be written to, or made.
+///
+/// # Errors
+/// If it is something else, or the system does not allow it.
+pub fn check_folder(folder: &Path) -> Result<()> {
+    if folder.exists() && !folder.is_dir() {
+        return Err(Error::new(folder, "this is a file; give the name of a folder"));
+    }
+    // What is there of the path.
+    let there =
+        folder.ancestors().find(|p| !p.as_os_str().is_empty() && p.exists()).unwrap_or(Path::new("."));
+    if !there.is_dir() {
+        let file = Error::shown_path(there);
+        return Err(Error::new(folder, format!("the folder cannot be made: {file} is a file")));
+    }
+    let probe = there.join(format!(".blindaug-{}", std::process::id()));
+    std::fs::File::create(&probe).and_then(|_| std::fs::remove_file(&probe)).map_err(|e| {
+        Error::new(folder, format!("no file can be written to this folder ({e}); choose another"))
+    })
+}
+
+/// Makes a folder for results, with those above it.
+///
+/// # Errors
+/// If it cannot be made or written to.
+pub fn make_folder(folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder)
+        .map_err(|e| Error::new(folder, format!("the folder cannot be made ({e}); choose another")))?;
+    check_folder(folder)
+}

@@ -6,7 +6,7 @@ use crate::{
     image::{frame_size, has_colour, is_exr, read_frame},
     video::{Video, VideoFrames},
 };
-use blindaug::{Encoded, text::one_line};
+use blindaug::{Encoded, Frame, text::one_line};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -15,15 +15,6 @@ use std::{
 
 /// Extensions of images that can be frames; EXR can be one too, if it has colour.
 const IMAGE_EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "ppm"];
-
-/// A frame and its number: the last number in its file's name, or from 1 on in a video.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Frame {
-    /// The number.
-    pub number: u64,
-    /// The frame.
-    pub image: Encoded,
-}
 
 /// Which frames, by their numbers, both ends included.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

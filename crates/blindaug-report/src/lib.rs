@@ -34,7 +34,7 @@ pub mod words;
 
 use blindaug::fit::Diagnostics;
 use blindaug::model::CameraTrack;
-use blindaug::{CameraModel, Encoded, Flow, Plane};
+use blindaug::{CameraModel, Encoded, Sample};
 pub use error::{Error, Result};
 pub use page::page_with;
 pub use pictures::{Shown, shown};
@@ -53,20 +53,6 @@ pub struct ReportInput<'a> {
     pub comparison: Vec<TruthRow>,
     /// More pictures, such as composites.
     pub pictures: Vec<Picture>,
-}
-
-/// A frame with what is known of it. All rasters have the frame's size.
-pub struct Sample {
-    /// The frame's number.
-    pub number: u64,
-    /// As it was filmed.
-    pub frame: Encoded,
-    /// To the next frame.
-    pub flow: Option<Flow>,
-    /// In the unit of the model's defocus.
-    pub inverse_depth: Option<Plane>,
-    /// Sharp and without noise.
-    pub clean: Option<Encoded>,
 }
 
 /// A row of the table of estimated and true values.

@@ -2,9 +2,10 @@
 
 use crate::numbers::number;
 use crate::page::{Part, basis, rgb, steps, swatch, unknown, zoomed};
+use crate::pictures;
 use crate::plots::{self, CHANNELS};
-use crate::{Sample, pictures};
 use blindaug::CameraModel;
+use blindaug::Sample;
 use blindaug::fit::Diagnostics;
 use blindaug::model::{CameraTrack, Distortion, Estimate, NOISE_LEVELS, NoiseModel, total_of_levels};
 use maud::{Markup, html};

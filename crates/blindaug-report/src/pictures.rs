@@ -1,7 +1,7 @@
 //! The pictures of a report: PNG as data URIs, and what they are made of.
 
-use crate::Sample;
 use base64::{Engine, engine::general_purpose::STANDARD};
+use blindaug::Sample;
 use blindaug::model::{BlurSpace, CameraTrack, DepthKind, Estimate, NoiseModel};
 use blindaug::synth::{Blur, defocus::Bokeh, noise};
 use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, filter, luma, pyramid};

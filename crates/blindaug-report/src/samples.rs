@@ -2,7 +2,8 @@
 
 use crate::numbers::{metres, number};
 use crate::page::{picture, reduced, zoomed};
-use crate::{Sample, pictures};
+use crate::pictures;
+use blindaug::Sample;
 use blindaug::model::{CameraTrack, DepthKind};
 use blindaug::{CameraModel, Encoded};
 use maud::{Markup, html};

@@ -4,12 +4,19 @@ use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
     Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
     MotionBlurModel, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
-    ThinLensInterval, TrackedCamera, total_of_levels,
+    SharpeningModel, ThinLensInterval, TrackedCamera, total_of_levels,
 };
 use blindaug::synth::noise::noise;
+use blindaug::{Plane, Sample};
 
-const SECTIONS: [&str; 5] =
-    ["Motion blur: the shutter", "Depth of field: the lens", "Noise: the sensor", "Frames", "Notes"];
+const SECTIONS: [&str; 6] = [
+    "Depth of field: the lens",
+    "Motion blur: the shutter",
+    "Sharpening: the camera's processing",
+    "Noise: the sensor",
+    "Frames",
+    "Notes",
+];
 
 fn noise_model() -> NoiseModel {
     let levels = std::array::from_fn(|l| {
@@ -34,6 +41,13 @@ fn capture_of(width: usize, height: usize) -> Capture {
 
 fn known_model(width: usize, height: usize) -> CameraModel {
     let mut m = CameraModel::unknown(capture_of(width, height), "");
+    m.sharpening = Estimate::Known(SharpeningModel {
+        amount: 0.7,
+        radius_px: 1.0,
+        interval: [0.5, 0.9],
+        method: Method::Temporal,
+        samples: 400,
+    });
     m.noise = Estimate::Known(noise_model());
     m.motion_blur = Estimate::Known(MotionBlurModel {
         exposure: ExposureFraction(0.48),
@@ -225,6 +239,7 @@ fn a_full_report_has_every_part() {
         "from 1.14 to 1.52 m",
         "14.0 px across",
         "2\u{202f}105 image tiles",
+        "Unsharp mask of 0.700",
         "95 % interval",
         "Estimated beside true values",
         "Composite",
@@ -283,7 +298,7 @@ fn what_is_unknown_is_said() {
     };
     let html = written(&input(vec![]));
     check(&html);
-    assert_eq!(html.matches("nothing &lt;moves&gt;").count(), 3);
+    assert_eq!(html.matches("nothing &lt;moves&gt;").count(), 4);
     assert_eq!(html.matches("<svg").count(), 0);
     assert!(html.contains("No frames were kept"));
     let html = written(&input(vec![full_sample(120, 120)]));
@@ -409,8 +424,8 @@ fn bands_and_dashes(svg: &str) -> [usize; 2] {
 
 #[test]
 fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
-    // Exposure, blur at infinity, focus, noise in three channels.
-    const BANDS: [usize; 4] = [1, 1, 1, 3];
+    // Blur at infinity, focus, exposure, the mask's amount, noise in three channels.
+    const BANDS: [usize; 5] = [1, 1, 1, 1, 3];
     let (steady, html) = tracked(|_, _, _| ());
     assert_eq!(steady.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(), BANDS.map(|b| [b, 0]));
     assert!(!html.contains("change was noticed in") && !html.contains("Unknown"));
@@ -425,12 +440,12 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
         }
     });
     assert!(html.contains("A change was noticed in frame 9."));
-    let [bands, dashes] = bands_and_dashes(&jumped[0]);
+    let [bands, dashes] = bands_and_dashes(&jumped[2]);
     assert!(bands == 1 && dashes > 5, "{bands} {dashes}");
-    assert_eq!(jumped[1..], steady[1..]);
+    assert_eq!((&jumped[..2], &jumped[3..]), (&steady[..2], &steady[3..]));
     assert_ne!(
-        jumped[0].lines().find(|l| l.contains("<polygon")),
-        steady[0].lines().find(|l| l.contains("<polygon"))
+        jumped[2].lines().find(|l| l.contains("<polygon")),
+        steady[2].lines().find(|l| l.contains("<polygon"))
     );
 }
 
@@ -445,8 +460,11 @@ fn what_a_track_does_not_know_is_left_out_and_said() {
             camera.motion_blur = Estimate::unknown(Reason::NoMotion, "nothing moves");
         }
     });
-    // The lens in two stretches, the exposure in a single frame, the noise not at all.
-    assert_eq!(plots.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(), [[1, 0], [2, 0], [2, 0]]);
+    // The lens in two stretches, the exposure in a single frame, sharpening throughout, the noise not at all.
+    assert_eq!(
+        plots.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(),
+        [[2, 0], [2, 0], [1, 0], [1, 0]]
+    );
     for part in [
         "Unknown in frame 1 to 2: </strong>nothing near, 2.",
         "Unknown in frame 8: </strong>nothing near, 8.",
@@ -478,7 +496,6 @@ fn large_noisy_frames_do_not_make_a_large_file() {
 
 #[test]
 fn the_noise_of_even_content_is_that_of_its_bands() {
-    let m = noise_model();
     // White noise of std 0.02 has these bands, so all of them together have nearly its std.
     let band = blindaug::synth::noise::white_band_std();
     for std in total_of_levels(&std::array::from_fn(|level| [0.02 * band[level]; 3])) {

@@ -3,8 +3,8 @@
 use blindaug::{
     CameraModel,
     model::{
-        CameraTrack, Capture, DefocusModel, DepthKind, Distortion, Estimate, Focus, Method, NoiseModel,
-        SharpeningModel, TrackedCamera, VISIBLE_PX,
+        CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, Focus, Method,
+        NoiseModel, SharpeningModel, TrackedCamera, VISIBLE_PX,
     },
 };
 use serde_json::{Map, Value, json};
@@ -62,7 +62,7 @@ pub fn table(track: &CameraTrack) -> String {
     text
 }
 
-/// What a change of a distortion's parameters is called in the table.
+/// What the parameters of a distortion are called in tables.
 fn changed_name(distortion: Distortion) -> &'static str {
     match distortion {
         Distortion::Defocus => "lens",
@@ -197,6 +197,48 @@ fn sharpening_words(text: &mut String, sharpening: &SharpeningModel) -> std::fmt
     )?;
     writeln!(text, "           and radius {radius} px, the std of its Gaussian")?;
     writeln!(text, "           {}", origin(method, samples, unit_of_samples(method)))
+}
+
+/// The parameters of a camera in a few words each, by their names: what is known, or why it is not.
+pub fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
+    let mut rows = Vec::new();
+    for distortion in Distortion::ALL {
+        if let Some(why) = camera.why_unknown(distortion) {
+            rows.push((changed_name(distortion), format!("unknown: {why}")));
+            continue;
+        }
+        match distortion {
+            Distortion::Defocus => {
+                camera.defocus.known().iter().for_each(|lens| rows.extend(lens_rows(lens)))
+            }
+            Distortion::MotionBlur => {
+                let known = camera.motion_blur.known();
+                rows.extend(known.map(|m| ("exposure", with_interval(m.exposure.0, m.interval))));
+            }
+            Distortion::Sharpening => {
+                let known = camera.sharpening.known();
+                rows.extend(known.map(|s| ("sharpening", with_interval(s.amount, s.interval))));
+            }
+            Distortion::Noise => rows.extend(camera.noise.known().map(|noise| {
+                let [r, g, b] = noise.total_std(0.5).map(|v| 255.0 * v);
+                ("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}"))
+            })),
+        }
+    }
+    rows
+}
+
+fn lens_rows(lens: &DefocusModel) -> Vec<(&'static str, String)> {
+    match lens.curve {
+        DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
+            let i = interval.map_or([[s; 2], [f; 2]], |i| [i.sigma_px_at_infinity, i.focus_inverse_depth]);
+            let unit = if lens.depth_kind == DepthKind::Metric { "focus, 1/m" } else { "focus, relative" };
+            vec![("blur at infinity, px", with_interval(s, i[0])), (unit, with_interval(f, i[1]))]
+        }
+        DefocusCurve::Quadratic { a, b, c, .. } => {
+            vec![("lens", format!("{a:.2} d² + {b:.2} d + {c:.2} px"))]
+        }
+    }
 }
 
 /// The derived values, for programs.

@@ -67,6 +67,7 @@ mod error;
 pub mod export;
 pub mod filter;
 pub mod fit;
+mod frame;
 pub mod metrics;
 pub mod model;
 mod par;
@@ -78,5 +79,6 @@ pub mod text;
 
 pub use colour::{Encoded, LUMA, Linear, Premultiplied, Transfer, luma};
 pub use error::{Error, Result};
+pub use frame::{Frame, Sample};
 pub use model::CameraModel;
 pub use raster::{Flow, Pixel, Plane, Raster};

@@ -1,12 +1,12 @@
 //! Rendered clips of known truth from a folder: one folder a clip, with `clean/`, a folder per condition and `truth.json`.
 
-use crate::console::{Failure, Result, failure};
 use blindaug::composite::{self, Plate, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
 use blindaug::text::one_line;
 use blindaug::{CameraModel, Encoded, Transfer};
+use blindaug_cli::console::{Failure, Result, failure};
 use blindaug_scenes::measure::{Footage, NoiseTruth, Truth};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

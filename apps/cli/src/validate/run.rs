@@ -1,9 +1,10 @@
 //! Runs an estimator on footage of known truth.
 
-use crate::networks::{Networks, or_removed};
 use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
 use blindaug::model::DepthKind;
 use blindaug::{Encoded, Result};
+use blindaug_cli::console::CONSOLE;
+use blindaug_pipeline::{Networks, Operators};
 use blindaug_scenes::measure::{self, Footage, Given, Measured};
 use std::time::Instant;
 
@@ -44,21 +45,19 @@ fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<
     for (i, frame) in footage.frames.iter().enumerate().take(used) {
         // Of a single frame nothing is known of how it moves.
         let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
-        let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
         let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
+        let given = Evidence {
+            flow,
+            inverse_depth: depth,
+            clean: everything.then(|| &footage.clean[i]),
+            ..Evidence::default()
+        };
+        let evidence = if by_networks { networks.evidence(&numbered, i, given, CONSOLE) } else { given };
         estimator.add(&FrameObservation {
             frame,
             next: footage.frames.get(i + 1),
             previous: i.checked_sub(1).map(|i| &footage.frames[i]),
-            evidence: or_removed(
-                Evidence {
-                    flow,
-                    inverse_depth: depth,
-                    clean: everything.then(|| &footage.clean[i]),
-                    ..Evidence::default()
-                },
-                &removed,
-            ),
+            evidence,
         })?;
     }
     estimator.estimate()

@@ -1,12 +1,13 @@
 //! Real noise: a camera that stands still before something still. The median over time is the clean picture.
 
-use crate::console::{Result, failure};
-use crate::networks::Networks;
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::model::{Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::synth;
 use blindaug::{Encoded, Plane, Raster, filter};
+use blindaug_cli::console::{CONSOLE, Result, failure};
 use blindaug_io::{FrameRange, FrameSource};
+use blindaug_nets::Removed;
+use blindaug_pipeline::Networks;
 use blindaug_scenes::measure::{NoiseTruth, median, noise_errors};
 use std::fmt::Write;
 use std::path::Path;
@@ -87,7 +88,8 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
         let mut estimator = Estimator::new(EstimatorOptions::default());
         let frames = if single { 1 } else { first.len() };
         for (i, frame) in first.iter().enumerate().take(frames) {
-            let removed = if by_networks { networks.run(&numbered, i) } else { Default::default() };
+            let none = Removed::default();
+            let removed = if by_networks { networks.run(&numbered, i, CONSOLE) } else { &none };
             let next = first.get(i + 1).filter(|_| !single);
             let previous = i.checked_sub(1).map(|i| &first[i]);
             // As if it were known: an estimate leaves a network's residual out.

@@ -509,7 +509,7 @@ mod tests {
         let mut normal = normal_numbers();
         let luma = tile(&s, 0, 512, None, &mut normal);
         let bands = tileable_bands(256, 3);
-        let shape = Covariance::of_channel(&bands, coarse.levels.each_ref().map(|l| l.sigma(0.5)[0]));
+        let shape = Covariance::of_channel(&bands, coarse.lines().levels.each_ref().map(|l| l.sigma(0.5)[0]));
         for plane in 1..3 {
             let weights: f32 = ycbcr(1080)[plane].iter().map(|w| w * w).sum();
             let want = 224.0 * (weights * shape.halved(0, 0)).sqrt();

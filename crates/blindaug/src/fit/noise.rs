@@ -848,7 +848,7 @@ pub(super) mod tests {
         let fit = e.fit();
         let model = fit.model.known().expect("there is evidence");
         let mut worst = 0.0f32;
-        for (level, white) in model.levels.iter().zip(white_band_std()) {
+        for (level, white) in model.lines().levels.iter().zip(white_band_std()) {
             for y in [0.25, 0.45, 0.65] {
                 worst =
                     level.sigma(y).iter().map(|s| (s / (sigma * white) - 1.0).abs()).fold(worst, f32::max);
@@ -1061,7 +1061,7 @@ pub(super) mod tests {
         let found = e.fit().model;
         // The levels of the synthesis reach into each other.
         let (bands, _) = pyramid::laplacian(&noise(0), NOISE_LEVELS);
-        for (found, band) in found.known().expect("there is evidence").levels.iter().zip(&bands) {
+        for (found, band) in found.known().expect("there is evidence").lines().levels.iter().zip(&bands) {
             let power = band.data().iter().map(|v| v[1] * v[1]).sum::<f32>() / band.data().len() as f32;
             let ratio = found.sigma(0.45)[1] / power.sqrt();
             assert!((ratio - 1.0).abs() < 0.15, "{ratio}");

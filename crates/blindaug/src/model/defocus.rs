@@ -1,17 +1,7 @@
 use super::distortion::DistortionModel;
-use super::{Method, check, lerp, lerp_all};
+use super::{DepthKind, Method, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
-
-/// What the inverse depths of a defocus model, or of a depth map, are measured in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DepthKind {
-    /// 1 / m along the view axis.
-    Metric,
-    /// Relative inverse depth: of unknown scale and offset, larger is nearer.
-    Relative,
-}
 
 /// The std of the Gaussian that is equivalent to the defocus blur, over inverse depth d.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -8,15 +8,19 @@ mod motion_blur;
 mod noise;
 mod sharpening;
 mod track;
+mod units;
 
-pub use defocus::{DefocusCurve, DefocusModel, DepthKind, ThinLensInterval};
+pub use defocus::{DefocusCurve, DefocusModel, ThinLensInterval};
 pub use distortion::Distortion;
 pub use estimate::{Estimate, Reason, Unknown};
 pub use facts::{DefocusFacts, Focus, VISIBLE_PX, thin_lens_sharp};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
+#[cfg(test)]
+pub(crate) use noise::BAND_COVARIANCE;
 pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, total_of_levels};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
+pub use units::{DepthKind, SceneScale};
 
 use crate::{Error, Result, Transfer, text};
 use serde::{Deserialize, Deserializer, Serialize};

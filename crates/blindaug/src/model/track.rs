@@ -199,7 +199,7 @@ mod tests {
             (
                 m.motion_blur.known().map(|m| m.exposure.0),
                 lens.sigma_px(0.0),
-                m.noise.known().unwrap().levels[0].intercept[1],
+                m.noise.known().unwrap().lines().levels[0].intercept[1],
             )
         };
         let near = |a: f32, b: f32| (a - b).abs() < 1e-5;

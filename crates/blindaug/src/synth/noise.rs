@@ -171,6 +171,7 @@ fn band_std_by_kernels() -> [f32; NOISE_LEVELS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::BAND_COVARIANCE;
     use crate::model::NoiseLevel;
 
     /// (mean, std) of one channel.
@@ -300,7 +301,7 @@ mod tests {
             }
         }
         // Of white noise, the low-pass below the four bands is all that is missing.
-        for std in total_std(&white_model([0.0; 3], [0.05; 3]), 0.2) {
+        for std in white_model([0.0; 3], [0.05; 3]).total_std(0.2) {
             assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
         }
     }
@@ -322,6 +323,21 @@ mod tests {
             let both: f32 =
                 one.data().iter().flatten().zip(other.data().iter().flatten()).map(|(a, b)| a * b).sum();
             assert!(both.abs() < 0.03 * power, "{seed} {frame}: {}", both / power);
+        }
+    }
+
+    #[test]
+    fn the_covariance_of_the_levels_is_that_of_white_noise_at_full_resolution() {
+        let bands = tileable_bands(512, 0);
+        let mean = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| {
+            let (a, b) = (a.data().as_flattened(), b.data().as_flattened());
+            a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum::<f64>() / a.len() as f64
+        };
+        for (i, row) in BAND_COVARIANCE.iter().enumerate() {
+            for (j, kept) in row.iter().enumerate() {
+                let measured = mean(&bands[i], &bands[j]) as f32;
+                assert!((measured - kept).abs() < 1e-6, "{i} {j}: {measured} {kept}");
+            }
         }
     }
 

@@ -9,16 +9,16 @@ use glam::{DMat3, DVec2, DVec3};
 /// Share of the flow's samples that must agree with one homography for a plane to be found, and for it to be kept.
 const FOUND: f64 = 0.5;
 const KEPT: f64 = 0.35;
-/// So many frames in a row must say otherwise for a plane to be found or lost.
+/// The number of frames in a row that must say otherwise for a plane to be found or lost.
 const AGREEING: u32 = 3;
-/// Flow is looked at in about so many places.
+/// The number of places, about, in which flow is looked at.
 const SAMPLES: usize = 800;
-/// Four of them are drawn so many times.
+/// How often four samples are drawn, through which a homography is laid.
 const DRAWS: usize = 200;
 /// How far a point of the plane may be from where the homography takes it, in widths of the picture, and at least in px.
 const TOLERANCE: f64 = 0.002;
 const TOLERANCE_PX: f64 = 0.5;
-/// Least squares with weights of the residuals, so many times.
+/// How often the homography is fitted by least squares, each time with weights from the last residuals.
 const REFINEMENTS: usize = 5;
 /// How near and how far a plane is followed, in units of the distance that it was found at.
 const REACH: std::ops::Range<f64> = 0.1..20.0;
@@ -28,12 +28,12 @@ const REACH: std::ops::Range<f64> = 0.1..20.0;
 pub struct Pinhole {
     /// Width and height, px.
     pub size: (usize, usize),
-    /// In px.
+    /// The focal length, px.
     pub focal_length: f64,
 }
 
 impl Pinhole {
-    /// Of a vertical field of view in degrees, in (0, 180).
+    /// A camera for pictures of a size in px, with a vertical field of view in degrees, in (0, 180).
     pub fn new(size: (usize, usize), fov: f64) -> Self {
         Self { size, focal_length: 0.5 * size.1 as f64 / (0.5 * fov.to_radians()).tan() }
     }
@@ -60,7 +60,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// Of a plane that faces the camera, with its origin at a px.
+    /// The pose of a plane that faces the camera, with its origin at a px.
     fn facing(camera: &Pinhole, at: DVec2, distance: f64) -> Self {
         let place = (at - camera.centre()) / camera.focal_length;
         Self { rotation: DMat3::IDENTITY, translation: distance * place.extend(1.0) }

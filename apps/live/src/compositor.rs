@@ -1,8 +1,9 @@
 //! The object over a frame.
 
-use super::{render::Layer, source::Shot};
+use super::render::Layer;
 use blindaug::{CameraModel, Result, composite::CompositeOptions};
 use blindaug_gpu::{Bound, Compositor as Effects, Depth, Frame, Gpu, Inputs, Quality, Velocity, texture};
+use blindaug_pipeline::live::LiveFrame;
 use wgpu::{TextureFormat, TextureUsages, TextureView};
 
 /// Composites one layer over frames of its size.
@@ -42,7 +43,7 @@ impl Compositor {
     pub fn composite(
         &self,
         gpu: &Gpu,
-        shot: &Shot,
+        shot: &LiveFrame,
         camera: &CameraModel,
         quality: Quality,
         targets: &[(CompositeOptions, &TextureView)],

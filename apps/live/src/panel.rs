@@ -2,21 +2,20 @@
 
 use super::{
     DISTANCES,
-    estimation::{Estimate, Home},
     stage::{Look, Times},
 };
-use blindaug::{
-    CameraModel,
-    model::{DefocusCurve, DepthKind, Estimate as Parameter},
-    synth::defocus::Bokeh,
-};
+use blindaug::synth::defocus::Bokeh;
 use blindaug_gpu::Quality;
-use blindaug_report::words::with_interval;
+use blindaug_pipeline::live::{Home, LiveEstimate};
+use blindaug_report::words::parameters;
 use egui::{
     CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
     TextureId, Ui, pos2, vec2,
 };
-use std::{ops::RangeInclusive, time::Instant};
+use std::{
+    ops::RangeInclusive,
+    time::{Duration, Instant},
+};
 
 /// How much of the mean frame times is kept from frame to frame.
 const KEPT: f32 = 0.9;
@@ -61,7 +60,7 @@ pub struct Shown {
 
 impl Shown {
     /// Takes what belongs to a picture; `new`: of another frame than the last one.
-    pub fn add(&mut self, number: u64, estimate: &Estimate, times: Times, new: bool) {
+    pub fn add(&mut self, number: u64, estimate: &LiveEstimate, time: Duration, times: Times, new: bool) {
         self.number = number;
         self.on_plane = estimate.placed.on_plane;
         self.parameters = parameters(&estimate.tracked.camera);
@@ -71,7 +70,7 @@ impl Shown {
             return;
         }
         let fresh = [
-            ("estimate", Some(estimate.time)),
+            ("estimate", Some(time)),
             ("render", Some(times.render)),
             ("composite", Some(times.composite)),
             ("between frames", last.map(|last| last.elapsed())),
@@ -83,43 +82,6 @@ impl Shown {
             *mean = if *mean > 0.0 { KEPT * *mean + (1.0 - KEPT) * ms } else { ms };
         }
     }
-}
-
-/// The camera's parameters in a few words each.
-fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
-    let mut rows = Vec::new();
-    match &camera.motion_blur {
-        Parameter::Known(m) => rows.push(("exposure", with_interval(m.exposure.0, m.interval))),
-        Parameter::Unknown(why) => rows.push(("exposure", format!("unknown: {why}"))),
-    }
-    match &camera.noise {
-        Parameter::Known(n) => {
-            let [r, g, b] = n.total_std(0.5).map(|v| 255.0 * v);
-            rows.push(("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}")));
-        }
-        Parameter::Unknown(why) => rows.push(("noise", format!("unknown: {why}"))),
-    }
-    match &camera.defocus {
-        Parameter::Known(lens) => match lens.curve {
-            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
-                let i =
-                    interval.map_or([[s; 2], [f; 2]], |i| [i.sigma_px_at_infinity, i.focus_inverse_depth]);
-                let unit =
-                    if lens.depth_kind == DepthKind::Metric { "focus, 1/m" } else { "focus, relative" };
-                rows.push(("blur at infinity, px", with_interval(s, i[0])));
-                rows.push((unit, with_interval(f, i[1])));
-            }
-            DefocusCurve::Quadratic { a, b, c, .. } => {
-                rows.push(("defocus", format!("{a:.2} d² + {b:.2} d + {c:.2} px")));
-            }
-        },
-        Parameter::Unknown(why) => rows.push(("defocus", format!("unknown: {why}"))),
-    }
-    match &camera.sharpening {
-        Parameter::Known(s) => rows.push(("sharpening", with_interval(s.amount, s.interval))),
-        Parameter::Unknown(why) => rows.push(("sharpening", format!("unknown: {why}"))),
-    }
-    rows
 }
 
 /// Shows everything, with a panel of this width, in points.

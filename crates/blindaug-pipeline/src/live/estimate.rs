@@ -1,16 +1,15 @@
 //! The camera and the object's place, estimated while the frames come.
 
 use super::{
+    frames::LiveFrame,
     placement::{Pinhole, Placed, Placement},
-    source::Shot,
 };
 use blindaug::{
     CameraModel, Plane, Result,
     fit::{Evidence, FrameObservation, track::Tracker},
-    model::{BlurSpace, DepthKind, Estimate as Parameter, Reason, TrackedCamera},
+    model::{BlurSpace, DepthKind, Estimate, Reason, SceneScale, TrackedCamera},
 };
 use glam::DVec2;
-use std::time::{Duration, Instant};
 
 /// The share of the frame's width around the object's foot where depth is looked at.
 const AROUND: f64 = 0.1;
@@ -30,7 +29,7 @@ pub struct Home {
 
 /// What was estimated at a frame.
 #[derive(Clone, Debug)]
-pub struct Estimate {
+pub struct LiveEstimate {
     /// The frame's number and the camera, as the tracker gives it.
     pub tracked: TrackedCamera,
     /// The camera with its lens over inverse depth in 1/m, to be applied.
@@ -39,11 +38,9 @@ pub struct Estimate {
     pub placed: Placed,
     /// As it is for the next frame.
     placement: Placement,
-    /// How long it took.
-    pub time: Duration,
 }
 
-impl Estimate {
+impl LiveEstimate {
     /// Where the object stands in this frame or a later one, up to which it goes on as it went.
     pub fn placed_at(&self, number: u64) -> Placed {
         let mut placement = self.placement;
@@ -53,20 +50,20 @@ impl Estimate {
 }
 
 /// Estimates frame after frame.
-pub struct Estimation {
+pub struct LiveEstimator {
     tracker: Tracker,
     pinhole: Pinhole,
     home: Home,
     placement: Placement,
     /// Relative inverse depth of what is 1 m away.
     scale: Option<f32>,
-    /// Of the last frame.
+    /// The number of the last frame.
     number: u64,
     lap: u64,
 }
 
-impl Estimation {
-    /// Of a camera that is nearly this one.
+impl LiveEstimator {
+    /// An estimator of a camera that is nearly this pinhole, for an object that is first at home; `fps` frames come a second.
     pub fn new(pinhole: Pinhole, home: Home, fps: Option<f64>) -> Self {
         Self {
             tracker: Tracker::new(BlurSpace::Linear, fps),
@@ -84,9 +81,8 @@ impl Estimation {
     ///
     /// # Errors
     /// If its size differs from the first one's.
-    pub fn push(&mut self, shot: &Shot, home: Home) -> Result<Estimate> {
-        let start = Instant::now();
-        let Shot { number, lap, frame, next, previous } = shot;
+    pub fn push(&mut self, shown: &LiveFrame, home: Home) -> Result<LiveEstimate> {
+        let LiveFrame { number, lap, frame, next, previous } = shown;
         let observation = FrameObservation {
             frame,
             next: next.as_deref(),
@@ -121,7 +117,7 @@ impl Estimation {
             (Some(new), Some(old)) => Some(KEPT * old + (1.0 - KEPT) * new),
             (new, old) => new.or(old),
         };
-        Ok(Estimate {
+        Ok(LiveEstimate {
             tracked: TrackedCamera {
                 frame: *number,
                 changed: self.tracker.changes(),
@@ -130,7 +126,6 @@ impl Estimation {
             camera: in_metres(camera, self.scale),
             placed,
             placement: self.placement,
-            time: start.elapsed(),
         })
     }
 
@@ -159,17 +154,16 @@ impl Estimation {
 
 /// The camera with its lens over inverse depth in 1/m, where `scale` is the relative inverse depth of what is 1 m away.
 fn in_metres(mut camera: CameraModel, scale: Option<f32>) -> CameraModel {
-    if let Parameter::Known(lens) = &mut camera.defocus
-        && lens.depth_kind == DepthKind::Relative
-    {
-        camera.defocus = match scale {
-            Some(scale) => Parameter::Known(lens.to_metric(scale, 0.0)),
-            None => {
-                Parameter::unknown(Reason::NoDepth, "nothing is known of the depth where the object stands")
-            }
-        };
+    let is_relative = camera.defocus.known().is_some_and(|lens| lens.depth_kind == DepthKind::Relative);
+    match scale {
+        Some(scale) => camera.to_metric(SceneScale { scale, offset: 0.0 }),
+        None if is_relative => {
+            let why = "nothing is known of the depth where the object stands";
+            camera.defocus = Estimate::unknown(Reason::NoDepth, why);
+            camera
+        }
+        None => camera,
     }
-    camera
 }
 
 #[cfg(test)]
@@ -184,12 +178,12 @@ mod tests {
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
         let frame = Arc::new(Encoded(Raster::filled(64, 48, [0.25; 3])));
         let pushed = |number, lap| {
-            let mut estimation = Estimation::new(pinhole, home, None);
+            let mut estimation = LiveEstimator::new(pinhole, home, None);
             for _ in 0..6 {
                 estimation.placement.push(Some(&Flow::filled(64, 48, [1.0, 0.0])));
             }
             (estimation.number, estimation.scale) = (6, Some(5.0));
-            let shot = Shot { number, lap, frame: frame.clone(), next: None, previous: None };
+            let shot = LiveFrame { number, lap, frame: frame.clone(), next: None, previous: None };
             let placed = estimation.push(&shot, home).unwrap().placed;
             // Of a picture without anything in it there is no depth.
             assert_eq!(estimation.scale, None);
@@ -207,15 +201,15 @@ mod tests {
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
         let frame =
             |i| Arc::new(Encoded(Raster::from_fn(64, 48, |x, y| [((x + i) * y % 7) as f32 / 7.0; 3])));
-        let shot = |i| Shot {
+        let shot = |i| LiveFrame {
             number: i as u64,
             lap: 0,
             frame: frame(i),
             next: Some(frame(i + 1)),
             previous: (i > 1).then(|| frame(i - 1)),
         };
-        let mut moved = Estimation::new(pinhole, home, None);
-        let mut still = Estimation::new(pinhole, home, None);
+        let mut moved = LiveEstimator::new(pinhole, home, None);
+        let mut still = LiveEstimator::new(pinhole, home, None);
         let elsewhere = Home { at: DVec2::new(0.2, 0.6), distance: 5.0 };
         let first = moved.push(&shot(1), home).unwrap();
         still.push(&shot(1), home).unwrap();

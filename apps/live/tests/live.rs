@@ -1,14 +1,23 @@
 //! `blindaug live` without its window.
 
-use super::{blindaug, fails, files_in, run, sentence_with, succeeds, write_frames};
+#[path = "../../cli/tests/common/mod.rs"]
+mod common;
+
 use blindaug_gpu::Gpu;
 use blindaug_io::{FrameSource, read_frame};
+use common::*;
 use std::{
     path::{Path, PathBuf},
     process::{Command, Stdio},
     time::{Duration, Instant},
 };
 use tempfile::TempDir;
+
+fn blindaug() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_blindaug-live"));
+    command.stdin(Stdio::null());
+    command
+}
 
 /// A clip of four frames.
 fn clip() -> TempDir {
@@ -23,7 +32,7 @@ fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
         return;
     }
     let dir = clip();
-    let live = |more: &str| succeeds(dir.path(), &format!("live frames --headless --frames 6 {more}"));
+    let live = |more: &str| succeeds(dir.path(), &format!("frames --headless --frames 6 {more}"));
     let said = live("-o a");
     let camera: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!((&camera["frame"], &camera["capture"]["frames_used"]), (&6.into(), &6.into()), "{said}");
@@ -51,7 +60,7 @@ fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
     };
     assert!(same(&pasted, 0..63) && same(&made, 65..128) && !same(&pasted, 65..128));
     // What is there is not replaced unasked.
-    assert!(fails(dir.path(), "live frames --headless --frames 6 -o a").contains("--overwrite"));
+    assert!(fails(dir.path(), "frames --headless --frames 6 -o a").contains("--overwrite"));
     live("-o a --overwrite");
 }
 
@@ -64,7 +73,7 @@ fn ctrl_c_keeps_the_frames_so_far_and_says_that_there_should_be_more() {
     let dir = clip();
     let d = dir.path();
     let mut command = blindaug();
-    command.current_dir(d).args("live frames --headless --frames 100000 -o out".split_whitespace());
+    command.current_dir(d).args("frames --headless --frames 100000 -o out".split_whitespace());
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let start = Instant::now();
     while !d.join("out/0002.png").exists() {
@@ -93,13 +102,13 @@ fn what_cannot_be_read_ends_in_a_sentence_and_leaves_nothing() {
     std::fs::write(dir.path().join("cut.glb"), b"glTF\x02\0\0\0\xff\0\0\0\x40\0\0\0JSON{\"asset\":").unwrap();
     let before = files_in(dir.path());
     for (arguments, file) in [
-        ("live missing.mp4", "missing.mp4"),
-        ("live empty", "empty"),
-        ("live cut.glb", "cut.glb"),
-        ("live camera:77", "camera:77"),
-        ("live frames --object missing.glb", "missing.glb"),
-        ("live frames --object cut.glb", "cut.glb"),
-        ("live frames --object frames/0001.png", "0001.png"),
+        ("missing.mp4", "missing.mp4"),
+        ("empty", "empty"),
+        ("cut.glb", "cut.glb"),
+        ("camera:77", "camera:77"),
+        ("frames --object missing.glb", "missing.glb"),
+        ("frames --object cut.glb", "cut.glb"),
+        ("frames --object frames/0001.png", "0001.png"),
     ] {
         for output in ["out", "out.mp4"] {
             let said = fails(dir.path(), &format!("{arguments} --headless --frames 2 -o {output}"));
@@ -117,7 +126,7 @@ fn what_cannot_be_read_ends_in_a_sentence_and_leaves_nothing() {
         "--distance x",
         "--fps 0",
     ] {
-        let output = run(dir.path(), &format!("live frames {wrong}"));
+        let output = run(dir.path(), &format!("frames {wrong}"));
         assert_eq!(output.status.code(), Some(2), "{wrong}");
     }
 }
@@ -136,10 +145,7 @@ fn a_video_comes_out_of_a_video() {
     }
     let dir = TempDir::new().unwrap();
     let video = video.display();
-    succeeds(
-        dir.path(),
-        &format!("live {video} --headless --frames 5 -o out.mp4 --bokeh disk --size 1 --fps 10"),
-    );
+    succeeds(dir.path(), &format!("{video} --headless --frames 5 -o out.mp4 --bokeh disk --size 1 --fps 10"));
     let made = FrameSource::open(dir.path().join("out.mp4"), Default::default()).unwrap();
     assert_eq!((made.size(), made.fps(), made.frames().count()), ((640, 272), Some(10.0), 5));
 }

@@ -2,17 +2,15 @@
 
 use super::{
     SIZES, Scene,
-    estimation::{Estimate, Estimation, Home},
     panel::{self, Action, Controls, Shown},
-    source::{Loop, Shot},
     stage::{Look, Stage, Times},
 };
-use crate::{
-    composite::Output,
-    console::{self, Failure, Result, failure, note},
-};
 use blindaug::Encoded;
+use blindaug_cli::console::{self, Failure, Result, failure, note};
 use blindaug_gpu::Gpu;
+use blindaug_io::VideoWriter;
+use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Loop};
+use blindaug_report::words::count;
 use std::{
     path::PathBuf,
     sync::{
@@ -106,7 +104,7 @@ fn without_place(why: &str) -> String {
 
 /// Reads frames at their rate and keeps the newest.
 struct Reader {
-    newest: Arc<Mutex<Option<Result<Shot>>>>,
+    newest: Arc<Mutex<Option<Result<LiveFrame>>>>,
     paused: Arc<AtomicBool>,
 }
 
@@ -150,30 +148,38 @@ impl Reader {
         reader
     }
 
-    fn newest(&self) -> Option<Result<Shot>> {
+    fn newest(&self) -> Option<Result<LiveFrame>> {
         self.newest.lock().ok()?.take()
     }
+}
+
+/// An estimate and how long it took.
+struct Timed {
+    estimate: LiveEstimate,
+    time: Duration,
 }
 
 /// Estimates what it is given, one frame at a time.
 struct Worker {
     /// Takes a frame only while it waits for one.
-    shots: SyncSender<(Shot, Home)>,
-    estimates: Receiver<Result<Estimate>>,
+    shots: SyncSender<(LiveFrame, Home)>,
+    estimates: Receiver<Result<Timed>>,
     /// Of the frame that it took last.
     home: Home,
 }
 
 impl Worker {
     fn start(scene: &Arc<Scene>, bell: Bell) -> Self {
-        let (shots, given) = sync_channel::<(Shot, Home)>(0);
-        let (made, estimates): (Sender<Result<Estimate>>, _) = channel();
+        let (shots, given) = sync_channel::<(LiveFrame, Home)>(0);
+        let (made, estimates): (Sender<Result<Timed>>, _) = channel();
         let (scene, first) = (scene.clone(), scene.home);
         std::thread::spawn(move || {
-            let mut estimation = Estimation::new(scene.camera, scene.home, scene.fps);
+            let mut estimation = LiveEstimator::new(scene.camera, scene.home, scene.fps);
             for (shot, home) in given {
+                let start = Instant::now();
                 let estimate = estimation.push(&shot, home).map_err(|e| failure(scene.source.path(), e));
-                if made.send(estimate).is_err() || !bell.ring() {
+                let timed = estimate.map(|estimate| Timed { estimate, time: start.elapsed() });
+                if made.send(timed).is_err() || !bell.ring() {
                     return;
                 }
             }
@@ -182,7 +188,7 @@ impl Worker {
     }
 
     /// Gives it a frame if it waits for one.
-    fn offer(&mut self, shot: &Shot, home: Home) -> Result<()> {
+    fn offer(&mut self, shot: &LiveFrame, home: Home) -> Result<()> {
         match self.shots.try_send((shot.clone(), home)) {
             Ok(()) => self.home = home,
             Err(TrySendError::Full(_)) => {}
@@ -195,7 +201,7 @@ impl Worker {
 /// Writes pictures to a video.
 struct Recording {
     path: PathBuf,
-    pictures: SyncSender<(u64, Encoded)>,
+    pictures: SyncSender<Encoded>,
     writer: JoinHandle<Result<()>>,
     /// Of the frame that was recorded last; 0: what comes next follows at once.
     number: u64,
@@ -206,13 +212,18 @@ impl Recording {
     fn start(scene: &Scene) -> Result<Self> {
         let name = |i: u32| PathBuf::from(format!("blindaug-live-{i}.mp4"));
         let path = (1..).map(name).find(|p| !p.exists()).unwrap_or_else(|| name(0));
-        let mut output = Output::open(&path, &scene.source, false, scene.fps)?;
-        let (pictures, given) = sync_channel::<(u64, Encoded)>(QUEUE);
+        let mut video = VideoWriter::create(&path, scene.source.size(), scene.pace())?;
+        let name = path.clone();
+        let (pictures, given) = sync_channel::<Encoded>(QUEUE);
         let writer = std::thread::spawn(move || {
-            for (number, picture) in given {
-                output.write(number, picture)?;
+            let mut written = 0;
+            for picture in given {
+                video.write(&picture)?;
+                written += 1;
             }
-            output.finish()
+            video.finish()?;
+            note(format_args!("{}: {} written", name.display(), count(written, "frame")));
+            Ok(())
         });
         Ok(Self { path, pictures, writer, number: 0 })
     }
@@ -222,7 +233,7 @@ impl Recording {
         let times = if self.number == 0 { 1 } else { number.saturating_sub(self.number) };
         for _ in 0..times {
             // If it has failed, it says so at the end.
-            let _ = self.pictures.send((number, picture.clone()));
+            let _ = self.pictures.send(picture.clone());
         }
         self.number = number;
     }
@@ -390,10 +401,10 @@ struct App {
     window: Option<Arc<Window>>,
     graphics: Option<Graphics>,
     /// The newest frame, while its estimate is waited for.
-    pending: Option<Shot>,
+    pending: Option<LiveFrame>,
     /// The frame in the picture.
-    shot: Option<Shot>,
-    estimate: Option<Estimate>,
+    shot: Option<LiveFrame>,
+    estimate: Option<Timed>,
     shown: Shown,
     recording: Option<Recording>,
     /// Nothing has been drawn since the graphics were made anew.
@@ -420,7 +431,7 @@ impl App {
         while let Ok(estimate) = self.worker.estimates.try_recv() {
             self.estimate = Some(estimate?);
         }
-        let estimated = self.estimate.as_ref().map_or(0, |e| e.tracked.frame);
+        let estimated = self.estimate.as_ref().map_or(0, |e| e.estimate.tracked.frame);
         if self.pending.as_ref().is_some_and(|p| p.number <= estimated) {
             due = self.pending.take();
         }
@@ -434,13 +445,14 @@ impl App {
     }
 
     fn make_picture(&mut self, new: bool) -> Result<()> {
-        let (Some(shot), Some(estimate), Some(graphics)) = (&self.shot, &self.estimate, &self.graphics)
+        let (Some(shot), Some(Timed { estimate, time }), Some(graphics)) =
+            (&self.shot, &self.estimate, &self.graphics)
         else {
             return Ok(());
         };
         let of_device = |e: blindaug::Error| Failure(e.to_string());
         let times: Times = graphics.stage.draw(shot, estimate, &self.controls.look).map_err(of_device)?;
-        self.shown.add(shot.number, estimate, times, new);
+        self.shown.add(shot.number, estimate, *time, times, new);
         if let (Some(recording), true) = (&mut self.recording, new) {
             recording.write(shot.number, &graphics.stage.read().map_err(of_device)?);
         }

@@ -3,12 +3,10 @@
 //! It is drawn with 2 x 2 samples per px: color and alpha of a px are their mean, so that edges are soft; depth and velocity are
 //! those of the nearest sample, since a mean of two surfaces' would be neither's.
 
-use super::{
-    object::{Object, Part, Texture, Vertex},
-    placement::{Pinhole, Pose},
-};
+use super::object::{Object, Part, Texture, Vertex};
 use blindaug::{Error, Result};
 use blindaug_gpu::{Gpu, bind, full_screen, texture};
+use blindaug_pipeline::live::{Pinhole, Pose};
 use bytemuck::{Pod, Zeroable, bytes_of, cast_slice};
 use glam::{Mat4, Vec3, Vec4};
 use wgpu::{
@@ -356,7 +354,7 @@ fn upload(gpu: &Gpu, image: &Texture) -> Result<TextureView> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::object::Material;
+    use crate::object::Material;
     use blindaug::{Flow, Plane, Raster};
     use glam::{DMat3, DVec3};
 

@@ -2,13 +2,12 @@
 
 use super::{
     Scene,
-    estimation::Estimation,
-    source::Loop,
     stage::{Look, Stage, Times},
 };
-use crate::{
-    composite::Output,
-    console::{self, Result, failure, note},
+use blindaug_cli::console::{self, Result, failure, note};
+use blindaug_pipeline::{
+    Output,
+    live::{LiveEstimator, Loop},
 };
 use blindaug_report::words::count;
 use std::time::{Duration, Instant};
@@ -20,13 +19,14 @@ const TELL: Duration = Duration::from_secs(1);
 pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<u64> {
     let source = &scene.source;
     let mut clip = Loop::new(source);
-    let mut estimation = Estimation::new(scene.camera, scene.home, scene.fps);
+    let mut estimation = LiveEstimator::new(scene.camera, scene.home, scene.fps);
     let mut told = Told::new(frames);
     while let Some(shot) = clip.next()? {
         let start = Instant::now();
         let of_frame =
             |e: blindaug::Error| failure(source.path(), format_args!("frame {}: {e}", shot.number));
         let estimate = estimation.push(&shot, scene.home).map_err(of_frame)?;
+        let estimated = start.elapsed();
         let times = match stage.draw(&shot, &estimate, look) {
             Ok(times) => times,
             Err(e) => {
@@ -35,8 +35,8 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
                 stage.draw(&shot, &estimate, look).map_err(of_frame)?
             }
         };
-        output.write(shot.number, stage.read().map_err(of_frame)?)?;
-        told.step(shot.number, start.elapsed(), estimate.time, times);
+        output.write(shot.number, &stage.read().map_err(of_frame)?)?;
+        told.step(shot.number, start.elapsed(), estimated, times);
         if shot.number == frames {
             console::print(&format!("{}\n", estimate.tracked.to_json_line()))?;
         }

@@ -2,30 +2,35 @@
 
 mod beside;
 mod compositor;
-mod estimation;
 mod headless;
 mod object;
 mod panel;
-mod placement;
 mod render;
 mod source;
 mod stage;
 mod window;
 
-use crate::{
-    composite::{DEFAULT_FPS, Output, Style},
-    console::{Failure, Result, failure, note},
-    within,
-};
 use blindaug::composite::CompositeOptions;
+use blindaug_cli::{
+    arguments::{Style, memory_size, within},
+    console::{self, Failure, Result, failure, note},
+    output::{self, DEFAULT_FPS},
+};
 use blindaug_gpu::{Gpu, Quality};
 use blindaug_io::{FrameSource, Inputs};
-use estimation::Home;
+use blindaug_pipeline::{
+    Made,
+    live::{Home, Pinhole},
+};
+use clap::Parser;
 use glam::DVec2;
 use object::Object;
-use placement::Pinhole;
 use stage::{Look, Stage};
-use std::{ops::RangeInclusive, path::PathBuf};
+use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode};
+
+// Whole images are allocated and freed all the time: see the note in Cargo.toml.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Where the object's foot is at first, in shares of the frame's width and height.
 const FOOT: DVec2 = DVec2::new(0.5, 0.75);
@@ -34,8 +39,9 @@ const SIZES: RangeInclusive<f64> = 0.01..=10.0;
 const DISTANCES: RangeInclusive<f64> = 0.1..=100.0;
 
 /// Put an animated object into the footage of a camera or a video while it runs
-#[derive(clap::Args)]
-pub struct Live {
+#[derive(Parser)]
+#[command(name = "blindaug live", version, max_term_width = 110)]
+struct Live {
     /// A video, a folder of images, or a camera: camera:0, on Windows camera:NAME
     #[arg(default_value = "camera:0")]
     input: PathBuf,
@@ -55,7 +61,7 @@ pub struct Live {
     #[arg(long, value_name = "SHARE", default_value = "0.5", value_parser = |t: &str| within(t, 0.0..=1.0))]
     split: f64,
     /// Frames per second, where the input does not say it: of the clip, the animation and the video that is written
-    #[arg(long, value_name = "N", value_parser = crate::frame_rate)]
+    #[arg(long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
     fps: Option<f64>,
     #[command(flatten)]
     style: Style,
@@ -71,6 +77,20 @@ pub struct Live {
     /// Replace what is there already
     #[arg(long, requires = "headless")]
     overwrite: bool,
+    /// How much memory may be taken: a number with M or G (millions or billions of bytes), from 64M to 1000G [default: half of what
+    /// the machine has]
+    #[arg(long, value_name = "SIZE", value_parser = memory_size)]
+    memory: Option<u64>,
+}
+
+fn main() -> ExitCode {
+    let live = match Live::try_parse() {
+        Ok(live) => live,
+        Err(e) => return console::said(&e),
+    };
+    console::begin(live.memory);
+    console::catch_signals();
+    console::ended(run(&live))
 }
 
 /// What is filmed and what is put into it.
@@ -109,9 +129,9 @@ impl Scene {
 }
 
 /// Runs the command.
-pub fn run(args: &Live) -> Result<()> {
+fn run(args: &Live) -> Result<()> {
     if let Some(output) = &args.output {
-        Output::check(output, &Inputs::of([Some(&args.input), args.object.as_ref()].into_iter().flatten()))?;
+        output::check(output, &Inputs::of([Some(&args.input), args.object.as_ref()].into_iter().flatten()))?;
     }
     let source = source::open(&args.input)?;
     for sentence in source.notes() {
@@ -142,7 +162,7 @@ pub fn run(args: &Live) -> Result<()> {
     };
     // Before the output, so that nothing is left where there is no device.
     let stage = scene.stage()?;
-    let mut output = Output::open(path, &scene.source, args.overwrite, scene.fps)?;
+    let mut output = output::open(path, scene.source.size(), scene.fps, args.overwrite)?;
     if output.has_frames() {
         return Err(failure(
             path,
@@ -150,7 +170,7 @@ pub fn run(args: &Live) -> Result<()> {
         ));
     }
     let last = headless::run(&scene, stage, &look, frames, &mut output)?;
-    output.finish()?;
+    output::finish(path, output, &Made { frames: last, ..Made::default() })?;
     if last < frames {
         let sentence =
             format!("stopped after frame {last} of {frames}; for all of them, run it again with --overwrite");
@@ -160,7 +180,7 @@ pub fn run(args: &Live) -> Result<()> {
 }
 
 #[cfg(test)]
-#[path = "../../../../crates/blindaug-gpu/tests/common/wgsl.rs"]
+#[path = "../../../crates/blindaug-gpu/tests/common/wgsl.rs"]
 mod wgsl;
 
 #[cfg(test)]
@@ -169,7 +189,7 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_for_every_device() {
-        let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src/live")).unwrap();
+        let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src")).unwrap();
         let shaders = files.map(|f| f.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "wgsl"));
         // Each is a module of its own.
         let problems: Vec<_> = shaders.map(|p| problem(&std::fs::read_to_string(p).unwrap())).collect();

@@ -2,14 +2,12 @@
 
 use super::{
     compositor::Compositor,
-    estimation::Estimate,
     object::Object,
-    placement::Pinhole,
     render::{Light, Moment, Renderer, attachment},
-    source::Shot,
 };
 use blindaug::{Encoded, Error, Result, Transfer, composite::CompositeOptions, luma};
 use blindaug_gpu::{Gpu, Quality, bind, full_screen, texture};
+use blindaug_pipeline::live::{LiveEstimate, LiveFrame, Pinhole};
 use bytemuck::bytes_of;
 use glam::Vec3;
 use std::{
@@ -127,7 +125,7 @@ impl Stage {
     ///
     /// # Errors
     /// If the device was lost or fails; then another stage is needed.
-    pub fn draw(&self, shot: &Shot, estimate: &Estimate, look: &Look) -> Result<Times> {
+    pub fn draw(&self, shot: &LiveFrame, estimate: &LiveEstimate, look: &Look) -> Result<Times> {
         let start = Instant::now();
         let placed = estimate.placed_at(shot.number);
         let moment = Moment {
@@ -217,8 +215,8 @@ fn light(frame: &Encoded) -> Light {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::estimation::{Estimation, Home};
     use blindaug::Raster;
+    use blindaug_pipeline::live::{Home, LiveEstimator};
     use glam::DVec2;
 
     #[test]
@@ -226,9 +224,9 @@ mod tests {
         let Some(gpu) = Gpu::for_tests() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::from_fn(64, 48, |x, y| [0.3 + 0.005 * (x + y) as f32; 3])));
-        let shot = Shot { number: 1, lap: 0, frame: frame.clone(), next: None, previous: None };
+        let shot = LiveFrame { number: 1, lap: 0, frame: frame.clone(), next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
-        let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
+        let estimate = LiveEstimator::new(camera, home, None).push(&shot, home).unwrap();
         let look =
             Look { split: 0.0, size: 1.0, options: CompositeOptions::default(), quality: Quality::High };
         let stage = |gpu| Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
@@ -249,9 +247,9 @@ mod tests {
         let Some(gpu) = Gpu::for_tests() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::filled(64, 48, [0.25; 3])));
-        let shot = Shot { number: 1, lap: 0, frame, next: None, previous: None };
+        let shot = LiveFrame { number: 1, lap: 0, frame, next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
-        let estimate = Estimation::new(camera, home, None).push(&shot, home).unwrap();
+        let estimate = LiveEstimator::new(camera, home, None).push(&shot, home).unwrap();
         let stage = Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         for (split, line) in [(0.25, Some(16)), (0.0, None), (1.0, None)] {
             let look =

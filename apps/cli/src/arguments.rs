@@ -1,0 +1,95 @@
+//! Arguments that several commands have, and how their values are read.
+
+use blindaug::{composite::CompositeOptions, synth::defocus::Bokeh};
+use clap::ValueEnum;
+use std::ops::RangeInclusive;
+
+/// What of the camera is applied, and how.
+#[derive(clap::Args)]
+pub struct Style {
+    /// Leave the noise out
+    #[arg(long)]
+    no_noise: bool,
+    /// The shape of an out-of-focus point
+    #[arg(long, value_enum, default_value = "gaussian")]
+    bokeh: BokehArg,
+    /// Which noise: the same seed gives the same noise
+    #[arg(long, value_name = "N", default_value = "0")]
+    seed: u64,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum BokehArg {
+    Gaussian,
+    Disk,
+}
+
+impl Style {
+    /// As the composite takes them.
+    pub fn options(&self) -> CompositeOptions {
+        CompositeOptions {
+            naive: false,
+            no_noise: self.no_noise,
+            bokeh: match self.bokeh {
+                BokehArg::Gaussian => Bokeh::Gaussian,
+                BokehArg::Disk => Bokeh::Disk,
+            },
+            seed: self.seed,
+        }
+    }
+}
+
+/// Parses a number in a range.
+pub fn within(text: &str, range: RangeInclusive<f64>) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if range.contains(&v) => Ok(v),
+        _ => Err(format!("it must be a number from {} to {}", range.start(), range.end())),
+    }
+}
+
+/// Parses a size of memory, to bytes.
+pub fn memory_size(text: &str) -> Result<u64, String> {
+    const RANGE: RangeInclusive<f64> = 64e6..=1000e9;
+    let text = text.trim();
+    let unit = match text.chars().last() {
+        Some('M' | 'm') => 1e6,
+        Some('G' | 'g') => 1e9,
+        _ => f64::NAN,
+    };
+    let number = text.get(..text.len().saturating_sub(1)).and_then(|n| n.parse::<f64>().ok());
+    match number.map(|n| n * unit) {
+        Some(bytes) if RANGE.contains(&bytes) => Ok(bytes as u64),
+        _ => Err("give a number with M or G (millions or billions of bytes), from 64M to 1000G".into()),
+    }
+}
+
+/// Parses a number > 0.
+pub fn positive(text: &str) -> Result<f32, String> {
+    match text.trim().parse::<f32>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err("it must be a number greater than 0".into()),
+    }
+}
+
+/// Parses a frame rate.
+pub fn frame_rate(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err("frames per second must be a number greater than 0".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn sizes_of_memory_are_parsed() {
+        for (text, bytes) in
+            [("4G", 4_000_000_000), ("1500M", 1_500_000_000), ("0.5g", 500_000_000), ("64m", 64_000_000)]
+        {
+            assert_eq!(super::memory_size(text), Ok(bytes), "{text}");
+        }
+        for text in ["", "G", "4", "4K", "4GB", "-4G", "63M", "1001G", "nanG", "infG", "4 é"] {
+            assert!(super::memory_size(text).is_err(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,31 @@
+//! What is filmed: a file, a folder, or a camera by its name.
+
+use blindaug_io::{FrameSource, Result};
+use std::path::Path;
+
+/// What names a camera instead of a file.
+const CAMERA: &str = "camera:";
+
+/// Whether an input is a camera's name.
+pub fn names_camera(input: &Path) -> bool {
+    input.to_str().is_some_and(|i| i.starts_with(CAMERA))
+}
+
+/// Opens a file, a folder, or by `camera:0` a camera.
+pub fn open(input: &Path) -> Result<FrameSource> {
+    match input.to_str().and_then(|i| i.strip_prefix(CAMERA)) {
+        Some(name) => FrameSource::camera(name),
+        None => FrameSource::open(input, Default::default()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_is_not_there_is_named() {
+        let e = open(Path::new("camera:77")).unwrap_err().to_string();
+        assert!(e.starts_with("camera:77: ") && !e.contains('\n'), "{e}");
+    }
+}

@@ -1,0 +1,357 @@
+//! Virtual layers over the frames of a clip, and a camera's distortions on whole frames.
+
+use crate::{
+    Error, Result,
+    estimate::of_frame,
+    footage::{BoxedSide, Clip, check_match},
+    frames::{DEPTH, FLOW, FRAME, Made, Neighbours, Sink, check_memory, for_each_frame},
+    observer::Observer,
+};
+use blindaug::{
+    CameraModel, Encoded, Flow, Frame, Linear, Plane, Transfer,
+    composite::{self, CompositeOptions, Plate, VirtualLayer},
+    model::{CameraTrack, Capture, DepthKind, Distortion, Estimate, Reason, SceneScale},
+    synth::{self, SynthesisOptions, distorted_strips},
+};
+use std::collections::BTreeSet;
+
+/// Bytes of a pixel of a virtual layer while it is read, and of a pair of renders with their light.
+const LAYER: u64 = 56;
+const RENDERS: u64 = 48;
+
+/// A camera that distorts nothing.
+pub fn naive((width, height): (usize, usize)) -> CameraModel {
+    CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0 }, "naive")
+}
+
+/// Real depth, in the unit that it is needed in.
+pub struct DepthMaps {
+    maps: BoxedSide<Plane>,
+    scale: Option<SceneScale>,
+}
+
+impl DepthMaps {
+    /// The maps as they are.
+    pub fn as_they_are(maps: BoxedSide<Plane>) -> Self {
+        Self { maps, scale: None }
+    }
+
+    /// The maps in 1/m.
+    ///
+    /// # Errors
+    /// [`Error::NoSceneScale`] if they are relative and there is no scale.
+    pub fn in_metres(maps: BoxedSide<Plane>, kind: DepthKind, scale: Option<SceneScale>) -> Result<Self> {
+        match (kind, scale) {
+            (DepthKind::Metric, _) => Ok(Self::as_they_are(maps)),
+            (DepthKind::Relative, Some(scale)) => Ok(Self { maps, scale: Some(scale) }),
+            (DepthKind::Relative, None) => Err(Error::NoSceneScale { name: maps.name(), is_model: false }),
+        }
+    }
+
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
+        let depth = self.maps.get(number, size)?;
+        Ok(match self.scale {
+            Some(scale) => depth.map(|d| scale.to_metric(d)),
+            None => depth,
+        })
+    }
+}
+
+/// The models over metric inverse depth; `name` is what messages call them.
+///
+/// # Errors
+/// [`Error::NoSceneScale`] if they are over relative inverse depth and there is no scale.
+pub fn in_metres(track: CameraTrack, name: &str, scale: Option<SceneScale>) -> Result<CameraTrack> {
+    match (track.depth_kind(), scale) {
+        (Some(DepthKind::Relative), Some(scale)) => Ok(track.to_metric(scale)),
+        (Some(DepthKind::Relative), None) => Err(Error::NoSceneScale { name: name.into(), is_model: true }),
+        _ => Ok(track),
+    }
+}
+
+/// The models for frames of a clip's size, and what of them is not applied, told to the observer. `name` is what messages call them.
+pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn Observer) -> CameraTrack {
+    let (width, height) = clip.size();
+    let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
+    if (w, h) != (width, height) {
+        observer.note(&format!(
+            "{name}: for frames of {w} x {h}; its blur is scaled by the width to {width} x {height}"
+        ));
+        let shape = (width * h) as f64 / (height * w) as f64;
+        if (shape - 1.0).abs() > 0.01 {
+            observer.warning(
+                "these frames have another shape than the camera's; that is right only if they were cropped in height",
+            );
+        }
+    }
+    let track = track.map(|m| m.scaled_to(width, height));
+    // A camera that is not seen to sharpen is nothing to warn of.
+    for distortion in Distortion::ALL.into_iter().filter(|&d| d != Distortion::Sharpening) {
+        if let Some(why) = track.why_unknown(distortion) {
+            observer.warning(&format!("{} is unknown and not applied: {why}", distortion.name()));
+        }
+    }
+    track
+}
+
+/// Warns once per thing that is missing.
+struct Missing<'a> {
+    observer: &'a dyn Observer,
+    said: BTreeSet<&'static str>,
+}
+
+impl<'a> Missing<'a> {
+    fn new(observer: &'a dyn Observer) -> Self {
+        Self { observer, said: BTreeSet::new() }
+    }
+
+    fn check(&mut self, is_missing: bool, number: u64, what: &str, effect: &'static str) {
+        if is_missing && self.said.insert(effect) {
+            self.observer.warning(&format!("frame {number}: {what}, so the object {effect} (said once)"));
+        }
+    }
+}
+
+/// What a composite is made of.
+pub struct Scene {
+    /// The footage.
+    pub footage: Box<dyn Clip>,
+    /// The virtual object.
+    pub layers: BoxedSide<VirtualLayer>,
+    /// Real depth, in 1/m.
+    pub depth: Option<DepthMaps>,
+    /// The footage's optical flow to the next frame, px, which blurs the renders' difference.
+    pub flow: Option<BoxedSide<Flow>>,
+    /// Renders of the local scene with and without the object, for its shadows and reflections.
+    pub renders: Option<[BoxedSide<Encoded>; 2]>,
+}
+
+impl Scene {
+    /// Fails if one of its parts has nothing for any of the frames.
+    ///
+    /// # Errors
+    /// [`Error::NoMatch`] names the part.
+    pub fn check(&self) -> Result<()> {
+        let Self { footage, layers, depth, flow, renders } = self;
+        let clip = &**footage;
+        check_match(clip, Some(&**layers))?;
+        check_match(clip, depth.as_ref().map(|d| &*d.maps))?;
+        check_match(clip, flow.as_ref().map(|f| &**f))?;
+        renders.iter().flatten().try_for_each(|r| check_match(clip, Some(&**r)))
+    }
+
+    /// What belongs to a frame beside its layer, with a warning about what is missing.
+    fn around(
+        &self,
+        frame: &Frame,
+        neighbours: &Neighbours,
+        layer: &VirtualLayer,
+        applied: &Applied,
+        missing: &mut Missing,
+    ) -> Result<Around> {
+        let (number, size) = (frame.number, self.footage.size());
+        let has_depth = layer.inverse_depth.is_some();
+        let no_layer_flow = applied.moving && layer.flow.is_none();
+        missing.check(no_layer_flow, number, "its virtual layer has no flow", "gets no motion blur");
+        let no_z = "its virtual layer has no Z";
+        missing.check(applied.defocused && !has_depth, number, no_z, "gets no defocus");
+        missing.check(self.depth.is_some() && !has_depth, number, no_z, "is not occluded");
+        let inverse_depth = match &self.depth {
+            Some(maps) => maps.get(number, size)?,
+            None => None,
+        };
+        let no_depth = self.depth.is_some() && inverse_depth.is_none();
+        missing.check(no_depth, number, "no real depth", "is not occluded");
+        let renders = match &self.renders {
+            Some([with, without]) => with.get(number, size)?.zip(without.get(number, size)?),
+            None => None,
+        };
+        let renders = renders.map(|(a, b)| [a, b].map(|r| r.to_linear(Transfer::Srgb)));
+        let no_renders = self.renders.is_some() && renders.is_none();
+        missing.check(no_renders, number, "no renders with and without it", "casts no shadows");
+        let flow = match &self.flow {
+            Some(flow) => flow.get(number, size)?,
+            None if applied.finds_flow && renders.is_some() => neighbours.flow(frame)?,
+            None => None,
+        };
+        Ok(Around { inverse_depth, flow, renders })
+    }
+}
+
+/// Which distortions are applied in any frame, and whether flow is to be found for it.
+struct Applied {
+    moving: bool,
+    defocused: bool,
+    finds_flow: bool,
+}
+
+/// What belongs to a frame beside its layer.
+struct Around {
+    inverse_depth: Option<Plane>,
+    flow: Option<Flow>,
+    /// With and without the object.
+    renders: Option<[Linear; 2]>,
+}
+
+/// Composites every frame of a scene that the sink does not have yet.
+///
+/// # Errors
+/// If a frame or what belongs to it cannot be used, memory does not suffice, or the sink fails.
+pub fn composite(
+    scene: &Scene,
+    track: &CameraTrack,
+    options: &CompositeOptions,
+    sink: &mut dyn Sink,
+    observer: &dyn Observer,
+) -> Result<Made> {
+    let Scene { footage, layers, depth, flow, renders } = scene;
+    let clip = &**footage;
+    let moving = track.why_unknown(Distortion::MotionBlur).is_none();
+    let applied = Applied {
+        moving,
+        defocused: track.why_unknown(Distortion::Defocus).is_none(),
+        finds_flow: moving && renders.is_some() && flow.is_none(),
+    };
+    let mut missing = Missing::new(observer);
+    let mut without_layer = 0;
+    // The result is one more frame.
+    let frames = if applied.finds_flow { 4 * FRAME } else { 2 * FRAME };
+    let shadows = if renders.is_some() { RENDERS + FLOW } else { 0 };
+    let given = frames + LAYER + shadows + if depth.is_some() { DEPTH } else { 0 };
+    check_memory(clip, given, applied.finds_flow, 0)?;
+    let finds_flow = applied.finds_flow;
+    let made = for_each_frame("compositing", clip, sink, finds_flow, observer, |frame, neighbours, sink| {
+        let number = frame.number;
+        let Some(layer) = layers.get(number, clip.size())? else {
+            without_layer += 1;
+            return sink.put(&frame.image.0);
+        };
+        let around = scene.around(frame, neighbours, &layer, &applied, &mut missing)?;
+        let plate = Plate {
+            frame: &frame.image,
+            number,
+            inverse_depth: around.inverse_depth.as_ref(),
+            flow: around.flow.as_ref(),
+            with_and_without: around.renders.as_ref().map(|[with, without]| (with, without)),
+        };
+        let model = track.at(number);
+        let of_frame = |e| of_frame(clip, number, e);
+        let work = composite::bytes_beside(&plate, &layer, &model, options).map_err(of_frame)?;
+        check_memory(clip, given, false, work)?;
+        sink.put(&composite::composite(&plate, &layer, &model, options).map_err(of_frame)?.0)
+    })?;
+    Ok(Made { without_layer, ..made })
+}
+
+/// A rendered clip and what is known of it.
+pub struct Rendered {
+    /// The clip.
+    pub clip: Box<dyn Clip>,
+    /// Inverse depth, and what it is measured in.
+    pub depth: Option<(BoxedSide<Plane>, DepthKind)>,
+    /// Optical flow to the next frame, px; estimated if not given.
+    pub flow: Option<BoxedSide<Flow>>,
+}
+
+/// A camera's distortions on a rendered clip, with depth and lens in one unit.
+pub struct Application {
+    clip: Box<dyn Clip>,
+    depth: Option<DepthMaps>,
+    flow: Option<BoxedSide<Flow>>,
+    track: CameraTrack,
+    /// Whether anything moves while the shutter is open.
+    moving: bool,
+}
+
+/// Brings a rendered clip's depth and a camera's lens to one unit; `name` is what messages call the camera.
+///
+/// # Errors
+/// If depth and lens are in units that do not relate, or memory does not suffice.
+pub fn applying(
+    rendered: Rendered,
+    (track, name): (CameraTrack, &str),
+    scale: Option<SceneScale>,
+    observer: &dyn Observer,
+) -> Result<Application> {
+    let Rendered { clip, depth, flow } = rendered;
+    let (depth, track) = match (depth, track.depth_kind()) {
+        (Some((maps, DepthKind::Relative)), Some(DepthKind::Relative)) => {
+            // Depth and model are in the same unit, whatever it is.
+            let same = SceneScale { scale: 1.0, offset: 0.0 };
+            (Some(DepthMaps::as_they_are(maps)), track.to_metric(same))
+        }
+        (Some((maps, kind)), _) => {
+            let track = in_metres(track, name, scale)?;
+            (Some(DepthMaps::in_metres(maps, kind, scale)?), track)
+        }
+        (None, known) => {
+            if known.is_some() {
+                observer.warning("without depth nothing is defocused");
+            }
+            let without = |mut m: CameraModel| {
+                m.defocus = Estimate::unknown(Reason::NoDepth, "there is no depth");
+                m
+            };
+            (None, track.map(without))
+        }
+    };
+    let moving = track.why_unknown(Distortion::MotionBlur).is_none();
+    let finds_flow = moving && flow.is_none() && clip.len_hint() != Some(1);
+    let given = if finds_flow { 3 * FRAME } else { FRAME } + if moving { FLOW } else { 0 };
+    let work = synth::bytes_beside(clip.size(), depth.is_some());
+    check_memory(&*clip, given + if depth.is_some() { DEPTH } else { 0 }, finds_flow, work)?;
+    Ok(Application { clip, depth, flow, track, moving })
+}
+
+impl Application {
+    /// Makes every frame that the sink does not have yet.
+    ///
+    /// # Errors
+    /// If a frame or what belongs to it cannot be used, or the sink fails.
+    pub fn run(
+        &self,
+        options: &SynthesisOptions,
+        sink: &mut dyn Sink,
+        observer: &dyn Observer,
+    ) -> Result<Made> {
+        let Self { clip, depth, flow, track, moving } = self;
+        let (clip, moving) = (&**clip, *moving);
+        let mut missing = Missing::new(observer);
+        let neighbours = moving && flow.is_none();
+        for_each_frame("applying", clip, sink, neighbours, observer, |frame, neighbours, sink| {
+            let (number, size) = (frame.number, clip.size());
+            let flow = match flow {
+                Some(flow) => flow.get(number, size)?,
+                None if moving => neighbours.flow(frame)?,
+                None => None,
+            };
+            missing.check(moving && flow.is_none(), number, "no flow", "is not motion-blurred");
+            let inverse_depth = match depth {
+                Some(maps) => maps.get(number, size)?,
+                None => None,
+            };
+            let no_depth = depth.is_some() && inverse_depth.is_none();
+            missing.check(no_depth, number, "no depth", "is not defocused");
+            let model = track.at(number);
+            distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
+                .map_err(|e| of_frame(clip, number, e))?
+                .try_for_each(|strip| sink.put(&strip))
+        })
+    }
+}
+
+#[cfg(feature = "files")]
+impl crate::Side<VirtualLayer> for blindaug_io::SideFolder<blindaug_io::VirtualLayerFile> {
+    fn name(&self) -> String {
+        blindaug_io::Error::shown_path(self.path())
+    }
+
+    fn has(&self, number: u64) -> bool {
+        self.has(number)
+    }
+
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<VirtualLayer>> {
+        let layer = self.get(number, size)?;
+        Ok(layer.map(|l| VirtualLayer { color: l.color, inverse_depth: l.inverse_depth, flow: l.flow }))
+    }
+}

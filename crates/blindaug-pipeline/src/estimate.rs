@@ -1,0 +1,191 @@
+//! One camera model from a clip.
+
+use crate::{
+    Error, Result,
+    footage::{Clip, Footage},
+    observer::Observer,
+    operators::{EvidenceSink, Operators},
+    window::{Seen, Viewer, show},
+};
+use blindaug::{
+    Sample, analysis,
+    fit::{Estimation, Estimator, EstimatorOptions, FrameObservation, Shot},
+};
+
+/// An estimate and which frames it rests on.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// The estimate.
+    pub estimation: Estimation,
+    /// A few frames for a report, if they were asked for.
+    pub samples: Vec<Sample>,
+    /// The first frame's number.
+    pub first: u64,
+    /// The last frame's number.
+    pub last: u64,
+}
+
+/// At most this many frames are kept for a report.
+const SAMPLES: usize = 3;
+
+pub(crate) fn of_frame(clip: &dyn Clip, number: u64, error: blindaug::Error) -> Error {
+    Error::Frame { clip: clip.name(), number, error }
+}
+
+pub(crate) fn of_clip(clip: &dyn Clip, error: blindaug::Error) -> Error {
+    Error::Clip { clip: clip.name(), error }
+}
+
+/// Fails if the frames that are in memory at once, what belongs to one of them, those kept as samples, and `work` bytes for the work on
+/// a frame do not fit into the budget.
+pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, work: u64) -> Result<()> {
+    /// Bytes of a pixel of a frame, and of a sample with what belongs to it.
+    const FRAME: u64 = 12;
+    const SAMPLE: u64 = 36;
+    let clip = &*footage.clip;
+    let (width, height) = clip.size();
+    let frames = clip.len_hint().unwrap_or(usize::MAX).clamp(1, 2 * reach.max(1) + 1);
+    let frames = frames + footage.removed().iter().filter(|f| f.is_some()).count();
+    let per_pixel = FRAME * frames as u64
+        + if footage.depth.is_some() { 4 } else { 0 }
+        + if footage.flow.is_some() { 8 } else { 0 }
+        + if keep_samples { SAMPLE * frames.min(SAMPLES) as u64 } else { 0 };
+    let what = format!("estimation from frames of {width} x {height} pixels");
+    clip.check_memory(&what, per_pixel * (width * height) as u64 + work)
+}
+
+/// Keeps a few frames for a report, if there is one.
+pub(crate) struct Samples<'a> {
+    clip: &'a dyn Clip,
+    wanted: bool,
+    /// How many frames were seen so far.
+    seen: usize,
+    pub kept: Vec<Sample>,
+}
+
+impl<'a> Samples<'a> {
+    pub fn new(clip: &'a dyn Clip, wanted: bool) -> Self {
+        Self { clip, wanted, seen: 0, kept: Vec::new() }
+    }
+
+    /// Whether the next frame is kept: those kept are spread over the clip where its length is known, else they are the first ones.
+    fn wants_next(&self) -> bool {
+        let spread = |i: usize| match self.clip.len_hint() {
+            Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
+            _ => i,
+        };
+        let kept = self.kept.len();
+        self.wanted && kept < SAMPLES && self.seen >= spread(kept)
+    }
+
+    pub fn keep(&mut self, number: u64, observation: &FrameObservation) -> Result<()> {
+        if self.wants_next() {
+            let FrameObservation { frame, next, evidence, .. } = *observation;
+            let flow = match (evidence.flow, next) {
+                (None, Some(next)) => Some(
+                    analysis::flow::flow(&frame.luma(), &next.luma())
+                        .map_err(|e| of_frame(self.clip, number, e))?,
+                ),
+                (flow, _) => flow.cloned(),
+            };
+            self.kept.push(Sample {
+                number,
+                frame: frame.clone(),
+                flow,
+                inverse_depth: evidence.inverse_depth.map(|d| d.0.clone()),
+                clean: evidence.clean.cloned(),
+            });
+        }
+        self.seen += 1;
+        Ok(())
+    }
+}
+
+/// Estimates one model.
+struct WholeClip<'a> {
+    clip: &'a dyn Clip,
+    estimator: Estimator,
+    /// The numbers of the frames so far.
+    numbers: Vec<u64>,
+    samples: Samples<'a>,
+}
+
+impl Viewer for WholeClip<'_> {
+    fn wants_next(&self) -> bool {
+        self.estimator.wants_next() || self.samples.wants_next()
+    }
+
+    fn view(
+        &mut self,
+        number: u64,
+        observation: &FrameObservation,
+        save: Option<&mut dyn EvidenceSink>,
+    ) -> Result<()> {
+        self.numbers.push(number);
+        let used = self.estimator.add(observation).map_err(|e| of_frame(self.clip, number, e))?;
+        if let (true, Some(save)) = (used, save) {
+            save.geometry(number, &self.estimator)?;
+        }
+        self.samples.keep(number, observation)
+    }
+}
+
+/// How a clip is estimated from.
+#[derive(Default)]
+pub struct Job<'a> {
+    /// Options of the estimator. A frame rate that they do not name is the clip's.
+    pub options: EstimatorOptions,
+    /// Whether a few frames are kept for a report.
+    pub keep_samples: bool,
+    /// What looks at the frames before they are estimated from, such as networks.
+    pub operators: Option<&'a mut dyn Operators>,
+    /// What keeps the evidence.
+    pub save: Option<&'a mut dyn EvidenceSink>,
+}
+
+/// Estimates the model of a clip. If the observer stops it, the model rests on the frames so far and says so
+/// ([`blindaug::CameraModel::stopped`]).
+///
+/// # Errors
+/// If a frame or what belongs to it cannot be used, or memory does not suffice.
+pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<Fitted> {
+    let Job { mut options, keep_samples, operators, save } = job;
+    let clip = &*footage.clip;
+    let frames = clip.len_hint().unwrap_or(Estimator::MAX_FRAMES);
+    let moving = footage.flow.is_none();
+    let work = Estimator::bytes(clip.size(), frames, options.family, moving);
+    check_memory(footage, operators.as_ref().map_or(0, |o| o.reach()), keep_samples, work)?;
+    options.fps = options.fps.or(clip.fps());
+    let estimator = Estimator::new(options).expecting(clip.len_hint().unwrap_or(0));
+    let mut whole = WholeClip { clip, estimator, numbers: vec![], samples: Samples::new(clip, keep_samples) };
+    let Seen { first, last, stopped, .. } =
+        show(footage, operators, save, "estimating", &mut whole, observer)?;
+    let mut estimation = whole.estimator.estimate().map_err(|e| of_clip(clip, e))?;
+    estimation.model.stopped = stopped;
+    let diagnostics = &mut estimation.diagnostics;
+    if !diagnostics.shots.is_empty() {
+        diagnostics.notes.insert(0, words_of_shots(&diagnostics.shots, &whole.numbers));
+    }
+    Ok(Fitted { estimation, samples: whole.samples.kept, first, last })
+}
+
+/// Where the cuts are, and what each shot alone says of the exposure; of a film, the first shots.
+fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
+    const TOLD: usize = 10;
+    let words = |shot: &Shot| {
+        let (first, last) = (numbers[shot.frames.start], numbers[shot.frames.end - 1]);
+        match shot.motion_blur.known() {
+            Some(m) => {
+                let [low, high] = m.interval;
+                format!("{first} to {last} (exposure {:.2}, {low:.2} to {high:.2})", m.exposure.0)
+            }
+            None => format!("{first} to {last} (exposure unknown)"),
+        }
+    };
+    let told = shots.iter().take(TOLD).map(words).collect::<Vec<String>>().join(", ");
+    let rest = if shots.len() > TOLD { ", .." } else { "" };
+    format!(
+        "there are {} shots: frames {told}{rest}; estimate one alone by its frames, or track a model for each frame",
+        shots.len()
+    )
+}

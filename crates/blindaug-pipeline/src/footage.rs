@@ -1,0 +1,237 @@
+//! Frames, and what belongs to them, wherever they come from.
+
+use crate::{Error, Result};
+use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
+use std::{
+    collections::BTreeMap,
+    sync::atomic::{AtomicBool, Ordering},
+};
+
+/// Frames, one after another.
+pub type Frames<'a> = Box<dyn Iterator<Item = Result<Frame>> + 'a>;
+
+/// A clip: numbered frames of one size, in the order of time, which can be gone through any number of times.
+pub trait Clip: Sync {
+    /// What messages call it.
+    fn name(&self) -> String;
+
+    /// Width and height, px.
+    fn size(&self) -> (usize, usize);
+
+    /// Frames per second, if that is known.
+    fn fps(&self) -> Option<f64>;
+
+    /// How many frames it has, if that is known without going through them.
+    fn len_hint(&self) -> Option<usize>;
+
+    /// The frames whose numbers are wanted.
+    fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a>;
+
+    /// Whether `wanted` holds for the number of any frame. By default the numbers are gone through without reading a frame.
+    ///
+    /// # Errors
+    /// If the numbers cannot be told.
+    fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {
+        let found = AtomicBool::new(false);
+        let mut none = self.frames_if(Box::new(|number| {
+            found.fetch_or(wanted(number), Ordering::Relaxed);
+            false
+        }));
+        none.next().transpose()?;
+        drop(none);
+        Ok(found.into_inner())
+    }
+
+    /// Fails if `what` takes more bytes than there may be. By default any number is fine.
+    ///
+    /// # Errors
+    /// A sentence with both numbers.
+    fn check_memory(&self, what: &str, bytes: u64) -> Result<()> {
+        let _ = (what, bytes);
+        Ok(())
+    }
+}
+
+/// All frames of a clip.
+pub(crate) fn all_frames(clip: &dyn Clip) -> Frames<'_> {
+    clip.frames_if(Box::new(|_| true))
+}
+
+/// What belongs to the frames of a clip, by their numbers.
+pub trait Side<T>: Sync {
+    /// What messages call it.
+    fn name(&self) -> String;
+
+    /// Whether there is something for the frame of this number.
+    fn has(&self, number: u64) -> bool;
+
+    /// What belongs to a frame of this number and size, if there is anything.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is of another size.
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>>;
+}
+
+/// What belongs to frames, from wherever.
+pub type BoxedSide<T> = Box<dyn Side<T>>;
+
+/// Frames in memory, numbered from 1 on.
+#[derive(Clone, Debug, Default)]
+pub struct MemoryClip {
+    /// The frames, all of one size.
+    pub frames: Vec<Encoded>,
+    /// Frames per second, if that is known.
+    pub fps: Option<f64>,
+}
+
+impl Clip for MemoryClip {
+    fn name(&self) -> String {
+        "the frames".into()
+    }
+
+    fn size(&self) -> (usize, usize) {
+        self.frames.first().map_or((0, 0), |f| f.0.size())
+    }
+
+    fn fps(&self) -> Option<f64> {
+        self.fps
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        Some(self.frames.len())
+    }
+
+    fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        let numbered = (1..).zip(&self.frames).filter(move |(number, _)| wanted(*number));
+        Box::new(numbered.map(|(number, image)| Ok(Frame { number, image: image.clone() })))
+    }
+}
+
+impl<T: Clone + Sync> Side<T> for BTreeMap<u64, T> {
+    fn name(&self) -> String {
+        "what belongs to the frames".into()
+    }
+
+    fn has(&self, number: u64) -> bool {
+        self.contains_key(&number)
+    }
+
+    fn get(&self, number: u64, _: (usize, usize)) -> Result<Option<T>> {
+        Ok(BTreeMap::get(self, &number).cloned())
+    }
+}
+
+#[cfg(feature = "files")]
+impl Clip for blindaug_io::FrameSource {
+    fn name(&self) -> String {
+        blindaug_io::Error::shown_path(self.path())
+    }
+
+    fn size(&self) -> (usize, usize) {
+        self.size()
+    }
+
+    fn fps(&self) -> Option<f64> {
+        self.fps()
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        self.len_hint()
+    }
+
+    fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        Box::new(self.frames_if(wanted).map(|frame| Ok(frame?)))
+    }
+
+    fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {
+        // The frames of a video are numbered from 1 on and slow to count.
+        if self.fps().is_some() {
+            return Ok(self.len_hint().is_none_or(|n| (1..=n as u64).any(wanted)));
+        }
+        let found = AtomicBool::new(false);
+        let mut none = self.frames_if(|number| {
+            found.fetch_or(wanted(number), Ordering::Relaxed);
+            false
+        });
+        none.next().transpose()?;
+        drop(none);
+        Ok(found.into_inner())
+    }
+
+    fn check_memory(&self, what: &str, bytes: u64) -> Result<()> {
+        Ok(blindaug_io::memory::fits(self.path(), what, bytes)?)
+    }
+}
+
+#[cfg(feature = "files")]
+impl<T> Side<T> for blindaug_io::SideFolder<T> {
+    fn name(&self) -> String {
+        blindaug_io::Error::shown_path(self.path())
+    }
+
+    fn has(&self, number: u64) -> bool {
+        self.has(number)
+    }
+
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>> {
+        Ok(self.get(number, size)?)
+    }
+}
+
+/// Fails if there is nothing for any of a clip's frames.
+///
+/// # Errors
+/// [`Error::NoMatch`], or if the frames' numbers cannot be told.
+pub fn check_match<T>(clip: &dyn Clip, side: Option<&dyn Side<T>>) -> Result<()> {
+    let Some(side) = side else { return Ok(()) };
+    if clip.any_number(&|number| side.has(number))? {
+        return Ok(());
+    }
+    Err(Error::NoMatch { side: side.name(), clip: clip.name() })
+}
+
+/// Frames and what is known of them.
+pub struct Footage {
+    /// The frames.
+    pub clip: Box<dyn Clip>,
+    /// Inverse depth (NaN: no reading), and what it is measured in.
+    pub depth: Option<(BoxedSide<Plane>, DepthKind)>,
+    /// Optical flow to the next frame, px.
+    pub flow: Option<BoxedSide<Flow>>,
+    /// The frames without noise.
+    pub denoised: Option<BoxedSide<Encoded>>,
+    /// The frames without noise and motion blur.
+    pub motion_deblurred: Option<BoxedSide<Encoded>>,
+    /// The frames without noise and defocus.
+    pub defocus_deblurred: Option<BoxedSide<Encoded>>,
+    /// The frames without noise, motion blur and defocus.
+    pub clean: Option<BoxedSide<Encoded>>,
+    /// Whether networks made these images, which widens intervals.
+    pub by_network: bool,
+}
+
+impl Footage {
+    /// Frames of which nothing is known.
+    pub fn new(clip: impl Clip + 'static) -> Self {
+        Self {
+            clip: Box::new(clip),
+            depth: None,
+            flow: None,
+            denoised: None,
+            motion_deblurred: None,
+            defocus_deblurred: None,
+            clean: None,
+            by_network: false,
+        }
+    }
+
+    /// The frames from which something was removed, of whatever kind.
+    pub(crate) fn removed(&self) -> [&Option<BoxedSide<Encoded>>; 4] {
+        [&self.denoised, &self.motion_deblurred, &self.defocus_deblurred, &self.clean]
+    }
+
+    /// Whether there are frames from which something was removed.
+    pub fn has_removed(&self) -> bool {
+        self.removed().iter().any(|f| f.is_some())
+    }
+}

@@ -1,0 +1,186 @@
+//! The loop of whatever makes a frame from each frame of a clip.
+
+use crate::{
+    Result,
+    estimate::of_frame,
+    footage::Clip,
+    observer::{Observer, Steps},
+};
+use blindaug::{Encoded, Flow, Frame, Raster, analysis};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Bytes of a pixel of a frame, of flow, and of depth.
+pub(crate) const FRAME: u64 = 12;
+pub(crate) const FLOW: u64 = 8;
+pub(crate) const DEPTH: u64 = 4;
+
+/// Where frames go that are made, a few rows at a time from the top.
+pub trait Sink {
+    /// The numbers of the frames that are there already and are not to be made again.
+    fn done(&self) -> BTreeSet<u64> {
+        BTreeSet::new()
+    }
+
+    /// Begins a frame of this number, width and height.
+    ///
+    /// # Errors
+    /// If it cannot be begun.
+    fn begin(&mut self, number: u64, size: (usize, usize)) -> Result<()>;
+
+    /// Takes the next rows of the frame.
+    ///
+    /// # Errors
+    /// If they cannot be kept.
+    fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()>;
+
+    /// Completes the frame.
+    ///
+    /// # Errors
+    /// If it cannot be kept.
+    fn end(&mut self) -> Result<()>;
+
+    /// Drops the frame that was begun: it could not be made.
+    fn abandon(&mut self);
+}
+
+/// Keeps frames in memory, by number.
+#[derive(Clone, Debug, Default)]
+pub struct MemorySink {
+    /// The frames that are complete.
+    pub frames: BTreeMap<u64, Encoded>,
+    /// The number, width and pixels so far of the one that was begun.
+    begun: Option<(u64, usize, Vec<[f32; 3]>)>,
+}
+
+impl Sink for MemorySink {
+    fn begin(&mut self, number: u64, (width, height): (usize, usize)) -> Result<()> {
+        self.begun = Some((number, width, Vec::with_capacity(width * height)));
+        Ok(())
+    }
+
+    fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()> {
+        if let Some((.., pixels)) = &mut self.begun {
+            pixels.extend_from_slice(rows.data());
+        }
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<()> {
+        if let Some((number, width, pixels)) = self.begun.take() {
+            let frame = whole(width, pixels).map_err(|error| crate::Error::Frame {
+                clip: "the composite".into(),
+                number,
+                error,
+            })?;
+            self.frames.insert(number, frame);
+        }
+        Ok(())
+    }
+
+    fn abandon(&mut self) {
+        self.begun = None;
+    }
+}
+
+/// A frame of its rows.
+pub(crate) fn whole(width: usize, pixels: Vec<[f32; 3]>) -> blindaug::Result<Encoded> {
+    let height = pixels.len() / width.max(1);
+    Ok(Encoded(Raster::from_vec(width, height, pixels)?))
+}
+
+/// How far a job came that makes frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Made {
+    /// How many frames were made.
+    pub frames: u64,
+    /// If the observer stopped it: the last frame that was made, and the next one that was not.
+    pub stopped: Option<(u64, u64)>,
+    /// How many frames had no virtual layer and were left as they are.
+    pub without_layer: u64,
+}
+
+/// Fails if frames of a clip with what belongs to them, `per_pixel` bytes, and the work on one of them do not fit into the budget. Where
+/// flow is to be found, that comes before the work.
+pub(crate) fn check_memory(clip: &dyn Clip, per_pixel: u64, finds_flow: bool, work: u64) -> Result<()> {
+    let (width, height) = clip.size();
+    let pixels = (width * height) as u64;
+    let flow = if finds_flow { analysis::flow::BYTES_PER_PIXEL * pixels } else { 0 };
+    clip.check_memory(
+        &format!("work on frames of {width} x {height} pixels"),
+        per_pixel * pixels + work.max(flow),
+    )
+}
+
+/// The frames before and after a frame, if they are at hand.
+pub(crate) struct Neighbours<'a> {
+    clip: &'a dyn Clip,
+    previous: Option<&'a Encoded>,
+    next: Option<&'a Encoded>,
+}
+
+impl Neighbours<'_> {
+    /// Flow to the next frame, estimated; for the last frame that from the previous one, taken to go on.
+    pub fn flow(&self, frame: &Frame) -> Result<Option<Flow>> {
+        let (other, sign) = match (self.next, self.previous) {
+            (Some(next), _) => (next, 1.0),
+            (None, Some(previous)) => (previous, -1.0),
+            (None, None) => return Ok(None),
+        };
+        let flow = analysis::flow::flow(&frame.image.luma(), &other.luma())
+            .map_err(|e| of_frame(self.clip, frame.number, e))?;
+        Ok(Some(flow.map(|v| v.map(|c| sign * c))))
+    }
+}
+
+/// Calls `make` for each frame that is not done, which puts the rows of the result into the sink. Only with `neighbours` are the frames
+/// before and after it at hand; else one frame is in memory at a time.
+pub(crate) fn for_each_frame(
+    what: &'static str,
+    clip: &dyn Clip,
+    sink: &mut dyn Sink,
+    neighbours: bool,
+    observer: &dyn Observer,
+    mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
+) -> Result<Made> {
+    let done = sink.done();
+    let needed = |n: u64| {
+        let beside = |n: u64| neighbours && !done.contains(&n);
+        !done.contains(&n) || beside(n + 1) || beside(n.saturating_sub(1))
+    };
+    let mut made = Made::default();
+    let steps = Steps::begin(observer, what, clip.len_hint().map(|n| n.saturating_sub(done.len())));
+    let mut frames = clip.frames_if(Box::new(needed));
+    let mut previous: Option<Frame> = None;
+    let mut current = frames.next().transpose()?;
+    while let Some(frame) = current.take() {
+        let number = frame.number;
+        // If it is damaged, this frame's motion would be another.
+        let next = if neighbours { frames.next().transpose()? } else { None };
+        if !done.contains(&number) {
+            let around = Neighbours {
+                clip,
+                previous: previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image),
+                next: next.as_ref().filter(|n| n.number == number + 1).map(|n| &n.image),
+            };
+            sink.begin(number, frame.image.0.size())?;
+            if let Err(e) = make(&frame, &around, sink) {
+                sink.abandon();
+                return Err(e);
+            }
+            sink.end()?;
+            made.frames += 1;
+            steps.step();
+        }
+        (previous, current) = if neighbours {
+            (Some(frame), next)
+        } else {
+            drop(frame);
+            (None, frames.next().transpose()?)
+        };
+        if let (true, Some(next)) = (observer.stops(), &current) {
+            made.stopped = Some((number, next.number));
+            break;
+        }
+    }
+    Ok(made)
+}

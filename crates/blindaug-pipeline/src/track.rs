@@ -1,0 +1,99 @@
+//! A camera model for each frame of a clip.
+
+use crate::{
+    Result,
+    estimate::{Samples, check_memory, of_clip, of_frame},
+    footage::{Clip, Footage},
+    observer::Observer,
+    operators::{EvidenceSink, Operators},
+    window::{Seen, Viewer, show},
+};
+use blindaug::{
+    Sample,
+    fit::{FrameObservation, track::Tracker},
+    model::{BlurSpace, CameraTrack, TrackedCamera},
+};
+
+/// How a clip is tracked.
+#[derive(Default)]
+pub struct Job<'a> {
+    /// The values that blur acts on.
+    pub blur_space: BlurSpace,
+    /// Frames per second; `None`: the clip's.
+    pub fps: Option<f64>,
+    /// Whether a few frames are kept for a report.
+    pub keep_samples: bool,
+    /// What looks at the frames before, such as networks that find flow or depth.
+    pub operators: Option<&'a mut dyn Operators>,
+}
+
+/// A tracked camera and which frames it rests on.
+#[derive(Clone, Debug)]
+pub struct Tracked {
+    /// The models. The last one says if the observer stopped the job before the end of the clip.
+    pub track: CameraTrack,
+    /// A few frames for a report, if they were asked for.
+    pub samples: Vec<Sample>,
+    /// The first frame's number.
+    pub first: u64,
+    /// The last frame's number.
+    pub last: u64,
+}
+
+/// Estimates a model for each frame.
+struct Following<'a> {
+    clip: &'a dyn Clip,
+    tracker: Tracker,
+    each: &'a mut dyn FnMut(&TrackedCamera) -> Result<()>,
+    /// The models so far; all but the last one were handed on.
+    cameras: Vec<TrackedCamera>,
+    samples: Samples<'a>,
+}
+
+impl Viewer for Following<'_> {
+    fn wants_next(&self) -> bool {
+        true
+    }
+
+    fn view(
+        &mut self,
+        number: u64,
+        observation: &FrameObservation,
+        _: Option<&mut dyn EvidenceSink>,
+    ) -> Result<()> {
+        let camera = self.tracker.push(observation).map_err(|e| of_frame(self.clip, number, e))?.clone();
+        if let Some(last) = self.cameras.last() {
+            (self.each)(last)?;
+        }
+        self.cameras.push(TrackedCamera { frame: number, changed: self.tracker.changes(), camera });
+        self.samples.keep(number, observation)
+    }
+}
+
+/// Estimates a model for each frame of a clip, and hands each to `each` as it comes, one frame late.
+///
+/// # Errors
+/// If a frame or what belongs to it cannot be used, memory does not suffice, or `each` fails.
+pub fn track(
+    footage: &Footage,
+    job: Job,
+    observer: &dyn Observer,
+    each: &mut dyn FnMut(&TrackedCamera) -> Result<()>,
+) -> Result<Tracked> {
+    let Job { blur_space, fps, keep_samples, operators } = job;
+    let clip = &*footage.clip;
+    let reach = operators.as_ref().map_or(0, |o| o.reach());
+    check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
+    let tracker = Tracker::new(blur_space, fps.or(clip.fps()));
+    let samples = Samples::new(clip, keep_samples);
+    let mut following = Following { clip, tracker, each, cameras: Vec::new(), samples };
+    let Seen { first, last, stopped, .. } =
+        show(footage, operators, None, "tracking", &mut following, observer)?;
+    let Following { each, mut cameras, samples, .. } = following;
+    if let Some(last) = cameras.last_mut() {
+        last.camera.stopped = stopped;
+        each(last)?;
+    }
+    let track = CameraTrack::from_frames(cameras).map_err(|e| of_clip(clip, e))?;
+    Ok(Tracked { track, samples: samples.kept, first, last })
+}

@@ -1,0 +1,212 @@
+//! The frames of a clip one after another, a few at a time in memory, each with what belongs to it.
+
+use crate::{
+    Result,
+    footage::{BoxedSide, Clip, Footage, Side, all_frames, check_match},
+    observer::{Observer, Steps},
+    operators::{EvidenceSink, Operators},
+};
+use blindaug::{
+    Encoded, Flow, Frame, Plane,
+    fit::{Evidence, FrameObservation},
+    model::Stopped,
+};
+use std::collections::VecDeque;
+
+/// Whoever looks at the frames of a clip, one after another.
+pub(crate) trait Viewer {
+    /// Whether it will look at the next frame, or only count it.
+    fn wants_next(&self) -> bool;
+
+    /// Takes a frame and what belongs to it, and saves what it finds of flow and depth.
+    fn view(
+        &mut self,
+        number: u64,
+        observation: &FrameObservation,
+        save: Option<&mut dyn EvidenceSink>,
+    ) -> Result<()>;
+}
+
+/// Which frames were seen.
+pub(crate) struct Seen {
+    pub frames: usize,
+    pub first: u64,
+    pub last: u64,
+    /// How far it came, if it was asked to stop before the end.
+    pub stopped: Option<Stopped>,
+}
+
+/// What belongs to a frame; counts the frames that have it.
+struct Counted<'a, T> {
+    side: Option<&'a dyn Side<T>>,
+    matched: u64,
+}
+
+impl<'a, T> Counted<'a, T> {
+    fn new(clip: &dyn Clip, side: Option<&'a BoxedSide<T>>) -> Result<Self> {
+        let side = side.map(|s| &**s);
+        check_match(clip, side)?;
+        Ok(Self { side, matched: 0 })
+    }
+
+    /// Counts the frame, and reads what belongs to it if it is wanted.
+    fn get(&mut self, number: u64, size: (usize, usize), wanted: bool) -> Result<Option<T>> {
+        let Some(side) = self.side.filter(|s| s.has(number)) else { return Ok(None) };
+        self.matched += 1;
+        if wanted { side.get(number, size) } else { Ok(None) }
+    }
+
+    /// Says so if it was not there for all frames.
+    fn report(&self, what: &str, frames: u64, observer: &dyn Observer) {
+        if self.side.is_some() && self.matched < frames {
+            observer.note(&format!("{what}: {} of {frames} frames have it", self.matched));
+        }
+    }
+}
+
+/// What belongs to the frames of footage.
+struct Sides<'a> {
+    footage: &'a Footage,
+    depth: Counted<'a, Plane>,
+    flow: Counted<'a, Flow>,
+    denoised: Counted<'a, Encoded>,
+    motion_deblurred: Counted<'a, Encoded>,
+    defocus_deblurred: Counted<'a, Encoded>,
+    clean: Counted<'a, Encoded>,
+}
+
+/// What belongs to one frame.
+struct Given {
+    depth: Option<Plane>,
+    flow: Option<Flow>,
+    denoised: Option<Encoded>,
+    motion_deblurred: Option<Encoded>,
+    defocus_deblurred: Option<Encoded>,
+    clean: Option<Encoded>,
+}
+
+impl<'a> Sides<'a> {
+    fn new(footage: &'a Footage) -> Result<Self> {
+        let clip = &*footage.clip;
+        let frames = |side: &'a Option<BoxedSide<Encoded>>| Counted::new(clip, side.as_ref());
+        Ok(Self {
+            footage,
+            depth: Counted::new(clip, footage.depth.as_ref().map(|d| &d.0))?,
+            flow: Counted::new(clip, footage.flow.as_ref())?,
+            denoised: frames(&footage.denoised)?,
+            motion_deblurred: frames(&footage.motion_deblurred)?,
+            defocus_deblurred: frames(&footage.defocus_deblurred)?,
+            clean: frames(&footage.clean)?,
+        })
+    }
+
+    /// Counts a frame, and reads what belongs to it if that is wanted.
+    fn get(&mut self, number: u64, wanted: bool) -> Result<Given> {
+        let size = self.footage.clip.size();
+        Ok(Given {
+            flow: self.flow.get(number, size, wanted)?,
+            depth: self.depth.get(number, size, wanted)?,
+            denoised: self.denoised.get(number, size, wanted)?,
+            motion_deblurred: self.motion_deblurred.get(number, size, wanted)?,
+            defocus_deblurred: self.defocus_deblurred.get(number, size, wanted)?,
+            clean: self.clean.get(number, size, wanted)?,
+        })
+    }
+
+    /// Says what was not there for all frames.
+    fn report(&self, frames: u64, observer: &dyn Observer) {
+        self.depth.report("depth", frames, observer);
+        self.flow.report("flow", frames, observer);
+        self.denoised.report("denoised frames", frames, observer);
+        self.motion_deblurred.report("motion-deblurred frames", frames, observer);
+        self.defocus_deblurred.report("defocus-deblurred frames", frames, observer);
+        self.clean.report("clean frames", frames, observer);
+    }
+}
+
+impl Given {
+    fn evidence(&self, footage: &Footage) -> Evidence<'_> {
+        Evidence {
+            flow: self.flow.as_ref(),
+            inverse_depth: self.depth.as_ref().zip(footage.depth.as_ref().map(|d| d.1)),
+            denoised: self.denoised.as_ref(),
+            motion_deblurred: self.motion_deblurred.as_ref(),
+            defocus_deblurred: self.defocus_deblurred.as_ref(),
+            clean: self.clean.as_ref(),
+            by_network: footage.by_network,
+        }
+    }
+}
+
+/// Shows a clip's frames with what is known of them.
+pub(crate) fn show(
+    footage: &Footage,
+    mut operators: Option<&mut dyn Operators>,
+    mut save: Option<&mut dyn EvidenceSink>,
+    what: &'static str,
+    viewer: &mut impl Viewer,
+    observer: &dyn Observer,
+) -> Result<Seen> {
+    let clip = &*footage.clip;
+    let mut sides = Sides::new(footage)?;
+    let steps = Steps::begin(observer, what, clip.len_hint());
+    let mut frames = all_frames(clip);
+    let mut window: VecDeque<Frame> = VecDeque::new();
+    let reach = operators.as_ref().map_or(0, |o| o.reach()).max(1);
+    let mut at = 0;
+    let mut seen = Seen { frames: 0, first: 0, last: 0, stopped: None };
+    let mut consecutive = false;
+    loop {
+        while window.len() <= at + reach
+            && let Some(frame) = frames.next().transpose()?
+        {
+            window.push_back(frame);
+        }
+        let Some(frame) = window.get(at) else { break };
+        let number = frame.number;
+        // A gap in the numbers is a gap in time.
+        let (run, own) = successive(&window, at);
+        let next = run.get(own + 1).map(|f| f.1);
+        let previous = own.checked_sub(1).map(|i| run[i].1);
+        consecutive |= next.is_some();
+        let wanted = viewer.wants_next();
+        let given = sides.get(number, wanted)?;
+        let given = given.evidence(footage);
+        let evidence = match &mut operators {
+            Some(operators) if wanted => operators.evidence(&run, own, given, observer),
+            _ => given,
+        };
+        if let Some(save) = &mut save {
+            save.images(number, &frame.image, &evidence)?;
+        }
+        let observation = FrameObservation { frame: &frame.image, next, previous, evidence };
+        viewer.view(number, &observation, save.as_mut().map(|s| &mut **s as &mut dyn EvidenceSink))?;
+        seen.first = if seen.frames == 0 { number } else { seen.first };
+        seen.last = number;
+        seen.frames += 1;
+        steps.step();
+        at += 1;
+        if at > reach {
+            window.pop_front();
+            at -= 1;
+        }
+        if observer.stops() && at < window.len() {
+            seen.stopped = Some(Stopped { after: seen.frames, of: clip.len_hint() });
+            break;
+        }
+    }
+    drop(steps);
+    sides.report(seen.frames as u64, observer);
+    if seen.frames > 1 && !consecutive {
+        observer.warning("no two frames have successive numbers, so there is no motion to see");
+    }
+    Ok(seen)
+}
+
+/// The frames around one that follow each other without a gap, and where it is among them.
+fn successive(window: &VecDeque<Frame>, at: usize) -> (Vec<(u64, &Encoded)>, usize) {
+    let follows = |i: usize| window[i].number + 1 == window[i + 1].number;
+    let first = (0..at).rev().find(|&i| !follows(i)).map_or(0, |i| i + 1);
+    let last = (at..window.len() - 1).find(|&i| !follows(i)).unwrap_or(window.len() - 1);
+    (window.range(first..=last).map(|f| (f.number, &f.image)).collect(), at - first)
+}

@@ -1,0 +1,81 @@
+//! What inverse depth is measured in, and how relative inverse depth relates to metres.
+
+use super::{CameraModel, CameraTrack, DefocusModel};
+use crate::Plane;
+use serde::{Deserialize, Serialize};
+
+/// What the inverse depths of a defocus model, or of a depth map, are measured in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthKind {
+    /// 1 / m along the view axis.
+    Metric,
+    /// Relative inverse depth: its scale and offset are unknown, larger is nearer.
+    Relative,
+}
+
+/// Relates relative inverse depth d to the depth Z in metres: d = scale / Z + offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneScale {
+    /// The relative inverse depth of what is 1 m away, less the offset; > 0.
+    pub scale: f32,
+    /// The relative inverse depth of what is infinitely far.
+    pub offset: f32,
+}
+
+impl SceneScale {
+    /// Inverse depth in 1/m from relative inverse depth; NaN stays NaN.
+    pub fn to_metric(self, mut relative: Plane) -> Plane {
+        let (slope, offset) = (self.scale.recip(), -self.offset / self.scale);
+        relative.data_mut().iter_mut().for_each(|d| *d = slope * *d + offset);
+        relative
+    }
+
+    /// A lens over inverse depth in 1/m from one over relative inverse depth; a lens in metres stays as it is.
+    pub fn lens_to_metric(self, lens: DefocusModel) -> DefocusModel {
+        match lens.depth_kind {
+            DepthKind::Metric => lens,
+            DepthKind::Relative => lens.to_metric(self.scale, self.offset),
+        }
+    }
+}
+
+impl CameraModel {
+    /// The camera with its lens over inverse depth in 1/m.
+    pub fn to_metric(mut self, scale: SceneScale) -> Self {
+        self.defocus = self.defocus.map(|lens| scale.lens_to_metric(lens));
+        self
+    }
+}
+
+impl CameraTrack {
+    /// What the lens's inverse depth is measured in, in the first frame in which it is known.
+    pub fn depth_kind(&self) -> Option<DepthKind> {
+        self.frames().iter().find_map(|f| f.camera.defocus.known()).map(|lens| lens.depth_kind)
+    }
+
+    /// The cameras with their lenses over inverse depth in 1/m.
+    pub fn to_metric(self, scale: SceneScale) -> Self {
+        self.map(|camera| camera.to_metric(scale))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_and_lens_are_brought_to_metres_alike() {
+        let scale = SceneScale { scale: 0.5, offset: 0.1 };
+        let lens = DefocusModel { depth_kind: DepthKind::Relative, ..DefocusModel::given_lens(3.0, 0.4) };
+        let metric = scale.lens_to_metric(lens);
+        let relative = Plane::from_vec(3, 1, vec![0.2, 0.6, f32::NAN]).unwrap();
+        let inverse_depth = scale.to_metric(relative.clone());
+        for x in 0..2 {
+            let (a, b) = (lens.sigma_px(relative.at(x, 0)), metric.sigma_px(inverse_depth.at(x, 0)));
+            assert!((a - b).abs() < 1e-5, "{a} {b}");
+        }
+        assert!(inverse_depth.at(2, 0).is_nan());
+        assert_eq!(scale.lens_to_metric(metric), metric);
+    }
+}
