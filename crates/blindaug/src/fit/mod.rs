@@ -211,7 +211,7 @@ const SETTLED: f32 = 1e-3;
 /// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
 const REMOVAL_LENS_FLOOR: f32 = 0.04;
-/// The same where a network made the clean frames: errors on scenes of their own, docs/accuracy.md.
+/// The same where a network made the clean frames: errors on scenes of their own, docs/lab-log.md.
 const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
 const NETWORK_LENS_FLOOR: f32 = 0.3;
 
@@ -698,7 +698,7 @@ impl Estimator {
     }
 
     /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
-    /// much (docs/accuracy.md), and it is slower.
+    /// much (docs/lab-log.md), and it is slower.
     fn blind_method(&self) -> Method {
         if self.options.family == Family::Removal { Method::Removal } else { Method::Spectral }
     }

@@ -28,7 +28,7 @@ const CLIP_MARGIN: f32 = 0.02;
 const MAY_CLIP: f32 = 0.04;
 
 /// Errors of H.264 at a quality that is just bearable, as a std of luma. Where a coder was at work, how good it was is not known, and to allow for
-/// more than there is costs little (docs/accuracy.md).
+/// more than there is costs little (docs/lab-log.md).
 pub(super) const MAX_CODING_ERROR: f32 = 0.045;
 
 /// What a pixel costs a block that holds it.

@@ -2,7 +2,7 @@
 //! take from its fine detail. Where that is stronger than white noise has it, an unsharp mask has put it there.
 //!
 //! Overshoot at edges, the other trace that sharpening leaves, is not used: the edges of natural images have as much of
-//! their own (docs/accuracy.md).
+//! their own (docs/lab-log.md).
 
 use super::noise::{NoiseFit, NoisePoint};
 use super::uniform;
