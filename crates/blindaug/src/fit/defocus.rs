@@ -1,9 +1,20 @@
 //! Defocus over inverse depth from a frame and its version without defocus: the paper's per-pixel search and quadratic,
 //! and all pixels at once for a thin lens.
 
-use super::{BlurPoint, Samples};
+use super::robust::{Samples, places_of_contrast};
 use crate::model::ExposureFraction;
 use crate::{Flow, Plane, Raster, filter, par, synth};
+
+/// The blur of one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlurPoint {
+    /// Inverse depth of the place.
+    pub inverse_depth: f32,
+    /// The std that fits it best alone, px.
+    pub sigma_px: f32,
+    /// How much it says, 0 to 1.
+    pub weight: f32,
+}
 
 /// A thin lens as it is fitted: `sigma = slope |d - focus|`, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -181,7 +192,7 @@ pub fn fit_lens(
     };
     let mild = filter::gaussian_blur(sharp, 2.0);
     let contrast = |x: usize, y: usize| (sharp.at(x, y) - mild.at(x, y)).abs() * weight.at(x, y);
-    let places = super::places_of_contrast(w, h, 10, even, contrast);
+    let places = places_of_contrast(w, h, 10, even, contrast);
     if places.len() < 200 {
         return None;
     }

@@ -1,6 +1,6 @@
 //! Exposure from a frame and its version without motion blur: the paper's search, made continuous.
 
-use super::Samples;
+use super::robust::{Samples, places_of_contrast};
 use crate::model::ExposureFraction;
 use crate::{Flow, Plane, par};
 
@@ -55,7 +55,7 @@ pub fn fit_exposure(target: &Plane, weight: &Plane, sharp: &Plane, flow: &Flow) 
                 .all(|&(dx, dy)| (near(dx, dy)[0] - u).hypot(near(dx, dy)[1] - v) < 0.15 * speed + 0.3)
     };
     let contrast = |x: usize, y: usize| (sharp.at(x, y) - blurred(x, y, 0.7)).abs() * weight.at(x, y);
-    let places = super::places_of_contrast(w, h, 10, moves, contrast);
+    let places = places_of_contrast(w, h, 10, moves, contrast);
     if places.len() < 200 {
         return None;
     }

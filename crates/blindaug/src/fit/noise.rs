@@ -14,6 +14,8 @@ use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
 
+/// Errors of a coder, as a std of luma, of which the user is told.
+pub(super) const NOTABLE_CODING_ERROR: f32 = 0.01;
 /// Side of the blocks in which variances are taken, px of the full image, per level: small ones are more often free of
 /// structure, but the coarse levels need a few values.
 const BLOCK: [usize; NOISE_LEVELS] = [16, 16, 32, 32];
@@ -466,7 +468,9 @@ impl NoiseEvidence {
         blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
         blocks.truncate((blocks.len() * 2 / 5).max(8));
         let std = |y: f32| (model.slope * y + model.intercept).max(1e-4);
-        super::median(blocks.iter().map(|b| 0.5 * b.variance[3].max(1e-10).ln() - std(b.y).ln()).collect())
+        super::robust::median(
+            blocks.iter().map(|b| 0.5 * b.variance[3].max(1e-10).ln() - std(b.y).ln()).collect(),
+        )
     }
 
     /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure. `most_common`: [`Bin::common`] at most.

@@ -13,11 +13,12 @@
 //! The lens and the rest of the camera blur alike in all directions, motion only along it: the lines across the motion say
 //! how much of what is seen along it is not the shutter's.
 
+use super::agreement::{ExposureFit, LensFit, LensObservation};
+use super::likelihood::{EXPOSURE_STEP, EXPOSURES, SIGMAS, relative, sigma_of};
 use super::noise::NoiseLine;
-use super::spectral::{
-    self, EXPOSURE_STEP, EXPOSURES, ExposureFit, LensFit, LensObservation, SIGMAS, SPEEDS, TILE, block_of,
-    relative, sigma_of,
-};
+use super::robust::median;
+use super::tiles::{SPEEDS, TILE, block_of};
+use super::{agreement, tiles};
 use crate::model::{BlurSpace, Estimate, ExposureFraction, Reason};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Plane, Raster, Result, Transfer, filter, par, raster};
@@ -71,7 +72,7 @@ impl NoisyLight {
             let std = ((noise.slope * y + noise.intercept) / white).max(0.29 / 255.0);
             (std / slope).powi(2)
         });
-        Self { light: super::light_of(frame, space), variance }
+        Self { light: tiles::light_of(frame, space), variance }
     }
 }
 
@@ -295,7 +296,7 @@ pub struct Tile {
 /// The tiles of a frame.
 pub fn tiles(frame: &NoisyLight, flow: Option<&Flow>, inverse_depth: Option<&Plane>) -> Vec<Tile> {
     let (w, h) = frame.light.size();
-    let corners = spectral::corners((w, h));
+    let corners = tiles::corners((w, h));
     // Gradients' energy over the noise's.
     let contrast = par::map(corners.len(), |i| {
         let (x0, y0) = corners[i];
@@ -342,7 +343,7 @@ fn tile(
     if let Some(flow) = flow {
         let known: Vec<[f32; 2]> =
             around().map(|(x, y)| flow.at(x, y)).filter(|f| f[0].is_finite() && f[1].is_finite()).collect();
-        let middle = [0, 1].map(|c| super::median(known.iter().map(|f| f[c]).collect()).unwrap_or(0.0));
+        let middle = [0, 1].map(|c| median(known.iter().map(|f| f[c]).collect()).unwrap_or(0.0));
         speed = middle[0].hypot(middle[1]);
         let like = |f: &&[f32; 2]| (f[0] - middle[0]).hypot(f[1] - middle[1]) < (0.2 * speed).max(0.7);
         if known.iter().filter(like).count() < 20 || speed > SPEEDS.end {
@@ -356,7 +357,7 @@ fn tile(
     }
     let depths: Vec<f32> = inverse_depth
         .map_or(vec![], |map| around().map(|(x, y)| map.at(x, y)).filter(|d| d.is_finite()).collect());
-    let inverse_depth = super::median(depths.clone())
+    let inverse_depth = median(depths.clone())
         .filter(|d| depths.iter().filter(|v| (*v - d).abs() < 0.12 * d.abs()).count() >= 20)
         .unwrap_or(f32::NAN);
     let center = [x0, y0].map(|v| v as f32 + 0.5 * (TILE - 1) as f32);
@@ -467,25 +468,26 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
         sum
     };
     let sum = summed(&|_| true);
-    let estimate = spectral::most_likely_exposure(&sum);
+    let estimate = agreement::most_likely_exposure(&sum);
     let parts: Vec<(u32, usize, Vec<f32>)> = moving
         .iter()
         .zip(&curves)
         .map(|((_, part, tile), curve)| (tile.block, *part, curve.clone()))
         .collect();
-    let [low, high] = spectral::bootstrapped_exposure(estimate, &parts, BOOTSTRAPS, spectral::EXPOSURE_FLOOR);
+    let [low, high] =
+        agreement::bootstrapped_exposure(estimate, &parts, BOOTSTRAPS, agreement::EXPOSURE_FLOOR);
     // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
-    let mut alone: Vec<f32> = curves.iter().map(|c| spectral::most_likely_exposure(c)).collect();
+    let mut alone: Vec<f32> = curves.iter().map(|c| agreement::most_likely_exposure(c)).collect();
     alone.sort_by(f32::total_cmp);
     let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
-    if high - low > spectral::MAX_UNCERTAINTY {
+    if high - low > agreement::MAX_UNCERTAINTY {
         let why =
             format!("too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit");
         return Estimate::unknown(Reason::Uncertain, why);
     }
     let per_frame = (0..frames.len())
         .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= 6)
-        .map(|f| (f, spectral::most_likely_exposure(&summed(&|i| moving[i].0 == f)).min(1.0)))
+        .map(|f| (f, agreement::most_likely_exposure(&summed(&|i| moving[i].0 == f)).min(1.0)))
         .collect();
     let curve = relative(sum.into_iter())
         .into_iter()
@@ -504,7 +506,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
 /// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it).
 ///
 /// # Errors
-/// As [`spectral::lens_of`].
+/// As [`agreement::lens_of`].
 pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<Estimate<LensFit>> {
     let known: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.inverse_depth.is_finite()).collect();
     let observations = par::map(known.len(), |i| {
@@ -522,5 +524,5 @@ pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<Estima
             part,
         }
     });
-    spectral::lens_of(&observations, BOOTSTRAPS)
+    agreement::lens_of(&observations, BOOTSTRAPS)
 }

@@ -5,7 +5,7 @@
 //! their own (docs/lab-log.md).
 
 use super::noise::{NoiseFit, NoisePoint};
-use super::uniform;
+use super::robust::uniform;
 use crate::model::{Estimate, Method, NOISE_LEVELS, Reason, SharpeningModel};
 use crate::synth::noise::white_band_std;
 use crate::{Plane, filter, pyramid};

@@ -12,14 +12,16 @@
 //! **Bridges**: a frame that says nothing of a parameter leaves its last value; the interval widens with the time since
 //! anything was seen of it, as that of a random walk does.
 
+use super::agreement::{ExposureObservation, FineTables, LensObservation};
 use super::defocus::{self, Lens};
+use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
+use super::observation::FrameObservation;
 use super::sharpening;
-use super::spectral::{self, ExposureObservation, FineTables, LensObservation};
-use super::{FrameObservation, check_sizes, known_flow, no_parallax};
-use crate::analysis::cuts::{MIN_CONFIRMED, look_different};
-use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
-use crate::analysis::flow::{FlowEstimator, motion_at_frame};
+use super::{agreement, likelihood, spectral, tiles};
+use crate::analysis::cuts::look_different;
+use crate::analysis::depth::Parallax;
+use crate::analysis::flow::motion_at_frame;
 use crate::model::{
     BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
     ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, ThinLensInterval,
@@ -85,14 +87,13 @@ pub struct Tracker {
     fps: Option<f64>,
     size: Option<(usize, usize)>,
     frames: usize,
-    flow: FlowEstimator,
+    follower: Follower,
     /// That of the last frame, to the next one where there was one.
     last_flow: LastFlow,
     /// The memory of the one before it.
     spare: Flow,
     /// The last one that was found.
     inverse_depth: Option<Plane>,
-    parallax: ParallaxTracker,
     noise: NoiseMemory,
     luma_noise: LumaNoise,
     exposure: Memory,
@@ -147,15 +148,14 @@ impl Tracker {
             fps,
             size: None,
             frames: 0,
-            flow: FlowEstimator::new(),
+            follower: Follower::new(true),
             last_flow: LastFlow::default(),
             spare: Flow::filled(0, 0, [0.0; 2]),
             inverse_depth: None,
-            parallax: ParallaxTracker::new().near_the_last(),
             noise: NoiseMemory::default(),
             luma_noise: Default::default(),
             exposure: Memory::new(CURVES + 3, KEPT_EXPOSURE),
-            lens: Memory::new(spectral::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
+            lens: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
             depth_kind: None,
             known: Known::default(),
             cut_ahead: false,
@@ -247,7 +247,7 @@ impl Tracker {
             return Err(Error::new("nothing is known of the noise yet: push a frame first"));
         };
         let sound = |block: u32, values: &[f32], len: usize| {
-            (block as usize) < spectral::BLOCK_COUNT
+            (block as usize) < tiles::BLOCK_COUNT
                 && values.len() == len
                 && values.iter().all(|&v| v <= 0.0 && v.is_finite())
         };
@@ -262,7 +262,7 @@ impl Tracker {
         {
             return Err(Error::new(format!(
                 "an observation must lie in one of {} blocks and hold {EXPOSURES} log_likelihood or {SIGMAS} log-likelihoods, finite and none of them above 0",
-                spectral::BLOCK_COUNT
+                tiles::BLOCK_COUNT
             )));
         }
         if !lens.is_empty() {
@@ -328,29 +328,29 @@ impl Tracker {
         if let Some(flow) = evidence.flow {
             geometry.flow = Some(Cow::Borrowed(flow));
             if wants_parallax {
-                let unknown = flow.map(|f| !f[0].is_finite());
-                parallax = Some(inverse_depth_from_flow(flow, &unknown)?);
+                parallax = Some(parallax_of(flow)?);
             }
         } else if let Some(other) = next.or(previous) {
             let size = frame.0.size();
             let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > FLOW_WIDTH);
             let (from, to) = (small(frame), small(other));
-            let pair = self.flow.flow_with_occlusion(&from, &to)?;
-            if pair.confirmed() >= MIN_CONFIRMED {
-                let into = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
-                geometry.flow = Some(Cow::Owned(enlarged(known_flow(&pair), size, into)));
-            } else {
-                self.cut_ahead = next.is_some_and(|next| look_different(frame, next));
+            let wants = WantsParallax { confirmed: SCALE_CONFIRMED, stride: PARALLAX_STRIDE };
+            let followed = self.follower.follow(&from, &to, wants_parallax.then_some(wants))?;
+            match followed.flow {
+                Some(flow) => {
+                    let into = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
+                    geometry.flow = Some(Cow::Owned(enlarged(flow, size, into)));
+                }
+                None => self.cut_ahead = next.is_some_and(|next| look_different(frame, next)),
             }
-            if pair.confirmed() < SCALE_CONFIRMED {
-                self.parallax = ParallaxTracker::new().near_the_last();
+            parallax = followed.parallax;
+            if followed.confirmed < SCALE_CONFIRMED {
+                self.follower.forget_scale();
                 self.inverse_depth = None;
                 if self.depth_kind == Some(DepthKind::Relative) {
                     // In another unit from here on.
                     self.lens.forget();
                 }
-            } else if wants_parallax {
-                parallax = Some(self.parallax.push(&pair, PARALLAX_STRIDE)?);
             }
             if let Some(Parallax::Known(depth)) = &mut parallax {
                 let (small, factor) = (&depth.inverse_depth, size.0.div_ceil(from.width()));
@@ -416,31 +416,30 @@ impl Tracker {
     }
 
     /// Some of the frame's tiles, others each time: of those whose motion or depth is known, the ones of most contrast.
-    fn tiles(&self, frame: &Encoded, flow: Option<&Flow>, depth: Option<&Plane>) -> Vec<spectral::Tile> {
+    fn tiles(&self, frame: &Encoded, flow: Option<&Flow>, depth: Option<&Plane>) -> Vec<tiles::Tile> {
         if flow.is_none() && depth.is_none() {
             return vec![];
         }
-        let all = spectral::corners(frame.0.size());
+        let all = tiles::corners(frame.0.size());
         let turns = (all.len() / (2 * TILES)).max(1);
         let contrast = |&(x0, y0): &(usize, usize)| {
-            let middle = (x0 + spectral::TILE / 2, y0 + spectral::TILE / 2);
+            let middle = (x0 + tiles::TILE / 2, y0 + tiles::TILE / 2);
             let moves = flow
                 .map(|f| f.at(middle.0, middle.1))
-                .is_some_and(|[u, v]| u.hypot(v) >= spectral::SPEEDS.start);
+                .is_some_and(|[u, v]| u.hypot(v) >= tiles::SPEEDS.start);
             let placed = depth.is_some_and(|d| d.at(middle.0, middle.1).is_finite());
             let square = |v: f32| v * v;
             let green = |x: usize, y: usize| frame.0.at(x, y)[1];
             let sum = |rows: std::ops::Range<usize>| {
-                let places = rows
-                    .step_by(4)
-                    .flat_map(|y| (x0..x0 + spectral::TILE - 4).step_by(4).map(move |x| (x, y)));
+                let places =
+                    rows.step_by(4).flat_map(|y| (x0..x0 + tiles::TILE - 4).step_by(4).map(move |x| (x, y)));
                 places
                     .map(|(x, y)| {
                         square(green(x + 4, y) - green(x, y)) + square(green(x, y + 4) - green(x, y))
                     })
                     .sum::<f32>()
             };
-            if moves || placed { sum(y0..y0 + spectral::TILE - 4) } else { -1.0 }
+            if moves || placed { sum(y0..y0 + tiles::TILE - 4) } else { -1.0 }
         };
         let mut tried: Vec<_> = all
             .iter()
@@ -451,7 +450,7 @@ impl Tracker {
             .collect();
         tried.sort_by(|a, b| b.0.total_cmp(&a.0));
         let chosen: Vec<_> = tried.into_iter().take(TILES).map(|t| t.1).collect();
-        spectral::tiles_at(frame, &chosen, flow, depth, self.blur_space)
+        tiles::tiles_at(frame, &chosen, flow, depth, self.blur_space)
     }
 
     fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
@@ -474,7 +473,7 @@ impl Tracker {
             }
             let sum = memory.sum();
             let (curves, moments) = sum.split_at(CURVES);
-            let (tiles, speed) = (moments[0], spectral::typical_speed(moments[1], moments[2]));
+            let (tiles, speed) = (moments[0], agreement::typical_speed(moments[1], moments[2]));
             let curve = curve_of(&sum);
             let estimate = mean_exposure(&curve, memory.weight);
             let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
@@ -484,9 +483,9 @@ impl Tracker {
                 .collect();
             let coding_error = self.luma_noise.coding_error;
             let interval =
-                spectral::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
-            let possible = spectral::most_likely_exposure(&curve) <= spectral::LONGEST;
-            if tiles >= 6.0 && possible && interval[1] - interval[0] <= spectral::MAX_UNCERTAINTY {
+                agreement::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
+            let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
+            if tiles >= 6.0 && possible && interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY {
                 memory.age = 0;
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
@@ -513,7 +512,7 @@ impl Tracker {
             for w in found {
                 let cell = w.block as usize * DEPTHS + depth_bin(w.inverse_depth);
                 let cell = &mut evidence[cell * CELL..][..CELL];
-                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-spectral::CLIP * w.tiles));
+                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-likelihood::CLIP * w.tiles));
                 cell[SIGMAS] += w.tiles * w.inverse_depth;
                 cell[SIGMAS + 1] += w.tiles;
             }
@@ -522,7 +521,7 @@ impl Tracker {
                 memory.forget_old();
                 self.changes.defocus = true;
             }
-            match spectral::lens_of(&observations_of(&memory.sum()), BOOTSTRAPS)? {
+            match agreement::lens_of(&observations_of(&memory.sum()), BOOTSTRAPS)? {
                 Estimate::Known(fit) => {
                     let curve = DefocusCurve::ThinLens {
                         sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
@@ -657,9 +656,9 @@ impl Memory {
     }
 }
 
-const EXPOSURES: usize = spectral::EXPOSURES;
+const EXPOSURES: usize = likelihood::EXPOSURES;
 /// The exposure's evidence: a curve for each block, and then how many tiles there are, and the sums of their speeds and of those's squares.
-const CURVES: usize = spectral::BLOCK_COUNT * EXPOSURES;
+const CURVES: usize = tiles::BLOCK_COUNT * EXPOSURES;
 
 /// The sum over the blocks.
 fn curve_of(evidence: &[f32]) -> Vec<f32> {
@@ -678,7 +677,7 @@ fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
     let (mut sum, mut weights) = (0.0, 0.0);
     for (i, v) in curve.iter().enumerate() {
         let weight = (sharpness * (v - max)).exp();
-        sum += weight * i as f32 * spectral::EXPOSURE_STEP;
+        sum += weight * i as f32 * likelihood::EXPOSURE_STEP;
         weights += weight;
     }
     sum / weights
@@ -689,9 +688,9 @@ fn exposure_changed(memory: &Memory) -> bool {
     if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
         return false;
     }
-    let at = |v: f32| (v / spectral::EXPOSURE_STEP).round() as usize;
-    let before = at(spectral::most_likely_exposure(&curve_of(&memory.old)));
-    let now = at(spectral::most_likely_exposure(&curve_of(&memory.recent_sum())));
+    let at = |v: f32| (v / likelihood::EXPOSURE_STEP).round() as usize;
+    let before = at(agreement::most_likely_exposure(&curve_of(&memory.old)));
+    let now = at(agreement::most_likely_exposure(&curve_of(&memory.recent_sum())));
     now.abs_diff(before) > at(SAME_EXPOSURE)
         && memory.recent.iter().all(|frame| {
             let curve = curve_of(frame);
@@ -699,7 +698,7 @@ fn exposure_changed(memory: &Memory) -> bool {
         })
 }
 
-const SIGMAS: usize = spectral::SIGMAS;
+const SIGMAS: usize = likelihood::SIGMAS;
 /// The lens's evidence: cells of a block of the image and a bin of inverse depth, each with its table, the sum of its tiles'
 /// inverse depths, and their number.
 const CELL: usize = SIGMAS + 2;
@@ -732,7 +731,7 @@ fn lens_changed(memory: &Memory) -> bool {
     }
     let best = |observations: &[LensObservation], tables: &FineTables| -> Option<Lens> {
         (observations.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
-            defocus::best_lens(spectral::lens_range(observations), |l| tables.log_likelihood(l, None))
+            defocus::best_lens(agreement::lens_range(observations), |l| tables.log_likelihood(l, None))
         })
     };
     let [old, recent] = [observations_of(&memory.old), observations_of(&memory.recent_sum())];

@@ -4,12 +4,21 @@
 //! the motions differ, in length or direction, a wrong lambda leaves a difference between the frames that no S explains.
 //! Where they do not differ, such a pair of tiles says nothing, and [`super::Tile`] has to rely on what textures are like.
 
-use super::{
-    Arc, BAND, BlurSpace, CLIP, COLUMNS, Complex, EXPOSURE_STEP, EXPOSURES, Encoded, Fft, FftPlanner, Flow,
-    LEAK, Light, LumaNoise, MAX_LAMBDA, MIN_CONTRAST, SAMPLES, SPEEDS, STREAK_STEP, TEMPER, TILE, block_of,
-    common_motion, corners, f32x4, frequencies, hidden, interpolate, lanes, noise_density, par, relative,
-    slope_gain, transform,
+use super::super::likelihood::{
+    CLIP, EXPOSURE_STEP, EXPOSURES, LEAK, MAX_LAMBDA, STREAK_STEP, TEMPER, interpolate, lanes, relative,
+    slope_gain,
 };
+use super::super::noise::LumaNoise;
+use super::super::tiles::{
+    BAND, COLUMNS, Light, MIN_CONTRAST, SAMPLES, SPEEDS, TILE, block_of, common_motion, corners, frequencies,
+    hidden, noise_density, transform,
+};
+use crate::model::BlurSpace;
+use crate::{Encoded, Flow, par};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlanner};
+use std::sync::Arc;
+use wide::f32x4;
 
 /// At most this many pairs of two frames are kept, those of most contrast.
 const PAIRS_PER_FRAME: usize = 60;

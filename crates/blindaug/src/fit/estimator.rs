@@ -1,0 +1,752 @@
+//! One camera model from the frames of a clip.
+
+use super::defocus::BlurPoint;
+use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
+use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
+use super::observation::{
+    Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
+};
+use super::robust::{aggregate, median};
+use super::{agreement, defocus, motion_blur, removal, sharpening, spectral, tiles};
+use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
+use crate::analysis::depth::Parallax;
+use crate::analysis::flow::motion_at_frame;
+use crate::model::{
+    BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
+    Method, MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
+};
+use crate::strips::largest_strip;
+use crate::synth::{self, defocus::Bokeh};
+use crate::{Encoded, Error, Flow, Linear, Plane, Result, Transfer, analysis, filter};
+use std::ops::Range;
+
+/// Takes frames one after another and gives one camera model. Memory does not grow with the length of a clip: frames
+/// are thinned out evenly once there are more than [`Estimator::MAX_FRAMES`].
+pub struct Estimator {
+    options: EstimatorOptions,
+    size: Option<(usize, usize)>,
+    /// Frames given so far, and the distance of those that are used.
+    given: usize,
+    stride: usize,
+    frames: Vec<FrameEvidence>,
+    follower: Follower,
+    /// Of the last frame whose depth could not be told from parallax, why.
+    why_no_depth: Unknown,
+    depth_kind: Option<DepthKind>,
+    depth_given: bool,
+    last_depth: Option<(usize, Plane)>,
+    last_motion: Option<LastMotion>,
+    /// Frames of which too little is found again in their neighbour.
+    unfollowed: usize,
+    /// The first frame of each shot.
+    shots: Vec<usize>,
+    /// Whether the next frame belongs to another shot.
+    cut_ahead: bool,
+    /// Whether images that were given are what a network made.
+    by_network: bool,
+}
+
+/// How the frame added last moves.
+struct LastMotion {
+    /// Of that frame among those given.
+    index: usize,
+    /// To the next frame.
+    flow: Flow,
+    /// At its own time.
+    motion: Flow,
+}
+
+/// An exposure, its curve, and that of each frame.
+type ExposureEvidence = (MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>);
+
+/// What one frame told.
+struct FrameEvidence {
+    index: usize,
+    shot: usize,
+    temporal: NoiseEvidence,
+    spatial: NoiseEvidence,
+    denoised: NoiseEvidence,
+    tiles: Vec<tiles::Tile>,
+    /// With the frame before.
+    pairs: Vec<spectral::Pair>,
+    removal: Vec<removal::Tile>,
+    has_motion: bool,
+    has_depth: bool,
+    exposure: Option<motion_blur::ExposureFit>,
+    lens: Option<defocus::LensFit>,
+    /// Local blur by the paper's search, for the quadratic.
+    search: Vec<BlurPoint>,
+}
+
+impl FrameEvidence {
+    fn new(index: usize, shot: usize, has_motion: bool, has_depth: bool) -> Self {
+        Self {
+            index,
+            shot,
+            temporal: NoiseEvidence::new(Method::Temporal),
+            spatial: NoiseEvidence::new(Method::Spatial),
+            denoised: NoiseEvidence::new(Method::Removal),
+            tiles: vec![],
+            pairs: vec![],
+            removal: vec![],
+            has_motion,
+            has_depth,
+            exposure: None,
+            lens: None,
+            search: vec![],
+        }
+    }
+}
+
+/// The shape of a real lens's blur: a Gaussian of the same std fits a disk only when it is a fifth too wide.
+const BOKEH: Bokeh = Bokeh::Disk;
+/// Exposure and lens are compared with clean frames in turn until no number changes by more: lambda, px of blur, inverse depth.
+const SETTLED: f32 = 1e-3;
+/// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
+const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
+const REMOVAL_LENS_FLOOR: f32 = 0.04;
+/// The same where a network made the clean frames: errors on scenes of their own, docs/lab-log.md.
+const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
+const NETWORK_LENS_FLOOR: f32 = 0.3;
+
+impl Estimator {
+    /// At most this many frames are used at once.
+    pub const MAX_FRAMES: usize = 48;
+
+    /// About how many bytes one takes at most for so many frames of this size, beside the frames and what is given with them.
+    /// `moving`: whether their flow is to be estimated.
+    pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
+        /// Of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
+        const OF_STRIP: u64 = 80;
+        const MOTION: u64 = 60;
+        const REMOVAL: u64 = 120;
+        const KEPT: u64 = 1;
+        let flow = if moving && frames > 1 { analysis::flow::BYTES_PER_PIXEL } else { 0 };
+        let motion = if frames > 1 { MOTION } else { 0 };
+        let removal = if family == Family::Removal { REMOVAL } else { 0 };
+        // Flow is found before anything is removed.
+        let of_frame = motion + flow.max(removal) + KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
+        of_frame * (width * height) as u64 + OF_STRIP * largest_strip(size)
+    }
+
+    /// An estimator that has seen nothing yet.
+    pub fn new(options: EstimatorOptions) -> Self {
+        Self {
+            options,
+            size: None,
+            given: 0,
+            stride: 1,
+            frames: vec![],
+            follower: Follower::new(false),
+            why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given and there is only one frame"),
+            depth_kind: None,
+            depth_given: false,
+            last_depth: None,
+            last_motion: None,
+            unfollowed: 0,
+            shots: vec![0],
+            cut_ahead: false,
+            by_network: false,
+        }
+    }
+
+    /// For a clip of about so many frames: evenly spaced ones are used from the start, which saves time.
+    pub fn expecting(mut self, frames: usize) -> Self {
+        self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
+        self
+    }
+
+    /// Whether the next frame given to [`Estimator::add`] will be looked at, or left out as one of too many: saves the
+    /// caller reading the evidence.
+    pub fn wants_next(&self) -> bool {
+        self.given.is_multiple_of(self.stride)
+    }
+
+    /// Adds a frame, in the order of time. Says whether it was used.
+    ///
+    /// # Errors
+    /// If a size differs from the first frame's, or the frame is not finite.
+    pub fn add(&mut self, observation: &FrameObservation) -> Result<bool> {
+        let FrameObservation { frame, next, previous, evidence } = *observation;
+        check_sizes(&mut self.size, observation)?;
+        let index = self.given;
+        self.given += 1;
+        self.by_network |= evidence.by_network;
+        let opens = std::mem::take(&mut self.cut_ahead);
+        if opens {
+            self.shots.push(index);
+            self.follower.forget_scale();
+            self.last_motion = None;
+        }
+        self.cut_ahead = next.map_or(Ok(false), |next| cut_between(frame, next))?;
+        if !index.is_multiple_of(self.stride) {
+            return Ok(false);
+        }
+        // What lies beyond a cut is no neighbour.
+        let (next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
+        let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
+        let mut estimated = None;
+        let mut parallax = None;
+        if let (None, Some((other, sign))) = (evidence.flow, neighbour) {
+            let wants = WantsParallax { confirmed: MIN_CONFIRMED, stride: self.stride };
+            let wants = evidence.inverse_depth.is_none().then_some(wants);
+            let followed = self.follower.follow(&frame.luma(), &other.luma(), wants)?;
+            self.unfollowed += usize::from(followed.flow.is_none());
+            estimated = followed.flow.map(|flow| (flow, sign));
+            parallax = followed.parallax;
+        }
+        // To the neighbour that there is; and to the next frame, which the last frame's motion continues to.
+        let to_neighbour = match (&estimated, evidence.flow) {
+            (Some((f, _)), _) => Some(f.clone()),
+            (None, Some(f)) if next.is_some() => Some(f.clone()),
+            _ => None,
+        };
+        let to_next = match estimated {
+            Some((f, sign)) => Some(f.map(|v| v.map(|c| c * sign))),
+            None => evidence.flow.cloned(),
+        };
+        let depth = self.depth_of(&evidence, parallax)?;
+        let mut kept = FrameEvidence::new(index, self.shots.len() - 1, to_next.is_some(), depth.is_some());
+        if let (Some(flow), Some((other, _))) = (&to_neighbour, neighbour) {
+            kept.temporal.add_pair(frame, other, flow)?;
+        }
+        kept.spatial.add_single(frame);
+        // The shutter is open around the frame's own time, not on the way to the next one.
+        let last = self.last_motion.take().filter(|l| l.index + 1 == index);
+        let motion = to_next.as_ref().map(|flow| match &last {
+            Some(last) => motion_at_frame(flow, &last.flow),
+            None => flow.clone(),
+        });
+        // A motion that is taken to go on differs from none.
+        let measured = next.is_some() || evidence.flow.is_some();
+        if self.options.family != Family::Removal {
+            kept.tiles = tiles::tiles(frame, motion.as_ref(), depth.as_ref(), self.options.blur_space)?;
+            if let (true, Some(before), Some(last), Some(own)) = (measured, previous, &last, &motion) {
+                kept.pairs = spectral::pairs(
+                    [before, frame],
+                    &last.flow,
+                    [&last.motion, own],
+                    self.options.blur_space,
+                );
+            }
+        }
+        // For what no given image answers.
+        let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
+        if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
+            let moves = to_next.as_ref().zip(motion.as_ref());
+            let within_shot = FrameObservation { next, previous, ..*observation };
+            kept.removal = self.removal_tiles(&within_shot, &kept, moves, depth.as_ref());
+        }
+        if self.options.family != Family::Spectral {
+            self.compare_with_clean(&mut kept, frame, &evidence, motion.as_ref(), depth.as_ref())?;
+        }
+        if let Some(depth) = depth {
+            self.last_depth = Some((index, depth));
+        }
+        self.last_motion =
+            to_next.zip(motion).filter(|_| measured).map(|(flow, motion)| LastMotion { index, flow, motion });
+        self.keep(kept);
+        Ok(true)
+    }
+
+    /// The inverse depth of a frame: as it is given, else from parallax, else unknown.
+    fn depth_of(&mut self, evidence: &Evidence, mut parallax: Option<Parallax>) -> Result<Option<Plane>> {
+        Ok(match evidence.inverse_depth {
+            Some((d, kind)) => {
+                self.depth_kind = Some(kind);
+                self.depth_given = true;
+                Some(d.clone())
+            }
+            // A clip with given depth is not mixed with depth of another unit.
+            None if self.depth_given => None,
+            None => {
+                if let (None, Some(flow)) = (&parallax, evidence.flow) {
+                    parallax = Some(parallax_of(flow)?);
+                }
+                match parallax {
+                    Some(Parallax::Known(depth)) => {
+                        self.depth_kind.get_or_insert(DepthKind::Relative);
+                        Some(depth.inverse_depth)
+                    }
+                    Some(Parallax::Unknown(why)) => {
+                        self.why_no_depth = no_parallax(&why);
+                        None
+                    }
+                    None => None,
+                }
+            }
+        })
+    }
+
+    /// Keeps what a frame told; of too many frames every second one is dropped.
+    fn keep(&mut self, frame: FrameEvidence) {
+        self.frames.push(frame);
+        if self.frames.len() > Self::MAX_FRAMES {
+            let mut keep = false;
+            self.frames.retain(|_| {
+                keep = !keep;
+                keep
+            });
+            self.stride *= 2;
+        }
+    }
+
+    /// What removal needs of a frame without given clean ones. Its own noise will do: the whole clip's is known only at the end.
+    fn removal_tiles(
+        &self,
+        observation: &FrameObservation,
+        kept: &FrameEvidence,
+        flow_and_motion: Option<(&Flow, &Flow)>,
+        depth: Option<&Plane>,
+    ) -> Vec<removal::Tile> {
+        let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
+        let light = removal::NoisyLight::new(observation.frame, &noise.levels[0], self.options.blur_space);
+        let Some((flow, motion)) = flow_and_motion else { return removal::tiles(&light, None, depth) };
+        let neighbours: Vec<(Plane, f32)> = [(observation.next, 1.0), (observation.previous, -1.0)]
+            .into_iter()
+            .filter_map(|(other, later)| Some((tiles::light_of(other?, self.options.blur_space), later)))
+            .collect();
+        removal::tiles(&removal::denoise(&light, &neighbours, flow), Some(motion), depth)
+    }
+
+    /// The paper's fits, of whatever clean frames there are.
+    fn compare_with_clean(
+        &self,
+        kept: &mut FrameEvidence,
+        frame: &Encoded,
+        evidence: &Evidence,
+        motion: Option<&Flow>,
+        depth: Option<&Plane>,
+    ) -> Result<()> {
+        let light = |image: &Encoded| tiles::light_of(image, self.options.blur_space);
+        let Evidence { denoised, motion_deblurred, defocus_deblurred, clean, .. } = evidence;
+        if [denoised, motion_deblurred, defocus_deblurred, clean].iter().all(|image| image.is_none()) {
+            return Ok(());
+        }
+        // Chain as in the paper: each step between the two images on either side of its removal, or else from the
+        // frame to the clean one, with the other distortion applied to it.
+        let target = light(evidence.denoised.unwrap_or(frame));
+        let weight = self.noise_weight(frame);
+        let clean = evidence.clean.map(light);
+        let exposure_alone =
+            |sharp: &Plane| motion.and_then(|f| motion_blur::fit_exposure(&target, &weight, sharp, f));
+        let lens_alone = |target: &Plane, sharp: &Plane| {
+            depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None))
+        };
+        let numbers = |found: &FrameEvidence| {
+            let lens =
+                found.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
+            [found.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
+        };
+        if let Some(deblurred) = evidence.motion_deblurred {
+            let deblurred = light(deblurred);
+            kept.exposure = exposure_alone(&deblurred);
+            if let Some(clean) = &clean {
+                kept.lens = lens_alone(&deblurred, clean);
+                if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
+                    kept.search = defocus::pooled_search(&deblurred, clean, d);
+                }
+            }
+        } else if let Some(clean) = &clean {
+            kept.exposure = exposure_alone(clean);
+            kept.lens = lens_alone(&target, clean);
+            if let (Some(motion), Some(depth), Some(_), Some(_)) = (motion, depth, &kept.exposure, &kept.lens)
+            {
+                for _ in 0..3 {
+                    let lens = kept.lens.as_ref().map(|l| l.lens);
+                    let defocused = match lens {
+                        Some(l) => synth::defocus::defocus(clean, &depth.map(|d| l.sigma_px(d)), BOKEH)?,
+                        None => clean.clone(),
+                    };
+                    let before = numbers(kept);
+                    kept.exposure = exposure_alone(&defocused);
+                    let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
+                    kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((motion, exposure)));
+                    if before.iter().zip(numbers(kept)).all(|(a, b)| (a - b).abs() < SETTLED) {
+                        break;
+                    }
+                }
+            }
+            if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
+                let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
+                let still = motion
+                    .map_or(Ok(clean.clone()), |f| synth::motion_blur::motion_blur(clean, f, exposure))?;
+                kept.search = defocus::pooled_search(&target, &still, d);
+            }
+        }
+        if let Some(sharp) = evidence.defocus_deblurred {
+            let sharp = light(sharp);
+            kept.lens = lens_alone(&target, &sharp);
+            if let (Some(d), Curve::Quadratic) = (depth, self.options.curve) {
+                kept.search = defocus::pooled_search(&target, &sharp, d);
+            }
+        }
+        match (evidence.denoised, evidence.clean) {
+            (Some(denoised), _) => kept.denoised.add_denoised(frame, denoised)?,
+            (None, Some(clean)) => {
+                let blurred = self.reblurred(clean, kept, motion, depth)?;
+                kept.denoised.add_residual(frame, &blurred)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// The clean frame with the blur that was found in this frame.
+    fn reblurred(
+        &self,
+        clean: &Encoded,
+        found: &FrameEvidence,
+        motion: Option<&Flow>,
+        depth: Option<&Plane>,
+    ) -> Result<Encoded> {
+        let transfer = Transfer::Srgb;
+        let linear = self.options.blur_space == BlurSpace::Linear;
+        let mut image = if linear { clean.to_linear(transfer).0 } else { clean.0.clone() };
+        if let (Some(l), Some(d)) = (&found.lens, depth) {
+            image = synth::defocus::defocus(&image, &d.map(|d| l.lens.sigma_px(d)), BOKEH)?;
+        }
+        if let (Some(e), Some(f)) = (&found.exposure, motion) {
+            image = synth::motion_blur::motion_blur(&image, f, e.exposure)?;
+        }
+        Ok(if linear { Linear(image).to_encoded(transfer) } else { Encoded(image) })
+    }
+
+    /// The inverse std of the frame's noise in the light that is blurred, up to a constant: noise is nearly even in
+    /// encoded values, so it grows with the transfer curve's inverse slope.
+    fn noise_weight(&self, frame: &Encoded) -> Plane {
+        let linear = self.options.blur_space == BlurSpace::Linear;
+        let smooth = filter::gaussian_blur(&frame.luma(), 1.5);
+        smooth.map(|v| if linear { Transfer::Srgb.slope(Transfer::Srgb.decode(v.clamp(0.02, 1.0))) } else { 1.0 } * 100.0)
+    }
+
+    /// The flow to the next frame that was used of the frame added last.
+    pub fn flow(&self) -> Option<&Flow> {
+        self.last_motion.as_ref().filter(|l| l.index + 1 == self.given).map(|l| &l.flow)
+    }
+
+    /// The inverse depth that was used of the frame added last, and what it is in.
+    pub fn inverse_depth(&self) -> Option<(&Plane, DepthKind)> {
+        let depth = self.last_depth.as_ref().filter(|d| d.0 + 1 == self.given);
+        depth.map(|d| &d.1).zip(self.depth_kind)
+    }
+
+    /// The model that the frames so far give.
+    ///
+    /// # Errors
+    /// If there was no frame.
+    pub fn estimate(&self) -> Result<Estimation> {
+        let Some((width, height)) = self.size else { return Err(Error::new("no frame was given")) };
+        let capture = Capture { width, height, fps: self.options.fps, frames_used: self.frames.len() };
+        let mut model = CameraModel::unknown(capture, "not looked at");
+        model.blur_space = self.options.blur_space;
+        let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
+        if self.unfollowed > 0 {
+            diagnostics.notes.push(format!(
+                "{} of {} frames could not be followed to their neighbour (too much changed)",
+                self.unfollowed,
+                self.frames.len()
+            ));
+        }
+        let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
+        self.fit_exposure(&mut model, &mut diagnostics, &luma_noise)?;
+        self.fit_defocus(&mut model, &mut diagnostics, &luma_noise)?;
+        model.validate()?;
+        Ok(Estimation { model, diagnostics })
+    }
+
+    fn fit_noise(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics) -> LumaNoise {
+        let merged = |method: Method, of: &dyn Fn(&FrameEvidence) -> &NoiseEvidence| {
+            let mut all = NoiseEvidence::new(method);
+            self.frames.iter().for_each(|f| all.merge(of(f)));
+            all.fit()
+        };
+        // Between frames nothing of the image's own structure is left, so that comes first; a clean frame next.
+        let temporal = || merged(Method::Temporal, &|f| &f.temporal);
+        let denoised = || merged(Method::Removal, &|f| &f.denoised);
+        let spatial = || merged(Method::Spatial, &|f| &f.spatial);
+        let order: [&dyn Fn() -> NoiseFit; 3] = match self.options.family {
+            // A network's residual has some of the image in it, more than the flattest parts have.
+            _ if self.by_network => [&temporal, &spatial, &denoised],
+            Family::Removal => [&denoised, &temporal, &spatial],
+            Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
+        };
+        let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        if fit.model.known().is_some_and(|m| m.method() == Method::Spatial) {
+            diagnostics.notes.push(
+                "noise was measured in single frames: coarse noise cannot be told from structure there and is taken to be white"
+                    .into(),
+            );
+        }
+        let coding_error = fit.luma.map_or(0.0, |l| l.coding_error);
+        if coding_error >= NOTABLE_CODING_ERROR {
+            diagnostics.notes.push(format!(
+                "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
+                100.0 * coding_error
+            ));
+        }
+        model.sharpening = sharpening::of_noise(&fit);
+        if let Estimate::Known(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
+            diagnostics.notes.push(format!(
+                "the camera sharpens: fine noise is stronger than white noise, as after an unsharp mask of {amount:.1} ({low:.1} to {high:.1})"
+            ));
+        }
+        diagnostics.noise_points = fit.points;
+        model.noise = fit.model;
+        fit.luma.unwrap_or_default()
+    }
+
+    fn fit_exposure(
+        &self,
+        model: &mut CameraModel,
+        diagnostics: &mut Diagnostics,
+        noise: &LumaNoise,
+    ) -> Result<()> {
+        let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
+        let why = if self.given < 2 {
+            Unknown::new(Reason::TooShort, "a single image says nothing about the exposure")
+        } else {
+            Unknown::new(Reason::NotFollowed, "no frame could be followed to the next")
+        };
+        let method = self.blind_method();
+        (diagnostics.shots, diagnostics.exposure_per_frame) = self.exposure_of_shots(&moving, noise)?;
+        let blind = match contradiction(&diagnostics.shots) {
+            _ if moving.is_empty() => Estimate::Unknown(why),
+            Some(why) => Estimate::Unknown(why),
+            None => self.blind_exposure(&moving, noise)?,
+        };
+        let compared = self.aggregate_exposure();
+        let width = |i: [f32; 2]| i[1] - i[0];
+        let (known, curve, per_frame, by_tiles) = match (blind, compared) {
+            (Estimate::Known(b), Some(c))
+                if method != Method::Removal && width(b.interval) <= width(c.0.interval) =>
+            {
+                (blind_model(method, &b), b.curve, b.per_frame, true)
+            }
+            (_, Some((m, curve, per_frame))) => (m, curve, per_frame, false),
+            (Estimate::Known(b), None) => (blind_model(method, &b), b.curve, b.per_frame, true),
+            (Estimate::Unknown(why), None) => {
+                model.motion_blur = Estimate::Unknown(why);
+                return Ok(());
+            }
+        };
+        model.motion_blur = Estimate::Known(known);
+        diagnostics.exposure_curve = curve;
+        // Per frame: numbered as they were given.
+        diagnostics.exposure_per_frame =
+            per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
+        Ok(())
+    }
+
+    /// What each shot alone tells without clean frames, and each of its frames; nothing if there is no cut.
+    fn exposure_of_shots(
+        &self,
+        moving: &[&FrameEvidence],
+        noise: &LumaNoise,
+    ) -> Result<(Vec<Shot>, Vec<(usize, f32)>)> {
+        let mut per_frame = vec![];
+        if self.shots.len() < 2 {
+            return Ok((vec![], per_frame));
+        }
+        let ends = self.shots[1..].iter().copied().chain([self.given]);
+        let shot = |(number, frames): (usize, Range<usize>)| {
+            let own: Vec<&FrameEvidence> = moving.iter().filter(|f| f.shot == number).copied().collect();
+            let motion_blur = match self.blind_exposure(&own, noise)? {
+                // One frame may err by more than it knows.
+                Estimate::Known(_) if own.len() < 2 => {
+                    Estimate::unknown(Reason::TooShort, "only one of its frames was looked at")
+                }
+                Estimate::Known(fit) => {
+                    per_frame.extend(fit.per_frame.iter().map(|&(i, v)| (own[i].index, v)));
+                    Estimate::Known(blind_model(self.blind_method(), &fit))
+                }
+                Estimate::Unknown(why) => Estimate::Unknown(why),
+            };
+            Ok(Shot { frames, motion_blur })
+        };
+        let frames = self.shots.iter().zip(ends).map(|(&first, end)| first..end);
+        let shots = frames.enumerate().map(shot).collect::<Result<Vec<Shot>>>()?;
+        Ok((shots, per_frame))
+    }
+
+    /// The exposure that frames agree on, without clean ones.
+    fn blind_exposure(
+        &self,
+        frames: &[&FrameEvidence],
+        noise: &LumaNoise,
+    ) -> Result<Estimate<agreement::ExposureFit>> {
+        if self.blind_method() == Method::Removal {
+            return Ok(removal::fit_exposure(&removal_tiles(frames)));
+        }
+        let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
+        spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
+    }
+
+    /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
+    /// much (docs/lab-log.md), and it is slower.
+    fn blind_method(&self) -> Method {
+        if self.options.family == Family::Removal { Method::Removal } else { Method::Spectral }
+    }
+
+    /// Weighted median over the frames that were compared with clean ones.
+    fn aggregate_exposure(&self) -> Option<ExposureEvidence> {
+        let fits: Vec<(usize, &motion_blur::ExposureFit)> =
+            self.frames.iter().filter_map(|f| f.exposure.as_ref().map(|e| (f.index, e))).collect();
+        let values: Vec<(f32, f64)> = fits.iter().map(|(_, e)| (e.exposure.0, e.variance)).collect();
+        let floor = if self.by_network { NETWORK_EXPOSURE_FLOOR } else { REMOVAL_EXPOSURE_FLOOR };
+        let (value, interval) = aggregate(&values, floor)?;
+        let typical = fits
+            .iter()
+            .min_by(|a, b| (a.1.exposure.0 - value).abs().total_cmp(&(b.1.exposure.0 - value).abs()))?;
+        let model = MotionBlurModel {
+            exposure: ExposureFraction(value.min(1.0)),
+            interval: interval.map(|v| v.min(1.0)),
+            method: Method::Removal,
+            samples: fits.iter().map(|(_, e)| e.samples as u64).sum(),
+        };
+        (interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY)
+            .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
+    }
+
+    fn fit_defocus(
+        &self,
+        model: &mut CameraModel,
+        diagnostics: &mut Diagnostics,
+        noise: &LumaNoise,
+    ) -> Result<()> {
+        let Some(depth_kind) = self.depth_kind else {
+            model.defocus = Estimate::Unknown(self.why_no_depth.clone());
+            return Ok(());
+        };
+        let mut deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
+        // Relative depth has a unit of its own in each shot, and shots of different shutters may be different cameras'.
+        let apart = depth_kind == DepthKind::Relative || contradiction(&diagnostics.shots).is_some();
+        let shot = (apart && self.shots.len() > 1).then(|| {
+            let frames = |shot: usize| deep.iter().filter(|f| f.shot == shot).count();
+            (0..self.shots.len()).rev().max_by_key(|&shot| frames(shot)).unwrap_or(0)
+        });
+        let mut motion_blur = model.motion_blur.known();
+        if let Some(shot) = shot {
+            deep.retain(|f| f.shot == shot);
+            motion_blur = motion_blur.or_else(|| diagnostics.shots.get(shot)?.motion_blur.known());
+        }
+        // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
+        let exposure = motion_blur.map_or(ExposureFraction(0.0), |m| m.exposure);
+        let blind_method = self.blind_method();
+        let blind = match blind_method {
+            Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure)?,
+            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure, model.sharpening.known())?,
+        };
+        let compared = self.aggregate_lens();
+        let width = |i: [f32; 2]| i[1] - i[0];
+        let of_tiles = |b: agreement::LensFit| {
+            (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points)
+        };
+        let (lens, sigma, focus, method, samples, points) = match (blind, compared) {
+            (Estimate::Known(b), Some(c))
+                if blind_method != Method::Removal && width(b.sigma_px_at_infinity) <= width(c.1) =>
+            {
+                of_tiles(b)
+            }
+            (_, Some((lens, sigma, focus, samples))) => {
+                let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
+                (lens, sigma, focus, Method::Removal, samples, searched)
+            }
+            (Estimate::Known(b), None) => of_tiles(b),
+            (Estimate::Unknown(why), None) => {
+                model.defocus = Estimate::Unknown(why);
+                return Ok(());
+            }
+        };
+        let thin = DefocusCurve::ThinLens {
+            sigma_px_at_infinity: lens.sigma_px_at_infinity(),
+            focus_inverse_depth: lens.focus,
+            interval: Some(ThinLensInterval { sigma_px_at_infinity: sigma, focus_inverse_depth: focus }),
+        };
+        let curve = match (self.options.curve, defocus::quadratic(&points)) {
+            (Curve::ThinLens, _) => thin,
+            (Curve::Quadratic, Some(([a, b, c], (lo, hi)))) => {
+                DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] }
+            }
+            (Curve::Quadratic, None) => {
+                diagnostics
+                    .notes
+                    .push("too few points for a quadratic: the thin lens is given instead".into());
+                thin
+            }
+        };
+        if let (Some(shot), true) = (shot, method == blind_method) {
+            diagnostics.notes.push(format!(
+                "the lens is that of shot {} alone, which shows most depth: the others may have another, or depth in another unit",
+                shot + 1
+            ));
+        }
+        diagnostics.blur_points = points;
+        model.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method, samples: samples as u64 });
+        Ok(())
+    }
+
+    fn aggregate_lens(&self) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
+        let fits: Vec<&defocus::LensFit> = self.frames.iter().filter_map(|f| f.lens.as_ref()).collect();
+        let of = |value: &dyn Fn(defocus::Lens) -> f32, variance: &dyn Fn(&defocus::LensFit) -> f64| {
+            let values: Vec<(f32, f64)> = fits.iter().map(|f| (value(f.lens), variance(f))).collect();
+            let middle = median(values.iter().map(|v| v.0).collect())?;
+            let floor = if self.by_network { NETWORK_LENS_FLOOR } else { REMOVAL_LENS_FLOOR };
+            aggregate(&values, floor * middle)
+        };
+        let infinity = |f: &defocus::LensFit| {
+            let g = [f64::from(f.lens.focus), f64::from(f.lens.slope)];
+            (0..2)
+                .flat_map(|i| (0..2).map(move |j| (i, j)))
+                .map(|(i, j)| g[i] * f.covariance[i][j] * g[j])
+                .sum::<f64>()
+        };
+        let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity)?;
+        let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1])?;
+        // The two are those of one frame: medians taken apart may together be a lens that no frame has.
+        let off = |f: &defocus::LensFit| {
+            let share = |v: f32, of: f32| (v - of).abs() / of.max(1e-3);
+            share(f.lens.sigma_px_at_infinity(), sigma) + share(f.lens.focus, focus)
+        };
+        let lens = fits.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?.lens;
+        let (s, f) = (lens.sigma_px_at_infinity(), lens.focus);
+        let sigma_interval = [sigma_interval[0].min(s), sigma_interval[1].max(s)];
+        let focus_interval = [focus_interval[0].min(f), focus_interval[1].max(f)];
+        let sure = sigma_interval[1] - sigma_interval[0] <= 2.0 * sigma.max(0.5);
+        sure.then(|| (lens, sigma_interval, focus_interval, fits.iter().map(|f| f.samples).sum()))
+    }
+}
+
+fn blind_model(method: Method, fit: &agreement::ExposureFit) -> MotionBlurModel {
+    MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
+}
+
+/// Why no one exposure is that of all shots, if two of them are sure that theirs differ.
+fn contradiction(shots: &[Shot]) -> Option<Unknown> {
+    let known = || (1..).zip(shots).filter_map(|(n, s)| Some((n, s.motion_blur.known()?)));
+    // The largest of n deviations grows as sqrt(2 ln n); intervals are as they are for two.
+    let spread = |n: usize| 1.0 + (2.0 * (n as f32).ln()).sqrt();
+    let wider = (spread(known().count().max(2)) / spread(2)).max(1.0);
+    let end = |m: &MotionBlurModel, i: usize| m.exposure.0 + wider * (m.interval[i] - m.exposure.0);
+    let (n, longest) = known().max_by(|a, b| end(a.1, 0).total_cmp(&end(b.1, 0)))?;
+    let (m, shortest) = known().min_by(|a, b| end(a.1, 1).total_cmp(&end(b.1, 1)))?;
+    let told = |n: usize, m: &MotionBlurModel| {
+        format!("{:.2} ({:.2} to {:.2}) in shot {n}", m.exposure.0, m.interval[0], m.interval[1])
+    };
+    (end(shortest, 1) < end(longest, 0)).then(|| {
+        let why = format!(
+            "the shots were filmed with different shutters, exposures of {} and {}: estimate each alone, or a model for each frame",
+            told(m, shortest),
+            told(n, longest)
+        );
+        Unknown::new(Reason::Contradicting, why)
+    })
+}
+
+fn spectral_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [tiles::Tile]> {
+    frames.iter().map(|f| f.tiles.as_slice()).collect()
+}
+
+fn removal_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [removal::Tile]> {
+    frames.iter().map(|f| f.removal.as_slice()).collect()
+}

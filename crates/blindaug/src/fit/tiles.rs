@@ -1,0 +1,484 @@
+//! Tiles of frames: where they lie, and their spectra.
+
+use super::noise::LumaNoise;
+use super::noise::NoiseLine;
+use super::robust::median;
+use crate::model::{BlurSpace, NOISE_LEVELS};
+use crate::strips::{STRIP, Strip, strips};
+use crate::synth::noise::white_band_std;
+use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlanner};
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+/// Side of a tile, px; tiles overlap by half.
+pub const TILE: usize = 48;
+
+/// Resolutions at which a frame has tiles, each half the one before.
+pub const LEVELS: usize = 4;
+
+/// From the third on only if it has this many px each way.
+const COARSE_SIDE: usize = 4 * TILE;
+
+/// At most this many tiles of a frame are observations of the exposure, those of most contrast.
+pub const EXPOSURE_TILES: usize = 400;
+
+/// And this many of each block of the image are observations of the lens, again those of most contrast: what has most contrast in the
+/// whole image is what is in focus. Of more than [`EXPOSURE_TILES`] the fifth of least contrast is left out.
+pub const LENS_TILES_PER_BLOCK: usize = 32;
+
+/// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
+/// denoising inside the camera have touched.
+pub(super) const BAND: Range<f32> = 0.03..0.35;
+
+/// About their mean.
+pub(super) const MIDDLE: f32 = 0.25;
+
+/// Below this speed, px per frame interval, a tile says nothing about lambda; above the other the flow is not relied on.
+pub(super) const SPEEDS: Range<f32> = 1.5..60.0;
+
+/// Signal over noise below which a tile is left out.
+pub(super) const MIN_CONTRAST: f32 = 3.0;
+
+/// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
+pub(super) const BLOCKS: usize = 5;
+
+/// As many blocks.
+pub const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
+
+/// What one tile of one frame tells.
+#[derive(Clone, Debug)]
+pub struct Tile {
+    /// Which block of the image it lies in, the same in all frames.
+    pub(super) block: u32,
+    /// px of the frame that make one of the tile's, in which all else is given.
+    pub(super) scale: f32,
+    /// Median speed, px per frame interval; 0 without flow.
+    pub(super) speed: f32,
+    /// Median inverse depth; NaN if it is unknown or spans much.
+    pub(super) inverse_depth: f32,
+    /// Means of g Y^2, g Y and g, g the [`noise_gain`]: what the noise of the tile follows from.
+    pub(super) noise_moments: [f32; 3],
+    /// Whether it is an observation of the exposure, and of the lens.
+    pub(super) of_exposure: bool,
+    pub(super) of_lens: bool,
+    pub(super) bins: Vec<Bin>,
+    /// Ends of the rings of like modulus in `bins`.
+    pub(super) rings: Vec<u16>,
+}
+
+/// The mean periodogram of frequencies of like modulus and like component along the motion.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Bin {
+    pub(super) weight: f32,
+    pub(super) power: f32,
+    pub(super) along: f32,
+    pub(super) modulus: f32,
+}
+
+/// The tiles of a frame, given its motion in px per frame interval (NaN: unknown) and inverse depth (NaN: no reading), where known.
+/// The motion is best that at the frame's own time ([`motion_at_frame`](crate::analysis::flow::motion_at_frame)).
+///
+/// # Errors
+/// If the sizes differ.
+pub fn tiles(
+    frame: &Encoded,
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    space: BlurSpace,
+) -> Result<Vec<Tile>> {
+    tiles_in_strips(frame, flow, inverse_depth, space, STRIP)
+}
+
+/// [`tiles`], found in strips of at most so many pixels.
+pub(super) fn tiles_in_strips(
+    frame: &Encoded,
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    space: BlurSpace,
+    most: usize,
+) -> Result<Vec<Tile>> {
+    let (w, h) = frame.0.size();
+    if flow.is_some_and(|f| f.size() != (w, h)) || inverse_depth.is_some_and(|d| d.size() != (w, h)) {
+        return Err(Error::new("flow and depth must have the frame's size"));
+    }
+    let fft = FftPlanner::new().plan_fft_forward(TILE);
+    let mut found: [Vec<Tile>; LEVELS] = Default::default();
+    for Strip { rows, .. } in strips((w, h), most) {
+        // A tile belongs to the strip in which its corner lies.
+        let seen = rows.start..(rows.end + (TILE << (LEVELS - 1))).min(h);
+        let mut light = Light::of_rows(frame, seen, space);
+        // Large blur leaves only frequencies that a tile of 48 px of the frame hardly tells apart.
+        for (level, size) in levels((w, h)).enumerate() {
+            if level > 0 {
+                light = light.halved();
+            }
+            let mut corners = corners(size);
+            corners.retain(|(_, y)| rows.contains(&(y << level)));
+            let tiles = par::map(corners.len(), |i| {
+                let corner @ (x, y) = corners[i];
+                let at = (x, y - (rows.start >> level));
+                tile((&light, at), flow, inverse_depth, corner, block_of(corner, size), &fft)
+            });
+            found[level].extend(tiles.into_iter().flatten());
+        }
+    }
+    let contrast = |t: &Tile| t.bins.iter().map(|b| b.weight * b.power).sum::<f32>();
+    let mut ranked: Vec<(f32, Tile)> = found.into_iter().flatten().map(|t| (contrast(&t), t)).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let enough = (4 * ranked.len() / 5).max(EXPOSURE_TILES);
+    let mut of_block = [0; BLOCK_COUNT];
+    let tiles = ranked.into_iter().enumerate().map(|(rank, (_, tile))| {
+        let rank_in_block = &mut of_block[tile.block as usize];
+        *rank_in_block += 1;
+        let of_lens = rank < enough && *rank_in_block <= LENS_TILES_PER_BLOCK;
+        Tile { of_exposure: rank < EXPOSURE_TILES, of_lens, ..tile }
+    });
+    Ok(tiles.filter(|t| t.of_exposure || t.of_lens).collect())
+}
+
+/// The sizes at which a frame of that size has tiles, each half the one before.
+pub fn levels((w, h): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
+    (0..LEVELS)
+        .take_while(move |&level| level < 2 || w.min(h) >> level >= COARSE_SIDE)
+        .map(move |level| (w >> level, h >> level))
+}
+
+/// The corners of a frame's tiles, row by row; of none if it is smaller than one.
+pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
+    if w < TILE || h < TILE {
+        return vec![];
+    }
+    let along = |size: usize| (0..=size - TILE).step_by(TILE / 2);
+    along(h).flat_map(|y| along(w).map(move |x| (x, y))).collect()
+}
+
+/// The block of the image that a tile lies in.
+pub(super) fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
+    (y * BLOCKS / h * BLOCKS + x * BLOCKS / w) as u32
+}
+
+/// The tiles at some of the [`corners`] only: no light is computed but theirs.
+pub(super) fn tiles_at(
+    frame: &Encoded,
+    corners: &[(usize, usize)],
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    space: BlurSpace,
+) -> Vec<Tile> {
+    let fft = FftPlanner::new().plan_fft_forward(TILE);
+    let found = par::map(corners.len(), |i| {
+        let corner @ (x, y) = corners[i];
+        let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
+        let block = block_of(corner, frame.0.size());
+        tile((&light, (0, 0)), flow, inverse_depth, corner, block, &fft)
+    });
+    found.into_iter().flatten().collect()
+}
+
+/// What is seen of a frame: the light that is blurred, and at every second pixel of the frame each way what
+/// [`Tile::noise_moments`] are the means of.
+pub(super) struct Light {
+    pub(super) plane: Plane,
+    moments: Raster<[f32; 3]>,
+    /// px of the frame that make one of `plane`, each way.
+    scale: usize,
+}
+
+impl Light {
+    pub(super) fn new(frame: &Encoded, space: BlurSpace) -> Self {
+        Self::of_rows(frame, 0..frame.0.height(), space)
+    }
+
+    /// Of some rows of a frame.
+    fn of_rows(Encoded(frame): &Encoded, rows: Range<usize>, space: BlurSpace) -> Self {
+        let (w, h, top) = (frame.width(), rows.len(), rows.start);
+        let moments = |of: &(dyn Fn([f32; 3]) -> f32 + Sync)| {
+            Raster::from_fn(w / 2, h / 2, |x, y| {
+                let p = frame.at(2 * x, top + 2 * y);
+                let (y, gain) = (luma(p), of(p));
+                [y * y * gain, y * gain, gain]
+            })
+        };
+        let (plane, moments) = match space {
+            BlurSpace::Encoded => (frame.map_rows(rows, luma), moments(&|_| 1.0)),
+            BlurSpace::Linear => {
+                let plane = frame.map_rows(rows, |p| luma(p.map(|v| decoded(v)[0])));
+                (plane, moments(&|p| noise_gain(p.map(|v| decoded(v.max(0.02))[1]))))
+            }
+        };
+        Self { plane, moments, scale: 1 }
+    }
+
+    /// Of the tile there.
+    pub(super) fn noise_moments(&self, (x0, y0): (usize, usize)) -> [f32; 3] {
+        let [x0, y0, side] = [x0, y0, TILE].map(|v| v * self.scale / 2);
+        let mut sum = [0.0; 3];
+        for p in (y0..y0 + side).flat_map(|y| &self.moments.row(y)[x0..x0 + side]) {
+            (0..3).for_each(|k| sum[k] += p[k]);
+        }
+        sum.map(|v| v / (side * side) as f32)
+    }
+
+    /// At half the resolution: means of 2 x 2 px.
+    pub(super) fn halved(self) -> Self {
+        let (w, h) = self.plane.size();
+        let plane = &self.plane;
+        Self {
+            plane: Raster::from_fn(w / 2, h / 2, |x, y| {
+                let pair = |row: &[f32]| row[2 * x] + row[2 * x + 1];
+                0.25 * (pair(plane.row(2 * y)) + pair(plane.row(2 * y + 1)))
+            }),
+            moments: self.moments,
+            scale: 2 * self.scale,
+        }
+    }
+}
+
+/// Variance of the noise of light, weighted as luma is, over that of luma, where the transfer curve has these slopes in R, G and B: for
+/// noise that is as strong in all three, and independent.
+fn noise_gain(slopes: [f32; 3]) -> f32 {
+    let weights = LUMA.map(|w| w * w);
+    (0..3).map(|c| weights[c] / (slopes[c] * slopes[c])).sum::<f32>() / weights.iter().sum::<f32>()
+}
+
+/// The light of an encoded value, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
+fn decoded(encoded: f32) -> [f32; 2] {
+    const STEPS: usize = 1024;
+    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+    let exact = |v: f32| {
+        let light = Transfer::Srgb.decode(v);
+        [light, Transfer::Srgb.slope(light)]
+    };
+    if !(0.0..1.0).contains(&encoded) {
+        return exact(encoded);
+    }
+    let table = TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect());
+    let at = encoded * STEPS as f32;
+    let (i, t) = (at as usize, at.fract());
+    [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
+}
+
+/// The tile at a corner, at the resolution of `light`, and where in that it is; `None` if its motion is not one.
+pub(super) fn tile(
+    (light, at): (&Light, (usize, usize)),
+    flow: Option<&Flow>,
+    inverse_depth: Option<&Plane>,
+    corner: (usize, usize),
+    block: u32,
+    fft: &Arc<dyn Fft<f32>>,
+) -> Option<Tile> {
+    let (speed, motion, _) = match flow {
+        Some(flow) => common_motion(flow, corner, light.scale)?,
+        None => (0.0, [0.0; 2], 0.0),
+    };
+    let inverse_depth =
+        inverse_depth.and_then(|map| common_depth(map, corner, light.scale)).unwrap_or(f32::NAN);
+    let noise_moments = light.noise_moments(at);
+    let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
+    let (of_exposure, of_lens) = (true, true);
+    let scale = light.scale as f32;
+    Some(Tile { block, scale, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
+}
+
+/// Every second pixel, each way, of the tile at a corner at so many px of the raster to one of its own.
+pub(super) fn samples<T: Copy + Send + Sync>(
+    raster: &Raster<T>,
+    (x0, y0): (usize, usize),
+    scale: usize,
+) -> impl Iterator<Item = T> + '_ {
+    let row = move |y: usize| raster.row(scale * y)[scale * x0..].iter().step_by(2 * scale).take(TILE / 2);
+    (y0..y0 + TILE).step_by(2).flat_map(row).copied()
+}
+
+/// How many those are.
+pub(super) const SAMPLES: usize = TILE * TILE / 4;
+
+/// Speed and motion of a tile, in its px, and its parts' mean deviation from it; `None` if they move differently, too fast, or unknown.
+pub(super) fn common_motion(
+    flow: &Flow,
+    corner: (usize, usize),
+    scale: usize,
+) -> Option<(f32, [f32; 2], f32)> {
+    let known: Vec<[f32; 2]> = samples(flow, corner, scale)
+        .filter(|f| f[0].is_finite() && f[1].is_finite())
+        .map(|f| f.map(|v| v / scale as f32))
+        .collect();
+    if known.len() < SAMPLES / 2 {
+        return None;
+    }
+    let [Some(u), Some(v)] = [0, 1].map(|c| median(known.iter().map(|f| f[c]).collect())) else {
+        return None;
+    };
+    let motion = [u, v];
+    let speed = motion[0].hypot(motion[1]);
+    // Not hypot, which is slow.
+    let length = |x: f32, y: f32| (x * x + y * y).sqrt();
+    let deviation =
+        known.iter().map(|f| length(f[0] - motion[0], f[1] - motion[1])).sum::<f32>() / known.len() as f32;
+    (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion, deviation))
+}
+
+/// Inverse depth of a tile; `None` if it spans much of it, or is unknown.
+fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32> {
+    let mut d: Vec<f32> = samples(map, corner, scale).filter(|d| d.is_finite()).collect();
+    if d.len() < SAMPLES / 2 {
+        return None;
+    }
+    d.sort_by(f32::total_cmp);
+    let at = |q: f32| d[(q * (d.len() - 1) as f32) as usize];
+    (at(0.9) - at(0.1) <= 0.25 * at(0.5).abs()).then_some(at(0.5))
+}
+
+/// `|FFT(window (patch - mean))|^2 / TILE^2`, [wx][wy], as far as [`BAND`] goes in x.
+fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, at: (usize, usize)) -> Vec<f32> {
+    transform(fft, light, at).iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
+}
+
+/// `FFT(window (patch - mean))`, likewise.
+pub(super) fn transform(
+    fft: &Arc<dyn Fft<f32>>,
+    light: &Plane,
+    (x0, y0): (usize, usize),
+) -> Vec<Complex<f32>> {
+    let window = hann();
+    let row = |y: usize| &light.row(y0 + y)[x0..x0 + TILE];
+    let weights: f32 = window.iter().sum::<f32>().powi(2);
+    let sum: f32 =
+        (0..TILE).map(|y| window[y] * row(y).iter().zip(window).map(|(v, w)| v * w).sum::<f32>()).sum();
+    let mean = sum / weights;
+    // Two rows of real values make one of complex ones.
+    let mut pairs = Vec::with_capacity(TILE * TILE / 2);
+    for y in (0..TILE).step_by(2) {
+        let (a, b) = (row(y), row(y + 1));
+        pairs.extend((0..TILE).map(|x| {
+            Complex::new((a[x] - mean) * window[x] * window[y], (b[x] - mean) * window[x] * window[y + 1])
+        }));
+    }
+    let mut scratch = vec![Complex::default(); fft.get_inplace_scratch_len()];
+    fft.process_with_scratch(&mut pairs, &mut scratch);
+    let mut columns = vec![Complex::default(); COLUMNS * TILE];
+    for (pair, row) in pairs.chunks(TILE).enumerate() {
+        for i in 0..COLUMNS {
+            let (z, mirrored) = (row[i], row[(TILE - i) % TILE].conj());
+            columns[i * TILE + 2 * pair] = 0.5 * (z + mirrored);
+            columns[i * TILE + 2 * pair + 1] = Complex::new(0.0, -0.5) * (z - mirrored);
+        }
+    }
+    fft.process_with_scratch(&mut columns, &mut scratch);
+    columns
+}
+
+/// Frequencies in x of a tile's periodogram that are looked at.
+pub const COLUMNS: usize = (BAND.end * TILE as f32) as usize + 1;
+
+/// A frequency of a tile's periodogram, cycles per px of the tile.
+#[derive(Clone, Copy, Debug)]
+pub struct Frequency {
+    /// Where it lies in a periodogram: in column x, [`TILE`] values of y each.
+    pub at: usize,
+    /// Across.
+    pub x: f32,
+    /// Down.
+    pub y: f32,
+    /// Of both.
+    pub modulus: f32,
+    /// The half plane stands for the whole; its first column stands for itself.
+    pub(super) weight: f32,
+}
+
+/// The frequencies that are looked at.
+pub fn frequencies() -> &'static [Frequency] {
+    static FREQUENCIES: OnceLock<Vec<Frequency>> = OnceLock::new();
+    FREQUENCIES.get_or_init(|| {
+        let all = (0..COLUMNS).flat_map(|i| (0..TILE).map(move |j| (i, j))).map(|(i, j)| {
+            let x = i as f32 / TILE as f32;
+            let y = if j < TILE / 2 { j as f32 } else { j as f32 - TILE as f32 } / TILE as f32;
+            let weight = if i == 0 { 0.5 } else { 1.0 };
+            Frequency { at: i * TILE + j, x, y, modulus: x.hypot(y), weight }
+        });
+        all.filter(|f| BAND.contains(&f.modulus)).collect()
+    })
+}
+
+/// The periodogram in bins as wide as the window's own resolution, and the ends of the rings of like modulus.
+pub(super) fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec<u16>) {
+    let moves = speed >= SPEEDS.start;
+    let along_bins = if moves { COLUMNS + 1 } else { 1 };
+    let mut bins = vec![Bin::default(); along_bins * COLUMNS];
+    let direction = motion.map(|v| v / speed.max(f32::MIN_POSITIVE));
+    for f in frequencies() {
+        let along = if moves { (f.x * direction[0] + f.y * direction[1]).abs() } else { 0.0 };
+        let bin = &mut bins[(along * TILE as f32) as usize + (f.modulus * TILE as f32) as usize * along_bins];
+        bin.weight += f.weight;
+        bin.power += f.weight * periodogram[f.at];
+        bin.along += f.weight * along;
+        bin.modulus += f.weight * f.modulus;
+    }
+    let (mut kept, mut rings) = (vec![], vec![]);
+    for ring in bins.chunks(along_bins) {
+        let before = kept.len();
+        kept.extend(ring.iter().filter(|b| b.weight > 0.0).map(|b| Bin {
+            weight: b.weight,
+            power: b.power / b.weight,
+            along: b.along / b.weight,
+            modulus: b.modulus / b.weight,
+        }));
+        if kept.len() > before {
+            rings.push(kept.len() as u16);
+        }
+    }
+    (kept, rings)
+}
+
+/// Density of the noise at a modulus in a tile of such [`Tile::noise_moments`] and scale, with [`hidden`] if a coder's errors are of such a std.
+pub(super) fn noise_density(
+    moments @ [squares, products, ones]: [f32; 3],
+    scale: f32,
+    noise: &LumaNoise,
+    coding_error: f32,
+) -> impl Fn(f32) -> f32 {
+    let white = white_band_std();
+    // Spectral density of the noise in each level: that of the white noise which has the level's variance.
+    let density: [f32; NOISE_LEVELS] = std::array::from_fn(|l| {
+        let NoiseLine { slope, intercept } = noise.levels[l];
+        let variance =
+            slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
+        variance.max(0.0) / (white[l] * white[l])
+    });
+    // A mean of so many pixels has that much less of it.
+    let mean = (scale * scale).recip();
+    let hidden = hidden(moments, scale, coding_error);
+    move |modulus| {
+        // Level l holds the frequencies around 0.35 / 2^l cycles per px.
+        let level = (0.35 * scale / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
+        let i = (level as usize).min(NOISE_LEVELS - 2);
+        (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9) + hidden
+    }
+}
+
+/// What a coder has taken from a tile and what it has put there is drowned in as much white noise: this density of it, which is added to the
+/// tile's power and to its noise.
+pub(super) fn hidden(noise_moments: [f32; 3], scale: f32, coding_error: f32) -> f32 {
+    coding_error * coding_error * noise_moments[2] / (scale * scale)
+}
+
+/// The window of a tile, each way: Hann's, of mean square 1.
+pub fn hann() -> &'static [f32; TILE] {
+    static WINDOW: OnceLock<[f32; TILE]> = OnceLock::new();
+    WINDOW.get_or_init(|| {
+        let angle = |i: usize| std::f32::consts::TAU * (i as f32 + 1.0) / (TILE as f32 + 1.0);
+        let w: [f32; TILE] = std::array::from_fn(|i| 0.5 - 0.5 * angle(i).cos());
+        let rms = (w.iter().map(|v| v * v).sum::<f32>() / TILE as f32).sqrt();
+        w.map(|v| v / rms)
+    })
+}
+
+/// The light that is blurred, or encoded values: both weighted as luma is, whose noise is known.
+pub(super) fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
+    match space {
+        BlurSpace::Linear => image.0.map(|p| luma(p.map(|v| Transfer::Srgb.decode(v)))),
+        BlurSpace::Encoded => image.luma(),
+    }
+}
