@@ -353,7 +353,7 @@ fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
     succeeds(d, "apply f --camera c.json -o b --seed 8 --overwrite");
     assert_ne!(bytes("a/0008.png"), bytes("b/0008.png"));
     let said = text(&run(d, "apply f --camera c.json -o small --no-noise").stderr);
-    assert!(said.contains("without --depth nothing is defocused"), "{said}");
+    assert!(said.contains("without depth nothing is defocused"), "{said}");
 }
 
 #[cfg(unix)]

@@ -79,6 +79,12 @@ struct FrameEvidence {
 }
 
 impl FrameEvidence {
+    /// The exposure fraction, the blur std at infinity (px) and the inverse depth in focus that were found; 0 where they were not.
+    fn numbers(&self) -> [f32; 3] {
+        let lens = self.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
+        [self.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
+    }
+
     fn new(index: usize, shot: usize, has_motion: bool, has_depth: bool) -> Self {
         Self {
             index,
@@ -240,9 +246,7 @@ impl Estimator {
         if self.options.family != Family::Spectral {
             self.compare_with_clean(&mut kept, frame, &evidence, motion.as_ref(), depth.as_ref())?;
         }
-        if let Some(depth) = depth {
-            self.last_depth = Some((index, depth));
-        }
+        self.last_depth = depth.map(|d| (index, d)).or(self.last_depth.take());
         self.last_motion =
             to_next.zip(motion).filter(|_| measured).map(|(flow, motion)| LastMotion { index, flow, motion });
         self.keep(kept);
@@ -333,11 +337,6 @@ impl Estimator {
         let lens_alone = |target: &Plane, sharp: &Plane| {
             depth.and_then(|d| defocus::fit_lens(target, &weight, sharp, d, None))
         };
-        let numbers = |found: &FrameEvidence| {
-            let lens =
-                found.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
-            [found.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
-        };
         if let Some(deblurred) = evidence.motion_deblurred {
             let deblurred = light(deblurred);
             kept.exposure = exposure_alone(&deblurred);
@@ -358,11 +357,11 @@ impl Estimator {
                         Some(l) => synth::defocus::defocus(clean, &depth.map(|d| l.sigma_px(d)), BOKEH)?,
                         None => clean.clone(),
                     };
-                    let before = numbers(kept);
+                    let before = kept.numbers();
                     kept.exposure = exposure_alone(&defocused);
                     let exposure = kept.exposure.as_ref().map_or(ExposureFraction(0.0), |e| e.exposure);
                     kept.lens = defocus::fit_lens(&target, &weight, clean, depth, Some((motion, exposure)));
-                    if before.iter().zip(numbers(kept)).all(|(a, b)| (a - b).abs() < SETTLED) {
+                    if before.iter().zip(kept.numbers()).all(|(a, b)| (a - b).abs() < SETTLED) {
                         break;
                     }
                 }

@@ -26,3 +26,5 @@ pub use estimator::Estimator;
 pub use observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
+#[cfg(test)]
+pub(crate) use robust::uniform;
