@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Builds the core crate for wasm32-unknown-unknown, without threads.
+# Builds what a page needs for wasm32-unknown-unknown, without threads, files and networks: the core, the pipeline and the report.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-build=(cargo build --release --lib -p blindaug --no-default-features --target wasm32-unknown-unknown)
+build=(cargo build --release --lib -p blindaug -p blindaug-pipeline -p blindaug-report --no-default-features --target wasm32-unknown-unknown)
 if rustup target add wasm32-unknown-unknown 2>/dev/null; then
     "${build[@]}"
 else
@@ -13,4 +13,4 @@ else
     RUSTC=$(dpkg -L rustc-web | grep 'bin/rustc$') RUSTC_BOOTSTRAP=1 \
         CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER=$linker "${build[@]}" -Zbuild-std=std,panic_abort
 fi
-echo "blindaug builds for wasm32-unknown-unknown"
+echo "blindaug, blindaug-pipeline and blindaug-report build for wasm32-unknown-unknown"

@@ -27,7 +27,7 @@ pub mod unity_urp;
 pub mod unreal;
 
 use crate::model::{
-    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, NoiseModel, Unknown,
+    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, ExposureFraction, NoiseModel,
 };
 use crate::{CameraModel, Error, Raster, Result, Transfer, text};
 use std::fmt;
@@ -129,6 +129,14 @@ pub struct Camera {
     pub left: Vec<String>,
 }
 
+/// What tools call a distortion.
+fn effect(distortion: Distortion) -> &'static str {
+    match distortion {
+        Distortion::Defocus => "depth of field",
+        _ => distortion.name(),
+    }
+}
+
 impl Camera {
     /// The model for pictures of this size and field of view.
     ///
@@ -146,14 +154,13 @@ impl Camera {
         }
         let model = model.scaled_to(width, height);
         let mut left = vec![];
-        let mut unknown = |part: &str, why: Option<&Unknown>| {
-            left.extend(
-                why.map(|why| format!("{part} is left at the tool's default, since it is unknown: {why}")),
-            );
-        };
-        unknown("motion blur", model.motion_blur.why_unknown());
-        unknown("depth of field", model.defocus.why_unknown());
-        unknown("noise", model.noise.why_unknown());
+        // No tool sharpens as cameras do, so that there is nothing to leave at its default.
+        for distortion in Distortion::ALL.into_iter().filter(|&d| d != Distortion::Sharpening) {
+            if let Some(why) = model.why_unknown(distortion) {
+                let effect = effect(distortion);
+                left.push(format!("{effect} is left at the tool's default, since it is unknown: {why}"));
+            }
+        }
         let mut defocus = model.defocus.known().copied();
         if defocus.is_some_and(|d| d.depth_kind == DepthKind::Relative) {
             defocus = None;

@@ -410,7 +410,13 @@ impl Tracker {
         };
         if fresh.method() == Method::Temporal {
             self.known.noise = Some(fresh.clone());
-            self.known.sharpening = Some(sharpening::of_noise(&fit));
+            let fresh = sharpening::of_noise(&fit);
+            let before = self.known.sharpening.as_ref().and_then(Estimate::known);
+            self.changes.sharpening = before.zip(fresh.known()).is_some_and(|(a, b)| {
+                // Intervals that have nothing in common.
+                a.interval[1] < b.interval[0] || b.interval[1] < a.interval[0]
+            });
+            self.known.sharpening = Some(fresh);
         }
         Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
     }

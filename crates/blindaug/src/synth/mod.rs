@@ -108,9 +108,9 @@ pub fn distort_frame(
     number: u64,
 ) -> Result<Encoded> {
     let light = |x, y| frame.0.at(x, y);
-    let distortion =
-        Distortion::new(frame.0.size(), Box::new(light), model, inverse_depth, flow, options, number)?;
-    let mut strips = distortion.in_strips(usize::MAX);
+    let distorted =
+        DistortedFrame::new(frame.0.size(), Box::new(light), model, inverse_depth, flow, options, number)?;
+    let mut strips = distorted.in_strips(usize::MAX);
     Ok(Encoded(strips.next().unwrap_or_else(|| Raster::filled(frame.0.width(), 0, [0.0; 3]))))
 }
 
@@ -128,9 +128,9 @@ pub fn distorted_strips<'a>(
     number: u64,
 ) -> Result<impl Iterator<Item = Raster<[f32; 3]>> + 'a> {
     let light = |x, y| frame.0.at(x, y).map(|v| model.transfer.decode(v));
-    let distortion =
-        Distortion::new(frame.0.size(), Box::new(light), model, inverse_depth, flow, options, number)?;
-    Ok(distortion.in_strips(STRIP))
+    let distorted =
+        DistortedFrame::new(frame.0.size(), Box::new(light), model, inverse_depth, flow, options, number)?;
+    Ok(distorted.in_strips(STRIP))
 }
 
 /// About how many bytes [`distorted_strips`] takes at most for a frame of this size, beside what it is given.
@@ -143,7 +143,7 @@ pub fn bytes_beside(size @ (width, height): (usize, usize), with_depth: bool) ->
 }
 
 /// What is done to a frame.
-struct Distortion<'a> {
+struct DistortedFrame<'a> {
     size: (usize, usize),
     /// Of a pixel.
     light: Box<dyn Fn(usize, usize) -> [f32; 3] + Sync + 'a>,
@@ -159,7 +159,7 @@ struct Distortion<'a> {
     number: u64,
 }
 
-impl<'a> Distortion<'a> {
+impl<'a> DistortedFrame<'a> {
     fn new(
         size: (usize, usize),
         light: Box<dyn Fn(usize, usize) -> [f32; 3] + Sync + 'a>,
@@ -731,18 +731,18 @@ mod tests {
             let options = SynthesisOptions { seed: 5, no_noise, ..SynthesisOptions::default() };
             let whole =
                 distort_frame(&frame.to_linear(model.transfer), &model, depth, flow, &options, 3).unwrap();
-            let distortion = || {
+            let distorted = || {
                 let light = |x, y| frame.0.at(x, y).map(|v| model.transfer.decode(v));
-                Distortion::new((w, h), Box::new(light), &model, depth, flow, &options, 3).unwrap()
+                DistortedFrame::new((w, h), Box::new(light), &model, depth, flow, &options, 3).unwrap()
             };
             for rows in [32, 96, 352, 704] {
-                let strips: Vec<_> = distortion().in_strips(rows * w).collect();
+                let strips: Vec<_> = distorted().in_strips(rows * w).collect();
                 assert_eq!(strips.len(), h.div_ceil(rows));
                 let strips: Vec<u32> = strips.iter().flat_map(bits).collect();
                 assert!(strips == bits(&whole.0), "{rows} rows");
             }
             // Negative control: of a strip without what is around it, noise is another.
-            let alone = distortion().filmed(&Strip { rows: 64..128, around: 64..128 });
+            let alone = distorted().filmed(&Strip { rows: 64..128, around: 64..128 });
             assert_eq!(bits(&alone) == bits(&whole.0.crop(0, 64, w, 64)), no_noise);
         }
         let all: Vec<_> =
