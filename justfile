@@ -20,7 +20,7 @@ validate *ARGS:
 bench:
     cargo bench -p blindaug
 
-# The core crate for the web.
+# What a page needs, built for the web.
 wasm:
     tools/check-wasm.sh
 
@@ -55,3 +55,7 @@ kills *ARGS:
 # Licences and sources of the dependencies; needs cargo-deny.
 deny:
     cargo deny --all-features check licenses sources bans
+
+# What the program computes: recorded before a change, compared after it.
+unchanged WHAT FOLDER:
+    tools/check-unchanged.sh {{WHAT}} {{FOLDER}}

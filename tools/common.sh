@@ -9,6 +9,6 @@ need() {
 
 # The program to check: BLINDAUG, otherwise built.
 if [[ -z ${BLINDAUG:-} ]]; then
-    cargo build --release --quiet
+    cargo build --release --quiet -p blindaug-cli
     BLINDAUG=${CARGO_TARGET_DIR:-$PWD/target}/release/blindaug
 fi
