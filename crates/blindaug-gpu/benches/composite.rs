@@ -5,10 +5,13 @@
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{
     Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NoiseLevel, NoiseModel,
+    SharpeningModel,
 };
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result};
-use blindaug_gpu::{Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity};
+use blindaug_gpu::{
+    Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity, unsharpening_steps,
+};
 use std::time::Instant;
 use wgpu::TextureFormat;
 
@@ -35,22 +38,30 @@ fn main() -> Result<()> {
         "| quality, bokeh | step | bytes/px | taps/px, mean over the object, most | ms | of the bandwidth's bound |"
     );
     println!("|---|---|---|---|---|---|");
-    for (quality, bokeh) in [
-        (Quality::High, Bokeh::Gaussian),
-        (Quality::Medium, Bokeh::Gaussian),
-        (Quality::Low, Bokeh::Gaussian),
-        (Quality::High, Bokeh::Disk),
-        (Quality::Medium, Bokeh::Disk),
-        (Quality::Low, Bokeh::Disk),
+    for (quality, bokeh, sharpening) in [
+        (Quality::High, Bokeh::Gaussian, None),
+        (Quality::Medium, Bokeh::Gaussian, None),
+        (Quality::Low, Bokeh::Gaussian, None),
+        (Quality::High, Bokeh::Disk, None),
+        (Quality::Medium, Bokeh::Disk, None),
+        (Quality::Low, Bokeh::Disk, None),
+        (Quality::High, Bokeh::Gaussian, Some(SharpeningModel::given(0.5, 1.0))),
+        (Quality::High, Bokeh::Gaussian, Some(SharpeningModel::given(1.0, 1.0))),
+        (Quality::High, Bokeh::Gaussian, Some(SharpeningModel::given(5.0, 1.0))),
     ] {
-        let times = scene.time(&gpu, &compositor, (quality, bokeh), frames)?;
+        let times = scene.time(&gpu, &compositor, (quality, bokeh, sharpening), frames)?;
         let taps = scene.taps(quality, bokeh);
+        let moved = bytes(sharpening.as_ref());
+        let name = match sharpening {
+            Some(s) => format!("{quality:?}, {bokeh:?}, sharpening by {}", s.amount),
+            None => format!("{quality:?}, {bokeh:?}"),
+        };
         let bound = |bytes: f64| 1e3 * bytes * (w * h * eyes) as f64 / bandwidth;
         let row = |step: &str, bytes: f64, taps: &str, ms: Option<f64>| {
             let time = ms.map_or("|".into(), |ms| format!("{ms:.3} | {:.0} %", 100.0 * bound(bytes) / ms));
-            println!("| {quality:?}, {bokeh:?} | {step} | {bytes:.0} | {taps} | {time} |");
+            println!("| {name} | {step} | {bytes:.0} | {taps} | {time} |");
         };
-        for (i, (step, bytes)) in STEPS.iter().zip(BYTES).enumerate() {
+        for (i, (step, bytes)) in STEPS.iter().zip(moved).enumerate() {
             let taps = match *step {
                 "defocus" => taps.defocus.as_str(),
                 "composite" => taps.motion.as_str(),
@@ -58,22 +69,22 @@ fn main() -> Result<()> {
             };
             row(step, bytes, taps, times.steps.map(|ms| f64::from(ms[i])));
         }
-        row("whole frame", BYTES.iter().sum(), "", Some(times.frame));
+        row("whole frame", moved.iter().sum(), "", Some(times.frame));
     }
     phone(&scene);
     Ok(())
 }
 
-/// Of an Adreno 740 class part, assumed: 70 % of 64 bit of LPDDR5X at 8533 MT/s, in bytes/s; bilinear samples of four half floats
-/// per second.
+/// What an Adreno 740 class part is assumed to do: move 70 % of what 64 bit of LPDDR5X at 8533 MT/s do, in bytes/s, and take this many
+/// bilinear samples of four half floats per second.
 const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 
-/// Bilinear samples per pixel of [`STEPS`], but for those that depend on blur: pull 9/4 * 4/3 and push 4 * 4/3; halving 9/4 * 4/3;
-/// none; three of the tile.
-const SAMPLES: [f64; STEPS.len()] = [3.0 + 16.0 / 3.0, 3.0, 0.0, 3.0];
+/// Bilinear samples per pixel of [`STEPS`], but for those that depend on blur, for a camera that does not sharpen: pull 9/4 * 4/3 and
+/// push 4 * 4/3; halving 9/4 * 4/3; none; none; three of the tile.
+const SAMPLES: [f64; STEPS.len()] = [3.0 + 16.0 / 3.0, 3.0, 0.0, 0.0, 3.0];
 
-/// From the counts: a step takes what its bytes or its samples take, whichever is longer; outside the object's area, the frame is
-/// read and written.
+/// Prints what a phone would take, computed from the counts: a step takes what its bytes or its samples take, whichever is longer;
+/// outside the object's area, the frame is read and written.
 fn phone(scene: &Scene) {
     let (bandwidth, rate) = PHONE;
     println!(
@@ -90,8 +101,9 @@ fn phone(scene: &Scene) {
         };
         let mut samples = SAMPLES;
         samples[2] += mean(&|b| quality.defocus_taps(Bokeh::Gaussian, b.0));
-        samples[3] += mean(&|b| quality.motion_blur_taps(b.1));
-        let inside: f64 = BYTES.iter().zip(samples).map(|(bytes, n)| (bytes / bandwidth).max(n / rate)).sum();
+        samples[4] += mean(&|b| quality.motion_blur_taps(b.1));
+        let inside: f64 =
+            bytes(None).iter().zip(samples).map(|(bytes, n)| (bytes / bandwidth).max(n / rate)).sum();
         for share in [0.05, 0.2, 0.5] {
             let ms = 1e3 * pixels * (share * inside + (1.0 - share) * 8.0 / bandwidth);
             let of = |hz: f64| format!("{:.0} %", 0.1 * ms * hz);
@@ -103,24 +115,31 @@ fn phone(scene: &Scene) {
 
 /// Bytes per pixel that each of [`STEPS`] must move if each texel is read once and written once: half floats in four channels
 /// (8 bytes) in between, depth, velocity, the frame and the target 4 each; pyramids a third of their finest level.
-const BYTES: [f64; STEPS.len()] = [
-    // Prepare 8 + 8; spread 8 + 4 + 4 + 8; pull 8 * 4/3 + 8/3; push 3 * 8/3; blur 8 + 2 + 8.
-    16.0 + 24.0 + 32.0 / 3.0 + 8.0 / 3.0 + 8.0 + 18.0,
-    32.0 / 3.0 + 8.0 / 3.0,
-    // Blur 8, octaves 8 * 4/3, result 8.
-    8.0 + 32.0 / 3.0 + 8.0,
-    // Frame 4, layer 8, blur 8, target 4; the tile stays in the cache.
-    24.0,
-];
+fn bytes(sharpening: Option<&SharpeningModel>) -> [f64; STEPS.len()] {
+    // The first step blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further one: rows 8 + 8, columns 8 + 8 + 8 + 8, the first of
+    // them without the result before. Then the difference: frame 4, unsharpening 8, layer 8, blur 8, result 8; its rows 8 + 8.
+    let unsharpening = |steps: u32| 32.0 + 48.0 * f64::from(steps - 1) - 8.0;
+    let sharpening = sharpening.map(|s| unsharpening(unsharpening_steps(s)) + 36.0 + 16.0);
+    [
+        // Prepare 8 + 8; spread 8 + 4 + 4 + 8; pull 8 * 4/3 + 8/3; push 3 * 8/3; blur 8 + 2 + 8.
+        16.0 + 24.0 + 32.0 / 3.0 + 8.0 / 3.0 + 8.0 + 18.0,
+        32.0 / 3.0 + 8.0 / 3.0,
+        // Blur 8, octaves 8 * 4/3, result 8.
+        8.0 + 32.0 / 3.0 + 8.0,
+        sharpening.unwrap_or(0.0),
+        // Frame 4, layer 8, blur 8, target 4; the tile stays in the cache. Or frame 4, difference 8, its rows 8, unsharpening 8, target 4.
+        if sharpening.is_some() { 32.0 } else { 24.0 },
+    ]
+}
 
 struct Times {
-    /// ms, if the device has timestamps.
+    /// The milliseconds of each step, if the device has timestamps.
     steps: Option<[f32; STEPS.len()]>,
-    /// ms from submission to the end.
+    /// The milliseconds from submission to the end.
     frame: f64,
 }
 
-/// Bytes per second, read and written, of copies of a buffer of this size.
+/// How many bytes per second are read and written where a buffer of this size is copied.
 fn copy_bandwidth(gpu: &Gpu, size: u64, times: usize) -> Result<f64> {
     let buffer = || {
         gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -154,7 +173,7 @@ struct Scene {
     velocity: wgpu::Texture,
     target: wgpu::Texture,
     camera: CameraModel,
-    /// Of the object's pixels: defocus std and path, px.
+    /// The defocus std and the length of the path, px, of each of the object's pixels.
     blur: Vec<(f32, f32)>,
 }
 
@@ -164,7 +183,7 @@ struct Taps {
 }
 
 impl Scene {
-    /// An object over 40 % of the frame, out of focus by up to 6 px and moving by up to 20.
+    /// A scene of an object over 40 % of the frame, out of focus by up to 6 px and moving by up to 20.
     fn new(gpu: &Gpu, w: usize, h: usize, eyes: usize) -> Result<Self> {
         let inside = |x: usize, y: usize| {
             let (u, v) = (x as f32 / w as f32 - 0.5, y as f32 / h as f32 - 0.5);
@@ -224,9 +243,13 @@ impl Scene {
         &self,
         gpu: &Gpu,
         compositor: &Compositor,
-        (quality, bokeh): (Quality, Bokeh),
+        (quality, bokeh, sharpening): (Quality, Bokeh, Option<SharpeningModel>),
         frames: usize,
     ) -> Result<Times> {
+        let mut camera = self.camera.clone();
+        if let Some(sharpening) = sharpening {
+            camera.sharpening = Estimate::Known(sharpening);
+        }
         let inputs = Inputs {
             frame: &self.frame,
             color: &self.color,
@@ -253,7 +276,7 @@ impl Scene {
         for number in 0..frames as u64 + 2 {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {
-                model: &self.camera,
+                model: &camera,
                 options: CompositeOptions { bokeh, ..Default::default() },
                 quality,
                 number,

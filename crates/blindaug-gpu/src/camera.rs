@@ -1,41 +1,62 @@
-//! What the shaders know of a camera model.
+//! What the compositor's shaders know of a camera model.
 
-use crate::composite::Quality;
+use crate::layout::wgsl_struct;
+use crate::quality::Quality;
 use blindaug::Result;
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, NOISE_LEVELS};
 use blindaug::synth::Blur;
 
-/// All inverse depths; shaders need not know infinity.
+/// The range of all inverse depths, 1/m. It is finite, since shaders need not know infinity.
 const EVERYTHING: [f32; 2] = [f32::MIN, f32::MAX];
 
-/// `Camera` of common.wgsl, field by field.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-pub(crate) struct Uniforms {
-    lens: [f32; 3],
-    thin_lens: u32,
-    inverse_depths: [f32; 2],
-    pub(crate) depth_map: [f32; 2],
-    path_scale: [f32; 2],
-    _to_16_bytes: [u32; 2],
-    slope: [[f32; 4]; NOISE_LEVELS],
-    intercept: [[f32; 4]; NOISE_LEVELS],
-    clip: f32,
-    noise: u32,
-    encoded_space: u32,
-    pub(crate) linear_target: u32,
-    pub(crate) origin: [u32; 2],
-    pub(crate) size: [u32; 2],
-    key: [u32; 2],
-    most_taps: f32,
-    pub(crate) slabs: u32,
-    cuts: [f32; 2],
-    _padding: [u32; 2],
+wgsl_struct! {
+    /// What every pass knows of the camera and the frame.
+    pub(crate) struct Camera {
+        /// The defocus std at inverse depth d, px, is p = a d^2 + b d + c: its magnitude for a thin lens, else its positive part.
+        lens: [f32; 3],
+        /// 1 for a thin lens.
+        thin_lens: u32,
+        /// The range into which d is clamped, 1/m.
+        inverse_depths: [f32; 2],
+        /// The inverse depth in 1/m is the first number times the depth texture's value, plus the second.
+        pub(crate) depth_map: [f32; 2],
+        /// px per frame interval of a unit of the velocity texture, times the exposure fraction: the path while the shutter is open.
+        path_scale: [f32; 2],
+        /// Unused.
+        padding: [u32; 2],
+        /// The noise std of each pyramid level is slope * luma + intercept, for R, G and B; the fourth number is unused.
+        slope: [[f32; 4]; NOISE_LEVELS],
+        /// See `slope`.
+        intercept: [[f32; 4]; NOISE_LEVELS],
+        /// The encoded value at which the sensor clips.
+        clip: f32,
+        /// 1 if there is noise to add.
+        noise: u32,
+        /// 1 if blur acts on encoded values, 0 if it acts on light.
+        encoded_space: u32,
+        /// 1 if the target's hardware encodes what is written.
+        pub(crate) linear_target: u32,
+        /// The top left corner of the area in which the layer may be seen, px of the frame.
+        pub(crate) origin: [u32; 2],
+        /// The size of the area, px; everything between the passes is as large.
+        pub(crate) size: [u32; 2],
+        /// The seed of the frame's noise, and of the jitter along paths.
+        key: [u32; 2],
+        /// The most samples along the path of a pixel.
+        most_taps: f32,
+        /// How many slabs of depth are blurred apart, 1 or 3.
+        pub(crate) slabs: u32,
+        /// Of three slabs, the first lies behind the first of these inverse depths, 1/m, and the last in front of the second.
+        cuts: [f32; 2],
+        /// Unused.
+        more_padding: [u32; 2],
+    }
 }
 
-impl Uniforms {
-    /// What of a model is known and asked for. `velocity_scale`: px per frame interval of a unit of the velocity texture.
+impl Camera {
+    /// The distortions that a model knows and the options ask for; `velocity_scale` is what a unit of the velocity texture means, px per
+    /// frame interval. Sharpening has passes of its own.
     ///
     /// # Errors
     /// If the model is for another width, or its defocus is in relative inverse depth.
@@ -88,23 +109,13 @@ impl Uniforms {
         Ok(uniforms)
     }
 
-    /// Whether anything is out of focus.
+    /// Whether the lens may put anything out of focus.
     pub(crate) fn defocuses(&self) -> bool {
         self.lens != [0.0; 3]
     }
 
-    /// Whether anything moves while the shutter is open.
+    /// Whether the shutter is open while things move.
     pub(crate) fn moves(&self) -> bool {
         self.path_scale != [0.0; 2]
-    }
-}
-
-impl Quality {
-    pub(crate) fn most_taps(self) -> f32 {
-        match self {
-            Self::High => 128.0,
-            Self::Medium => 24.0,
-            Self::Low => 10.0,
-        }
     }
 }

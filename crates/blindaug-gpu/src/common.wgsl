@@ -1,35 +1,3 @@
-// What every pass knows of the camera and the frame; `Uniforms` in camera.rs.
-struct Camera {
-    // Defocus std in px at inverse depth d: p = a d^2 + b d + c, then its magnitude (thin lens) or its positive part (the paper's).
-    lens: vec3<f32>,
-    thin_lens: u32,
-    // d is clamped to these.
-    inverse_depths: vec2<f32>,
-    // Inverse depth in 1/m is scale * depth texture + offset.
-    depth_map: vec2<f32>,
-    // px per frame interval of a unit of the velocity texture, times the exposure fraction: the path while the shutter is open.
-    path_scale: vec2<f32>,
-    // Noise std per level: slope * Y + intercept.
-    slope: array<vec4<f32>, 4>,
-    intercept: array<vec4<f32>, 4>,
-    clip: f32,
-    noise: u32,
-    // Blur acts on light (0) or on encoded values (1).
-    encoded_space: u32,
-    // The target's hardware encodes what is written.
-    linear_target: u32,
-    // Where the layer may be seen: everything between the passes is as large as this.
-    origin: vec2<u32>,
-    size: vec2<u32>,
-    // The frame's noise, and its share of the jitter.
-    key: vec2<u32>,
-    // Of motion blur, per pixel.
-    most_taps: f32,
-    slabs: u32,
-    // Of three slabs, the first is behind the first of these inverse depths, the last in front of the second.
-    cuts: vec2<f32>,
-}
-
 // Between the passes, there is a texture layer, called a part, for each slab of each eye: eye * slabs + slab, farthest first.
 
 // Of an image that was halved so many times.
@@ -55,7 +23,7 @@ fn pcg4d(counters: vec4<u32>) -> vec4<u32> {
 fn defocus_std(camera: Camera, inverse_depth: f32) -> f32 {
     let d = clamp(inverse_depth, camera.inverse_depths.x, camera.inverse_depths.y);
     let p = (camera.lens.x * d + camera.lens.y) * d + camera.lens.z;
-    let sigma = min(select(max(p, 0.0), abs(p), camera.thin_lens != 0u), 200.0);
+    let sigma = min(select(max(p, 0.0), abs(p), camera.thin_lens != 0u), MAX_SIGMA_PX);
     // Too small to be seen: what is in focus stays as it is whatever the rounding of its depth.
     return select(sigma, 0.0, sigma < 1.0 / 128.0);
 }

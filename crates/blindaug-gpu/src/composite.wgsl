@@ -21,6 +21,7 @@ fn whole(@builtin(vertex_index) i: u32, @builtin(instance_index) eye: u32) -> Ve
     return Vertex(vec4(4.0 * f32(i & 1u) - 1.0, 4.0 * f32(i >> 1u) - 1.0, 0.0, 1.0), eye);
 }
 
+// Encoded values in the space in which blur acts.
 fn to_blur_space(v: vec3<f32>) -> vec3<f32> {
     if camera.encoded_space != 0u {
         return v;
@@ -28,49 +29,63 @@ fn to_blur_space(v: vec3<f32>) -> vec3<f32> {
     return decode(v);
 }
 
-// The frame, blurred by a Gaussian of std 1.5 px: its luminance without most of its noise.
-fn smoothed(at: vec2<f32>, eye: u32) -> vec3<f32> {
-    // Taps 0, 1 and 2, 3 and 4 of the kernel.
+// Where a tap of the Gaussian of std 1.5 px lies (x, y, px), and its weight: i and j from -2 to 2. Each but the middle one stands for two
+// neighbouring taps of the kernel.
+fn smoothing_tap(i: i32, j: i32) -> vec3<f32> {
     var weights = array<f32, 3>(0.26656, 0.32303, 0.04369);
     var places = array<f32, 3>(0.0, 1.33924, 3.17429);
+    let offset = vec2(f32(sign(i)) * places[abs(i)], f32(sign(j)) * places[abs(j)]);
+    return vec3(offset, weights[abs(i)] * weights[abs(j)]);
+}
+
+// The frame, blurred by a Gaussian of std 1.5 px, which leaves little of its noise.
+fn smoothed(at: vec2<f32>, eye: u32) -> vec3<f32> {
     let size = textureDimensions(frame);
     var sum = vec3(0.0);
     for (var j = -2; j <= 2; j++) {
         for (var i = -2; i <= 2; i++) {
-            let offset = vec2(f32(sign(i)) * places[abs(i)], f32(sign(j)) * places[abs(j)]);
-            let weight = weights[abs(i)] * weights[abs(j)];
-            sum += weight * textureSampleLevel(frame, bilinear, coordinates(at + offset, size, size), eye, 0.0).rgb;
+            let tap = smoothing_tap(i, j);
+            sum += tap.z * textureSampleLevel(frame, bilinear, coordinates(at + tap.xy, size, size), eye, 0.0).rgb;
         }
     }
     return sum;
 }
 
-fn model_std(level: i32, y: f32) -> vec3<f32> {
+fn model_std(level: u32, y: f32) -> vec3<f32> {
     return max(camera.slope[level].rgb * y + camera.intercept[level].rgb, vec3(0.0));
 }
 
-// The noise that lifts what is left of the frame's own to the model's variance at the result's luminance. `kept` is
-// d light / d frame.
-fn missing_noise(pixel: vec2<u32>, eye: u32, filmed: vec3<f32>, clean: vec3<f32>, kept: f32) -> vec3<f32> {
+// The least share of the frame's light that is still seen, of which the noise counts.
+const LEAST_KEPT = 1.0 / 1024.0;
+
+// The noise that lifts what is left of the background's own to the model's variance at the result's luminance. `kept` is the share of the
+// background's light that is still seen; `smooth_background` has to be known where that is above LEAST_KEPT.
+fn missing_noise(
+    pixel: vec2<u32>,
+    eye: u32,
+    background: vec3<f32>,
+    smooth_background: vec3<f32>,
+    clean: vec3<f32>,
+    kept: f32,
+) -> vec3<f32> {
     var gain = vec3(0.0);
-    var frame_luma = 0.0;
+    var background_luma = 0.0;
     var noise_free = clean;
-    if kept > 1.0 / 1024.0 {
-        let smooth_frame = smoothed(vec2<f32>(pixel), eye);
+    if kept > LEAST_KEPT {
         gain = vec3(kept);
         if camera.encoded_space == 0u {
-            gain *= encoding_slope(decode(clean)) / encoding_slope(decode(smooth_frame));
+            gain *= encoding_slope(decode(clean)) / encoding_slope(decode(smooth_background));
         }
-        gain = select(clamp(gain, vec3(0.0), vec3(1.5)), vec3(0.0), smooth_frame >= vec3(camera.clip));
-        frame_luma = luma(smooth_frame);
-        // The part of the frame that is left brings its noise along.
-        noise_free -= gain * (filmed - smooth_frame);
+        gain = select(clamp(gain, vec3(0.0), vec3(1.5)), vec3(0.0), smooth_background >= vec3(camera.clip));
+        background_luma = luma(smooth_background);
+        // The part of the background that is left brings its noise along.
+        noise_free -= gain * (background - smooth_background);
     }
     let y = luma(noise_free);
-    var sigma: array<vec3<f32>, 4>;
-    for (var level = 0; level < 4; level++) {
+    var sigma: array<vec3<f32>, NOISE_LEVELS>;
+    for (var level = 0u; level < NOISE_LEVELS; level++) {
         let want = model_std(level, y);
-        let there = gain * model_std(level, frame_luma);
+        let there = gain * model_std(level, background_luma);
         sigma[level] = sqrt(max(want * want - there * there, vec3(0.0)));
     }
     return noise(tile, pixel, camera.key ^ vec2(eye * 0x9e3779b9u), sigma);
@@ -92,6 +107,28 @@ fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
     );
 }
 
+// The blurred layer at a pixel of the area: premultiplied, in the space in which blur acts.
+fn layer_at(at: vec2<u32>, eye: u32) -> vec4<f32> {
+    var layer = vec4(0.0);
+    // From the nearest slab on.
+    for (var slab = camera.slabs; slab > 0u; slab--) {
+        let part = eye * camera.slabs + slab - 1u;
+        if most_of[part] != 0u {
+            layer += (1.0 - layer.a) * along_path(at, part);
+        }
+    }
+    return layer;
+}
+
+// The layer over a background of encoded values, as encoded values; they may exceed 1.
+fn over(background: vec3<f32>, layer: vec4<f32>) -> vec3<f32> {
+    let light = max(to_blur_space(background) * (1.0 - layer.a) + layer.rgb, vec3(0.0));
+    if camera.encoded_space == 0u {
+        return encode(light);
+    }
+    return light;
+}
+
 @fragment
 fn composite(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
@@ -100,26 +137,21 @@ fn composite(in: Vertex) -> @location(0) vec4<f32> {
     var layer = vec4(0.0);
     // Left of and above the origin, the difference wraps.
     if all(at < camera.size) {
-        // From the nearest slab on.
-        for (var slab = camera.slabs; slab > 0u; slab--) {
-            let part = in.eye * camera.slabs + slab - 1u;
-            if most_of[part] != 0u {
-                layer += (1.0 - layer.a) * along_path(at, part);
-            }
-        }
+        layer = layer_at(at, in.eye);
     }
     // Nothing virtual is seen: the frame, bit by bit.
     if layer.a <= 0.0 {
         return to_target(filmed);
     }
-    let light = max(to_blur_space(filmed) * (1.0 - layer.a) + layer.rgb, vec3(0.0));
-    var clean = light;
-    if camera.encoded_space == 0u {
-        clean = encode(light);
-    }
+    let clean = over(filmed, layer);
     var noisy = clean;
     if camera.noise != 0u {
-        noisy += missing_noise(pixel, in.eye, filmed, clean, 1.0 - layer.a);
+        let kept = 1.0 - layer.a;
+        var smooth_frame = vec3(0.0);
+        if kept > LEAST_KEPT {
+            smooth_frame = smoothed(vec2<f32>(pixel), in.eye);
+        }
+        noisy += missing_noise(pixel, in.eye, filmed, smooth_frame, clean, kept);
     }
     let limit = min(camera.clip, 1.0);
     return to_target(select(clamp(noisy, vec3(0.0), vec3(limit)), vec3(limit), clean >= vec3(limit)));

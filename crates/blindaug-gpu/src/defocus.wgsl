@@ -1,16 +1,8 @@
 // Each pixel as the mean of its surroundings by its own kernel (Potmesil & Chakravarty 1982). A wide kernel is applied to a
 // smaller image: octave o is the image halved o times, and so blurred by a variance of (4^o - 1) / 3 px^2 already.
 
-struct Quality {
-    // The least variance that is left to blur on an octave, px^2 of the octave: Gaussian and disk.
-    least_variance: vec2<f32>,
-    // Where a Gaussian ends, std.
-    reach: f32,
-    bokeh: u32,
-}
-
 @group(0) @binding(0) var<uniform> camera: Camera;
-@group(0) @binding(1) var<uniform> quality: Quality;
+@group(0) @binding(1) var<uniform> quality: DefocusQuality;
 @group(0) @binding(2) var bilinear: sampler;
 // 8 taps of the discrete Gaussian for each of GAUSSIANS variances, evenly from 0 to GAUSSIAN_MOST px^2.
 @group(0) @binding(3) var<storage, read> gaussians: array<vec4<f32>>;
@@ -161,7 +153,7 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
         return textureLoad(octave_0, id, part, 0);
     }
     let variance = sigma * sigma;
-    let disk = quality.bokeh != 0u;
+    let disk = quality.disk != 0u;
     let octave = octave_of(variance, select(quality.least_variance.x, quality.least_variance.y, disk));
     let scale = exp2(-f32(octave));
     // (4^o - 1) / 3 of the variance is there already.
@@ -183,9 +175,6 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
 fn end_of_eye(part: u32) -> u32 {
     return (part / camera.slabs + 1u) * camera.slabs;
 }
-
-// From this share of a kernel on that sees a part, it tells all there is of the part.
-const SEEN = 0.25;
 
 // A blurred part over the share of its kernel that nearer parts do not hide; where that is small, the rest is what smaller and
 // smaller images say (normalised convolution, Knutsson & Westin 1993).

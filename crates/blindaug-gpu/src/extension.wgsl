@@ -12,7 +12,7 @@
 fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
     var alpha = own_alpha;
     var place = vec2<i32>(at);
-    if alpha < 0.98 {
+    if alpha < OPAQUE {
         let last = vec2<i32>(textureDimensions(layer)) - 1;
         for (var j = -1; j <= 1; j++) {
             for (var i = -1; i <= 1; i++) {

@@ -48,17 +48,24 @@
 //! # }
 //! ```
 
+mod bound;
 mod camera;
 mod composite;
 pub mod fit;
 mod gpu;
 mod kernel;
+mod layout;
 pub mod noise;
 mod prelude;
+mod quality;
 mod shaders;
+mod sharpening;
 mod timer;
 
-pub use composite::{Area, Bound, Compositor, Depth, Frame, Inputs, Quality, Velocity};
+pub use bound::Bound;
+pub use composite::{Area, Compositor, Depth, Frame, Inputs, Velocity};
 pub use gpu::{Gpu, array_view, texture};
 pub use kernel::{bind, full_screen};
+pub use quality::Quality;
+pub use sharpening::unsharpening_steps;
 pub use timer::{STEPS, Timer};

@@ -2,28 +2,34 @@
 
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel};
+use crate::layout::wgsl_struct;
 use crate::shaders;
 use blindaug::model::NOISE_LEVELS;
 use blindaug::synth::noise::{LEAST_STD, WINDOW_GAIN, white_band_std};
 use wgpu::util::DeviceExt;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-/// Side of the tile, px: `TILE` of noise.wgsl.
+/// The side of the tile, px.
 pub const TILE: usize = 256;
 
-/// `Level` of noise_tile.wgsl.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct Level {
-    side: u32,
-    floor: f32,
-    gain: f32,
-    seed: [u32; 2],
-    _padding: [u32; 3],
+wgsl_struct! {
+    /// What a pass that makes the tile needs to know of a pyramid level.
+    pub(crate) struct TileLevel {
+        /// The pixels along a side of the source.
+        side: u32,
+        /// The least local std that the source is divided by, so that windows with next to nothing in them are not blown up.
+        floor: f32,
+        /// What makes the std of the result 1: a normal number over its own window's std has a std slightly below 1.
+        gain: f32,
+        /// The lower half of the seed.
+        seed: u32,
+        /// The upper half of the seed.
+        seed_high: u32,
+    }
 }
 
-/// What each level contributes to a noise whose std is 1 in each level, as
-/// [`blindaug::synth::noise::tileable_bands`] of this seed: three array layers, of which layer i holds R, G, B of level i and
+/// Makes the tile: what each level contributes to a noise whose std is 1 in each level, as
+/// [`blindaug::synth::noise::tileable_bands`] makes it of this seed. It has three array layers; layer i holds R, G, B of level i and
 /// channel i of the coarsest level.
 pub fn tile(device: &wgpu::Device, queue: &wgpu::Queue, seed: u64) -> wgpu::Texture {
     let kernel =
@@ -46,12 +52,12 @@ pub fn tile(device: &wgpu::Device, queue: &wgpu::Queue, seed: u64) -> wgpu::Text
     };
     let usual_std = white_band_std();
     let level = |side: usize, l: usize| {
-        let level = Level {
+        let level = TileLevel {
             side: side as u32,
             floor: LEAST_STD * usual_std[l],
             gain: WINDOW_GAIN[l],
-            seed: [seed as u32, (seed >> 32) as u32],
-            _padding: [0; 3],
+            seed: seed as u32,
+            seed_high: (seed >> 32) as u32,
         };
         device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
             label: Some("noise level"),

@@ -12,7 +12,7 @@ fn cell_texel(cell: vec2<i32>, at: vec2<i32>, key: vec2<u32>, tile: texture_2d_a
 }
 
 // The four levels' unit noise at a pixel, each channel of a level scaled by `sigma`.
-fn noise(tile: texture_2d_array<f32>, pixel: vec2<u32>, key: vec2<u32>, sigma: array<vec3<f32>, 4>) -> vec3<f32> {
+fn noise(tile: texture_2d_array<f32>, pixel: vec2<u32>, key: vec2<u32>, sigma: array<vec3<f32>, NOISE_LEVELS>) -> vec3<f32> {
     // The grid of cells is elsewhere in each frame.
     let shift = pcg4d(vec4(key, key.yx)).xy % vec2(u32(CELL));
     let at = vec2<i32>(pixel + shift);

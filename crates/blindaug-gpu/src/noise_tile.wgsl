@@ -1,18 +1,7 @@
 // The tile of noise that noise.wgsl reads, from the generator of the reference: white normal noise, its Laplacian pyramid on a
 // torus, each level over its own local std, enlarged.
 
-struct Level {
-    // Pixels along a side of the source.
-    side: u32,
-    // Of the local std, so that windows with next to nothing in them are not blown up.
-    floor: f32,
-    // A normal number over its own window's std has a std slightly below 1: what makes it 1.
-    gain: f32,
-    seed: u32,
-    seed_high: u32,
-}
-
-@group(0) @binding(0) var<uniform> level: Level;
+@group(0) @binding(0) var<uniform> level: TileLevel;
 @group(0) @binding(1) var<storage, read_write> made: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> source: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> second: array<vec4<f32>>;

@@ -4,8 +4,10 @@
 //! By hand, since it is twenty lines: crates that make bindings (`wgsl_bindgen`, `encase`) go the other way, from shaders to Rust, or lay out
 //! structs at run time.
 
-use blindaug::LUMA;
-use blindaug::fit::{motion_blur, spectral, spectral::numbers as fit};
+use crate::layout::{Layout, structs};
+use blindaug::fit::{defocus, motion_blur, spectral, spectral::numbers as fit};
+use blindaug::model::NOISE_LEVELS;
+use blindaug::{LUMA, synth};
 use std::fmt::Write;
 
 /// A Rust number as WGSL writes it.
@@ -41,6 +43,25 @@ pub(crate) fn constants(constants: &[(&str, &dyn Wgsl)]) -> String {
     text
 }
 
+/// The structs of the compositor's shaders.
+pub(crate) const COMPOSITOR_STRUCTS: [Layout; 4] = [
+    crate::camera::Camera::LAYOUT,
+    crate::quality::DefocusQuality::LAYOUT,
+    crate::sharpening::MaskPass::LAYOUT,
+    crate::noise::TileLevel::LAYOUT,
+];
+
+/// The structs of the fit of the exposure to clean frames.
+pub(crate) const MOTION_BLUR_FIT_STRUCTS: [Layout; 2] =
+    [crate::fit::motion_blur::Params::LAYOUT, crate::fit::motion_blur::Place::LAYOUT];
+
+/// The struct of the search for the defocus against clean frames.
+pub(crate) const DEFOCUS_FIT_STRUCTS: [Layout; 1] = [crate::fit::defocus::Step::LAYOUT];
+
+/// The structs of the blind fits.
+pub(crate) const BLIND_FITS_STRUCTS: [Layout; 2] =
+    [crate::fit::spectral::Params::LAYOUT, crate::fit::spectral::Tile::LAYOUT];
+
 /// What every shader that knows colours shares.
 pub(crate) fn colours() -> String {
     constants(&[("LUMA", &LUMA)])
@@ -48,8 +69,12 @@ pub(crate) fn colours() -> String {
 
 /// What the compositor's shaders share.
 pub(crate) fn compositor() -> String {
-    use crate::composite::{DISK_ROWS, DISK_STEP, DISKS, GAUSSIAN_MOST, GAUSSIANS, OCTAVES};
-    constants(&[
+    use crate::quality::{DISK_ROWS, DISK_STEP, DISKS, GAUSSIAN_MOST, GAUSSIANS, OCTAVES};
+    let constants = constants(&[
+        ("NOISE_LEVELS", &NOISE_LEVELS),
+        ("MAX_SIGMA_PX", &synth::defocus::MAX_SIGMA_PX),
+        ("SEEN", &synth::SEEN),
+        ("OPAQUE", &synth::OPAQUE),
         ("COARSEST", &(OCTAVES - 1)),
         ("GAUSSIANS", &GAUSSIANS),
         ("GAUSSIAN_MOST", &GAUSSIAN_MOST),
@@ -57,19 +82,38 @@ pub(crate) fn compositor() -> String {
         ("DISK_STEP", &DISK_STEP),
         ("DISK_ROWS", &DISK_ROWS),
         ("NOISE_TILE", &crate::noise::TILE),
-    ])
+    ]);
+    constants + &structs(&COMPOSITOR_STRUCTS)
 }
 
 /// What the fit of the exposure to clean frames shares.
 pub(crate) fn motion_blur_fit() -> String {
     use crate::fit::motion_blur::CURVE;
     constants(&[("STEPS", &motion_blur::STEPS), ("CURVE", &CURVE), ("BLOCK", &motion_blur::BLOCK)])
+        + &structs(&MOTION_BLUR_FIT_STRUCTS)
+}
+
+/// What the search for the defocus against clean frames shares.
+pub(crate) fn defocus_fit() -> String {
+    use crate::fit::defocus::MAX_RADIUS;
+    constants(&[
+        ("STRIDE", &defocus::SEARCH_STRIDE),
+        ("REACH", &defocus::SEARCH_REACH),
+        ("MAX_RADIUS", &MAX_RADIUS),
+    ]) + &structs(&DEFOCUS_FIT_STRUCTS)
 }
 
 /// What the kernels of the blind fits share.
 pub(crate) fn blind_fits() -> String {
-    use crate::fit::spectral::{GAINS, HEAD};
-    constants(&[
+    use crate::fit::spectral::{EXPOSURE_OBSERVATION, GAINS, HEAD, LENS_OBSERVATION};
+    let constants = constants(&[
+        ("NOISE_LEVELS", &NOISE_LEVELS),
+        ("BLOCKS", &fit::BLOCKS),
+        ("LEAST_STEP", &fit::LAMBDA_STEPS.start),
+        ("LARGEST_STEP", &fit::LAMBDA_STEPS.end),
+        ("MAX_STEPS", &((fit::MAX_LAMBDA / fit::LAMBDA_STEPS.start).round() as usize + 1)),
+        ("EXPOSURE_OBSERVATION", &EXPOSURE_OBSERVATION),
+        ("LENS_OBSERVATION", &LENS_OBSERVATION),
         ("TILE", &spectral::TILE),
         ("LEVELS", &spectral::LEVELS),
         ("COLUMNS", &spectral::COLUMNS),
@@ -105,7 +149,8 @@ pub(crate) fn blind_fits() -> String {
         ("LENS_NOISE_ERROR", &fit::LENS_NOISE_ERROR.as_array()),
         ("PIXEL_RESPONSE", &fit::PIXEL_RESPONSE),
         ("LARGER_BLUR", &fit::LARGER_BLUR),
-    ])
+    ]);
+    constants + &structs(&BLIND_FITS_STRUCTS)
 }
 
 #[cfg(test)]
@@ -120,7 +165,7 @@ mod tests {
 
     #[test]
     fn no_shader_declares_a_constant_that_the_prelude_has() {
-        let preludes = [colours(), compositor(), motion_blur_fit(), blind_fits()].concat();
+        let preludes = [colours(), compositor(), motion_blur_fit(), defocus_fit(), blind_fits()].concat();
         let names = |text: &str| -> Vec<String> {
             let names = text.lines().filter_map(|l| l.strip_prefix("const "));
             names.filter_map(|l| Some(l.split([' ', ':', '=']).next()?.to_owned())).collect()

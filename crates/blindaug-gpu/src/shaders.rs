@@ -16,7 +16,9 @@ macro_rules! shader {
 pub(crate) static EXTENSION: LazyLock<String> = shader!("extension.wgsl");
 pub(crate) static DEFOCUS: LazyLock<String> = shader!("defocus.wgsl");
 pub(crate) static NOISE_TILE: LazyLock<String> = shader!("noise_tile.wgsl");
-pub(crate) static COMPOSITE: LazyLock<String> = shader!("motion_blur.wgsl", "noise.wgsl", "composite.wgsl");
+pub(crate) static SHARPENING: LazyLock<String> = shader!("sharpening.wgsl");
+pub(crate) static COMPOSITE: LazyLock<String> =
+    shader!("motion_blur.wgsl", "noise.wgsl", "composite.wgsl", "sharpened.wgsl");
 
 #[cfg(test)]
 #[path = "../tests/common/wgsl.rs"]
@@ -30,12 +32,13 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_for_every_device() {
-        let texts: [&str; 9] = [
+        let texts: [&str; 10] = [
             &EXTENSION,
             &DEFOCUS,
             &NOISE_TILE,
+            &SHARPENING,
             &COMPOSITE,
-            fit::defocus::SOURCE,
+            &fit::defocus::SOURCE,
             &fit::motion_blur::SOURCE,
             &fit::spectral::TILES,
             &fit::spectral::EXPOSURE,
@@ -56,7 +59,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(found, 15);
+        assert_eq!(found, 17);
         // What must fail.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());

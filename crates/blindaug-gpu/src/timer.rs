@@ -5,7 +5,26 @@ use blindaug::{Error, Result};
 use wgpu::{BufferUsages, QueryType};
 
 /// The steps of [`crate::Compositor::encode`], in their order.
-pub const STEPS: [&str; 4] = ["extension", "octaves", "defocus", "composite"];
+pub const STEPS: [&str; 5] = ["extension", "octaves", "defocus", "sharpening", "composite"];
+
+/// The places of the steps in [`STEPS`].
+pub(crate) const EXTENSION: u32 = 0;
+pub(crate) const OCTAVES: u32 = 1;
+pub(crate) const DEFOCUS: u32 = 2;
+pub(crate) const SHARPENING: u32 = 3;
+pub(crate) const COMPOSITE: u32 = 4;
+
+/// Begins a pass of compute shaders, and times it as a step if there is a timer.
+pub(crate) fn compute_pass<'a>(
+    encoder: &'a mut wgpu::CommandEncoder,
+    timer: Option<&Timer>,
+    step: u32,
+) -> wgpu::ComputePass<'a> {
+    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: Some(STEPS[step as usize]),
+        timestamp_writes: timer.map(|t| t.compute(step)),
+    })
+}
 
 /// Timestamps around each step of a frame.
 #[derive(Debug)]
@@ -16,9 +35,12 @@ pub struct Timer {
     period: f32,
 }
 
+/// The number of timestamps: the beginning and the end of each step.
 const QUERIES: u32 = 2 * STEPS.len() as u32;
 
 impl Timer {
+    /// A timer for frames on this device.
+    ///
     /// # Errors
     /// If the device has no timestamps.
     pub fn new(gpu: &Gpu) -> Result<Self> {
@@ -45,7 +67,8 @@ impl Timer {
         })
     }
 
-    pub(crate) fn compute(&self, step: u32) -> wgpu::ComputePassTimestampWrites<'_> {
+    /// What the pass of a step is to write.
+    fn compute(&self, step: u32) -> wgpu::ComputePassTimestampWrites<'_> {
         wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
             beginning_of_pass_write_index: Some(2 * step),
@@ -53,7 +76,7 @@ impl Timer {
         }
     }
 
-    /// `first` and `last`: of the render passes of the step, one per eye.
+    /// What a render pass of a step is to write, of which there is one per eye: the first one the beginning, the last one the end.
     pub(crate) fn render(&self, step: u32, first: bool, last: bool) -> wgpu::RenderPassTimestampWrites<'_> {
         wgpu::RenderPassTimestampWrites {
             query_set: &self.queries,
@@ -62,12 +85,13 @@ impl Timer {
         }
     }
 
+    /// Records that the timestamps are to be brought where they can be read.
     pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.resolve_query_set(&self.queries, 0..QUERIES, &self.resolved, 0);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.readable, 0, 8 * u64::from(QUERIES));
     }
 
-    /// Milliseconds of each of [`STEPS`] in the frame that was submitted last; a step that was not needed takes what an empty
+    /// The milliseconds of each of [`STEPS`] in the frame that was submitted last; a step that was not needed takes what an empty
     /// pass takes. Waits for the device.
     ///
     /// # Errors

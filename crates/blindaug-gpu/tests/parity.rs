@@ -3,7 +3,7 @@
 use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::model::{
     BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
-    NOISE_LEVELS, NoiseLevel, NoiseModel,
+    NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel,
 };
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
@@ -37,6 +37,11 @@ fn with_noise(mut camera: CameraModel, scale: f32) -> CameraModel {
         intercept: [0.01, 0.02, 0.015].map(|v| scale * v / (l + 1) as f32),
     });
     camera.noise = Estimate::Known(NoiseModel::given(levels, 0.97));
+    camera
+}
+
+fn with_sharpening(mut camera: CameraModel, amount: f32, radius_px: f32) -> CameraModel {
+    camera.sharpening = Estimate::Known(SharpeningModel::given(amount, radius_px));
     camera
 }
 
@@ -140,18 +145,22 @@ fn of_frame<'a>(model: &'a CameraModel, options: &CompositeOptions) -> Frame<'a>
     Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
 }
 
-/// The eyes' composites; the targets are made here.
-fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
-    let target = GPU.device.create_texture(&wgpu::TextureDescriptor {
+/// A texture of the size of another one that can be composited into.
+fn target_like(frame: &wgpu::Texture) -> wgpu::Texture {
+    GPU.device.create_texture(&wgpu::TextureDescriptor {
         label: None,
-        size: inputs.frame.size(),
+        size: frame.size(),
         mip_level_count: 1,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: TextureFormat::Rgba16Float,
         usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
         view_formats: &[],
-    });
+    })
+}
+
+/// A view of each eye.
+fn views(target: &wgpu::Texture) -> Vec<wgpu::TextureView> {
     let view = |eye| {
         target.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2),
@@ -160,7 +169,13 @@ fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
             ..Default::default()
         })
     };
-    let views: Vec<_> = (0..target.depth_or_array_layers()).map(view).collect();
+    (0..target.depth_or_array_layers()).map(view).collect()
+}
+
+/// The eyes' composites; the targets are made here.
+fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
+    let target = target_like(inputs.frame);
+    let views = views(&target);
     let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
     COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &Frame { targets: &views, ..frame }).unwrap();
@@ -264,6 +279,103 @@ fn every_blur_agrees_with_the_reference() {
             }
         }
     }
+}
+
+/// Half floats hold what the layer changes of the frame, and the mask multiplies their rounding by at most 1 + amount. Both iterations that
+/// unsharpen leave up to 0.002 of what the sharpening did, which the mask brings back to the frame's contrast.
+fn sharpening_tolerance(amount: f32) -> f32 {
+    ROUNDING + 0.0001 * (1.0 + amount)
+}
+
+#[test]
+fn sharpening_agrees_with_the_reference() {
+    if no_gpu() {
+        return;
+    }
+    for (w, h) in [(1, 1), (3, 2), (160, 120), (257, 129)] {
+        let (frame, layer) = (frame(w, h), layer(w, h));
+        for (amount, radius) in [(0.2, 0.6), (0.5, 1.0), (1.0, 1.0), (1.0, 4.0), (5.0, 1.5), (20.0, 1.0)] {
+            let both = |c| with_lens(with_exposure(c, 0.7), 8.0, 0.4);
+            let encoded = |mut c: CameraModel| {
+                c.blur_space = BlurSpace::Encoded;
+                c
+            };
+            for (name, model, blurs) in [
+                ("sharpening", camera(w, h), false),
+                ("sharpening of encoded values", encoded(camera(w, h)), false),
+                ("sharpening, lens and motion", both(camera(w, h)), true),
+            ] {
+                let options = CompositeOptions::default();
+                let reference =
+                    on_cpu(&frame, &layer, &with_sharpening(model.clone(), amount, radius), &options);
+                let gpu =
+                    |model: &CameraModel| difference(&on_gpu(&frame, &layer, model, &options), &reference);
+                // What blur leaves different is smooth, so that the mask adds little to it.
+                let blur = if blurs { blur_tolerance(Quality::High, Bokeh::Gaussian) } else { 0.0 };
+                let tolerance = sharpening_tolerance(amount) + blur;
+                let got = gpu(&with_sharpening(model.clone(), amount, radius));
+                println!("{w} x {h}, {name} by {amount}, {radius} px: {got:.5} (tolerance {tolerance:.5})");
+                assert!(got < tolerance, "{w} x {h}, {name} by {amount}, {radius} px: {got}");
+                // Another amount is told apart, and that it is left out.
+                if (w, h) == (160, 120) && !blurs {
+                    let [other, none] =
+                        [gpu(&with_sharpening(model.clone(), 1.25 * amount, radius)), gpu(&model)];
+                    println!("  amount * 1.25: {other:.5}; without: {none:.5}");
+                    assert!(other > tolerance && none > 2.0 * tolerance, "{other} {none}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_camera_may_begin_to_sharpen_and_stop_again() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (97, 61);
+    let frames = [frame(w, h), Encoded(frame(w, h).0.map(|[r, g, b]| [b, r, g]))];
+    let layers = [layer(w, h), layer(w, h)];
+    let eyes = Eyes::new(&frames.each_ref(), &layers.each_ref());
+    let plain = with_lens(camera(w, h), 8.0, 0.4);
+    let target = target_like(&eyes.frame);
+    let views = views(&target);
+    let bound = COMPOSITOR.bind(&GPU.device, &eyes.inputs()).unwrap();
+    let composite = |model: &CameraModel| {
+        let frame = Frame { targets: &views, ..of_frame(model, &CompositeOptions::default()) };
+        let mut encoder = GPU.device.create_command_encoder(&Default::default());
+        COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap();
+        GPU.queue.submit([encoder.finish()]);
+        let images = GPU.download::<[f32; 4]>(&target).unwrap();
+        images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect::<Vec<_>>()
+    };
+    // Each eye is as it is alone, whatever was composited before.
+    for (amount, radius) in [(0.0, 1.0), (1.0, 2.0), (0.4, 0.7), (0.0, 1.0)] {
+        let model = match amount {
+            0.0 => plain.clone(),
+            _ => with_sharpening(plain.clone(), amount, radius),
+        };
+        let both = composite(&model);
+        for eye in 0..2 {
+            let alone = on_gpu(&frames[eye], &layers[eye], &model, &CompositeOptions::default());
+            assert_eq!(both[eye], alone, "amount {amount}, eye {eye}");
+        }
+        assert!(difference(&both[0], &both[1]) > 0.05);
+    }
+    // An amount of 0 is no sharpening; nor does a naive composite sharpen.
+    assert_eq!(composite(&with_sharpening(plain.clone(), 0.0, 1.0)), composite(&plain));
+    let naive = CompositeOptions { naive: true, ..Default::default() };
+    let sharpening = with_sharpening(plain.clone(), 1.0, 1.0);
+    assert_eq!(
+        on_gpu(&frames[0], &layers[0], &sharpening, &naive),
+        on_gpu(&frames[0], &layers[0], &plain, &naive)
+    );
+    // A mask for which there is no room is an error.
+    let wide = with_sharpening(plain, 1.0, 1000.0);
+    let frame = Frame { targets: &views, ..of_frame(&wide, &CompositeOptions::default()) };
+    let mut encoder = GPU.device.create_command_encoder(&Default::default());
+    let error = COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap_err().to_string();
+    assert!(error.contains("a radius of 1000 px"), "{error}");
 }
 
 #[test]
@@ -537,6 +649,30 @@ fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
 }
 
 #[test]
+fn sharpening_leaves_the_noise_as_it_is() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (512, 384);
+    let plain = with_noise(camera(w, h), 1.0);
+    let model = with_sharpening(plain.clone(), 1.0, 1.0);
+    // The noise of a camera is what it is after its sharpening.
+    let filmed = filmed_grey(&plain, w, h);
+    let off = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| band_difference(&band_stds(a), &band_stds(b));
+    for alpha in [0.25, 0.75, 1.0] {
+        let layer = grey(w, h, 0.5, alpha);
+        let gpu = on_gpu(&filmed, &layer, &model, &CompositeOptions::default());
+        let cpu = on_cpu(&filmed, &layer, &model, &CompositeOptions::default());
+        let (got, frame) = (off(&gpu, &cpu), off(&gpu, &filmed.0));
+        println!("alpha {alpha}: {got} from the reference, {frame} from the frame");
+        assert!(got < NOISE_TOLERANCE && frame < 0.1, "{got} {frame}");
+        // Without the rule, noise is missing.
+        let none = CompositeOptions { no_noise: true, ..Default::default() };
+        assert!(off(&on_gpu(&filmed, &layer, &model, &none), &filmed.0) > 0.15);
+    }
+}
+
+#[test]
 fn noise_of_layers_does_not_add_up() {
     if no_gpu() {
         return;
@@ -676,10 +812,22 @@ fn within_an_area_it_is_the_same() {
         if (120..180).contains(&x) && (80..130).contains(&y) { whole.color.0.at(x, y) } else { [0.0; 4] }
     }));
     let layer = VirtualLayer { color, ..whole };
-    let eyes = Eyes::new(&[&frame], &[&layer]);
-    let model = with_noise(with_lens(with_exposure(camera(w, h), 0.7), 10.0, 0.35), 1.0);
+    let plain = with_noise(with_lens(with_exposure(camera(w, h), 0.7), 10.0, 0.35), 1.0);
+    for model in [plain.clone(), with_sharpening(plain, 1.0, 2.0)] {
+        within_an_area_of_a_camera_it_is_the_same((w, h), &frame, &layer, &model);
+    }
+}
+
+fn within_an_area_of_a_camera_it_is_the_same(
+    (w, h): (usize, usize),
+    frame: &Encoded,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+) {
+    assert_eq!((w, h), (301, 200));
+    let eyes = Eyes::new(&[frame], &[layer]);
     let of = |area| {
-        composite_of(&eyes.inputs(), Frame { area, ..of_frame(&model, &CompositeOptions::default()) })
+        composite_of(&eyes.inputs(), Frame { area, ..of_frame(model, &CompositeOptions::default()) })
             .remove(0)
     };
     let everywhere = of(None);

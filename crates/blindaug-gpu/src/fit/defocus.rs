@@ -3,12 +3,16 @@
 use super::{Readback, common_size, filled};
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel};
+use crate::layout::wgsl_struct;
+use crate::prelude;
 use blindaug::fit::BlurPoint;
 use blindaug::fit::defocus::{SEARCH_STRIDE, Searched, searched_stds, textured};
 use blindaug::{Error, Result, filter};
+use std::sync::LazyLock;
 use wgpu::{BindGroup, BindingResource, BufferUsages, TextureFormat, TextureUsages};
 
-pub(crate) const SOURCE: &str = include_str!("defocus.wgsl");
+pub(crate) static SOURCE: LazyLock<String> =
+    LazyLock::new(|| prelude::defocus_fit() + include_str!("defocus.wgsl"));
 
 /// The search for the std in [0, 10] px (100 steps) whose Gaussian blur of the sharp image is closest to the target, the
 /// squared error summed over 9x9 px, at every 4th pixel; as [`blindaug::fit::defocus::pooled_search`] does.
@@ -24,17 +28,42 @@ pub struct PooledSearch {
     found: Readback,
 }
 
-/// Words of the shader's `Step`, as far apart as bind groups may start.
-const STEP: usize = 64;
+/// The largest radius of a kernel that leads from one std to the next, px. The steps are at most 1.5 px, whose kernels reach less far.
+pub(crate) const MAX_RADIUS: usize = 11;
 
-/// The step to a std, px, from the one before.
-fn step([w, h]: [u32; 2], before: f32, sigma: f32) -> [u32; STEP] {
-    let kernel = filter::gaussian_kernel((sigma * sigma - before * before).sqrt());
-    let mut words = [0; STEP];
-    words[..4].copy_from_slice(&[w, h, sigma.to_bits(), kernel.len() as u32 - 1]);
-    // The stds' steps are at most 1.5 px, whose kernels reach less far than the shader's.
-    words[4..].iter_mut().step_by(4).zip(kernel).for_each(|(word, tap)| *word = tap.to_bits());
-    words
+wgsl_struct! {
+    /// What makes the blurred image of a std from that of the one before, and compares it with the target.
+    pub(crate) struct Step {
+        /// Width and height of the images, px.
+        size: [u32; 2],
+        /// The std of this image, px.
+        sigma: f32,
+        /// The radius of the kernel that makes it, px.
+        radius: u32,
+        /// The right half of that kernel, centre first, in the first of each four numbers; the others are 0.
+        half_kernel: [[f32; 4]; MAX_RADIUS + 1],
+    }
+}
+
+/// Bytes from one step to the next: the alignment that every device allows for parts of uniform buffers.
+const SLOT: usize = 256;
+const _: () = assert!(size_of::<Step>() <= SLOT);
+
+impl Step {
+    /// The step to a std, px, from the one before.
+    fn new(size: [u32; 2], before: f32, sigma: f32) -> Self {
+        let kernel = filter::gaussian_kernel((sigma * sigma - before * before).sqrt());
+        let mut step = Self { size, sigma, radius: kernel.len() as u32 - 1, ..Self::default() };
+        step.half_kernel.iter_mut().zip(kernel).for_each(|(place, tap)| place[0] = tap);
+        step
+    }
+
+    /// Its bytes, with those up to the next step.
+    fn slot(&self) -> [u8; SLOT] {
+        let mut bytes = [0; SLOT];
+        bytes[..size_of::<Self>()].copy_from_slice(bytemuck::bytes_of(self));
+        bytes
+    }
 }
 
 impl PooledSearch {
@@ -53,14 +82,14 @@ impl PooledSearch {
         let points = size.map(|v| v / SEARCH_STRIDE as u32);
         let blur = Kernel::new(
             device,
-            SOURCE,
+            &SOURCE,
             "blur",
             [16, 16, 1],
             &[Binding::Uniform, Binding::Texels, Binding::Target(TextureFormat::R32Float)],
         );
         let compare = Kernel::new(
             device,
-            SOURCE,
+            &SOURCE,
             "compare",
             [8, 8, 1],
             &[Binding::Uniform, Binding::Texels, Binding::Texels, Binding::Texels, Binding::BufferMut],
@@ -75,15 +104,15 @@ impl PooledSearch {
         let turns = [level()?, level()?];
         let stds: Vec<f32> = searched_stds().collect();
         let befores = [0.0].into_iter().chain(stds.iter().copied());
-        let steps: Vec<u32> = befores.zip(&stds).flat_map(|(b, &s)| step(size, b, s)).collect();
+        let steps: Vec<u8> = befores.zip(&stds).flat_map(|(b, &s)| Step::new(size, b, s).slot()).collect();
         let steps = filled(device, "steps of the search", &steps, BufferUsages::UNIFORM);
         let found = Readback::new(device, "what the search found", 4 * (points[0] * points[1]) as usize);
         let levels = (0..stds.len())
             .map(|i| {
                 let step = BindingResource::Buffer(wgpu::BufferBinding {
                     buffer: &steps,
-                    offset: 4 * (i * STEP) as u64,
-                    size: wgpu::BufferSize::new(4 * STEP as u64),
+                    offset: (i * SLOT) as u64,
+                    size: wgpu::BufferSize::new(size_of::<Step>() as u64),
                 });
                 let view = BindingResource::TextureView;
                 let level = |i: usize| if i == 0 { &sharp } else { &turns[i % 2] };

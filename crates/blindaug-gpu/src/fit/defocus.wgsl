@@ -1,18 +1,6 @@
 // The paper's search: the std whose blur of the sharp image is closest to the target, at every 4th pixel, the error summed over 9x9 px.
 // CPU twin: pooled_search in crates/blindaug/src/fit/defocus.rs.
 
-const MAX_RADIUS = 11u;
-
-struct Step {
-    size: vec2u,
-    // Of this level, px.
-    sigma: f32,
-    // Of the kernel that makes this level from the one before.
-    radius: u32,
-    // Its right half, centre first, in the first components; the last are 0.
-    half_kernel: array<vec4f, MAX_RADIUS + 1u>,
-}
-
 @group(0) @binding(0) var<uniform> step: Step;
 
 fn tap(j: u32) -> f32 {
@@ -70,8 +58,6 @@ fn blur(
 // Inverse depth, std, least and greatest error.
 @group(0) @binding(4) var<storage, read_write> searched: array<vec4f>;
 
-const STRIDE = 4u;
-const REACH = 4u;
 // Pixels looked at by a workgroup, each way.
 const POINTS = 8u;
 const SPAN = STRIDE * (POINTS - 1u) + 2u * REACH + 1u;

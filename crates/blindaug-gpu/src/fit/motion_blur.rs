@@ -2,10 +2,10 @@
 
 use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
+use crate::layout::wgsl_struct;
 use crate::prelude::{colours, motion_blur_fit};
 use blindaug::Result;
-use blindaug::fit::motion_blur::ExposureFit;
-use blindaug::fit::motion_blur::STEPS;
+use blindaug::fit::motion_blur::{ExposureFit, STEPS};
 use blindaug::model::ExposureFraction;
 use std::sync::LazyLock;
 use wgpu::BufferUsages;
@@ -19,13 +19,44 @@ pub(crate) static SOURCE: LazyLock<String> = LazyLock::new(|| {
     ]
     .concat()
 });
-/// Exposure fractions that are predicted, and those of the curve.
+
+/// The number of exposure fractions of the curve that comes back, evenly from 0 to 1.
 pub(crate) const CURVE: usize = 51;
-/// Cells as large as this many hold one place each, but for this margin, px.
+
+/// About how many cells an image is divided into, each of which holds one place at most; `places_of_contrast` of blindaug has as many.
 const MAX_PLACES: f32 = 8000.0;
+
+/// The distance of the outermost cells from the image's edges, px.
 const MARGIN: usize = 10;
-/// Fewer places say nothing.
+
+/// Fewer places than this say nothing.
 const MIN_PLACES: usize = 200;
+
+wgsl_struct! {
+    /// What the kernels need to know of the image.
+    pub(crate) struct Params {
+        /// Width and height of the images, px.
+        size: [u32; 2],
+        /// The number of cells across and down; each holds one place at most.
+        cells: [u32; 2],
+        /// The side of a cell, px.
+        cell: u32,
+        /// The distance of the outermost cells from the image's edges, px.
+        margin: u32,
+    }
+}
+
+wgsl_struct! {
+    /// A place of contrast, and what is seen there.
+    pub(crate) struct Place {
+        /// Where it is, px; x is -1 where a cell has none.
+        at: [f32; 2],
+        /// The target's value.
+        observed: f32,
+        /// The inverse std of the target's noise.
+        weight: f32,
+    }
+}
 
 /// The search for the exposure fraction for which the sharp image, blurred along the flow, is closest to the target, as
 /// [`blindaug::fit::motion_blur::fit_exposure`] does.
@@ -60,9 +91,9 @@ impl ExposureSearch {
         if count < MIN_PLACES {
             return Ok(Self { stages: vec![], found });
         }
-        let params = [size[0], size[1], columns, rows, cell as u32, MARGIN as u32, 0, 0];
-        let params = filled(device, "search", &params, BufferUsages::UNIFORM);
-        let places = storage(device, "places", 16 * count);
+        let params = Params { size, cells: [columns, rows], cell: cell as u32, margin: MARGIN as u32 };
+        let params = filled(device, "search", &[params], BufferUsages::UNIFORM);
+        let places = storage(device, "places", size_of::<Place>() * count);
         let predictions = storage(device, "predictions", 4 * STEPS * count);
         let [target, inverse_std, sharp, flow] = [target, inverse_std, sharp, flow].map(array_view);
         let params = uniform(&params);

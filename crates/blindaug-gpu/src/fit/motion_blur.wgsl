@@ -2,23 +2,6 @@
 // the flow, at places of contrast.
 // CPU twin: fit_exposure in crates/blindaug/src/fit/motion_blur.rs.
 
-struct Params {
-    size: vec2u,
-    // Of the cells, one of which holds a place: how many, and the side, px.
-    cells: vec2u,
-    cell: u32,
-    // px to the first cell.
-    margin: u32,
-}
-
-// An unusual place, and everything that is seen there.
-struct Place {
-    // x is -1 where a cell has none.
-    at: vec2f,
-    observed: f32,
-    weight: f32,
-}
-
 @group(0) @binding(0) var<uniform> params: Params;
 
 

@@ -2,13 +2,14 @@
 
 use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
+use crate::layout::wgsl_struct;
 use crate::prelude::{blind_fits, colours};
-use blindaug::fit::noise::LumaNoise;
+use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::spectral::{
     self, BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureObservation,
     LENS_TILES_PER_BLOCK, LEVELS, LensObservation, SIGMAS, TILE, TILE_SIGMAS, frequencies, hann, lens_gain,
 };
-use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
+use blindaug::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
 use blindaug::{Error, Result};
 use std::sync::LazyLock;
@@ -32,15 +33,69 @@ fn likelihood(own: &str) -> String {
     [blind_fits(), shared.concat(), own.into()].concat()
 }
 
-/// f32 of the shader's `Tile`, of its `Params`, of an observation of exposure or lens with what comes first in both, and of a row of its table of lenses.
-const TILE_LEN: usize = 12;
-const PARAMS: usize = 44;
+/// How many numbers come first in an observation: whether it is one, its block of the image, and its speed or its inverse depth.
 pub(crate) const HEAD: usize = 3;
-const EXPOSURE_OBSERVATION: usize = HEAD + EXPOSURES;
-const LENS_OBSERVATION: usize = HEAD + SIGMAS;
+
+/// How many numbers an observation of the exposure has: those that come first, and its clipped log-likelihood.
+pub(crate) const EXPOSURE_OBSERVATION: usize = HEAD + EXPOSURES;
+
+/// How many numbers an observation of the lens has: those that come first, and its log-likelihood over the std.
+pub(crate) const LENS_OBSERVATION: usize = HEAD + SIGMAS;
+
+/// How many moduli the table of a lens's gain has for each std: from 0 to 1/2 cycle per px.
 pub(crate) const GAINS: usize = 128;
-/// Tiles that may be observations of the lens.
+
+/// The most tiles that may be observations of the lens.
 const LENS_TILES: usize = BLOCK_COUNT * LENS_TILES_PER_BLOCK;
+
+wgsl_struct! {
+    /// What all kernels need to know of the frame and of the camera.
+    pub(crate) struct Params {
+        /// Width and height of the frame, px.
+        size: [u32; 2],
+        /// 1 if blur acts on light, 0 if it acts on encoded values.
+        linear_light: u32,
+        /// 1 if there is flow.
+        has_flow: u32,
+        /// 1 if there is inverse depth.
+        has_depth: u32,
+        /// The exposure fraction that the lens is looked for with, 0 to 1.
+        exposure: f32,
+        /// The amount and the radius, px, of the camera's unsharp mask.
+        sharpening: [f32; 2],
+        /// For each resolution: how many tiles there are across and down, the first one's number, and where its light begins. The last
+        /// ones may have no tiles.
+        levels: [[u32; 4]; LEVELS],
+        /// For each pyramid level: the std of the noise per luma, that at luma 0, and the variance of white noise of std 1; then 0.
+        noise: [[f32; 4]; NOISE_LEVELS],
+        /// The variance of luma of a coder's errors against which the exposure is noise-padded, and that for the lens.
+        coding: [f32; 2],
+        /// Unused.
+        padding: [u32; 2],
+    }
+}
+
+wgsl_struct! {
+    /// What is known of a tile before its likelihoods.
+    pub(crate) struct Tile {
+        /// The motion, px of the tile per frame interval.
+        motion: [f32; 2],
+        /// The length of the motion.
+        speed: f32,
+        /// The inverse depth, in the unit of the map.
+        inverse_depth: f32,
+        /// The means of luma^2, luma and 1 over the tile, times the variance of the noise of light over that of luma.
+        noise_moments: [f32; 3],
+        /// The sum of the flags in common.wgsl that are true.
+        flags: u32,
+        /// Its top left corner, px of its resolution.
+        corner: [u32; 2],
+        /// The block of the image that it lies in.
+        block: u32,
+        /// How many px of the frame make one of its own, each way.
+        scale: f32,
+    }
+}
 
 /// What the tiles of a frame say of exposure and defocus. [`blindaug::fit::spectral::exposure_of`] and
 /// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on, and
@@ -59,9 +114,8 @@ pub struct Observations {
 #[derive(Debug)]
 pub struct TileEvidence {
     params: wgpu::Buffer,
-    /// Words of `params`, which stay as they are: size and flags, and the levels.
-    frame: [u32; 5],
-    levels: [[u32; 4]; LEVELS],
+    /// What of `params` stays as it is.
+    frame: Params,
     /// Light, places, periodograms, choice, exposure, lens; of a frame that is smaller than a tile, none.
     stages: Vec<Stage>,
     observations: Readback,
@@ -104,7 +158,7 @@ impl TileEvidence {
         }
         let params = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("spectral fit"),
-            size: 4 * PARAMS as u64,
+            size: size_of::<Params>() as u64,
             usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
@@ -115,14 +169,14 @@ impl TileEvidence {
         );
         let flags = [space == BlurSpace::Linear, flow.is_some(), inverse_depth.is_some()];
         let [linear_light, has_flow, has_depth] = flags.map(u32::from);
-        let frame_words = [size[0], size[1], linear_light, has_flow, has_depth];
+        let fixed = Params { size, linear_light, has_flow, has_depth, levels, ..Params::default() };
         let stages = if count == 0 {
             vec![]
         } else {
             let views = [frame, or_flow, or_depth].map(array_view);
             stages(device, (size, count, pixels), &params, &views, &observations.source)
         };
-        Ok(Self { params, frame: frame_words, levels, stages, observations })
+        Ok(Self { params, frame: fixed, stages, observations })
     }
 
     /// Starts to look at the textures as they are, given the noise, the exposure so far (for the lens; 0 if
@@ -139,16 +193,18 @@ impl TileEvidence {
         if !self.observations.is_idle() {
             return false;
         }
-        let [amount, radius] = sharpening.map_or([0.0; 2], |s| [s.amount, s.radius_px]);
-        let coding = [1.0, CODING_OF_LENS].map(|share| (share * noise.coding_error).powi(2));
-        let levels = noise.levels.iter().zip(white_band_std());
-        let levels = levels.flat_map(|(n, white)| [n.slope, n.intercept, white * white, 0.0]);
-        let blur = [exposure.0, amount, radius].map(f32::to_bits);
-        let noise = levels.chain(coding).map(f32::to_bits);
-        let all = self.frame.into_iter().chain(blur).chain(self.levels.into_iter().flatten()).chain(noise);
-        let mut words = [0; PARAMS];
-        words.iter_mut().zip(all).for_each(|(word, v)| *word = v);
-        queue.write_buffer(&self.params, 0, bytemuck::cast_slice(&words));
+        let white = white_band_std();
+        let params = Params {
+            exposure: exposure.0,
+            sharpening: sharpening.map_or([0.0; 2], |s| [s.amount, s.radius_px]),
+            noise: std::array::from_fn(|l| {
+                let NoiseLine { slope, intercept } = noise.levels[l];
+                [slope, intercept, white[l] * white[l], 0.0]
+            }),
+            coding: [1.0, CODING_OF_LENS].map(|share| (share * noise.coding_error).powi(2)),
+            ..self.frame
+        };
+        queue.write_buffer(&self.params, 0, bytemuck::bytes_of(&params));
         self.observations.submit(device, queue, "spectral fit", |pass| {
             self.stages.iter().for_each(|s| s.run(pass));
         });
@@ -196,7 +252,7 @@ fn stages(
 ) -> Vec<Stage> {
     let params = uniform(params);
     let light = storage(device, "light", 4 * pixels);
-    let tiles = storage(device, "tiles", 4 * TILE_LEN * count);
+    let tiles = storage(device, "tiles", size_of::<Tile>() * count);
     let periodograms = storage(device, "periodograms", 4 * COLUMNS * TILE * count);
     let contrasts = storage(device, "contrasts", 4 * count);
     let chosen = storage(device, "chosen tiles", 4 * (EXPOSURE_TILES + LENS_TILES));

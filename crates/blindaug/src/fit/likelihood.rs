@@ -15,7 +15,7 @@ pub const MAX_LAMBDA: f32 = 1.25;
 pub const STREAK_STEP: f32 = 0.6;
 
 /// The least and the largest step of the tables over the exposure fraction.
-pub(super) const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
+pub const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
 
 /// The number of exposure fractions of a curve: from 0 on in steps of [`EXPOSURE_STEP`], to past 1.
 pub const EXPOSURES: usize = 251;

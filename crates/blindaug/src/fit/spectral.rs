@@ -38,10 +38,10 @@ pub mod numbers {
     pub use super::super::agreement::SHUTTER_FLOOR;
     pub use super::super::likelihood::{
         ALPHA, ALPHAS, AMPLITUDE_PRECISION, CLIP, CORRELATED, DIRECTION, EXPOSURE_NOISE_ERROR, EXPOSURE_STEP,
-        INFORMATIVE, LARGER_BLUR, LEAK, LENS_NOISE_ERROR, MAX_LAMBDA, NoiseError, PIXEL_RESPONSE,
-        STREAK_ERROR, STREAK_STEP, TEMPER,
+        INFORMATIVE, LAMBDA_STEPS, LARGER_BLUR, LEAK, LENS_NOISE_ERROR, MAX_LAMBDA, NoiseError,
+        PIXEL_RESPONSE, STREAK_ERROR, STREAK_STEP, TEMPER,
     };
-    pub use super::super::tiles::{MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
+    pub use super::super::tiles::{BLOCKS, MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
 }
 
 /// So much of a coder's errors the lens is to be kept from: it needs the fine detail that lambda can do without.

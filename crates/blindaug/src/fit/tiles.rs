@@ -44,7 +44,7 @@ pub const SPEEDS: Range<f32> = 1.5..60.0;
 pub const MIN_CONTRAST: f32 = 3.0;
 
 /// The number of the bootstrap's blocks along each side of the image. Tiles of one block show one surface and err alike.
-pub(super) const BLOCKS: usize = 5;
+pub const BLOCKS: usize = 5;
 
 /// The number of the bootstrap's blocks.
 pub const BLOCK_COUNT: usize = BLOCKS * BLOCKS;

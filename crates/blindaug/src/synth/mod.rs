@@ -414,8 +414,8 @@ impl Blur {
     }
 }
 
-/// From this share of a kernel on that sees a part, it tells all there is of the part.
-const SEEN: f32 = 0.25;
+/// A kernel that sees at least this share of a part tells all there is of the part.
+pub const SEEN: f32 = 0.25;
 
 /// How often a part is halved to find what lies around what hides it.
 const FILL_OCTAVES: usize = 7;
@@ -481,8 +481,8 @@ fn slabs(color: &Raster<[f32; 4]>, depth: &Plane, [behind, before]: [f32; 2]) ->
     })
 }
 
-/// From this alpha on, a pixel's depth is the layer's own.
-const OPAQUE: f32 = 0.98;
+/// The alpha from which on a pixel's depth is the layer's own.
+pub const OPAQUE: f32 = 0.98;
 
 /// How many pixels above and left of each have some property: how many in a square then takes four look-ups.
 struct Counts(Raster<u32>);

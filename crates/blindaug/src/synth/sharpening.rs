@@ -12,8 +12,8 @@ pub fn sharpen(image: &Raster<[f32; 3]>, model: &SharpeningModel) -> Raster<[f32
     })
 }
 
-/// How much of what sharpening did [`unsharpen`] may leave: less than a step of 8 bit.
-const LEFT: f32 = 2e-3;
+/// The share of what sharpening did that unsharpening may leave: it is less than a step of 8 bit.
+pub const LEFT: f32 = 2e-3;
 
 /// What [`sharpen`] makes this image of. It stays in the image's range, as the inverse is a mean with positive weights.
 pub(crate) fn unsharpen(image: &Raster<[f32; 3]>, model: &SharpeningModel) -> Raster<[f32; 3]> {

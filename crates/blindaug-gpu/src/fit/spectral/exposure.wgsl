@@ -2,8 +2,6 @@
 // with c2, c4 and e at their most likely values, by Fisher scoring, and the amplitudes integrated over. A thread looks after each ring.
 
 const THREADS = 32u;
-// Of the table over lambda.
-const MAX_STEPS = 26u;
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
 
@@ -182,7 +180,7 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
     }
 
     // Halves go up, also where division is not exact: whole speeds lead to them.
-    let steps = floor(MAX_LAMBDA / clamp(STREAK_STEP / tile.speed, 0.05, 0.125) + 0.5001);
+    let steps = floor(MAX_LAMBDA / clamp(STREAK_STEP / tile.speed, LEAST_STEP, LARGEST_STEP) + 0.5001);
     let step = MAX_LAMBDA / steps;
     let len = u32(steps) + 1u;
     for (var l = 0u; l < len; l++) {

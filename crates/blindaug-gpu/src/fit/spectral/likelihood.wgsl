@@ -10,8 +10,6 @@
 // is an observation, block, inverse depth, table.
 @group(0) @binding(6) var<storage, read_write> observations: array<f32>;
 
-const EXPOSURE_OBSERVATION = HEAD + EXPOSURES;
-const LENS_OBSERVATION = HEAD + SIGMAS;
 const LENSES_AT = EXPOSURE_TILES * EXPOSURE_OBSERVATION;
 
 const PI = 3.14159265;
@@ -111,7 +109,7 @@ fn shutter_gain(speed: f32, along: f32, leaks: vec2f, lambda: f32) -> f32 {
 }
 
 // Tables and curves, one after the other.
-var<workgroup> values: array<f32, 26u + 2u * (EXPOSURES + 1u)>;
+var<workgroup> values: array<f32, MAX_STEPS + 2u * (EXPOSURES + 1u)>;
 
 // Cubic (Catmull & Rom) between the values of such a table; its ends continue in a straight line.
 fn interpolate(table: u32, len: u32, at: f32) -> f32 {

@@ -192,8 +192,8 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             tile.flags |= DEPTH_KNOWN;
         }
         // Blocks: five each way.
-        let cell = corner * 5u / (params.size / scale);
-        tile.block = 5u * cell.y + cell.x;
+        let cell = corner * BLOCKS / (params.size / scale);
+        tile.block = BLOCKS * cell.y + cell.x;
         tiles_out[group.x] = tile;
     }
 }

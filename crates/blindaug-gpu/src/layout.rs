@@ -1,0 +1,215 @@
+//! Structs that Rust and shaders share, declared once in Rust: the macro [`wgsl_struct`] makes the plain data that is uploaded and the WGSL
+//! text of the same struct.
+//!
+//! WGSL aligns vectors, Rust does not. So padding is written out as fields, and a struct whose fields would lie elsewhere in WGSL does not
+//! compile. A test compares all structs with what naga makes of them.
+//!
+//! The crates for this were not taken: `encase` copies each struct field by field at run time and writes no WGSL, `wgsl_bindgen` generates
+//! Rust from WGSL at build time, with a build script and a dozen dependencies.
+
+use std::fmt::Write;
+
+/// A Rust type that is laid out in memory as a WGSL type of its own.
+pub(crate) trait HostType {
+    /// The alignment of the WGSL type, bytes.
+    const ALIGN: usize;
+
+    /// The name of the WGSL type.
+    fn wgsl() -> String;
+}
+
+macro_rules! host_types {
+    ($($rust:ty, $align:literal, $wgsl:literal;)*) => {
+        $(impl HostType for $rust {
+            const ALIGN: usize = $align;
+
+            fn wgsl() -> String {
+                $wgsl.into()
+            }
+        })*
+    };
+}
+
+host_types! {
+    f32, 4, "f32";
+    u32, 4, "u32";
+    [f32; 2], 8, "vec2f";
+    [f32; 3], 16, "vec3f";
+    [f32; 4], 16, "vec4f";
+    [u32; 2], 8, "vec2u";
+    [u32; 4], 16, "vec4u";
+}
+
+impl<T, const N: usize, const LEN: usize> HostType for [[T; N]; LEN]
+where
+    [T; N]: HostType,
+{
+    const ALIGN: usize = <[T; N]>::ALIGN;
+
+    fn wgsl() -> String {
+        format!("array<{}, {LEN}>", <[T; N]>::wgsl())
+    }
+}
+
+/// A field of a struct.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Field {
+    /// Its name in both languages.
+    pub(crate) name: &'static str,
+    /// Where it begins in Rust, bytes.
+    pub(crate) offset: usize,
+    /// How long it is in Rust, bytes.
+    pub(crate) size: usize,
+    /// Its alignment in WGSL, bytes.
+    pub(crate) align: usize,
+    /// The name of its WGSL type.
+    pub(crate) wgsl: fn() -> String,
+}
+
+/// A struct of both languages.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Layout {
+    /// Its name in both languages.
+    pub(crate) name: &'static str,
+    /// Its fields, in their order.
+    pub(crate) fields: &'static [Field],
+    /// How long it is in Rust, bytes.
+    pub(crate) size: usize,
+}
+
+impl Layout {
+    /// Whether WGSL puts all fields where Rust puts them, and makes the struct as long.
+    pub(crate) const fn agrees(&self) -> bool {
+        let (mut end, mut align, mut i) = (0usize, 1, 0);
+        while i < self.fields.len() {
+            let Field { offset, size, align: own, .. } = self.fields[i];
+            if offset != end.next_multiple_of(own) {
+                return false;
+            }
+            end = offset + size;
+            align = if own > align { own } else { align };
+            i += 1;
+        }
+        self.size == end.next_multiple_of(align)
+    }
+
+    /// The struct's declaration in WGSL.
+    pub(crate) fn declaration(&self) -> String {
+        let mut text = format!("struct {} {{\n", self.name);
+        for field in self.fields {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "    {}: {},", field.name, (field.wgsl)());
+        }
+        text + "}\n"
+    }
+}
+
+/// The WGSL declarations of structs.
+pub(crate) fn structs(layouts: &[Layout]) -> String {
+    layouts.iter().map(Layout::declaration).collect()
+}
+
+/// Declares plain data that a shader reads or writes; its associated constant `LAYOUT` has the struct for WGSL. It does not compile if WGSL
+/// would lay it out otherwise.
+macro_rules! wgsl_struct {
+    (
+        $(#[$meta:meta])*
+        $vis:vis struct $name:ident {
+            $($(#[$field_meta:meta])* $field_vis:vis $field:ident: $type:ty,)*
+        }
+    ) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+        #[allow(dead_code, reason = "what only shaders write and read counts here by its size")]
+        $vis struct $name {
+            $($(#[$field_meta])* $field_vis $field: $type,)*
+        }
+
+        impl $name {
+            /// The same struct for WGSL.
+            pub(crate) const LAYOUT: $crate::layout::Layout = $crate::layout::Layout {
+                name: stringify!($name),
+                fields: &[$($crate::layout::Field {
+                    name: stringify!($field),
+                    offset: std::mem::offset_of!($name, $field),
+                    size: size_of::<$type>(),
+                    align: <$type as $crate::layout::HostType>::ALIGN,
+                    wgsl: <$type as $crate::layout::HostType>::wgsl,
+                }),*],
+                size: size_of::<$name>(),
+            };
+        }
+
+        const _: () = assert!($name::LAYOUT.agrees(), "WGSL would lay this struct out otherwise: add padding");
+    };
+}
+pub(crate) use wgsl_struct;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prelude;
+
+    /// Name, offset and size of the fields of each struct in a WGSL text, and the struct's own size, as naga has them.
+    fn as_naga_has_them(source: &str) -> Vec<(String, Vec<(String, usize, usize)>, usize)> {
+        let module =
+            naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
+        let size = |t: naga::Handle<naga::Type>| module.types[t].inner.size(module.to_ctx()) as usize;
+        let structs = module.types.iter().filter_map(|(_, t)| match &t.inner {
+            naga::TypeInner::Struct { members, span } => {
+                let field = |m: &naga::StructMember| {
+                    (m.name.clone().unwrap_or_default(), m.offset as usize, size(m.ty))
+                };
+                Some((t.name.clone()?, members.iter().map(field).collect(), *span as usize))
+            }
+            _ => None,
+        });
+        structs.collect()
+    }
+
+    /// The same of layouts, as Rust has them.
+    fn as_rust_has_them(layouts: &[Layout]) -> Vec<(String, Vec<(String, usize, usize)>, usize)> {
+        let fields = |l: &Layout| l.fields.iter().map(|f| (f.name.to_string(), f.offset, f.size)).collect();
+        layouts.iter().map(|l| (l.name.to_string(), fields(l), l.size)).collect()
+    }
+
+    #[test]
+    fn rust_and_naga_lay_out_every_struct_alike() {
+        let mut compared = 0;
+        for layouts in [
+            &prelude::COMPOSITOR_STRUCTS[..],
+            &prelude::MOTION_BLUR_FIT_STRUCTS,
+            &prelude::DEFOCUS_FIT_STRUCTS,
+            &prelude::BLIND_FITS_STRUCTS,
+        ] {
+            assert_eq!(as_naga_has_them(&structs(layouts)), as_rust_has_them(layouts));
+            compared += layouts.len();
+        }
+        assert_eq!(compared, 9);
+    }
+
+    #[test]
+    fn a_struct_without_its_padding_is_found_out() {
+        /// A number before a vector, which WGSL moves to 8 bytes.
+        #[repr(C)]
+        struct Wrong {
+            number: f32,
+            vector: [f32; 2],
+        }
+        let field = |name, offset, size, align, wgsl| Field { name, offset, size, align, wgsl };
+        let fields = [
+            field("number", std::mem::offset_of!(Wrong, number), 4, f32::ALIGN, f32::wgsl as fn() -> String),
+            field("vector", std::mem::offset_of!(Wrong, vector), 8, <[f32; 2]>::ALIGN, <[f32; 2]>::wgsl),
+        ];
+        let wrong = Layout { name: "Wrong", fields: Box::leak(Box::new(fields)), size: size_of::<Wrong>() };
+        assert!(!wrong.agrees());
+        assert_ne!(as_naga_has_them(&structs(&[wrong])), as_rust_has_them(&[wrong]));
+        // Nor do a struct that WGSL makes longer, and one that is right pass for one another.
+        let [number, _] = fields;
+        let long = Layout { fields: Box::leak(Box::new([number])), size: 16, ..wrong };
+        let right = Layout { size: 4, ..long };
+        assert!(!long.agrees() && right.agrees());
+        assert_eq!(as_naga_has_them(&structs(&[right])), as_rust_has_them(&[right]));
+    }
+}

@@ -1,0 +1,144 @@
+//! How closely the reference is followed, and the tables that defocus reads.
+
+use crate::layout::wgsl_struct;
+use blindaug::filter;
+use blindaug::synth::defocus::{self, Bokeh};
+
+/// How closely the reference is followed; what it costs is in docs/gpu.md.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Quality {
+    /// For pictures that are kept, and fast GPUs.
+    #[default]
+    High,
+    /// For headsets and desktops.
+    Medium,
+    /// For phones.
+    Low,
+}
+
+/// The number of octaves of the image that defocus reads: the image itself, and seven times half the one before.
+pub(crate) const OCTAVES: usize = 8;
+
+/// The number of variances in the table of discrete Gaussians; they rise evenly from 0 to [`GAUSSIAN_MOST`].
+pub(crate) const GAUSSIANS: usize = 64;
+
+/// The largest variance in the table of discrete Gaussians, px^2.
+pub(crate) const GAUSSIAN_MOST: f32 = 3.25;
+
+/// The number of disks in their table.
+pub(crate) const DISKS: usize = 235;
+
+/// By how much the std of each disk in the table exceeds that of the one before, px.
+pub(crate) const DISK_STEP: f32 = 1.0 / 64.0;
+
+/// The number of rows that the table has for each disk, from its middle row on.
+pub(crate) const DISK_ROWS: usize = 12;
+
+wgsl_struct! {
+    /// What defocus needs to know of the quality and of the shape of out-of-focus points.
+    pub(crate) struct DefocusQuality {
+        /// The least variance that is left to blur on an octave, px^2 of the octave: for Gaussians and for disks.
+        least_variance: [f32; 2],
+        /// Where a Gaussian ends, in stds.
+        reach: f32,
+        /// 1 if points become disks, 0 if they become Gaussians.
+        disk: u32,
+    }
+}
+
+impl Quality {
+    /// The most samples along the path of a pixel.
+    pub(crate) fn most_taps(self) -> f32 {
+        match self {
+            Self::High => 128.0,
+            Self::Medium => 24.0,
+            Self::Low => 10.0,
+        }
+    }
+
+    /// How often the layer is read for a pixel of this defocus std, px; the shader defocus.wgsl reads as often.
+    pub fn defocus_taps(self, bokeh: Bokeh, sigma_px: f32) -> u32 {
+        let DefocusQuality { least_variance: [gaussian, disk], reach, .. } = DefocusQuality::new(self, bokeh);
+        let least = if bokeh == Bokeh::Disk { disk } else { gaussian };
+        let variance = sigma_px * sigma_px;
+        let octave = (0.5 * ((variance + 1.0 / 3.0) / (least + 1.0 / 3.0)).max(1.0).log2()) as i32;
+        let scale = 0.25f32.powi(octave.min(OCTAVES as i32 - 1));
+        let left = variance * scale - (1.0 - scale) / 3.0;
+        match bokeh {
+            _ if sigma_px <= 0.0 => 1,
+            Bokeh::Gaussian if octave == 0 && left < GAUSSIAN_MOST => {
+                let pairs = (0.5 * (reach * left.sqrt() + 0.5).clamp(1.0, 6.0)).ceil() as u32;
+                (2 * pairs + 1).pow(2)
+            }
+            Bokeh::Gaussian => ((reach * left.sqrt()).ceil() as u32).pow(2),
+            // The area of the disk with its rim.
+            Bokeh::Disk => (std::f32::consts::PI * (2.0 * left.sqrt() + 0.5).powi(2)).ceil() as u32,
+        }
+    }
+
+    /// How often the layer is read for a pixel whose path is this long, px.
+    pub fn motion_blur_taps(self, path_px: f32) -> u32 {
+        (path_px.ceil() + 1.0).min(self.most_taps()) as u32
+    }
+}
+
+impl DefocusQuality {
+    /// The numbers of a quality and a shape.
+    pub(crate) fn new(quality: Quality, bokeh: Bokeh) -> Self {
+        let (least_variance, reach) = match quality {
+            Quality::High => ([0.5, 3.0], 3.3),
+            Quality::Medium => ([0.3, 1.5], 2.6),
+            Quality::Low => ([0.15, 0.75], 2.2),
+        };
+        Self { least_variance, reach, disk: u32::from(bokeh == Bokeh::Disk) }
+    }
+}
+
+/// The right halves of discrete Gaussians of rising variance, 8 taps each, centre first.
+pub(crate) fn gaussian_table() -> [[f32; 8]; GAUSSIANS] {
+    std::array::from_fn(|i| {
+        let variance = GAUSSIAN_MOST * i as f32 / (GAUSSIANS - 1) as f32;
+        let kernel = filter::gaussian_kernel(variance.sqrt());
+        std::array::from_fn(|tap| kernel.get(tap).copied().unwrap_or(0.0))
+    })
+}
+
+/// Half the length of each row, px, of disks of rising std, from the middle row on.
+pub(crate) fn disk_table() -> Vec<[f32; DISK_ROWS]> {
+    let disk = |i: usize| {
+        let halves = defocus::disk_half_widths(i as f32 * DISK_STEP);
+        std::array::from_fn(|dy| halves.get(dy).copied().unwrap_or(0.0))
+    };
+    (0..DISKS).map(disk).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_smoothing_of_the_shader_is_a_gaussian_of_the_reference_s_std() {
+        // The reference's `missing_noise` smooths the frame by 1.5 px.
+        let kernel: Vec<f32> = (0..5).map(|i| (-0.5 * (i as f32 / 1.5).powi(2)).exp()).collect();
+        // Two neighbouring taps are one between them.
+        let pair = |i: usize| {
+            let sum = kernel[i] + kernel[i + 1];
+            [sum, i as f32 + kernel[i + 1] / sum]
+        };
+        let [near, far] = [pair(1), pair(3)];
+        let numbers = |name: &str| -> Vec<f32> {
+            let line = include_str!("composite.wgsl").lines().find(|l| l.contains(&format!("var {name} =")));
+            let inside = line.and_then(|l| l.split_once(">(")).expect("the table is there").1;
+            inside.trim_end_matches([')', ';']).split(", ").map(|n| n.parse().expect("a number")).collect()
+        };
+        let weights = numbers("weights");
+        // Taps beyond the fifth are left out.
+        let total = kernel[0] + 2.0 * (near[0] + far[0]);
+        for (got, want) in weights.iter().zip([kernel[0], near[0], far[0]]) {
+            assert!((got - want / total).abs() < 2e-5, "{got}, want {}", want / total);
+        }
+        for (got, want) in numbers("places").iter().zip([0.0, near[1], far[1]]) {
+            assert!((got - want).abs() < 2e-5, "{got}, want {want}");
+        }
+    }
+}

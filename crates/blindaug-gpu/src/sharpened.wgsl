@@ -1,0 +1,88 @@
+// The last passes for a camera that sharpens. The layer goes over the frame as it was before the camera sharpened it; what that changes is
+// sharpened and added to the frame. It follows composite.wgsl in one source.
+// CPU twin: composite in crates/blindaug/src/composite.rs.
+
+@group(0) @binding(5) var difference_out: texture_storage_2d_array<rgba16float, write>;
+// What to add to the frame to undo its sharpening, in the area.
+@group(0) @binding(7) var unsharpening: texture_2d_array<f32>;
+
+// The frame at a pixel of the area as it was before the camera sharpened it.
+fn unsharpened(at: vec2<u32>, eye: u32) -> vec3<f32> {
+    return textureLoad(frame, camera.origin + at, eye, 0).rgb + textureLoad(unsharpening, at, eye, 0).rgb;
+}
+
+// What the layer changes of the unsharpened frame, in encoded values, and the layer's alpha. The sensor clips before the camera sharpens.
+@compute @workgroup_size(8, 8)
+fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
+    if any(id.xy >= camera.size) {
+        return;
+    }
+    let layer = layer_at(id.xy, id.z);
+    var out = vec4(0.0);
+    if layer.a > 0.0 {
+        let background = unsharpened(id.xy, id.z);
+        let clean = clamp(over(background, layer), vec3(0.0), vec3(min(camera.clip, 1.0)));
+        out = vec4(clean - background, layer.a);
+    }
+    textureStore(difference_out, id.xy, id.z, out);
+}
+
+// What `difference` has found, and the same blurred along rows.
+@group(0) @binding(3) var differences: texture_2d_array<f32>;
+@group(0) @binding(4) var blurred_rows: texture_2d_array<f32>;
+@group(0) @binding(6) var<uniform> mask: MaskPass;
+// The right half of the mask's Gaussian, centre first.
+@group(0) @binding(8) var<storage, read> half_kernel: array<f32>;
+
+fn row_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
+    return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.size) - 1), eye, 0).rgb;
+}
+
+// `unsharpening`, smoothed as `smoothed` does the frame.
+fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
+    let all = textureDimensions(unsharpening);
+    var sum = vec3(0.0);
+    for (var j = -2; j <= 2; j++) {
+        for (var i = -2; i <= 2; i++) {
+            let tap = smoothing_tap(i, j);
+            let place = coordinates(at + tap.xy, camera.size, all);
+            sum += tap.z * textureSampleLevel(unsharpening, bilinear, place, eye, 0.0).rgb;
+        }
+    }
+    return sum;
+}
+
+@fragment
+fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
+    let pixel = vec2<u32>(in.position.xy);
+    let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
+    let at = pixel - camera.origin;
+    // Left of and above the origin, the difference wraps.
+    if any(at >= camera.size) {
+        return to_target(filmed);
+    }
+    let own = textureLoad(differences, at, in.eye, 0);
+    let place = vec2<i32>(at);
+    var blurred = half_kernel[0] * row_at(place, in.eye);
+    for (var i = 1; i <= i32(mask.radius); i++) {
+        blurred += half_kernel[i] * (row_at(place - vec2(0, i), in.eye) + row_at(place + vec2(0, i), in.eye));
+    }
+    let added = own.rgb + mask.amount * (own.rgb - blurred);
+    let clean = filmed + added;
+    if own.a <= 0.0 {
+        // The halo around the object, and beyond it the frame, bit by bit.
+        return to_target(select(clamp(clean, vec3(0.0), vec3(1.0)), filmed, added == vec3(0.0)));
+    }
+    var noisy = clean;
+    if camera.noise != 0u {
+        let background = unsharpened(at, in.eye);
+        let kept = 1.0 - own.a;
+        var smooth_background = vec3(0.0);
+        if kept > LEAST_KEPT {
+            smooth_background = smoothed(vec2<f32>(pixel), in.eye) + smoothed_unsharpening(vec2<f32>(at), in.eye);
+        }
+        noisy += missing_noise(pixel, in.eye, background, smooth_background, background + own.rgb, kept);
+    }
+    let limit = vec3(min(camera.clip, 1.0));
+    return to_target(select(clamp(noisy, vec3(0.0), limit), limit, clean >= limit));
+}

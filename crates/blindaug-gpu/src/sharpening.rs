@@ -1,0 +1,343 @@
+//! The camera's sharpening in the compositor: the frame as it was before, and what the layer changes of it, sharpened.
+//!
+//! The frame is unsharpened by Richardson's iteration `u + s (frame - sharpened u)`, as the reference does, but with the steps s of
+//! Chebyshev's polynomial instead of equal ones: half as many or fewer leave as little. What is kept between the steps is the difference to
+//! the frame, which half floats hold more exactly than the frame itself.
+
+use crate::bound::Views;
+use crate::composite::{BETWEEN, Compositor, full_screen_pipeline, view};
+use crate::gpu::{array_view, texture};
+use crate::kernel::{Binding, Kernel, bind, layout};
+use crate::layout::wgsl_struct;
+use crate::shaders;
+use blindaug::model::SharpeningModel;
+use blindaug::synth::sharpening::LEFT;
+use blindaug::{Error, Result, filter};
+use wgpu::{BindGroup, BufferUsages, ShaderStages, TextureFormat, TextureUsages};
+
+/// The most steps that the iteration takes: those of an amount of 20, the largest that a camera model may have. Of a larger amount more is
+/// left than the reference leaves.
+const MOST_STEPS: usize = 16;
+
+/// Room for the right half of the mask's Gaussian, numbers.
+const MOST_TAPS: usize = 4096;
+
+/// Bytes from one pass's numbers to the next one's: the alignment that every device allows for parts of uniform buffers.
+const SLOT: usize = 256;
+
+wgsl_struct! {
+    /// What a pass of the mask needs to know.
+    pub(crate) struct MaskPass {
+        /// Where the area begins in the source, px.
+        origin: [u32; 2],
+        /// The radius of the Gaussian's kernel, px.
+        radius: u32,
+        /// The amount of the mask.
+        amount: f32,
+        /// The weight of the source in a step of the iteration.
+        of_source: f32,
+        /// The weight of the blurred source.
+        of_blurred: f32,
+        /// The weight of the first step's result.
+        of_first: f32,
+        /// Unused.
+        padding: u32,
+    }
+}
+
+/// The step sizes of the iteration that unsharpens a mask of this amount: the inverses of the roots of Chebyshev's polynomial over the
+/// mask's gains, 1 to 1 + amount. Their number is such that at most [`LEFT`] of what the sharpening did is left.
+fn step_sizes(amount: f32) -> Vec<f32> {
+    let amount = f64::from(amount);
+    let root = (1.0 + amount).sqrt();
+    let rate = (root - 1.0) / (root + 1.0);
+    let steps = ((f64::from(LEFT) / 2.0).ln() / rate.ln()).ceil() as usize;
+    let steps = steps.clamp(2, MOST_STEPS);
+    let gain = |i: usize| {
+        let angle = std::f64::consts::PI * (i as f64 + 0.5) / steps as f64;
+        1.0 + 0.5 * amount * (1.0 - angle.cos())
+    };
+    // In Leja's order from the lowest gain on, each next root is the one farthest from those before it: then rounding does not grow.
+    let mut left: Vec<f64> = (0..steps).map(gain).collect();
+    let mut ordered = vec![left.remove(0)];
+    while !left.is_empty() {
+        let far = |g: f64| ordered.iter().map(|o| (g - o).abs().ln()).sum::<f64>();
+        let next = (0..left.len()).max_by(|&a, &b| far(left[a]).total_cmp(&far(left[b]))).unwrap_or(0);
+        ordered.push(left.remove(next));
+    }
+    ordered.iter().map(|gain| (1.0 / gain) as f32).collect()
+}
+
+/// How many steps the iteration takes that undoes a camera's sharpening before an object is composited; each moves 48 bytes per pixel.
+pub fn unsharpening_steps(sharpening: &SharpeningModel) -> u32 {
+    step_sizes(sharpening.amount).len() as u32
+}
+
+/// How far from a change of an image its sharpened version changes, px.
+pub(crate) fn reach_px(sharpening: &SharpeningModel) -> u32 {
+    filter::gaussian_kernel(sharpening.radius_px).len() as u32 - 1
+}
+
+/// The kernels and the pipeline of the sharpening: what does not depend on the size of frames.
+#[derive(Debug)]
+pub(crate) struct Sharpener {
+    rows: Kernel,
+    columns: Kernel,
+    difference: Kernel,
+    pub(crate) sharpened: wgpu::RenderPipeline,
+    layout: wgpu::BindGroupLayout,
+}
+
+impl Sharpener {
+    /// For targets of this format.
+    pub(crate) fn new(device: &wgpu::Device, target: TextureFormat) -> Self {
+        use Binding::{Buffer, Sampler, Target, Texels, Texture, Uniform};
+        let kernel = |source: &str, entry, side, bindings: &[Binding]| {
+            Kernel::new(device, source, entry, [side, side, 1], bindings)
+        };
+        let between = Target(BETWEEN);
+        let layout = layout(
+            device,
+            "sharpened",
+            ShaderStages::FRAGMENT,
+            &[Uniform, Sampler, Texture, Texels, Texels, Texels, Uniform, Texture, Buffer],
+        );
+        Self {
+            rows: kernel(&shaders::SHARPENING, "rows", 16, &[Uniform, Uniform, Buffer, Texels, between]),
+            columns: kernel(
+                &shaders::SHARPENING,
+                "columns",
+                16,
+                &[Uniform, Uniform, Buffer, Texels, between, Texels, Texels],
+            ),
+            difference: kernel(
+                &shaders::COMPOSITE,
+                "difference",
+                8,
+                &[Uniform, Sampler, Texture, Texture, Texels, between, Buffer, Texture],
+            ),
+            sharpened: full_screen_pipeline(device, &layout, target, "sharpened"),
+            layout,
+        }
+    }
+}
+
+/// Which textures hold the blurred layer, by what blurs it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Blurred {
+    /// Defocus, and perhaps motion.
+    Focused,
+    /// Motion alone.
+    Moving,
+    /// Nothing.
+    Still,
+}
+
+/// The textures of the sharpening for frames of one size, made when the first camera that sharpens comes.
+#[derive(Debug)]
+pub(crate) struct Sharpening {
+    /// [`MaskPass`] of each step, in its slot, and last of the mask itself.
+    passes: wgpu::Buffer,
+    half_kernel: wgpu::Buffer,
+    /// The rows of the frame, of the first step's result, and of either of the two textures that take turns.
+    rows_of_frame: BindGroup,
+    rows_of_first: BindGroup,
+    rows_of_turns: [BindGroup; 2],
+    /// The first step, which reads the frame.
+    begin: BindGroup,
+    /// The second step, which reads the first one's result, if it is that of a slot.
+    second: Vec<BindGroup>,
+    /// The step of a slot, if it is a later one.
+    later: Vec<BindGroup>,
+    /// By [`Blurred`].
+    difference: [BindGroup; 3],
+    pub(crate) sharpened: BindGroup,
+}
+
+/// Which of the two textures that take turns the step of a slot writes: that of the last slot writes texture 0.
+fn turn_of(slot: usize) -> usize {
+    (MOST_STEPS - 1 - slot) % 2
+}
+
+impl Sharpening {
+    /// # Errors
+    /// If the device cannot hold the textures.
+    pub(crate) fn new(effects: &Compositor, views: &Views) -> Result<Self> {
+        let (device, of) = (&views.device, &effects.sharpener);
+        let [w, h, eyes] = views.size.map(|s| s as usize);
+        let between = |label: &str| {
+            let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING;
+            texture(device, label, [w, h, eyes], BETWEEN, usage).map(|t| array_view(&t))
+        };
+        let (rows, first) = (between("sharpening: rows")?, between("sharpening: first step")?);
+        let turns = [between("sharpening: turn 0")?, between("sharpening: turn 1")?];
+        let buffer = |label, size: usize, usage| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: size as u64,
+                usage: usage | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let passes = buffer("sharpening: passes", SLOT * (MOST_STEPS + 1), BufferUsages::UNIFORM);
+        let half_kernel = buffer("sharpening: kernel", 4 * MOST_TAPS, BufferUsages::STORAGE);
+        let pass = |slot: usize| {
+            wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+                buffer: &passes,
+                offset: (SLOT * slot) as u64,
+                size: wgpu::BufferSize::new(size_of::<MaskPass>() as u64),
+            })
+        };
+        let (camera, taps) = (views.camera.as_entire_binding(), half_kernel.as_entire_binding());
+        let rows_of = |slot, source| {
+            of.rows.bind(device, &[camera.clone(), pass(slot), taps.clone(), view(source), view(&rows)])
+        };
+        let columns = |slot, source, first, written| {
+            let resources = [
+                camera.clone(),
+                pass(slot),
+                taps.clone(),
+                view(source),
+                view(written),
+                view(&rows),
+                view(first),
+            ];
+            of.columns.bind(device, &resources)
+        };
+        let bilinear = wgpu::BindingResource::Sampler(&effects.bilinear);
+        let difference = |layer, blur| {
+            let resources = [
+                camera.clone(),
+                bilinear.clone(),
+                view(&views.frame),
+                view(layer),
+                view(blur),
+                view(&turns[1]),
+                views.most.as_entire_binding(),
+                view(&turns[0]),
+            ];
+            of.difference.bind(device, &resources)
+        };
+        let sharpened = [
+            camera.clone(),
+            bilinear.clone(),
+            view(&views.frame),
+            view(&turns[1]),
+            view(&rows),
+            view(&effects.tile),
+            pass(MOST_STEPS),
+            view(&turns[0]),
+            taps.clone(),
+        ];
+        Ok(Self {
+            rows_of_frame: rows_of(0, &views.frame),
+            rows_of_first: rows_of(MOST_STEPS, &first),
+            rows_of_turns: turns.each_ref().map(|t| rows_of(MOST_STEPS, t)),
+            begin: columns(0, &views.frame, &effects.nothing, &first),
+            second: (0..MOST_STEPS).map(|s| columns(s, &first, &first, &turns[turn_of(s)])).collect(),
+            later: (0..MOST_STEPS)
+                .map(|s| columns(s, &turns[1 - turn_of(s)], &first, &turns[turn_of(s)]))
+                .collect(),
+            difference: [
+                difference(&views.focused, &views.blur),
+                difference(&views.sharp, &views.blur),
+                difference(&views.sharp, &effects.nothing),
+            ],
+            sharpened: bind(device, &of.layout, &sharpened),
+            passes,
+            half_kernel,
+        })
+    }
+
+    /// Uploads what the passes need to know of the mask and of where the area begins, and says how many steps the iteration takes.
+    ///
+    /// # Errors
+    /// If the mask is wider than there is room for.
+    pub(crate) fn write(
+        &self,
+        queue: &wgpu::Queue,
+        sharpening: &SharpeningModel,
+        origin: [u32; 2],
+    ) -> Result<usize> {
+        let kernel = filter::gaussian_kernel(sharpening.radius_px);
+        if kernel.len() > MOST_TAPS {
+            return Err(Error::new(format!(
+                "the camera's sharpening has a radius of {} px, which is more than can be composited; it is at most about {} px",
+                sharpening.radius_px,
+                MOST_TAPS / 6
+            )));
+        }
+        let amount = sharpening.amount;
+        let sizes = step_sizes(amount);
+        let mask = MaskPass { radius: kernel.len() as u32 - 1, amount, ..MaskPass::default() };
+        let mut bytes = vec![0; SLOT * (MOST_STEPS + 1)];
+        let mut put = |slot: usize, pass: MaskPass| {
+            bytes[SLOT * slot..][..size_of::<MaskPass>()].copy_from_slice(bytemuck::bytes_of(&pass));
+        };
+        // With e what is to be added to the frame f, and G the Gaussian, a step of size s makes of e
+        // (1 - s (1 + amount)) e + s amount G e + s amount (G f - f); the first step, where e is 0, has only the last term.
+        let first = sizes[0] * amount;
+        put(0, MaskPass { origin, of_source: -first, of_blurred: first, ..mask });
+        for (step, size) in sizes.iter().enumerate().skip(1) {
+            let pass = MaskPass {
+                of_source: 1.0 - size * (1.0 + amount),
+                of_blurred: size * amount,
+                of_first: size / sizes[0],
+                ..mask
+            };
+            put(MOST_STEPS - sizes.len() + step, pass);
+        }
+        put(MOST_STEPS, mask);
+        queue.write_buffer(&self.passes, 0, &bytes);
+        queue.write_buffer(&self.half_kernel, 0, bytemuck::cast_slice(&kernel));
+        Ok(sizes.len())
+    }
+
+    /// Records the passes up to the last one: the frame is unsharpened in so many steps, and what the layer changes of it is blurred along
+    /// rows.
+    pub(crate) fn run(
+        &self,
+        of: &Sharpener,
+        pass: &mut wgpu::ComputePass,
+        steps: usize,
+        blurred: Blurred,
+        threads: [u32; 3],
+    ) {
+        of.rows.run(pass, &self.rows_of_frame, threads);
+        of.columns.run(pass, &self.begin, threads);
+        for step in 1..steps {
+            let slot = MOST_STEPS - steps + step;
+            let (rows, columns) = match step {
+                1 => (&self.rows_of_first, &self.second[slot]),
+                _ => (&self.rows_of_turns[1 - turn_of(slot)], &self.later[slot]),
+            };
+            of.rows.run(pass, rows, threads);
+            of.columns.run(pass, columns, threads);
+        }
+        of.difference.run(pass, &self.difference[blurred as usize], threads);
+        of.rows.run(pass, &self.rows_of_turns[1], threads);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_steps_leave_as_little_as_the_reference_and_are_fewer() {
+        for amount in [0.01f32, 0.3, 0.5, 1.0, 2.0, 5.0, 20.0] {
+            let sizes = step_sizes(amount);
+            // What is left of the error at a gain of the mask.
+            let left = |gain: f32| sizes.iter().map(|s| 1.0 - s * gain).product::<f32>().abs();
+            let worst = (0..=1000).map(|i| left(1.0 + amount * i as f32 / 1000.0)).fold(0.0, f32::max);
+            assert!(worst <= 1.01 * LEFT, "{amount}: {worst}");
+            let equal = (LEFT.ln() / (amount / (2.0 + amount)).ln()).ceil() as usize;
+            assert!(sizes.len() <= equal.max(2), "{amount}: {} steps, {equal} equal ones", sizes.len());
+            // Fewer would leave more.
+            if sizes.len() > 2 {
+                let rate = (1.0 - (1.0 + amount).recip().sqrt()) / (1.0 + (1.0 + amount).recip().sqrt());
+                assert!(2.0 * rate.powi(sizes.len() as i32 - 1) > LEFT);
+            }
+        }
+    }
+}
