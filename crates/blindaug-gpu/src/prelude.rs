@@ -29,7 +29,7 @@ impl Wgsl for usize {
 
 impl<const N: usize> Wgsl for [f32; N] {
     fn wgsl(&self) -> String {
-        format!("vec{N}f({})", self.map(|v| v.wgsl()).join(", "))
+        format!("vec{N}({})", self.map(|v| v.wgsl()).join(", "))
     }
 }
 
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn numbers_are_written_as_wgsl_reads_them() {
         let text = constants(&[("A", &0.1f32), ("B", &3usize), ("C", &[1.0f32, 2.5])]);
-        assert_eq!(text, "const A = 0.1;\nconst B = 3u;\nconst C = vec2f(1.0, 2.5);\n");
+        assert_eq!(text, "const A = 0.1;\nconst B = 3u;\nconst C = vec2(1.0, 2.5);\n");
     }
 
     #[test]
