@@ -110,16 +110,16 @@ pub struct Frame<'a> {
 const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Octaves of the image that defocus reads: `COARSEST` + 1 of defocus.wgsl.
-const OCTAVES: usize = 8;
+pub(crate) const OCTAVES: usize = 8;
 
 /// Variances of the table of discrete Gaussians, and the largest, px^2: as in defocus.wgsl.
-const GAUSSIANS: usize = 64;
-const GAUSSIAN_MOST: f32 = 3.25;
+pub(crate) const GAUSSIANS: usize = 64;
+pub(crate) const GAUSSIAN_MOST: f32 = 3.25;
 
 /// How many disks there are in the table, the distance of their stds, px, and the rows of each: as in defocus.wgsl.
-const DISKS: usize = 235;
-const DISK_STEP: f32 = 1.0 / 64.0;
-const DISK_ROWS: usize = 12;
+pub(crate) const DISKS: usize = 235;
+pub(crate) const DISK_STEP: f32 = 1.0 / 64.0;
+pub(crate) const DISK_ROWS: usize = 12;
 
 /// `Quality` of defocus.wgsl.
 #[repr(C)]
@@ -195,7 +195,7 @@ impl Compositor {
         use Binding::{Buffer, BufferMut, Sampler, Target, Texels, Texture, Uniform};
         let between = Target(BETWEEN);
         let of_extension = |entry, side, bindings: &[Binding]| {
-            Kernel::new(device, shaders::EXTENSION, entry, [side, side, 1], bindings)
+            Kernel::new(device, &shaders::EXTENSION, entry, [side, side, 1], bindings)
         };
         let halving = [Uniform, Uniform, Sampler, Texture, Buffer, between];
         let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
@@ -223,7 +223,7 @@ impl Compositor {
             push: of_extension("push", 8, &doubling),
             blur: of_extension("blur", 16, &doubling),
             halve: of_extension("halve", 8, &halving),
-            defocus: Kernel::new(device, shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
+            defocus: Kernel::new(device, &shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
             composite: composite_pipeline(device, &composite_layout, target),
             composite_layout,
             bilinear: device.create_sampler(&wgpu::SamplerDescriptor {
@@ -363,7 +363,7 @@ fn composite_pipeline(
 ) -> wgpu::RenderPipeline {
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("composite"),
-        source: wgpu::ShaderSource::Wgsl(shaders::COMPOSITE.into()),
+        source: wgpu::ShaderSource::Wgsl(shaders::COMPOSITE.as_str().into()),
     });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("composite"),

@@ -29,12 +29,6 @@ struct Quality {
 @group(0) @binding(12) var octave_6: texture_2d_array<f32>;
 @group(0) @binding(13) var octave_7: texture_2d_array<f32>;
 
-const COARSEST = 7u;
-const GAUSSIANS = 64u;
-const GAUSSIAN_MOST = 3.25;
-const DISKS = 235u;
-const DISK_STEP = 0.015625;
-const DISK_ROWS = 12u;
 
 // At pixel position `at` of an octave, whose pixel centres are at integer coordinates.
 fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {

@@ -54,6 +54,7 @@ pub mod fit;
 mod gpu;
 mod kernel;
 pub mod noise;
+mod prelude;
 mod shaders;
 mod timer;
 

@@ -27,7 +27,7 @@ struct Level {
 /// channel i of the coarsest level.
 pub fn tile(device: &wgpu::Device, queue: &wgpu::Queue, seed: u64) -> wgpu::Texture {
     let kernel =
-        |entry, bindings: &[Binding]| Kernel::new(device, shaders::NOISE_TILE, entry, [8, 8, 1], bindings);
+        |entry, bindings: &[Binding]| Kernel::new(device, &shaders::NOISE_TILE, entry, [8, 8, 1], bindings);
     use Binding::{Buffer, BufferMut, Uniform};
     let white = kernel("white", &[Uniform, BufferMut]);
     let [down, up, unit] = ["down", "up", "unit"].map(|entry| kernel(entry, &[Uniform, BufferMut, Buffer]));

@@ -1,7 +1,6 @@
 // Noise from a tile of each level of a Laplacian pyramid of white noise, of local std 1, that continue at their opposite edges;
 // three layers of (R, G, B of one of the three finest levels, one channel of the coarsest). Made by noise_tile.wgsl.
 
-const TILE = 256;
 // The tile is cut into cells of random offset, so that it does not repeat; beside their borders two cells are mixed so that the
 // variance stays (as in Heitz & Neyret 2018).
 const CELL = 192.0;
@@ -9,7 +8,7 @@ const BORDER = 16.0;
 
 fn cell_texel(cell: vec2<i32>, at: vec2<i32>, key: vec2<u32>, tile: texture_2d_array<f32>, layer: i32) -> vec4<f32> {
     let offset = vec2<i32>(pcg4d(vec4(bitcast<vec2<u32>>(cell), key)).xy >> vec2(8u));
-    return textureLoad(tile, (at + offset) & vec2(TILE - 1), layer, 0);
+    return textureLoad(tile, (at + offset) & vec2(i32(NOISE_TILE) - 1), layer, 0);
 }
 
 // The four levels' unit noise at a pixel, each channel of a level scaled by `sigma`.

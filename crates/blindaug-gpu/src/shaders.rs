@@ -1,18 +1,22 @@
 //! The compositor's shaders. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
 
-pub(crate) const EXTENSION: &str =
-    concat!(include_str!("shared.wgsl"), include_str!("common.wgsl"), include_str!("extension.wgsl"));
-pub(crate) const DEFOCUS: &str =
-    concat!(include_str!("shared.wgsl"), include_str!("common.wgsl"), include_str!("defocus.wgsl"));
-pub(crate) const NOISE_TILE: &str =
-    concat!(include_str!("shared.wgsl"), include_str!("common.wgsl"), include_str!("noise_tile.wgsl"));
-pub(crate) const COMPOSITE: &str = concat!(
-    include_str!("shared.wgsl"),
-    include_str!("common.wgsl"),
-    include_str!("motion_blur.wgsl"),
-    include_str!("noise.wgsl"),
-    include_str!("composite.wgsl")
-);
+use crate::prelude::{colours, compositor};
+use std::sync::LazyLock;
+
+/// A shader of the compositor: the constants of Rust's, what all share, and its own text.
+macro_rules! shader {
+    ($($file:literal),+) => {
+        LazyLock::new(|| {
+            let shared = [include_str!("shared.wgsl"), include_str!("common.wgsl")];
+            [colours(), compositor(), shared.concat(), [$(include_str!($file)),+].concat()].concat()
+        })
+    };
+}
+
+pub(crate) static EXTENSION: LazyLock<String> = shader!("extension.wgsl");
+pub(crate) static DEFOCUS: LazyLock<String> = shader!("defocus.wgsl");
+pub(crate) static NOISE_TILE: LazyLock<String> = shader!("noise_tile.wgsl");
+pub(crate) static COMPOSITE: LazyLock<String> = shader!("motion_blur.wgsl", "noise.wgsl", "composite.wgsl");
 
 #[cfg(test)]
 #[path = "../tests/common/wgsl.rs"]
@@ -26,16 +30,16 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_for_every_device() {
-        let texts = [
-            EXTENSION,
-            DEFOCUS,
-            NOISE_TILE,
-            COMPOSITE,
+        let texts: [&str; 9] = [
+            &EXTENSION,
+            &DEFOCUS,
+            &NOISE_TILE,
+            &COMPOSITE,
             fit::defocus::SOURCE,
-            fit::motion_blur::SOURCE,
-            fit::spectral::TILES,
-            fit::spectral::EXPOSURE,
-            fit::spectral::LENS,
+            &fit::motion_blur::SOURCE,
+            &fit::spectral::TILES,
+            &fit::spectral::EXPOSURE,
+            &fit::spectral::LENS,
         ];
         for text in texts {
             assert_eq!(problem(text), None);

@@ -24,7 +24,6 @@ fn encoding_slope(v: vec3<f32>) -> vec3<f32> {
     return select(1.055 / 2.4 * pow(x, vec3(1.0 / 2.4 - 1.0)), vec3(12.92), x <= vec3(0.0031308));
 }
 
-const LUMA = vec3(0.299, 0.587, 0.114);
 
 // Y of YCbCr (Rec. 601) of encoded values, or light with the same weights.
 fn luma(v: vec3<f32>) -> f32 {

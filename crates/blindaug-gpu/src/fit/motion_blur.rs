@@ -2,15 +2,25 @@
 
 use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
+use crate::prelude::{colours, motion_blur_fit};
 use blindaug::Result;
 use blindaug::fit::motion_blur::ExposureFit;
+use blindaug::fit::motion_blur::STEPS;
 use blindaug::model::ExposureFraction;
+use std::sync::LazyLock;
 use wgpu::BufferUsages;
 
-pub(crate) const SOURCE: &str = concat!(include_str!("../shared.wgsl"), include_str!("motion_blur.wgsl"));
+pub(crate) static SOURCE: LazyLock<String> = LazyLock::new(|| {
+    [
+        colours(),
+        motion_blur_fit(),
+        include_str!("../shared.wgsl").into(),
+        include_str!("motion_blur.wgsl").into(),
+    ]
+    .concat()
+});
 /// Exposure fractions that are predicted, and those of the curve.
-const STEPS: usize = 21;
-const CURVE: usize = 51;
+pub(crate) const CURVE: usize = 51;
 /// Cells as large as this many hold one place each, but for this margin, px.
 const MAX_PLACES: f32 = 8000.0;
 const MARGIN: usize = 10;
@@ -59,7 +69,7 @@ impl ExposureSearch {
         let stages = vec![
             Stage::new(
                 device,
-                SOURCE,
+                &SOURCE,
                 "places",
                 [8, 8, 1],
                 [columns, rows, 1],
@@ -74,7 +84,7 @@ impl ExposureSearch {
             ),
             Stage::new(
                 device,
-                SOURCE,
+                &SOURCE,
                 "predict",
                 [64, 1, 1],
                 [STEPS as u32 * columns, rows, 1],
@@ -82,7 +92,7 @@ impl ExposureSearch {
             ),
             Stage::new(
                 device,
-                SOURCE,
+                &SOURCE,
                 "search",
                 [128, 1, 1],
                 [128, 1, 1],

@@ -21,8 +21,6 @@ struct Place {
 
 @group(0) @binding(0) var<uniform> params: Params;
 
-// What is tried, 0 to 1; between them, predictions are interpolated.
-const STEPS = 21u;
 
 @group(0) @binding(1) var sharp: texture_2d_array<f32>;
 @group(0) @binding(2) var flow: texture_2d_array<f32>;
@@ -151,10 +149,7 @@ fn predict(@builtin(global_invocation_id) id: vec3u) {
 // Exposure, number of places, information, and the variance of its score; then the curve.
 @group(0) @binding(3) var<storage, read_write> result: array<f32>;
 
-const CURVE = 51u;
 const THREADS = 128u;
-// Of the blocks of the image whose places err alike, px.
-const BLOCK = 48u;
 
 var<workgroup> partials: array<f32, THREADS * STEPS>;
 var<workgroup> sums: array<f32, STEPS>;

@@ -2,6 +2,7 @@
 
 use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
+use crate::prelude::{blind_fits, colours};
 use blindaug::fit::noise::LumaNoise;
 use blindaug::fit::spectral::{
     self, BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureObservation,
@@ -10,31 +11,34 @@ use blindaug::fit::spectral::{
 use blindaug::model::{BlurSpace, ExposureFraction, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
 use blindaug::{Error, Result};
+use std::sync::LazyLock;
 use wgpu::BufferUsages;
 
-pub(crate) const TILES: &str = concat!(
-    include_str!("../shared.wgsl"),
-    include_str!("spectral/common.wgsl"),
-    include_str!("spectral/tiles.wgsl")
-);
-pub(crate) const EXPOSURE: &str = concat!(
-    include_str!("spectral/common.wgsl"),
-    include_str!("spectral/likelihood.wgsl"),
-    include_str!("spectral/exposure.wgsl")
-);
-pub(crate) const LENS: &str = concat!(
-    include_str!("spectral/common.wgsl"),
-    include_str!("spectral/likelihood.wgsl"),
-    include_str!("spectral/lens.wgsl")
-);
+pub(crate) static TILES: LazyLock<String> = LazyLock::new(|| {
+    let own = [
+        include_str!("../shared.wgsl"),
+        include_str!("spectral/common.wgsl"),
+        include_str!("spectral/tiles.wgsl"),
+    ];
+    [colours(), blind_fits(), own.concat()].concat()
+});
+pub(crate) static EXPOSURE: LazyLock<String> =
+    LazyLock::new(|| likelihood(include_str!("spectral/exposure.wgsl")));
+pub(crate) static LENS: LazyLock<String> = LazyLock::new(|| likelihood(include_str!("spectral/lens.wgsl")));
+
+/// The source of a likelihood.
+fn likelihood(own: &str) -> String {
+    let shared = [include_str!("spectral/common.wgsl"), include_str!("spectral/likelihood.wgsl")];
+    [blind_fits(), shared.concat(), own.into()].concat()
+}
 
 /// f32 of the shader's `Tile`, of its `Params`, of an observation of exposure or lens with what comes first in both, and of a row of its table of lenses.
 const TILE_LEN: usize = 12;
 const PARAMS: usize = 44;
-const HEAD: usize = 3;
+pub(crate) const HEAD: usize = 3;
 const EXPOSURE_OBSERVATION: usize = HEAD + EXPOSURES;
 const LENS_OBSERVATION: usize = HEAD + SIGMAS;
-const GAINS: usize = 128;
+pub(crate) const GAINS: usize = 128;
 /// Tiles that may be observations of the lens.
 const LENS_TILES: usize = BLOCK_COUNT * LENS_TILES_PER_BLOCK;
 
@@ -228,7 +232,7 @@ fn stages(
     vec![
         Stage::new(
             device,
-            TILES,
+            &TILES,
             "light",
             [8, 8, 1],
             [size[0].div_ceil(2), size[1].div_ceil(2), 1],
@@ -236,7 +240,7 @@ fn stages(
         ),
         Stage::new(
             device,
-            TILES,
+            &TILES,
             "locate",
             [64, 1, 1],
             of_each(64, count),
@@ -244,7 +248,7 @@ fn stages(
         ),
         Stage::new(
             device,
-            TILES,
+            &TILES,
             "periodogram",
             [128, 1, 1],
             of_each(128, count),
@@ -260,13 +264,13 @@ fn stages(
         ),
         Stage::new(
             device,
-            TILES,
+            &TILES,
             "choose",
             [64, 1, 1],
             of_each(1, count.max(EXPOSURE_TILES).max(LENS_TILES)),
             &[params, read(&contrasts), read(&tiles), write(&chosen)],
         ),
-        Stage::new(device, EXPOSURE, "object", [32, 1, 1], of_each(32, EXPOSURE_TILES), &shared),
-        Stage::new(device, LENS, "defocus", [48, 1, 1], of_each(48, LENS_TILES), &lens),
+        Stage::new(device, &EXPOSURE, "exposure", [32, 1, 1], of_each(32, EXPOSURE_TILES), &shared),
+        Stage::new(device, &LENS, "defocus", [48, 1, 1], of_each(48, LENS_TILES), &lens),
     ]
 }

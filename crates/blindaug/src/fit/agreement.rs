@@ -8,49 +8,51 @@ use super::tiles::BLOCKS;
 use crate::model::{Estimate, ExposureFraction, Reason};
 use crate::{Error, Result, par};
 
-/// An exposure that seems longer is unknown: no shutter is open for so long, so something else looks like its streaks. Of 1, about 1.05
-/// may be seen.
+/// An exposure that seems longer than this fraction is unknown: no shutter is open for so long, so something else looks like its streaks.
+/// A shutter that is open all the time may seem to be open for 1.05.
 pub(super) const LONGEST: f32 = 1.15;
 
-/// Power that motion and lens leave at the zeros of their ideal kernels: leakage of the window, motion within a tile.
-pub(super) const SHUTTER_FLOOR: f32 = 1e-3;
+/// The power that motion leaves at the zeros of its ideal kernel, by the window's leakage and by motion within a tile.
+pub const SHUTTER_FLOOR: f32 = 1e-3;
 
+/// The power that a lens leaves at the zeros of its ideal kernel.
 pub(super) const LENS_FLOOR: f32 = 1e-4;
 
-/// An exposure whose interval is wider is unknown.
+/// An exposure whose interval is wider than this is unknown.
 pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
 
-/// Streaks of this length, px, cannot be told from none at all.
+/// The length of a streak, px, that cannot be told from none.
 const HIDDEN_STREAK: f32 = 1.2;
 
-/// What the models leave out, as stds: of lambda, and relative of sigma at infinity and of the focus's inverse depth.
+/// The std of the exposure fraction that stands for what the models leave out.
 pub(super) const EXPOSURE_FLOOR: f32 = 0.025;
 
+/// The relative stds that stand for what the models leave out: of the blur at infinity, and of the inverse depth in focus.
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 
-/// The same of lambda where a coder's errors are as large as they may be.
+/// The std of the exposure fraction that stands for a coder's errors where they are as large as they may be.
 const CODING_FLOOR: f32 = 0.05;
 
-/// Textures that are soft themselves look blurred by a lens, and sharp ones hide blur: so much of it, px (std). Matters where it is small.
+/// The std, in px, of the blur that textures which are soft or sharp themselves add or hide. It matters where blur is small.
 const TEXTURE_BLUR: f32 = 0.2;
 
-/// A lens is a candidate of the likeliest one if its loss, in nats, is larger by at most this share. That saves time: what is worse is best on
-/// hardly any replica.
+/// A lens is a candidate if its loss in nats exceeds that of the likeliest lens by at most this share. The limit saves time: what is
+/// worse is the best on hardly any replica of the bootstrap.
 const CANDIDATE: f32 = 0.5;
 
-/// A lens needs places whose inverse depths span this share of the largest.
+/// The share of the largest inverse depth that the inverse depths of places must span to tell a lens.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 
-/// Tiles whose inverse depths differ by less than this share of the largest mostly show one surface, and what a surface tells grows with its
-/// share of all tiles up to one over this number.
+/// Tiles whose inverse depths differ by less than this share of the largest mostly show one surface.
 const SAME_DEPTH: f32 = 0.03;
 
+/// What a surface counts grows with its share of all tiles up to one over this number.
 const SURFACES: f32 = 25.0;
 
-/// Replicas of the bootstrap for a whole clip.
+/// The number of replicas of the bootstrap for a whole clip.
 pub const BOOTSTRAPS: usize = 120;
 
-/// And its parts in time, each of which may be another shot.
+/// The number of the bootstrap's parts of a clip in time, each of which may be another shot.
 const PARTS: usize = 8;
 
 /// The exposure that maximises the likelihood.

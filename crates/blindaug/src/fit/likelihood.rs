@@ -8,72 +8,84 @@ use std::ops::Range;
 use std::sync::OnceLock;
 use wide::f32x4;
 
-/// Largest exposure fraction of the tables: past 1, so that a maximum at 1 is seen from both sides.
-pub(super) const MAX_LAMBDA: f32 = 1.25;
+/// The largest exposure fraction of the tables. It lies above 1, so that a maximum at 1 is seen from both sides.
+pub const MAX_LAMBDA: f32 = 1.25;
 
-/// Steps of the tables: this length of streak, px, within this range of exposure fractions.
-pub(super) const STREAK_STEP: f32 = 0.6;
+/// The step of the tables over the exposure, as a length of streak in px; in exposure fractions it is kept within [`LAMBDA_STEPS`].
+pub const STREAK_STEP: f32 = 0.6;
 
+/// The least and the largest step of the tables over the exposure fraction.
 pub(super) const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
 
-/// Exposure fractions of a curve: from 0 in steps of 0.005, to past 1.
+/// The number of exposure fractions of a curve: from 0 on in steps of [`EXPOSURE_STEP`], to past 1.
 pub const EXPOSURES: usize = 251;
 
-pub(super) const EXPOSURE_STEP: f32 = 0.005;
+/// The step of a curve over the exposure fraction.
+pub const EXPOSURE_STEP: f32 = 0.005;
 
-/// Defocus stds of the tables: steps of 0.15 px to 3, of 0.5 px to 10, of 2 px to 40.
+/// The number of defocus stds of the tables: in steps of 0.15 px up to 3 px, of 0.5 px up to 10 px, of 2 px up to 40 px.
 pub const SIGMAS: usize = 50;
 
-/// Those of them, px of the tile, that a tile is asked for: to 3.5 px. From there on it does not tell how large a blur is: what the window
-/// leaks from frequencies below it is more than what the blur has left.
+/// The number of those stds for which a tile's own likelihood is computed: up to 3.5 px of the tile. Larger blur leaves less in a
+/// spectrum than its window leaks from lower frequencies, so that a tile does not tell how large it is.
 pub const TILE_SIGMAS: usize = 22;
 
-/// So many nats a tile objects to each px more.
-const LARGER_BLUR: f32 = 0.1;
+/// By how many nats a tile's log-likelihood falls for each px of blur beyond those stds.
+pub const LARGER_BLUR: f32 = 0.1;
 
-/// Prior of the spectral slope alpha: mean and std, and the values that the integral is taken over.
-const ALPHA: (f32, f32) = (2.4, 0.4);
+/// The prior of the spectral slope alpha: its mean and its std.
+pub const ALPHA: (f32, f32) = (2.4, 0.4);
 
-const ALPHAS: usize = 6;
+/// The number of slopes over which the likelihood is integrated.
+pub const ALPHAS: usize = 6;
 
-/// Std of the Gaussian that stands for the pixel's own response, px.
-const PIXEL_RESPONSE: f32 = 0.5;
+/// The std of the Gaussian that stands for the pixel's own response, px.
+pub const PIXEL_RESPONSE: f32 = 0.5;
 
-/// A tile's log-likelihood counts this much: neighbouring frequencies are correlated by the window, neighbouring tiles
-/// by their overlap, and no scene is exactly what the prior says.
-pub(super) const TEMPER: f32 = 0.15;
+/// The factor of a tile's log-likelihood. It is below 1 since the window correlates neighbouring frequencies, tiles overlap, and no scene
+/// is exactly what the prior says.
+pub const TEMPER: f32 = 0.15;
 
-/// At most this much, in nats, a tile may object.
-pub(super) const CLIP: f32 = 8.0;
+/// The most nats by which a tile may find a value less likely than its likeliest one.
+pub const CLIP: f32 = 8.0;
 
-/// A tile whose strongest objection to an exposure is this, in nats, counts half of what it says, and one that says less counts less: tiles
+/// A tile whose least likely exposure is less likely than its likeliest by this many nats counts half, a less informative one less: tiles
 /// that hardly see any motion blur may all err to the same side.
-const INFORMATIVE: f32 = 24.0;
+pub const INFORMATIVE: f32 = 24.0;
 
-/// The window makes so many neighbouring frequencies one, so the log-likelihood is so many times too large where it is weighed against what a
-/// ring's amplitude costs.
-const CORRELATED: f32 = 2.25;
+/// The number of neighbouring frequencies that the window makes one. A log-likelihood is too large by this factor where it is weighed
+/// against the cost of a ring's amplitude.
+pub const CORRELATED: f32 = 2.25;
 
-/// Prior precision of the log of that amplitude, in the units of the likelihood before it is tempered.
-const AMPLITUDE_PRECISION: f32 = 1.0;
+/// The prior precision of the log of a ring's amplitude, in units of the likelihood before it is tempered.
+pub const AMPLITUDE_PRECISION: f32 = 1.0;
 
-/// Prior stds of what a tile is allowed beside its rings' amplitudes: the scene's log spectrum in cos 2 theta and
-/// cos 4 theta, theta from the motion.
-const DIRECTION: [f32; 2] = [1.4, 1.0];
+/// The prior stds of the scene's direction: of its log spectrum in cos 2 theta and in cos 4 theta, with theta the angle to the motion.
+pub const DIRECTION: [f32; 2] = [1.4, 1.0];
 
-/// By how much a tile's noise may be off where the exposure is asked for, and where the lens is: the log of its power (std), and noise
-/// that is there unseen (std of luma). A sharp lens leaves little room for noise that is stronger than it was measured.
-pub(super) const EXPOSURE_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.2, unseen: 0.006 };
+/// By how much a tile's noise may be off where the exposure is estimated.
+pub const EXPOSURE_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.2, unseen: 0.006 };
 
-const LENS_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.1, unseen: 0.002 };
+/// By how much a tile's noise may be off where the lens is estimated. It is less than for the exposure, since a sharp lens leaves little
+/// room for noise that is stronger than it was measured.
+pub const LENS_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.1, unseen: 0.002 };
 
-/// What a tile's texture may add to the apparent length of its streaks, px (std): matters where little moves.
-const STREAK_ERROR: f32 = 0.4;
+/// The std, in px, of what a tile's texture adds to the apparent length of its streaks. It matters where little moves.
+pub const STREAK_ERROR: f32 = 0.4;
 
 /// By how much a tile's noise may be off.
-pub(super) struct NoiseError {
-    log_power: f32,
-    unseen: f32,
+pub struct NoiseError {
+    /// The std of the log of the noise's power.
+    pub log_power: f32,
+    /// The std of luma, of full scale, of noise that was not measured.
+    pub unseen: f32,
+}
+
+impl NoiseError {
+    /// Both numbers, in the order of their fields.
+    pub fn as_array(&self) -> [f32; 2] {
+        [self.log_power, self.unseen]
+    }
 }
 
 /// A tile with its noise, ready for the likelihood.
@@ -293,7 +305,7 @@ struct Shutter {
 
 /// Where those lie, cycles per px: three points then have the variance of the Hann window's squared spectrum and of a bin's
 /// width, 1/3 + 1/12 squared cycles per tile.
-pub(super) const LEAK: f32 = 1.118 / TILE as f32;
+pub const LEAK: f32 = 1.118 / TILE as f32;
 
 /// How much stronger a scene is at a frequency that lies so far along the motion from one of this component and modulus.
 pub(super) fn slope_gain(along: f32x4, modulus: f32x4, by: f32) -> f32x4 {

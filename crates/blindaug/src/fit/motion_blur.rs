@@ -1,11 +1,12 @@
 //! Exposure from a frame and its version without motion blur: the paper's search, made continuous.
 
+pub use super::robust::BLOCK;
 use super::robust::{Samples, places_of_contrast};
 use crate::model::ExposureFraction;
 use crate::{Flow, Plane, par};
 
 /// Exposure fractions that are tried, 0 to 1; between them, predictions are interpolated.
-const STEPS: usize = 21;
+pub const STEPS: usize = 21;
 
 /// An exposure from one frame.
 #[derive(Clone, Debug)]

@@ -69,6 +69,9 @@ pub(super) fn places_of_contrast(
     found.into_iter().flatten().collect()
 }
 
+/// Side of the blocks of an image in which neighbouring places err alike, px.
+pub const BLOCK: usize = 48;
+
 /// Observed values at some places, to be explained by a model: the robust score and its curvature.
 pub(super) struct Samples {
     /// The observed values.
@@ -81,7 +84,6 @@ pub(super) struct Samples {
 
 impl Samples {
     pub(super) fn new(places: &[(usize, usize)], at: impl Fn(usize, usize) -> (f32, f32)) -> Self {
-        const BLOCK: usize = 48;
         let values: Vec<(f32, f32)> = places.iter().map(|&(x, y)| at(x, y)).collect();
         Self {
             observed: values.iter().map(|v| v.0).collect(),

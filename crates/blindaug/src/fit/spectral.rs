@@ -33,6 +33,17 @@ use crate::model::{Estimate, ExposureFraction, SharpeningModel};
 use crate::{Result, par};
 pub use pairs::{Pair, pairs};
 
+/// The numbers of these fits, for those who do them elsewhere, as on a graphics device.
+pub mod numbers {
+    pub use super::super::agreement::SHUTTER_FLOOR;
+    pub use super::super::likelihood::{
+        ALPHA, ALPHAS, AMPLITUDE_PRECISION, CLIP, CORRELATED, DIRECTION, EXPOSURE_NOISE_ERROR, EXPOSURE_STEP,
+        INFORMATIVE, LARGER_BLUR, LEAK, LENS_NOISE_ERROR, MAX_LAMBDA, NoiseError, PIXEL_RESPONSE,
+        STREAK_ERROR, STREAK_STEP, TEMPER,
+    };
+    pub use super::super::tiles::{MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
+}
+
 /// So much of a coder's errors the lens is to be kept from: it needs the fine detail that lambda can do without.
 pub const CODING_OF_LENS: f32 = 0.45;
 

@@ -12,39 +12,41 @@ use rustfft::{Fft, FftPlanner};
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-/// Side of a tile, px; tiles overlap by half.
+/// The side of a tile, px. Tiles overlap by half.
 pub const TILE: usize = 48;
 
-/// Resolutions at which a frame has tiles, each half the one before.
+/// The number of resolutions at which a frame has tiles, each half the one before.
 pub const LEVELS: usize = 4;
 
-/// From the third on only if it has this many px each way.
+/// A frame has tiles at the third resolution and below only if it has this many px each way there.
 const COARSE_SIDE: usize = 4 * TILE;
 
-/// At most this many tiles of a frame are observations of the exposure, those of most contrast.
+/// The most tiles of a frame that are observations of the exposure; those of most contrast are taken.
 pub const EXPOSURE_TILES: usize = 400;
 
-/// And this many of each block of the image are observations of the lens, again those of most contrast: what has most contrast in the
-/// whole image is what is in focus. Of more than [`EXPOSURE_TILES`] the fifth of least contrast is left out.
+/// The most tiles of each block of the image that are observations of the lens; those of most contrast are taken, block by block, since
+/// what has most contrast in the whole image is what is in focus. If a frame has more than [`EXPOSURE_TILES`], the fifth of least
+/// contrast is left out.
 pub const LENS_TILES_PER_BLOCK: usize = 32;
 
-/// The frequencies looked at, cycles per px: below is the window's leakage, above what resampling, demosaicing and
-/// denoising inside the camera have touched.
+/// The frequencies that are looked at, cycles per px. Below is the window's leakage, above what resampling, demosaicing and denoising
+/// inside the camera have touched.
 pub(super) const BAND: Range<f32> = 0.03..0.35;
 
-/// About their mean.
-pub(super) const MIDDLE: f32 = 0.25;
+/// A frequency in the middle of [`BAND`], cycles per px, at which contrast is measured.
+pub const MIDDLE: f32 = 0.25;
 
-/// Below this speed, px per frame interval, a tile says nothing about lambda; above the other the flow is not relied on.
-pub(super) const SPEEDS: Range<f32> = 1.5..60.0;
+/// The speeds at which a tile tells the exposure, px per frame interval. A slower tile shows no streak, and the flow of a faster one is
+/// not relied on.
+pub const SPEEDS: Range<f32> = 1.5..60.0;
 
-/// Signal over noise below which a tile is left out.
-pub(super) const MIN_CONTRAST: f32 = 3.0;
+/// The ratio of signal to noise below which a tile is left out.
+pub const MIN_CONTRAST: f32 = 3.0;
 
-/// The bootstrap's blocks, per side of the image: tiles of one block show one surface, and err alike.
+/// The number of the bootstrap's blocks along each side of the image. Tiles of one block show one surface and err alike.
 pub(super) const BLOCKS: usize = 5;
 
-/// As many blocks.
+/// The number of the bootstrap's blocks.
 pub const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
 
 /// What one tile of one frame tells.
@@ -293,7 +295,7 @@ pub(super) fn samples<T: Copy + Send + Sync>(
 }
 
 /// How many those are.
-pub(super) const SAMPLES: usize = TILE * TILE / 4;
+pub const SAMPLES: usize = TILE * TILE / 4;
 
 /// Speed and motion of a tile, in its px, and its parts' mean deviation from it; `None` if they move differently, too fast, or unknown.
 pub(super) fn common_motion(

@@ -32,17 +32,7 @@ struct Tile {
 const USABLE = 1u;
 const DEPTH_KNOWN = 2u;
 
-const TILE = 48u;
-const LEVELS = 4u;
-// Columns of a periodogram, as many rings of like modulus, and at most as many bins in each.
-const COLUMNS = 17u;
 const BINS = COLUMNS * COLUMNS;
-// Of the chosen tiles: observations of the exposure, then of the lens for each block of the image; some may be none.
-const EXPOSURE_TILES = 400u;
-const LENS_TILES_PER_BLOCK = 32u;
-const BLOCKS = 25u;
 const NONE = 0xffffffffu;
-const MIN_SPEED = 1.5;
-const MAX_SPEED = 60.0;
 
 @group(0) @binding(0) var<uniform> params: Params;

@@ -2,19 +2,8 @@
 // with c2, c4 and e at their most likely values, by Fisher scoring, and the amplitudes integrated over. A thread looks after each ring.
 
 const THREADS = 32u;
-const MAX_LAMBDA = 1.25;
 // Of the table over lambda.
 const MAX_STEPS = 26u;
-const STREAK_STEP = 0.6;
-const EXPOSURE_STEP = 0.005;
-const STREAK_ERROR = 0.4;
-const CLIP = 8.0;
-const TELLING = 24.0;
-const CORRELATED = 2.25;
-const AMPLITUDE_PRECISION = 1.0;
-// Prior stds of c2, c4.
-const DIRECTION = vec2f(1.4, 1.0);
-const EXPOSURE_NOISE_ERROR = vec2f(0.2, 0.006);
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
 
@@ -133,7 +122,7 @@ fn solve(score: vec3f) -> vec3f {
 }
 
 @compute @workgroup_size(32)
-fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
+fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     let observation = group.x * EXPOSURE_OBSERVATION;
     let index = chosen[group.x];
     if thread == 0u {
@@ -267,6 +256,6 @@ fn object(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     let most = all.x - all.y;
     for (var i = thread; i < EXPOSURES; i += THREADS) {
         let v = interpolate(blurred, count, f32(i) / f32(stride)) - all.x;
-        observations[observation + HEAD + i] = clamp(v * most / (most + TELLING), -CLIP, 0.0);
+        observations[observation + HEAD + i] = clamp(v * most / (most + INFORMATIVE), -CLIP, 0.0);
     }
 }

@@ -3,14 +3,8 @@
 
 // |K_DoF|^2 of each std, over the modulus in steps of 1/256.
 @group(0) @binding(7) var<storage, read> lens_gains: array<f32>;
-const GAINS = 128u;
 
-const ALPHAS = 6u;
 const LANES = 8u;
-const ALPHA_STD = 0.4;
-const PIXEL_RESPONSE = 0.5;
-const LENS_NOISE_ERROR = vec2f(0.1, 0.002);
-const LARGER_BLUR = 0.1;
 
 // Bins that motion blur leaves alike, those of all rings one after the other.
 var<workgroup> weight: array<f32, BINS>;

@@ -10,22 +10,10 @@
 // is an observation, block, inverse depth, table.
 @group(0) @binding(6) var<storage, read_write> observations: array<f32>;
 
-const EXPOSURES = 251u;
-const SIGMAS = 50u;
-// Those that a tile is asked for, px of its own.
-const TILE_SIGMAS = 22u;
-// What comes before the log_likelihood or the table.
-const HEAD = 3u;
 const EXPOSURE_OBSERVATION = HEAD + EXPOSURES;
 const LENS_OBSERVATION = HEAD + SIGMAS;
 const LENSES_AT = EXPOSURE_TILES * EXPOSURE_OBSERVATION;
 
-const TEMPER = 0.15;
-const MIN_CONTRAST = 3.0;
-// Of the frequencies looked at.
-const MIDDLE = 0.25;
-const ALPHA = 2.4;
-const SHUTTER_FLOOR = 1e-3;
 const PI = 3.14159265;
 
 // White noise that a coder's errors of such a variance are drowned in: its density, part of the tile's power and of its noise.
@@ -79,7 +67,6 @@ fn bins_of(index: u32, tile: Tile, ring: u32, coding: f32, bins: ptr<function, a
 
 // Where the frequencies lie that leak into a bin along the motion: the variance of the Hann window's squared spectrum and of
 // a bin's width.
-const LEAK = 1.118 / f32(TILE);
 
 // How much stronger a scene is there.
 fn leaks_of(tile: Tile, bin: vec4f) -> vec2f {

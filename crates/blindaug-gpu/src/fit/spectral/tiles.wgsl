@@ -50,7 +50,6 @@ fn light(
 
 const LOCATE_THREADS = 64u;
 // Every second pixel of a tile, each way.
-const SAMPLES = TILE * TILE / 4u;
 // Of the two components of the flow and of inverse depth: unsigned numbers in the order of the values, the last where unknown.
 var<workgroup> keys: array<array<u32, SAMPLES>, 3>;
 const UNKNOWN = 0xffffffffu;
@@ -370,7 +369,7 @@ fn choose(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= usable.x && id.x < EXPOSURE_TILES {
         chosen_out[id.x] = NONE;
     }
-    if of_lens < BLOCKS && id.x % LENS_TILES_PER_BLOCK >= usable.y {
+    if of_lens < BLOCK_COUNT && id.x % LENS_TILES_PER_BLOCK >= usable.y {
         chosen_out[EXPOSURE_TILES + id.x] = NONE;
     }
 }
