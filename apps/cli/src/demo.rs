@@ -253,7 +253,7 @@ struct Fidelity {
 }
 
 impl Fidelity {
-    /// Of composites without noise of their own, since the truth has none.
+    /// Compares composites without noise of their own, since the truth has none.
     fn measure(clip: &Path, scene: &Scene, composites: [&BTreeMap<u64, Encoded>; 3]) -> Result<Self> {
         let truth = SideFolder::frames(clip.join("truth_with"), "the truth")?;
         let size = scene.footage.size();

@@ -91,7 +91,7 @@ pub struct Renderer {
     scene: wgpu::Buffer,
     joints: wgpu::Buffer,
     group: wgpu::BindGroup,
-    /// Of each part.
+    /// The bindings of each part's textures.
     textures: Vec<wgpu::BindGroup>,
     surface: wgpu::RenderPipeline,
     samples: [TextureView; 3],

@@ -164,7 +164,7 @@ struct Worker {
     /// Takes a frame only while it waits for one.
     shots: SyncSender<(LiveFrame, Home)>,
     estimates: Receiver<Result<Timed>>,
-    /// Of the frame that it took last.
+    /// The home of the frame that it took last.
     home: Home,
 }
 
@@ -203,7 +203,7 @@ struct Recording {
     path: PathBuf,
     pictures: SyncSender<Encoded>,
     writer: JoinHandle<Result<()>>,
-    /// Of the frame that was recorded last; 0: what comes next follows at once.
+    /// The number of the frame that was recorded last; 0: what comes next follows at once.
     number: u64,
 }
 

@@ -154,7 +154,7 @@ struct Scene {
     velocity: wgpu::Texture,
     target: wgpu::Texture,
     camera: CameraModel,
-    /// Of the object's pixels: defocus std and path, px.
+    /// The defocus std and the path of each of the object's pixels, px.
     blur: Vec<(f32, f32)>,
 }
 

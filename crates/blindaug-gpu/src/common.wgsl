@@ -23,16 +23,16 @@ struct Camera {
     size: vec2<u32>,
     // The frame's noise, and its share of the jitter.
     key: vec2<u32>,
-    // Of motion blur, per pixel.
+    // The most taps of motion blur along a pixel's path.
     most_taps: f32,
     slabs: u32,
-    // Of three slabs, the first is behind the first of these inverse depths, the last in front of the second.
+    // The first of three slabs is behind the first of these inverse depths, the last one in front of the second.
     cuts: vec2<f32>,
 }
 
 // Between the passes, there is a texture layer, called a part, for each slab of each eye: eye * slabs + slab, farthest first.
 
-// Of an image that was halved so many times.
+// The size of an image that was halved `level` times, px.
 fn size_at(camera: Camera, level: u32) -> vec2<u32> {
     return (camera.size + (vec2(1u) << vec2(level)) - 1u) >> vec2(level);
 }

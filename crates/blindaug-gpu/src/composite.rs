@@ -417,7 +417,7 @@ pub struct Bound {
     /// By the level that is read.
     halve: Vec<BindGroup>,
     defocus: BindGroup,
-    /// Of the focused layer; of the sharp one along its path; of the sharp one.
+    /// The bindings of the composite for the focused layer, for the sharp one along its path, and for the sharp one.
     composite_focused: BindGroup,
     composite_sharp: BindGroup,
     composite_still: BindGroup,

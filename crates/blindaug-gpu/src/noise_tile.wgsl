@@ -4,7 +4,7 @@
 struct Level {
     // Pixels along a side of the source.
     side: u32,
-    // Of the local std, so that windows with next to nothing in them are not blown up.
+    // The least local std, so that windows with next to nothing in them are not blown up.
     floor: f32,
     // A normal number over its own window's std has a std slightly below 1: what makes it 1.
     gain: f32,

@@ -5,9 +5,9 @@ const MAX_RADIUS = 11u;
 
 struct Step {
     size: vec2u,
-    // Of this level, px.
+    // The std of this level, px.
     sigma: f32,
-    // Of the kernel that makes this level from the one before.
+    // The radius, px, of the kernel that makes this level from the one before.
     radius: u32,
     // Its right half, centre first, in the first components; the last are 0.
     half_kernel: array<vec4f, MAX_RADIUS + 1u>,

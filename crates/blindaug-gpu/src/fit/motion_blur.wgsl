@@ -4,7 +4,7 @@
 
 struct Params {
     size: vec2u,
-    // Of the cells, one of which holds a place: how many, and the side, px.
+    // The number of cells, each of which holds a place at most, and their side, px.
     cells: vec2u,
     cell: u32,
     // px to the first cell.

@@ -68,7 +68,7 @@ pub struct TileEvidence {
 }
 
 impl TileEvidence {
-    /// Of display-encoded frames, 3 channels or more, motion in px per frame interval (NaN: unknown; best the motion at the frame's own
+    /// Takes display-encoded frames of 3 channels or more, motion in px per frame interval (NaN: unknown; best the motion at the frame's own
     /// time, [`blindaug::analysis::flow::motion_at_frame`]) and inverse depth (NaN: no reading);
     /// of each texture the first layer counts. What is not given says nothing.
     ///

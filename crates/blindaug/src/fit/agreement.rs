@@ -142,7 +142,7 @@ fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
 }
 
-/// Of the sum of the observations' [`ExposureObservation::speed`] and of that of its squares: fast ones tell more.
+/// The typical speed, px per frame interval, from the sum of the observations' [`ExposureObservation::speed`] and that of its squares: fast ones tell more.
 pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
     squares / sum
 }

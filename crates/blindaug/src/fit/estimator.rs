@@ -30,7 +30,7 @@ pub struct Estimator {
     stride: usize,
     frames: Vec<FrameEvidence>,
     follower: Follower,
-    /// Of the last frame whose depth could not be told from parallax, why.
+    /// Why the depth of the last frame that has none could not be told from parallax.
     why_no_depth: Unknown,
     depth_kind: Option<DepthKind>,
     depth_given: bool,
@@ -48,7 +48,7 @@ pub struct Estimator {
 
 /// How the frame added last moves.
 struct LastMotion {
-    /// Of that frame among those given.
+    /// The frame's index among those given.
     index: usize,
     /// To the next frame.
     flow: Flow,
@@ -122,7 +122,7 @@ impl Estimator {
     /// About how many bytes one takes at most for so many frames of this size, beside the frames and what is given with them.
     /// `moving`: whether their flow is to be estimated.
     pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
-        /// Of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
+        /// Bytes of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
         const OF_STRIP: u64 = 80;
         const MOTION: u64 = 60;
         const REMOVAL: u64 = 120;

@@ -1,7 +1,7 @@
 // What the kernels of the spectral fit share. CPU twin, with the meaning of the constants: crates/blindaug/src/fit/spectral.rs.
 
 struct Params {
-    // Of the frame, px.
+    // Width and height of the frame, px.
     size: vec2u,
     linear_light: u32,
     has_flow: u32,
@@ -9,7 +9,7 @@ struct Params {
     exposure: f32,
     // Amount and radius, px, of the camera's unsharp mask.
     sharpening: vec2f,
-    // Of each resolution: tiles across and down, its first tile, and where its light begins. The last ones may have none.
+    // For each resolution: the tiles across and down, its first tile, and where its light begins. The last ones may have no tiles.
     levels: array<vec4u, LEVELS>,
     // Per level: std of the noise per luma and at none, and the variance of white noise of std 1.
     noise: array<vec4f, 4>,

@@ -50,7 +50,7 @@ fn light(
 
 const LOCATE_THREADS = 64u;
 // Every second pixel of a tile, each way.
-// Of the two components of the flow and of inverse depth: unsigned numbers in the order of the values, the last where unknown.
+// The two components of the flow and inverse depth as unsigned numbers in the order of the values; the largest number stands for unknown.
 var<workgroup> keys: array<array<u32, SAMPLES>, 3>;
 const UNKNOWN = 0xffffffffu;
 // Order statistics that are looked for: of which of those, and a histogram for each.
@@ -81,7 +81,7 @@ fn total(thread: u32, own: vec4f) -> vec4f {
     return sum;
 }
 
-// Of a pixel: Y^2, Y and 1, times the variance of the noise of light over that of luma.
+// Y^2, Y and 1 of a pixel, times the variance of the noise of light over that of luma.
 fn moments_of(p: vec3f) -> vec3f {
     var gain = 1.0;
     if params.linear_light != 0u {
@@ -340,7 +340,7 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 }
 
 @group(0) @binding(1) var<storage, read> contrast_of: array<f32>;
-// Of the tiles, the observations of the exposure: those of most contrast, the first having most; then those of the lens: in each block
+// The tiles that are observations of the exposure, those of most contrast, the first having most; then those of the lens: in each block
 // of the image those of most contrast.
 @group(0) @binding(3) var<storage, read_write> chosen_out: array<u32>;
 
