@@ -131,6 +131,7 @@ impl Truth {
 }
 
 /// Runs the command.
+// Long, since it is the demo's steps in their order.
 pub fn run(args: &Demo) -> Result<()> {
     let out = &args.output;
     make_folder(out)?;

@@ -560,6 +560,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
+    // Long, since each attribute of a vertex is checked and read in turn.
     fn add_triangles(
         &mut self,
         primitive: &gltf::Primitive,

@@ -64,7 +64,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Of an Adreno 740 class part, assumed: 70 % of 64 bit of LPDDR5X at 8533 MT/s, in bytes/s; bilinear samples of four half floats
+/// What an Adreno 740 class part is taken to do: 70 % of 64 bit of LPDDR5X at 8533 MT/s, in bytes/s; bilinear samples of four half floats
 /// per second.
 const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 

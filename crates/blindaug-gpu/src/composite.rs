@@ -191,6 +191,7 @@ pub struct Compositor {
 
 impl Compositor {
     /// For targets of this format, which can be rendered to. Makes the noise tile, too.
+    // Long, since it lists every pass with its bindings, one after the other.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, target: TextureFormat) -> Self {
         use Binding::{Buffer, BufferMut, Sampler, Target, Texels, Texture, Uniform};
         let between = Target(BETWEEN);
@@ -257,6 +258,7 @@ impl Compositor {
     ///
     /// # Errors
     /// If the model is for another width or in relative inverse depth, or there are not as many targets as eyes.
+    // Long, since it lists the passes of a frame in their order.
     pub fn encode(
         &self,
         queue: &wgpu::Queue,

@@ -187,6 +187,7 @@ fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
     if w < tile || h < tile { [0; 2] } else { [w, h].map(|v| (v - tile) / (tile / 2) + 1) }
 }
 
+// Long, since it lists the kernels with their bindings in their order.
 fn stages(
     device: &wgpu::Device,
     (size, count, pixels): ([u32; 2], usize, usize),

@@ -233,6 +233,7 @@ fn from_luma(luma: &[Vec<f64>], coefficients: &[f64]) -> f64 {
 }
 
 /// The noise as the table's numbers, for pictures of this height.
+// Long, since the numbers of the table follow from each other in this order.
 pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
     let matrix = ycbcr(height);
     let bands = tileable_bands(256, 0);

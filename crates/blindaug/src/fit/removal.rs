@@ -141,6 +141,7 @@ impl Line {
     /// the lower bound of the log evidence that it comes with.
     ///
     /// Variational: the gradient and which Gaussian each of its values is from are taken as independent given the line.
+    // Long, since the steps of one iteration share all of its state.
     pub fn deconvolved(&self, kernel: &[f64]) -> (Vec<f64>, f64) {
         let (n, taps) = (self.differences.len(), kernel.len());
         // Gradients around the line are unknown too.
