@@ -119,7 +119,7 @@ impl Reader {
             let mut clip = Loop::new(source);
             loop {
                 let shot = clip
-                    .next()
+                    .next_frame()
                     .map_err(Failure::from)
                     .and_then(|shot| shot.ok_or_else(|| failure(source.path(), "there are no frames in it")));
                 let ended = shot.is_err();

@@ -56,6 +56,9 @@ struct LastMotion {
     motion: Flow,
 }
 
+/// The exposure fraction that each frame alone gives, by the frame's index among those added.
+type ExposurePerFrame = Vec<(usize, f32)>;
+
 /// An exposure, its curve, and that of each frame.
 type ExposureEvidence = (MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>);
 
@@ -542,7 +545,7 @@ impl Estimator {
         &self,
         moving: &[&FrameEvidence],
         noise: &LumaNoise,
-    ) -> Result<(Vec<Shot>, Vec<(usize, f32)>)> {
+    ) -> Result<(Vec<Shot>, ExposurePerFrame)> {
         let mut per_frame = vec![];
         if self.shots.len() < 2 {
             return Ok((vec![], per_frame));
