@@ -160,7 +160,8 @@ pub struct ExposureObservation {
     pub log_likelihood: Vec<f32>,
 }
 
-/// The exposure that the observations of so many frames agree on, found with noise of this [`LumaNoise::coding_error`].
+/// The exposure that the observations of `frames` frames agree on, found with noise of this
+/// [`coding_error`](super::noise::LumaNoise::coding_error).
 ///
 /// # Errors
 /// If an observation has another number of log_likelihood than [`EXPOSURES`].
