@@ -131,6 +131,7 @@ impl Truth {
 }
 
 /// Runs the command.
+// Long, since it is the demo's steps in their order.
 pub fn run(args: &Demo) -> Result<()> {
     let out = &args.output;
     make_folder(out)?;
@@ -253,7 +254,7 @@ struct Fidelity {
 }
 
 impl Fidelity {
-    /// Of composites without noise of their own, since the truth has none.
+    /// Compares composites without noise of their own, since the truth has none.
     fn measure(clip: &Path, scene: &Scene, composites: [&BTreeMap<u64, Encoded>; 3]) -> Result<Self> {
         let truth = SideFolder::frames(clip.join("truth_with"), "the truth")?;
         let size = scene.footage.size();

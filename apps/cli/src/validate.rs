@@ -105,7 +105,7 @@ struct Outcome {
     case: Case,
     truth: Truth,
     measured: Vec<Measured>,
-    /// Of clips with a virtual object, with depth given.
+    /// The fidelity of composites of clips with a virtual object, with depth given.
     fidelity: Option<Fidelity>,
 }
 
@@ -394,7 +394,7 @@ fn measure_clip(case: &Case, condition: &Condition, networks: &mut Networks) -> 
 struct Summary {
     /// |estimated - true|.
     exposure: Vec<f32>,
-    /// The same of the cases with all three distortions.
+    /// The errors of the exposure in the cases with all three distortions.
     exposure_of_all: Vec<f32>,
     /// Where nothing is blurred by motion: the estimate.
     exposure_where_none: Vec<f32>,

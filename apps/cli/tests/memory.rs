@@ -83,7 +83,7 @@ fn what_does_not_fit_into_the_budget_is_refused_before_anything_is_made() {
     // Neither the frame alone, nor with what it takes to distort it.
     refused(
         "--memory 100M apply large.png --camera camera.json -o out",
-        "an image of 4096 x 4096 pixels takes 202 MB of memory, and the budget is 100 MB: raise it (--memory)",
+        "an image of 4096 x 4096 pixels takes 202 MB of memory, and the budget is 100 MB: raise it, or",
     );
     refused(
         "apply large.png --camera camera.json -o out --memory 0.3G",

@@ -21,7 +21,7 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
     let mut clip = Loop::new(source);
     let mut estimation = LiveEstimator::new(scene.camera, scene.home, scene.fps);
     let mut told = Told::new(frames);
-    while let Some(shot) = clip.next()? {
+    while let Some(shot) = clip.next_frame()? {
         let start = Instant::now();
         let of_frame =
             |e: blindaug::Error| failure(source.path(), format_args!("frame {}: {e}", shot.number));

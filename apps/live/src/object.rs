@@ -29,7 +29,7 @@ const MAX_BYTES: u64 = 1 << 31;
 pub struct Vertex {
     /// In the joints' coordinates before they move.
     pub position: [f32; 3],
-    /// Of length 1; 0 where it is unknown.
+    /// The normal, of length 1; 0 where it is unknown.
     pub normal: [f32; 3],
     /// In the base colour's texture, in [0, 1], (0, 0) top left.
     pub uv: [f32; 2],
@@ -560,6 +560,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
+    // Long, since each attribute of a vertex is checked and read in turn.
     fn add_triangles(
         &mut self,
         primitive: &gltf::Primitive,
@@ -762,7 +763,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Those of the triangles around a corner, by their areas.
+/// Adds to each corner the normals of the triangles around it, by their areas.
 fn add_normals(vertices: &mut [Vertex], corners: &[u32]) {
     for triangle in corners.chunks_exact(3) {
         let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(vertices[triangle[i] as usize].position));

@@ -7,7 +7,7 @@ struct Scene {
     camera_from_object: mat4x4f,
     // In camera coordinates, towards the light.
     light_direction: vec3f,
-    // Of the frame, px.
+    // Width and height of the frame, px.
     width: f32,
     light: vec3f,
     height: f32,
@@ -46,7 +46,7 @@ struct Surface {
 }
 
 @group(0) @binding(0) var<uniform> scene: Scene;
-// Those of this frame, then those of the next.
+// The joints of this frame, then those of the next.
 @group(0) @binding(1) var<storage, read> joints: array<mat4x4f>;
 @group(0) @binding(2) var<storage, read> parts: array<Part>;
 @group(1) @binding(0) var base_color: texture_2d<f32>;

@@ -91,7 +91,7 @@ pub struct Renderer {
     scene: wgpu::Buffer,
     joints: wgpu::Buffer,
     group: wgpu::BindGroup,
-    /// Of each part.
+    /// The bindings of each part's textures.
     textures: Vec<wgpu::BindGroup>,
     surface: wgpu::RenderPipeline,
     samples: [TextureView; 3],
@@ -107,6 +107,7 @@ impl Renderer {
     ///
     /// # Errors
     /// If the device cannot hold the object, or textures of twice the frame's size.
+    // Long, since it lists the pipeline's states and bindings.
     pub fn new(gpu: &Gpu, object: Object, camera: Pinhole) -> Result<Self> {
         let device = &gpu.device;
         let module = device.create_shader_module(wgpu::include_wgsl!("object.wgsl"));

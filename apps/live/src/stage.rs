@@ -18,7 +18,7 @@ use wgpu::{BindingResource, BufferUsages, TextureFormat, TextureUsages, TextureV
 
 /// Display-encoded values, as the window takes them.
 const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
-/// Of the light of a frame: what comes from all sides, and from one.
+/// The shares of a frame's light that come from all sides and from one.
 const AMBIENT: f32 = 0.7;
 const DIRECT: f32 = 1.3;
 /// A frame's light is the mean of every so many px along each axis.
@@ -31,9 +31,9 @@ pub struct Look {
     pub split: f32,
     /// The object's longest side, m.
     pub size: f32,
-    /// Of the composite right of the line.
+    /// The options of the composite right of the line.
     pub options: CompositeOptions,
-    /// Of both.
+    /// The quality of both.
     pub quality: Quality,
 }
 

@@ -119,7 +119,7 @@ impl Reader {
             let mut clip = Loop::new(source);
             loop {
                 let shot = clip
-                    .next()
+                    .next_frame()
                     .map_err(Failure::from)
                     .and_then(|shot| shot.ok_or_else(|| failure(source.path(), "there are no frames in it")));
                 let ended = shot.is_err();
@@ -164,7 +164,7 @@ struct Worker {
     /// Takes a frame only while it waits for one.
     shots: SyncSender<(LiveFrame, Home)>,
     estimates: Receiver<Result<Timed>>,
-    /// Of the frame that it took last.
+    /// The home of the frame that it took last.
     home: Home,
 }
 
@@ -203,7 +203,7 @@ struct Recording {
     path: PathBuf,
     pictures: SyncSender<Encoded>,
     writer: JoinHandle<Result<()>>,
-    /// Of the frame that was recorded last; 0: what comes next follows at once.
+    /// The number of the frame that was recorded last; 0: what comes next follows at once.
     number: u64,
 }
 

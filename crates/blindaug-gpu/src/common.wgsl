@@ -1,6 +1,6 @@
 // Between the passes, there is a texture layer, called a part, for each slab of each eye: eye * slabs + slab, farthest first.
 
-// Of an image that was halved so many times.
+// The size of an image that was halved `level` times, px.
 fn size_at(camera: Camera, level: u32) -> vec2<u32> {
     return (camera.size + (vec2(1u) << vec2(level)) - 1u) >> vec2(level);
 }

@@ -129,7 +129,7 @@ fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// The same of weighted values. A coarse pixel that saw a few fine ones knows its value.
+// Pulls weighted values up. A coarse pixel that saw a few fine ones knows its value.
 @compute @workgroup_size(8, 8)
 fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= size_at(camera, level + 1u)) || most_of[id.z] == 0u {

@@ -38,7 +38,7 @@ fn texture(w: usize, h: usize) -> Plane {
     })
 }
 
-/// Of 100 stds between 0 and 10 px, two neighbours may be equally good: sums in another order choose the other one.
+/// Two neighbours of the 100 stds between 0 and 10 px may be equally good: sums in another order choose the other one.
 const SEARCHED_STD: f32 = 0.101;
 /// Share of the places that only one of the two takes: those whose contrast lies at the threshold.
 const OTHER_PLACES: f32 = 0.01;
@@ -101,7 +101,7 @@ fn the_pooled_search_finds_what_the_cpu_finds() {
 
 /// The search's last step: of two exposures as far apart that are equally good, sums in another order choose the other one.
 const SEARCHED_EXPOSURE: f32 = 0.0021;
-/// Of thousands of places, those at whose threshold of contrast a rounding decides: so many may be in one search alone.
+/// The number of places, of thousands, that may be in one search alone, since a rounding decides about their contrast.
 const OTHER_SAMPLES: usize = 3;
 /// Relative: of the variance and of the curve, which are sums over places in another order and at exposures a step apart.
 const VARIANCE: f64 = 0.05;
@@ -181,7 +181,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
 /// Nats per tile: exponentials and logarithms of a few hundred bins in f32, whose last digits the shaders' language leaves to the device,
 /// and powers instead of the CPU's table of the transfer curve.
 const CURVE_TOLERANCE: f32 = 0.001;
-/// Of how sure a tile is of its std, 0 to 1, for the same reasons.
+/// The tolerance of how sure a tile is of its std, 0 to 1, for the same reasons.
 const WEIGHT: f32 = 0.001;
 /// Relative: of the lens, whose search ends in steps of 1/1000.
 const LENS: f32 = 0.004;
@@ -306,7 +306,7 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
         return;
     }
     let Gpu { device, queue, .. } = &*GPU;
-    // As many px as tiles at a quarter of the resolution need.
+    // The number of px that tiles at a quarter of the resolution need.
     let (w, h) = (800, 784);
     let sharp = texture(w, h);
     let depth = Plane::from_fn(w, h, |x, y| 0.2 + x as f32 / 1000.0 + y as f32 / 100_000.0);
@@ -319,7 +319,7 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
     // 1266, of which the fifth of least contrast is left out, and in some blocks all beyond so many, but for those of the exposure.
     assert_eq!(tiles.len(), 688);
-    // Of 422, a fifth would leave fewer than are asked for.
+    // A fifth of 422 tiles fewer would be fewer than are asked for.
     let small = blindaug::Encoded(image.crop(0, 0, 640, 360).map(|v| [v; 3]));
     let of_small = spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space).expect("one size");
     assert_eq!(of_small.len(), spectral::EXPOSURE_TILES);

@@ -139,7 +139,7 @@ impl Eyes {
     }
 }
 
-/// Of frame 3, everywhere, in high quality; without targets.
+/// What frame 3 needs everywhere, in high quality, without targets.
 fn of_frame<'a>(model: &'a CameraModel, options: &CompositeOptions) -> Frame<'a> {
     let (options, quality) = (*options, Quality::High);
     Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
@@ -591,7 +591,7 @@ fn band_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
     pairs.map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max)
 }
 
-/// Of the std of a level, from about 2000 independent samples in the coarsest one on either side: 4 standard errors.
+/// The relative tolerance of a level's std: 4 standard errors of about 2000 independent samples in the coarsest level on either side.
 const NOISE_TOLERANCE: f32 = 0.06;
 
 #[test]

@@ -195,7 +195,7 @@ struct ExrFile<'a> {
     path: &'a Path,
     reader: block::reader::Reader<BufReader<File>>,
     channels: Vec<Channel>,
-    /// Of the display window.
+    /// Width and height of the display window, px.
     size: (usize, usize),
 }
 
@@ -364,7 +364,7 @@ fn place_line(row: &mut [f32], x: i64, sample_type: SampleType, bytes: &[u8]) {
 
 /// Checks what the decoder takes memory for, and what it cannot read, of a file of so many bytes. Gives the bytes of a block.
 fn check_header(path: &Path, h: &Header, length: u64) -> Result<u64> {
-    /// Of a block of pixels: its place in the table, its own coordinates and its length, bytes.
+    /// What a block of pixels takes beside its pixels, bytes: its place in the table, its own coordinates and its length.
     const BLOCK_HEAD: u64 = 16;
     let Vec2(width, height) = h.layer_size;
     check_size(path, width as u64, height as u64)?;

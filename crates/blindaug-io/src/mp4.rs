@@ -46,6 +46,7 @@ pub(crate) struct Mp4 {
 
 impl Mp4 {
     /// Reads the head of the file.
+    // Long, since each box of the head is checked in turn.
     pub(crate) fn open(path: &Path) -> Result<(Self, VideoHead)> {
         let file = open_file(path)?;
         let length = file.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();

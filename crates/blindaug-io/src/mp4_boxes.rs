@@ -140,7 +140,7 @@ impl<R: BufRead + Seek> Walk<'_, R> {
                 return Err(SHORT.into());
             }
             let is_read = read.contains(&&name);
-            // Of what is skipped, the end may be missing.
+            // The end of what is skipped may be missing.
             if size > end - at && (is_read || holder.is_some()) {
                 return Err(OUTSIDE.into());
             }

@@ -176,7 +176,7 @@ impl FrameSource {
         self.frames_if(|_| true)
     }
 
-    /// Those of the frames whose number is wanted; the others are not read from image files.
+    /// The frames whose number is wanted; the others are not read from image files.
     pub fn frames_if<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
         Frames { source: self, wanted: Box::new(wanted), next: 0, video: None, ended: false }
     }

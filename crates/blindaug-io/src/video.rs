@@ -212,7 +212,7 @@ mod tests {
         path
     }
 
-    /// Of all pixels and channels.
+    /// The largest difference over all pixels and channels.
     fn largest_difference(a: &Encoded, b: &Encoded) -> f32 {
         assert_eq!(a.0.size(), b.0.size());
         let pairs = a.0.data().as_flattened().iter().zip(b.0.data().as_flattened());

@@ -27,7 +27,7 @@ impl YuvFormat {
         if self.bits > 8 { 2 } else { 1 }
     }
 
-    /// Of a frame.
+    /// The number of bytes of a frame.
     pub(crate) fn bytes(self) -> usize {
         let (w, h) = self.chroma_size();
         (self.size.0 * self.size.1 + 2 * w * h) * self.bytes_per_sample()

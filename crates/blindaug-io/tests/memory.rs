@@ -112,7 +112,7 @@ fn an_exr_that_claims_a_huge_image_is_refused() {
         bytes[place + 8..place + 12].copy_from_slice(&8191i32.to_le_bytes());
         bytes[place + 12..place + 16].copy_from_slice(&8191i32.to_le_bytes());
     }
-    // As many chunks of 16 rows as that takes.
+    // The number of chunks of 16 rows that this takes.
     let chunks = "chunkCount\0int\0";
     let place = at(&bytes, chunks.as_bytes()) + chunks.len() + 4;
     bytes[place..place + 4].copy_from_slice(&512i32.to_le_bytes());
@@ -142,7 +142,7 @@ fn a_flat_image_compresses_as_far_as_it_can_and_is_read() {
     assert_eq!(read_frame(dir.path().join("bits.pbm")).unwrap().0.size(), (2048, 1024));
 }
 
-// Of the tests of this file the others take less than this one allows, so that they may run beside it.
+// The other tests of this file take less than this one allows, so that they may run beside it.
 #[test]
 fn what_does_not_fit_into_the_budget_is_refused_before_it_is_read() {
     let dir = tempfile::tempdir().unwrap();
@@ -174,7 +174,7 @@ fn what_does_not_fit_into_the_budget_is_refused_before_it_is_read() {
     frame.0.data().chunks(301 * 7).for_each(|rows| png.write(rows).unwrap());
     png.finish().unwrap();
     assert!(fs::read(d.join("whole.png")).unwrap() == fs::read(d.join("rows.png")).unwrap());
-    // Of a file that is not completed nothing is left.
+    // Nothing is left of a file that is not completed.
     let mut png = PngWriter::create(d.join("half.png"), (301, 97)).unwrap();
     png.write(&frame.0.data()[..5000]).unwrap();
     assert!(png.finish().is_err());

@@ -56,7 +56,7 @@ pub struct Manifest {
     pub operator: Slot,
     /// In words.
     pub title: String,
-    /// Of code and weights: an SPDX identifier, or words.
+    /// The licence of code and weights: an SPDX identifier, or words.
     pub licence: String,
     /// Where it was published.
     #[serde(default)]
@@ -209,7 +209,7 @@ pub struct Output {
     pub mean: Option<[f32; 3]>,
     /// See `mean`.
     pub std: Option<[f32; 3]>,
-    /// Of flow: px per unit.
+    /// How many px a unit of flow is.
     #[serde(default = "one")]
     pub scale: f32,
 }

@@ -134,7 +134,7 @@ impl Network {
         let values = self.values(frames)?;
         self.check_channels(&values, 2)?;
         let (w, h) = frames[0].0.size();
-        // Of an image that was resampled, in px of that.
+        // Flow of an image that was resampled is in px of that image.
         let [sw, sh] = self.manifest.input.size.unwrap_or([w, h]);
         let scale = [w as f32 / sw as f32, h as f32 / sh as f32].map(|s| s * self.manifest.output.scale);
         Ok(Raster::from_fn(w, h, |x, y| [0, 1].map(|c| scale[c] * values[c].at(x, y))))
@@ -333,7 +333,7 @@ impl Network {
                 self.manifest.name, output.shape
             ))
         };
-        // Of a sequence, one frame; else what is left without axes of length 1 in front.
+        // One frame of a sequence is taken, else what is left without axes of length 1 in front.
         let mut shape = output.shape.as_slice();
         let mut data = output.data.as_slice();
         while shape.len() > 3
@@ -354,7 +354,7 @@ impl Network {
             }
             _ => return Err(wrong()),
         };
-        // Of images, back from what the network sees.
+        // Images are brought back from what the network sees.
         let image = self.manifest.output.kind == Kind::Image;
         let Input { mean, std, .. } = self.manifest.input;
         let (mean, std) = match (self.manifest.output.mean, self.manifest.output.std) {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub struct Tensor {
     /// The axes' lengths.
     pub shape: Vec<usize>,
-    /// As many as the product of the lengths.
+    /// The values, as many as the product of the lengths.
     pub data: Vec<f32>,
 }
 

@@ -116,7 +116,7 @@ fn neighbours_and_the_noise_are_given() {
     let [a, b, c] = [0.2, 0.3, 0.7].map(flat);
     let [r, _, blue] = network.image(&[&a, &b, &c]).unwrap().0.at(9, 9);
     assert!((r - 0.4).abs() < 0.01 && (blue - 0.5).abs() < 0.01, "{r} {blue}");
-    // Of a noisy frame the noise's std is subtracted.
+    // The noise's std is subtracted from a noisy frame.
     let mut seed = 1u32;
     let mut noise = || {
         let mut sum = -6.0;

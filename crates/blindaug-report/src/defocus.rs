@@ -116,27 +116,46 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
         }
         DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [low, high] } => {
             rows.push(range(None));
-            let [low, high] = [low, high].map(f64::from);
-            rows.push(Parameter {
-                name: "Blur at the far and the near end",
-                value: format!("{} px, {} px", number(m.sigma_px(low as f32).into()), number(m.sigma_px(high as f32).into())),
-                interval: None,
-                meaning: format!(
-                    "Std of the equivalent Gaussian at the farthest and the nearest depth that was seen ({} and {}); beyond, it is taken as constant.",
-                    place(low),
-                    place(high)
-                ),
-            });
-            let unit = if metric { " with d in 1/m" } else { " with d relative" };
-            rows.push(Parameter {
-                name: "Curve",
-                value: format!("{} d² + {} d + {}", number(a.into()), number(b.into()), number(c.into())),
-                interval: None,
-                meaning: format!("Blur std in px over inverse depth d{unit}. Its three numbers depend on each other; the plot shows how far the points scatter."),
-            });
+            rows.extend(quadratic_parameters(m, [a, b, c], [low, high], metric));
         }
     }
     rows
+}
+
+/// What only a quadratic has: its ends and its numbers.
+fn quadratic_parameters(
+    m: &DefocusModel,
+    [a, b, c]: [f32; 3],
+    range: [f32; 2],
+    metric: bool,
+) -> Vec<Parameter> {
+    let place = |d: f64| if metric { metres(d) } else { number(d) };
+    let [low, high] = range.map(f64::from);
+    let unit = if metric { " with d in 1/m" } else { " with d relative" };
+    vec![
+        Parameter {
+            name: "Blur at the far and the near end",
+            value: format!(
+                "{} px, {} px",
+                number(m.sigma_px(low as f32).into()),
+                number(m.sigma_px(high as f32).into())
+            ),
+            interval: None,
+            meaning: format!(
+                "Std of the equivalent Gaussian at the farthest and the nearest depth that was seen ({} and {}); beyond, it is taken as constant.",
+                place(low),
+                place(high)
+            ),
+        },
+        Parameter {
+            name: "Curve",
+            value: format!("{} d² + {} d + {}", number(a.into()), number(b.into()), number(c.into())),
+            interval: None,
+            meaning: format!(
+                "Blur std in px over inverse depth d{unit}. Its three numbers depend on each other; the plot shows how far the points scatter."
+            ),
+        },
+    ]
 }
 
 /// The least and the largest inverse depth at which the far and the near end of what is sharp may lie, if both numbers of a thin lens

@@ -180,7 +180,7 @@ fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
         @if !changes.is_empty() { p { "A change was noticed in frame " (changes.join(", ")) "." } }
         @for stretch in frames.chunk_by(|a, b| unknown(a) == unknown(b)) {
             @let (first, last) = (&stretch[0], &stretch[stretch.len() - 1]);
-            // Of several reasons the last: what was missing to the end.
+            // If there were several reasons, the last one is told: it is what was missing to the end.
             @if let Some(why) = last.camera.why_unknown(distortion) {
                 p.unknown {
                     strong { "Unknown in frame " (first.frame) @if first.frame < last.frame { " to " (last.frame) } ": " }

@@ -55,7 +55,7 @@ const SMOOTHED: f32 = 4.0 * std::f32::consts::PI / (2 * OF_LENS) as f32;
 pub struct Scene {
     surfaces: Vec<Surface>,
     textures: Vec<Texture>,
-    /// Of the camera's path: radii in m, a phase, and radians per frame.
+    /// The camera's path: two radii in m, a phase in radians, and radians per frame.
     path: [f32; 4],
     /// px of the picture.
     size: (usize, usize),
@@ -225,7 +225,7 @@ impl Scene {
         })
     }
 
-    /// Of each pixel and the point that is seen there at time `t`.
+    /// A flow whose value at each pixel follows from the pixel and the point that is seen there at time `t`.
     fn of_points(&self, t: f32, of: impl Fn(usize, usize, [f32; 3]) -> [f32; 2] + Sync) -> Flow {
         let pose = self.pose(t);
         Raster::from_fn(self.size.0, self.size.1, |x, y| {

@@ -7,7 +7,7 @@
 //! F + D (1 - A V) + V L - A B,      where B = F if nothing is in front
 //! ```
 //!
-//! Of a camera that sharpens, F is what the frame was before that, and the sharpened difference of the result to F is added to
+//! If the camera sharpens, F is what the frame was before that, and the sharpened difference of the result to F is added to
 //! the frame. (The difference to the frame itself would not do: sharpened, it leaves a ghost of the background's detail on the
 //! object.) Last comes the noise that is missing.
 
@@ -147,7 +147,7 @@ pub fn bytes_beside(
 struct Changes {
     blur: Blur,
     sharpening: Option<SharpeningModel>,
-    /// Of shadows and of the object.
+    /// The places of the shadows and of the object.
     places: [Option<Place>; 2],
     /// With what sharpening does around them.
     all: Option<Place>,

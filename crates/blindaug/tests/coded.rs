@@ -9,7 +9,7 @@ use std::f32::consts::PI;
 const SIZE: (usize, usize) = (320, 240);
 /// px per frame.
 const MOTION: [isize; 2] = [-11, 4];
-/// Of the transform's coefficients, 16 of 255 as H.264 has it at QP 28.
+/// The quantisation step of the transform's coefficients: 16 of 255, as H.264 has it at QP 28.
 const STEP: f32 = 16.0 / 255.0;
 
 /// The quantised residual of 8x8 px; what is smaller than two thirds of a step is dropped.

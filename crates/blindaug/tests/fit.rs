@@ -109,7 +109,7 @@ fn boards_along_the_motion_do_not_look_blurred() {
     let (estimate, _) = exposure(&blind(&texture(5, 4), flow, flow, 0.45));
     println!("{estimate}");
     assert!((estimate - 0.45).abs() < 0.1, "{estimate}");
-    // Of rails, which say nothing else along their way, it is not known; nor do they look like a shutter that never closes.
+    // The exposure of rails, which show nothing else along their way, is not known; nor do they look like a shutter that never closes.
     for stretch in [16, 64] {
         let rails = blind(&texture(5, stretch), flow, flow, 0.0);
         println!("{:?}", rails.model.motion_blur);
@@ -359,7 +359,7 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
     assert_eq!(filmed(0.0).why_unknown().map(|why| why.reason), Some(Reason::NotSeen));
 }
 
-/// So many tiles of all parts of the image that agree on an exposure: at most so many nats each.
+/// Tiles of all parts of the image that agree on an exposure, by at most `nats` each.
 fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureObservation> {
     let objection = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
     let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(objection).collect();

@@ -43,7 +43,7 @@ fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<
     .expecting(used);
     let several = footage.frames.len() > 1;
     for (i, frame) in footage.frames.iter().enumerate().take(used) {
-        // Of a single frame nothing is known of how it moves.
+        // Nothing is known of how a single frame moves.
         let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
         let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
         let given = Evidence {

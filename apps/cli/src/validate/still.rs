@@ -22,6 +22,7 @@ const STILL: f32 = 4.0;
 ///
 /// # Errors
 /// If it cannot be read, is too short, or little in it stands still.
+// Long: one experiment from its frames to its table, whose parts share all that was measured.
 pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
     let source = FrameSource::open(path, FrameRange::default())?;
     let count = source.len_hint().unwrap_or(10 * CLEAN_FROM);

@@ -127,7 +127,7 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
             assert!(close(best.lens.as_ref().unwrap(), 0.1), "{}: {best:?}", o.case.name);
             assert!(blind.lens.as_ref().is_none_or(|l| close(l, 0.4)), "{}: {blind:?}", o.case.name);
         }
-        // Of noise below two steps of 8 bit the coarse levels are only an upper bound.
+        // The coarse levels of noise below two steps of 8 bit are only an upper bound.
         if o.case.setting.is_some_and(|s| s.noise > 0.007) {
             assert!(blind.noise_median.is_some_and(|e| e < 0.35), "{}: {blind:?}", o.case.name);
         }

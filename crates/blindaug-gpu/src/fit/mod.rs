@@ -34,7 +34,7 @@ const ARRIVED: u8 = 2;
 const LOST: u8 = 3;
 
 impl Readback {
-    /// Of a new buffer that kernels write to, of so many f32.
+    /// A new buffer of `len` f32 that kernels write to.
     fn new(device: &wgpu::Device, label: &str, len: usize) -> Self {
         let buffer = |usage| {
             device.create_buffer(&wgpu::BufferDescriptor {

@@ -122,7 +122,7 @@ pub struct TileEvidence {
 }
 
 impl TileEvidence {
-    /// Of display-encoded frames, 3 channels or more, motion in px per frame interval (NaN: unknown; best the motion at the frame's own
+    /// Takes display-encoded frames of 3 channels or more, motion in px per frame interval (NaN: unknown; best the motion at the frame's own
     /// time, [`blindaug::analysis::flow::motion_at_frame`]) and inverse depth (NaN: no reading);
     /// of each texture the first layer counts. What is not given says nothing.
     ///
@@ -243,6 +243,7 @@ fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
     if w < tile || h < tile { [0; 2] } else { [w, h].map(|v| (v - tile) / (tile / 2) + 1) }
 }
 
+// Long, since it lists the kernels with their bindings in their order.
 fn stages(
     device: &wgpu::Device,
     (size, count, pixels): ([u32; 2], usize, usize),

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 static FOUND: LazyLock<Option<Gpu>> = LazyLock::new(Gpu::for_tests);
 
-/// Of tests that have asked [`no_gpu`].
+/// The device of tests that have asked [`no_gpu`].
 pub static GPU: LazyLock<Gpu> = LazyLock::new(|| FOUND.clone().expect("no_gpu() was asked first"));
 
 /// Whether there is nothing to test with.

@@ -105,7 +105,7 @@ impl LiveEstimator {
             }
         }
         self.number = *number;
-        // Of a clip's last frame, flow is to the one before it.
+        // The flow of a clip's last frame leads to the one before it.
         let placed = match next {
             Some(_) => self.placement.push(self.tracker.flow()),
             None => self.placement.skip(),
@@ -185,7 +185,7 @@ mod tests {
             (estimation.number, estimation.scale) = (6, Some(5.0));
             let shot = LiveFrame { number, lap, frame: frame.clone(), next: None, previous: None };
             let placed = estimation.push(&shot, home).unwrap().placed;
-            // Of a picture without anything in it there is no depth.
+            // A picture without anything in it has no depth.
             assert_eq!(estimation.scale, None);
             placed
         };

@@ -43,7 +43,7 @@ impl<'a> Loop<'a> {
     ///
     /// # Errors
     /// If it, or the one after it, cannot be read.
-    pub fn next(&mut self) -> Result<Option<LiveFrame>> {
+    pub fn next_frame(&mut self) -> Result<Option<LiveFrame>> {
         let read = |frames: &mut Frames| -> Result<Option<Arc<Encoded>>> {
             Ok(frames.next().transpose()?.map(|Frame { image, .. }| Arc::new(image)))
         };
@@ -81,7 +81,7 @@ mod tests {
         let value =
             |f: &Option<Arc<Encoded>>| f.as_ref().map_or(0, |f| (255.0 * f.0.at(0, 0)[0]).round() as u8);
         for number in 1..=8u64 {
-            let frame = frames.next().unwrap().unwrap();
+            let frame = frames.next_frame().unwrap().unwrap();
             let [before, here, after] = [&frame.previous, &Some(frame.frame.clone()), &frame.next].map(value);
             let wanted = [[0, 1, 2], [1, 2, 3], [2, 3, 0]][(number as usize - 1) % 3];
             assert_eq!((frame.number, frame.lap), (number, (number - 1) / 3));

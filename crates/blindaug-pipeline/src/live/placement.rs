@@ -108,7 +108,7 @@ pub struct Placement {
     /// The last homography from one frame to the next.
     step: DMat3,
     on_plane: bool,
-    /// So many frames in a row said otherwise.
+    /// The number of frames in a row that said otherwise.
     against: u32,
 }
 

@@ -540,6 +540,7 @@ fn unscaled(
     Ok(par::within(|| depth_of(flow, occluded, near)))
 }
 
+// Long, since it is a list of conditions, each with the reason for which depth is unknown if it fails.
 fn depth_of(
     flow: &Flow,
     occluded: &Raster<bool>,

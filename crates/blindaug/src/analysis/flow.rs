@@ -154,7 +154,7 @@ pub fn motion_at_frame(to_next: &Flow, from_previous: &Flow) -> Flow {
     // The pixel of the previous frame must lead here, px.
     const GAP: f32 = 1.0;
     let (w, h) = to_next.size();
-    // Of the pixel of the previous frame that is this one minus `way`: flow is smooth enough for the nearest.
+    // The flow of the pixel of the previous frame that lies `way` before this one: flow is smooth enough for the nearest.
     let before = |x: usize, y: usize, way: [f32; 2]| {
         let (x, y) = (x as f32 - way[0], y as f32 - way[1]);
         inside(x, y, (w, h)).then(|| from_previous.at((x + 0.5) as usize, (y + 0.5) as usize))
@@ -374,7 +374,7 @@ struct Template {
     gy: [[f32; PATCH]; PATCH],
     mean_gx: f32,
     mean_gy: f32,
-    /// Of the Hessian with the prior: xx, xy, yy.
+    /// The inverse of the Hessian with the prior: xx, xy, yy.
     inverse: [f32; 3],
 }
 

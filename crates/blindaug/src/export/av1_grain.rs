@@ -63,7 +63,7 @@ impl Covariance {
     const COLUMNS: isize = 13;
     const ROWS: isize = 7;
 
-    /// Of the model's noise in one channel at an even luminance, std 1 per octave times `sigma`.
+    /// The covariance of the model's noise in one channel at an even luminance: std 1 per level times `sigma`.
     fn of_channel(bands: &[Raster<[f32; 3]>; NOISE_LEVELS], sigma: [f32; NOISE_LEVELS]) -> Self {
         let side = bands[0].width();
         let noise = Raster::from_fn(side, side, |x, y| {
@@ -94,13 +94,13 @@ impl Covariance {
         Self(Plane::from_fn(w, h, |x, y| terms.iter().map(|(k, c)| k * c.0.at(x, y)).sum()))
     }
 
-    /// Of any lag in reach; the same for the opposite lag.
+    /// The covariance at any lag in reach; the opposite lag has the same.
     fn at(&self, dx: isize, dy: isize) -> f32 {
         let [dx, dy] = if dy < 0 { [-dx, -dy] } else { [dx, dy] };
         self.0.at((dx + Self::COLUMNS) as usize, dy as usize)
     }
 
-    /// Of the means of 2 x 2 px, lags in their grid.
+    /// The covariance of the means of 2 x 2 px, with lags in their grid.
     fn halved(&self, dx: isize, dy: isize) -> f32 {
         let offsets = [(-1, 0.25), (0, 0.5), (1, 0.25)];
         let mut sum = 0.0;
@@ -233,6 +233,7 @@ fn from_luma(luma: &[Vec<f64>], coefficients: &[f64]) -> f64 {
 }
 
 /// The noise as the table's numbers, for pictures of this height.
+// Long, since the numbers of the table follow from each other in this order.
 pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
     let matrix = ycbcr(height);
     let bands = tileable_bands(256, 0);

@@ -29,7 +29,7 @@ pub struct Settings {
     pub defocus: Option<ZDefocus>,
 }
 
-/// Of `ZDefocus2`.
+/// The settings of `ZDefocus2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ZDefocus {
     /// The depth in focus, m.

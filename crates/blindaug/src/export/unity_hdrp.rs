@@ -34,7 +34,7 @@ pub struct Settings {
     pub film_grain: Option<grain::Response>,
 }
 
-/// Of the `Camera`.
+/// The settings of the `Camera`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhysicalCamera {
     /// `focusDistance`, m.

@@ -30,7 +30,7 @@ pub struct Settings {
     pub film_grain: Option<grain::Response>,
 }
 
-/// Of `DepthOfField`.
+/// The settings of `DepthOfField`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bokeh {
     /// `focusDistance`, m, at least 0.1.
@@ -49,7 +49,7 @@ impl Bokeh {
     }
 }
 
-/// Of the bokeh, px.
+/// The largest radius of the bokeh, px.
 fn most_radius(height: usize) -> f32 {
     (0.05 * height as f32).min(14.0)
 }

@@ -30,7 +30,7 @@ pub struct Settings {
     pub film_grain: Option<[f32; 3]>,
 }
 
-/// Of `PostProcessSettings`.
+/// The settings of `PostProcessSettings`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthOfField {
     /// `DepthOfFieldFstop`, in [1, 32].

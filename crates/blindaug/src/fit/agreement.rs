@@ -142,7 +142,7 @@ fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
 }
 
-/// Of the sum of the observations' [`ExposureObservation::speed`] and of that of its squares: fast ones tell more.
+/// The typical speed, px per frame interval, from the sum of the observations' [`ExposureObservation::speed`] and that of its squares: fast ones tell more.
 pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
     squares / sum
 }
@@ -160,7 +160,8 @@ pub struct ExposureObservation {
     pub log_likelihood: Vec<f32>,
 }
 
-/// The exposure that the observations of so many frames agree on, found with noise of this [`LumaNoise::coding_error`].
+/// The exposure that the observations of `frames` frames agree on, found with noise of this
+/// [`coding_error`](super::noise::LumaNoise::coding_error).
 ///
 /// # Errors
 /// If an observation has another number of log_likelihood than [`EXPOSURES`].

@@ -30,7 +30,7 @@ pub struct Estimator {
     stride: usize,
     frames: Vec<FrameEvidence>,
     follower: Follower,
-    /// Of the last frame whose depth could not be told from parallax, why.
+    /// Why the depth of the last frame that has none could not be told from parallax.
     why_no_depth: Unknown,
     depth_kind: Option<DepthKind>,
     depth_given: bool,
@@ -48,13 +48,16 @@ pub struct Estimator {
 
 /// How the frame added last moves.
 struct LastMotion {
-    /// Of that frame among those given.
+    /// The frame's index among those given.
     index: usize,
     /// To the next frame.
     flow: Flow,
     /// At its own time.
     motion: Flow,
 }
+
+/// The exposure fraction that each frame alone gives, by the frame's index among those added.
+type ExposurePerFrame = Vec<(usize, f32)>;
 
 /// An exposure, its curve, and that of each frame.
 type ExposureEvidence = (MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>);
@@ -122,7 +125,7 @@ impl Estimator {
     /// About how many bytes one takes at most for so many frames of this size, beside the frames and what is given with them.
     /// `moving`: whether their flow is to be estimated.
     pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
-        /// Of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
+        /// Bytes of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
         const OF_STRIP: u64 = 80;
         const MOTION: u64 = 60;
         const REMOVAL: u64 = 120;
@@ -542,7 +545,7 @@ impl Estimator {
         &self,
         moving: &[&FrameEvidence],
         noise: &LumaNoise,
-    ) -> Result<(Vec<Shot>, Vec<(usize, f32)>)> {
+    ) -> Result<(Vec<Shot>, ExposurePerFrame)> {
         let mut per_frame = vec![];
         if self.shots.len() < 2 {
             return Ok((vec![], per_frame));

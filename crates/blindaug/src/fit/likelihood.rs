@@ -350,7 +350,7 @@ impl Shutter {
 
 /// Data for the amplitude a of `V = a gain + exp(e) noise`.
 struct Amplitude {
-    /// Of the prior of the log of the noise's factor.
+    /// The precision of the prior of the log of the noise's factor.
     precision: f32,
     weight: Vec<f32x4>,
     power: Vec<f32x4>,
@@ -419,7 +419,7 @@ struct RingScene {
     eliminated: Vec<Eliminated>,
 }
 
-/// Of a ring: score and information of its amplitude, and its information with the nuisances.
+/// The score and the information of a ring's amplitude, and its information with the nuisances.
 #[derive(Clone, Copy)]
 struct Eliminated {
     score: f32,

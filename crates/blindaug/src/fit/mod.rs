@@ -1,6 +1,6 @@
 //! From footage to a camera model.
 //!
-//! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`CameraModel`];
+//! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`crate::CameraModel`];
 //! [`track::Tracker`] gives one for each frame.
 //! Two families of estimators answer for blur: [`spectral`] looks at the frames' spectra; [`motion_blur`] and [`defocus`]
 //! compare with given clean frames (the paper's way), [`removal`] with sharp versions that it finds itself. [`Family::Auto`] takes, per

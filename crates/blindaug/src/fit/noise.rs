@@ -480,7 +480,7 @@ impl NoiseEvidence {
         for v in &self.levels[level] {
             by_luminance[((v.y * BINS as f32) as usize).min(BINS - 1)].push(v);
         }
-        // Of the blocks with the least structure the lower half: what is not noise only ever adds. The windows of a
+        // The lower half of the blocks with the least structure is taken: what is not noise only ever adds. The windows of a
         // denoiser's residual are taken as they are, as the paper does.
         let (keep, fewest, lower_half) = match self.method {
             _ if self.windowed => (1.0, 8, false),
@@ -555,7 +555,7 @@ fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
     const IN_COMMON: f32 = 0.3;
     let squares = LUMA.map(|w| w * w);
     let total: f32 = squares.iter().sum();
-    // Of red and blue, beyond what they are of luma: green is most of it anyway.
+    // What red and blue have in common beyond their share of luma: green is most of it anyway.
     let beyond = |c: usize| (common[c] - squares[c] / total) / (1.0 - squares[c] / total);
     if beyond(0).min(beyond(2)) > IN_COMMON {
         return MAX_CODING_ERROR;
@@ -632,7 +632,7 @@ fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) 
     mean
 }
 
-/// Of a band of [`NoiseEvidence::add_blocks`] over the square of the full image of this side at (x, y).
+/// The powers of a band of [`NoiseEvidence::add_blocks`] over the square of the full image of this side at (x, y).
 struct Powers {
     /// Mean squares of R, G, B and luma of the residual.
     residual: [f32; 4],
@@ -678,7 +678,7 @@ struct Bin {
 /// What the bins of a coarse level would be at all luminances of the finest one, if the noise's spectrum were the same for all of them:
 /// the coarse level has few blocks.
 fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
-    /// As many values as leave a std uncertain by 15 %: by so much the spectrum may differ.
+    /// The number of values that leave a std uncertain by 15 %, by which the spectrum may differ.
     const FREEDOM: f32 = 22.0;
     let pairs: Vec<(&Bin, &Bin)> =
         bins.iter().filter_map(|b| Some((b, finest.iter().find(|f| f.of == b.of)?))).collect();

@@ -15,7 +15,7 @@ pub enum Family {
     Auto,
     /// The spectra of the frames.
     Spectral,
-    /// Comparison with clean frames where they are given, else with what [`removal`] makes of the frames.
+    /// Comparison with clean frames where they are given, else with what [`super::removal`] makes of the frames.
     Removal,
 }
 
@@ -29,7 +29,7 @@ pub enum Curve {
     Quadratic,
 }
 
-/// EstimatorOptions of an [`Estimator`].
+/// The options of an [`super::Estimator`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EstimatorOptions {
     /// Which family answers for blur.

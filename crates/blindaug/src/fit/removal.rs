@@ -60,7 +60,7 @@ pub struct NoisyLight {
 }
 
 impl NoisyLight {
-    /// Of a frame whose noise of luma has this std in the finest level; it is taken to be white.
+    /// The light of a frame whose noise of luma has this std in the finest level; the noise is taken to be white.
     pub fn new(frame: &Encoded, noise: &NoiseLine, space: BlurSpace) -> Self {
         let white = white_band_std()[0];
         let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
@@ -129,7 +129,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Of these pixels.
+    /// The profile of these pixels, and of the variance of their noise.
     pub fn new(pixels: &[f32], variance: &[f32]) -> Self {
         Self {
             differences: pixels.windows(2).map(|p| f64::from(p[1] - p[0])).collect(),
@@ -141,6 +141,7 @@ impl Line {
     /// the lower bound of the log evidence that it comes with.
     ///
     /// Variational: the gradient and which Gaussian each of its values is from are taken as independent given the line.
+    // Long, since the steps of one iteration share all of its state.
     pub fn deconvolved(&self, kernel: &[f64]) -> (Vec<f64>, f64) {
         let (n, taps) = (self.differences.len(), kernel.len());
         // Gradients around the line are unknown too.

@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 
 /// Std of the mask's Gaussian, px: taken to be this, since two numbers of the noise do not tell a second one.
 const RADIUS: f32 = 1.0;
-/// Of the ratio of the two finest levels, relative, as a std: what real noise leaves out of the model.
+/// The relative std of the ratio of the two finest levels that stands for what the model leaves out of real noise.
 const FLOOR: f32 = 0.05;
 /// A weaker mask is not called one.
 const MIN_AMOUNT: f32 = 0.15;
@@ -72,7 +72,7 @@ fn amount_of(ratio: f32) -> f32 {
 
 /// By how much the stds of the levels grow in white noise that is sharpened.
 fn band_gains(amount: f32) -> [f32; NOISE_LEVELS] {
-    // Of the levels of noise x and of y = x - G x: the mean of x y and of y y over that of x x.
+    // For each level of noise x and of y = x - G x: the mean of x y and that of y y, both over the mean of x x.
     static MOMENTS: OnceLock<[[f32; 2]; NOISE_LEVELS]> = OnceLock::new();
     let moments = MOMENTS.get_or_init(|| {
         let noise = Plane::from_fn(256, 256, |x, y| uniform(x as u64, y as u64) - 0.5);

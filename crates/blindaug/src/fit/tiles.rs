@@ -193,7 +193,7 @@ impl Light {
         Self::of_rows(frame, 0..frame.0.height(), space)
     }
 
-    /// Of some rows of a frame.
+    /// The light of some rows of a frame.
     fn of_rows(Encoded(frame): &Encoded, rows: Range<usize>, space: BlurSpace) -> Self {
         let (w, h, top) = (frame.width(), rows.len(), rows.start);
         let moments = |of: &(dyn Fn([f32; 3]) -> f32 + Sync)| {
@@ -213,7 +213,7 @@ impl Light {
         Self { plane, moments, scale: 1 }
     }
 
-    /// Of the tile there.
+    /// The moments of the noise of the tile there.
     pub(super) fn noise_moments(&self, (x0, y0): (usize, usize)) -> [f32; 3] {
         let [x0, y0, side] = [x0, y0, TILE].map(|v| v * self.scale / 2);
         let mut sum = [0.0; 3];
@@ -384,7 +384,7 @@ pub struct Frequency {
     pub x: f32,
     /// Down.
     pub y: f32,
-    /// Of both.
+    /// The length of the vector of both, cycles per px.
     pub modulus: f32,
     /// The half plane stands for the whole; its first column stands for itself.
     pub(super) weight: f32,

@@ -136,7 +136,7 @@ struct Geometry<'a> {
 impl Tracker {
     /// About how many bytes one takes at most for frames of this size, beside the frames and what is given with them.
     pub fn bytes((width, height): (usize, usize)) -> u64 {
-        /// Of a pixel; measured.
+        /// Bytes of a pixel; measured.
         const OF_PIXEL: u64 = 50;
         OF_PIXEL * (width * height) as u64
     }
@@ -764,7 +764,7 @@ fn lens_changed(memory: &Memory) -> bool {
 #[derive(Default)]
 struct NoiseMemory {
     frames: VecDeque<NoiseEvidence>,
-    /// Of the last frames, the log of their noise's std over that of the model at the time.
+    /// The log of the last frames' noise std over that of the model at the time.
     ratios: VecDeque<f32>,
     /// Frames since there was evidence.
     age: usize,

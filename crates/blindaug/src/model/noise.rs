@@ -26,9 +26,9 @@ impl NoiseLevel {
 /// 95 % confidence intervals, low and high, of a level's numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NoiseInterval {
-    /// Of the slopes.
+    /// The intervals of the slopes.
     pub slope: [[f32; 2]; 3],
-    /// Of the intercepts.
+    /// The intervals of the intercepts.
     pub intercept: [[f32; 2]; 3],
 }
 

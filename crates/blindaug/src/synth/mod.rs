@@ -135,7 +135,7 @@ pub fn distorted_strips<'a>(
 
 /// About how many bytes [`distorted_strips`] takes at most for a frame of this size, beside what it is given.
 pub fn bytes_beside(size @ (width, height): (usize, usize), with_depth: bool) -> u64 {
-    /// Of a pixel of a strip, and of one of the frame where depth is known; measured.
+    /// Bytes of a pixel of a strip, and of one of the frame where depth is known; measured.
     const OF_STRIP: u64 = 100;
     const WITH_DEPTH: u64 = 240;
     let of_depth = if with_depth { WITH_DEPTH * (width * height) as u64 } else { 0 };
@@ -145,7 +145,7 @@ pub fn bytes_beside(size @ (width, height): (usize, usize), with_depth: bool) ->
 /// What is done to a frame.
 struct DistortedFrame<'a> {
     size: (usize, usize),
-    /// Of a pixel.
+    /// The light of a pixel.
     light: Box<dyn Fn(usize, usize) -> [f32; 3] + Sync + 'a>,
     space: Space,
     /// The blurred frame, if depth is known: what lies at different depths hides each other, slab by slab of the whole frame.
@@ -226,7 +226,7 @@ impl<'a> DistortedFrame<'a> {
     fn clean(&self, rows: &Range<usize>) -> Raster<[f32; 3]> {
         let Some(model) = self.sharpening else { return self.blurred(rows) };
         let around = grown(rows, sharpening::reach_px(model), self.size.1);
-        // Of what the sensor has clipped.
+        // Sharpening acts on what the sensor has clipped.
         let clipped = self.blurred(&around).map(|v| v.map(|v| v.clamp(0.0, self.clip)));
         kept(sharpening::sharpen(&clipped, model), &around, rows)
     }
@@ -865,7 +865,7 @@ mod tests {
         let off =
             apart.data().iter().zip(together.data()).map(|(a, b)| (a[0] - b[0]).abs()).fold(0.0, f32::max);
         assert!(off < 0.02, "{off}");
-        // Of a layer at one depth, nothing changes.
+        // Nothing changes for a layer at one depth.
         let plane = Plane::filled(W, H, 0.1);
         let [apart, together] =
             [blur.of_layer(&textured, Some(&plane), None), blur.of(&textured, Some(&plane), None)]

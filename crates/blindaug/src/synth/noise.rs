@@ -283,7 +283,7 @@ mod tests {
                 step(side - 1, of) / inside
             };
             assert!((0.6..1.6).contains(&across(&|x, y| band.at(x, y))), "level {level}");
-            // Of a tile that was cut out of a larger noise, the coarse levels show the seam.
+            // The coarse levels of a tile that was cut out of a larger noise show the seam.
             if level > 1 {
                 let cut = |x: usize, y: usize| band.at(x / 2, y);
                 assert!(across(&cut) > 3.0, "level {level}");
@@ -300,7 +300,7 @@ mod tests {
                 assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
             }
         }
-        // Of white noise, the low-pass below the four bands is all that is missing.
+        // The low-pass below the four bands is all that is missing of white noise.
         for std in white_model([0.0; 3], [0.05; 3]).total_std(0.2) {
             assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
         }

@@ -5,7 +5,7 @@ use blindaug::model::ExposureFraction;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Linear, Plane, Raster, Transfer};
 
-/// Of the layers, the farthest first: inverse depth. A layer at inverse depth 1 moves by [`SPEED`] px a frame.
+/// The inverse depths of the layers, the farthest first. A layer at inverse depth 1 moves by [`SPEED`] px a frame.
 pub const LAYERS: [f32; 3] = [0.3, 0.55, 1.0];
 const SPEED: f32 = 12.0;
 
@@ -66,7 +66,7 @@ fn leaves(side: usize, seed: u64, sparse: bool) -> Raster<[f32; 4]> {
 /// What is filmed.
 pub struct Scene {
     size: (usize, usize),
-    /// Of the textures, px.
+    /// The side of the textures, px.
     side: usize,
     layers: [Raster<[f32; 4]>; 3],
     /// Where nothing is in the nearer layers.

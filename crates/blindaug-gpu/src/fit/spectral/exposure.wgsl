@@ -5,7 +5,7 @@ const THREADS = 32u;
 // Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
 
-// Of each ring's bins, in COLUMNS places.
+// The bins of each ring, in COLUMNS places.
 var<workgroup> weight: array<f32, BINS>;
 var<workgroup> power: array<f32, BINS>;
 var<workgroup> noise: array<f32, BINS>;
@@ -43,7 +43,7 @@ fn improve(thread: u32, n: u32, before: Scene) -> Improved {
     var mixed = vec3f(0.0);
     var score = vec3f(0.0);
     var log_likelihood = 0.0;
-    // Of c2 with itself; c4 with c2, itself; e with c2, c4, itself.
+    // The information of c2 with itself; of c4 with c2 and itself; of e with c2, c4 and itself.
     var first = 0.0;
     var second = vec2f(0.0);
     var third = vec3f(0.0);

@@ -6,7 +6,7 @@
 // x, y, modulus, and place in a periodogram, ring by ring, and the first of each ring.
 @group(0) @binding(4) var<storage, read> frequencies: array<vec4f>;
 @group(0) @binding(5) var<storage, read> rings: array<u32, COLUMNS + 1u>;
-// Of each tile chosen for the exposure: whether it is an observation, block, speed, log_likelihood. Then of each chosen for the lens: whether it
+// For each tile chosen for the exposure: whether it is an observation, its block, speed and log-likelihood. Then for each chosen for the lens: whether it
 // is an observation, block, inverse depth, table.
 @group(0) @binding(6) var<storage, read_write> observations: array<f32>;
 

@@ -81,7 +81,7 @@ fn total(thread: u32, own: vec4f) -> vec4f {
     return sum;
 }
 
-// Of a pixel: Y^2, Y and 1, times the variance of the noise of light over that of luma.
+// Y^2, Y and 1 of a pixel, times the variance of the noise of light over that of luma.
 fn moments_of(p: vec3f) -> vec3f {
     var gain = 1.0;
     if params.linear_light != 0u {
@@ -340,7 +340,7 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 }
 
 @group(0) @binding(1) var<storage, read> contrast_of: array<f32>;
-// Of the tiles, the observations of the exposure: those of most contrast, the first having most; then those of the lens: in each block
+// The tiles that are observations of the exposure, those of most contrast, the first having most; then those of the lens: in each block
 // of the image those of most contrast.
 @group(0) @binding(3) var<storage, read_write> chosen_out: array<u32>;
 

@@ -30,15 +30,15 @@ const LAMBDA_STEPS: std::ops::Range<f32> = 0.04..0.1;
 const MAX_DEVIATION: f32 = 0.5;
 /// By how much the frames may be out of register, px (std): the likeliest of these.
 const MISMATCHES: [f32; 2] = [0.05, 0.2];
-/// And this share of the power may differ whatever the frequency: changes of light.
+/// The share of the power that may differ at any frequency, by changes of light.
 const CHANGE: f32 = 1e-3;
-/// Log-likelihoods of up to so many nats do not count.
+/// Log-likelihoods whose size, in nats, is at most this do not count.
 const TOLERANCE: f32 = 1.0;
 
 /// A tile of one frame and the same surface's in the next.
 #[derive(Clone, Debug)]
 pub struct Pair {
-    /// Of the later frame.
+    /// The block of the image, in the later frame.
     pub(super) block: u32,
     /// px of the frame that make one of the tiles'.
     pub(super) scale: f32,
