@@ -11,7 +11,7 @@ use wide::f32x4;
 /// The largest exposure fraction of the tables. It lies above 1, so that a maximum at 1 is seen from both sides.
 pub const MAX_LAMBDA: f32 = 1.25;
 
-/// The step of the tables over the exposure, as a length of streak in px; in exposure fractions it is kept within [`LAMBDA_STEPS`].
+/// The step of the tables over the exposure, as a length of streak in px; in exposure fractions it is kept between 0.05 and 0.125.
 pub const STREAK_STEP: f32 = 0.6;
 
 /// The least and the largest step of the tables over the exposure fraction.

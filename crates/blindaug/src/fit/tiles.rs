@@ -33,7 +33,7 @@ pub const LENS_TILES_PER_BLOCK: usize = 32;
 /// inside the camera have touched.
 pub(super) const BAND: Range<f32> = 0.03..0.35;
 
-/// A frequency in the middle of [`BAND`], cycles per px, at which contrast is measured.
+/// A frequency in the middle of those that are looked at, cycles per px, at which contrast is measured.
 pub const MIDDLE: f32 = 0.25;
 
 /// The speeds at which a tile tells the exposure, px per frame interval. A slower tile shows no streak, and the flow of a faster one is
