@@ -272,7 +272,7 @@ impl Scene {
         let software = gpu.info.device_type == wgpu::DeviceType::Cpu;
         let timer = Timer::new(gpu).ok().filter(|_| !software);
         let (mut whole, mut steps) = (Vec::new(), vec![Vec::new(); STEPS.len()]);
-        // The first ones warm up.
+        // The first frames warm the device up.
         for number in 0..frames as u64 + 2 {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {

@@ -14,12 +14,15 @@ use wgpu::{BindGroup, BufferUsages, Texture, TextureSampleType, TextureUsages, T
 /// What several steps of a frame read or write.
 #[derive(Debug)]
 pub(crate) struct Views {
+    /// What makes the textures of the sharpening, if they are needed.
     pub(crate) device: wgpu::Device,
-    /// Width, height, eyes.
+    /// Width and height, px, and the number of eyes.
     pub(crate) size: [u32; 3],
+    /// [`Camera`] of the current frame.
     pub(crate) camera: wgpu::Buffer,
-    /// The largest alpha of each part.
+    /// The largest alpha of each part, as the bits of its float.
     pub(crate) most: wgpu::Buffer,
+    /// The camera's frame.
     pub(crate) frame: TextureView,
     /// The layer as it was rendered.
     pub(crate) sharp: TextureView,
@@ -33,23 +36,28 @@ pub(crate) struct Views {
 #[derive(Debug)]
 pub struct Bound {
     pub(crate) views: Views,
+    /// How many slabs of depth are blurred apart, 1 or 3.
     pub(crate) slabs: u32,
     pub(crate) has_depth: bool,
+    /// Scale and offset of [`crate::Depth`], 1/m.
     pub(crate) depth_map: [f32; 2],
+    /// The scale of [`crate::Velocity`], px.
     pub(crate) velocity_scale: [f32; 2],
+    /// [`DefocusQuality`] of the current frame.
     pub(crate) quality: wgpu::Buffer,
     pub(crate) prepare: BindGroup,
     pub(crate) spread: BindGroup,
-    /// By the level that is read.
+    /// The bindings of `pull`, by the level that is read.
     pub(crate) pull: Vec<BindGroup>,
     pub(crate) top: BindGroup,
-    /// By the level that is written; the finest is for `blur`.
+    /// The bindings of `push`, by the level that is written; those of the finest level are for `blur`.
     pub(crate) push: Vec<BindGroup>,
-    /// By the level that is read.
+    /// The bindings of `halve`, by the level that is read.
     pub(crate) halve: Vec<BindGroup>,
     pub(crate) defocus: BindGroup,
-    /// By [`crate::sharpening::Blurred`].
+    /// The bindings of the last pass, by [`crate::sharpening::Blurred`].
     pub(crate) composite: [BindGroup; 3],
+    /// Empty until the first camera that sharpens comes.
     sharpening: OnceLock<Sharpening>,
 }
 
@@ -64,6 +72,8 @@ struct Pyramids {
 }
 
 impl Pyramids {
+    /// Makes the textures.
+    ///
     /// # Errors
     /// If the device cannot hold them.
     fn new(device: &wgpu::Device, [w, h, parts]: [u32; 3]) -> Result<Self> {
@@ -179,6 +189,8 @@ impl<'a> Binder<'a> {
 }
 
 impl Bound {
+    /// Makes and binds what frames of these textures' size need.
+    ///
     /// # Errors
     /// If textures differ in size, cannot be read as they must be, or are too large for the device.
     pub(crate) fn new(of: &Compositor, device: &wgpu::Device, inputs: &Inputs) -> Result<Self> {
@@ -262,6 +274,8 @@ impl Bound {
     }
 }
 
+/// Checks that all textures have one size.
+///
 /// # Errors
 /// If a texture has another size than the frame.
 fn check_sizes(inputs: &Inputs) -> Result<()> {
@@ -278,6 +292,8 @@ fn check_sizes(inputs: &Inputs) -> Result<()> {
     check("the virtual layer's velocity", inputs.velocity.map(|v| v.texture))
 }
 
+/// Checks that shaders can read all textures.
+///
 /// # Errors
 /// If a texture has a format, samples or a usage with which shaders cannot read it as they must.
 fn check_formats(device: &wgpu::Device, inputs: &Inputs) -> Result<()> {

@@ -27,7 +27,7 @@ wgsl_struct! {
         padding: [u32; 2],
         /// The noise std of each pyramid level is slope * luma + intercept, for R, G and B; the fourth number is unused.
         slope: [[f32; 4]; NOISE_LEVELS],
-        /// See `slope`.
+        /// The other number of `slope`'s formula.
         intercept: [[f32; 4]; NOISE_LEVELS],
         /// The encoded value at which the sensor clips.
         clip: f32,
@@ -47,7 +47,7 @@ wgsl_struct! {
         most_taps: f32,
         /// How many slabs of depth are blurred apart, 1 or 3.
         pub(crate) slabs: u32,
-        /// Of three slabs, the first lies behind the first of these inverse depths, 1/m, and the last in front of the second.
+        /// The first of three slabs lies behind the first of these inverse depths, 1/m, the last one in front of the second.
         cuts: [f32; 2],
         /// Unused.
         more_padding: [u32; 2],

@@ -1,4 +1,5 @@
-// The last pass: motion blur of the focused layer, over the frame, in display-encoded values, with the noise that is missing.
+// The last pass for a camera that does not sharpen: it blurs the focused layer along its motion, puts it over the frame, and adds the noise
+// that is missing. The result is display-encoded.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var bilinear: sampler;
@@ -7,7 +8,7 @@
 @group(0) @binding(4) var blur: texture_2d_array<f32>;
 @group(0) @binding(5) var tile: texture_2d_array<f32>;
 
-// As in defocus.wgsl.
+// The largest alpha of each part, as the bits of its float; 0 where a part is empty.
 @group(0) @binding(6) var<storage, read> most_of: array<u32>;
 
 struct Vertex {
@@ -15,13 +16,13 @@ struct Vertex {
     @location(0) @interpolate(flat) eye: u32,
 }
 
-// One triangle over everything; the instance is the eye.
+// Makes one triangle that covers everything. The instance is the eye.
 @vertex
 fn whole(@builtin(vertex_index) i: u32, @builtin(instance_index) eye: u32) -> Vertex {
     return Vertex(vec4(4.0 * f32(i & 1u) - 1.0, 4.0 * f32(i >> 1u) - 1.0, 0.0, 1.0), eye);
 }
 
-// Encoded values in the space in which blur acts.
+// Brings encoded values to the space in which blur acts.
 fn to_blur_space(v: vec3<f32>) -> vec3<f32> {
     if camera.encoded_space != 0u {
         return v;
@@ -29,8 +30,8 @@ fn to_blur_space(v: vec3<f32>) -> vec3<f32> {
     return decode(v);
 }
 
-// Where a tap of the Gaussian of std 1.5 px lies (x, y, px), and its weight: i and j from -2 to 2. Each but the middle one stands for two
-// neighbouring taps of the kernel.
+// A tap of a Gaussian of std 1.5 px: its place (x, y, px), and its weight. i and j run from -2 to 2; each tap but the middle one stands for
+// two neighbouring pixels.
 fn smoothing_tap(i: i32, j: i32) -> vec3<f32> {
     var weights = array<f32, 3>(0.26656, 0.32303, 0.04369);
     var places = array<f32, 3>(0.0, 1.33924, 3.17429);
@@ -38,7 +39,7 @@ fn smoothing_tap(i: i32, j: i32) -> vec3<f32> {
     return vec3(offset, weights[abs(i)] * weights[abs(j)]);
 }
 
-// The frame, blurred by a Gaussian of std 1.5 px, which leaves little of its noise.
+// The frame blurred by a Gaussian of std 1.5 px, which leaves little of its noise.
 fn smoothed(at: vec2<f32>, eye: u32) -> vec3<f32> {
     let size = textureDimensions(frame);
     var sum = vec3(0.0);
@@ -55,11 +56,11 @@ fn model_std(level: u32, y: f32) -> vec3<f32> {
     return max(camera.slope[level].rgb * y + camera.intercept[level].rgb, vec3(0.0));
 }
 
-// The least share of the frame's light that is still seen, of which the noise counts.
+// Where a smaller share of the background's light is seen than this, its noise does not count.
 const LEAST_KEPT = 1.0 / 1024.0;
 
-// The noise that lifts what is left of the background's own to the model's variance at the result's luminance. `kept` is the share of the
-// background's light that is still seen; `smooth_background` has to be known where that is above LEAST_KEPT.
+// The noise that lifts what is left of the background's own noise to the model's variance at the result's luminance. `kept` is the share of
+// the background's light that is still seen, 0 to 1; `smooth_background` has to be known where that is above LEAST_KEPT.
 fn missing_noise(
     pixel: vec2<u32>,
     eye: u32,
@@ -98,7 +99,7 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
     return vec4(v, 1.0);
 }
 
-// A part of the layer along the path of its pixel.
+// The mean of a part of the layer along the path of its pixel.
 fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
     let path = textureLoad(blur, at, part, 0).xy;
     let jitter = vec2<f32>(camera.key % vec2(64u));
@@ -110,7 +111,7 @@ fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
 // The blurred layer at a pixel of the area: premultiplied, in the space in which blur acts.
 fn layer_at(at: vec2<u32>, eye: u32) -> vec4<f32> {
     var layer = vec4(0.0);
-    // From the nearest slab on.
+    // The nearest slab comes first, and the others are seen through what it leaves.
     for (var slab = camera.slabs; slab > 0u; slab--) {
         let part = eye * camera.slabs + slab - 1u;
         if most_of[part] != 0u {
@@ -120,7 +121,7 @@ fn layer_at(at: vec2<u32>, eye: u32) -> vec4<f32> {
     return layer;
 }
 
-// The layer over a background of encoded values, as encoded values; they may exceed 1.
+// Puts the layer over a background of encoded values. The result is encoded and may exceed 1.
 fn over(background: vec3<f32>, layer: vec4<f32>) -> vec3<f32> {
     let light = max(to_blur_space(background) * (1.0 - layer.a) + layer.rgb, vec3(0.0));
     if camera.encoded_space == 0u {
@@ -135,11 +136,11 @@ fn composite(in: Vertex) -> @location(0) vec4<f32> {
     let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
     let at = pixel - camera.origin;
     var layer = vec4(0.0);
-    // Left of and above the origin, the difference wraps.
+    // Left of and above the origin, the difference wraps around to large numbers.
     if all(at < camera.size) {
         layer = layer_at(at, in.eye);
     }
-    // Nothing virtual is seen: the frame, bit by bit.
+    // Where nothing virtual is seen, the result is the frame, bit by bit.
     if layer.a <= 0.0 {
         return to_target(filmed);
     }

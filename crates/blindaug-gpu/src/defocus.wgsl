@@ -1,14 +1,14 @@
-// Each pixel as the mean of its surroundings by its own kernel (Potmesil & Chakravarty 1982). A wide kernel is applied to a
-// smaller image: octave o is the image halved o times, and so blurred by a variance of (4^o - 1) / 3 px^2 already.
+// Defocus: each pixel becomes the mean of its surroundings under its own kernel (Potmesil & Chakravarty 1982). A wide kernel is applied to
+// a smaller image. Octave o is the image halved o times, which has blurred it by a variance of (4^o - 1) / 3 px^2 already.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 @group(0) @binding(1) var<uniform> quality: DefocusQuality;
 @group(0) @binding(2) var bilinear: sampler;
-// 8 taps of the discrete Gaussian for each of GAUSSIANS variances, evenly from 0 to GAUSSIAN_MOST px^2.
+// The table of discrete Gaussians: 8 taps, centre first, for each of GAUSSIANS variances, which rise evenly from 0 to GAUSSIAN_MOST px^2.
 @group(0) @binding(3) var<storage, read> gaussians: array<vec4<f32>>;
-// Half the lengths of the rows of DISKS disks of stds DISK_STEP px apart, DISK_ROWS for each, from the middle one on.
+// The table of disks: half the lengths of DISK_ROWS rows, from the middle one on, for each of DISKS stds, DISK_STEP px apart.
 @group(0) @binding(14) var<storage, read> disks: array<vec4<f32>>;
-// As `most` of extension.wgsl.
+// The largest alpha of each part, as the bits of its float; 0 where a part is empty.
 @group(0) @binding(15) var<storage, read> most_of: array<u32>;
 @group(0) @binding(4) var blur: texture_2d_array<f32>;
 @group(0) @binding(5) var focused: texture_storage_2d_array<rgba16float, write>;
@@ -21,8 +21,7 @@
 @group(0) @binding(12) var octave_6: texture_2d_array<f32>;
 @group(0) @binding(13) var octave_7: texture_2d_array<f32>;
 
-
-// At pixel position `at` of an octave, whose pixel centres are at integer coordinates.
+// The layer at pixel position `at` of an octave. Pixel centres are at integers.
 fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {
     let used = size_at(camera, octave);
     switch octave {
@@ -37,14 +36,14 @@ fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {
     }
 }
 
-// The coarsest octave that leaves at least this variance to blur.
+// Finds the coarsest octave that leaves at least this variance to blur, px^2 of the octave.
 fn octave_of(variance: f32, least: f32) -> u32 {
     // (variance - (4^o - 1) / 3) / 4^o >= least
     let o = 0.5 * log2(max((variance + 1.0 / 3.0) / (least + 1.0 / 3.0), 1.0));
     return min(u32(o), COARSEST);
 }
 
-// Weight and place of the j-th pair of taps beside the centre of the discrete Gaussian of this variance; of the centre for j = 0.
+// Weight and place (px) of the j-th pair of taps beside the centre of the discrete Gaussian of this variance. For j = 0 it is the centre.
 fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
     let at = min(variance / GAUSSIAN_MOST, 1.0) * f32(GAUSSIANS - 1u);
     let first = min(u32(at), GAUSSIANS - 2u);
@@ -58,7 +57,7 @@ fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
     }
 }
 
-// On the image itself, where the kernel's centre is a pixel's.
+// A Gaussian on the image itself, where the kernel's centre is a pixel's.
 fn gaussian_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance) + 0.5, 1.0, 6.0)));
     var sum = vec4(0.0);
@@ -75,7 +74,7 @@ fn gaussian_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     return sum / total;
 }
 
-// Weight and place of two neighbouring taps of a Gaussian around 0, the first at x.
+// Weight and place (px) of two neighbouring taps of a Gaussian around 0, the first of which lies at x.
 fn gaussian_taps(x: f32, variance: f32) -> vec2<f32> {
     let first = exp(-0.5 * x * x / variance);
     let second = exp(-0.5 * (x + 1.0) * (x + 1.0) / variance);
@@ -100,12 +99,12 @@ fn gaussian_on(octave: u32, at: vec2<f32>, variance: f32, part: u32) -> vec4<f32
     return sum / total;
 }
 
-// Half the length of row `dy` of a disk on the image itself.
+// Half the length, px, of the row `dy` px from the middle of a disk on the image itself.
 fn half_width(first: u32, dy: i32) -> f32 {
     return disks[first + u32(abs(dy)) / 4u][abs(dy) & 3];
 }
 
-// A uniform disk on the image itself, as rows of spans whose ends count by the part of a pixel that they cover.
+// A uniform disk on the image itself, as rows of spans. The pixels at the ends of a span count by the share that it covers.
 fn disk_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let first = DISK_ROWS / 4u * min(u32(sqrt(variance) / DISK_STEP + 0.5), DISKS - 1u);
     var sum = vec4(0.0);
@@ -122,7 +121,7 @@ fn disk_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     return sum / total;
 }
 
-// A uniform disk on a smaller image; a pixel on its rim counts by about the part that it covers.
+// A uniform disk on a smaller image. A pixel on its rim counts by about the share that it covers.
 fn disk_on(octave: u32, at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     // A rim that rises along 1 px adds 5/48 px^2 to the variance radius^2 / 4.
     let radius = sqrt(max(4.0 * variance - 5.0 / 12.0, 0.25));
@@ -147,7 +146,7 @@ var<workgroup> largest_sigma: atomic<u32>;
 var<workgroup> seen: atomic<u32>;
 var<workgroup> nearer_seen: atomic<u32>;
 
-// Pixel `id` of a part under the kernel of this std.
+// Pixel `id` of a part under the kernel of this std, px.
 fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     if sigma == 0.0 {
         return textureLoad(octave_0, id, part, 0);
@@ -156,7 +155,7 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     let disk = quality.disk != 0u;
     let octave = octave_of(variance, select(quality.least_variance.x, quality.least_variance.y, disk));
     let scale = exp2(-f32(octave));
-    // (4^o - 1) / 3 of the variance is there already.
+    // Halving has blurred by (4^o - 1) / 3 px^2 already.
     let left = variance * scale * scale - (1.0 - scale * scale) / 3.0;
     let at = vec2<f32>(id);
     if disk && octave == 0u {
@@ -171,13 +170,13 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     return gaussian_on(octave, at * scale, left, part);
 }
 
-// The nearer parts of a part's eye end before this one.
+// The number that follows the last part of this part's eye. The parts in between are nearer.
 fn end_of_eye(part: u32) -> u32 {
     return (part / camera.slabs + 1u) * camera.slabs;
 }
 
-// A blurred part over the share of its kernel that nearer parts do not hide; where that is small, the rest is what smaller and
-// smaller images say (normalised convolution, Knutsson & Westin 1993).
+// A blurred part, divided by the share of its kernel that nearer parts do not hide (normalised convolution, Knutsson & Westin 1993). Where
+// that share is small, smaller and smaller images tell what is around.
 fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     let own = defocused(id, part, sigma);
     var hides = 0.0;
@@ -228,7 +227,7 @@ fn defocus(
     let sigma = select(0.0, textureLoad(blur, id.xy, id.z, 0).z, inside);
     atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
-    // Is there anything within reach? On an octave whose pixels are as large as the reach, 5 x 5 of them tell.
+    // A tile in whose reach nothing is seen stays empty. On an octave whose pixels are as large as the reach, 5 x 5 of them tell.
     let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_sigma)) + 8.0;
     let coarse = u32(ceil(log2(reach)));
     if thread < 25u && coarse <= COARSEST {

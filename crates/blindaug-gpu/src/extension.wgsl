@@ -1,14 +1,15 @@
-// The layer in the space that blur acts on, and depth and flow continued past its silhouette (pull-push, Gortler et al. 1996).
+// The layer is brought to the space in which blur acts, and its depth and motion are continued past its silhouette (pull-push, Gortler et
+// al. 1996).
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 
 @group(0) @binding(1) var layer: texture_2d_array<f32>;
 @group(0) @binding(2) var color: texture_storage_2d_array<rgba16float, write>;
-// Per eye and slab the bits of the largest alpha, which order as their floats do.
+// The largest alpha of each part, as the bits of its float, which are in the order of the floats.
 @group(0) @binding(3) var<storage, read_write> most: array<atomic<u32>>;
 @group(0) @binding(4) var layer_depth: texture_2d_array<f32>;
 
-// Which slab a pixel belongs to. At silhouettes, the pixel around that is covered most tells.
+// The slab that a pixel belongs to. At silhouettes it is that of the neighbouring pixel that is covered most.
 fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
     var alpha = own_alpha;
     var place = vec2<i32>(at);
@@ -44,7 +45,7 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
         let at = camera.origin + id.xy;
         let eye = id.z / camera.slabs;
         var v = textureLoad(layer, at, eye, 0);
-        // Broken pixels are empty.
+        // Pixels of broken values count as empty.
         if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
             v = vec4(0.0);
         }
@@ -55,9 +56,9 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
         if camera.encoded_space != 0u && v.w > 0.0 {
             v = vec4(encode(v.rgb / v.w) * v.w, v.w);
         }
-        // The range of half floats.
+        // Half floats have this range.
         textureStore(color, id.xy, id.z, clamp(v, vec4(-65504.0), vec4(65504.0)));
-        // The magnitude's bits: -0 would be the largest.
+        // The magnitude is taken, since the bits of -0 would be the largest.
         atomicMax(&most_here, bitcast<u32>(abs(v.w)));
     }
     workgroupBarrier();
@@ -70,11 +71,11 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
 @group(0) @binding(2) var depth: texture_2d_array<f32>;
 @group(0) @binding(3) var velocity: texture_2d_array<f32>;
 @group(0) @binding(5) var known: texture_storage_2d_array<rgba16float, write>;
-// As `most`. A part without any is not worked on.
+// The same numbers as `most`, to be read. Parts in which nothing is seen are left out.
 @group(0) @binding(4) var<storage, read> most_of: array<u32>;
 
-// (inverse depth, flow) times its weight, and the weight. Depth and flow of a pixel that the object covers in part may be those
-// of what is behind: the fully covered ones speak.
+// Writes (inverse depth, path) times their weight, and the weight. Where the object covers a pixel only in part, depth and motion may be
+// those of what is behind, so pixels that are covered fully have by far the most weight.
 @compute @workgroup_size(16, 16)
 fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= camera.size) || most_of[id.z] == 0u {
@@ -100,13 +101,13 @@ fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// How often the finer of the two images was halved.
+// The number of times that the finer of the two images was halved.
 @group(0) @binding(1) var<uniform> level: u32;
 @group(0) @binding(2) var bilinear: sampler;
 @group(0) @binding(3) var finer: texture_2d_array<f32>;
 @group(0) @binding(5) var coarse: texture_storage_2d_array<rgba16float, write>;
 
-// Half the size by the binomial kernel [1 4 6 4 1] / 16, two taps at a time.
+// A pixel of the image at half its size, by the binomial kernel [1 4 6 4 1] / 16, two taps at a time.
 fn halved(id: vec3<u32>) -> vec4<f32> {
     let used = size_at(camera, level);
     let all = textureDimensions(finer);
@@ -129,7 +130,7 @@ fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// Pulls weighted values up. A coarse pixel that saw a few fine ones knows its value.
+// Halves an image of weighted values. A coarse pixel that saw a few fine ones knows its value.
 @compute @workgroup_size(8, 8)
 fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= size_at(camera, level + 1u)) || most_of[id.z] == 0u {
@@ -144,7 +145,8 @@ fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(5) var own: texture_2d_array<f32>;
 @group(0) @binding(6) var filled: texture_storage_2d_array<rgba16float, write>;
 
-// Where a level knows nothing, what the next coarser one says: doubled, even pixels see (1 6 1) / 8 of it, odd ones (1 1) / 2.
+// The value of a level, where it is known, else that of the next coarser level. To double that, even pixels take (1 6 1) / 8 of it, odd
+// ones (1 1) / 2.
 fn pushed(id: vec3<u32>) -> vec3<f32> {
     let here = textureLoad(own, id.xy, id.z, 0);
     if here.w >= 1.0 {
@@ -172,14 +174,14 @@ fn push(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// The coarsest level: one pixel.
+// Fills the coarsest level, which has one pixel.
 @compute @workgroup_size(1)
 fn top(@builtin(global_invocation_id) id: vec3<u32>) {
     let here = textureLoad(own, id.xy, id.z, 0);
     textureStore(filled, id.xy, id.z, vec4(here.xyz / max(here.w, 1e-6), 1.0));
 }
 
-// The finest level, as what blurs a pixel: the path while the shutter is open, px, and the defocus std, px.
+// Fills the finest level, as what blurs a pixel: its path while the shutter is open, px, and its defocus std, px.
 @compute @workgroup_size(16, 16)
 fn blur(@builtin(global_invocation_id) id: vec3<u32>) {
     if all(id.xy < camera.size) && most_of[id.z] != 0u {

@@ -8,17 +8,17 @@ use wgpu::{TextureFormat, TextureUsages};
 /// [`wgpu::Device`] and [`wgpu::Queue`].
 #[derive(Clone, Debug)]
 pub struct Gpu {
-    /// Makes resources.
+    /// What makes resources.
     pub device: wgpu::Device,
-    /// Takes work.
+    /// What takes work.
     pub queue: wgpu::Queue,
-    /// What it is.
+    /// What the device is.
     pub info: wgpu::AdapterInfo,
 }
 
 impl Gpu {
-    /// The fastest device there is, software ones last; the environment variables of wgpu (`WGPU_BACKEND`, `WGPU_ADAPTER_NAME`)
-    /// choose another. With timestamps, if it has them.
+    /// Takes the fastest device there is, software ones last; the environment variables of wgpu (`WGPU_BACKEND`, `WGPU_ADAPTER_NAME`)
+    /// choose another. It has timestamps, if the device can have them.
     ///
     /// # Errors
     /// If there is none.
@@ -27,13 +27,13 @@ impl Gpu {
         Ok(block_on(Self::request(&instance, None))?.0)
     }
 
-    /// Where devices are looked for: not on OpenGL, which cannot do what is needed, and would fail later.
+    /// Makes what devices are looked for with. OpenGL is left out: it cannot do what is needed, and would fail later.
     pub fn instance(mut descriptor: wgpu::InstanceDescriptor) -> wgpu::Instance {
         descriptor.backends.remove(wgpu::Backends::GL);
         wgpu::Instance::new(descriptor)
     }
 
-    /// As [`Gpu::new`], for tests: says loudly that they test nothing if there is none.
+    /// Takes a device as [`Gpu::new`] does, for tests; if there is none, it says loudly that they test nothing.
     ///
     /// # Panics
     /// If there is none and the environment variable `BLINDAUG_NEED_GPU` is set.
@@ -48,7 +48,7 @@ impl Gpu {
         }
     }
 
-    /// As [`Gpu::new`], of those that can draw on a window's surface; with its adapter, which knows what the surface can be.
+    /// Takes the fastest device that can draw on a window's surface, with its adapter, which knows what the surface can be.
     ///
     /// # Errors
     /// If there is none.
@@ -98,7 +98,7 @@ impl Gpu {
         waited.map(|_| ()).map_err(|e| Error::new(format!("the graphics device stopped working: {e}")))
     }
 
-    /// A texture with one array layer per image: `Rgba8Unorm`, or `R`, `Rg`, `Rgba` of 16 or 32 bit floats, which take images of
+    /// Makes a texture with one array layer per image: `Rgba8Unorm`, or `R`, `Rg`, `Rgba` of 16 or 32 bit floats, which take images of
     /// their number of channels.
     ///
     /// # Errors
@@ -148,7 +148,7 @@ impl Gpu {
         );
     }
 
-    /// The images of a texture's array layers; 8 bit values become [0, 1].
+    /// Reads the images of a texture's array layers. Values of 8 bit become [0, 1].
     ///
     /// # Errors
     /// If the device was lost.
@@ -204,7 +204,7 @@ impl Gpu {
         Ok(images.collect())
     }
 
-    /// The bytes of a buffer that can be mapped for reading, once everything that was submitted is done.
+    /// Reads the bytes of a buffer that can be mapped for reading, once everything that was submitted is done.
     ///
     /// # Errors
     /// If the device was lost.
@@ -219,7 +219,7 @@ impl Gpu {
     }
 }
 
-/// A texture of [width, height, array layers].
+/// Makes a texture of [width (px), height (px), array layers].
 ///
 /// # Errors
 /// If the device cannot hold one as large.
@@ -254,7 +254,7 @@ pub fn texture(
     }))
 }
 
-/// What of a texture shaders read: of a depth buffer, not its stencil.
+/// The aspect of a texture that shaders read: of a depth buffer the depth, not the stencil.
 pub(crate) fn aspect(texture: &wgpu::Texture) -> wgpu::TextureAspect {
     if texture.format().has_depth_aspect() {
         wgpu::TextureAspect::DepthOnly
@@ -263,7 +263,7 @@ pub(crate) fn aspect(texture: &wgpu::Texture) -> wgpu::TextureAspect {
     }
 }
 
-/// The view of all layers that the kernels take.
+/// A view of all array layers, which the kernels take.
 pub fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
         aspect: aspect(texture),
@@ -272,7 +272,7 @@ pub fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
     })
 }
 
-/// Natively, wgpu's futures are done as soon as they are polled.
+/// Waits for one of wgpu's futures, which natively are done as soon as they are polled.
 fn block_on<T>(future: impl Future<Output = T>) -> T {
     let mut future = std::pin::pin!(future);
     let mut context = std::task::Context::from_waker(std::task::Waker::noop());

@@ -2,22 +2,22 @@
 
 use wgpu::{BindGroup, BindingType, ShaderStages, TextureFormat};
 
-/// What a shader's binding takes; numbered in their order in group 0. Textures are arrays of 2D textures.
+/// What a binding of a shader takes. Bindings are numbered in their order in group 0; textures are arrays of 2D textures.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Binding {
     Uniform,
-    /// Read by texel.
+    /// A texture that is read by texel.
     Texels,
-    /// Read through a sampler.
+    /// A texture that is read through a sampler.
     Texture,
     Sampler,
-    /// Written by texel.
+    /// A texture that is written by texel.
     Target(TextureFormat),
     Buffer,
     BufferMut,
 }
 
-/// The layout of group 0.
+/// Makes the layout of group 0 of these bindings.
 pub(crate) fn layout(
     device: &wgpu::Device,
     label: &str,
@@ -56,7 +56,7 @@ pub(crate) fn layout(
         .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
-/// Resources in the order of a layout's bindings.
+/// Binds resources, in the order of a layout's bindings.
 pub fn bind(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
@@ -70,8 +70,8 @@ pub fn bind(
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
-/// A pipeline that draws everything with a fragment shader, into targets of some formats; vertex shader `whole` makes one triangle.
-/// Without a layout, it is the shaders' own.
+/// Makes a pipeline that draws everything with a fragment shader, into targets of some formats; the vertex shader `whole` makes one
+/// triangle. Without a layout, the pipeline takes the shaders' own.
 pub fn full_screen(
     device: &wgpu::Device,
     layout: Option<&wgpu::PipelineLayout>,
@@ -112,7 +112,7 @@ pub(crate) struct Kernel {
 }
 
 impl Kernel {
-    /// Entry point `entry` of WGSL text, whose `@workgroup_size` is `workgroup`.
+    /// Compiles the entry point `entry` of a WGSL text, whose `@workgroup_size` is `workgroup`.
     pub(crate) fn new(
         device: &wgpu::Device,
         source: &str,
@@ -149,7 +149,7 @@ impl Kernel {
         bind(device, &self.layout, resources)
     }
 
-    /// Runs it with at least `threads` threads along each axis.
+    /// Runs the shader with at least `threads` threads along each axis.
     pub(crate) fn run(&self, pass: &mut wgpu::ComputePass, group: &BindGroup, threads: [u32; 3]) {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, group, &[]);

@@ -151,8 +151,11 @@ mod tests {
     use super::*;
     use crate::prelude;
 
-    /// Name, offset and size of the fields of each struct in a WGSL text, and the struct's own size, as naga has them.
-    fn as_naga_has_them(source: &str) -> Vec<(String, Vec<(String, usize, usize)>, usize)> {
+    /// A struct's name, the name, offset and size of each of its fields, and its own size; all in bytes.
+    type Struct = (String, Vec<(String, usize, usize)>, usize);
+
+    /// The structs of a WGSL text, as naga lays them out.
+    fn as_naga_has_them(source: &str) -> Vec<Struct> {
         let module =
             naga::front::wgsl::parse_str(source).unwrap_or_else(|e| panic!("{}", e.emit_to_string(source)));
         let size = |t: naga::Handle<naga::Type>| module.types[t].inner.size(module.to_ctx()) as usize;
@@ -168,8 +171,8 @@ mod tests {
         structs.collect()
     }
 
-    /// The same of layouts, as Rust has them.
-    fn as_rust_has_them(layouts: &[Layout]) -> Vec<(String, Vec<(String, usize, usize)>, usize)> {
+    /// The structs of layouts, as Rust lays them out.
+    fn as_rust_has_them(layouts: &[Layout]) -> Vec<Struct> {
         let fields = |l: &Layout| l.fields.iter().map(|f| (f.name.to_string(), f.offset, f.size)).collect();
         layouts.iter().map(|l| (l.name.to_string(), fields(l), l.size)).collect()
     }

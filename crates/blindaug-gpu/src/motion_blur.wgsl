@@ -1,12 +1,13 @@
-// The mean over the path that a pixel travels while the shutter is open (Potmesil & Chakravarty 1983), centred on it.
+// Motion blur: the mean over the path that a pixel travels while the shutter is open (Potmesil & Chakravarty 1983). The path is centred on
+// the pixel.
 
-// Interleaved gradient noise (Jimenez 2014): neighbours differ as much as they can.
+// Interleaved gradient noise (Jimenez 2014), 0 to 1. Neighbouring pixels differ as much as they can.
 fn gradient_noise(at: vec2<f32>) -> f32 {
     return fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
 }
 
-// The midpoint rule with ceil(length) + 1 taps. Paths that need more than `most` taps are jittered, so that they leave noise
-// rather than steps.
+// Takes the mean along a path by the midpoint rule with ceil(length) + 1 taps. The taps of a path that needs more than `most` are jittered,
+// so that they leave noise rather than steps.
 fn motion_blurred(
     image: texture_2d_array<f32>,
     bilinear: sampler,

@@ -1,8 +1,9 @@
-// Noise from a tile of each level of a Laplacian pyramid of white noise, of local std 1, that continue at their opposite edges;
-// three layers of (R, G, B of one of the three finest levels, one channel of the coarsest). Made by noise_tile.wgsl.
+// Noise from a tile that noise_tile.wgsl makes. Its three layers hold R, G, B of the three finest levels of a Laplacian pyramid of white
+// noise, and in the fourth channel one channel each of the coarsest level. The local std of each level is 1, and opposite edges of the tile
+// continue each other.
 
-// The tile is cut into cells of random offset, so that it does not repeat; beside their borders two cells are mixed so that the
-// variance stays (as in Heitz & Neyret 2018).
+// The plane is cut into cells with a random offset into the tile each, so that the tile does not repeat. CELL is their side, px; within
+// BORDER px of a border, two cells are mixed so that the variance stays (as in Heitz & Neyret 2018).
 const CELL = 192.0;
 const BORDER = 16.0;
 
@@ -11,14 +12,14 @@ fn cell_texel(cell: vec2<i32>, at: vec2<i32>, key: vec2<u32>, tile: texture_2d_a
     return textureLoad(tile, (at + offset) & vec2(i32(NOISE_TILE) - 1), layer, 0);
 }
 
-// The four levels' unit noise at a pixel, each channel of a level scaled by `sigma`.
+// The noise at a pixel: the sum of all levels, each channel of a level times its `sigma`.
 fn noise(tile: texture_2d_array<f32>, pixel: vec2<u32>, key: vec2<u32>, sigma: array<vec3<f32>, NOISE_LEVELS>) -> vec3<f32> {
-    // The grid of cells is elsewhere in each frame.
+    // The grid of cells lies elsewhere in each frame.
     let shift = pcg4d(vec4(key, key.yx)).xy % vec2(u32(CELL));
     let at = vec2<i32>(pixel + shift);
     let place = vec2<f32>(at) / CELL;
     let cell = vec2<i32>(floor(place));
-    // 0 inside a cell, up to 1 at the next one.
+    // The share of the next cell: 0 inside a cell, up to 1 where the next one begins.
     let next = clamp((fract(place) - 1.0) * (CELL / BORDER) + 1.0, vec2(0.0), vec2(1.0));
     var sum = vec3(0.0);
     var squares = 0.0;

@@ -1,5 +1,5 @@
-// The tile of noise that noise.wgsl reads, from the generator of the reference: white normal noise, its Laplacian pyramid on a
-// torus, each level over its own local std, enlarged.
+// Makes the tile of noise that noise.wgsl reads, from the generator of the reference: white normal noise becomes a Laplacian pyramid on a
+// torus, and each level is divided by its own local std and enlarged.
 
 @group(0) @binding(0) var<uniform> level: TileLevel;
 @group(0) @binding(1) var<storage, read_write> made: array<vec4<f32>>;
@@ -19,7 +19,8 @@ fn of_source(at: vec2<i32>) -> vec4<f32> {
 fn white(@builtin(global_invocation_id) id: vec3<u32>) {
     let key = pcg4d(vec4(level.seed, level.seed_high, 0u, 0u));
     let bits = pcg4d(vec4(id.xy ^ key.xy, key.zw));
-    // 24 bits, at the middle of their interval: never 0. Pairs of uniform numbers to normal ones (Box & Muller 1958).
+    // The upper 24 bits are taken at the middle of their interval, so that they never give 0. Pairs of uniform numbers become normal ones
+    // (Box & Muller 1958).
     let uniform_number = (vec4<f32>(bits >> vec4(8u)) + 0.5) / 16777216.0;
     let radius = sqrt(-2.0 * log(uniform_number.xz));
     let angle = 6.283185307 * uniform_number.yw;
@@ -27,7 +28,7 @@ fn white(@builtin(global_invocation_id) id: vec3<u32>) {
         vec4(radius.x * cos(angle.x), radius.x * sin(angle.x), radius.y * cos(angle.y), 0.0);
 }
 
-// Half the side, by the binomial kernel.
+// Halves the side of the source by the binomial kernel.
 @compute @workgroup_size(8, 8)
 fn down(@builtin(global_invocation_id) id: vec3<u32>) {
     var weights = array<f32, 3>(0.375, 0.25, 0.0625);
@@ -40,7 +41,7 @@ fn down(@builtin(global_invocation_id) id: vec3<u32>) {
     made[id.y * (level.side / 2u) + id.x] = sum;
 }
 
-// Pixel `id` of the source at twice its side: even pixels see (1 6 1) / 8 of it, odd ones (1 1) / 2.
+// Pixel `id` of the source at twice its side. Even pixels take (1 6 1) / 8 of the source, odd ones (1 1) / 2.
 fn doubled(id: vec2<u32>) -> vec4<f32> {
     let at = vec2<i32>(id / 2u);
     var sum = vec4(0.0);
@@ -61,14 +62,14 @@ fn up(@builtin(global_invocation_id) id: vec3<u32>) {
     made[id.y * (2u * level.side) + id.x] = doubled(id.xy);
 }
 
-// What `second`, of twice the source's side, has beyond it.
+// Makes a band of the pyramid: `second`, which has twice the source's side, less the enlarged source.
 @compute @workgroup_size(8, 8)
 fn band(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = id.y * (2u * level.side) + id.x;
     made[at] = second[at] - doubled(id.xy);
 }
 
-// The source over its own std in a window of 9 x 9 pixels, a Gaussian of std 4.
+// Divides the source by its own std in a window of 9 x 9 pixels, weighted by a Gaussian of std 4 px.
 @compute @workgroup_size(8, 8)
 fn unit(@builtin(global_invocation_id) id: vec3<u32>) {
     var mean = vec4(0.0);
@@ -92,7 +93,7 @@ fn unit(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(4) var<storage, read> third: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> coarsest: array<vec4<f32>>;
 
-// The four levels as the three layers of the tile.
+// Packs the four levels into the three layers of the tile.
 @compute @workgroup_size(8, 8)
 fn pack(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = id.y * level.side + id.x;

@@ -114,7 +114,6 @@ pub(crate) fn disk_table() -> Vec<[f32; DISK_ROWS]> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
 
     #[test]
     fn the_smoothing_of_the_shader_is_a_gaussian_of_the_reference_s_std() {

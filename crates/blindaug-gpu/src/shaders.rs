@@ -3,7 +3,7 @@
 use crate::prelude::{colours, compositor};
 use std::sync::LazyLock;
 
-/// A shader of the compositor: the constants of Rust's, what all share, and its own text.
+/// Joins a shader of the compositor: the prelude, what all shaders share, and its own text.
 macro_rules! shader {
     ($($file:literal),+) => {
         LazyLock::new(|| {
@@ -47,7 +47,7 @@ mod tests {
         for text in texts {
             assert_eq!(problem(text), None);
         }
-        // None is left out.
+        // Every file is in the list.
         let mut found = 0;
         for folder in ["/src", "/src/fit", "/src/fit/spectral"] {
             for file in std::fs::read_dir(format!("{}{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap() {
@@ -60,7 +60,7 @@ mod tests {
             }
         }
         assert_eq!(found, 17);
-        // What must fail.
+        // Wrong shaders are found out.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());
     }

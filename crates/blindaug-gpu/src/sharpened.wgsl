@@ -27,7 +27,7 @@ fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(difference_out, id.xy, id.z, out);
 }
 
-// What `difference` has found, and the same blurred along rows.
+// The result of `difference`, and the same blurred along rows.
 @group(0) @binding(3) var differences: texture_2d_array<f32>;
 @group(0) @binding(4) var blurred_rows: texture_2d_array<f32>;
 @group(0) @binding(6) var<uniform> mask: MaskPass;
@@ -38,7 +38,7 @@ fn row_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
     return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.size) - 1), eye, 0).rgb;
 }
 
-// `unsharpening`, smoothed as `smoothed` does the frame.
+// `unsharpening` blurred by the Gaussian with which `smoothed` blurs the frame.
 fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
     let all = textureDimensions(unsharpening);
     var sum = vec3(0.0);
@@ -57,7 +57,7 @@ fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
     let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
     let at = pixel - camera.origin;
-    // Left of and above the origin, the difference wraps.
+    // Left of and above the origin, the difference wraps around to large numbers.
     if any(at >= camera.size) {
         return to_target(filmed);
     }
@@ -70,7 +70,7 @@ fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     let added = own.rgb + mask.amount * (own.rgb - blurred);
     let clean = filmed + added;
     if own.a <= 0.0 {
-        // The halo around the object, and beyond it the frame, bit by bit.
+        // These pixels are the halo around the object, or beyond that the frame, bit by bit.
         return to_target(select(clamp(clean, vec3(0.0), vec3(1.0)), filmed, added == vec3(0.0)));
     }
     var noisy = clean;

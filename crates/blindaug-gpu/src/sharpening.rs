@@ -84,12 +84,13 @@ pub(crate) struct Sharpener {
     rows: Kernel,
     columns: Kernel,
     difference: Kernel,
+    /// The last pass, which writes the targets.
     pub(crate) sharpened: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
 }
 
 impl Sharpener {
-    /// For targets of this format.
+    /// Compiles the shaders, for targets of this format.
     pub(crate) fn new(device: &wgpu::Device, target: TextureFormat) -> Self {
         use Binding::{Buffer, Sampler, Target, Texels, Texture, Uniform};
         let kernel = |source: &str, entry, side, bindings: &[Binding]| {
@@ -122,14 +123,14 @@ impl Sharpener {
     }
 }
 
-/// Which textures hold the blurred layer, by what blurs it.
+/// What blurs the layer, which tells in which textures it is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Blurred {
-    /// Defocus, and perhaps motion.
+    /// The lens blurs it, and perhaps motion.
     Focused,
-    /// Motion alone.
+    /// Motion alone blurs it.
     Moving,
-    /// Nothing.
+    /// Nothing blurs it.
     Still,
 }
 
@@ -149,8 +150,9 @@ pub(crate) struct Sharpening {
     second: Vec<BindGroup>,
     /// The step of a slot, if it is a later one.
     later: Vec<BindGroup>,
-    /// By [`Blurred`].
+    /// The bindings of what the layer changes of the frame, by [`Blurred`].
     difference: [BindGroup; 3],
+    /// The bindings of the last pass.
     pub(crate) sharpened: BindGroup,
 }
 
@@ -160,8 +162,11 @@ fn turn_of(slot: usize) -> usize {
 }
 
 impl Sharpening {
+    /// Makes the textures, and binds them to every pass.
+    ///
     /// # Errors
     /// If the device cannot hold the textures.
+    // Long, since it lists the bindings of all passes.
     pub(crate) fn new(effects: &Compositor, views: &Views) -> Result<Self> {
         let (device, of) = (&views.device, &effects.sharpener);
         let [w, h, eyes] = views.size.map(|s| s as usize);

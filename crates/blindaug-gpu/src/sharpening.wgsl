@@ -14,7 +14,7 @@ fn source_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
     return textureLoad(source, vec2<i32>(mask.origin) + inside, eye, 0).rgb;
 }
 
-// The source, blurred along rows.
+// Blurs the source along rows.
 @compute @workgroup_size(16, 16)
 fn rows(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= camera.size) {
@@ -30,14 +30,14 @@ fn rows(@builtin(global_invocation_id) id: vec3<u32>) {
 
 // The source, blurred along rows already.
 @group(0) @binding(5) var blurred_rows: texture_2d_array<f32>;
-// What the first step of the iteration has found.
+// The result of the iteration's first step.
 @group(0) @binding(6) var first: texture_2d_array<f32>;
 
 fn row_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
     return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.size) - 1), eye, 0).rgb;
 }
 
-// A step of the iteration: a weighted sum of the source, of the blurred source and of the first step's result.
+// Makes a step of the iteration: a weighted sum of the source, of the blurred source and of the first step's result.
 @compute @workgroup_size(16, 16)
 fn columns(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= camera.size) {

@@ -19,13 +19,13 @@ fn plane(plane: &Plane) -> Texture {
     GPU.upload(&[plane], TextureFormat::R32Float).expect("it fits")
 }
 
-/// What `poll` gives once the device is done.
+/// Polls once the device is done.
 fn result<T>(mut poll: impl FnMut() -> blindaug::Result<Option<T>>) -> T {
     GPU.wait().expect("the device works");
     poll().expect("the device works").expect("the device is done")
 }
 
-/// Waves of many lengths and directions: texture at every scale.
+/// An image of waves of many lengths and directions, so that it has texture at every scale.
 fn texture(w: usize, h: usize) -> Plane {
     Plane::from_fn(w, h, |x, y| {
         let (x, y) = (x as f32, y as f32);
@@ -38,12 +38,13 @@ fn texture(w: usize, h: usize) -> Plane {
     })
 }
 
-/// Two neighbours of the 100 stds between 0 and 10 px may be equally good: sums in another order choose the other one.
+/// The tolerance of a std, px, of which the search tries one every 0.1 px: two neighbours may be equally good, and sums in another order
+/// choose the other one.
 const SEARCHED_STD: f32 = 0.101;
-/// Share of the places that only one of the two takes: those whose contrast lies at the threshold.
+/// The share of the places that only one of the two searches may take, since their contrast lies at the threshold.
 const OTHER_PLACES: f32 = 0.01;
 
-/// Largest difference of the stds of places in both, and the share of places in one of them alone.
+/// The largest difference of the stds, px, at places that both have, and the share of the places that only one has.
 fn differences(a: &[BlurPoint], b: &[BlurPoint]) -> (f32, f32) {
     let (mut std, mut alone) = (0.0f32, 0);
     for p in a {
@@ -62,7 +63,7 @@ fn the_pooled_search_finds_what_the_cpu_finds() {
     }
     let (w, h) = (131, 90);
     let sharp = texture(w, h);
-    // Another at every place, so that places can be told apart; not known everywhere.
+    // Each place has another depth, so that places can be told apart. It is not known everywhere.
     let depth =
         Plane::from_fn(
             w,
@@ -99,11 +100,13 @@ fn the_pooled_search_finds_what_the_cpu_finds() {
     assert!(std > SEARCHED_STD, "{std} {alone}");
 }
 
-/// The search's last step: of two exposures as far apart that are equally good, sums in another order choose the other one.
+/// The tolerance of the exposure, which is the search's last step: two exposures as far apart may be equally good, and sums in another
+/// order choose the other one.
 const SEARCHED_EXPOSURE: f32 = 0.0021;
 /// The number of places, of thousands, that may be in one search alone, since a rounding decides about their contrast.
 const OTHER_SAMPLES: usize = 3;
-/// Relative: of the variance and of the curve, which are sums over places in another order and at exposures a step apart.
+/// The relative tolerance of the variance. It is a sum over places in another order, at exposures a step apart, and so is the curve, which
+/// has a tolerance of its own.
 const VARIANCE: f64 = 0.05;
 const CURVE: f32 = 0.01;
 
@@ -114,7 +117,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     }
     let (w, h) = (144, 120);
     let sharp = texture(w, h);
-    // Unknown at the left, with an edge at the top.
+    // The flow is unknown at the left, and has an edge at the top.
     let flow = Flow::from_fn(w, h, |x, y| match (x, y) {
         (0..20, _) => [f32::NAN; 2],
         (_, 0..30) => [-7.0, 5.0],
@@ -124,7 +127,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     let observed = |lambda| {
         let blurred =
             synth::motion_blur::motion_blur(&sharp, &known, ExposureFraction(lambda)).expect("one size");
-        // Noise, so that there is something to weigh.
+        // There is noise, so that there is something to weigh.
         Plane::from_fn(w, h, |x, y| blurred.at(x, y) + 0.01 * ((x * 7919 + y * 104_729) % 101) as f32 / 101.0)
     };
     let weight = Plane::from_fn(w, h, |x, _| 100.0 + x as f32 / 10.0);
@@ -171,28 +174,28 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     let wrong = found().expect("much moves");
     assert!((wrong.exposure.0 - expected.exposure.0).abs() > SEARCHED_EXPOSURE);
 
-    // Nothing moves, and then nothing is known to.
+    // At first nothing moves, then nothing is known to move.
     for still in [0.0, f32::NAN] {
         GPU.write(&flow_texture, &[&Flow::filled(w, h, [still; 2])]);
         assert!(found().is_none());
     }
 }
 
-/// Nats per tile: exponentials and logarithms of a few hundred bins in f32, whose last digits the shaders' language leaves to the device,
-/// and powers instead of the CPU's table of the transfer curve.
+/// The tolerance of a curve, nats per tile. It is made of exponentials and logarithms of a few hundred bins in f32, whose last digits the
+/// shaders' language leaves to the device, and of powers where the CPU has a table of the transfer curve.
 const CURVE_TOLERANCE: f32 = 0.001;
 /// The tolerance of how sure a tile is of its std, 0 to 1, for the same reasons.
 const WEIGHT: f32 = 0.001;
-/// Relative: of the lens, whose search ends in steps of 1/1000.
+/// The relative tolerance of the lens, whose search ends in steps of 1/1000.
 const LENS: f32 = 0.004;
 
-/// Largest difference of two curves.
+/// The largest difference of two curves.
 fn apart(a: &[[f32; 2]], b: &[[f32; 2]]) -> f32 {
     assert_eq!(a.len(), b.len());
     a.iter().zip(b).map(|(a, b)| (a[1] - b[1]).abs()).fold(0.0, f32::max)
 }
 
-/// Largest difference of how sure tiles are, place by place; 1 if they are not the same or find another std.
+/// The largest difference of how sure tiles are of their std, place by place; 1 if the places differ or find another std.
 fn other_points(a: &[BlurPoint], b: &[BlurPoint]) -> f32 {
     let sorted = |points: &[BlurPoint]| {
         let mut points = points.to_vec();
@@ -210,11 +213,12 @@ fn other_points(a: &[BlurPoint], b: &[BlurPoint]) -> f32 {
     sorted(a).iter().zip(sorted(b)).map(|(p, q)| differ(p, &q)).fold(0.0, f32::max)
 }
 
-/// Relative difference of two lenses.
+/// The relative difference of two lenses.
 fn other_lens(a: &spectral::LensFit, b: &spectral::LensFit) -> f32 {
     (a.lens.slope / b.lens.slope - 1.0).abs().max((a.lens.focus / b.lens.focus - 1.0).abs())
 }
 
+// Long, since each of the three cases has its control.
 #[test]
 fn the_tiles_say_what_they_say_to_the_cpu() {
     if no_gpu() {
@@ -223,7 +227,7 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
     const CAMERA: leaves::Camera = leaves::Camera { exposure: 0.6, ..leaves::CAMERA };
     let Gpu { device, queue, .. } = &*GPU;
     let shot = &leaves::Scene::new(3, (256, 250)).clip(1, |_| CAMERA)[0];
-    // Not known everywhere.
+    // The flow is not known everywhere.
     let flow = Flow::from_fn(256, 250, |x, y| if y < 20 { [f32::NAN; 2] } else { shot.flow.at(x, y) });
     let rgba = shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0]);
     let frame = GPU.upload(&[&rgba], TextureFormat::Rgba32Float).expect("it fits");
@@ -279,7 +283,7 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
         );
         assert!(lens.samples == expected_lens.samples && points <= WEIGHT && lenses <= LENS);
 
-        // With another noise the tiles object to other exposures, and with another exposure they find another lens.
+        // With another noise the tiles find other exposures likely, and with another exposure they find another lens.
         let other = levels.map(|n| NoiseLine { intercept: 1.2 * n.intercept, ..n });
         let other = if coding_error > 0.0 {
             LumaNoise { levels, coding_error: 1.2 * coding_error }
@@ -317,7 +321,8 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let space = BlurSpace::Encoded;
     let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
     let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
-    // 1266, of which the fifth of least contrast is left out, and in some blocks all beyond so many, but for those of the exposure.
+    // There are 1266 tiles. The fifth of least contrast is left out, and in some blocks all beyond the most that a block may have, but for
+    // those that observe the exposure.
     assert_eq!(tiles.len(), 688);
     // A fifth of 422 tiles fewer would be fewer than are asked for.
     let small = blindaug::Encoded(image.crop(0, 0, 640, 360).map(|v| [v; 3]));
@@ -353,8 +358,8 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     assert!(other_points(&look().points, &expected.points) > WEIGHT);
 }
 
-/// The tracker looks at some tiles of a frame, the device at all of them: the difference is that of two samples, as wide as
-/// their intervals.
+/// The tolerance of the exposure. The tracker looks at some tiles of a frame and the device at all of them, so that the difference is that
+/// of two samples, as wide as their intervals.
 const TRACKED_EXPOSURE: f32 = 0.1;
 
 #[test]
@@ -373,7 +378,7 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
     let mut evidence =
         fit::spectral::TileEvidence::new(device, &frame, Some(&flow), Some(&depth), BlurSpace::Linear)
             .expect("one size");
-    // What the tracker says after four frames, all of which it looks at itself, or the first alone.
+    // The tracker's result after four frames, all of which it looks at itself, or only the first.
     let mut tracked = |exposure: f32, itself: bool| {
         let clip = scene.clip(5, |_| leaves::Camera { exposure, ..leaves::CAMERA });
         let mut tracker = Tracker::new(BlurSpace::Linear, None);

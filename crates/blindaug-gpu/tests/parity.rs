@@ -53,7 +53,7 @@ fn hash(x: usize, y: usize, c: usize) -> f32 {
     ((v ^ (v >> 15)) >> 8) as f32 / 16_777_216.0
 }
 
-/// Values that half floats and 8 bits hold exactly, so that what is compared is what is computed.
+/// A frame of values that half floats and 8 bits hold exactly, so that what is compared is what is computed.
 fn frame(w: usize, h: usize) -> Encoded {
     Encoded(Raster::from_fn(w, h, |x, y| {
         std::array::from_fn(|c| {
@@ -63,7 +63,7 @@ fn frame(w: usize, h: usize) -> Encoded {
     }))
 }
 
-/// A disk with a hole, textured, of soft rim, whose depth and motion vary.
+/// A layer with a textured disk with a hole and a soft rim, whose depth and motion vary.
 fn layer(w: usize, h: usize) -> VirtualLayer {
     let centre = (0.45 * w as f32, 0.55 * h as f32);
     let size = w.min(h) as f32;
@@ -94,7 +94,7 @@ fn rgba(image: &Raster<[f32; 3]>) -> Raster<[f32; 4]> {
     image.map(|[r, g, b]| [r, g, b, 1.0])
 }
 
-/// Textures of some eyes.
+/// The textures of some eyes.
 struct Eyes {
     frame: wgpu::Texture,
     color: wgpu::Texture,
@@ -139,7 +139,7 @@ impl Eyes {
     }
 }
 
-/// What frame 3 needs everywhere, in high quality, without targets.
+/// What is asked for of frame 3, everywhere and in high quality; it has no targets yet.
 fn of_frame<'a>(model: &'a CameraModel, options: &CompositeOptions) -> Frame<'a> {
     let (options, quality) = (*options, Quality::High);
     Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
@@ -203,17 +203,17 @@ fn on_cpu(
     composite::composite(&plate, layer, model, options).unwrap().0
 }
 
-/// Root mean square difference of encoded values.
+/// The root mean square difference of encoded values.
 fn difference(a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>) -> f32 {
     let pairs = a.data().as_flattened().iter().zip(b.data().as_flattened());
     (pairs.map(|(a, b)| (a - b).powi(2)).sum::<f32>() / (3 * a.data().len()) as f32).sqrt()
 }
 
-/// Half floats between passes and in the target: 2^-11 of the value and half that again.
+/// The tolerance of half floats between the passes and in the target: 2^-11 of the value, and half that again.
 const ROUNDING: f32 = 5e-4;
 
-/// Where blur is computed on a smaller image, its rim is as soft as that image's pixels; and beyond the frame's edge the last
-/// pixel of the smaller image is repeated instead of that of the frame. Both grow as the image that is used shrinks.
+/// The tolerance of blur. Where it is computed on a smaller image, its rim is as soft as that image's pixels, and beyond the frame's edge
+/// the last pixel of the smaller image is repeated instead of that of the frame. Both grow as the image that is used shrinks.
 fn blur_tolerance(quality: Quality, bokeh: Bokeh) -> f32 {
     match (quality, bokeh) {
         (Quality::High, Bokeh::Gaussian) => 0.002,
@@ -227,7 +227,7 @@ fn blur_tolerance(quality: Quality, bokeh: Bokeh) -> f32 {
 
 const QUALITIES: [Quality; 3] = [Quality::High, Quality::Medium, Quality::Low];
 
-/// Cameras with one effect or several; `wrong` is by how much they are off.
+/// Cameras with one effect or several, whose numbers are off by the factor `wrong`.
 fn cameras(w: usize, h: usize, wrong: f32) -> Vec<(&'static str, CameraModel)> {
     let c = || camera(w, h);
     let quadratic = DefocusCurve::Quadratic { a: 4.0, b: 9.0, c: -1.5, inverse_depth_range: [0.25, 0.6] };
@@ -281,8 +281,8 @@ fn every_blur_agrees_with_the_reference() {
     }
 }
 
-/// Half floats hold what the layer changes of the frame, and the mask multiplies their rounding by at most 1 + amount. Both iterations that
-/// unsharpen leave up to 0.002 of what the sharpening did, which the mask brings back to the frame's contrast.
+/// The tolerance of sharpening. Half floats hold what the layer changes of the frame, and the mask multiplies their rounding by at most 1 +
+/// amount. Both iterations that unsharpen leave up to 0.002 of what the sharpening did, which the mask brings back to the frame's contrast.
 fn sharpening_tolerance(amount: f32) -> f32 {
     ROUNDING + 0.0001 * (1.0 + amount)
 }
@@ -316,7 +316,7 @@ fn sharpening_agrees_with_the_reference() {
                 let got = gpu(&with_sharpening(model.clone(), amount, radius));
                 println!("{w} x {h}, {name} by {amount}, {radius} px: {got:.5} (tolerance {tolerance:.5})");
                 assert!(got < tolerance, "{w} x {h}, {name} by {amount}, {radius} px: {got}");
-                // Another amount is told apart, and that it is left out.
+                // The tolerance tells another amount apart, and sharpening that is left out.
                 if (w, h) == (160, 120) && !blurs {
                     let [other, none] =
                         [gpu(&with_sharpening(model.clone(), 1.25 * amount, radius)), gpu(&model)];
@@ -394,7 +394,7 @@ fn without_effects_it_is_the_naive_composite() {
         difference(&on_gpu(&frame, &layer, &model, &CompositeOptions::default()), &reference)
             > 10.0 * ROUNDING
     );
-    // Nothing virtual: the frame, bit by bit.
+    // Where nothing virtual is seen, it is the frame, bit by bit.
     let empty = VirtualLayer { color: Premultiplied(Raster::filled(97, 61, [0.0; 4])), ..layer };
     let out = on_gpu(&frame, &empty, &model, &CompositeOptions::default());
     let eight_bit = |i: &Raster<[f32; 3]>| i.map(|v| v.map(|v| (v * 255.0).round()));
@@ -422,7 +422,7 @@ fn eyes_do_not_see_each_other() {
         assert_eq!(both[eye], on_gpu(&frames[eye], &layers[eye], &model, &options));
     }
     assert!(difference(&both[0], &both[1]) > 0.05);
-    // But their noise differs.
+    // Their noise differs, though.
     let noisy = with_noise(camera(w, h), 1.0);
     let both = Eyes::new(&[&frames[0]; 2], &[&layers[0]; 2]).composite(&noisy, &options, 3);
     assert!(difference(&both[0], &both[1]) > 0.005);
@@ -533,7 +533,8 @@ fn what_does_not_fit_is_said() {
     assert!(GPU.upload(&[&Raster::filled(0, 4, 0.0f32)], TextureFormat::R32Float).is_err());
 }
 
-/// Half floats of values up to 4, and what sines and logarithms of GPUs may be off by: 2^-11 (Vulkan's specification).
+/// The tolerance of the tile: half floats of values up to 4, and what sines and logarithms of GPUs may be off by, 2^-11 (Vulkan's
+/// specification).
 const TILE_TOLERANCE: f32 = 0.002;
 
 #[test]
@@ -571,7 +572,7 @@ fn grey(w: usize, h: usize, value: f32, alpha: f32) -> VirtualLayer {
     }
 }
 
-/// Std of each pyramid level and channel of an image less a constant.
+/// The std of each pyramid level and channel of an image.
 fn band_stds(image: &Raster<[f32; 3]>) -> Vec<[f32; 3]> {
     let (bands, _) = pyramid::laplacian(image, NOISE_LEVELS);
     let std = |band: &Raster<[f32; 3]>| {
@@ -612,13 +613,13 @@ fn noise_has_the_reference_s_std_in_each_level() {
         let wrong = on_gpu(&frame, &layer, &with_noise(camera(w, h), 1.1), &CompositeOptions::default());
         assert!(band_difference(&band_stds(&wrong), &band_stds(&cpu)) > NOISE_TOLERANCE);
     }
-    // Nothing is predicted past clipping.
+    // Past clipping there is no noise.
     let white =
         on_gpu(&frame, &grey(w, h, 0.99, 1.0), &with_noise(camera(w, h), 1.0), &CompositeOptions::default());
     assert!(white.data().as_flattened().iter().all(|v| (v - 0.97).abs() < ROUNDING));
 }
 
-/// Middle grey as a camera films it, in 8 bit.
+/// A frame of middle grey as a camera films it, in 8 bit.
 fn filmed_grey(model: &CameraModel, w: usize, h: usize) -> Encoded {
     let Estimate::Known(noise) = &model.noise else { unreachable!() };
     let noise = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
@@ -677,7 +678,7 @@ fn noise_of_layers_does_not_add_up() {
     if no_gpu() {
         return;
     }
-    // Two half-transparent layers, one after the other.
+    // Two half-transparent layers come one after the other.
     let (w, h) = (512, 384);
     let model = with_noise(camera(w, h), 1.0);
     let filmed = filmed_grey(&model, w, h);
@@ -718,10 +719,10 @@ fn noise_does_not_repeat() {
     }
     assert!(correlation(&one, &two, 0).abs() < 0.05);
     assert_eq!(one, noise(1));
-    // A tile laid side by side repeats.
+    // A tile that is laid side by side does repeat.
     let tiled = Plane::from_fn(w, h, |x, y| one.at(x % 256, y));
     assert!(correlation(&tiled, &tiled, 256) > 0.9);
-    // No seam where cells meet: neighbours differ as much everywhere.
+    // There is no seam where cells meet: neighbours differ as much everywhere.
     let step = |x: usize| (0..h).map(|y| (one.at(x, y) - one.at(x + 1, y)).powi(2)).sum::<f32>();
     let steps: Vec<f32> = (0..w - 1).map(step).collect();
     let mean = steps.iter().sum::<f32>() / steps.len() as f32;
@@ -735,7 +736,7 @@ fn it_agrees_at_4k() {
     }
     let (w, h) = (3840, 2160);
     let model = with_lens(with_exposure(camera(w, h), 0.5), 40.0, 0.35);
-    // An object of a tenth of the frame, as such frames have.
+    // The object covers a tenth of the frame, as in such frames.
     let small = layer(500, 400);
     let put = |x: usize, y: usize| (1700..2200).contains(&x) && (900..1300).contains(&y);
     let layer = VirtualLayer {
@@ -807,7 +808,7 @@ fn within_an_area_it_is_the_same() {
     }
     let (w, h) = (301, 200);
     let (frame, whole) = (frame(w, h), layer(w, h));
-    // The object in the middle, 60 px from the area's edges, so that blur ends before them.
+    // The object lies in the middle, 60 px from the area's edges, so that blur ends before them.
     let color = Premultiplied(Raster::from_fn(w, h, |x, y| {
         if (120..180).contains(&x) && (80..130).contains(&y) { whole.color.0.at(x, y) } else { [0.0; 4] }
     }));
@@ -847,7 +848,7 @@ fn something_sharp_does_not_bleed_into_blurred_surroundings() {
     if no_gpu() {
         return;
     }
-    // A square in front of a wall, one of them in focus.
+    // There is a square in front of a wall, and one of the two is in focus.
     let (w, h) = (120, 90);
     let square = |x: usize, y: usize| (40..80).contains(&x) && (30..60).contains(&y);
     let [wall, near] = [([0.1, 0.1, 0.1, 1.0], 0.1), ([0.9, 0.8, 0.7, 1.0], 0.5)];
@@ -873,7 +874,7 @@ fn something_sharp_does_not_bleed_into_blurred_surroundings() {
         let got = difference(&one, &cpu);
         println!("focus {focus}: {got}");
         assert!(got < blur_tolerance(Quality::High, Bokeh::Gaussian), "focus {focus}: {got}");
-        // As in layers of their own, composited one after the other; not so if they are not blurred apart.
+        // The result is as that of two layers, composited one after the other. It is not if they are not blurred apart.
         let mut whole_wall = layer(&|_, _| true);
         whole_wall.color = Premultiplied(Raster::filled(w, h, wall.0));
         whole_wall.inverse_depth = Some(Plane::filled(w, h, wall.1));

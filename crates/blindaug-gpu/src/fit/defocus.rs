@@ -14,14 +14,14 @@ use wgpu::{BindGroup, BindingResource, BufferUsages, TextureFormat, TextureUsage
 pub(crate) static SOURCE: LazyLock<String> =
     LazyLock::new(|| prelude::defocus_fit() + include_str!("defocus.wgsl"));
 
-/// The search for the std in [0, 10] px (100 steps) whose Gaussian blur of the sharp image is closest to the target, the
-/// squared error summed over 9x9 px, at every 4th pixel; as [`blindaug::fit::defocus::pooled_search`] does.
-/// [`blindaug::fit::defocus::quadratic`] makes the lens of what it finds.
+/// The paper's search, as [`blindaug::fit::defocus::pooled_search`] does it: at every 4th pixel each way, of 101 stds from 0 to 10 px, it
+/// finds the one whose Gaussian blur of the sharp image is closest to the target, by the squared error summed over 9 x 9 px.
+/// [`blindaug::fit::defocus::quadratic`] fits the lens to what it finds.
 #[derive(Debug)]
 pub struct PooledSearch {
     blur: Kernel,
     compare: Kernel,
-    /// For each std what makes its level, but for the first, and what compares it.
+    /// For each std, what makes its blurred image (of the first one nothing), and what compares that.
     levels: Vec<(Option<BindGroup>, BindGroup)>,
     size: [u32; 2],
     points: [u32; 2],
@@ -67,8 +67,8 @@ impl Step {
 }
 
 impl PooledSearch {
-    /// A search that compares `target` with blurs of `sharp`, both in the light that is blurred, where `inverse_depth` is not
-    /// NaN; of each texture the first layer's red channel counts.
+    /// Makes a search that compares `target` with blurs of `sharp`, both in the space in which blur acts, at places whose `inverse_depth`
+    /// is not NaN. It takes the red channel of each texture's first layer.
     ///
     /// # Errors
     /// If the textures differ in size.
@@ -126,8 +126,8 @@ impl PooledSearch {
         Ok(Self { blur, compare, levels, size, points, found })
     }
 
-    /// Starts a search in the textures as they are. `false`, and nothing is done, as long as the result of the last one has not been
-    /// picked up.
+    /// Starts a search in the textures as they are now. It returns `false` and does nothing as long as the last result has not been picked
+    /// up.
     pub fn submit(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
         if !self.found.is_idle() {
             return false;
@@ -143,7 +143,7 @@ impl PooledSearch {
         true
     }
 
-    /// Local blur at places that have texture and depth, once it is known.
+    /// Gives the local blur at places that have texture and depth, once it is known; until then `None`.
     ///
     /// # Errors
     /// If the device was lost.

@@ -1,5 +1,5 @@
-// The paper's search: the std whose blur of the sharp image is closest to the target, at every 4th pixel, the error summed over 9x9 px.
-// CPU twin: pooled_search in crates/blindaug/src/fit/defocus.rs.
+// The paper's search: at every 4th pixel each way it finds the std whose blur of the sharp image is closest to the target, by the error
+// summed over 9 x 9 px.
 
 @group(0) @binding(0) var<uniform> step: Step;
 
@@ -55,10 +55,10 @@ fn blur(
 @group(0) @binding(1) var target_image: texture_2d_array<f32>;
 @group(0) @binding(2) var blurred: texture_2d_array<f32>;
 @group(0) @binding(3) var inverse_depth: texture_2d_array<f32>;
-// Inverse depth, std, least and greatest error.
+// For each place: inverse depth, the best std (px), the least and the greatest error of all stds.
 @group(0) @binding(4) var<storage, read_write> searched: array<vec4f>;
 
-// Pixels looked at by a workgroup, each way.
+// The number of places that a workgroup looks at, each way.
 const POINTS = 8u;
 const SPAN = STRIDE * (POINTS - 1u) + 2u * REACH + 1u;
 var<workgroup> errors: array<f32, SPAN * SPAN>;

@@ -19,12 +19,12 @@ use blindaug::{Error, Result};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// A buffer's contents on their way back from the device.
+/// A buffer whose contents are on their way back from the device.
 #[derive(Debug)]
 struct Readback {
     source: wgpu::Buffer,
     landing: wgpu::Buffer,
-    /// One of the states below.
+    /// How far they are: one of the constants below.
     state: Arc<AtomicU8>,
 }
 
@@ -51,12 +51,12 @@ impl Readback {
         }
     }
 
-    /// Whether nothing is under way, nor waits to be picked up.
+    /// Whether nothing is under way and nothing waits to be picked up.
     fn is_idle(&self) -> bool {
         self.state.load(Ordering::Acquire) == IDLE
     }
 
-    /// Runs what `encode` puts into a pass, and sends the buffer back.
+    /// Runs what `encode` puts into a pass, and sends the buffer's contents back.
     fn submit(
         &mut self,
         device: &wgpu::Device,
@@ -81,7 +81,7 @@ impl Readback {
         });
     }
 
-    /// What `read` makes of the buffer, if it has arrived.
+    /// Gives what `read` makes of the contents, if they have arrived.
     ///
     /// # Errors
     /// If the device was lost.
@@ -102,7 +102,7 @@ impl Readback {
     }
 }
 
-/// A kernel, what it works on, and with how many threads.
+/// A kernel with what it works on and its number of threads.
 #[derive(Debug)]
 struct Stage {
     kernel: Kernel,
@@ -111,7 +111,7 @@ struct Stage {
 }
 
 impl Stage {
-    /// [`Kernel::new`] with what its bindings take.
+    /// Compiles a kernel as [`Kernel::new`] does, and binds what its bindings take.
     fn new(
         device: &wgpu::Device,
         source: &str,
@@ -131,7 +131,7 @@ impl Stage {
     }
 }
 
-/// What a binding takes.
+/// A binding and what it takes.
 type Bound<'a> = (Binding, wgpu::BindingResource<'a>);
 
 fn view(view: &wgpu::TextureView) -> Bound<'_> {
@@ -150,7 +150,7 @@ fn write(buffer: &wgpu::Buffer) -> Bound<'_> {
     (Binding::BufferMut, buffer.as_entire_binding())
 }
 
-/// A buffer of which nothing but the device knows the contents.
+/// Makes a buffer whose contents only the device knows.
 fn storage(device: &wgpu::Device, label: &str, bytes: usize) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
@@ -160,7 +160,7 @@ fn storage(device: &wgpu::Device, label: &str, bytes: usize) -> wgpu::Buffer {
     })
 }
 
-/// A buffer that holds this.
+/// Makes a buffer that holds `contents`.
 fn filled<T: bytemuck::NoUninit>(
     device: &wgpu::Device,
     label: &str,
@@ -175,7 +175,7 @@ fn filled<T: bytemuck::NoUninit>(
     })
 }
 
-/// (width, height) of textures that must share it.
+/// The width and height, px, of textures that must share them.
 ///
 /// # Errors
 /// If they do not.

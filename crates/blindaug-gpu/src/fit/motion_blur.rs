@@ -58,19 +58,19 @@ wgsl_struct! {
     }
 }
 
-/// The search for the exposure fraction for which the sharp image, blurred along the flow, is closest to the target, as
+/// Searches for the exposure fraction for which the sharp image, blurred along the flow, is closest to the target, as
 /// [`blindaug::fit::motion_blur::fit_exposure`] does.
 #[derive(Debug)]
 pub struct ExposureSearch {
-    /// Places, predictions, search; of an image that has no place, none.
+    /// The kernels that find places, predict and search; there are none for an image that has no place.
     stages: Vec<Stage>,
     found: Readback,
 }
 
 impl ExposureSearch {
-    /// A search in `target`, the frame without noise, and `sharp`, both in the light that is blurred, given the inverse std of the
-    /// target's noise and the flow to the next frame, px (NaN: unknown). Of each texture the first layer counts, of all but the flow its
-    /// red channel.
+    /// Makes a search in `target`, the frame without noise, and `sharp`, both in the space in which blur acts, given the inverse std of the
+    /// target's noise and the flow to the next frame, px (NaN where it is unknown). It takes the first layer of each texture, and of all
+    /// but the flow the red channel.
     ///
     /// # Errors
     /// If the textures differ in size.
@@ -133,8 +133,8 @@ impl ExposureSearch {
         Ok(Self { stages, found })
     }
 
-    /// Starts a search in the textures as they are. `false`, and nothing is done, as long as the result of the last one has not been
-    /// picked up.
+    /// Starts a search in the textures as they are now. It returns `false` and does nothing as long as the last result has not been picked
+    /// up.
     pub fn submit(&mut self, device: &wgpu::Device, queue: &wgpu::Queue) -> bool {
         if !self.found.is_idle() {
             return false;
@@ -145,7 +145,7 @@ impl ExposureSearch {
         true
     }
 
-    /// The exposure, once it is known; `Some(None)` if nothing with texture moves.
+    /// Gives the exposure, once it is known, until then `None`. `Some(None)` says that nothing with texture moves.
     ///
     /// # Errors
     /// If the device was lost.

@@ -1,9 +1,7 @@
-// The paper's search for the exposure, made continuous: squared (beyond 1.5 stds, absolute) error of the sharp image, blurred along
-// the flow, at places of contrast.
-// CPU twin: fit_exposure in crates/blindaug/src/fit/motion_blur.rs.
+// The paper's search for the exposure, made continuous. It minimises the error of the sharp image, blurred along the flow, at places of
+// contrast; the error is squared up to 1.5 stds, and absolute beyond.
 
 @group(0) @binding(0) var<uniform> params: Params;
-
 
 @group(0) @binding(1) var sharp: texture_2d_array<f32>;
 @group(0) @binding(2) var flow: texture_2d_array<f32>;
@@ -12,13 +10,13 @@ fn inside(p: vec2i) -> vec2i {
     return clamp(p, vec2i(0), vec2i(params.size) - 1);
 }
 
-// 0 where it is unknown.
+// The flow at a pixel, px; 0 where it is unknown.
 fn flow_at(p: vec2i) -> vec2f {
     let f = textureLoad(flow, inside(p), 0, 0).xy;
     return select(vec2f(0.0), f, is_finite(f.x) && is_finite(f.y));
 }
 
-// Catmull & Rom.
+// The weights of Catmull & Rom's four cubic taps.
 fn cubic_weights(f: f32) -> vec4f {
     let f2 = f * f;
     let f3 = f2 * f;
@@ -41,7 +39,7 @@ fn cubic(at: vec2f) -> f32 {
     return sum;
 }
 
-// The mean along the path of a pixel.
+// The mean of the sharp image along the path of a pixel.
 fn mean_along(p: vec2i, motion: vec2f, lambda: f32) -> f32 {
     let path = lambda * motion;
     let reach = length(path);
@@ -61,7 +59,7 @@ fn mean_along(p: vec2i, motion: vec2f, lambda: f32) -> f32 {
 @group(0) @binding(4) var inverse_std: texture_2d_array<f32>;
 @group(0) @binding(5) var<storage, read_write> found: array<Place>;
 
-// Not next to an edge of the motion: what is there travels two ways.
+// Tells whether a pixel moves and does not lie next to an edge of the motion, where things travel two ways.
 fn moves(p: vec2i) -> bool {
     let own = flow_at(p);
     let speed = length(own);
@@ -79,7 +77,7 @@ fn moves(p: vec2i) -> bool {
     return true;
 }
 
-// In each cell, that of most contrast, in stds of the noise.
+// Finds the place of most contrast, in stds of the noise, in each cell.
 @compute @workgroup_size(8, 8)
 fn places(@builtin(global_invocation_id) cell: vec3u) {
     if any(cell.xy >= params.cells) {
@@ -111,7 +109,7 @@ fn places(@builtin(global_invocation_id) cell: vec3u) {
 }
 
 @group(0) @binding(3) var<storage, read> found_places: array<Place>;
-// STEPS for each place.
+// The predictions of each place, STEPS of them.
 @group(0) @binding(4) var<storage, read_write> predictions: array<f32>;
 
 @compute @workgroup_size(64)
@@ -129,7 +127,8 @@ fn predict(@builtin(global_invocation_id) id: vec3u) {
 
 @group(0) @binding(1) var<storage, read> seen: array<Place>;
 @group(0) @binding(2) var<storage, read> predicted: array<f32>;
-// Exposure, number of places, information, and the variance of its score; then the curve.
+// The result: exposure fraction, number of places, information, and the variance of its score; then the curve; then the score of the
+// exposure itself.
 @group(0) @binding(3) var<storage, read_write> result: array<f32>;
 
 const THREADS = 128u;
@@ -149,7 +148,7 @@ fn residual(place: u32, lambda: f32) -> f32 {
     return (seen[place].observed - model(place, lambda)) * seen[place].weight;
 }
 
-// Sums of the threads' `partials`, into `sums`.
+// Adds up the threads' `partials` into `sums`.
 fn add_up(thread: u32) {
     workgroupBarrier();
     if thread < STEPS {
@@ -162,7 +161,8 @@ fn add_up(thread: u32) {
     workgroupBarrier();
 }
 
-// Minus half the sum of Huber's function of residual over scale, into `sums`, of STEPS exposures from the first in such steps.
+// Puts the score of STEPS exposures into `sums`: minus half the sum of Huber's function of residual over scale. The exposures begin at
+// `first` and are `step` apart.
 fn score(thread: u32, scale: f32, first: f32, step: f32) {
     var own: array<f32, STEPS>;
     for (var i = thread; i < arrayLength(&seen); i += THREADS) {
@@ -192,8 +192,8 @@ fn best_near(thread: u32, scale: f32, center: f32, reach: f32) -> f32 {
     return first + step * f32(best);
 }
 
-// The residuals' std, robustly: from their absolute median, of which each round finds four bits. The bits of positive numbers
-// are in the order of the numbers.
+// The robust std of the residuals, from their absolute median. Each round finds four bits of it; the bits of positive floats are in the
+// order of the floats.
 fn spread(thread: u32, count: u32, lambda: f32) -> f32 {
     var rank = count / 2u;
     var bits = 0u;
@@ -226,7 +226,7 @@ fn spread(thread: u32, count: u32, lambda: f32) -> f32 {
     return 1.4826 * max(bitcast<f32>(bits), 1e-4);
 }
 
-// Weight of a residual in Huber's function, and the derivative of the model, in stds.
+// The residual in stds, its weight in Huber's function, and the derivative of the model in stds.
 fn influence(place: u32, scale: f32, lambda: f32) -> vec3f {
     let r = residual(place, lambda) / scale;
     let below = max(lambda - 0.05, 0.0);
@@ -255,14 +255,14 @@ fn search(@builtin(local_invocation_index) thread: u32) {
     }
     let scale = spread(thread, count, lambda);
 
-    // Blocks are taken as independent: the variance of the score is the sum of their squared scores.
+    // Blocks of the image are taken as independent, so that the variance of the score is the sum of their squared scores.
     var information = 0.0;
     var variance = 0.0;
     let blocks = params.size / BLOCK + 1u;
     for (var b = thread; b < blocks.x * blocks.y; b += THREADS) {
         let block = vec2u(b % blocks.x, b / blocks.x);
         let corner = BLOCK * block;
-        // Cells that reach into it.
+        // These are the cells that reach into the block.
         let first = (max(corner, vec2u(params.margin)) - params.margin) / params.cell;
         let end = min((corner + BLOCK) / params.cell + 1u, params.cells);
         var own = 0.0;

@@ -27,7 +27,7 @@ pub(crate) static EXPOSURE: LazyLock<String> =
     LazyLock::new(|| likelihood(include_str!("spectral/exposure.wgsl")));
 pub(crate) static LENS: LazyLock<String> = LazyLock::new(|| likelihood(include_str!("spectral/lens.wgsl")));
 
-/// The source of a likelihood.
+/// Joins the source of a likelihood.
 fn likelihood(own: &str) -> String {
     let shared = [include_str!("spectral/common.wgsl"), include_str!("spectral/likelihood.wgsl")];
     [blind_fits(), shared.concat(), own.into()].concat()
@@ -102,29 +102,30 @@ wgsl_struct! {
 /// [`blindaug::fit::track::Tracker::push_observations`] follows them over time.
 #[derive(Clone, Debug, Default)]
 pub struct Observations {
-    /// Tiles that move; as of frame 0.
+    /// Tiles that move, as if they were of frame 0.
     pub exposure: Vec<ExposureObservation>,
-    /// Tiles of one depth; as of the first part of a clip.
+    /// Tiles of one depth, as if they were of the first part of a clip.
     pub lens: Vec<LensObservation>,
 }
 
-/// Looks at the frame in a texture, with the flow to the next frame and inverse depth, where known: its tiles' periodograms, and
-/// their likelihoods over exposure and defocus, with the amplitudes profiled out. As [`blindaug::fit::spectral::tiles`],
-/// [`blindaug::fit::spectral::fit_exposure`] and [`blindaug::fit::spectral::fit_lens`] do, up to what the tiles agree on.
+/// Looks at the frame in a texture, with the motion and the inverse depth where they are known: it makes its tiles' periodograms and their
+/// likelihoods over exposure and defocus. It does what [`blindaug::fit::spectral::tiles`], [`blindaug::fit::spectral::fit_exposure`] and
+/// [`blindaug::fit::spectral::fit_lens`] do, up to what the tiles agree on.
 #[derive(Debug)]
 pub struct TileEvidence {
     params: wgpu::Buffer,
-    /// What of `params` stays as it is.
+    /// The part of `params` that stays as it is.
     frame: Params,
-    /// Light, places, periodograms, choice, exposure, lens; of a frame that is smaller than a tile, none.
+    /// The kernels for light, motion and depth, periodograms, choice, exposure and lens; there are none for a frame that is smaller than a
+    /// tile.
     stages: Vec<Stage>,
     observations: Readback,
 }
 
 impl TileEvidence {
-    /// Takes display-encoded frames of 3 channels or more, motion in px per frame interval (NaN: unknown; best the motion at the frame's own
-    /// time, [`blindaug::analysis::flow::motion_at_frame`]) and inverse depth (NaN: no reading);
-    /// of each texture the first layer counts. What is not given says nothing.
+    /// Takes display-encoded frames of 3 channels or more, motion in px per frame interval (NaN where it is unknown; best the motion at the
+    /// frame's own time, [`blindaug::analysis::flow::motion_at_frame`]) and inverse depth (NaN where it is unknown). It takes the first
+    /// layer of each texture. What is not given says nothing.
     ///
     /// # Errors
     /// If the textures differ in size, or the device cannot hold what a frame as large needs.
@@ -179,9 +180,8 @@ impl TileEvidence {
         Ok(Self { params, frame: fixed, stages, observations })
     }
 
-    /// Starts to look at the textures as they are, given the noise, the exposure so far (for the lens; 0 if
-    /// nothing is known of it) and the camera's sharpening. `false`, and nothing is done, as long as what came of the last frame has not
-    /// been picked up.
+    /// Starts to look at the textures as they are now, given the noise, the exposure so far (for the lens; 0 if nothing is known of it) and
+    /// the camera's sharpening. It returns `false` and does nothing as long as the last result has not been picked up.
     pub fn submit(
         &mut self,
         device: &wgpu::Device,
@@ -211,7 +211,7 @@ impl TileEvidence {
         true
     }
 
-    /// What the tiles say, once it is known.
+    /// Gives what the tiles say, once it is known; until then `None`.
     ///
     /// # Errors
     /// If the device was lost.
@@ -237,7 +237,7 @@ impl TileEvidence {
     }
 }
 
-/// Tiles, which overlap by half, across and down.
+/// The number of tiles across and down, which overlap by half.
 fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
     let tile = TILE as u32;
     if w < tile || h < tile { [0; 2] } else { [w, h].map(|v| (v - tile) / (tile / 2) + 1) }

@@ -2,13 +2,13 @@
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-/// What is wrong with a shader, if anything.
+/// Says what is wrong with a shader, if anything is.
 pub fn problem(source: &str) -> Option<String> {
     let module = match naga::front::wgsl::parse_str(source) {
         Ok(module) => module,
         Err(e) => return Some(e.emit_to_string(source)),
     };
-    // Without capabilities: what every device can do.
+    // The validator has no capabilities: what is valid then, every device can do.
     let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
     validator.validate(&module).err().map(|e| e.emit_to_string(source))
 }

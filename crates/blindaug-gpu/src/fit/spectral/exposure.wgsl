@@ -1,11 +1,12 @@
-// What a tile objects to exposures: the likelihood of V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n,
-// with c2, c4 and e at their most likely values, by Fisher scoring, and the amplitudes integrated over. A thread looks after each ring.
+// How likely a tile finds each exposure: the clipped log-likelihood of V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
+// |K_MB|^2 + exp(e) n. c2, c4 and e take their most likely values by Fisher scoring, the amplitudes are integrated over. Each thread looks
+// after a ring.
 
 const THREADS = 32u;
-// Of the prior of c2, c4 and e, in the units of the likelihood before it is tempered.
+// The precisions of the priors of c2, c4 and e, in units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
 
-// The bins of each ring, in COLUMNS places.
+// The bins of each ring, in COLUMNS places each.
 var<workgroup> weight: array<f32, BINS>;
 var<workgroup> power: array<f32, BINS>;
 var<workgroup> noise: array<f32, BINS>;
@@ -13,30 +14,31 @@ var<workgroup> along: array<f32, BINS>;
 var<workgroup> cos2: array<f32, BINS>;
 var<workgroup> leaks: array<vec2f, BINS>;
 var<workgroup> shutter: array<f32, BINS>;
-// Log-likelihood, score of the nuisances and the same without what the amplitude explains, and their information.
+// The sums of a ring: its log-likelihood; the score of c2, c4 and e; the same score without what the amplitude explains; and the six
+// numbers of their information.
 const SUMS = 13u;
 var<workgroup> ring_sums: array<f32, SUMS * COLUMNS>;
 var<workgroup> sums: array<f32, SUMS>;
-// What each ring's last step of each lambda gains.
+// By how much each ring's amplitude improves the log-likelihood, for each exposure of the table.
 var<workgroup> gains: array<f32, MAX_STEPS * COLUMNS>;
 var<workgroup> ends: array<vec2f, THREADS>;
 var<workgroup> has_contrast: u32;
 
 struct Scene {
-    // Logarithm of the ring's.
+    // The logarithm of the ring's amplitude.
     amplitude: f32,
-    // c2, c4, e.
+    // c2, c4 and e.
     nuisances: vec3f,
 }
 
 struct Improved {
     scene: Scene,
-    // The log-likelihood that the step leads to, if it is quadratic, without what the amplitudes gain, and of that this ring's.
+    // The log-likelihood after the step, if it is quadratic, without what the amplitudes gain; and what this ring's amplitude gains.
     log_likelihood: f32,
     gain: f32,
 }
 
-// One step in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
+// Makes one step of Fisher scoring in all unknowns at once. Since a ring's amplitude touches no other ring's, it is eliminated first.
 fn improve(thread: u32, n: u32, before: Scene) -> Improved {
     var own_score = 0.0;
     var own = 0.0;
@@ -102,7 +104,8 @@ fn improve(thread: u32, n: u32, before: Scene) -> Improved {
     );
 }
 
-// The step by Cholesky's decomposition of the information; far from the solution a whole one may go too far.
+// Solves for the step by Cholesky's decomposition of the information. The step is clamped, since far from the solution a whole one may go
+// too far.
 fn solve(score: vec3f) -> vec3f {
     let l00 = sqrt(max(sums[7] + precisions.x, 1e-9));
     let l10 = sums[8] / l00;
@@ -119,6 +122,7 @@ fn solve(score: vec3f) -> vec3f {
     return clamp(x, vec3f(-0.7), vec3f(0.7));
 }
 
+// Long, since all threads of a workgroup must reach each barrier together, and pass what they found on through shared memory.
 @compute @workgroup_size(32)
 fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     let observation = group.x * EXPOSURE_OBSERVATION;
@@ -179,7 +183,7 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         return;
     }
 
-    // Halves go up, also where division is not exact: whole speeds lead to them.
+    // Halves are rounded up, also where division is not exact, since whole speeds lead to them.
     let steps = floor(MAX_LAMBDA / clamp(STREAK_STEP / tile.speed, LEAST_STEP, LARGEST_STEP) + 0.5001);
     let step = MAX_LAMBDA / steps;
     let len = u32(steps) + 1u;
@@ -187,7 +191,7 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         for (var i = COLUMNS * thread; i < COLUMNS * thread + n; i++) {
             shutter[i] = shutter_gain(tile.speed, along[i], leaks[i], f32(l) * step);
         }
-        // Starts near the solution except for the first value of a table.
+        // The scoring starts near its solution, except for the first value of a table.
         let rounds = select(2u, 13u, l == 0u);
         var improved: Improved;
         for (var i = 0u; i < rounds; i++) {
@@ -215,7 +219,8 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         highest = max(highest, values[i]);
     }
 
-    // Averaged over what the texture may add to the streaks. A wide blur leaves nothing between so many steps.
+    // The likelihood is averaged over what the texture may add to the streaks. Where that blurs it widely, few of the exposures need to be
+    // computed.
     let width = STREAK_ERROR / tile.speed / EXPOSURE_STEP;
     let stride = clamp(u32(0.25 * width), 1u, 8u);
     let count = (EXPOSURES - 1u + stride - 1u) / stride + 1u;
@@ -239,7 +244,7 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         values[blurred + at] = log(max(sum / total, 1.2e-38));
     }
     workgroupBarrier();
-    // Highest and lowest.
+    // The highest and the lowest value of this thread's exposures.
     var own_ends = vec2f(-1e30, 1e30);
     for (var i = thread; i < EXPOSURES; i += THREADS) {
         let v = interpolate(blurred, count, f32(i) / f32(stride));

@@ -1,29 +1,29 @@
-// What a tile says of the blur there: the likelihood over the std of a = amplitude, slope of the spectrum in V = a / |w|^alpha |K_MB|^2 |K_DoF|^2 + n,
-// a and the noise's exact power profiled out and alpha integrated out. Eight threads look after each of six slopes.
+// How likely a tile finds each defocus std: the log-likelihood of V = a / |w|^alpha |K_MB|^2 |K_DoF|^2 + n. The amplitude a and the noise's
+// exact power take their most likely values, and the slope alpha is integrated over. Eight threads look after each of six slopes.
 
-// |K_DoF|^2 of each std, over the modulus in steps of 1/256.
+// The table of |K_DoF|^2: for each std GAINS values over the modulus, in steps of 1/256 cycle per px.
 @group(0) @binding(7) var<storage, read> lens_gains: array<f32>;
 
 const LANES = 8u;
 
-// Bins that motion blur leaves alike, those of all rings one after the other.
+// Bins that motion blur leaves alike, of all rings one after the other.
 var<workgroup> weight: array<f32, BINS>;
 var<workgroup> power: array<f32, BINS>;
 var<workgroup> noise: array<f32, BINS>;
 var<workgroup> modulus: array<f32, BINS>;
 var<workgroup> shutter: array<f32, BINS>;
-// What would be seen without defocus and with amplitude 1, for each slope.
+// What would be seen without defocus at amplitude 1, for each slope.
 var<workgroup> scenes: array<f32, ALPHAS * BINS>;
 var<workgroup> counts: array<u32, COLUMNS>;
 var<workgroup> lane_sums: array<vec3f, ALPHAS * LANES>;
 var<workgroup> has_contrast: u32;
 
-// How many stds of the prior a slope lies from its mean.
+// The distance of a slope from the prior's mean, in stds of the prior.
 fn deviation(alpha: u32) -> f32 {
     return 0.8 * (f32(alpha) - 0.5 * f32(ALPHAS - 1u));
 }
 
-// Over the threads of a slope.
+// Adds up what the threads of a slope have.
 fn lanes_total(thread: u32, own: vec3f) -> vec3f {
     lane_sums[thread] = own;
     workgroupBarrier();
@@ -41,7 +41,7 @@ fn lens_gain(sigma: u32, modulus: f32) -> f32 {
     return lens_gains[i] + fract(at) * (lens_gains[i + 1u] - lens_gains[i]);
 }
 
-// px that an index of the tables stands for, and the other way round.
+// The std, px, that an index of the tables stands for; `index_of` is its inverse.
 fn sigma_of(index: u32) -> f32 {
     let i = f32(index);
     return select(max(3.0 + 0.5 * (i - 20.0), 10.0 + 2.0 * (i - 34.0)), 0.15 * i, index <= 20u);
@@ -52,13 +52,14 @@ fn index_of(sigma: f32) -> f32 {
     return clamp(select(coarse, sigma / 0.15, sigma <= 3.0), 0.0, f32(SIGMAS - 1u));
 }
 
-// What a tile of such a scale says of a std of the tables, px of the frame.
+// The log-likelihood of a std of the tables, px of the frame, that a tile of this scale gives.
 fn of_frame(index: u32, scale: f32) -> f32 {
     let sigma = sigma_of(index) / scale;
     let largest = sigma_of(TILE_SIGMAS - 1u);
     return interpolate(0u, TILE_SIGMAS, index_of(min(sigma, largest))) - LARGER_BLUR * max(sigma - largest, 0.0);
 }
 
+// Long, since all threads of a workgroup must reach each barrier together, and pass what they found on through shared memory.
 @compute @workgroup_size(48)
 fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     let observation = LENSES_AT + group.x * LENS_OBSERVATION;
@@ -73,7 +74,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
     if (tile.flags & DEPTH_KNOWN) == 0u {
         return;
     }
-    // Neighbours of a ring that motion blur leaves alike are taken together.
+    // Neighbouring bins of a ring are taken together if motion blur leaves them alike.
     var bins: array<vec4f, COLUMNS>;
     var gains: array<f32, COLUMNS>;
     var densities: array<f32, COLUMNS>;
@@ -158,7 +159,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
             let total = lanes_total(thread, own);
             log_amplitude = log(max(total.x / total.y, 1e-12));
         }
-        // Fisher scoring; starts near the solution except for the first std.
+        // The scoring starts near its solution, except for the first std.
         let rounds = select(2u, 10u, s == 0u);
         var log_likelihood = 0.0;
         for (var round = 0u; round < rounds; round++) {
@@ -180,7 +181,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
             let left = information.y - information.z * information.z / information.x;
             let change_noise = clamp((scores.y - information.z * scores.x / information.x) / left, -0.7, 0.7);
             let change = clamp((scores.x - information.z * change_noise) / information.x, -1.5, 1.5);
-            // As it will be after the step, if it is quadratic.
+            // This is the log-likelihood after the step, if it is quadratic.
             log_likelihood = scores.z - 0.5 * noise_prior * log_noise * log_noise
                 + 0.5 * (scores.x * change + scores.y * change_noise);
             log_amplitude = max(log_amplitude + change, -27.0);

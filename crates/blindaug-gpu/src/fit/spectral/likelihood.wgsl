@@ -3,23 +3,27 @@
 @group(0) @binding(1) var<storage, read> tiles: array<Tile>;
 @group(0) @binding(2) var<storage, read> chosen: array<u32>;
 @group(0) @binding(3) var<storage, read> periodograms: array<f32>;
-// x, y, modulus, and place in a periodogram, ring by ring, and the first of each ring.
+// The frequencies, ring by ring: x, y and modulus (cycles per px of the tile), and the place in a periodogram. Then the first frequency of
+// each ring.
 @group(0) @binding(4) var<storage, read> frequencies: array<vec4f>;
 @group(0) @binding(5) var<storage, read> rings: array<u32, COLUMNS + 1u>;
-// For each tile chosen for the exposure: whether it is an observation, its block, speed and log-likelihood. Then for each chosen for the lens: whether it
-// is an observation, block, inverse depth, table.
+// The observations. For each tile chosen for the exposure: whether it is an observation, its block, its speed, and its clipped
+// log-likelihood. Then for each tile chosen for the lens: whether it is an observation, its block, its inverse depth, and its table over
+// the std.
 @group(0) @binding(6) var<storage, read_write> observations: array<f32>;
 
+// Where the observations of the lens begin.
 const LENSES_AT = EXPOSURE_TILES * EXPOSURE_OBSERVATION;
 
 const PI = 3.14159265;
 
-// White noise that a coder's errors of such a variance are drowned in: its density, part of the tile's power and of its noise.
-fn hidden(tile: Tile, coding: f32) -> f32 {
+// The density of the white noise with which a tile is noise-padded against a coder's errors of this variance of luma: it is part of the
+// tile's power and of its noise.
+fn padding(tile: Tile, coding: f32) -> f32 {
     return coding * tile.noise_moments.z / (tile.scale * tile.scale);
 }
 
-// Density of the noise at a modulus, with what is hidden.
+// The density of the noise at a modulus, the padding included.
 fn noise_density(tile: Tile, modulus: f32, coding: f32) -> f32 {
     let m = tile.noise_moments;
     let level = clamp(log2(0.35 * tile.scale / modulus), 0.0, 3.0);
@@ -30,25 +34,25 @@ fn noise_density(tile: Tile, modulus: f32, coding: f32) -> f32 {
         density[k] = max(n.x * n.x * m.x + 2.0 * n.x * n.y * m.y + n.y * n.y * m.z, 0.0) / n.z;
     }
     let between = density[0] + (level - f32(i)) * (density[1] - density[0]);
-    return max(between / (tile.scale * tile.scale), 1e-9) + hidden(tile, coding);
+    return max(between / (tile.scale * tile.scale), 1e-9) + padding(tile, coding);
 }
 
-// Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered: its power's log may be off by
-// x, and noise of luma of std y may be there unseen.
+// The prior precision of the log of the noise's factor, in units of the likelihood before it is tempered. The log of the noise's power may
+// be off by error.x, and noise of luma of std error.y may be there unseen.
 fn noise_precision(tile: Tile, error: vec2f, coding: f32) -> f32 {
     let white = tile.noise_moments.z / (tile.scale * tile.scale);
     let unseen = log(1.0 + error.y * error.y * white / noise_density(tile, MIDDLE, coding));
     return 1.0 / (TEMPER * (error.x * error.x + unseen * unseen));
 }
 
-// The bins of a ring, as (weight, power with what is hidden, component along the motion, modulus), and their number.
+// Fills the bins of a ring, as (weight, padded power, component along the motion, modulus), and returns their number.
 fn bins_of(index: u32, tile: Tile, ring: u32, coding: f32, bins: ptr<function, array<vec4f, COLUMNS>>) -> u32 {
     let moves = tile.speed >= MIN_SPEED;
     let direction = tile.motion / max(tile.speed, 1e-30);
     for (var i = rings[ring]; i < rings[ring + 1u]; i++) {
         let f = frequencies[i];
         let along = select(0.0, abs(f.x * direction.x + f.y * direction.y), moves);
-        let power = periodograms[index * COLUMNS * TILE + u32(f.w)] + hidden(tile, coding);
+        let power = periodograms[index * COLUMNS * TILE + u32(f.w)] + padding(tile, coding);
         let bin = min(u32(along * f32(TILE)), COLUMNS - 1u);
         (*bins)[bin] += select(1.0, 0.5, f.x == 0.0) * vec4f(1.0, power, along, f.z);
     }
@@ -63,10 +67,7 @@ fn bins_of(index: u32, tile: Tile, ring: u32, coding: f32, bins: ptr<function, a
     return n;
 }
 
-// Where the frequencies lie that leak into a bin along the motion: the variance of the Hann window's squared spectrum and of
-// a bin's width.
-
-// How much stronger a scene is there.
+// How much stronger a scene is at the two frequencies LEAK below and above a bin along the motion, which leak into it.
 fn leaks_of(tile: Tile, bin: vec4f) -> vec2f {
     if tile.speed <= 0.0 {
         return vec2f(1.0);
@@ -76,7 +77,7 @@ fn leaks_of(tile: Tile, bin: vec4f) -> vec2f {
     return exp(-0.5 * ALPHA * log(max(square, vec2f(0.1))));
 }
 
-// Sine and cosine, to rounding (Moshier's Cephes): those of the language may be off by 1/2000, and by anything beyond pi.
+// Sine and cosine, exact to rounding (Moshier's Cephes). Those of the language may be off by 1/2000, and by anything beyond pi.
 fn sine_and_cosine(x: f32) -> vec2f {
     let turns = round(x * (2.0 / PI));
     let r = x - turns * 1.5703125 - turns * 4.837513e-4 - turns * 7.54979e-8;
@@ -95,7 +96,7 @@ fn sinc2(sine: f32, x: f32) -> f32 {
     return sine / x * (sine / x);
 }
 
-// |K_MB|^2 of a bin and the frequencies beside it.
+// |K_MB|^2 of a bin, averaged with the frequencies beside it.
 fn shutter_gain(speed: f32, along: f32, leaks: vec2f, lambda: f32) -> f32 {
     let reach = PI * lambda * speed;
     let x = along * reach;
@@ -108,10 +109,10 @@ fn shutter_gain(speed: f32, along: f32, leaks: vec2f, lambda: f32) -> f32 {
     return sum / 6.0 + SHUTTER_FLOOR;
 }
 
-// Tables and curves, one after the other.
+// Room for tables and curves, one after the other.
 var<workgroup> values: array<f32, MAX_STEPS + 2u * (EXPOSURES + 1u)>;
 
-// Cubic (Catmull & Rom) between the values of such a table; its ends continue in a straight line.
+// Interpolates between the values of such a table by Catmull & Rom's cubic, whose ends continue in a straight line.
 fn interpolate(table: u32, len: u32, at: f32) -> f32 {
     let i = min(u32(at), len - 2u);
     let f = clamp(at - f32(i), 0.0, 1.0);

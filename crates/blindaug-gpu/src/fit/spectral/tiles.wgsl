@@ -1,7 +1,7 @@
-// From a frame, its flow and its inverse depth to the periodograms of its tiles.
+// Makes the periodograms of a frame's tiles from the frame, its flow and its inverse depth.
 
 @group(0) @binding(1) var frame: texture_2d_array<f32>;
-// The light that is blurred, of the frame and then, of each further level, of means of 2x2 px of the one before.
+// The light that is blurred: first of the frame, then of each further resolution, whose pixels are means of 2 x 2 px of the one before.
 @group(0) @binding(2) var<storage, read_write> light_out: array<f32>;
 
 var<workgroup> means: array<f32, 64>;
@@ -26,7 +26,7 @@ fn light(
         }
     }
     for (var level = 1u; level < LEVELS; level++) {
-        // Means of one level lie so far apart.
+        // The threads that hold means of one resolution are this far apart.
         let step = 1u << (level - 1u);
         if all(local.xy % step == vec2u(0u)) {
             if level > 1u {
@@ -49,11 +49,12 @@ fn light(
 @group(0) @binding(4) var<storage, read_write> tiles_out: array<Tile>;
 
 const LOCATE_THREADS = 64u;
-// Every second pixel of a tile, each way.
-// Of the two components of the flow and of inverse depth: unsigned numbers in the order of the values, the last where unknown.
+// SAMPLES is the number of every second pixel of a tile, each way. The two components of the flow and the inverse depth are kept as
+// unsigned numbers in the order of the values; UNKNOWN, the largest, stands for unknown ones.
 var<workgroup> keys: array<array<u32, SAMPLES>, 3>;
 const UNKNOWN = 0xffffffffu;
-// Order statistics that are looked for: of which of those, and a histogram for each.
+// The order statistics that are looked for: the medians of the two components of the flow, and three quantiles of inverse depth. Each has a
+// histogram of its own.
 const STATISTICS = 5u;
 var<workgroup> histogram: array<atomic<u32>, STATISTICS * 16u>;
 var<workgroup> selected: array<u32, STATISTICS>;
@@ -92,6 +93,8 @@ fn moments_of(p: vec3f) -> vec3f {
     return gain * vec3f(y * y, y, 1.0);
 }
 
+// Finds where each tile lies, how it moves and how far it is.
+// Long, since all threads of a workgroup must reach each barrier together, and pass what they found on through shared memory.
 @compute @workgroup_size(64)
 fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     var level = 0u;
@@ -127,7 +130,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
         ranks[thread] = rank;
         selected[thread] = 0u;
     }
-    // Each round finds four bits of each.
+    // Each round finds four bits of every statistic.
     for (var shift = 32u; shift > 0u;) {
         shift -= 4u;
         for (var i = thread; i < STATISTICS * 16u; i += LOCATE_THREADS) {
@@ -165,7 +168,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             sums.x += length(vec2f(of_key(keys[0][i]), of_key(keys[1][i])) - motion);
         }
     }
-    // Every second pixel of the frame, each way.
+    // These are every second pixel of the frame, each way.
     let side = TILE * scale / 2u;
     for (var i = thread; i < side * side; i += LOCATE_THREADS) {
         let p = 2u * vec2u(i % side, i / side) + scale * corner;
@@ -191,7 +194,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             tile.inverse_depth = middle;
             tile.flags |= DEPTH_KNOWN;
         }
-        // Blocks: five each way.
+        // The image has BLOCKS blocks each way.
         let cell = corner * BLOCKS / (params.size / scale);
         tile.block = BLOCKS * cell.y + cell.x;
         tiles_out[group.x] = tile;
@@ -200,16 +203,16 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
 
 @group(0) @binding(1) var<storage, read> light_in: array<f32>;
 @group(0) @binding(2) var<storage, read> tiles: array<Tile>;
-// The window, and sine and cosine of turns of 1/48.
+// The window, and sine and cosine of each 48th of a turn.
 @group(0) @binding(3) var<storage, read> tables: array<vec4f, TILE>;
-// x, y, modulus, and place in a periodogram.
+// The frequencies: x, y and modulus (cycles per px of the tile), and the place in a periodogram.
 @group(0) @binding(4) var<storage, read> frequencies: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> periodograms: array<f32>;
-// Power in all frequencies; -1 for tiles that are not usable.
+// The power of a tile in all frequencies; -1 for tiles that are not usable.
 @group(0) @binding(6) var<storage, read_write> contrasts: array<f32>;
 
 const THREADS = 128u;
-// 24 pairs of rows, and after them the columns of their transforms.
+// The number of values of 24 pairs of rows; after them come the columns of their transforms.
 const ROWS = TILE * TILE / 2u;
 var<workgroup> z: array<vec2f, ROWS + COLUMNS * TILE>;
 var<workgroup> partials: array<f32, THREADS>;
@@ -224,13 +227,13 @@ fn sum_of_partials() -> f32 {
     return sum;
 }
 
-// a exp(-2 pi i k / 48).
+// The product a exp(-2 pi i k / 48).
 fn turned(a: vec2f, k: u32) -> vec2f {
     let t = tables[k % TILE];
     return vec2f(a.x * t.z + a.y * t.y, a.y * t.z - a.x * t.y);
 }
 
-// The transform of 48 values in place, by 6 x 8 (Cooley & Tukey 1965): first six values that are 8 apart ...
+// Transforms 48 values in place, by 6 x 8 (Cooley & Tukey 1965). This first step takes six values that are 8 apart.
 fn transform_sixes(line: u32, n: u32) {
     var v: array<vec2f, 6>;
     for (var i = 0u; i < 6u; i++) {
@@ -245,7 +248,7 @@ fn transform_sixes(line: u32, n: u32) {
     }
 }
 
-// ... then eight in a row. The frequencies end up at `place`.
+// The second step takes eight values in a row. The frequencies end up at `place`.
 fn transform_eights(line: u32, n: u32) {
     var v: array<vec2f, 8>;
     for (var i = 0u; i < 8u; i++) {
@@ -264,7 +267,7 @@ fn place(frequency: u32) -> u32 {
     return 8u * (frequency % 6u) + frequency / 6u;
 }
 
-// |FFT(window (tile - mean))|^2 / 48^2.
+// The periodogram |FFT(window (tile - mean))|^2 / 48^2.
 @compute @workgroup_size(128)
 fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     let tile = tiles[group.x];
@@ -288,7 +291,7 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
     }
     partials[thread] = own;
     let mean = sum_of_partials() / (weight * weight);
-    // Two rows of real values make one of complex ones.
+    // Two rows of real values are transformed as one row of complex values.
     for (var i = thread; i < ROWS; i += THREADS) {
         let x = i % TILE;
         let y = 2u * (i / TILE);
@@ -340,15 +343,15 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 }
 
 @group(0) @binding(1) var<storage, read> contrast_of: array<f32>;
-// The tiles that are observations of the exposure, those of most contrast, the first having most; then those of the lens: in each block
-// of the image those of most contrast.
+// The numbers of the tiles that are chosen: first those of most contrast, in their order, for the exposure; then, in each block of the
+// image, those of most contrast for the lens. NONE stands where there is no tile.
 @group(0) @binding(3) var<storage, read_write> chosen_out: array<u32>;
 
 @compute @workgroup_size(64)
 fn choose(@builtin(global_invocation_id) id: vec3u) {
     let n = arrayLength(&contrast_of);
     let of_lens = id.x / LENS_TILES_PER_BLOCK;
-    // How this tile ranks, if there is one, and how many there are for this place, if it is one.
+    // The rank of this tile, if there is one, and the number of tiles for this place, if it is one.
     let own = select(-1.0, contrast_of[min(id.x, n - 1u)], id.x < n);
     let block = tiles[min(id.x, n - 1u)].block;
     var rank = vec2u(0u);
