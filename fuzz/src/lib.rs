@@ -8,7 +8,6 @@ use blindaug::{
     CameraModel,
     export::{Camera, Target, View, grain},
     model::{CameraTrack, DefocusModel, DepthKind},
-    synth::noise::total_std,
 };
 use std::{
     fmt::Display,
@@ -65,12 +64,12 @@ pub fn use_camera(model: &CameraModel) {
             use_defocus(defocus);
         }
         if let Some(noise) = scaled.noise.known() {
-            let _ = [0.0, 0.5, 1.0].map(|y| total_std(noise, y));
+            let _ = [0.0, 0.5, 1.0].map(|y| noise.total_std(y));
         }
         if let (Some(blur), Some(fps)) = (scaled.motion_blur.known(), scaled.capture.fps) {
             let _ = (blur.exposure.shutter_angle(), blur.exposure.seconds(fps));
         }
-        if let Some(sharpening) = scaled.sharpening {
+        if let Some(sharpening) = scaled.sharpening.known() {
             sharpening.gain(0.25);
         }
     }
