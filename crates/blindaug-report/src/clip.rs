@@ -3,9 +3,8 @@
 use crate::defocus::{defocus_section, focus_card};
 use crate::exposure::{motion_blur_section, shutter_card};
 use crate::noise::{noise_card, noise_section};
-use crate::page::{Part, capture, cards, footer, page_with, picture, reduced};
+use crate::page::{Part, capture, card, cards, footer, page_with, picture, reduced, section};
 use crate::samples::sample_section;
-use crate::sharpening::{sharpening_card, sharpening_section};
 use crate::{Picture, ReportInput, TruthRow, pictures};
 use blindaug::CameraModel;
 use blindaug::fit::Diagnostics;
@@ -25,8 +24,8 @@ pub(crate) fn page(input: &ReportInput) -> Part {
             @match distortion {
                 Distortion::Defocus => (defocus_section(model, diagnostics)?),
                 Distortion::MotionBlur => (motion_blur_section(model, diagnostics)?),
-                Distortion::Sharpening => (sharpening_section(model)),
                 Distortion::Noise => (noise_section(model, diagnostics, &track, samples)?),
+                other => (section(model, other)),
             }
         }
         (sample_section(&track, samples, share))
@@ -39,8 +38,8 @@ fn summary(model: &CameraModel) -> Markup {
     cards(|distortion| match distortion {
         Distortion::Defocus => model.defocus.known().map(focus_card),
         Distortion::MotionBlur => model.motion_blur.known().map(|m| shutter_card(m, model.capture.fps)),
-        Distortion::Sharpening => sharpening_card(&model.sharpening),
         Distortion::Noise => model.noise.known().map(noise_card),
+        other => card(model, other),
     })
 }
 

@@ -1,7 +1,7 @@
 //! The section of defocus.
 
 use crate::numbers::{distance, interval, metres, number, tick};
-use crate::page::{Parameter, Part, basis, blur_samples, parameter_table, swatch, unknown};
+use crate::page::{Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
 use crate::plots::{self, ESTIMATE, POINTS};
 use blindaug::CameraModel;
 use blindaug::fit::Diagnostics;
@@ -28,7 +28,7 @@ pub(crate) fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) ->
     let points = diagnostics.blur_points.len();
     Ok(html! {
         section {
-            h2 { "Depth of field: the lens" }
+            h2 { (heading(Distortion::Defocus)) }
             @match &model.defocus {
                 Estimate::Known(m) => {
                     (parameter_table(&lens_parameters(m)))
@@ -56,7 +56,7 @@ pub(crate) fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) ->
     })
 }
 
-fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
+fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
     let metric = m.depth_kind == DepthKind::Metric;
     let place = |d: f64| if metric { metres(d) } else { number(d) };
     let place_interval = |[a, b]: [f64; 2]| {
@@ -71,21 +71,21 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
     } else {
         facts.sharp.iter().map(|r| interval(r.map(f64::from), "")).collect::<Vec<_>>().join("; ")
     };
-    let range = |interval: Option<String>| Parameter {
-        name: "Blur stays below 0.5 px",
+    let range = |interval: Option<String>| Row {
+        name: "Blur stays below 0.5 px".into(),
         value: range_value.clone(),
         interval,
         meaning: "Outside this range blur starts to show.".into(),
     };
     let focus = match facts.focus {
-        Focus::At(d) => Some(Parameter {
-            name: focus_name,
+        Focus::At(d) => Some(Row {
+            name: focus_name.into(),
             value: place(d.into()),
             interval: facts.focus_interval.map(|i| place_interval(i.map(f64::from))),
             meaning: "What lies here is sharp.".into(),
         }),
-        Focus::LeastBlurred { inverse_depth, sigma_px } => Some(Parameter {
-            name: if metric { "Least blur at" } else { "Least blur at (relative inverse depth)" },
+        Focus::LeastBlurred { inverse_depth, sigma_px } => Some(Row {
+            name: if metric { "Least blur at" } else { "Least blur at (relative inverse depth)" }.into(),
             value: place(inverse_depth.into()),
             interval: None,
             meaning: format!(
@@ -95,7 +95,7 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
         }),
         Focus::Everywhere => None,
     };
-    let mut rows: Vec<Parameter> = focus.into_iter().collect();
+    let mut rows: Vec<Row> = focus.into_iter().collect();
     match m.curve {
         DefocusCurve::ThinLens { sigma_px_at_infinity: s, interval: known, .. } => {
             let ends = known.map(|i| {
@@ -103,8 +103,8 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
                 format!("near end {near}\nfar end {far}")
             });
             rows.push(range(ends));
-            rows.push(Parameter {
-                name: if metric { "Blur at infinity" } else { "Blur at relative inverse depth 0" },
+            rows.push(Row {
+                name: if metric { "Blur at infinity" } else { "Blur at relative inverse depth 0" }.into(),
                 value: format!("{} px", number(s.into())),
                 interval: known.map(|i| interval(i.sigma_px_at_infinity.map(f64::from), " px")),
                 meaning: format!(
@@ -123,18 +123,13 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Parameter> {
 }
 
 /// What only a quadratic has: its ends and its numbers.
-fn quadratic_parameters(
-    m: &DefocusModel,
-    [a, b, c]: [f32; 3],
-    range: [f32; 2],
-    metric: bool,
-) -> Vec<Parameter> {
+fn quadratic_parameters(m: &DefocusModel, [a, b, c]: [f32; 3], range: [f32; 2], metric: bool) -> Vec<Row> {
     let place = |d: f64| if metric { metres(d) } else { number(d) };
     let [low, high] = range.map(f64::from);
     let unit = if metric { " with d in 1/m" } else { " with d relative" };
     vec![
-        Parameter {
-            name: "Blur at the far and the near end",
+        Row {
+            name: "Blur at the far and the near end".into(),
             value: format!(
                 "{} px, {} px",
                 number(m.sigma_px(low as f32).into()),
@@ -147,8 +142,8 @@ fn quadratic_parameters(
                 place(high)
             ),
         },
-        Parameter {
-            name: "Curve",
+        Row {
+            name: "Curve".into(),
             value: format!("{} d² + {} d + {}", number(a.into()), number(b.into()), number(c.into())),
             interval: None,
             meaning: format!(

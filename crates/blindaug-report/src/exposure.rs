@@ -1,7 +1,7 @@
 //! The section of motion blur.
 
 use crate::numbers::{interval, number, tick};
-use crate::page::{Parameter, Part, basis, blur_samples, parameter_table, swatch, unknown};
+use crate::page::{Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
 use crate::plots::{self, ESTIMATE, POINTS};
 use blindaug::CameraModel;
 use blindaug::fit::Diagnostics;
@@ -14,7 +14,7 @@ pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics
     let per_frame = plots::exposure_per_frame(&diagnostics.exposure_per_frame, known, &diagnostics.shots)?;
     Ok(html! {
         section {
-            h2 { "Motion blur: the shutter" }
+            h2 { (heading(Distortion::MotionBlur)) }
             @match &model.motion_blur {
                 Estimate::Known(m) => {
                     (parameter_table(&shutter_parameters(m, model.capture.fps)))
@@ -42,7 +42,7 @@ pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics
     })
 }
 
-fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Parameter> {
+fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Row> {
     let of =
         |f: &dyn Fn(ExposureFraction) -> f64| (f(m.exposure), m.interval.map(|v| f(ExposureFraction(v))));
     let (share, share_interval) = of(&|e| 100.0 * f64::from(e.0));
@@ -50,15 +50,15 @@ fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Parameter> {
     let time = match fps {
         Some(fps) => {
             let (time, between) = of(&|e| 1000.0 * e.seconds(fps));
-            Parameter {
-                name: "Exposure time",
+            Row {
+                name: "Exposure time".into(),
                 value: seconds(time / 1000.0),
                 interval: Some(interval(between, " ms")),
                 meaning: format!("What the camera's display would show at {} frames per second.", tick(fps)),
             }
         }
-        None => Parameter {
-            name: "Exposure time",
+        None => Row {
+            name: "Exposure time".into(),
             value: "not known".into(),
             interval: None,
             meaning:
@@ -67,16 +67,16 @@ fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Parameter> {
         },
     };
     vec![
-        Parameter {
-            name: "Exposure",
+        Row {
+            name: "Exposure".into(),
             value: format!("{} %", number(share)),
             interval: Some(interval(share_interval, " %")),
             meaning: "The part of the time from one frame to the next in which the shutter is open. At 0 % moving things stay sharp, at \
                       100 % they are smeared over their whole way."
                 .into(),
         },
-        Parameter {
-            name: "Shutter angle",
+        Row {
+            name: "Shutter angle".into(),
             value: format!("{}°", number(angle)),
             interval: Some(interval(angle_interval, "°")),
             meaning: "The same in film makers' degrees: 360° is the whole frame interval, 180° the usual look of films.".into(),

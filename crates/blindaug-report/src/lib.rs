@@ -28,7 +28,6 @@ mod page;
 mod pictures;
 pub mod plots;
 mod samples;
-mod sharpening;
 mod track;
 pub mod words;
 

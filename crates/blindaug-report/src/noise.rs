@@ -1,7 +1,7 @@
 //! The section of noise.
 
 use crate::numbers::number;
-use crate::page::{Part, basis, rgb, steps, swatch, unknown, zoomed};
+use crate::page::{Part, basis, heading, rgb, steps, swatch, unknown, zoomed};
 use crate::pictures;
 use crate::plots::{self, CHANNELS};
 use blindaug::CameraModel;
@@ -37,7 +37,7 @@ pub(crate) fn noise_section(
     let plot = plots::noise(&diagnostics.noise_points, model.noise.known())?;
     Ok(html! {
         section {
-            h2 { "Noise: the sensor" }
+            h2 { (heading(Distortion::Noise)) }
             @match &model.noise {
                 Estimate::Known(m) => {
                     p { "The std of the noise, in steps of an 8-bit image (1/255 of full range), all bands together. Luminance Y runs from 0 (black) to 1 (white)." }

@@ -1,10 +1,10 @@
 //! What the pages are made of: the frame around them, tables, cards, and words that several sections share.
 
-use crate::numbers::{count, number, tick};
+use crate::numbers::{count, interval, number, tick};
 use crate::pictures::Shown;
 use crate::plots::PlotError;
 use blindaug::CameraModel;
-use blindaug::model::{BlurSpace, Distortion, Method, Unknown};
+use blindaug::model::{BlurSpace, Distortion, Method, Parameter, Reason, Unknown};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use plotters::style::RGBColor;
 
@@ -77,8 +77,7 @@ pub(crate) fn blur_samples(method: Method) -> &'static str {
 }
 
 pub(crate) fn unknown(distortion: Distortion, why: &Unknown) -> Markup {
-    let name = distortion.name();
-    let name = name[..1].to_uppercase() + &name[1..];
+    let name = capitalised(distortion.name());
     html! { p.unknown { strong { "Unknown: " } (why.sentence) ". " (name) " is not applied to virtual objects." } }
 }
 
@@ -104,14 +103,15 @@ pub(crate) fn reduced(shown: &Shown) -> String {
     }
 }
 
-pub(crate) struct Parameter {
-    pub name: &'static str,
+/// A row of the table of a section.
+pub(crate) struct Row {
+    pub name: String,
     pub value: String,
     pub interval: Option<String>,
     pub meaning: String,
 }
 
-pub(crate) fn parameter_table(parameters: &[Parameter]) -> Markup {
+pub(crate) fn parameter_table(parameters: &[Row]) -> Markup {
     html! {
         div.wide { table {
             thead { tr { th scope="col" { "Quantity" } th scope="col" { "Estimate" } th scope="col" { "95 % interval" } th scope="col" { "What it means" } } }
@@ -125,13 +125,56 @@ pub(crate) fn parameter_table(parameters: &[Parameter]) -> Markup {
     }
 }
 
-/// What a distortion is called in headings.
-pub(crate) fn title(distortion: Distortion) -> &'static str {
+/// What a distortion is called in the report.
+pub(crate) fn title(distortion: Distortion) -> String {
     match distortion {
-        Distortion::Defocus => "Depth of field",
-        Distortion::MotionBlur => "Motion blur",
-        Distortion::Sharpening => "Sharpening",
-        Distortion::Noise => "Noise",
+        Distortion::Defocus => "Depth of field".into(),
+        other => capitalised(other.name()),
+    }
+}
+
+/// The heading of a distortion's section: what it is, and which part of the camera makes it.
+pub(crate) fn heading(distortion: Distortion) -> String {
+    format!("{}: {}", title(distortion), distortion.part())
+}
+
+fn capitalised(text: &str) -> String {
+    text[..1].to_uppercase() + &text[1..]
+}
+
+/// The section of a distortion of which there is nothing to show but its numbers.
+pub(crate) fn section(model: &CameraModel, distortion: Distortion) -> Markup {
+    let rows: Vec<Row> = model.parameters(distortion).iter().map(row).collect();
+    html! {
+        section {
+            h2 { (heading(distortion)) }
+            @if let Some(why) = model.why_unknown(distortion) { (unknown(distortion, why)) }
+            @if let Some((method, samples)) = model.basis(distortion) {
+                (parameter_table(&rows))
+                (basis(samples, "samples", method))
+            }
+        }
+    }
+}
+
+fn row(p: &Parameter) -> Row {
+    let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
+    Row {
+        name: capitalised(p.name),
+        value: number(p.value.into()) + &unit,
+        interval: p.interval.map(|i| interval(i.map(f64::from), &unit)),
+        meaning: p.meaning.into(),
+    }
+}
+
+/// A distortion's first number in short. That none of it is seen is an answer too.
+pub(crate) fn card(model: &CameraModel, distortion: Distortion) -> Option<(String, String)> {
+    match model.why_unknown(distortion) {
+        Some(why) if why.reason == Reason::NotSeen => Some(("None seen".into(), why.sentence.clone())),
+        _ => {
+            let p = model.parameters(distortion).into_iter().next()?;
+            Some((format!("{} {} {}", capitalised(p.name), number(p.value.into()), p.unit), p.meaning.into()))
+        }
     }
 }
 

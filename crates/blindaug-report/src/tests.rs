@@ -2,7 +2,7 @@ use super::*;
 use blindaug::Raster;
 use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
-    Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, ExposureFraction, Method,
     MotionBlurModel, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
     SharpeningModel, ThinLensInterval, TrackedCamera, total_of_levels,
 };
@@ -239,7 +239,7 @@ fn a_full_report_has_every_part() {
         "from 1.14 to 1.52 m",
         "14.0 px across",
         "2\u{202f}105 image tiles",
-        "Unsharp mask of 0.700",
+        "Amount 0.700",
         "95 % interval",
         "Estimated beside true values",
         "Composite",
@@ -434,7 +434,7 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
     }
 
     let (jumped, html) = tracked(|number, camera, changed| {
-        changed.exposure = number == 9;
+        changed.set(Distortion::MotionBlur, number == 9);
         if let (5..9, Estimate::Known(m)) = (number, &mut camera.motion_blur) {
             m.interval = [0.2, 0.8];
         }

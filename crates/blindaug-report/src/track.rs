@@ -2,7 +2,7 @@
 
 use crate::noise::{channel_key, patches};
 use crate::numbers::{distance, number};
-use crate::page::{Part, capture, cards, footer, page_with};
+use crate::page::{Part, capture, cards, footer, heading, page_with};
 use crate::plots::{self, CHANNELS, Course, ESTIMATE};
 use crate::samples::sample_section;
 use crate::{TrackReportInput, pictures};
@@ -32,11 +32,11 @@ pub(crate) fn page(TrackReportInput { title, track, samples }: &TrackReportInput
                         (figure(frames, "exposure, %", Some(100.0), &[(ESTIMATE, exposure)], distortion)?)
                         p.soft { "The part of the time from one frame to the next in which the shutter is open." }
                     },
-                    Distortion::Sharpening => (figure(frames, "amount", None, &[(ESTIMATE, sharpening)], distortion)?),
                     Distortion::Noise => {
                         (figure(frames, "std, 8-bit steps", None, &noise_lines, distortion)?)
                         p.soft { "The std of the finest grain at luminance " (MIDDLE) ": " (channel_key()) }
                     },
+                    other => (first_figure(frames, other)?),
                 }
                 (in_words(frames, distortion))
                 @if distortion == Distortion::Noise { (patches(samples, track)) }
@@ -45,15 +45,6 @@ pub(crate) fn page(TrackReportInput { title, track, samples }: &TrackReportInput
         (sample_section(track, samples, pictures::share_of_budget(samples.len())))
     };
     Ok(page_with(title, &capture(last), &body, &footer(last)))
-}
-
-fn heading(distortion: Distortion) -> &'static str {
-    match distortion {
-        Distortion::Defocus => "Depth of field: the lens",
-        Distortion::MotionBlur => "Motion blur: the shutter",
-        Distortion::Sharpening => "Sharpening: the camera's processing",
-        Distortion::Noise => "Noise: the sensor",
-    }
 }
 
 fn defocus_figures(frames: &[TrackedCamera], metric: bool) -> Part {
@@ -92,10 +83,23 @@ fn lens(model: &CameraModel) -> Option<[[f64; 3]; 2]> {
     }
 }
 
-/// The amount of the camera's unsharp mask.
-fn sharpening(model: &CameraModel) -> Known {
-    let m = model.sharpening.known()?;
-    Some([m.amount, m.interval[0], m.interval[1]].map(f64::from))
+/// The first number of a distortion.
+fn first(model: &CameraModel, distortion: Distortion) -> Known {
+    let p = model.parameters(distortion).into_iter().next()?;
+    let [low, high] = p.interval.unwrap_or([p.value; 2]);
+    Some([p.value, low, high].map(f64::from))
+}
+
+/// The first number of a distortion over time, and what it means.
+fn first_figure(frames: &[TrackedCamera], distortion: Distortion) -> Part {
+    let Some(p) = frames.iter().find_map(|f| f.camera.parameters(distortion).into_iter().next()) else {
+        return Ok(html! {});
+    };
+    let name = if p.unit.is_empty() { p.name.to_owned() } else { format!("{}, {}", p.name, p.unit) };
+    Ok(html! {
+        (figure(frames, &name, None, &[(ESTIMATE, |m: &CameraModel| first(m, distortion))], distortion)?)
+        p.soft { (p.meaning) }
+    })
 }
 
 /// The luminance at which noise is told.
@@ -136,16 +140,12 @@ fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
         Distortion::MotionBlur => {
             card(&degrees, &|range| format!("{range}° shutter"), "360° is the whole frame interval")
         }
-        Distortion::Sharpening => card(
-            &|m| Some(sharpening(m)?[0]),
-            &|range| format!("Unsharp mask of {range}"),
-            "the mask's amount",
-        ),
         Distortion::Noise => card(
             &|m| Some(noise(m, 1)?[0]),
             &|range| format!("{range} of 255"),
             "std of the finest grain of green at middle brightness",
         ),
+        other => card(&|m| Some(first(m, other)?[0]), &|range| range, "as in the plot below"),
     })
 }
 

@@ -4,7 +4,7 @@ use blindaug::{
     CameraModel,
     model::{
         CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, Focus, Method,
-        NoiseModel, SharpeningModel, TrackedCamera, VISIBLE_PX,
+        NoiseModel, Parameter, TrackedCamera, VISIBLE_PX,
     },
 };
 use serde_json::{Map, Value, json};
@@ -67,8 +67,7 @@ fn changed_name(distortion: Distortion) -> &'static str {
     match distortion {
         Distortion::Defocus => "lens",
         Distortion::MotionBlur => "exposure",
-        Distortion::Sharpening => "sharpening",
-        Distortion::Noise => "noise",
+        other => other.name(),
     }
 }
 
@@ -83,10 +82,14 @@ pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
     let stopped = model.stopped.map_or(String::new(), |stopped| format!(" ({stopped})"));
     let mut text = format!("Camera     {width} x {height} px {rate}; estimated from {frames}{stopped}\n");
     // Writing to a String cannot fail.
-    let _ = noise_words(&mut text, &model.noise);
-    let _ = motion_blur_words(&mut text, model);
-    let _ = defocus_words(&mut text, &model.defocus, at_depth);
-    let _ = model.sharpening.known().map_or(Ok(()), |sharpening| sharpening_words(&mut text, sharpening));
+    for distortion in Distortion::ALL {
+        let _ = match distortion {
+            Distortion::Defocus => defocus_words(&mut text, &model.defocus, at_depth),
+            Distortion::MotionBlur => motion_blur_words(&mut text, model),
+            Distortion::Noise => noise_words(&mut text, &model.noise),
+            other => other_words(&mut text, model, other),
+        };
+    }
     text
 }
 
@@ -187,16 +190,18 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
     writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
 }
 
-fn sharpening_words(text: &mut String, sharpening: &SharpeningModel) -> std::fmt::Result {
-    let SharpeningModel { amount, radius_px, interval: i, method, samples } = *sharpening;
-    let [amount, radius] = [amount, radius_px].map(|v| short(v.into()));
-    writeln!(
-        text,
-        "Sharpening the camera sharpens its pictures: an unsharp mask of amount {amount} ({})",
-        interval(i)
-    )?;
-    writeln!(text, "           and radius {radius} px, the std of its Gaussian")?;
-    writeln!(text, "           {}", origin(method, samples, unit_of_samples(method)))
+/// The numbers of a distortion of which there is nothing more to say; nothing if it is unknown.
+fn other_words(text: &mut String, model: &CameraModel, distortion: Distortion) -> std::fmt::Result {
+    let Some((method, samples)) = model.basis(distortion) else { return Ok(()) };
+    let name = distortion.name();
+    let mut head = name[..1].to_uppercase() + &name[1..];
+    for Parameter { name, unit, value, interval: i, .. } in model.parameters(distortion) {
+        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+        let known_to = i.map_or(String::new(), |i| format!(" ({})", interval(i)));
+        writeln!(text, "{head:<10} {name} {}{unit}{known_to}", short(value.into()))?;
+        head.clear();
+    }
+    writeln!(text, "           {}", origin(method, samples, "samples"))
 }
 
 /// The parameters of a camera in a few words each, by their names: what is known, or why it is not.
@@ -215,14 +220,15 @@ pub fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
                 let known = camera.motion_blur.known();
                 rows.extend(known.map(|m| ("exposure", with_interval(m.exposure.0, m.interval))));
             }
-            Distortion::Sharpening => {
-                let known = camera.sharpening.known();
-                rows.extend(known.map(|s| ("sharpening", with_interval(s.amount, s.interval))));
-            }
             Distortion::Noise => rows.extend(camera.noise.known().map(|noise| {
                 let [r, g, b] = noise.total_std(0.5).map(|v| 255.0 * v);
                 ("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}"))
             })),
+            other => {
+                let value = |p: Parameter| with_interval(p.value, p.interval.unwrap_or([p.value; 2]));
+                let first = camera.parameters(other).into_iter().next();
+                rows.extend(first.map(|p| (other.name(), value(p))));
+            }
         }
     }
     rows
@@ -268,8 +274,13 @@ pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     if let Some(stopped) = &model.stopped {
         value["stopped"] = json!(stopped);
     }
-    if let Estimate::Known(sharpening) = &model.sharpening {
-        value["sharpening"] = json!(sharpening);
+    // The others as they are in camera.json, if they are known.
+    let file = json!(model);
+    for distortion in Distortion::ALL.into_iter().filter(|&d| model.why_unknown(d).is_none()) {
+        let key = distortion.name().replace(' ', "_");
+        if value.get(&key).is_none() {
+            value[&key] = file[&key].clone();
+        }
     }
     value
 }

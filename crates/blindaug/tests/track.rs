@@ -3,7 +3,7 @@
 mod leaves;
 
 use blindaug::fit::{Estimator, Evidence, FrameObservation, track::Tracker};
-use blindaug::model::{BlurSpace, CameraModel, Changes, DepthKind};
+use blindaug::model::{BlurSpace, CameraModel, Changes, DepthKind, Distortion};
 use blindaug::synth;
 use leaves::{CAMERA, Camera, Scene, Shot};
 
@@ -86,7 +86,8 @@ fn a_jump_of_the_shutter_is_followed_within_ten_frames() {
         let found: Vec<f32> = models.iter().map(exposure).collect();
         println!("{exposure_after}: {found:.3?}, {noticed:?}");
         assert!(found.iter().all(|&e| settled(e, exposure_after)), "{found:?}");
-        let [(at, Changes { exposure: true, .. })] = noticed[..] else { panic!("{noticed:?}") };
+        let [(at, changes)] = noticed[..] else { panic!("{noticed:?}") };
+        assert!(changes.of(Distortion::MotionBlur), "{changes:?}");
         assert!((JUMP..JUMP + 6).contains(&at), "{at}");
         // The lens and the noise have stayed.
         assert!(models.iter().all(|m| blur_error(m, &CAMERA) < 0.35 && (noise(m) / 0.01 - 1.0).abs() < 0.1));
@@ -115,7 +116,10 @@ fn a_jump_of_the_focus_is_followed_within_ten_frames() {
     let errors: Vec<f32> = models.iter().map(|m| blur_error(m, &to)).collect();
     println!("{errors:.2?}, {noticed:?}");
     assert!(errors.iter().all(|&e| e < 0.35), "{errors:?}");
-    assert!(noticed.iter().any(|(t, c)| c.defocus && (JUMP..JUMP + 6).contains(t)), "{noticed:?}");
+    assert!(
+        noticed.iter().any(|(t, c)| c.of(Distortion::Defocus) && (JUMP..JUMP + 6).contains(t)),
+        "{noticed:?}"
+    );
     // Negative control: the lens from before is not within that of the one after.
     let mut before = models[0].clone();
     before.defocus = blindaug::model::Estimate::Known(blindaug::model::DefocusModel::given_lens(
@@ -132,7 +136,10 @@ fn a_jump_of_the_gain_is_followed_within_ten_frames() {
         let found: Vec<f32> = models.iter().map(noise).collect();
         println!("{std}: {found:.4?}, {noticed:?}");
         assert!(found.iter().all(|n| (n / std - 1.0).abs() < 0.12), "{found:?}");
-        assert!(noticed.iter().any(|(t, c)| c.noise && (JUMP..JUMP + 6).contains(t)), "{noticed:?}");
+        assert!(
+            noticed.iter().any(|(t, c)| c.of(Distortion::Noise) && (JUMP..JUMP + 6).contains(t)),
+            "{noticed:?}"
+        );
         assert!(models.iter().all(|m| (exposure(m) - CAMERA.exposure).abs() < 0.08));
     }
 }

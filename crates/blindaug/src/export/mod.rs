@@ -166,7 +166,7 @@ impl Camera {
             defocus = None;
             left.push(
                 "depth of field is left at the tool's default: it is known in relative inverse depth only; say how that relates to \
-                 metres (--scene-scale S[,O])"
+                 metres, which is the scene's scale"
                     .into(),
             );
         }
@@ -213,7 +213,9 @@ impl Camera {
     fn for_this_view(&self) -> String {
         let fov = match self.fov_y_degrees {
             Some(fov) => format!("{} degrees", short(fov)),
-            None => format!("{} degrees, which is assumed (--fov)", short(USUAL_FOV_Y_DEGREES)),
+            None => {
+                format!("{} degrees, which is assumed, since nothing says it", short(USUAL_FOV_Y_DEGREES))
+            }
         };
         format!(
             "the blur is for pictures {} x {} px and a vertical field of view of {fov}",
@@ -439,7 +441,7 @@ mod tests {
     #[test]
     fn what_is_unknown_relative_or_sharp_is_left_and_named() {
         let relative = Camera::new(&model(lens(2.0, 0.5), DepthKind::Relative), &View::default()).unwrap();
-        assert!(relative.lens.is_none() && relative.left.iter().any(|s| s.contains("--scene-scale")));
+        assert!(relative.lens.is_none() && relative.left.iter().any(|s| s.contains("the scene's scale")));
         assert!(relative.left.iter().any(|s| s.contains("nothing was filmed")), "{:?}", relative.left);
         let sharp = Camera::new(&model(lens(0.01, 0.5), DepthKind::Metric), &View::default()).unwrap();
         assert!(sharp.lens.is_none() && sharp.left.iter().any(|s| s.contains("sharp")));

@@ -23,7 +23,7 @@ use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{
-    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Estimate,
+    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate,
     ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, ThinLensInterval,
     Unknown,
 };
@@ -389,8 +389,9 @@ impl Tracker {
             let part = self.frames % parts;
             evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
         }
-        self.changes.noise = self.noise.push(evidence, &self.luma_noise.levels[0]);
-        if self.changes.noise {
+        let jumped = self.noise.push(evidence, &self.luma_noise.levels[0]);
+        self.changes.set(Distortion::Noise, jumped);
+        if jumped {
             // What was read of the blur since then was read with the wrong noise.
             self.exposure.forget_recent();
             self.lens.forget_recent();
@@ -412,10 +413,11 @@ impl Tracker {
             self.known.noise = Some(fresh.clone());
             let fresh = sharpening::of_noise(&fit);
             let before = self.known.sharpening.as_ref().and_then(Estimate::known);
-            self.changes.sharpening = before.zip(fresh.known()).is_some_and(|(a, b)| {
+            let jumped = before.zip(fresh.known()).is_some_and(|(a, b)| {
                 // Intervals that have nothing in common.
                 a.interval[1] < b.interval[0] || b.interval[1] < a.interval[0]
             });
+            self.changes.set(Distortion::Sharpening, jumped);
             self.known.sharpening = Some(fresh);
         }
         Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
@@ -473,7 +475,7 @@ impl Tracker {
             memory.add(evidence);
             if exposure_changed(memory) {
                 memory.forget_old();
-                self.changes.exposure = true;
+                self.changes.set(Distortion::MotionBlur, true);
                 // What was read of the lens since then was read with the wrong exposure.
                 self.lens.forget_recent();
             }
@@ -525,7 +527,7 @@ impl Tracker {
             memory.add(evidence);
             if lens_changed(memory) {
                 memory.forget_old();
-                self.changes.defocus = true;
+                self.changes.set(Distortion::Defocus, true);
             }
             match agreement::lens_of(&observations_of(&memory.sum()), BOOTSTRAPS)? {
                 Estimate::Known(fit) => {

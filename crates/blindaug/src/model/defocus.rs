@@ -1,5 +1,5 @@
 use super::distortion::DistortionModel;
-use super::{DepthKind, Method, check, lerp, lerp_all};
+use super::{DepthKind, Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -186,6 +186,40 @@ impl DistortionModel for DefocusModel {
                 )
             }
         }
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        let metric = self.depth_kind == DepthKind::Metric;
+        let number =
+            |name, unit, value, interval, meaning| Parameter { name, unit, value, interval, meaning };
+        match self.curve {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: i } => vec![
+                number(
+                    "blur at infinity",
+                    "px",
+                    s,
+                    i.map(|i| i.sigma_px_at_infinity),
+                    "The std of the Gaussian that is equivalent to the blur at inverse depth 0.",
+                ),
+                number(
+                    "focus",
+                    if metric { "1/m" } else { "" },
+                    f,
+                    i.map(|i| i.focus_inverse_depth),
+                    "The inverse depth that is in focus; larger is nearer.",
+                ),
+            ],
+            DefocusCurve::Quadratic { a, b, c, .. } => {
+                let meaning = "The std of the blur is the quadratic a d² + b d + c of the inverse depth d.";
+                let units = if metric { ["px m²", "px m", "px"] } else { ["px"; 3] };
+                let coefficients = ["a", "b", "c"].into_iter().zip(units).zip([a, b, c]);
+                coefficients.map(|((name, unit), v)| number(name, unit, v, None, meaning)).collect()
+            }
+        }
+    }
+
+    fn basis(&self) -> (Method, u64) {
+        (self.method, self.samples)
     }
 }
 

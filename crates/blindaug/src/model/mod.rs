@@ -1,5 +1,6 @@
 //! The camera model: a small file that says how this camera distorts what it films.
 
+mod capture;
 mod defocus;
 mod distortion;
 mod estimate;
@@ -10,8 +11,9 @@ mod sharpening;
 mod track;
 mod units;
 
+pub use capture::{BlurSpace, Capture, Method, Stopped};
 pub use defocus::{DefocusCurve, DefocusModel, ThinLensInterval};
-pub use distortion::Distortion;
+pub use distortion::Parameter;
 pub use estimate::{Estimate, Reason, Unknown};
 pub use facts::{DefocusFacts, Focus, VISIBLE_PX, thin_lens_sharp};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
@@ -23,64 +25,44 @@ pub use track::{CameraTrack, Changes, TrackedCamera};
 pub use units::{DepthKind, SceneScale};
 
 use crate::{Error, Result, Transfer, text};
+use distortion::{DistortionModel, between, known};
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// How a part of the model was estimated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// Noise from motion-compensated differences of frames.
-    Temporal,
-    /// Noise from the flattest parts of single frames.
-    Spatial,
-    /// The Whittle likelihood of local spectra.
-    Spectral,
-    /// Comparison with clean frames, given or restored.
-    Removal,
-    /// Known beforehand, not estimated.
-    Given,
+/// A distortion that is estimated and applied. The order of [`Distortion::ALL`] is that in which a camera makes them, and in which
+/// everything here applies and reports them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Distortion {
+    /// The lens blurs what is out of focus.
+    Defocus,
+    /// What moves while the shutter is open is smeared.
+    MotionBlur,
+    /// The camera adds contrast at edges.
+    Sharpening,
+    /// The sensor's noise, as it is after the camera's sharpening.
+    Noise,
 }
 
-/// The values that blur acts on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BlurSpace {
-    /// Light, as in a real lens and shutter.
-    #[default]
-    Linear,
-    /// Encoded values, as in the paper and in many engines.
-    Encoded,
-}
+impl Distortion {
+    /// All, in the order in which a camera makes them.
+    pub const ALL: [Self; 4] = [Self::Defocus, Self::MotionBlur, Self::Sharpening, Self::Noise];
 
-/// What was filmed, for which the numbers in px and in fractions of a frame hold.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Capture {
-    /// Width in px.
-    pub width: usize,
-    /// Height in px.
-    pub height: usize,
-    /// Frames per second; `None` where it is not known (an image sequence).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fps: Option<f64>,
-    /// How many frames gave evidence.
-    pub frames_used: usize,
-}
+    /// Its name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Defocus => "defocus",
+            Self::MotionBlur => "motion blur",
+            Self::Sharpening => "sharpening",
+            Self::Noise => "noise",
+        }
+    }
 
-/// How far an estimation came that was stopped before the end of its clip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Stopped {
-    /// How many frames it had looked at.
-    pub after: usize,
-    /// How many frames the clip has; `None` where it does not say.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub of: Option<usize>,
-}
-
-impl std::fmt::Display for Stopped {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.of {
-            Some(of) => write!(f, "stopped after {} of {of} frames", self.after),
-            None => write!(f, "stopped after {} frames", self.after),
+    /// The part of the camera that makes it, as headings name it.
+    pub fn part(self) -> &'static str {
+        match self {
+            Self::Defocus => "the lens",
+            Self::MotionBlur => "the shutter",
+            Self::Sharpening => "the camera's processing",
+            Self::Noise => "the sensor",
         }
     }
 }
@@ -156,6 +138,53 @@ impl CameraModel {
         }
     }
 
+    /// The model of a distortion, or why there is none.
+    fn known(&self, distortion: Distortion) -> std::result::Result<&dyn DistortionModel, &Unknown> {
+        match distortion {
+            Distortion::Defocus => known(&self.defocus),
+            Distortion::MotionBlur => known(&self.motion_blur),
+            Distortion::Sharpening => known(&self.sharpening),
+            Distortion::Noise => known(&self.noise),
+        }
+    }
+
+    /// The distortions for frames `s` times as wide.
+    fn scaled(self, s: f32) -> Self {
+        Self {
+            defocus: self.defocus.map(|m| m.scaled(s)),
+            motion_blur: self.motion_blur.map(|m| m.scaled(s)),
+            sharpening: self.sharpening.map(|m| m.scaled(s)),
+            noise: self.noise.map(|m| m.scaled(s)),
+            ..self
+        }
+    }
+
+    /// The model at t = 0, `other` at t = 1. What is unknown in one is the other's.
+    fn between(&self, other: &Self, t: f32) -> Self {
+        Self {
+            defocus: between(&self.defocus, &other.defocus, t),
+            motion_blur: between(&self.motion_blur, &other.motion_blur, t),
+            sharpening: between(&self.sharpening, &other.sharpening, t),
+            noise: between(&self.noise, &other.noise, t),
+            ..if t < 0.5 { self.clone() } else { other.clone() }
+        }
+    }
+
+    /// Why a distortion is unknown, if it is.
+    pub fn why_unknown(&self, distortion: Distortion) -> Option<&Unknown> {
+        self.known(distortion).err()
+    }
+
+    /// The numbers of a distortion, the most telling one first; none if it is unknown.
+    pub fn parameters(&self, distortion: Distortion) -> Vec<Parameter> {
+        self.known(distortion).map_or(vec![], DistortionModel::parameters)
+    }
+
+    /// How a distortion was estimated, and on how many samples that rests; `None` if it is unknown.
+    pub fn basis(&self, distortion: Distortion) -> Option<(Method, u64)> {
+        self.known(distortion).ok().map(DistortionModel::basis)
+    }
+
     /// Reads camera.json.
     ///
     /// # Errors
@@ -195,7 +224,7 @@ impl CameraModel {
         let Capture { width, height, fps, .. } = self.capture;
         check(width > 0 && height > 0, "capture.width and capture.height must be at least 1 px")?;
         check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
-        self.validate_distortions()
+        Distortion::ALL.into_iter().filter_map(|d| self.known(d).ok()).try_for_each(|model| model.validate())
     }
 
     /// Whether the model is for frames as wide as these.

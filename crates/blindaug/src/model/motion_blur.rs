@@ -1,5 +1,5 @@
 use super::distortion::DistortionModel;
-use super::{Method, check, lerp, lerp_all};
+use super::{Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -57,5 +57,19 @@ impl DistortionModel for MotionBlurModel {
         check((0.0..=1.0).contains(&self.exposure.0), "motion_blur.exposure must lie in [0, 1]")?;
         let [lo, hi] = self.interval;
         check(0.0 <= lo && lo <= hi && hi.is_finite(), "motion_blur.interval must be two rising numbers >= 0")
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        vec![Parameter {
+            name: "exposure",
+            unit: "",
+            value: self.exposure.0,
+            interval: Some(self.interval),
+            meaning: "The part of the time from one frame to the next in which the shutter is open.",
+        }]
+    }
+
+    fn basis(&self) -> (Method, u64) {
+        (self.method, self.samples)
     }
 }

@@ -1,5 +1,5 @@
 use super::distortion::DistortionModel;
-use super::{Method, check, lerp, lerp_all};
+use super::{Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -155,6 +155,21 @@ impl DistortionModel for NoiseModel {
         match self {
             Self::Lines(lines) => lines.validate(),
         }
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        let channel = |(name, std)| Parameter {
+            name,
+            unit: "1/255",
+            value: 255.0 * std,
+            interval: None,
+            meaning: "The std of the grain of all sizes in encoded values, over an even grey of luminance 0.5.",
+        };
+        ["std in R", "std in G", "std in B"].into_iter().zip(self.total_std(0.5)).map(channel).collect()
+    }
+
+    fn basis(&self) -> (Method, u64) {
+        (self.method(), self.samples())
     }
 }
 

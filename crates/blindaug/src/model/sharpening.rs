@@ -1,5 +1,5 @@
 use super::distortion::DistortionModel;
-use super::{Method, check, lerp, lerp_all};
+use super::{Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -51,5 +51,30 @@ impl DistortionModel for SharpeningModel {
         check((0.0..=20.0).contains(&amount), "sharpening.amount must lie in [0, 20]")?;
         check((0.1..=20.0).contains(&radius_px), "sharpening.radius_px must lie in [0.1, 20]")?;
         check(0.0 <= lo && lo <= hi && hi.is_finite(), "sharpening.interval must be two rising numbers >= 0")
+    }
+
+    fn parameters(&self) -> Vec<Parameter> {
+        let amount =
+            "An unsharp mask adds this share of the difference between the picture and its blurred copy.";
+        vec![
+            Parameter {
+                name: "amount",
+                unit: "",
+                value: self.amount,
+                interval: Some(self.interval),
+                meaning: amount,
+            },
+            Parameter {
+                name: "radius",
+                unit: "px",
+                value: self.radius_px,
+                interval: None,
+                meaning: "The std of the Gaussian that blurs the copy.",
+            },
+        ]
+    }
+
+    fn basis(&self) -> (Method, u64) {
+        (self.method, self.samples)
     }
 }

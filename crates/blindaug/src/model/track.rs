@@ -1,24 +1,12 @@
 use super::{CameraModel, Distortion, Unknown};
 use crate::{Error, Result, text};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
-/// Which parameters of a camera jumped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Changes {
-    /// Gain, or light.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub noise: bool,
-    /// The shutter.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub exposure: bool,
-    /// Focus, aperture or focal length.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub defocus: bool,
-    /// The camera's sharpening.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub sharpening: bool,
-}
+/// Which distortions of a camera jumped from one frame to the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Changes([bool; Distortion::ALL.len()]);
 
 impl Changes {
     /// Whether there is none.
@@ -28,12 +16,35 @@ impl Changes {
 
     /// Whether the parameters of a distortion jumped.
     pub fn of(&self, distortion: Distortion) -> bool {
+        self.0[distortion as usize]
+    }
+
+    /// Says whether the parameters of a distortion jumped.
+    pub fn set(&mut self, distortion: Distortion, jumped: bool) {
+        self.0[distortion as usize] = jumped;
+    }
+
+    /// The names of the files' fields: those of the numbers that jumped.
+    fn key(distortion: Distortion) -> &'static str {
         match distortion {
-            Distortion::Defocus => self.defocus,
-            Distortion::MotionBlur => self.exposure,
-            Distortion::Sharpening => self.sharpening,
-            Distortion::Noise => self.noise,
+            Distortion::MotionBlur => "exposure",
+            other => other.name(),
         }
+    }
+}
+
+/// `{"exposure": true}`: what jumped, by name.
+impl Serialize for Changes {
+    fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
+        let jumped = Distortion::ALL.into_iter().filter(|&d| self.of(d));
+        s.collect_map(jumped.map(|d| (Self::key(d), true)))
+    }
+}
+
+impl<'de> Deserialize<'de> for Changes {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> std::result::Result<Self, D::Error> {
+        let fields = BTreeMap::<String, bool>::deserialize(d)?;
+        Ok(Self(Distortion::ALL.map(|d| fields.get(Self::key(d)) == Some(&true))))
     }
 }
 
@@ -181,7 +192,9 @@ mod tests {
         camera.defocus = Estimate::Known(DefocusModel::given_lens(2.0 * focus, focus));
         let level = NoiseLevel { slope: [0.0; 3], intercept: [focus; 3] };
         camera.noise = Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 1.0));
-        TrackedCamera { frame, changed: Changes { exposure: frame == 20, ..Changes::default() }, camera }
+        let mut changed = Changes::default();
+        changed.set(Distortion::MotionBlur, frame == 20);
+        TrackedCamera { frame, changed, camera }
     }
 
     fn track() -> CameraTrack {
