@@ -200,7 +200,7 @@ impl Progress {
         Self { what, unit, done: 0, total, last_said: Instant::now() }
     }
 
-    /// One more frame is done.
+    /// Counts one more frame as done.
     pub fn step(&mut self) {
         self.done += 1;
         let bar = BAR.with_borrow(|bar| bar.as_ref().map(|b| b.inc(1)).is_some());

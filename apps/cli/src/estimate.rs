@@ -346,7 +346,7 @@ pub fn opened<T>(folder: SideFolder<T>) -> SideFolder<T> {
     folder
 }
 
-/// As [`opened`], for footage.
+/// The same as [`opened`], for footage.
 pub fn boxed<T: 'static>(folder: SideFolder<T>) -> BoxedSide<T>
 where
     SideFolder<T>: Side<T>,

@@ -65,7 +65,7 @@ pub struct Validate {
 const SIZE: (usize, usize) = (512, 384);
 const QUICK_SIZE: (usize, usize) = (320, 240);
 
-/// Which of the paper's experiments.
+/// The paper's experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Experiment {
@@ -84,7 +84,7 @@ enum Experiment {
 /// What is measured in one go.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
-    /// Also the name of its file.
+    /// The case's name, which is also that of its file.
     name: String,
     experiment: Experiment,
     camera: Option<Camera>,
@@ -95,7 +95,7 @@ struct Case {
     frames: u64,
     size: (usize, usize),
     setting: Option<Setting>,
-    /// As named on the command line.
+    /// The networks, as they were named on the command line.
     networks: Vec<String>,
 }
 
@@ -271,7 +271,7 @@ struct SharpScene(Option<(u64, Filming)>);
 struct Filming {
     scene: Scene,
     footage: Footage,
-    /// At the frames' own times.
+    /// The motion of each frame at its own time.
     motion: Vec<Flow>,
 }
 

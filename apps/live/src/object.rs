@@ -27,17 +27,17 @@ const MAX_BYTES: u64 = 1 << 31;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Vertex {
-    /// In the joints' coordinates before they move.
+    /// The place, in the joints' coordinates before they move.
     pub position: [f32; 3],
     /// The normal, of length 1; 0 where it is unknown.
     pub normal: [f32; 3],
-    /// In the base colour's texture, in [0, 1], (0, 0) top left.
+    /// The place in the base colour's texture, in [0, 1], (0, 0) top left.
     pub uv: [f32; 2],
     /// Multiplies the base colour; linear.
     pub color: [f32; 4],
     /// Which joints move it, from the part's first on.
     pub joints: [u32; 4],
-    /// By how much; they sum to 1.
+    /// How much each of the joints moves it; the weights sum to 1.
     pub weights: [f32; 4],
 }
 
@@ -46,9 +46,9 @@ pub struct Vertex {
 pub struct Material {
     /// Linear, with alpha.
     pub base_color: [f32; 4],
-    /// In [0, 1].
+    /// How metallic the surface is, in [0, 1].
     pub metallic: f32,
-    /// In [0, 1].
+    /// How rough the surface is, in [0, 1].
     pub roughness: f32,
     /// Where alpha is less, there is no surface.
     pub alpha_cutoff: f32,
@@ -364,9 +364,9 @@ struct Reader<'a> {
     document: &'a Document,
     buffers: Vec<Vec<u8>>,
     object: Object,
-    /// From a node's index in the file to that in the object.
+    /// The index in the object of each of the file's nodes.
     nodes: Vec<Option<usize>>,
-    /// From an image's index in the file to that in the object.
+    /// The index in the object of each of the file's images.
     images: Vec<Option<usize>>,
     /// The length of the file and of what it refers to, bytes.
     given: u64,
@@ -745,7 +745,7 @@ impl<'a> Reader<'a> {
                 ReadOutputs::Translations(v) => (Property::Translation, v.map(vector).collect()),
                 ReadOutputs::Rotations(v) => (Property::Rotation, v.into_f32().map(Vec4::from).collect()),
                 ReadOutputs::Scales(v) => (Property::Scale, v.map(vector).collect()),
-                // Said of the mesh.
+                // The mesh has the same problem.
                 ReadOutputs::MorphTargetWeights(_) => continue,
             };
             let interpolation = channel.sampler().interpolation();

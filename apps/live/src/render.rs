@@ -26,9 +26,9 @@ const NEAR: f32 = 0.01;
 /// Light on the object, as radiance that a white surface reflects; linear.
 #[derive(Clone, Copy, Debug)]
 pub struct Light {
-    /// From all sides.
+    /// The light that comes from all sides.
     pub ambient: Vec3,
-    /// From one.
+    /// The light that comes from one direction.
     pub direct: Vec3,
 }
 
@@ -294,7 +294,7 @@ impl Renderer {
         pose * Mat4::from_scale(Vec3::new(size, -size, -size)) * self.unit
     }
 
-    /// From camera to clip coordinates; depth is that of the near plane over that of the point.
+    /// The matrix from camera to clip coordinates; a point's depth is that of the near plane over its own.
     fn projection(&self) -> Mat4 {
         let (w, h) = self.camera.size;
         let f = 2.0 * self.camera.focal_length as f32;

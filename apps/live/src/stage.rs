@@ -40,9 +40,9 @@ pub struct Look {
 /// How long the parts of a picture took.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Times {
-    /// To draw the object.
+    /// The time to draw the object.
     pub render: Duration,
-    /// To composite it.
+    /// The time to composite it.
     pub composite: Duration,
 }
 
@@ -191,7 +191,7 @@ impl Stage {
         &self.picture_view
     }
 
-    /// As [`Stage::picture`], from the device.
+    /// The same as [`Stage::picture`], from the device.
     ///
     /// # Errors
     /// If the device was lost.

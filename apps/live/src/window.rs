@@ -208,7 +208,7 @@ struct Recording {
 }
 
 impl Recording {
-    /// To the first free name in the working directory.
+    /// Begins to write under the first free name in the working directory.
     fn start(scene: &Scene) -> Result<Self> {
         let name = |i: u32| PathBuf::from(format!("blindaug-live-{i}.mp4"));
         let path = (1..).map(name).find(|p| !p.exists()).unwrap_or_else(|| name(0));

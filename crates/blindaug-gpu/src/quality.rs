@@ -7,12 +7,12 @@ use blindaug::synth::defocus::{self, Bokeh};
 /// How closely the reference is followed; what it costs is in docs/gpu.md.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Quality {
-    /// For pictures that are kept, and fast GPUs.
+    /// The quality for pictures that are kept, and for fast GPUs.
     #[default]
     High,
-    /// For headsets and desktops.
+    /// The quality for headsets and desktops.
     Medium,
-    /// For phones.
+    /// The quality for phones.
     Low,
 }
 

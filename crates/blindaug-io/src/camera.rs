@@ -28,7 +28,7 @@ pub fn read_camera(path: impl AsRef<Path>) -> Result<CameraModel> {
 /// Reads a camera model that holds for all frames, or per-frame models (JSON lines).
 ///
 /// # Errors
-/// As [`read_camera`], with the number of the line.
+/// The same as [`read_camera`], with the number of the line.
 pub fn read_camera_track(path: impl AsRef<Path>) -> Result<CameraTrack> {
     let path = path.as_ref();
     CameraTrack::from_json(&read_text(path, MAX_TRACK_BYTES)?).map_err(|e| Error::new(path, e.to_string()))

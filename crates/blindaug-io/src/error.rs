@@ -81,7 +81,7 @@ impl std::error::Error for Error {}
 /// What a decoder returns; a panic of it becomes an error of the file, without a message of its own.
 ///
 /// # Errors
-/// That of the decoder, or that the file is damaged, if it panics.
+/// The decoder's error; if the decoder panics, that the file is damaged.
 pub fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T>) -> Result<T> {
     thread_local!(static GUARDED: Cell<bool> = const { Cell::new(false) });
     static HOOK: Once = Once::new();

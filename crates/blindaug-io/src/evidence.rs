@@ -15,11 +15,11 @@ use std::path::{Path, PathBuf};
 pub struct PaperScene {
     /// The recorded frames.
     pub original: PathBuf,
-    /// Without noise.
+    /// Frames without noise.
     pub denoised: Option<SideFolder<Encoded>>,
-    /// Without noise and motion blur.
+    /// Frames without noise and motion blur.
     pub de_motion_blurred: Option<SideFolder<Encoded>>,
-    /// Without noise, motion blur and defocus.
+    /// Frames without noise, motion blur and defocus.
     pub de_focus_blurred: Option<SideFolder<Encoded>>,
     /// Relative inverse depth.
     pub depth: Option<SideFolder<Plane>>,

@@ -291,7 +291,7 @@ impl ExrFile<'_> {
         Error::new(self.path, format!("the file has no {what} ({there})"))
     }
 
-    /// These channels on the display window, 0 where there is no data.
+    /// Reads these channels on the display window, 0 where there is no data.
     fn read(self, picks: &[usize]) -> Result<Vec<Plane>> {
         let Self { path, reader, channels, size } = self;
         let picks: Vec<&Channel> = picks.iter().map(|&i| &channels[i]).collect();

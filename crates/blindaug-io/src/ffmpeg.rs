@@ -58,7 +58,7 @@ pub(crate) struct Ffmpeg {
     /// What to ask for: what the video has, if possible, so that ffmpeg converts nothing.
     pixels: Pixels,
     format: YuvFormat,
-    /// To get each frame once, whatever its time; older programs know another name for it.
+    /// The option that gives each frame once, whatever its time; older programs know another name for it.
     each_frame_once: [&'static str; 2],
 }
 
@@ -317,7 +317,7 @@ impl FfmpegFrames {
         if whole { Ok(None) } else { Err(Error::new(&self.path, "ffmpeg ended in the middle of a frame")) }
     }
 
-    /// After the last frame: was it the last one of the video?
+    /// Checks after the last frame whether it was the last one of the video.
     fn end(&mut self) -> Result<()> {
         let (success, words) = self.program.wait();
         if self.is_camera {
@@ -501,7 +501,7 @@ impl VideoWriter {
     /// The same at another quality: x264's constant rate factor, 0 (nothing is lost) to 51 (the worst), 12 if not given.
     ///
     /// # Errors
-    /// As [`VideoWriter::create`].
+    /// The same as [`VideoWriter::create`].
     pub fn create_coarse(path: impl AsRef<Path>, size: (usize, usize), fps: f64, crf: u8) -> Result<Self> {
         Self::create_with(find(), path.as_ref(), size, fps, crf)
     }

@@ -35,7 +35,7 @@ pub(crate) fn check_regular(path: &Path, metadata: &Metadata) -> Result<()> {
 /// All bytes of a file of at most `most` bytes.
 ///
 /// # Errors
-/// As of [`open_file`], or if the file has more bytes.
+/// The same as [`open_file`], or if the file has more bytes.
 pub fn read_file(path: &Path, most: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     // One more, by which a longer file is told.
@@ -53,7 +53,7 @@ pub fn read_file(path: &Path, most: u64) -> Result<Vec<u8>> {
 /// The text of a file of at most `most` bytes.
 ///
 /// # Errors
-/// As of [`read_file`], or if the file is no text.
+/// The same as [`read_file`], or if the file is no text.
 pub fn read_text(path: &Path, most: u64) -> Result<String> {
     String::from_utf8(read_file(path, most)?).map_err(|_| Error::new(path, "the file is no text (UTF-8)"))
 }

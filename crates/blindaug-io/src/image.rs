@@ -48,7 +48,7 @@ pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
     Ok((width as usize, height as usize))
 }
 
-/// For a sentence on the budget.
+/// The size as a sentence on the budget tells it.
 pub(crate) fn pixels_in_words(width: u64, height: u64) -> String {
     format!("an image of {width} x {height} pixels")
 }
@@ -84,7 +84,7 @@ pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
 /// sRGB curve.
 ///
 /// # Errors
-/// As [`read_frame`].
+/// The same as [`read_frame`].
 pub fn read_linear(path: impl AsRef<Path>) -> Result<Linear> {
     let path = path.as_ref();
     if is_exr(path)? { exr::read_colour(path) } else { Ok(read_frame(path)?.to_linear(Transfer::Srgb)) }
@@ -425,7 +425,7 @@ fn bytes_of<const N: usize>(image: &Raster<[f32; N]>) -> Vec<u8> {
     image.data().as_flattened().iter().map(|&v| byte_from_encoded(v)).collect()
 }
 
-/// In the byte order of this machine, as encoders take them.
+/// The values as 16 bits in the byte order of this machine, which encoders take.
 fn bytes16_of(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
 }

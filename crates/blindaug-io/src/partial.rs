@@ -226,7 +226,7 @@ pub(crate) fn cannot_write(path: &Path, e: &std::io::Error) -> Error {
 /// anything fails, nothing is left behind. A link is followed; a pipe or a device is written into.
 ///
 /// # Errors
-/// That of `write`, or if the folder is missing or cannot be written to.
+/// The error of `write`, or that the folder is missing or cannot be written to.
 pub fn write_atomically(
     path: impl AsRef<Path>,
     write: impl FnOnce(&Path) -> std::io::Result<()>,

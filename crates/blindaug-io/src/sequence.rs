@@ -73,7 +73,7 @@ pub struct FrameSource {
 
 #[derive(Debug)]
 enum Kind {
-    /// In order of the number.
+    /// The numbers and paths of the images, in the order of the numbers.
     Images(Vec<(u64, PathBuf)>),
     Video(Box<Video>),
 }
@@ -313,7 +313,7 @@ pub(crate) fn numbered_files(
     by_number(folder, files_with_extension(folder, extensions)?, notes)
 }
 
-/// As [`numbered_files`], of these files.
+/// The same as [`numbered_files`], of these files.
 fn by_number(folder: &Path, files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<BTreeMap<u64, PathBuf>> {
     if let [only] = &files[..] {
         return Ok([(number_of(only).unwrap_or(1), only.clone())].into());
@@ -360,7 +360,7 @@ fn by_number(folder: &Path, files: Vec<PathBuf>, notes: &mut Vec<String>) -> Res
 /// The images with colour of a folder, in the order of their numbers.
 ///
 /// # Errors
-/// As [`numbered_files`], or if there are none.
+/// The same as [`numbered_files`], or if there are none.
 pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<(u64, PathBuf)>> {
     let files = without_grey_kinds(files_with_extension(folder, &IMAGE_EXTENSIONS)?, notes)?;
     let mut frames = by_number(folder, files, notes)?;

@@ -26,7 +26,7 @@ type Reader<T> = Box<dyn Fn(&Path) -> Result<T> + Send + Sync>;
 
 /// What a side folder is to hold.
 struct SideKind<T> {
-    /// In words.
+    /// What the files show, in words.
     what: &'static str,
     /// The files in which it may come.
     accepted: &'static str,

@@ -18,7 +18,7 @@ pub trait Operator<T>: Send + Sync {
     /// Makes it of these.
     ///
     /// # Errors
-    /// In one sentence that names the network's file.
+    /// One sentence that names the network's file.
     fn run(&self, frames: &[&Encoded]) -> Result<T>;
 }
 
@@ -116,15 +116,15 @@ impl Slots {
 /// What the networks made of a frame. `None`: its slot is empty, or it failed.
 #[derive(Default)]
 pub struct Removed {
-    /// Without noise.
+    /// The frame without noise.
     pub denoised: Option<Arc<Encoded>>,
-    /// Without noise and motion blur.
+    /// The frame without noise and motion blur.
     pub motion_deblurred: Option<Arc<Encoded>>,
-    /// Without defocus, and without what the slots before removed.
+    /// The frame without defocus, and without what the slots before removed.
     pub defocus_deblurred: Option<Arc<Encoded>>,
-    /// To the next frame.
+    /// The motion to the next frame, px.
     pub flow: Option<Flow>,
-    /// And what it is in.
+    /// Inverse depth, and what it is in.
     pub inverse_depth: Option<(Plane, DepthKind)>,
     /// Networks that failed, and why: their slots are empty from now on.
     pub failed: Vec<(Slot, Error)>,

@@ -20,7 +20,7 @@ const MOST_DOWNLOADED: u64 = 1 << 32;
 /// What [`install`] would get from elsewhere and run, in words: for whoever decides on it.
 ///
 /// # Errors
-/// As of [`Store::find`], or if the manifest asks for what is not allowed.
+/// The same as [`Store::find`], or if the manifest asks for what is not allowed.
 pub fn plan(store: &Store, name: &str) -> Result<Option<String>> {
     let manifest = store.find(name)?;
     let Some(install) = &manifest.install else { return Ok(None) };

@@ -54,7 +54,7 @@ pub struct Manifest {
     pub name: String,
     /// What it does.
     pub operator: Slot,
-    /// In words.
+    /// Its name, in words.
     pub title: String,
     /// The licence of code and weights: an SPDX identifier, or words.
     pub licence: String,

@@ -129,7 +129,7 @@ impl Network {
     /// Flow from the first of two frames to the second, px.
     ///
     /// # Errors
-    /// As of [`Network::image`].
+    /// The same as [`Network::image`].
     pub fn flow(&self, frames: &[&Encoded]) -> Result<Flow> {
         let values = self.values(frames)?;
         self.check_channels(&values, 2)?;
@@ -144,7 +144,7 @@ impl Network {
     /// for all frames of a clip.
     ///
     /// # Errors
-    /// As of [`Network::image`].
+    /// The same as [`Network::image`].
     pub fn inverse_depth(&self, frames: &[&Encoded]) -> Result<(Plane, DepthKind)> {
         let mut values = self.values(frames)?;
         self.check_channels(&values, 1)?;
@@ -403,7 +403,7 @@ fn resampled<P: Pixel>(image: &Raster<P>, w: usize, h: usize) -> Raster<P> {
     })
 }
 
-/// In hexadecimal.
+/// The SHA-256 sum, in hexadecimal.
 pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -28,7 +28,7 @@ enum Runtime {
 impl Session {
     /// A network of these bytes, an ONNX file's; `path` is for messages.
     ///
-    /// With ONNX Runtime where the environment variable `ORT_DYLIB_PATH` names its library, else with rten.
+    /// Opens a model with ONNX Runtime where the environment variable `ORT_DYLIB_PATH` names its library, else with rten.
     ///
     /// # Errors
     /// If they are cut short, damaged, or use an operator that the runtime lacks.
@@ -126,7 +126,7 @@ impl Session {
 /// The stack in which rten plans a network, bytes: it goes through a chain of operators by recursion.
 const STACK: usize = 1 << 28;
 
-/// As [`guarded`], with a large stack.
+/// Runs as [`guarded`] does, with a large stack.
 fn deep<T: Send>(path: &Path, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().stack_size(STACK);

@@ -37,11 +37,11 @@ const KNOWN: [&str; 19] = [
 /// Where a network's weights are.
 #[derive(Clone, Debug, PartialEq)]
 pub enum State {
-    /// In this crate.
+    /// The manifest is part of this crate.
     BuiltIn,
-    /// In the model folder: the manifest.
+    /// The manifest is this file of the model folder.
     Installed(PathBuf),
-    /// Nowhere yet.
+    /// There is no manifest yet.
     Missing,
 }
 
@@ -126,7 +126,7 @@ impl Store {
     /// Fails if the file of a network is nowhere.
     ///
     /// # Errors
-    /// As of [`Store::find`], or if it is not installed.
+    /// The same as [`Store::find`], or if it is not installed.
     pub fn check_installed(&self, name: &str) -> Result<()> {
         let Manifest { file, .. } = self.find(name)?;
         let own = self.own(name);
@@ -138,7 +138,7 @@ impl Store {
     /// The text of a network's manifest.
     ///
     /// # Errors
-    /// As of [`Store::find`].
+    /// The same as [`Store::find`].
     pub fn manifest_text(&self, name: &str) -> Result<String> {
         match self.own(name) {
             Some(own) => read_text(&own, MOST_BYTES),
@@ -174,7 +174,7 @@ impl Store {
     /// The built-in networks.
     ///
     /// # Errors
-    /// None that an intact program gives cause for.
+    /// There is none that an intact program gives cause for.
     pub fn built_in() -> Result<Vec<Network>> {
         BUILT_IN.iter().map(opened).collect()
     }

@@ -189,7 +189,7 @@ struct Applied {
 struct Around {
     inverse_depth: Option<Plane>,
     flow: Option<Flow>,
-    /// With and without the object.
+    /// The renders of the scene with the object and without it.
     renders: Option<[Linear; 2]>,
 }
 

@@ -25,7 +25,7 @@ pub struct Fitted {
     pub last: u64,
 }
 
-/// At most this many frames are kept for a report.
+/// The most frames that are kept for a report.
 const SAMPLES: usize = 3;
 
 pub(crate) fn of_frame(clip: &dyn Clip, number: u64, error: blindaug::Error) -> Error {

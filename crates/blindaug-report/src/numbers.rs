@@ -18,7 +18,7 @@ pub fn number(v: f64) -> String {
     format!("{:.*}", decimals(order(rounded)), rounded).replace('-', "−")
 }
 
-/// As [`number`], without zeros at the end: for axes.
+/// The same as [`number`], without zeros at the end: for axes.
 pub fn tick(v: f64) -> String {
     let text = number(v);
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }

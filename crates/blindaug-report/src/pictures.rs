@@ -20,7 +20,7 @@ pub struct Shown {
     pub reduced: f32,
 }
 
-/// At most this wide, px.
+/// The largest width, px.
 const WIDEST: usize = 640;
 
 /// All full pictures of a page together, px: noise hardly compresses, so 1 px takes about 3 bytes as base64.
@@ -202,9 +202,9 @@ pub struct NoisePatch {
     pub y: f32,
     /// Mean encoded colour.
     pub colour: [f32; 3],
-    /// From the frame.
+    /// A patch of the frame.
     pub real: Shown,
-    /// From the model.
+    /// An even patch of the same colour with the model's noise.
     pub synthetic: Shown,
     /// Std of the luminance of the two.
     pub sigma: [f32; 2],

@@ -37,7 +37,7 @@ pub struct Setting {
 pub struct Filmed {
     /// As a camera gives it: 8 bit.
     pub frame: Encoded,
-    /// Without noise and rounding.
+    /// The frame without noise and rounding.
     pub without_noise: Encoded,
 }
 

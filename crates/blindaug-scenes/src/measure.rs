@@ -26,7 +26,7 @@ pub enum Given {
 }
 
 impl Given {
-    /// From much to little.
+    /// All of them, from the most evidence to the least.
     pub const ALL: [Self; 7] = [
         Self::Everything,
         Self::DepthAndFlow,

@@ -321,7 +321,7 @@ impl Texture {
         Self(levels)
     }
 
-    /// At a place in texels, with this many halvings.
+    /// The colour at a place in texels, with this many halvings.
     fn at(&self, place: [f32; 2], level: f32) -> V3 {
         let level = level.clamp(0.0, (self.0.len() - 1) as f32);
         let (low, f) = (level as usize, level.fract());

@@ -132,7 +132,7 @@ const BYTES_PER_CHANGED_PIXEL: u64 = 300;
 /// object and its shadows may change.
 ///
 /// # Errors
-/// As [`composite`].
+/// The same as [`composite`].
 pub fn bytes_beside(
     plate: &Plate,
     layer: &VirtualLayer,
@@ -149,7 +149,7 @@ struct Changes {
     sharpening: Option<SharpeningModel>,
     /// The places of the shadows and of the object.
     places: [Option<Place>; 2],
-    /// With what sharpening does around them.
+    /// Both places with what sharpening changes around them.
     all: Option<Place>,
 }
 
@@ -212,7 +212,7 @@ impl Place {
         Some(Self { x, y, w: right + 1 - x, h: bottom + 1 - y })
     }
 
-    /// With `margin` px around it, as far as the frame reaches.
+    /// The place with `margin` px around it, as far as the frame reaches.
     fn grown(self, margin: usize, (w, h): (usize, usize)) -> Self {
         let (x, y) = (self.x.saturating_sub(margin), self.y.saturating_sub(margin));
         let (right, bottom) = ((self.x + self.w + margin).min(w), (self.y + self.h + margin).min(h));

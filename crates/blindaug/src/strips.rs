@@ -31,7 +31,7 @@ pub(crate) fn largest_strip(size: (usize, usize)) -> u64 {
     strips(size, STRIP).map(|s| (s.around.len() * size.0) as u64).max().unwrap_or(0)
 }
 
-/// With so many rows on both sides, as far as an image of `height` rows has them.
+/// The rows with `by` more on both sides, as far as an image of `height` rows has them.
 pub(crate) fn grown(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
     rows.start.saturating_sub(by)..rows.end.saturating_add(by).min(height)
 }

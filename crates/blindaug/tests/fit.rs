@@ -361,8 +361,8 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
 
 /// Tiles of all parts of the image that agree on an exposure, by at most `nats` each.
 fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureObservation> {
-    let objection = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
-    let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(objection).collect();
+    let of_exposure = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
+    let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(of_exposure).collect();
     let observation = |i: u32| spectral::ExposureObservation {
         block: i % 25,
         frame: 0,

@@ -28,11 +28,11 @@ pub struct Condition {
 /// PSNR in dB over the object's area of composites against renders with the object really there.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fidelity {
-    /// Pasted.
+    /// The PSNR of the object pasted as it is, dB.
     pub naive: f64,
-    /// With the estimated camera.
+    /// The PSNR of the composite with the estimated camera, dB.
     pub estimated: f64,
-    /// With the true one.
+    /// The PSNR of the composite with the true camera, dB.
     pub oracle: f64,
 }
 

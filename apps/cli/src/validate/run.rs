@@ -20,7 +20,7 @@ pub fn given_with(networks: &Networks) -> Vec<Given> {
 /// Estimates the camera of footage and compares it with the truth.
 ///
 /// # Errors
-/// None that sound footage gives cause for.
+/// There is none that sound footage gives cause for.
 pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Result<(Measured, Estimation)> {
     let start = Instant::now();
     let estimation = estimate(footage, given, networks)?;

@@ -43,7 +43,7 @@ impl Pinhole {
         0.5 * DVec2::new(self.size.0 as f64 - 1.0, self.size.1 as f64 - 1.0)
     }
 
-    /// From camera coordinates to px.
+    /// The matrix from camera coordinates to px.
     fn matrix(&self) -> DMat3 {
         let (f, c) = (self.focal_length, self.centre());
         DMat3::from_cols(DVec3::new(f, 0.0, 0.0), DVec3::new(0.0, f, 0.0), c.extend(1.0))
@@ -66,7 +66,7 @@ impl Pose {
         Self { rotation: DMat3::IDENTITY, translation: distance * place.extend(1.0) }
     }
 
-    /// From the plane's coordinates to px.
+    /// The homography from the plane's coordinates to px.
     fn homography(&self, camera: &Pinhole) -> DMat3 {
         let DMat3 { x_axis, y_axis, .. } = self.rotation;
         camera.matrix() * DMat3::from_cols(x_axis, y_axis, self.translation)
@@ -103,7 +103,7 @@ pub struct Placement {
     camera: Pinhole,
     /// Where the object stands before a plane is found.
     home: Pose,
-    /// From coordinates of the plane to px in the frame that comes.
+    /// The homography from coordinates of the plane to px in the frame that comes.
     plane: DMat3,
     /// The last homography from one frame to the next.
     step: DMat3,

@@ -24,7 +24,7 @@ const SIDE: usize = 256;
 /// again in the other; or just one of them is even, as black frames between shots are.
 ///
 /// # Errors
-/// As [`flow::flow_with_occlusion`].
+/// The same as [`flow::flow_with_occlusion`].
 pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
     let picture = Picture::of(frame, next);
     Ok(match picture.look(frame, next) {
@@ -95,7 +95,7 @@ impl Picture {
         means
     }
 
-    /// By the correlation of what differs from the channels' means.
+    /// Compares two frames by the correlation of what differs from the channels' means.
     fn look(&self, frame: &Encoded, next: &Encoded) -> Look {
         let (a, b) = (self.thumbnail(frame), self.thumbnail(next));
         let n = a.len() as f32;

@@ -131,7 +131,7 @@ impl ParallaxTracker {
     /// survives them, but no cut (nor a change of size): after it a new one begins.
     ///
     /// # Errors
-    /// As [`inverse_depth_from_flow`].
+    /// The same as [`inverse_depth_from_flow`].
     pub fn push(&mut self, pair: &FlowPair, ahead: usize) -> Result<Parallax> {
         let near = self.heading.take().filter(|_| self.stays_near);
         let fresh = unscaled(&pair.forward, &pair.occluded, near)?;
@@ -261,7 +261,7 @@ const LANES: usize = 2;
 struct Normal {
     /// Products of the unknowns' coefficients: 00, 01, 02, 11, 12, 22.
     products: [[f64; LANES]; 6],
-    /// And with the right-hand side.
+    /// The products with the right-hand side.
     right: [[f64; LANES]; 3],
 }
 

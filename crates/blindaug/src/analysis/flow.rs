@@ -81,7 +81,7 @@ pub fn flow_with_occlusion(a: &Plane, b: &Plane) -> Result<FlowPair> {
 #[derive(Default)]
 pub struct FlowEstimator {
     refiner: Refiner,
-    /// For the way back of small images.
+    /// The refiner of the way back, for small images.
     second: Refiner,
 }
 
@@ -91,19 +91,19 @@ impl FlowEstimator {
         Self::default()
     }
 
-    /// As [`flow`].
+    /// The same as [`flow`].
     ///
     /// # Errors
-    /// As [`flow`].
+    /// The same as [`flow`].
     pub fn flow(&mut self, from: &Plane, to: &Plane) -> Result<Flow> {
         check(from, to)?;
         Ok(par::within(|| solve_alike(&mut self.refiner, (from, &pyramid_of(from)), (to, &pyramid_of(to)))))
     }
 
-    /// As [`flow_with_occlusion`].
+    /// The same as [`flow_with_occlusion`].
     ///
     /// # Errors
-    /// As [`flow_with_occlusion`].
+    /// The same as [`flow_with_occlusion`].
     pub fn flow_with_occlusion(&mut self, a: &Plane, b: &Plane) -> Result<FlowPair> {
         check(a, b)?;
         Ok(par::within(|| {
@@ -460,7 +460,7 @@ impl Template {
     }
 }
 
-/// In an order that the compiler may vectorise.
+/// The sum in an order that the compiler may vectorise.
 #[inline(always)]
 fn sum(s: [f32; PATCH]) -> f32 {
     (s[0] + s[4]) + (s[1] + s[5]) + ((s[2] + s[6]) + (s[3] + s[7]))

@@ -48,9 +48,9 @@ pub(super) struct Refiner {
     smoothness: Vec<f32>,
     /// The same for both colours.
     edges: Vec<f32>,
-    /// For both colours: inverse of the 2 x 2 matrix (xx, xy, yy), right-hand side (x, y).
+    /// The linear system of both colours: the inverse of the 2 x 2 matrix (xx, xy, yy) and the right-hand side (x, y).
     system: Vec<f32>,
-    /// For each colour: u, v.
+    /// The unknowns of each colour: u, v.
     unknown: [Vec<f32>; 2],
 }
 

@@ -445,7 +445,7 @@ mod tests {
         assert!(relative.left.iter().any(|s| s.contains("nothing was filmed")), "{:?}", relative.left);
         let sharp = Camera::new(&model(lens(0.01, 0.5), DepthKind::Metric), &View::default()).unwrap();
         assert!(sharp.lens.is_none() && sharp.left.iter().any(|s| s.contains("sharp")));
-        // Sharp far away only.
+        // This lens is sharp far away only.
         let far = Camera::new(&model(lens(0.02, 0.0001), DepthKind::Metric), &View::default()).unwrap();
         assert!(far.lens.is_none());
         for (size, fov) in [(Some((0, 5)), 40.0), (None, 0.0), (None, f32::NAN), (None, 180.0)] {

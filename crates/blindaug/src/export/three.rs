@@ -32,7 +32,7 @@ const GROWTH: f32 = 0.8;
 pub struct DepthOfField {
     /// m.
     pub focus_distance: f32,
-    /// From the focus to full blur, m.
+    /// The distance from the focus to full blur, m.
     pub focal_length: f32,
     /// Radius of full blur, px of the picture that is blurred.
     pub bokeh_scale: f32,

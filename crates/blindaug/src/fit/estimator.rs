@@ -50,9 +50,9 @@ pub struct Estimator {
 struct LastMotion {
     /// The frame's index among those given.
     index: usize,
-    /// To the next frame.
+    /// The flow to the next frame, px.
     flow: Flow,
-    /// At its own time.
+    /// The motion at its own time, px per frame.
     motion: Flow,
 }
 
@@ -70,7 +70,7 @@ struct FrameEvidence {
     spatial: NoiseEvidence,
     denoised: NoiseEvidence,
     tiles: Vec<tiles::Tile>,
-    /// With the frame before.
+    /// The pairs of its tiles with those of the frame before.
     pairs: Vec<spectral::Pair>,
     removal: Vec<removal::Tile>,
     has_motion: bool,
@@ -119,7 +119,7 @@ const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
 const NETWORK_LENS_FLOOR: f32 = 0.3;
 
 impl Estimator {
-    /// At most this many frames are used at once.
+    /// The most frames that are used at once.
     pub const MAX_FRAMES: usize = 48;
 
     /// About how many bytes one takes at most for so many frames of this size, beside the frames and what is given with them.
@@ -159,7 +159,7 @@ impl Estimator {
         }
     }
 
-    /// For a clip of about so many frames: evenly spaced ones are used from the start, which saves time.
+    /// Says that the clip has about this many frames. Evenly spaced ones are then used from the start, which saves time.
     pub fn expecting(mut self, frames: usize) -> Self {
         self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
         self

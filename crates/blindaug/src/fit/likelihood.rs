@@ -462,7 +462,7 @@ impl RingScene {
 
     /// One step of Fisher scoring in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
     /// Gives the log-likelihood with the nuisances' prior that the step leads to, if it is quadratic, the amplitudes integrated over
-    /// (Laplace's approximation): where blur drowns a ring in noise its amplitude is free, which maximising over it would not reward.
+    /// (Laplace's approximation): where noise hides a blurred ring its amplitude is free, which maximising over it would not reward.
     fn improve(&mut self, shutter: &[f32x4]) -> f32 {
         let n = self.power.len();
         let (weight, power, noise, shutter) =

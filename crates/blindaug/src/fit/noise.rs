@@ -75,7 +75,7 @@ pub struct NoisePoint {
 pub struct NoiseFit {
     /// The model, or why there is none.
     pub model: Estimate<NoiseModel>,
-    /// That of luma, for estimators that work on it.
+    /// The noise of luma, for estimators that work on it.
     pub luma: Option<LumaNoise>,
     /// The measured points that the lines go through.
     pub points: Vec<NoisePoint>,
@@ -95,7 +95,7 @@ pub struct LumaNoise {
 pub struct NoiseLine {
     /// Per unit of luminance.
     pub slope: f32,
-    /// At Y = 0.
+    /// The std at Y = 0.
     pub intercept: f32,
 }
 
@@ -549,7 +549,7 @@ impl NoiseEvidence {
 fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
     /// White noise of the first std hardly survives the steps of 8 bits; noise of the second is a sensor's.
     const SURVIVING: Range<f32> = 0.0008..0.0025;
-    /// In the dark a sensor has less, too.
+    /// The luminance below which a sensor has less noise, too.
     const DARK: f32 = 0.25;
     /// More than channels have in common by chance.
     const IN_COMMON: f32 = 0.3;
@@ -726,7 +726,7 @@ fn line(bins: &[Bin], channel: usize) -> Line {
         .iter()
         .map(|b| {
             // The std of a std is s / sqrt(2 n); a floor keeps a bin that happens to be still from owning the fit, and
-            // a cap one crowded bin from drowning the others, since the line itself is an approximation.
+            // a cap keeps one crowded bin from outweighing the others, since the line itself is an approximation.
             f64::from(b.freedom.min(4000.0))
                 / f64::from(b.variance[channel].max(0.1 * mean_variance).max(1e-10))
         })

@@ -46,7 +46,7 @@ const RATIO: f64 = 8.0;
 const ROUNDS: usize = 6;
 /// Lines of a tile see the same things, and no scene is exactly what the prior says.
 const TEMPER: f32 = 0.25;
-/// At most this much, in nats, a tile may object.
+/// The most by which a tile's log-likelihood may fall below its maximum, nats.
 const CLIP: f32 = 8.0;
 const BOOTSTRAPS: usize = 120;
 
@@ -507,7 +507,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
 /// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it).
 ///
 /// # Errors
-/// As [`agreement::lens_of`].
+/// The same as [`agreement::lens_of`].
 pub fn fit_lens(frames: &[&[Tile]], exposure: ExposureFraction) -> Result<Estimate<LensFit>> {
     let known: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.inverse_depth.is_finite()).collect();
     let observations = par::map(known.len(), |i| {

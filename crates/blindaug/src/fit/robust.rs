@@ -40,7 +40,7 @@ pub(crate) fn uniform(a: u64, b: u64) -> f32 {
     ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
 }
 
-/// In each cell of a few px, the place of most contrast (in stds of the noise) among those that are eligible.
+/// The place of most contrast (in stds of the noise) in each cell of a few px, among those that are eligible.
 pub(super) fn places_of_contrast(
     width: usize,
     height: usize,

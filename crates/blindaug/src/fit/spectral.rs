@@ -66,7 +66,7 @@ pub(super) fn exposure_observations(frames: &[&[Tile]], noise: &LumaNoise) -> Ve
 /// The exposure that the tiles of all frames agree on, and the pairs of each frame with the one before.
 ///
 /// # Errors
-/// As [`exposure_of`].
+/// The same as [`exposure_of`].
 pub fn fit_exposure(
     frames: &[&[Tile]],
     pairs: &[&[Pair]],
@@ -94,7 +94,7 @@ pub fn fit_exposure(
 /// sharpening, which hides blur.
 ///
 /// # Errors
-/// As [`lens_of`].
+/// The same as [`lens_of`].
 pub fn fit_lens(
     frames: &[&[Tile]],
     noise: &LumaNoise,
@@ -196,9 +196,9 @@ mod tests {
         let lenses = [Lens { slope: 4.0, focus: 0.2 }, Lens { slope: 4.0, focus: 0.8 }];
         let observation = |i: usize, lens: &Lens| {
             let inverse_depth = 0.1 + 0.8 * (i / BLOCK_COUNT) as f32 / 9.0;
-            let objection =
+            let log_likelihood =
                 |s: usize| (-20.0 * (sigma_of(s) - lens.sigma_px(inverse_depth)).powi(2)).max(-CLIP);
-            let table = (0..SIGMAS).map(objection).collect();
+            let table = (0..SIGMAS).map(log_likelihood).collect();
             LensObservation { inverse_depth, table, tiles: 1.0, block: (i % BLOCK_COUNT) as u32, part: 0 }
         };
         let fit = |of_block: &dyn Fn(usize) -> usize| {
@@ -231,7 +231,7 @@ mod tests {
             defocus::best_lens(lens_range(&observations), log_likelihood)
         };
         let weighted = lens(&|l| tables.log_likelihood(l, None)).sigma_px(0.1);
-        // Negative control: one observation, one vote.
+        // The negative control weighs all observations alike.
         let undo: Vec<f32> = surface_weights(&observations).iter().map(|w| 1.0 / w).collect();
         let plain = lens(&|l| tables.log_likelihood(l, Some(&undo))).sigma_px(0.1);
         assert!(weighted < 0.4 && plain > 0.6, "{weighted} {plain}");

@@ -223,7 +223,7 @@ impl Light {
         sum.map(|v| v / (side * side) as f32)
     }
 
-    /// At half the resolution: means of 2 x 2 px.
+    /// The frame at half the resolution: means of 2 x 2 px.
     pub(super) fn halved(self) -> Self {
         let (w, h) = self.plane.size();
         let plane = &self.plane;
@@ -460,8 +460,8 @@ pub(super) fn noise_density(
     }
 }
 
-/// What a coder has taken from a tile and what it has put there is drowned in as much white noise: this density of it, which is added to the
-/// tile's power and to its noise.
+/// The density of the white noise that hides what a coder has taken from a tile and what it has put there. It is added to the tile's power
+/// and to its noise.
 pub(super) fn hidden(noise_moments: [f32; 3], scale: f32, coding_error: f32) -> f32 {
     coding_error * coding_error * noise_moments[2] / (scale * scale)
 }

@@ -54,11 +54,11 @@ const WALK_NOISE: f32 = 0.01;
 const MEAN_OF: f32 = 4.0;
 /// Replicas of the bootstraps: fewer than for a whole clip, since there is one for each frame.
 const BOOTSTRAPS: usize = 24;
-/// About this many tiles are looked at in a frame.
+/// The number of tiles that are looked at in a frame, about.
 const TILES: usize = 60;
 /// Depth from parallax, and so the lens, is looked for in one of so many frames: it takes as long as all the rest.
 const PARALLAX_STRIDE: usize = 3;
-/// For the flow, frames are halved until they are no wider than this, px.
+/// The width, px, to which frames are halved before the flow is found.
 const FLOW_WIDTH: usize = 256;
 /// Noise is measured in a part of the picture of about this many px.
 const NOISE_PART: usize = 64_000;
@@ -88,7 +88,7 @@ pub struct Tracker {
     size: Option<(usize, usize)>,
     frames: usize,
     follower: Follower,
-    /// That of the last frame, to the next one where there was one.
+    /// The flow of the last frame, to the next one where there was one.
     last_flow: LastFlow,
     /// The memory of the one before it.
     spare: Flow,
@@ -128,7 +128,7 @@ struct LastFlow {
 
 /// What is known of motion and depth in a frame.
 struct Geometry<'a> {
-    /// To the neighbour that there is.
+    /// The flow to the neighbour that there is, px.
     flow: Option<Cow<'a, Flow>>,
     inverse_depth: Option<Cow<'a, Plane>>,
 }

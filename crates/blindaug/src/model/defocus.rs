@@ -35,7 +35,7 @@ pub enum DefocusCurve {
 pub struct ThinLensInterval {
     /// px.
     pub sigma_px_at_infinity: [f32; 2],
-    /// In the model's inverse depth.
+    /// The interval of the inverse depth in focus, in the model's own unit.
     pub focus_inverse_depth: [f32; 2],
 }
 

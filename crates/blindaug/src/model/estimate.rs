@@ -15,9 +15,9 @@ pub enum Estimate<T> {
 /// Why something is unknown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// For programs.
+    /// Why it is unknown, for programs.
     pub reason: Reason,
-    /// For people: one clause, without a full stop. If it was read from a file, it is one printable line ([`text::one_line`]).
+    /// Why it is unknown, for people: one clause, without a full stop. If it was read from a file, it is one printable line ([`text::one_line`]).
     pub sentence: String,
 }
 
@@ -89,7 +89,7 @@ impl<T> Estimate<T> {
         }
     }
 
-    /// As [`Estimate::known`], by value.
+    /// What is known, by value.
     pub fn into_known(self) -> Option<T> {
         match self {
             Self::Known(t) => Some(t),

@@ -261,7 +261,7 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + t * (b - a)
 }
 
-/// As [`lerp`], number by number.
+/// The same as [`lerp`], number by number.
 fn lerp_all<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
     std::array::from_fn(|i| lerp(a[i], b[i], t))
 }

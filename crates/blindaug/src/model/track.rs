@@ -93,7 +93,7 @@ impl TrackedCamera {
 /// A camera over time: a model for each of some frames, or one for all.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraTrack {
-    /// At least one, in the order of their frames.
+    /// The models in the order of their frames, at least one.
     frames: Vec<TrackedCamera>,
 }
 
@@ -108,7 +108,7 @@ impl CameraTrack {
     /// Reads one camera.json, or JSON lines with the number of a frame each.
     ///
     /// # Errors
-    /// As [`CameraModel::from_json`], with the number of the line; if the frames' numbers do not rise.
+    /// The same as [`CameraModel::from_json`], with the number of the line; if the frames' numbers do not rise.
     pub fn from_json(json: &str) -> Result<Self> {
         // Some editors put a byte order mark before the text.
         let json = json.strip_prefix('\u{feff}').unwrap_or(json);

@@ -118,7 +118,7 @@ pub fn distort_frame(
 /// held than what is given ([`bytes_beside`]).
 ///
 /// # Errors
-/// As [`distort_frame`].
+/// The same as [`distort_frame`].
 pub fn distorted_strips<'a>(
     frame: &'a Encoded,
     model: &'a CameraModel,
@@ -197,7 +197,7 @@ impl<'a> DistortedFrame<'a> {
         Ok(distortion)
     }
 
-    /// As it is filmed, in strips of at most so many pixels.
+    /// The frame as it is filmed, in strips of at most `most` pixels.
     fn in_strips(self, most: usize) -> impl Iterator<Item = Raster<[f32; 3]>> + 'a {
         strips(self.size, most).map(move |strip| self.filmed(&strip))
     }

@@ -100,7 +100,7 @@ impl<P: Pixel> Rows<'_, P> {
     }
 }
 
-/// At the midpoints of as many parts of [-1/2, 1/2].
+/// The sum of the values at the midpoints of as many parts of [-1/2, 1/2].
 #[inline(always)]
 fn sum_of_taps<P: Pixel>(taps: f32, value: impl Fn(f32) -> P) -> P {
     let mut sum = P::default();

@@ -20,7 +20,7 @@ use rustfft::{Fft, FftPlanner};
 use std::sync::Arc;
 use wide::f32x4;
 
-/// At most this many pairs of two frames are kept, those of most contrast.
+/// The most pairs of two frames that are kept: those of most contrast.
 const PAIRS_PER_FRAME: usize = 60;
 /// Motions that differ by less, px, say nothing that the flow's errors could not.
 const MIN_DIFFERENCE: f32 = 0.3;
@@ -73,7 +73,7 @@ pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Blu
     par::map(places.len(), |i| pair(&fft, frames, &places[i], space))
 }
 
-/// At `scale` px of the frame to one of a tile's.
+/// The places of a frame that are `scale` px of it to one of a tile's.
 fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
     let size @ (w, h) = (flow.width() / scale, flow.height() / scale);
     // A checkerboard: each costs as much as several of [`super::Tile`], and all of them tell hardly more.
