@@ -2,7 +2,7 @@
 
 use crate::composite::scene_scale;
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
-use blindaug::model::SceneScale;
+use blindaug::model::{DepthKind, SceneScale};
 use blindaug_cli::console::{self, Failure, Result, failure, note, print};
 use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
 use blindaug_report::words::count;
@@ -75,6 +75,9 @@ pub fn run(args: &Export) -> Result<()> {
     let model = track.at(0);
     let view = View { size: args.size, fov_y_degrees: args.fov.map(|fov| fov as f32) };
     let camera = Camera::new(&model, &view).map_err(|e| Failure(e.to_string()))?;
+    if model.defocus.known().is_some_and(|lens| lens.depth_kind == DepthKind::Relative) {
+        note("note: --scene-scale S[,O] says how the model's relative inverse depth relates to metres");
+    }
     match (to, &args.output) {
         (To::One(target), None) => print_one(&target.export(&camera)),
         (To::One(target), Some(output)) => write_one(&target.export(&camera), output, &inputs),

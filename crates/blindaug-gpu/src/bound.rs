@@ -1,38 +1,18 @@
 //! The textures of a compositor's frames and what lies between them.
 
 use crate::camera::Camera;
-use crate::composite::{BETWEEN, Compositor, Inputs, view};
 use crate::gpu::{array_view, aspect, texture};
+use crate::inputs::Inputs;
 use crate::kernel::{Kernel, bind};
+use crate::passes::{BETWEEN, Passes, Views, view};
 use crate::quality::{DefocusQuality, OCTAVES};
-use crate::sharpening::Sharpening;
+use crate::sharpening::{Sharpener, Sharpening};
 use blindaug::{Error, Result};
 use std::sync::OnceLock;
 use wgpu::util::DeviceExt;
 use wgpu::{BindGroup, BufferUsages, Texture, TextureSampleType, TextureUsages, TextureView};
 
-/// What several steps of a frame read or write.
-#[derive(Debug)]
-pub(crate) struct Views {
-    /// What makes the textures of the sharpening, if they are needed.
-    pub(crate) device: wgpu::Device,
-    /// Width and height, px, and the number of eyes.
-    pub(crate) size: [u32; 3],
-    /// [`Camera`] of the current frame.
-    pub(crate) camera: wgpu::Buffer,
-    /// The largest alpha of each part, as the bits of its float.
-    pub(crate) most: wgpu::Buffer,
-    /// The camera's frame.
-    pub(crate) frame: TextureView,
-    /// The layer as it was rendered.
-    pub(crate) sharp: TextureView,
-    /// The layer, out of focus.
-    pub(crate) focused: TextureView,
-    /// The path and the defocus std of each pixel.
-    pub(crate) blur: TextureView,
-}
-
-/// The textures of a [`Compositor`]'s frames and what lies between them.
+/// The textures of a [`crate::Compositor`]'s frames and what lies between them.
 #[derive(Debug)]
 pub struct Bound {
     pub(crate) views: Views,
@@ -103,7 +83,7 @@ impl Pyramids {
 
 /// What the bindings of the steps share.
 struct Binder<'a> {
-    of: &'a Compositor,
+    of: &'a Passes,
     views: &'a Views,
     pyramids: &'a Pyramids,
     /// A number for each level: how often the finer of two images was halved.
@@ -111,7 +91,7 @@ struct Binder<'a> {
 }
 
 impl<'a> Binder<'a> {
-    fn new(of: &'a Compositor, views: &'a Views, pyramids: &'a Pyramids) -> Self {
+    fn new(of: &'a Passes, views: &'a Views, pyramids: &'a Pyramids) -> Self {
         let level = |level: u32| {
             views.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some("level"),
@@ -193,7 +173,7 @@ impl Bound {
     ///
     /// # Errors
     /// If textures differ in size, cannot be read as they must be, or are too large for the device.
-    pub(crate) fn new(of: &Compositor, device: &wgpu::Device, inputs: &Inputs) -> Result<Self> {
+    pub(crate) fn new(of: &Passes, device: &wgpu::Device, inputs: &Inputs) -> Result<Self> {
         check_sizes(inputs)?;
         check_formats(device, inputs)?;
         let size = inputs.frame.size();
@@ -263,11 +243,11 @@ impl Bound {
     ///
     /// # Errors
     /// If the device cannot hold their textures.
-    pub(crate) fn sharpening(&self, of: &Compositor) -> Result<&Sharpening> {
+    pub(crate) fn sharpening(&self, of: &Passes, sharpener: &Sharpener) -> Result<&Sharpening> {
         match self.sharpening.get() {
             Some(passes) => Ok(passes),
             None => {
-                let made = Sharpening::new(of, &self.views)?;
+                let made = Sharpening::new(of, sharpener, &self.views)?;
                 Ok(self.sharpening.get_or_init(|| made))
             }
         }

@@ -2,55 +2,15 @@
 
 use crate::bound::Bound;
 use crate::camera::Camera;
-use crate::gpu::{array_view, texture};
-use crate::kernel::{Binding, Kernel, full_screen, layout};
-use crate::quality::{DefocusQuality, OCTAVES, Quality, disk_table, gaussian_table};
+use crate::inputs::Inputs;
+use crate::passes::Passes;
+use crate::quality::{DefocusQuality, Quality};
 use crate::sharpening::{self, Blurred, Sharpener};
 use crate::timer::{self, Timer};
-use crate::{noise, shaders};
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{CameraModel, SharpeningModel};
 use blindaug::{Error, Result};
-use wgpu::util::DeviceExt;
-use wgpu::{BufferUsages, ShaderStages, Texture, TextureFormat, TextureUsages, TextureView};
-
-/// Depth as a texture of one channel, or a depth buffer. The inverse depth in 1/m is `scale * value + offset`, which holds for every
-/// perspective projection: with reversed infinite depth, `scale` is 1 / near and `offset` 0.
-#[derive(Clone, Copy, Debug)]
-pub struct Depth<'a> {
-    /// The values: any format of one float channel that can be loaded, NaN where depth is unknown.
-    pub texture: &'a Texture,
-    /// The inverse depth of a unit of the values, 1/m.
-    pub scale: f32,
-    /// The inverse depth where the value is 0, 1/m.
-    pub offset: f32,
-}
-
-/// How far each pixel moves to the next frame.
-#[derive(Clone, Copy, Debug)]
-pub struct Velocity<'a> {
-    /// The values: two float channels, NaN where motion is unknown.
-    pub texture: &'a Texture,
-    /// The motion of a unit of each channel, px (x right, y down).
-    pub scale: [f32; 2],
-}
-
-/// What is composited: textures of one size, with one array layer per eye.
-#[derive(Clone, Copy, Debug)]
-pub struct Inputs<'a> {
-    /// The camera's frame: display-encoded values in a format that can be filtered and is not `Srgb` (which would decode them).
-    pub frame: &'a Texture,
-    /// The rendered object: premultiplied scene-linear R, G, B, A.
-    pub color: &'a Texture,
-    /// The object's depth. Without it, there is no defocus.
-    pub depth: Option<Depth<'a>>,
-    /// The object's motion. Without it, there is no motion blur.
-    pub velocity: Option<Velocity<'a>>,
-    /// Whether what lies behind the focus, in it and in front of it is blurred apart, so that something sharp does not bleed into
-    /// blurred surroundings ([`blindaug::synth::Blur::of_layer`]). That takes three times the memory, and the time of as many layers as
-    /// the object has such parts.
-    pub apart: bool,
-}
+use wgpu::{TextureFormat, TextureView};
 
 /// A rectangle of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,30 +66,11 @@ pub struct Frame<'a> {
     pub timer: Option<&'a Timer>,
 }
 
-/// The format of all textures between the passes.
-pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
-
 /// The effects and the compositor: everything that does not depend on the size of frames. It is made once.
 #[derive(Debug)]
 pub struct Compositor {
-    pub(crate) prepare: Kernel,
-    pub(crate) spread: Kernel,
-    pub(crate) pull: Kernel,
-    pub(crate) top: Kernel,
-    pub(crate) push: Kernel,
-    pub(crate) blur: Kernel,
-    pub(crate) halve: Kernel,
-    pub(crate) defocus: Kernel,
-    pub(crate) composite_layout: wgpu::BindGroupLayout,
-    composite: wgpu::RenderPipeline,
-    pub(crate) sharpener: Sharpener,
-    pub(crate) bilinear: wgpu::Sampler,
-    pub(crate) gaussians: wgpu::Buffer,
-    pub(crate) disks: wgpu::Buffer,
-    /// The tile of noise.
-    pub(crate) tile: TextureView,
-    /// A texture of one pixel, which stands for what is not given.
-    pub(crate) nothing: TextureView,
+    passes: Passes,
+    sharpener: Sharpener,
     target: TextureFormat,
 }
 
@@ -157,56 +98,7 @@ impl Plan {
 impl Compositor {
     /// A compositor for targets of this format, which must be one that can be rendered to. It makes the tile of noise, too.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, target: TextureFormat) -> Self {
-        use Binding::{Buffer, BufferMut, Sampler, Target, Texels, Texture, Uniform};
-        let between = Target(BETWEEN);
-        let of_extension = |entry, side, bindings: &[Binding]| {
-            Kernel::new(device, &shaders::EXTENSION, entry, [side, side, 1], bindings)
-        };
-        let halving = [Uniform, Uniform, Sampler, Texture, Buffer, between];
-        let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
-        let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
-        of_defocus.extend([Texture; OCTAVES]);
-        of_defocus.extend([Buffer, Buffer]);
-        let table = |label, contents| {
-            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                label: Some(label),
-                contents,
-                usage: BufferUsages::STORAGE,
-            })
-        };
-        let composite_layout = layout(
-            device,
-            "composite",
-            ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Buffer],
-        );
-        Self {
-            prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut, Texels]),
-            spread: of_extension("spread", 16, &[Uniform, Texels, Texels, Texels, Buffer, between]),
-            pull: of_extension("pull", 8, &halving),
-            top: of_extension("top", 1, &doubling),
-            push: of_extension("push", 8, &doubling),
-            blur: of_extension("blur", 16, &doubling),
-            halve: of_extension("halve", 8, &halving),
-            defocus: Kernel::new(device, &shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
-            composite: full_screen_pipeline(device, &composite_layout, target, "composite"),
-            composite_layout,
-            sharpener: Sharpener::new(device, target),
-            bilinear: device.create_sampler(&wgpu::SamplerDescriptor {
-                label: Some("bilinear"),
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..Default::default()
-            }),
-            gaussians: table("discrete Gaussians", bytemuck::cast_slice(&gaussian_table())),
-            disks: table("disks", bytemuck::cast_slice(&disk_table())),
-            tile: array_view(&noise::tile(device, queue, 0)),
-            nothing: array_view(
-                &texture(device, "nothing", [1, 1, 1], BETWEEN, TextureUsages::TEXTURE_BINDING)
-                    .expect("every device holds a texture of one pixel"),
-            ),
-            target,
-        }
+        Self { passes: Passes::new(device, queue, target), sharpener: Sharpener::new(device, target), target }
     }
 
     /// Makes everything that frames of these textures' size need. The textures are bound once and may be drawn to again and again.
@@ -214,7 +106,7 @@ impl Compositor {
     /// # Errors
     /// If sizes differ or are too large for the device.
     pub fn bind(&self, device: &wgpu::Device, inputs: &Inputs) -> Result<Bound> {
-        Bound::new(self, device, inputs)
+        Bound::new(&self.passes, device, inputs)
     }
 
     /// Records the passes of one frame, which must be submitted before the next is recorded with the same `bound` (its numbers
@@ -245,7 +137,7 @@ impl Compositor {
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
         let (pipeline, group) = match sharpened {
             Some(group) => (&self.sharpener.sharpened, group),
-            None => (&self.composite, &bound.composite[plan.blurred() as usize]),
+            None => (&self.passes.composite, &bound.composite[plan.blurred() as usize]),
         };
         for (eye, target) in (0..).zip(frame.targets) {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -312,28 +204,28 @@ impl Compositor {
         };
         let mut pass = timer::compute_pass(encoder, timer, timer::EXTENSION);
         if !plan.area.is_empty() {
-            self.prepare.run(&mut pass, &bound.prepare, at_level(0));
+            self.passes.prepare.run(&mut pass, &bound.prepare, at_level(0));
         }
         if plan.blurs {
-            self.spread.run(&mut pass, &bound.spread, at_level(0));
+            self.passes.spread.run(&mut pass, &bound.spread, at_level(0));
             for (level, group) in bound.pull.iter().enumerate() {
-                self.pull.run(&mut pass, group, at_level(level + 1));
+                self.passes.pull.run(&mut pass, group, at_level(level + 1));
             }
-            self.top.run(&mut pass, &bound.top, [1, 1, parts]);
+            self.passes.top.run(&mut pass, &bound.top, [1, 1, parts]);
             for (level, group) in bound.push.iter().enumerate().skip(1).rev() {
-                self.push.run(&mut pass, group, at_level(level));
+                self.passes.push.run(&mut pass, group, at_level(level));
             }
-            self.blur.run(&mut pass, &bound.push[0], at_level(0));
+            self.passes.blur.run(&mut pass, &bound.push[0], at_level(0));
         }
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::OCTAVES);
         for (level, group) in bound.halve.iter().enumerate().filter(|_| plan.defocuses) {
-            self.halve.run(&mut pass, group, at_level(level + 1));
+            self.passes.halve.run(&mut pass, group, at_level(level + 1));
         }
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::DEFOCUS);
         if plan.defocuses {
-            self.defocus.run(&mut pass, &bound.defocus, at_level(0));
+            self.passes.defocus.run(&mut pass, &bound.defocus, at_level(0));
         }
     }
 
@@ -354,35 +246,11 @@ impl Compositor {
             return Ok(None);
         };
         let Area { x, y, width, height } = plan.area;
-        let passes = bound.sharpening(self)?;
+        let passes = bound.sharpening(&self.passes, &self.sharpener)?;
         let steps = passes.write(queue, model, [x, y])?;
         let mut pass = timer::compute_pass(encoder, timer, timer::SHARPENING);
         let threads = [width, height, bound.views.size[2]];
         passes.run(&self.sharpener, &mut pass, steps, plan.blurred(), threads);
         Ok(Some(&passes.sharpened))
     }
-}
-
-/// A pipeline of composite.wgsl that draws everything with a fragment shader.
-pub(crate) fn full_screen_pipeline(
-    device: &wgpu::Device,
-    group: &wgpu::BindGroupLayout,
-    target: TextureFormat,
-    fragment: &str,
-) -> wgpu::RenderPipeline {
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(fragment),
-        source: wgpu::ShaderSource::Wgsl(shaders::COMPOSITE.as_str().into()),
-    });
-    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(fragment),
-        bind_group_layouts: &[Some(group)],
-        immediate_size: 0,
-    });
-    full_screen(device, Some(&layout), &module, fragment, &[target])
-}
-
-/// What a binding takes of a texture.
-pub(crate) fn view(v: &TextureView) -> wgpu::BindingResource<'_> {
-    wgpu::BindingResource::TextureView(v)
 }

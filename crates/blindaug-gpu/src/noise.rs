@@ -2,31 +2,14 @@
 
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel};
-use crate::layout::wgsl_struct;
 use crate::shaders;
+use crate::uniforms::TileLevel;
 use blindaug::model::NOISE_LEVELS;
 use blindaug::synth::noise::{LEAST_STD, WINDOW_GAIN, white_band_std};
 use wgpu::util::DeviceExt;
 use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
-/// The side of the tile, px.
-pub const TILE: usize = 256;
-
-wgsl_struct! {
-    /// What a pass that makes the tile needs to know of a pyramid level.
-    pub(crate) struct TileLevel {
-        /// The pixels along a side of the source.
-        side: u32,
-        /// The least local std that the source is divided by, so that windows with next to nothing in them are not blown up.
-        floor: f32,
-        /// What makes the std of the result 1: a normal number over its own window's std has a std slightly below 1.
-        gain: f32,
-        /// The lower half of the seed.
-        seed: u32,
-        /// The upper half of the seed.
-        seed_high: u32,
-    }
-}
+pub use crate::uniforms::TILE;
 
 /// Makes the tile: what each level contributes to a noise whose std is 1 in each level, as
 /// [`blindaug::synth::noise::tileable_bands`] makes it of this seed. It has three array layers; layer i holds R, G, B of level i and

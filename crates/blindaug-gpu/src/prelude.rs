@@ -4,10 +4,7 @@
 //! By hand, since it is twenty lines: crates that make bindings (`wgsl_bindgen`, `encase`) go the other way, from shaders to Rust, or lay out
 //! structs at run time.
 
-use crate::layout::{Layout, structs};
-use blindaug::fit::{defocus, motion_blur, spectral, spectral::numbers as fit};
-use blindaug::model::NOISE_LEVELS;
-use blindaug::{LUMA, synth};
+use blindaug::LUMA;
 use std::fmt::Write;
 
 /// A Rust number as WGSL writes it.
@@ -43,114 +40,9 @@ pub(crate) fn constants(constants: &[(&str, &dyn Wgsl)]) -> String {
     text
 }
 
-/// The structs of the compositor's shaders.
-pub(crate) const COMPOSITOR_STRUCTS: [Layout; 4] = [
-    crate::camera::Camera::LAYOUT,
-    crate::quality::DefocusQuality::LAYOUT,
-    crate::sharpening::MaskPass::LAYOUT,
-    crate::noise::TileLevel::LAYOUT,
-];
-
-/// The structs of the fit of the exposure to clean frames.
-pub(crate) const MOTION_BLUR_FIT_STRUCTS: [Layout; 2] =
-    [crate::fit::motion_blur::Params::LAYOUT, crate::fit::motion_blur::Place::LAYOUT];
-
-/// The struct of the search for the defocus against clean frames.
-pub(crate) const DEFOCUS_FIT_STRUCTS: [Layout; 1] = [crate::fit::defocus::Step::LAYOUT];
-
-/// The structs of the blind fits.
-pub(crate) const BLIND_FITS_STRUCTS: [Layout; 2] =
-    [crate::fit::spectral::Params::LAYOUT, crate::fit::spectral::Tile::LAYOUT];
-
 /// What every shader that knows colours shares.
 pub(crate) fn colours() -> String {
     constants(&[("LUMA", &LUMA)])
-}
-
-/// What the compositor's shaders share.
-pub(crate) fn compositor() -> String {
-    use crate::quality::{DISK_ROWS, DISK_STEP, DISKS, GAUSSIAN_MOST, GAUSSIANS, OCTAVES};
-    let constants = constants(&[
-        ("NOISE_LEVELS", &NOISE_LEVELS),
-        ("MAX_SIGMA_PX", &synth::defocus::MAX_SIGMA_PX),
-        ("SEEN", &synth::SEEN),
-        ("OPAQUE", &synth::OPAQUE),
-        ("COARSEST", &(OCTAVES - 1)),
-        ("GAUSSIANS", &GAUSSIANS),
-        ("GAUSSIAN_MOST", &GAUSSIAN_MOST),
-        ("DISKS", &DISKS),
-        ("DISK_STEP", &DISK_STEP),
-        ("DISK_ROWS", &DISK_ROWS),
-        ("NOISE_TILE", &crate::noise::TILE),
-    ]);
-    constants + &structs(&COMPOSITOR_STRUCTS)
-}
-
-/// What the fit of the exposure to clean frames shares.
-pub(crate) fn motion_blur_fit() -> String {
-    use crate::fit::motion_blur::CURVE;
-    constants(&[("STEPS", &motion_blur::STEPS), ("CURVE", &CURVE), ("BLOCK", &motion_blur::BLOCK)])
-        + &structs(&MOTION_BLUR_FIT_STRUCTS)
-}
-
-/// What the search for the defocus against clean frames shares.
-pub(crate) fn defocus_fit() -> String {
-    use crate::fit::defocus::MAX_RADIUS;
-    constants(&[
-        ("STRIDE", &defocus::SEARCH_STRIDE),
-        ("REACH", &defocus::SEARCH_REACH),
-        ("MAX_RADIUS", &MAX_RADIUS),
-    ]) + &structs(&DEFOCUS_FIT_STRUCTS)
-}
-
-/// What the kernels of the blind fits share.
-pub(crate) fn blind_fits() -> String {
-    use crate::fit::spectral::{EXPOSURE_OBSERVATION, GAINS, HEAD, LENS_OBSERVATION};
-    let constants = constants(&[
-        ("NOISE_LEVELS", &NOISE_LEVELS),
-        ("BLOCKS", &fit::BLOCKS),
-        ("LEAST_STEP", &fit::LAMBDA_STEPS.start),
-        ("LARGEST_STEP", &fit::LAMBDA_STEPS.end),
-        ("MAX_STEPS", &((fit::MAX_LAMBDA / fit::LAMBDA_STEPS.start).round() as usize + 1)),
-        ("EXPOSURE_OBSERVATION", &EXPOSURE_OBSERVATION),
-        ("LENS_OBSERVATION", &LENS_OBSERVATION),
-        ("TILE", &spectral::TILE),
-        ("LEVELS", &spectral::LEVELS),
-        ("COLUMNS", &spectral::COLUMNS),
-        ("EXPOSURE_TILES", &spectral::EXPOSURE_TILES),
-        ("LENS_TILES_PER_BLOCK", &spectral::LENS_TILES_PER_BLOCK),
-        ("BLOCK_COUNT", &spectral::BLOCK_COUNT),
-        ("MIN_SPEED", &fit::SPEEDS.start),
-        ("MAX_SPEED", &fit::SPEEDS.end),
-        ("SAMPLES", &fit::SAMPLES),
-        ("EXPOSURES", &spectral::EXPOSURES),
-        ("SIGMAS", &spectral::SIGMAS),
-        ("TILE_SIGMAS", &spectral::TILE_SIGMAS),
-        ("HEAD", &HEAD),
-        ("GAINS", &GAINS),
-        ("TEMPER", &fit::TEMPER),
-        ("MIN_CONTRAST", &fit::MIN_CONTRAST),
-        ("MIDDLE", &fit::MIDDLE),
-        ("ALPHA", &fit::ALPHA.0),
-        ("ALPHA_STD", &fit::ALPHA.1),
-        ("ALPHAS", &fit::ALPHAS),
-        ("SHUTTER_FLOOR", &fit::SHUTTER_FLOOR),
-        ("LEAK", &fit::LEAK),
-        ("MAX_LAMBDA", &fit::MAX_LAMBDA),
-        ("STREAK_STEP", &fit::STREAK_STEP),
-        ("EXPOSURE_STEP", &fit::EXPOSURE_STEP),
-        ("STREAK_ERROR", &fit::STREAK_ERROR),
-        ("CLIP", &fit::CLIP),
-        ("INFORMATIVE", &fit::INFORMATIVE),
-        ("CORRELATED", &fit::CORRELATED),
-        ("AMPLITUDE_PRECISION", &fit::AMPLITUDE_PRECISION),
-        ("DIRECTION", &fit::DIRECTION),
-        ("EXPOSURE_NOISE_ERROR", &fit::EXPOSURE_NOISE_ERROR.as_array()),
-        ("LENS_NOISE_ERROR", &fit::LENS_NOISE_ERROR.as_array()),
-        ("PIXEL_RESPONSE", &fit::PIXEL_RESPONSE),
-        ("LARGER_BLUR", &fit::LARGER_BLUR),
-    ]);
-    constants + &structs(&BLIND_FITS_STRUCTS)
 }
 
 #[cfg(test)]
@@ -161,28 +53,5 @@ mod tests {
     fn numbers_are_written_as_wgsl_reads_them() {
         let text = constants(&[("A", &0.1f32), ("B", &3usize), ("C", &[1.0f32, 2.5])]);
         assert_eq!(text, "const A = 0.1;\nconst B = 3u;\nconst C = vec2(1.0, 2.5);\n");
-    }
-
-    #[test]
-    fn no_shader_declares_a_constant_that_the_prelude_has() {
-        let preludes = [colours(), compositor(), motion_blur_fit(), defocus_fit(), blind_fits()].concat();
-        let names = |text: &str| -> Vec<String> {
-            let names = text.lines().filter_map(|l| l.strip_prefix("const "));
-            names.filter_map(|l| Some(l.split([' ', ':', '=']).next()?.to_owned())).collect()
-        };
-        let shared = names(&preludes);
-        assert!(shared.len() > 40);
-        let mut own = vec![];
-        for folder in ["/src", "/src/fit", "/src/fit/spectral"] {
-            for file in std::fs::read_dir(format!("{}{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap() {
-                let path = file.unwrap().path();
-                if path.extension().is_some_and(|e| e == "wgsl") {
-                    own.extend(names(&std::fs::read_to_string(&path).unwrap()));
-                }
-            }
-        }
-        assert!(own.iter().any(|n| n == "THREADS"), "constants of a shader's own are found");
-        let twice: Vec<_> = own.iter().filter(|n| shared.contains(n)).collect();
-        assert!(twice.is_empty(), "{twice:?}");
     }
 }

@@ -1,7 +1,34 @@
 //! The compositor's shaders. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
 
-use crate::prelude::{colours, compositor};
+use crate::camera::Camera;
+use crate::layout::{Layout, structs};
+use crate::prelude::{colours, constants};
+use crate::quality::{DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES};
+use crate::uniforms::{MaskPass, TILE, TileLevel};
+use blindaug::model::NOISE_LEVELS;
+use blindaug::synth;
 use std::sync::LazyLock;
+
+/// The structs of the compositor's shaders.
+const STRUCTS: [Layout; 4] = [Camera::LAYOUT, DefocusQuality::LAYOUT, MaskPass::LAYOUT, TileLevel::LAYOUT];
+
+/// What the compositor's shaders share.
+fn compositor() -> String {
+    let constants = constants(&[
+        ("NOISE_LEVELS", &NOISE_LEVELS),
+        ("MAX_SIGMA_PX", &synth::defocus::MAX_SIGMA_PX),
+        ("SEEN", &synth::SEEN),
+        ("OPAQUE", &synth::OPAQUE),
+        ("COARSEST", &(OCTAVES - 1)),
+        ("GAUSSIANS", &GAUSSIANS),
+        ("GAUSSIAN_MOST", &GAUSSIAN_MOST),
+        ("DISKS", &DISKS),
+        ("DISK_STEP", &DISK_STEP),
+        ("DISK_ROWS", &DISK_ROWS),
+        ("NOISE_TILE", &TILE),
+    ]);
+    constants + &structs(&STRUCTS)
+}
 
 /// Joins a shader of the compositor: the prelude, what all shaders share, and its own text.
 macro_rules! shader {
@@ -29,6 +56,7 @@ mod tests {
     use super::wgsl::problem;
     use super::*;
     use crate::fit;
+    use crate::layout::tests::{as_naga_has_them, as_rust_has_them};
 
     #[test]
     fn every_shader_is_valid_for_every_device() {
@@ -63,5 +91,47 @@ mod tests {
         // Wrong shaders are found out.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());
+    }
+
+    #[test]
+    fn no_shader_declares_a_constant_that_the_prelude_has() {
+        let preludes = [
+            colours(),
+            compositor(),
+            fit::motion_blur::shared(),
+            fit::defocus::shared(),
+            fit::spectral::shared(),
+        ]
+        .concat();
+        let names = |text: &str| -> Vec<String> {
+            let names = text.lines().filter_map(|l| l.strip_prefix("const "));
+            names.filter_map(|l| Some(l.split([' ', ':', '=']).next()?.to_owned())).collect()
+        };
+        let shared = names(&preludes);
+        assert!(shared.len() > 40);
+        let mut own = vec![];
+        for folder in ["/src", "/src/fit", "/src/fit/spectral"] {
+            for file in std::fs::read_dir(format!("{}{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap() {
+                let path = file.unwrap().path();
+                if path.extension().is_some_and(|e| e == "wgsl") {
+                    own.extend(names(&std::fs::read_to_string(&path).unwrap()));
+                }
+            }
+        }
+        assert!(own.iter().any(|n| n == "THREADS"), "constants of a shader's own are found");
+        let twice: Vec<_> = own.iter().filter(|n| shared.contains(n)).collect();
+        assert!(twice.is_empty(), "{twice:?}");
+    }
+
+    #[test]
+    fn rust_and_naga_lay_out_every_struct_alike() {
+        let mut compared = 0;
+        for layouts in
+            [&STRUCTS[..], &fit::motion_blur::STRUCTS, &fit::defocus::STRUCTS, &fit::spectral::STRUCTS]
+        {
+            assert_eq!(as_naga_has_them(&structs(layouts)), as_rust_has_them(layouts));
+            compared += layouts.len();
+        }
+        assert_eq!(compared, 9);
     }
 }

@@ -4,12 +4,11 @@
 //! Chebyshev's polynomial instead of equal ones: half as many or fewer leave as little. What is kept between the steps is the difference to
 //! the frame, which half floats hold more exactly than the frame itself.
 
-use crate::bound::Views;
-use crate::composite::{BETWEEN, Compositor, full_screen_pipeline, view};
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel, bind, layout};
-use crate::layout::wgsl_struct;
+use crate::passes::{BETWEEN, Passes, Views, full_screen_pipeline, view};
 use crate::shaders;
+use crate::uniforms::MaskPass;
 use blindaug::model::SharpeningModel;
 use blindaug::synth::sharpening::LEFT;
 use blindaug::{Error, Result, filter};
@@ -24,26 +23,6 @@ const MOST_TAPS: usize = 4096;
 
 /// Bytes from one pass's numbers to the next one's: the alignment that every device allows for parts of uniform buffers.
 const SLOT: usize = 256;
-
-wgsl_struct! {
-    /// What a pass of the mask needs to know.
-    pub(crate) struct MaskPass {
-        /// Where the area begins in the source, px.
-        origin: [u32; 2],
-        /// The radius of the Gaussian's kernel, px.
-        radius: u32,
-        /// The amount of the mask.
-        amount: f32,
-        /// The weight of the source in a step of the iteration.
-        of_source: f32,
-        /// The weight of the blurred source.
-        of_blurred: f32,
-        /// The weight of the first step's result.
-        of_first: f32,
-        /// Unused.
-        padding: u32,
-    }
-}
 
 /// The step sizes of the iteration that unsharpens a mask of this amount: the inverses of the roots of Chebyshev's polynomial over the
 /// mask's gains, 1 to 1 + amount. Their number is such that at most [`LEFT`] of what the sharpening did is left.
@@ -167,8 +146,8 @@ impl Sharpening {
     /// # Errors
     /// If the device cannot hold the textures.
     // Long, since it lists the bindings of all passes.
-    pub(crate) fn new(effects: &Compositor, views: &Views) -> Result<Self> {
-        let (device, of) = (&views.device, &effects.sharpener);
+    pub(crate) fn new(of_all: &Passes, of: &Sharpener, views: &Views) -> Result<Self> {
+        let device = &views.device;
         let [w, h, eyes] = views.size.map(|s| s as usize);
         let between = |label: &str| {
             let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING;
@@ -209,7 +188,7 @@ impl Sharpening {
             ];
             of.columns.bind(device, &resources)
         };
-        let bilinear = wgpu::BindingResource::Sampler(&effects.bilinear);
+        let bilinear = wgpu::BindingResource::Sampler(&of_all.bilinear);
         let difference = |layer, blur| {
             let resources = [
                 camera.clone(),
@@ -229,7 +208,7 @@ impl Sharpening {
             view(&views.frame),
             view(&turns[1]),
             view(&rows),
-            view(&effects.tile),
+            view(&of_all.tile),
             pass(MOST_STEPS),
             view(&turns[0]),
             taps.clone(),
@@ -238,7 +217,7 @@ impl Sharpening {
             rows_of_frame: rows_of(0, &views.frame),
             rows_of_first: rows_of(MOST_STEPS, &first),
             rows_of_turns: turns.each_ref().map(|t| rows_of(MOST_STEPS, t)),
-            begin: columns(0, &views.frame, &effects.nothing, &first),
+            begin: columns(0, &views.frame, &of_all.nothing, &first),
             second: (0..MOST_STEPS).map(|s| columns(s, &first, &first, &turns[turn_of(s)])).collect(),
             later: (0..MOST_STEPS)
                 .map(|s| columns(s, &turns[1 - turn_of(s)], &first, &turns[turn_of(s)]))
@@ -246,7 +225,7 @@ impl Sharpening {
             difference: [
                 difference(&views.focused, &views.blur),
                 difference(&views.sharp, &views.blur),
-                difference(&views.sharp, &effects.nothing),
+                difference(&views.sharp, &of_all.nothing),
             ],
             sharpened: bind(device, &of.layout, &sharpened),
             passes,

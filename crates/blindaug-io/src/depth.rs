@@ -2,7 +2,8 @@
 
 use crate::{
     Error, Result, exr,
-    image::{decode, is_exr, strips},
+    image::{decode, strips},
+    limits::is_exr,
 };
 use blindaug::{Plane, Raster};
 use std::path::Path;

@@ -4,8 +4,7 @@ use crate::{
     Error, Result,
     error::{guarded, one_line},
     files::open_file,
-    flow::known_flow,
-    image::{DEFLATE_RATIO, check_length, check_size, is_exr, pixels_in_words},
+    limits::{DEFLATE_RATIO, check_length, check_size, is_exr, pixels_in_words},
     memory,
 };
 use ::exr::{
@@ -180,6 +179,14 @@ impl Channel {
 struct FlowChannels {
     channels: [usize; 2],
     sign: [f32; 2],
+}
+
+/// Components at or above this are unknown (the `.flo` convention).
+const UNKNOWN: f32 = 1e9;
+
+/// The displacement, or NaN for both components if one of them is huge or invalid.
+pub(crate) fn known_flow(uv: [f32; 2]) -> [f32; 2] {
+    if uv.iter().all(|v| v.abs() < UNKNOWN) { uv } else { [f32::NAN; 2] }
 }
 
 impl FlowChannels {

@@ -3,10 +3,10 @@
 use crate::{
     Error, Result,
     error::one_line,
-    image::check_size,
+    files::has_extension,
+    limits::check_size,
     partial::{PartialFile, remove_leftovers},
-    sequence::has_extension,
-    video::{INTERLACED, VideoHead, uneven},
+    video_head::{INTERLACED, VideoHead, uneven},
     yuv::{Colour, YuvFormat, YuvFrame},
 };
 use blindaug::Encoded;

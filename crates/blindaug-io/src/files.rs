@@ -1,6 +1,6 @@
 //! Files that are read, and what keeps them from being written over.
 
-use crate::{Error, Result, sequence::has_extension};
+use crate::{Error, Result};
 use std::{
     collections::HashMap,
     fs::{File, Metadata},
@@ -179,6 +179,13 @@ impl Inputs {
         }
         Ok(())
     }
+}
+
+/// Whether the file's extension is one of these, in any case.
+pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension()
+        .and_then(|e| e.to_str())
+        .is_some_and(|e| extensions.iter().any(|x| x.eq_ignore_ascii_case(e)))
 }
 
 #[cfg(all(test, unix))]

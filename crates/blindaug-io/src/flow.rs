@@ -3,7 +3,7 @@
 use crate::{
     Error, Result, exr,
     files::open_file,
-    image::{check_size, is_exr},
+    limits::{check_size, is_exr},
     partial::write_atomically,
 };
 use blindaug::{Flow, Raster};
@@ -13,9 +13,6 @@ use std::{
 };
 
 const FLO_MAGIC: &[u8; 4] = b"PIEH";
-
-/// Components at or above this are unknown (the `.flo` convention).
-const UNKNOWN: f32 = 1e9;
 
 /// Reads optical flow to the next frame (px, x right, y down; NaN where unknown) from a `.flo` file or from an EXR's
 /// `forward.u`, `forward.v` or Blender Vector pass.
@@ -55,14 +52,9 @@ fn read_flo(path: &Path) -> Result<Flow> {
     for _ in 0..height {
         file.read_exact(&mut row).map_err(io)?;
         let pairs = row.as_chunks::<4>().0.as_chunks::<2>().0.iter();
-        data.extend(pairs.map(|uv| known_flow(uv.map(f32::from_le_bytes))));
+        data.extend(pairs.map(|uv| exr::known_flow(uv.map(f32::from_le_bytes))));
     }
     Raster::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))
-}
-
-/// The displacement, or NaN for both components if one of them is huge or invalid.
-pub(crate) fn known_flow(uv: [f32; 2]) -> [f32; 2] {
-    if uv.iter().all(|v| v.abs() < UNKNOWN) { uv } else { [f32::NAN; 2] }
 }
 
 /// Writes a `.flo` file; unknown (NaN) flow as 1e10.

@@ -5,6 +5,7 @@ use crate::{
     error::guarded,
     exr,
     files::open_file,
+    limits::{BYTES_PER_PIXEL, DEFLATE_RATIO, MAX_PIXELS, check_length, check_size, is_exr, pixels_in_words},
     memory,
     partial::{PartialFile, cannot_write, write_atomically},
 };
@@ -20,51 +21,6 @@ use std::{
     path::Path,
     rc::Rc,
 };
-
-/// The longest side of an image that is read, px.
-pub const MAX_SIDE: usize = 16_384;
-
-/// The largest area of an image that is read, px.
-pub const MAX_PIXELS: usize = 1 << 27;
-
-/// Bytes of a pixel of a frame in memory: three channels of f32.
-const BYTES_PER_PIXEL: u64 = 12;
-
-/// Checks a size that a file claims, before memory is taken for it: a frame of it must fit into the budget.
-pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize)> {
-    if width == 0 || height == 0 {
-        return Err(Error::new(path, format!("the image is empty ({width} x {height} pixels)")));
-    }
-    if width.max(height) > MAX_SIDE as u64 || width * height > MAX_PIXELS as u64 {
-        return Err(Error::new(
-            path,
-            format!(
-                "the image is too large ({width} x {height} pixels; at most {MAX_SIDE} a side and {} megapixels are read)",
-                MAX_PIXELS / 1_000_000
-            ),
-        ));
-    }
-    memory::fits(path, &pixels_in_words(width, height), width * height * BYTES_PER_PIXEL)?;
-    Ok((width as usize, height as usize))
-}
-
-/// The size as a sentence on the budget tells it.
-pub(crate) fn pixels_in_words(width: u64, height: u64) -> String {
-    format!("an image of {width} x {height} pixels")
-}
-
-/// Fails if a file of `length` bytes cannot hold an image of that size, which takes `least` bytes of it.
-pub(crate) fn check_length(path: &Path, length: u64, least: u64, (width, height): (u64, u64)) -> Result<()> {
-    if length >= least {
-        return Ok(());
-    }
-    Err(Error::new(
-        path,
-        format!(
-            "the file is damaged or cut short: its head tells of {width} x {height} pixels, which take {least} bytes at least, and it has {length}"
-        ),
-    ))
-}
 
 /// Reads a frame: integer images are taken as display-encoded and mapped to [0, 1], EXR is scene-linear and encoded
 /// here (it may exceed 1). Grey becomes RGB, alpha is left out, the orientation that a camera noted is applied.
@@ -88,16 +44,6 @@ pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
 pub fn read_linear(path: impl AsRef<Path>) -> Result<Linear> {
     let path = path.as_ref();
     if is_exr(path)? { exr::read_colour(path) } else { Ok(read_frame(path)?.to_linear(Transfer::Srgb)) }
-}
-
-/// Whether the file starts as an EXR does.
-pub(crate) fn is_exr(path: &Path) -> Result<bool> {
-    let mut magic = [0; 4];
-    let mut file = open_file(path)?;
-    match file.read(&mut magic) {
-        Ok(n) => Ok(n == 4 && magic == [0x76, 0x2f, 0x31, 0x01]),
-        Err(e) => Err(Error::cannot_read(path, &e)),
-    }
 }
 
 /// Width and height of a frame, px, from the head of its file.
@@ -187,9 +133,6 @@ fn head(path: &Path) -> Result<Head> {
     file.take(64).read_to_end(&mut bytes).map_err(fail)?;
     Ok(Head { bytes, length })
 }
-
-/// The largest ratio that deflate reaches: 258 bytes from two bits.
-pub(crate) const DEFLATE_RATIO: u64 = 1032;
 
 /// The fewest bytes that a file of this format may have, if it holds an image of this size that takes so many bytes when it is decoded.
 fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64, u64), decoded: u64) -> u64 {

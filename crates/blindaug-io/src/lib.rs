@@ -30,6 +30,7 @@ mod ffmpeg;
 mod files;
 mod flow;
 mod image;
+mod limits;
 pub mod memory;
 mod mp4;
 mod mp4_boxes;
@@ -39,6 +40,7 @@ mod regressions;
 mod sequence;
 mod side;
 mod video;
+mod video_head;
 mod yuv;
 
 pub use blindaug::Frame;
@@ -50,10 +52,8 @@ pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
 pub use ffmpeg::VideoWriter;
 pub use files::{Inputs, open_file, read_file, read_text, same_file};
 pub use flow::{read_flow, write_flo};
-pub use image::{
-    MAX_PIXELS, MAX_SIDE, PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16,
-    write_texture,
-};
+pub use image::{PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture};
+pub use limits::{MAX_PIXELS, MAX_SIDE};
 pub use partial::{
     check_folder, check_writable, is_stream, make_folder, remove_incomplete_files, remove_leftovers_in,
     write_atomically,

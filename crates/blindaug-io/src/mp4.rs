@@ -4,10 +4,10 @@ use crate::{
     Error, Result,
     error::{guarded, one_line},
     files::open_file,
-    image::check_size,
+    limits::check_size,
     memory,
     mp4_boxes::Checked,
-    video::{VideoHead, uneven},
+    video_head::{VideoHead, uneven},
     yuv::{Colour, YuvFormat, YuvFrame},
 };
 use openh264::{

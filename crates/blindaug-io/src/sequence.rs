@@ -2,8 +2,9 @@
 
 use crate::{
     Error, Result, exr,
-    files::check_regular,
-    image::{frame_size, has_colour, is_exr, read_frame},
+    files::{check_regular, has_extension},
+    image::{frame_size, has_colour, read_frame},
+    limits::is_exr,
     video::{Video, VideoFrames},
 };
 use blindaug::{Encoded, Frame, text::one_line};
@@ -276,13 +277,6 @@ pub(crate) fn number_of(path: &Path) -> Option<u64> {
         i + stem[i..].chars().next().map_or(1, char::len_utf8)
     });
     stem[start..end].parse().ok()
-}
-
-/// Whether the file's extension is one of these, in any case.
-pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension()
-        .and_then(|e| e.to_str())
-        .is_some_and(|e| extensions.iter().any(|x| x.eq_ignore_ascii_case(e)))
 }
 
 /// The files of a folder with one of these extensions, in the order of their names, without hidden ones.

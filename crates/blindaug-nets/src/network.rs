@@ -2,7 +2,6 @@
 
 use crate::manifest::{Channels, Input, Kind, Layout, Manifest, Order};
 use crate::runtime::{Session, Tensor};
-use crate::store::not_installed;
 use crate::tiles::{Span, reflected, spans, weight};
 use blindaug::fit::noise::NoiseEvidence;
 use blindaug::model::{DepthKind, Method};
@@ -406,4 +405,14 @@ fn resampled<P: Pixel>(image: &Raster<P>, w: usize, h: usize) -> Raster<P> {
 /// The SHA-256 sum, in hexadecimal.
 pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// A network whose file is missing.
+pub(crate) fn not_installed(file: &Path, name: &str) -> Error {
+    Error::new(
+        file,
+        format!(
+            "the network {name} is not installed: there is no such file (`blindaug models install {name}` says how to get it)"
+        ),
+    )
 }

@@ -132,7 +132,7 @@ impl Store {
         let own = self.own(name);
         let built_in = own.is_none() && Self::is_built_in(name);
         let file = own.unwrap_or_else(|| self.manifest_path(name)).with_file_name(file);
-        if built_in || file.is_file() { Ok(()) } else { Err(not_installed(&file, name)) }
+        if built_in || file.is_file() { Ok(()) } else { Err(crate::network::not_installed(&file, name)) }
     }
 
     /// The text of a network's manifest.
@@ -212,16 +212,6 @@ fn opened((text, onnx): &(&str, &[u8])) -> Result<Network> {
     let manifest = parsed(text);
     let file = PathBuf::from(&manifest.file);
     Network::new(manifest, &file, onnx.to_vec())
-}
-
-/// A network whose file is missing.
-pub(crate) fn not_installed(file: &Path, name: &str) -> Error {
-    Error::new(
-        file,
-        format!(
-            "the network {name} is not installed: there is no such file (`blindaug models install {name}` says how to get it)"
-        ),
-    )
 }
 
 #[cfg(test)]

@@ -446,7 +446,9 @@ fn relative_depth_is_not_exported_and_is_after_it_was_scaled() {
     );
     model.defocus = Estimate::Known(relative);
     let export = exported(&model, Target::Nuke);
-    assert!(export.lost.iter().any(|s| s.contains("--scene-scale")) && !text(&export).contains("ZDefocus2"));
+    assert!(
+        export.lost.iter().any(|s| s.contains("the scene's scale")) && !text(&export).contains("ZDefocus2")
+    );
     model.defocus = Estimate::Known(relative.to_metric(2.0, 0.1));
     assert!(text(&exported(&model, Target::Nuke)).contains("ZDefocus2"));
 }

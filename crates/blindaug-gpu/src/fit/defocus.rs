@@ -3,16 +3,24 @@
 use super::{Readback, common_size, filled};
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel};
-use crate::layout::wgsl_struct;
-use crate::prelude;
+use crate::layout::{Layout, structs, wgsl_struct};
+use crate::prelude::constants;
 use blindaug::fit::BlurPoint;
-use blindaug::fit::defocus::{SEARCH_STRIDE, Searched, searched_stds, textured};
+use blindaug::fit::defocus::{SEARCH_REACH, SEARCH_STRIDE, Searched, searched_stds, textured};
 use blindaug::{Error, Result, filter};
 use std::sync::LazyLock;
 use wgpu::{BindGroup, BindingResource, BufferUsages, TextureFormat, TextureUsages};
 
-pub(crate) static SOURCE: LazyLock<String> =
-    LazyLock::new(|| prelude::defocus_fit() + include_str!("defocus.wgsl"));
+/// The struct of the search for the defocus against clean frames.
+pub(crate) const STRUCTS: [Layout; 1] = [Step::LAYOUT];
+
+/// What the search for the defocus against clean frames shares.
+pub(crate) fn shared() -> String {
+    constants(&[("STRIDE", &SEARCH_STRIDE), ("REACH", &SEARCH_REACH), ("MAX_RADIUS", &MAX_RADIUS)])
+        + &structs(&STRUCTS)
+}
+
+pub(crate) static SOURCE: LazyLock<String> = LazyLock::new(|| shared() + include_str!("defocus.wgsl"));
 
 /// The paper's search, as [`blindaug::fit::defocus::pooled_search`] does it: at every 4th pixel each way, of 101 stds from 0 to 10 px, it
 /// finds the one whose Gaussian blur of the sharp image is closest to the target, by the squared error summed over 9 x 9 px.

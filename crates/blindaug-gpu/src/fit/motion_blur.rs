@@ -2,22 +2,25 @@
 
 use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
-use crate::layout::wgsl_struct;
-use crate::prelude::{colours, motion_blur_fit};
+use crate::layout::{Layout, structs, wgsl_struct};
+use crate::prelude::{colours, constants};
 use blindaug::Result;
-use blindaug::fit::motion_blur::{ExposureFit, STEPS};
+use blindaug::fit::motion_blur::{BLOCK, ExposureFit, STEPS};
 use blindaug::model::ExposureFraction;
 use std::sync::LazyLock;
 use wgpu::BufferUsages;
 
+/// The structs of the fit of the exposure to clean frames.
+pub(crate) const STRUCTS: [Layout; 2] = [Params::LAYOUT, Place::LAYOUT];
+
+/// What the fit of the exposure to clean frames shares.
+pub(crate) fn shared() -> String {
+    constants(&[("STEPS", &STEPS), ("CURVE", &CURVE), ("BLOCK", &BLOCK)]) + &structs(&STRUCTS)
+}
+
 pub(crate) static SOURCE: LazyLock<String> = LazyLock::new(|| {
-    [
-        colours(),
-        motion_blur_fit(),
-        include_str!("../shared.wgsl").into(),
-        include_str!("motion_blur.wgsl").into(),
-    ]
-    .concat()
+    [colours(), shared(), include_str!("../shared.wgsl").into(), include_str!("motion_blur.wgsl").into()]
+        .concat()
 });
 
 /// The number of exposure fractions of the curve that comes back, evenly from 0 to 1.

@@ -2,12 +2,13 @@
 
 use super::{Readback, Stage, common_size, filled, read, storage, uniform, view, write};
 use crate::gpu::array_view;
-use crate::layout::wgsl_struct;
-use crate::prelude::{blind_fits, colours};
+use crate::layout::{Layout, structs, wgsl_struct};
+use crate::prelude::{colours, constants};
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::spectral::{
     self, BLOCK_COUNT, CODING_OF_LENS, COLUMNS, EXPOSURE_TILES, EXPOSURES, ExposureObservation,
     LENS_TILES_PER_BLOCK, LEVELS, LensObservation, SIGMAS, TILE, TILE_SIGMAS, frequencies, hann, lens_gain,
+    numbers,
 };
 use blindaug::model::{BlurSpace, ExposureFraction, NOISE_LEVELS, SharpeningModel};
 use blindaug::synth::noise::white_band_std;
@@ -15,13 +16,65 @@ use blindaug::{Error, Result};
 use std::sync::LazyLock;
 use wgpu::BufferUsages;
 
+/// The structs of the blind fits.
+pub(crate) const STRUCTS: [Layout; 2] = [Params::LAYOUT, Tile::LAYOUT];
+
+/// What the kernels of the blind fits share.
+pub(crate) fn shared() -> String {
+    let constants = constants(&[
+        ("NOISE_LEVELS", &NOISE_LEVELS),
+        ("BLOCKS", &numbers::BLOCKS),
+        ("LEAST_STEP", &numbers::LAMBDA_STEPS.start),
+        ("LARGEST_STEP", &numbers::LAMBDA_STEPS.end),
+        ("MAX_STEPS", &((numbers::MAX_LAMBDA / numbers::LAMBDA_STEPS.start).round() as usize + 1)),
+        ("EXPOSURE_OBSERVATION", &EXPOSURE_OBSERVATION),
+        ("LENS_OBSERVATION", &LENS_OBSERVATION),
+        ("TILE", &TILE),
+        ("LEVELS", &LEVELS),
+        ("COLUMNS", &COLUMNS),
+        ("EXPOSURE_TILES", &EXPOSURE_TILES),
+        ("LENS_TILES_PER_BLOCK", &LENS_TILES_PER_BLOCK),
+        ("BLOCK_COUNT", &BLOCK_COUNT),
+        ("MIN_SPEED", &numbers::SPEEDS.start),
+        ("MAX_SPEED", &numbers::SPEEDS.end),
+        ("SAMPLES", &numbers::SAMPLES),
+        ("EXPOSURES", &EXPOSURES),
+        ("SIGMAS", &SIGMAS),
+        ("TILE_SIGMAS", &TILE_SIGMAS),
+        ("HEAD", &HEAD),
+        ("GAINS", &GAINS),
+        ("TEMPER", &numbers::TEMPER),
+        ("MIN_CONTRAST", &numbers::MIN_CONTRAST),
+        ("MIDDLE", &numbers::MIDDLE),
+        ("ALPHA", &numbers::ALPHA.0),
+        ("ALPHA_STD", &numbers::ALPHA.1),
+        ("ALPHAS", &numbers::ALPHAS),
+        ("SHUTTER_FLOOR", &numbers::SHUTTER_FLOOR),
+        ("LEAK", &numbers::LEAK),
+        ("MAX_LAMBDA", &numbers::MAX_LAMBDA),
+        ("STREAK_STEP", &numbers::STREAK_STEP),
+        ("EXPOSURE_STEP", &numbers::EXPOSURE_STEP),
+        ("STREAK_ERROR", &numbers::STREAK_ERROR),
+        ("CLIP", &numbers::CLIP),
+        ("INFORMATIVE", &numbers::INFORMATIVE),
+        ("CORRELATED", &numbers::CORRELATED),
+        ("AMPLITUDE_PRECISION", &numbers::AMPLITUDE_PRECISION),
+        ("DIRECTION", &numbers::DIRECTION),
+        ("EXPOSURE_NOISE_ERROR", &numbers::EXPOSURE_NOISE_ERROR.as_array()),
+        ("LENS_NOISE_ERROR", &numbers::LENS_NOISE_ERROR.as_array()),
+        ("PIXEL_RESPONSE", &numbers::PIXEL_RESPONSE),
+        ("LARGER_BLUR", &numbers::LARGER_BLUR),
+    ]);
+    constants + &structs(&STRUCTS)
+}
+
 pub(crate) static TILES: LazyLock<String> = LazyLock::new(|| {
     let own = [
         include_str!("../shared.wgsl"),
         include_str!("spectral/common.wgsl"),
         include_str!("spectral/tiles.wgsl"),
     ];
-    [colours(), blind_fits(), own.concat()].concat()
+    [colours(), shared(), own.concat()].concat()
 });
 pub(crate) static EXPOSURE: LazyLock<String> =
     LazyLock::new(|| likelihood(include_str!("spectral/exposure.wgsl")));
@@ -29,8 +82,8 @@ pub(crate) static LENS: LazyLock<String> = LazyLock::new(|| likelihood(include_s
 
 /// Joins the source of a likelihood.
 fn likelihood(own: &str) -> String {
-    let shared = [include_str!("spectral/common.wgsl"), include_str!("spectral/likelihood.wgsl")];
-    [blind_fits(), shared.concat(), own.into()].concat()
+    let common = [include_str!("spectral/common.wgsl"), include_str!("spectral/likelihood.wgsl")];
+    [shared(), common.concat(), own.into()].concat()
 }
 
 /// How many numbers come first in an observation: whether it is one, its block of the image, and its speed or its inverse depth.

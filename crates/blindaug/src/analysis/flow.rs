@@ -6,11 +6,10 @@
 //! result depends little on any of them.
 
 use super::brightness::{brightening, undone};
+use super::padded::{PAD, PATCH, Padded, split_mut};
 use super::variational::Refiner;
 use crate::{Error, Flow, Plane, Raster, Result, filter, par, pyramid};
 
-/// Side of a patch, px.
-const PATCH: usize = 8;
 /// Distance between patches, px.
 const STRIDE: usize = 4;
 /// Gauss-Newton steps of a patch.
@@ -30,8 +29,6 @@ const SMOOTHING: f32 = 0.7;
 const SOLVED_AT_ONCE: usize = 1 << 17;
 /// About how many bytes [`FlowEstimator`] takes at most for each pixel of a frame, beside the two images; measured.
 pub const BYTES_PER_PIXEL: u64 = 140;
-/// Pixels repeated around an image, so that patches may leave it.
-pub(super) const PAD: usize = 16;
 
 /// The flow between two images in both directions, and what contradicts it.
 #[derive(Clone, Debug)]
@@ -229,54 +226,6 @@ fn solve(refiner: &mut Refiner, from: &[Padded], to: &[Padded]) -> Flow {
         }
     });
     flow
-}
-
-/// An image with its edge pixels repeated [`PAD`] times on each side, and more until a patch fits in.
-pub(super) struct Padded {
-    /// Width without the padding, px.
-    pub w: usize,
-    /// Height without the padding, px.
-    pub h: usize,
-    /// Width with the padding, px.
-    pub stride: usize,
-    /// Rows with the padding.
-    pub data: Vec<f32>,
-}
-
-impl Padded {
-    fn new(p: &Plane) -> Self {
-        let (w, h) = p.size();
-        let stride = w.max(PATCH) + 2 * PAD;
-        let mut data = vec![0.0; stride * (h.max(PATCH) + 2 * PAD)];
-        par::for_each_row(&mut data, stride, |y, out| {
-            let row = p.row(y.saturating_sub(PAD).min(h - 1));
-            out[..PAD].fill(row[0]);
-            out[PAD..PAD + w].copy_from_slice(row);
-            out[PAD + w..].fill(row[w - 1]);
-        });
-        Self { w, h, stride, data }
-    }
-
-    /// The rest of the image from a pixel on, counted with the padding.
-    #[inline(always)]
-    fn from(&self, x: usize, y: usize) -> &[f32] {
-        &self.data[y * self.stride + x..]
-    }
-
-    /// The pixels of row `y`, with `margin` more on both sides.
-    #[inline(always)]
-    pub fn row(&self, y: isize, margin: usize) -> &[f32] {
-        &self.from(PAD - margin, (y + PAD as isize) as usize)[..self.w + 2 * margin]
-    }
-
-    /// A place for bilinear interpolation of `size` x `size` pixels: pixel, counted with the padding, and fraction.
-    #[inline(always)]
-    pub fn place(&self, x: f32, y: f32, size: usize) -> (usize, usize, f32, f32) {
-        let x = (x + PAD as f32).max(0.0).min((self.stride - size - 1) as f32);
-        let y = (y + PAD as f32).max(0.0).min((self.data.len() / self.stride - size - 1) as f32);
-        let (xi, yi) = (x as i32, y as i32);
-        (xi as usize, yi as usize, x - xi as f32, y - yi as f32)
-    }
 }
 
 /// Smoothed, then half the size again and again, finest first.
@@ -504,21 +453,4 @@ fn densify(from: &Padded, to: &Padded, matches: &[Match]) -> Vec<f32> {
         }
     });
     uv
-}
-
-/// `K` rows of `w` values each, one after another.
-#[inline(always)]
-pub(super) fn split<const K: usize>(rows: &[f32], w: usize) -> [&[f32]; K] {
-    std::array::from_fn(|k| &rows[k * w..][..w])
-}
-
-/// `K` rows of `w` values each, one after another.
-#[inline(always)]
-pub(super) fn split_mut<const K: usize>(rows: &mut [f32], w: usize) -> [&mut [f32]; K] {
-    let mut rest = rows;
-    std::array::from_fn(|_| {
-        let (row, others) = std::mem::take(&mut rest).split_at_mut(w);
-        rest = others;
-        row
-    })
 }

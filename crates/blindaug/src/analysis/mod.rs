@@ -4,6 +4,7 @@ pub(crate) mod brightness;
 pub mod cuts;
 pub mod depth;
 pub mod flow;
+mod padded;
 mod variational;
 
 /// The value below which a share `q` lies; of at least one value.

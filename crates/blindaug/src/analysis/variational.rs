@@ -6,7 +6,7 @@
 //! psi(s) = sqrt(s^2 + eps^2): the changes are linearised at the current flow and divided by the image's gradient, so
 //! that they are in px. The weights psi' are fixed, the linear system that is left is relaxed for a few sweeps, and so on.
 
-use super::flow::{Padded, split, split_mut};
+use super::padded::{Padded, split, split_mut};
 use crate::par;
 
 /// Weight of brightness constancy.

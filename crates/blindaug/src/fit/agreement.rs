@@ -2,7 +2,9 @@
 //! and a bootstrap over blocks of the image and parts of the clip gives its interval.
 
 use super::defocus::{self, BlurPoint, Lens};
-use super::likelihood::{CLIP, EXPOSURE_STEP, EXPOSURES, SIGMAS, index_of_sigma, interpolate, sigma_of};
+use super::likelihood::{
+    CLIP, EXPOSURE_STEP, EXPOSURES, PARTS, SIGMAS, index_of_sigma, interpolate, part_of, sigma_of,
+};
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
 use crate::model::{Estimate, ExposureFraction, Reason};
@@ -11,12 +13,6 @@ use crate::{Error, Result, par};
 /// An exposure that seems longer than this fraction is unknown: no shutter is open for so long, so something else looks like its streaks.
 /// A shutter that is open all the time may seem to be open for 1.05.
 pub(super) const LONGEST: f32 = 1.15;
-
-/// The power that motion leaves at the zeros of its ideal kernel, by the window's leakage and by motion within a tile.
-pub const SHUTTER_FLOOR: f32 = 1e-3;
-
-/// The power that a lens leaves at the zeros of its ideal kernel.
-pub(super) const LENS_FLOOR: f32 = 1e-4;
 
 /// An exposure whose interval is wider than this is unknown.
 pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
@@ -51,9 +47,6 @@ const SURFACES: f32 = 25.0;
 
 /// The number of replicas of the bootstrap for a whole clip.
 pub const BOOTSTRAPS: usize = 120;
-
-/// The number of the bootstrap's parts of a clip in time, each of which may be another shot.
-const PARTS: usize = 8;
 
 /// The exposure that maximises the likelihood.
 #[derive(Clone, Debug)]
@@ -384,11 +377,6 @@ impl FineTables {
         }
         sum
     }
-}
-
-/// The part of the clip that a frame of so many lies in.
-pub(super) fn part_of(frame: usize, frames: usize) -> usize {
-    frame * PARTS.min(frames) / frames.max(1)
 }
 
 /// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of

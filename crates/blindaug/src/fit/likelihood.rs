@@ -1,6 +1,5 @@
 //! The Whittle likelihood of a tile's spectrum, over the exposure fraction and over the std of the blur.
 
-use super::agreement::{LENS_FLOOR, SHUTTER_FLOOR, part_of};
 use super::noise::LumaNoise;
 use super::tiles::{Bin, MIDDLE, MIN_CONTRAST, TILE, Tile, hidden, noise_density};
 use crate::model::SharpeningModel;
@@ -13,6 +12,20 @@ pub const MAX_LAMBDA: f32 = 1.25;
 
 /// The step of the tables over the exposure, as a length of streak in px; in exposure fractions it is kept between 0.05 and 0.125.
 pub const STREAK_STEP: f32 = 0.6;
+
+/// The power that motion leaves at the zeros of its ideal kernel, by the window's leakage and by motion within a tile.
+pub const SHUTTER_FLOOR: f32 = 1e-3;
+
+/// The power that a lens leaves at the zeros of its ideal kernel.
+const LENS_FLOOR: f32 = 1e-4;
+
+/// The number of the bootstrap's parts of a clip in time, each of which may be another shot.
+pub(super) const PARTS: usize = 8;
+
+/// The part of the clip that a frame of so many lies in.
+pub(super) fn part_of(frame: usize, frames: usize) -> usize {
+    frame * PARTS.min(frames) / frames.max(1)
+}
 
 /// The least and the largest step of the tables over the exposure fraction.
 pub const LAMBDA_STEPS: Range<f32> = 0.05..0.125;

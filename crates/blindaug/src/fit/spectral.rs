@@ -35,11 +35,10 @@ pub use pairs::{Pair, pairs};
 
 /// The numbers of these fits, for those who do them elsewhere, as on a graphics device.
 pub mod numbers {
-    pub use super::super::agreement::SHUTTER_FLOOR;
     pub use super::super::likelihood::{
         ALPHA, ALPHAS, AMPLITUDE_PRECISION, CLIP, CORRELATED, DIRECTION, EXPOSURE_NOISE_ERROR, EXPOSURE_STEP,
         INFORMATIVE, LAMBDA_STEPS, LARGER_BLUR, LEAK, LENS_NOISE_ERROR, MAX_LAMBDA, NoiseError,
-        PIXEL_RESPONSE, STREAK_ERROR, STREAK_STEP, TEMPER,
+        PIXEL_RESPONSE, SHUTTER_FLOOR, STREAK_ERROR, STREAK_STEP, TEMPER,
     };
     pub use super::super::tiles::{BLOCKS, MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
 }

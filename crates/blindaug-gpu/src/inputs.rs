@@ -1,0 +1,41 @@
+//! What is composited, as textures.
+
+use wgpu::Texture;
+
+/// Depth as a texture of one channel, or a depth buffer. The inverse depth in 1/m is `scale * value + offset`, which holds for every
+/// perspective projection: with reversed infinite depth, `scale` is 1 / near and `offset` 0.
+#[derive(Clone, Copy, Debug)]
+pub struct Depth<'a> {
+    /// The values: any format of one float channel that can be loaded, NaN where depth is unknown.
+    pub texture: &'a Texture,
+    /// The inverse depth of a unit of the values, 1/m.
+    pub scale: f32,
+    /// The inverse depth where the value is 0, 1/m.
+    pub offset: f32,
+}
+
+/// How far each pixel moves to the next frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Velocity<'a> {
+    /// The values: two float channels, NaN where motion is unknown.
+    pub texture: &'a Texture,
+    /// The motion of a unit of each channel, px (x right, y down).
+    pub scale: [f32; 2],
+}
+
+/// What is composited: textures of one size, with one array layer per eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// The camera's frame: display-encoded values in a format that can be filtered and is not `Srgb` (which would decode them).
+    pub frame: &'a Texture,
+    /// The rendered object: premultiplied scene-linear R, G, B, A.
+    pub color: &'a Texture,
+    /// The object's depth. Without it, there is no defocus.
+    pub depth: Option<Depth<'a>>,
+    /// The object's motion. Without it, there is no motion blur.
+    pub velocity: Option<Velocity<'a>>,
+    /// Whether what lies behind the focus, in it and in front of it is blurred apart, so that something sharp does not bleed into
+    /// blurred surroundings ([`blindaug::synth::Blur::of_layer`]). That takes three times the memory, and the time of as many layers as
+    /// the object has such parts.
+    pub apart: bool,
+}

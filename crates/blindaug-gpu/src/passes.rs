@@ -1,0 +1,132 @@
+//! The passes of a compositor: everything that does not depend on the size of frames.
+
+use crate::gpu::{array_view, texture};
+use crate::kernel::{Binding, Kernel, full_screen, layout};
+use crate::quality::{OCTAVES, disk_table, gaussian_table};
+use crate::{noise, shaders};
+use wgpu::util::DeviceExt;
+use wgpu::{BufferUsages, ShaderStages, TextureFormat, TextureUsages, TextureView};
+
+/// The format of all textures between the passes.
+pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
+
+/// The passes of every camera, and what they read that no frame changes.
+#[derive(Debug)]
+pub(crate) struct Passes {
+    pub(crate) prepare: Kernel,
+    pub(crate) spread: Kernel,
+    pub(crate) pull: Kernel,
+    pub(crate) top: Kernel,
+    pub(crate) push: Kernel,
+    pub(crate) blur: Kernel,
+    pub(crate) halve: Kernel,
+    pub(crate) defocus: Kernel,
+    pub(crate) composite: wgpu::RenderPipeline,
+    pub(crate) composite_layout: wgpu::BindGroupLayout,
+    pub(crate) bilinear: wgpu::Sampler,
+    pub(crate) gaussians: wgpu::Buffer,
+    pub(crate) disks: wgpu::Buffer,
+    /// The tile of noise.
+    pub(crate) tile: TextureView,
+    /// A texture of one pixel, which stands for what is not given.
+    pub(crate) nothing: TextureView,
+}
+
+impl Passes {
+    /// Compiles the passes for targets of this format, and makes the tile of noise.
+    pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue, target: TextureFormat) -> Self {
+        use Binding::{Buffer, BufferMut, Sampler, Target, Texels, Texture, Uniform};
+        let between = Target(BETWEEN);
+        let of_extension = |entry, side, bindings: &[Binding]| {
+            Kernel::new(device, &shaders::EXTENSION, entry, [side, side, 1], bindings)
+        };
+        let halving = [Uniform, Uniform, Sampler, Texture, Buffer, between];
+        let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
+        let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
+        of_defocus.extend([Texture; OCTAVES]);
+        of_defocus.extend([Buffer, Buffer]);
+        let table = |label, contents| {
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some(label),
+                contents,
+                usage: BufferUsages::STORAGE,
+            })
+        };
+        let composite_layout = layout(
+            device,
+            "composite",
+            ShaderStages::FRAGMENT,
+            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Buffer],
+        );
+        Self {
+            prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut, Texels]),
+            spread: of_extension("spread", 16, &[Uniform, Texels, Texels, Texels, Buffer, between]),
+            pull: of_extension("pull", 8, &halving),
+            top: of_extension("top", 1, &doubling),
+            push: of_extension("push", 8, &doubling),
+            blur: of_extension("blur", 16, &doubling),
+            halve: of_extension("halve", 8, &halving),
+            defocus: Kernel::new(device, &shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
+            composite: full_screen_pipeline(device, &composite_layout, target, "composite"),
+            composite_layout,
+            bilinear: device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("bilinear"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            gaussians: table("discrete Gaussians", bytemuck::cast_slice(&gaussian_table())),
+            disks: table("disks", bytemuck::cast_slice(&disk_table())),
+            tile: array_view(&noise::tile(device, queue, 0)),
+            nothing: array_view(
+                &texture(device, "nothing", [1, 1, 1], BETWEEN, TextureUsages::TEXTURE_BINDING)
+                    .expect("every device holds a texture of one pixel"),
+            ),
+        }
+    }
+}
+
+/// What several steps of a frame read or write.
+#[derive(Debug)]
+pub(crate) struct Views {
+    /// What makes the textures of the sharpening, if they are needed.
+    pub(crate) device: wgpu::Device,
+    /// Width and height, px, and the number of eyes.
+    pub(crate) size: [u32; 3],
+    /// [`Camera`] of the current frame.
+    pub(crate) camera: wgpu::Buffer,
+    /// The largest alpha of each part, as the bits of its float.
+    pub(crate) most: wgpu::Buffer,
+    /// The camera's frame.
+    pub(crate) frame: TextureView,
+    /// The layer as it was rendered.
+    pub(crate) sharp: TextureView,
+    /// The layer, out of focus.
+    pub(crate) focused: TextureView,
+    /// The path and the defocus std of each pixel.
+    pub(crate) blur: TextureView,
+}
+
+/// A pipeline of composite.wgsl that draws everything with a fragment shader.
+pub(crate) fn full_screen_pipeline(
+    device: &wgpu::Device,
+    group: &wgpu::BindGroupLayout,
+    target: TextureFormat,
+    fragment: &str,
+) -> wgpu::RenderPipeline {
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(fragment),
+        source: wgpu::ShaderSource::Wgsl(shaders::COMPOSITE.as_str().into()),
+    });
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(fragment),
+        bind_group_layouts: &[Some(group)],
+        immediate_size: 0,
+    });
+    full_screen(device, Some(&layout), &module, fragment, &[target])
+}
+
+/// What a binding takes of a texture.
+pub(crate) fn view(v: &TextureView) -> wgpu::BindingResource<'_> {
+    wgpu::BindingResource::TextureView(v)
+}

@@ -1,0 +1,42 @@
+//! What single passes need to know, as they are told.
+
+use crate::layout::wgsl_struct;
+
+/// The side of the tile of noise, px.
+pub const TILE: usize = 256;
+
+wgsl_struct! {
+    /// What a pass of the mask needs to know.
+    pub(crate) struct MaskPass {
+        /// Where the area begins in the source, px.
+        pub(crate) origin: [u32; 2],
+        /// The radius of the Gaussian's kernel, px.
+        pub(crate) radius: u32,
+        /// The amount of the mask.
+        pub(crate) amount: f32,
+        /// The weight of the source in a step of the iteration.
+        pub(crate) of_source: f32,
+        /// The weight of the blurred source.
+        pub(crate) of_blurred: f32,
+        /// The weight of the first step's result.
+        pub(crate) of_first: f32,
+        /// Unused.
+        pub(crate) padding: u32,
+    }
+}
+
+wgsl_struct! {
+    /// What a pass that makes the tile needs to know of a pyramid level.
+    pub(crate) struct TileLevel {
+        /// The pixels along a side of the source.
+        pub(crate) side: u32,
+        /// The least local std that the source is divided by, so that windows with next to nothing in them are not blown up.
+        pub(crate) floor: f32,
+        /// What makes the std of the result 1: a normal number over its own window's std has a std slightly below 1.
+        pub(crate) gain: f32,
+        /// The lower half of the seed.
+        pub(crate) seed: u32,
+        /// The upper half of the seed.
+        pub(crate) seed_high: u32,
+    }
+}

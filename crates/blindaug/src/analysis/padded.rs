@@ -1,0 +1,74 @@
+//! Images with their edges repeated, which optical flow reads beyond its edges.
+
+use crate::{Plane, par};
+
+/// The side of a patch, px. An image is padded to hold one.
+pub(super) const PATCH: usize = 8;
+
+/// Pixels repeated around an image, so that patches may leave it.
+pub(super) const PAD: usize = 16;
+
+/// An image with its edge pixels repeated [`PAD`] times on each side, and more until a patch fits in.
+pub(super) struct Padded {
+    /// Width without the padding, px.
+    pub w: usize,
+    /// Height without the padding, px.
+    pub h: usize,
+    /// Width with the padding, px.
+    pub stride: usize,
+    /// Rows with the padding.
+    pub data: Vec<f32>,
+}
+
+impl Padded {
+    pub fn new(p: &Plane) -> Self {
+        let (w, h) = p.size();
+        let stride = w.max(PATCH) + 2 * PAD;
+        let mut data = vec![0.0; stride * (h.max(PATCH) + 2 * PAD)];
+        par::for_each_row(&mut data, stride, |y, out| {
+            let row = p.row(y.saturating_sub(PAD).min(h - 1));
+            out[..PAD].fill(row[0]);
+            out[PAD..PAD + w].copy_from_slice(row);
+            out[PAD + w..].fill(row[w - 1]);
+        });
+        Self { w, h, stride, data }
+    }
+
+    /// The rest of the image from a pixel on, counted with the padding.
+    #[inline(always)]
+    pub fn from(&self, x: usize, y: usize) -> &[f32] {
+        &self.data[y * self.stride + x..]
+    }
+
+    /// The pixels of row `y`, with `margin` more on both sides.
+    #[inline(always)]
+    pub fn row(&self, y: isize, margin: usize) -> &[f32] {
+        &self.from(PAD - margin, (y + PAD as isize) as usize)[..self.w + 2 * margin]
+    }
+
+    /// A place for bilinear interpolation of `size` x `size` pixels: pixel, counted with the padding, and fraction.
+    #[inline(always)]
+    pub fn place(&self, x: f32, y: f32, size: usize) -> (usize, usize, f32, f32) {
+        let x = (x + PAD as f32).max(0.0).min((self.stride - size - 1) as f32);
+        let y = (y + PAD as f32).max(0.0).min((self.data.len() / self.stride - size - 1) as f32);
+        let (xi, yi) = (x as i32, y as i32);
+        (xi as usize, yi as usize, x - xi as f32, y - yi as f32)
+    }
+}
+
+/// `K` rows of `w` values each, one after another.
+#[inline(always)]
+pub(super) fn split<const K: usize>(rows: &[f32], w: usize) -> [&[f32]; K] {
+    std::array::from_fn(|k| &rows[k * w..][..w])
+}
+
+/// `K` rows of `w` values each, one after another.
+#[inline(always)]
+pub(super) fn split_mut<const K: usize>(rows: &mut [f32], w: usize) -> [&mut [f32]; K] {
+    let mut rest = rows;
+    std::array::from_fn(|_| {
+        let (row, others) = std::mem::take(&mut rest).split_at_mut(w);
+        rest = others;
+        row
+    })
+}
