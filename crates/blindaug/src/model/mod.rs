@@ -89,11 +89,11 @@ pub struct CameraModel {
     /// Defocus blur over inverse depth.
     pub defocus: Estimate<DefocusModel>,
     /// The camera's own sharpening. A file without it says nothing of it.
-    #[serde(default = "unknown_sharpening")]
+    #[serde(default = "not_in_the_file")]
     pub sharpening: Estimate<SharpeningModel>,
 }
 
-fn unknown_sharpening() -> Estimate<SharpeningModel> {
+fn not_in_the_file<T>() -> Estimate<T> {
     Estimate::unknown(Reason::NotEstimated, "the file says nothing of it")
 }
 
