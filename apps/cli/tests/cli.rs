@@ -192,7 +192,8 @@ fn a_camera_is_told_in_words_and_as_json() {
     });
     write_camera(dir.path().join("c.json"), &sharpening).unwrap();
     let words = succeeds(dir.path(), "inspect c.json");
-    for says in ["amount 0.7 (0.5 to 0.9, 95 % sure)", "radius 1.25 px", "of successive frames (40 samples)"] {
+    for says in ["amount 0.7 (0.5 to 0.9, 95 % sure)", "radius 1.25 px", "of successive frames (40 samples)"]
+    {
         assert!(words.contains(says), "{says} in {words}");
     }
     assert!(succeeds(dir.path(), "inspect c.json --json").contains("\"radius_px\": 1.25"));
