@@ -26,7 +26,7 @@ use std::{
 /// here (it may exceed 1). Grey becomes RGB, alpha is left out, the orientation that a camera noted is applied.
 ///
 /// # Errors
-/// If the file is missing, damaged, too large ([`MAX_SIDE`], [`MAX_PIXELS`]), or no image with colour.
+/// If the file is missing, damaged, too large ([`MAX_SIDE`](crate::MAX_SIDE), [`MAX_PIXELS`]), or no image with colour.
 pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
     let path = path.as_ref();
     if is_exr(path)? {
