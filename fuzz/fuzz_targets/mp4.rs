@@ -3,7 +3,7 @@ use blindaug_fuzz::{check, file};
 use blindaug_io::{FrameRange, FrameSource};
 
 libfuzzer_sys::fuzz_target!(
-    // The built-in decoder is meant, not the program.
+    // This target tests the built-in decoder, not the ffmpeg program.
     init: assert_eq!(std::env::var("BLINDAUG_FFMPEG").as_deref(), Ok("none"), "use tools/fuzz.sh"),
     |bytes: &[u8]| {
         let Some(source) = check(FrameSource::open(file(bytes, "mp4"), FrameRange::default())) else { return };

@@ -1,8 +1,8 @@
-//! What the fuzz targets share.
+//! Code that the fuzz targets share.
 //!
 //! A target fails on a panic that reaches it, on an abort, on five seconds without an end, and on too much memory. A panic within
-//! [`blindaug_io::guarded`] is an error of the file in the program too, and does not count: its hook hands only the others on to
-//! libFuzzer's.
+//! [`blindaug_io::guarded`] does not count, because it becomes an error of the file, as in the program: the hook of `guarded` hands
+//! only other panics on to libFuzzer's hook.
 
 use blindaug::{
     CameraModel,
@@ -15,14 +15,14 @@ use std::{
     sync::OnceLock,
 };
 
-/// Writes the bytes to a file of this ending in memory, and gives its path; the next call overwrites it.
+/// Writes the bytes to a file with this extension, in memory if possible, and returns its path; the next call overwrites the file.
 pub fn file(bytes: &[u8], ending: &str) -> &'static Path {
     static PATH: OnceLock<PathBuf> = OnceLock::new();
     let path = PATH.get_or_init(|| {
         let memory = Path::new("/dev/shm");
         let temporary = std::env::temp_dir();
         let parent = if memory.is_dir() { memory } else { &temporary };
-        // A folder of its own: what an object names beside it must not be another run's.
+        // Each run has a folder of its own, so that the files that an object refers to are not those of another run.
         let folder = parent.join(format!("blindaug-fuzz-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a folder for the input");
         folder.join(format!("input.{ending}"))
@@ -31,7 +31,7 @@ pub fn file(bytes: &[u8], ending: &str) -> &'static Path {
     path
 }
 
-/// Checks that an error is one line that says which file it is about.
+/// Checks that an error is one line of moderate length without control characters; returns the value if there is no error.
 pub fn check<T, E: Display>(result: Result<T, E>) -> Option<T> {
     result
         .map_err(|e| {
@@ -42,7 +42,7 @@ pub fn check<T, E: Display>(result: Result<T, E>) -> Option<T> {
         .ok()
 }
 
-/// Reads an image as each of the things that it may be.
+/// Reads an image as a frame, as linear light and as depth.
 pub fn image(bytes: &[u8], ending: &str) {
     let path = file(bytes, ending);
     check(blindaug_io::read_frame(path));
@@ -50,7 +50,7 @@ pub fn image(bytes: &[u8], ending: &str) {
     check(blindaug_io::read_inverse_depth(path, blindaug_io::DepthFormat::default()));
 }
 
-/// What the program does with a camera that it has read.
+/// Does with a camera model what the program does after reading one.
 pub fn use_camera(model: &CameraModel) {
     let text = model.to_json();
     assert!(
@@ -94,12 +94,12 @@ fn use_defocus(defocus: &DefocusModel) {
     }
 }
 
-/// What the program does with cameras over time.
+/// Does with per-frame camera models what the program does after reading them.
 pub fn use_track(track: &CameraTrack) {
     for frame in [0, 1, 7, u64::MAX] {
         use_camera(&track.at(frame));
     }
-    // The first few: their number is bounded by the file's size.
+    // Only the first few models are used, since the file may hold as many as its size allows.
     for camera in track.frames().iter().take(4) {
         camera.to_json_line();
         use_camera(&camera.camera);

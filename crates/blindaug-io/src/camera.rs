@@ -1,4 +1,4 @@
-//! camera.json, and the same for each frame.
+//! Reading and writing camera.json and per-frame camera models.
 
 use crate::files::read_text;
 use crate::partial::{PartialFile, cannot_write};
@@ -13,7 +13,7 @@ use std::{
 
 /// The largest camera.json that is read, bytes.
 const MAX_BYTES: u64 = 1 << 20;
-/// The most bytes of per-frame models: a line has about three thousand.
+/// The largest file of per-frame models that is read, bytes; a line has about three thousand.
 const MAX_TRACK_BYTES: u64 = 1 << 29;
 
 /// Reads a camera model.
@@ -34,17 +34,17 @@ pub fn read_camera_track(path: impl AsRef<Path>) -> Result<CameraTrack> {
     CameraTrack::from_json(&read_text(path, MAX_TRACK_BYTES)?).map_err(|e| Error::new(path, e.to_string()))
 }
 
-/// Writes per-frame models, one after another; the file gets its name when it is finished.
+/// A writer of per-frame models, one after another; the file gets its name in [`CameraTrackWriter::finish`].
 pub struct CameraTrackWriter {
     file: PartialFile,
     lines: BufWriter<File>,
 }
 
 impl CameraTrackWriter {
-    /// Begins a file.
+    /// Begins a file of per-frame models.
     ///
     /// # Errors
-    /// If no file can be made there.
+    /// If the file cannot be created.
     pub fn create(path: impl AsRef<Path>) -> Result<Self> {
         let file = PartialFile::beside(path.as_ref())?;
         let lines = File::create(file.path()).map_err(|e| cannot_write(file.target(), &e))?;
@@ -54,17 +54,17 @@ impl CameraTrackWriter {
     /// Adds a frame's model.
     ///
     /// # Errors
-    /// If a number of it is out of its range, or the line cannot be written.
+    /// If a number of the model is out of its range, or the line cannot be written.
     pub fn write(&mut self, camera: &TrackedCamera) -> Result<()> {
         let path = self.file.target();
         camera.camera.validate().map_err(|e| Error::new(path, format!("frame {}: {e}", camera.frame)))?;
         writeln!(self.lines, "{}", camera.to_json_line()).map_err(|e| cannot_write(path, &e))
     }
 
-    /// Gives the file its name.
+    /// Completes the file and gives it its name.
     ///
     /// # Errors
-    /// If it cannot be completed.
+    /// If the file cannot be completed.
     pub fn finish(self) -> Result<()> {
         let Self { file, mut lines } = self;
         lines.flush().map_err(|e| cannot_write(file.target(), &e))?;
@@ -76,10 +76,10 @@ impl CameraTrackWriter {
 /// Writes a camera model.
 ///
 /// # Errors
-/// If a number of it is out of its range, or the file cannot be written.
+/// If a number of the model is out of its range, or the file cannot be written.
 pub fn write_camera(path: impl AsRef<Path>, camera: &CameraModel) -> Result<()> {
     let path = path.as_ref();
-    // What could not be read again is not written.
+    // A model that could not be read again is not written.
     camera.validate().map_err(|e| Error::new(path, format!("the camera model is not written: {e}")))?;
     write_atomically(path, |partial| std::fs::write(partial, camera.to_json()))
 }

@@ -8,24 +8,24 @@ use crate::{
 use blindaug::{Plane, Raster};
 use std::path::Path;
 
-/// What the numbers of a depth map mean.
+/// The meaning of the numbers in a depth map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthValues {
-    /// Depth along the view axis: EXR in metres, integers in units of [`DepthFormat::per_metre`]; 0: no reading.
+    /// Depth along the view axis: EXR in metres, integers divided by [`DepthFormat::per_metre`]; 0 is no reading.
     #[default]
     Metric,
-    /// Inverse depth: EXR in 1/m, integers divided by [`DepthFormat::per_metre`]; 0: infinitely far.
+    /// Inverse depth: EXR in 1/m, integers divided by [`DepthFormat::per_metre`]; 0 is infinitely far.
     Inverse,
-    /// Inverse depth of unknown scale: EXR as it is, integers mapped to [0, 1]; 0: the farthest.
+    /// Inverse depth of unknown scale: EXR as it is, integers mapped to [0, 1]; 0 is the farthest.
     RelativeInverse,
 }
 
-/// How to read depth maps.
+/// The format of depth maps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthFormat {
-    /// What the numbers mean.
+    /// The meaning of the numbers; metric depth by default.
     pub values: DepthValues,
-    /// Integer values per metre (or per 1/m), > 0; 1000 for millimetres. EXR is always in metres.
+    /// Integer values per metre (or per 1/m), > 0; 1000 (millimetres) by default. EXR values are not divided by it.
     pub per_metre: f32,
 }
 
@@ -45,7 +45,7 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
     if !(format.per_metre.is_finite() && format.per_metre > 0.0) {
         return Err(Error::new(path, "the depth scale must be a positive number of units per metre"));
     }
-    // (values in m, 1/m or [0, 1]; the integer's largest value)
+    // `values` are as stored; `max` is the largest value of an integer image's type.
     let (values, max) = if is_exr(path)? { (exr::read_depth(path)?, None) } else { integers(path)? };
     let scale = match (max, format.values) {
         (None, _) => 1.0,
@@ -71,7 +71,7 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
 
 /// The values of a grey integer image, and the largest value of its type.
 fn integers(path: &Path) -> Result<(Plane, Option<f32>)> {
-    // Not turned: depth maps belong to the pixels as they are stored.
+    // The orientation noted in the file is not applied: depth maps are taken as they are stored.
     let (image, _) = decode(path)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let color = image.color();
@@ -91,7 +91,7 @@ fn integers(path: &Path) -> Result<(Plane, Option<f32>)> {
     Ok((plane, Some(max.into())))
 }
 
-/// The one value of pixels whose three channels are equal (many tools write depth so), else `None`.
+/// The value of each pixel if its three channels are always equal (many tools write depth as RGB), else `None`.
 fn grey<T: Copy + PartialEq + Into<f32>>(pixels: impl Iterator<Item = [T; 3]>) -> Option<Vec<f32>> {
     pixels.map(|[r, g, b]| (r == g && g == b).then_some(r.into())).collect()
 }

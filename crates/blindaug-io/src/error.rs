@@ -10,7 +10,7 @@ use std::{
     sync::Once,
 };
 
-/// Which file, what is wrong with it, and what to do about it, in one sentence.
+/// The path of a file, and one sentence on what is wrong with the file and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error {
     path: PathBuf,
@@ -43,28 +43,28 @@ impl Error {
         Self::new(path, format!("the file is damaged or cut short ({})", one_line(&e.to_string())))
     }
 
-    /// A path as messages show it: printable, and cut where it is very long.
+    /// A path as messages show it: printable, and cut if it is very long.
     pub fn shown_path(path: &Path) -> String {
         const LONGEST_PATH: usize = 1000;
         printable(&cut(&path.to_string_lossy(), LONGEST_PATH)).replace('\n', "\\n")
     }
 
-    /// An error of something that would take more memory than the budget.
+    /// An error of a file that would take more memory than the budget.
     pub(crate) fn over_budget(path: &Path, sentence: String) -> Self {
         Self { over_budget: true, ..Self::new(path, sentence) }
     }
 
-    /// Whether it would take more memory than the budget, so that a larger one would help.
+    /// Whether the file would take more memory than the budget, so that a larger budget would help.
     pub fn is_over_budget(&self) -> bool {
         self.over_budget
     }
 
-    /// The file or folder.
+    /// The path of the file or folder.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What is wrong, without the file's name.
+    /// The sentence on what is wrong, without the file's name.
     pub fn sentence(&self) -> &str {
         &self.sentence
     }
@@ -78,7 +78,7 @@ impl std::fmt::Display for Error {
 
 impl std::error::Error for Error {}
 
-/// What a decoder returns; a panic of it becomes an error of the file, without a message of its own.
+/// Returns the result of `decode`. A panic of the decoder becomes an error of the file, and is not printed.
 ///
 /// # Errors
 /// The decoder's error; if the decoder panics, that the file is damaged.

@@ -1,5 +1,5 @@
-//! What an estimate rests on, in the layout of the paper's released data: a folder for each kind of evidence, and in it a folder per
-//! scene. Read and written side by side.
+//! Reading and writing the evidence of an estimate in the layout of the paper's released data: a folder for each kind of evidence,
+//! and in it a folder per scene.
 
 use crate::{
     DepthFormat, DepthValues, Error, Inputs, Result, SideFolder, check_folder, remove_leftovers_in,
@@ -11,9 +11,9 @@ use blindaug::{
 };
 use std::path::{Path, PathBuf};
 
-/// A scene in the layout of the paper's released data: a folder for each kind of evidence. What is missing is `None`.
+/// A scene in the layout of the paper's released data: a folder for each kind of evidence. A folder that is missing is `None`.
 pub struct PaperScene {
-    /// The recorded frames.
+    /// The folder of the recorded frames.
     pub original: PathBuf,
     /// Frames without noise.
     pub denoised: Option<SideFolder<Encoded>>,
@@ -23,12 +23,12 @@ pub struct PaperScene {
     pub de_focus_blurred: Option<SideFolder<Encoded>>,
     /// Relative inverse depth.
     pub depth: Option<SideFolder<Plane>>,
-    /// Flow to the next frame.
+    /// Optical flow to the next frame, px.
     pub flow: Option<SideFolder<Flow>>,
 }
 
 impl PaperScene {
-    /// The folders for each kind of evidence.
+    /// The names of the folders, one for each kind of evidence.
     pub const KINDS: [&str; 6] =
         ["original", "denoised", "de_motion_blurred", "de_focus_blurred", "depth", "flow"];
 
@@ -41,7 +41,7 @@ impl PaperScene {
     /// Opens `dir/original/scene`, `dir/denoised/scene` and so on, or `dir/scene/original` and so on.
     ///
     /// # Errors
-    /// If there is no folder of original frames, or one of the folders holds something else.
+    /// If there is no folder of original frames, or one of the folders lacks the files of its kind.
     pub fn open(dir: impl AsRef<Path>, scene: &str) -> Result<Self> {
         let dir = dir.as_ref();
         let folder = |kind: &str| {
@@ -67,19 +67,19 @@ impl PaperScene {
     }
 }
 
-/// Writes what an estimate rests on, so that [`PaperScene`] reads it again.
+/// A writer of the evidence of an estimate, in the layout that [`PaperScene`] reads.
 pub struct EvidenceWriter {
     folder: PathBuf,
     scene: String,
-    /// What inverse depth is divided by, from the first frame that has depth.
+    /// The divisor of inverse depth, from the first frame that has depth.
     depth_scale: Option<f32>,
 }
 
 impl EvidenceWriter {
-    /// Into a folder, which is made with the first file; the scene is named after the input.
+    /// A writer to a folder, which is made with the first file; the scene is named after the input.
     ///
     /// # Errors
-    /// If the folder cannot be made or written to, or one of its folders is an input.
+    /// If the folder cannot be made or written to, or one of its subfolders is an input.
     pub fn new(folder: &Path, input: &Path, inputs: &Inputs) -> Result<Self> {
         check_folder(folder)?;
         let scene = input.file_stem().unwrap_or(input.as_os_str()).to_string_lossy().into_owned();
@@ -98,7 +98,7 @@ impl EvidenceWriter {
         Ok(folder.join(format!("{number:04}.{extension}")))
     }
 
-    /// Writes a frame and what was removed from it.
+    /// Writes a frame, and the frames made from it by removal of noise and blur.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -117,7 +117,7 @@ impl EvidenceWriter {
         Ok(())
     }
 
-    /// Writes the flow and the depth that the estimator used of its last frame.
+    /// Writes the flow and the depth that the estimator used for its last frame.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -126,7 +126,7 @@ impl EvidenceWriter {
             write_flo(self.path("flow", number, "flo")?, flow)?;
         }
         if let Some((depth, _)) = estimator.inverse_depth() {
-            // Twice the largest, since other frames may hold nearer things.
+            // The divisor is twice the largest value, since other frames may show nearer objects.
             let most = || 2.0 * depth.data().iter().copied().filter(|d| d.is_finite()).fold(1e-6, f32::max);
             let scale = *self.depth_scale.get_or_insert_with(most);
             write_grey16(self.path("depth", number, "png")?, &depth.map(|d| d / scale))?;
@@ -134,7 +134,7 @@ impl EvidenceWriter {
         Ok(())
     }
 
-    /// The folder that was written to.
+    /// The folder that is written to.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -144,7 +144,7 @@ impl EvidenceWriter {
         &self.scene
     }
 
-    /// What the depth that was written is divided by; `None` if there was no depth.
+    /// The divisor of the inverse depth that was written; `None` if there was no depth.
     pub fn depth_scale(&self) -> Option<f32> {
         self.depth_scale
     }

@@ -1,4 +1,4 @@
-//! Channels of EXR files, found by name whatever program wrote them.
+//! Reading channels of EXR files, which are found by the names that different programs give them.
 
 use crate::{
     Error, Result,
@@ -17,35 +17,35 @@ use ::exr::{
 use blindaug::{Flow, Linear, Plane, Premultiplied, Raster};
 use std::{fs::File, io::BufReader, path::Path};
 
-/// The largest finite half; brighter values are clamped to it, so that a renderer's firefly stays finite in sums.
+/// The largest finite 16-bit float. Brighter values are clamped to it, so that sums over a renderer's fireflies stay finite.
 const BRIGHTEST: f32 = 65_504.0;
 
-/// Metric depths from here on mean "nothing there" (renderers write 1e10 for their background), m.
+/// The metric depth, m, from which on a pixel shows nothing (renderers write 1e10 for their background).
 const FARTHEST: f32 = 1e9;
 
-/// Which of the channels that blindaug reads an EXR file has.
+/// The kinds of channels in an EXR file, of those that blindaug reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExrContents {
-    /// `R`, `G`, `B`.
+    /// Whether there are channels `R`, `G` and `B`.
     pub colour: bool,
-    /// `Z`.
+    /// Whether there is depth: a channel `Z`, Blender's `Depth.V`, or a single channel.
     pub depth: bool,
-    /// `forward.u`, `forward.v`, or Blender's Vector pass.
+    /// Whether there is optical flow: channels `forward.u` and `forward.v`, or Blender's Vector pass.
     pub flow: bool,
 }
 
 /// A rendered virtual layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VirtualLayerFile {
-    /// Scene-linear, premultiplied.
+    /// Scene-linear colour, premultiplied by alpha.
     pub color: Premultiplied,
     /// Inverse depth, 1/m, NaN where there is nothing; `None` if the file has no `Z`.
     pub inverse_depth: Option<Plane>,
-    /// Motion to the next frame, px; `None` if the file has none.
+    /// Optical flow to the next frame, px; `None` if the file has no flow.
     pub flow: Option<Flow>,
 }
 
-/// Looks into the head of an EXR file.
+/// Reads from the head of an EXR file which kinds of channels it has.
 ///
 /// # Errors
 /// If the file is missing, damaged or no EXR.
@@ -102,7 +102,7 @@ pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
     Ok(open(path)?.size)
 }
 
-/// `R`, `G`, `B`.
+/// Reads the channels `R`, `G` and `B`.
 pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
     let file = open(path)?;
     let Some(rgb) = file.colour() else {
@@ -114,7 +114,7 @@ pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
     Ok(Linear(Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(p[c].at(x, y))))))
 }
 
-/// The values of `Z`, or of the only channel, as they are stored.
+/// Reads the depth channel (`Z`, or the only channel) as it is stored.
 pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
     let file = open(path)?;
     let Some(z) = file.depth() else {
@@ -124,7 +124,7 @@ pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
     Ok(planes.swap_remove(0))
 }
 
-/// Optical flow to the next frame, px.
+/// Reads optical flow to the next frame, px.
 pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
     let file = open(path)?;
     let Some(flow) = file.flow() else {
@@ -134,12 +134,12 @@ pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
     Ok(flow.join(&p[0], &p[1]))
 }
 
-/// 1/Z, NaN where Z means that there is nothing.
+/// The inverse depth 1/Z, 1/m; NaN if Z means that there is nothing.
 pub(crate) fn inverse_of_metric(z: f32) -> f32 {
     if z > 0.0 && z < FARTHEST { 1.0 / z } else { f32::NAN }
 }
 
-/// Fails if most of a picture's values are none: the few that a renderer leaves become 0.
+/// Fails if more than half of a picture's values are NaN. The few that a renderer may leave become 0 elsewhere.
 pub(crate) fn mostly_numbers(path: &Path, values: impl Iterator<Item = f32>) -> Result<()> {
     let (mut missing, mut all) = (0usize, 0usize);
     for v in values {
@@ -152,12 +152,12 @@ pub(crate) fn mostly_numbers(path: &Path, values: impl Iterator<Item = f32>) -> 
     Ok(())
 }
 
-/// A light value without the negative and invalid ones.
+/// A light value, where a negative or NaN one becomes 0 and one above [`BRIGHTEST`] is clamped.
 fn light(v: f32) -> f32 {
     if v.is_nan() { 0.0 } else { v.clamp(0.0, BRIGHTEST) }
 }
 
-/// A channel: which header, which of its channels, and the name with that of its layer in front.
+/// A channel: the index of its header, its index in that header, and its name with the layer's name in front.
 struct Channel {
     header: usize,
     index: usize,
@@ -165,7 +165,7 @@ struct Channel {
 }
 
 impl Channel {
-    /// All of the name before its last part.
+    /// The name without its last part, which follows the last dot.
     fn prefix(&self) -> &str {
         self.name.rsplit_once('.').map_or("", |(prefix, _)| prefix)
     }
@@ -175,13 +175,13 @@ impl Channel {
     }
 }
 
-/// Where optical flow is, and in which sign.
+/// The channels of optical flow, x and y, and the sign of each.
 struct FlowChannels {
     channels: [usize; 2],
     sign: [f32; 2],
 }
 
-/// Components at or above this are unknown (the `.flo` convention).
+/// Flow components of this size or larger, px, are unknown (the `.flo` convention).
 const UNKNOWN: f32 = 1e9;
 
 /// The displacement, or NaN for both components if one of them is huge or invalid.
@@ -236,7 +236,8 @@ fn exr_error(path: &Path, e: ::exr::error::Error) -> Error {
 }
 
 impl ExrFile<'_> {
-    /// The channels with these last parts of their names in one layer with one prefix, of the prefix that ranks lowest.
+    /// Finds channels with these last parts of their names and a common layer and prefix. Of several prefixes, the one that `rank`
+    /// puts lowest is taken; `None` excludes a prefix.
     fn find<const N: usize>(
         &self,
         names: [&str; N],
@@ -265,7 +266,7 @@ impl ExrFile<'_> {
         })
     }
 
-    /// The alpha channel beside these.
+    /// The alpha channel of the same layer as `rgb`.
     fn alpha(&self, rgb: &[usize; 3]) -> Option<usize> {
         let r = &self.channels[rgb[0]];
         self.channels.iter().position(|c| c.last() == "A" && c.header == r.header && c.prefix() == r.prefix())
@@ -284,13 +285,13 @@ impl ExrFile<'_> {
 
     fn flow(&self) -> Option<FlowChannels> {
         let ours = self.find(["u", "v"], |_, last| (last == "forward").then_some(0));
-        // Blender's Vector is (-x, y up) of the motion from the previous frame, then the same to the next one.
+        // Blender's Vector pass has the motion from the previous frame in X and Y, and that to the next one in Z (negated) and W (down).
         let blender = || self.find(["Z", "W"], |_, last| (last == "Vector").then_some(0));
         ours.map(|channels| FlowChannels { channels, sign: [1.0, 1.0] })
             .or_else(|| blender().map(|channels| FlowChannels { channels, sign: [-1.0, 1.0] }))
     }
 
-    /// "has no `what`", with the names that are there.
+    /// The error that the file has no `what`, with the names of the channels that it has.
     fn lacks(&self, what: &str) -> Error {
         let names: Vec<_> = self.channels.iter().take(12).map(|c| c.name.as_str()).collect();
         let more = if self.channels.len() > names.len() { ", ..." } else { "" };
@@ -298,7 +299,7 @@ impl ExrFile<'_> {
         Error::new(self.path, format!("the file has no {what} ({there})"))
     }
 
-    /// Reads these channels on the display window, 0 where there is no data.
+    /// Reads the channels of these indices over the display window; pixels without data are 0.
     fn read(self, picks: &[usize]) -> Result<Vec<Plane>> {
         let Self { path, reader, channels, size } = self;
         let picks: Vec<&Channel> = picks.iter().map(|&i| &channels[i]).collect();
@@ -309,7 +310,7 @@ impl ExrFile<'_> {
                 largest_block = largest_block.max(check_header(path, h, length)?);
             }
         }
-        // Planes of f32, what they are joined to, and a block as it is stored and decompressed.
+        // Memory is taken for planes of f32, for the raster that they are joined to, and for a block, both stored and decompressed.
         let pixels = (size.0 * size.1) as u64;
         let bytes = 8 * pixels * picks.len() as u64 + 2 * largest_block;
         memory::fits(path, &pixels_in_words(size.0 as u64, size.1 as u64), bytes)?;
@@ -350,7 +351,7 @@ impl ExrFile<'_> {
     }
 }
 
-/// Writes a line of samples into a row from `x` on (which may be negative), as far as it lies inside.
+/// Writes a line of samples into a row from column `x` on, which may be negative; samples outside the row are left out.
 fn place_line(row: &mut [f32], x: i64, sample_type: SampleType, bytes: &[u8]) {
     let skip = (-x).max(0) as usize;
     let start = (x.max(0) as usize).min(row.len());
@@ -369,9 +370,9 @@ fn place_line(row: &mut [f32], x: i64, sample_type: SampleType, bytes: &[u8]) {
     }
 }
 
-/// Checks what the decoder takes memory for, and what it cannot read, of a file of so many bytes. Gives the bytes of a block.
+/// Fails if the decoder cannot read a layer of this header, or a file of `length` bytes cannot hold it. Returns a block's bytes.
 fn check_header(path: &Path, h: &Header, length: u64) -> Result<u64> {
-    /// What a block of pixels takes beside its pixels, bytes: its place in the table, its own coordinates and its length.
+    /// Bytes of a block besides its pixels: its place in the table, its coordinates and its length.
     const BLOCK_HEAD: u64 = 16;
     let Vec2(width, height) = h.layer_size;
     check_size(path, width as u64, height as u64)?;

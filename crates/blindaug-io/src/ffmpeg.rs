@@ -1,4 +1,4 @@
-//! The `ffmpeg` program through pipes: frames of any video in, H.264 out.
+//! Decoding any video and encoding H.264 with the `ffmpeg` program, through pipes.
 
 use crate::{
     Error, Result,
@@ -18,11 +18,11 @@ use std::{
     thread::JoinHandle,
 };
 
-/// Names the ffmpeg program to use; `none`: never use one.
+/// The environment variable that names the ffmpeg program; with `none`, ffmpeg is never used.
 const VARIABLE: &str = "BLINDAUG_FFMPEG";
 
 /// The containers that are read: those that hold their pictures themselves. Others (playlists, scripts, lists of files, SVG) name
-/// further files or addresses, or are programs, and a video must not open those behind the back of whoever opens it.
+/// further files or addresses, or are programs, and a video must not open those without the user's knowledge.
 const CONTAINERS: &str = "mov,matroska,webm,avi,mpegts,mpeg,mpegvideo,mxf,flv,live_flv,asf,ogg,nut,yuv4mpegpipe,gif,apng,dv,gxf,ivf,\
     h261,h263,h264,hevc,vvc,av1,obu,m4v,mjpeg,rm,swf,wtv,vc1,dnxhd,cine,r3d,lxf,nsv,nuv,dirac,cavsvideo,avs2,avs3,dhav,\
     mp3,wav,w64,flac,aac,ac3,aiff,caf,amr,\
@@ -39,7 +39,7 @@ pub(crate) fn find() -> Option<OsString> {
     run.is_ok_and(|o| o.status.success()).then_some(program)
 }
 
-/// A command that Ctrl-C in a terminal does not reach: this program decides when it ends, by closing its pipe.
+/// A command that Ctrl-C in a terminal does not reach, so that this program decides when the command ends.
 fn command(program: &OsStr) -> Command {
     let mut command = Command::new(program);
     #[cfg(unix)]
@@ -47,28 +47,28 @@ fn command(program: &OsStr) -> Command {
     command
 }
 
-/// How to decode one video with ffmpeg.
+/// One input of ffmpeg, and how it is decoded.
 #[derive(Debug)]
 pub(crate) struct Ffmpeg {
     program: OsString,
-    /// The options that name it.
+    /// The options that name the input.
     input: Vec<OsString>,
-    /// A frame that it garbles is no reason to end, and it has no last one.
+    /// Whether the input is a camera, which may send damaged frames and has no last frame.
     is_camera: bool,
-    /// What to ask for: what the video has, if possible, so that ffmpeg converts nothing.
+    /// The pixel format that is asked for: the video's own if possible, so that ffmpeg converts nothing.
     pixels: Pixels,
     format: YuvFormat,
-    /// The option that gives each frame once, whatever its time; older programs know another name for it.
+    /// The option by which ffmpeg gives each frame once, whatever its time; older versions have another name for it.
     each_frame_once: [&'static str; 2],
 }
 
 impl Ffmpeg {
-    /// Asks ffmpeg what the video is.
+    /// Opens a video file, and asks ffmpeg for its properties.
     pub(crate) fn open(program: OsString, path: &Path) -> Result<(Self, VideoHead)> {
         Self::open_input(program, path, file_input(path), false)
     }
 
-    /// Asks ffmpeg what a camera gives; `path` is what errors call it.
+    /// Opens a camera, and asks ffmpeg for its properties; errors name the camera by `path`.
     pub(crate) fn open_camera(program: OsString, path: &Path, name: &str) -> Result<(Self, VideoHead)> {
         Self::open_input(program, path, camera_input(name, std::env::consts::OS), true)
     }
@@ -106,7 +106,7 @@ impl Ffmpeg {
         Ok((ffmpeg, head))
     }
 
-    /// When the first frames are shown, s, in the order of their times; empty if it cannot be told. Nothing is decoded.
+    /// The times at which the first frames are shown, s, ascending; empty if they are unknown. Nothing is decoded.
     fn times(&self) -> Vec<f64> {
         const FRAMES: &str = "300";
         let output = Command::new(&self.program)
@@ -119,7 +119,7 @@ impl Ffmpeg {
         output.map_or_else(|_| Vec::new(), |o| times_of(&String::from_utf8_lossy(&o.stdout)))
     }
 
-    /// Starts to decode.
+    /// Starts to decode at the first frame.
     pub(crate) fn frames(&self, path: &Path) -> Result<FfmpegFrames> {
         let (width, height) = self.format.size;
         let mut command = command(&self.program);
@@ -129,7 +129,7 @@ impl Ffmpeg {
             .args(&self.input)
             .args(["-map", "0:v:0"]);
         let pixels = &self.pixels.name;
-        // Converted once, here: `-s` beside it would convert a second time, and to other ranges.
+        // The filter converts the frames; `-s` beside it would convert them a second time, and to other ranges.
         let to_size = if self.pixels.converted {
             let scale = "flags=accurate_rnd:out_color_matrix=bt709:out_range=full";
             ["-vf".into(), format!("scale={width}:{height}:{scale},format={pixels}")]
@@ -159,19 +159,19 @@ impl Ffmpeg {
     }
 }
 
-/// A running ffmpeg program; ended when this is dropped.
+/// A running ffmpeg program, which is killed when this is dropped.
 struct Running {
     child: Child,
-    /// What it says.
+    /// The thread that collects the program's messages.
     words: Option<JoinHandle<String>>,
 }
 
 impl Running {
-    /// Waits for its end; whether it succeeded, and what it said.
+    /// Waits until the program ends; returns whether it succeeded, and its messages.
     fn wait(&mut self) -> (bool, String) {
         let status = self.child.wait();
         let mut words = self.words.take().and_then(|w| w.join().ok()).unwrap_or_default();
-        // A program that was stopped from outside says nothing itself.
+        // A program that was stopped by a signal has no message of its own.
         if let (true, Ok(status)) = (words.trim().is_empty(), &status) {
             words = ended_by(*status).into();
         }
@@ -179,11 +179,11 @@ impl Running {
     }
 }
 
-/// What ended a program that did not end by itself; empty if that is not known.
+/// The reason why a program was stopped by a signal; empty if it is not known.
 fn ended_by(status: ExitStatus) -> &'static str {
     #[cfg(unix)]
     if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
-        // The numbers on Linux, macOS and the BSDs.
+        // These are the signals' numbers on Linux, macOS and the BSDs.
         return match signal {
             25 => "the file would be larger than files may be here (ulimit -f)",
             9 => "it was killed; memory may have been short",
@@ -196,20 +196,20 @@ fn ended_by(status: ExitStatus) -> &'static str {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The program may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// Collects what a program says, without letting it wait, or memory grow.
+/// Collects a program's messages in a thread, so that the program never waits for its pipe; their length is limited.
 fn listen(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
     std::thread::spawn(move || {
         const KEPT: usize = 1 << 14;
         let mut text = String::new();
         let mut lines = BufReader::new(stderr);
         let mut line = Vec::new();
-        // A line at most as long as what is kept.
+        // A single line is at most `KEPT` bytes long, too.
         while let Ok(n) = (&mut lines).take(KEPT as u64).read_until(b'\n', &mut line) {
             if n == 0 {
                 break;
@@ -223,7 +223,7 @@ fn listen(stderr: impl Read + Send + 'static) -> JoinHandle<String> {
     })
 }
 
-/// Why ffmpeg found no video in its input, from what it said.
+/// The reason why ffmpeg found no video in its input, from its messages.
 fn why_no_video(text: &str) -> String {
     let has = |what: &str| {
         text.lines().any(|l| l.trim_start().starts_with("Stream #") && l.contains(&format!(": {what}: ")))
@@ -241,7 +241,8 @@ fn why_no_video(text: &str) -> String {
     )
 }
 
-/// The times in what `-f framecrc` prints, s, rising: `#tb 0: 1/12800`, then lines of stream, dts, pts, duration, size and checksum.
+/// The times in the output of `-f framecrc`, s, ascending. It has `#tb 0: 1/12800`, then lines of stream, dts, pts, duration, size
+/// and checksum.
 fn times_of(framecrc: &str) -> Vec<f64> {
     let unit = framecrc.lines().find_map(|l| {
         let (num, den) = l.strip_prefix("#tb 0:")?.trim().split_once('/')?;
@@ -257,14 +258,14 @@ fn times_of(framecrc: &str) -> Vec<f64> {
     times
 }
 
-/// The last thing that ffmpeg said.
+/// The last line of ffmpeg's messages.
 fn last_words(text: &str) -> String {
     let line = text.lines().map(str::trim).rfind(|l| !l.is_empty()).unwrap_or("it said nothing");
-    // Without the file's name, which the error has already.
+    // The file's name is cut off, because the error has it already.
     one_line(if line.starts_with("file:") { line.rsplit(": ").next().unwrap_or(line) } else { line })
 }
 
-/// A file name that ffmpeg takes neither for an option nor for a protocol.
+/// A file name in a form that ffmpeg takes neither for an option nor for another protocol.
 fn file_url(path: &Path) -> OsString {
     let mut url = OsString::from("file:");
     url.push(path);
@@ -277,7 +278,7 @@ fn file_input(path: &Path) -> Vec<OsString> {
     options.iter().map(OsString::from).chain([file_url(path)]).collect()
 }
 
-/// What ffmpeg on an operating system calls a camera: a number, or a name as ffmpeg lists them.
+/// The options that name a camera as input on an operating system; `name` is a number, or a name as ffmpeg lists it.
 fn camera_input(name: &str, system: &str) -> Vec<OsString> {
     let numbered = name.parse::<u32>().is_ok();
     let input: &[&str] = match system {
@@ -289,7 +290,7 @@ fn camera_input(name: &str, system: &str) -> Vec<OsString> {
     input.iter().map(OsString::from).collect()
 }
 
-/// Frames as they come out of ffmpeg.
+/// A reader of the frames that ffmpeg decodes.
 pub(crate) struct FfmpegFrames {
     path: PathBuf,
     is_camera: bool,
@@ -317,7 +318,7 @@ impl FfmpegFrames {
         if whole { Ok(None) } else { Err(Error::new(&self.path, "ffmpeg ended in the middle of a frame")) }
     }
 
-    /// Checks after the last frame whether it was the last one of the video.
+    /// Checks, once ffmpeg gives no more frames, that the video ended without damage; a camera must not end at all.
     fn end(&mut self) -> Result<()> {
         let (success, words) = self.program.wait();
         if self.is_camera {
@@ -338,7 +339,7 @@ impl FfmpegFrames {
             };
             return Err(Error::new(&self.path, what));
         }
-        // Frames that ffmpeg patched up are not what a camera recorded.
+        // Frames that ffmpeg repaired are not what the camera recorded, so damage is an error even if ffmpeg succeeds.
         let damage = ["error while decoding", "corrupt", "partial file", "Invalid NAL", "ended prematurely"];
         match words.lines().find(|l| damage.iter().any(|d| l.contains(d))) {
             Some(line) => Err(Error::new(
@@ -356,12 +357,12 @@ struct Pixels {
     name: String,
     chroma_shift: (u32, u32),
     bits: u32,
-    /// The video has another one.
+    /// Whether the video has another pixel format, so that ffmpeg converts.
     converted: bool,
 }
 
 impl Pixels {
-    /// The planar YCbCr format that holds what `name` holds.
+    /// The planar YCbCr format to ask for if the video has the pixel format `name`.
     fn new(name: &str) -> Self {
         let own = match name {
             "nv12" => "yuv420p",
@@ -388,7 +389,7 @@ impl Pixels {
     }
 }
 
-/// What ffmpeg says of the first video stream of its input.
+/// The properties of an input's first video stream, as ffmpeg prints them.
 struct VideoStream {
     size: (u64, u64),
     pixels: Pixels,
@@ -409,7 +410,7 @@ impl VideoStream {
         let frames = fps.and_then(|fps| Some((duration(text)? * fps).round() as usize)).filter(|&n| n > 0);
         let (name, colour) = fields.get(1)?.split_once('(').unwrap_or((fields[1], ""));
         let pixels = Pixels::new(name);
-        // "bt709", or "matrix/primaries/curve" where these differ.
+        // The colour is given as "bt709", or as "matrix/primaries/curve" where these differ.
         let words: Vec<&str> = colour.trim_end_matches(')').split(',').map(str::trim).collect();
         let matrix = words.iter().find_map(|w| match w.split('/').next().unwrap_or("") {
             "bt709" => Some(1),
@@ -428,7 +429,7 @@ impl VideoStream {
             let centred = ["mjpeg", "mpeg1video"].iter().any(|c| fields[0].starts_with(c));
             Colour::new(matrix.unwrap_or(2), size.1 as usize, full_range, centred)
         };
-        // Until the next stream, a line like `displaymatrix: rotation of -90.00 degrees`, counter-clockwise.
+        // A rotation is a line before the next stream, like `displaymatrix: rotation of -90.00 degrees`, counter-clockwise.
         let rotation = lines
             .take_while(|l| !l.trim_start().starts_with("Stream #"))
             .find_map(|l| l.split_once("rotation of ")?.1.split_whitespace().next()?.parse::<f64>().ok());
@@ -437,7 +438,7 @@ impl VideoStream {
         if words.iter().any(|w| w.contains("arib-std-b67") || w.contains("smpte2084")) {
             notes.push("the video is HDR; its values are taken as they are, as if they were sRGB".into());
         }
-        // "top first", "bottom coded first (swapped)"
+        // Interlaced video is described as "top first" or "bottom coded first (swapped)".
         if words.iter().any(|w| w.contains(" first")) {
             notes.push(INTERLACED.into());
         }
@@ -445,7 +446,7 @@ impl VideoStream {
     }
 }
 
-/// The parts between the commas that are not in brackets.
+/// The parts of the text between commas that are outside brackets.
 fn split_outside_brackets(text: &str) -> Vec<&str> {
     let mut depth = 0;
     let comma = |c: char| {
@@ -455,30 +456,30 @@ fn split_outside_brackets(text: &str) -> Vec<&str> {
     text.split(comma).map(str::trim).collect()
 }
 
-/// `640x272 [SAR 1:1 DAR 40:17]`.
+/// The size, px, in a field like `640x272 [SAR 1:1 DAR 40:17]`.
 fn size_of(field: &str) -> Option<(u64, u64)> {
     let (w, h) = field.split_whitespace().next()?.split_once('x')?;
     Some((w.parse().ok()?, h.parse().ok()?))
 }
 
-/// `Duration: 00:00:10.00, start: ...`, s.
+/// The duration, s, in a text like `Duration: 00:00:10.00, start: ...`.
 fn duration(text: &str) -> Option<f64> {
     let clock = text.split_once("Duration: ")?.1.split(',').next()?;
     clock.split(':').try_fold(0.0, |sum, part| Some(60.0 * sum + part.trim().parse::<f64>().ok()?))
 }
 
-/// 30000/1001 for what ffmpeg rounds to 29.97.
+/// The exact frame rate of NTSC video for the one that ffmpeg rounds: 30000/1001 for 29.97.
 fn exact_fps(fps: f64) -> f64 {
     let ntsc = fps.ceil() * 1000.0 / 1001.0;
     if (fps - ntsc).abs() < 0.006 { ntsc } else { fps }
 }
 
-/// Writes a video through ffmpeg (H.264, 4:2:0, constant quality). It has its name only once it is complete.
+/// A writer of a video by ffmpeg (H.264, 4:2:0, constant quality). The file gets its name in [`VideoWriter::finish`].
 pub struct VideoWriter {
     file: PartialFile,
     size: (usize, usize),
     program: Running,
-    /// `None` once everything is written.
+    /// The pipe to ffmpeg; `None` after a failure or once everything is written.
     frames: Option<ChildStdin>,
     row: Vec<u8>,
 }
@@ -489,8 +490,8 @@ impl VideoWriter {
         has_extension(path.as_ref(), &["mp4", "m4v", "mov", "mkv", "avi"])
     }
 
-    /// Starts a video of frames of this size. An odd width or height grows by a pixel, a copy of the edge, since
-    /// 4:2:0 has only even ones.
+    /// Starts a video of frames of this size, px. An odd width or height grows by a copy of the edge pixels, since 4:2:0 has only even
+    /// sides.
     ///
     /// # Errors
     /// If there is no ffmpeg program, or the frame rate is no positive number.
@@ -498,7 +499,8 @@ impl VideoWriter {
         Self::create_with(find(), path.as_ref(), size, fps, Self::CRF)
     }
 
-    /// The same at another quality: x264's constant rate factor, 0 (nothing is lost) to 51 (the worst), 12 if not given.
+    /// Starts a video as [`VideoWriter::create`] does, but with this constant rate factor of x264: 0 (nothing is lost) to 51 (the
+    /// worst).
     ///
     /// # Errors
     /// The same as [`VideoWriter::create`].
@@ -506,7 +508,7 @@ impl VideoWriter {
         Self::create_with(find(), path.as_ref(), size, fps, crf)
     }
 
-    /// Hardly a difference can be seen.
+    /// The default constant rate factor, at which hardly any difference can be seen.
     const CRF: u8 = 12;
 
     fn create_with(
@@ -530,7 +532,7 @@ impl VideoWriter {
         let even = |n: usize| n + n % 2;
         let mut child = command(&program)
             .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-y"])
-            // Without this, ffmpeg 5 succeeds where the end of the file finds no room.
+            // Without -xerror, ffmpeg 5 reports success if the disk is full at the end of the file.
             .arg("-xerror")
             .args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-s"])
             .arg(format!("{}x{}", even(size.0), even(size.1)))
@@ -561,7 +563,7 @@ impl VideoWriter {
     /// Appends a frame.
     ///
     /// # Errors
-    /// If it has another size, or ffmpeg fails (a full disk, say).
+    /// If the frame has another size, or ffmpeg fails (because of a full disk, say).
     pub fn write(&mut self, frame: &Encoded) -> Result<()> {
         let path = self.file.target();
         let (width, height) = frame.0.size();
@@ -609,7 +611,7 @@ impl VideoWriter {
         }
         let target = self.file.target().to_path_buf();
         self.file.complete()?;
-        // The program of a run that was killed may have made its file only after this run had begun.
+        // The ffmpeg program of a killed run may have made its file only after this run had begun.
         remove_leftovers(&target);
         Ok(())
     }
@@ -633,10 +635,10 @@ mod tests {
         };
         let dir = tempfile::tempdir().unwrap();
         const SIZE: usize = 128;
-        // Files have room for so many half KiB.
+        // Writes a video with the size of files limited to `limit`, in units of half a KiB.
         let written = |limit: &str, name: &str| {
             let program = dir.path().join("ffmpeg.sh");
-            // Written by another process: one that this one has open for writing could not be started.
+            // Another process writes the script, because a program that this process has open for writing could not be started.
             let script = format!(
                 "cat > \"$0\" <<'END'\n#!/bin/sh\ntrap '' XFSZ\nulimit -f {limit}\nexec '{}' \"$@\"\nEND\nchmod +x \"$0\"",
                 ffmpeg.display()
@@ -716,7 +718,7 @@ mod tests {
             let lines = pts.iter().map(|t| format!("0, {t}, {t}, 33, 1000, 0x1234\n"));
             times_of(&format!("#software: x\n#tb 0: 1/1000\n{}", lines.collect::<String>()))
         };
-        // 30 frames a second in whole ms, in the order of decoding.
+        // These are 30 frames per second, in whole ms and in the order of decoding.
         assert_eq!(uneven(&times(&[0, 100, 67, 33, 133, 167])), None);
         let note = uneven(&times(&[0, 33, 67, 133, 167])).unwrap();
         assert!(note.contains("33 to 66 ms") && note.contains("42 ms"), "{note}");
@@ -783,7 +785,7 @@ mod tests {
         };
         let e = frames(true).err().unwrap().to_string();
         assert!(e.starts_with("camera:0: the camera stopped giving frames") && !e.contains('\n'), "{e}");
-        // Anything else may end.
+        // An input that is no camera may end.
         assert!(frames(false).unwrap().is_none());
     }
 

@@ -1,4 +1,4 @@
-//! Files that are read, and what keeps them from being written over.
+//! Opening files to read, and protection of input files from being overwritten.
 
 use crate::{Error, Result};
 use std::{
@@ -21,7 +21,7 @@ pub fn open_file(path: &Path) -> Result<File> {
     File::open(path).map_err(|e| Error::cannot_read(path, &e))
 }
 
-/// Fails if what is there is neither a file nor a folder.
+/// Fails if the path is neither a file's nor a folder's.
 pub(crate) fn check_regular(path: &Path, metadata: &Metadata) -> Result<()> {
     if metadata.is_file() || metadata.is_dir() {
         return Ok(());
@@ -32,13 +32,13 @@ pub(crate) fn check_regular(path: &Path, metadata: &Metadata) -> Result<()> {
     ))
 }
 
-/// All bytes of a file of at most `most` bytes.
+/// Reads a file of at most `most` bytes.
 ///
 /// # Errors
 /// The same as [`open_file`], or if the file has more bytes.
 pub fn read_file(path: &Path, most: u64) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    // One more, by which a longer file is told.
+    // One more byte is read, to recognise a longer file.
     let read = open_file(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes);
     read.map_err(|e| Error::cannot_read(path, &e))?;
     if bytes.len() as u64 > most {
@@ -50,7 +50,7 @@ pub fn read_file(path: &Path, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The text of a file of at most `most` bytes.
+/// Reads a text file of at most `most` bytes.
 ///
 /// # Errors
 /// The same as [`read_file`], or if the file is no text.
@@ -58,18 +58,18 @@ pub fn read_text(path: &Path, most: u64) -> Result<String> {
     String::from_utf8(read_file(path, most)?).map_err(|_| Error::new(path, "the file is no text (UTF-8)"))
 }
 
-/// What a path leads to, the same for all names and links of one file.
+/// The identity of a file, which is the same for all names and links of the file.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Identity {
-    /// Something that is there: its device and its number on it.
+    /// The device and inode number of an existing file or folder.
     #[cfg(unix)]
     Node(u64, u64),
-    /// A path without links. Of something that is not there yet, the path that it would have.
+    /// A path without links. For a file that does not exist yet, it is the path that the file would have.
     Path(PathBuf),
 }
 
 impl Identity {
-    /// `None` if even the folder does not exist.
+    /// The identity of the file of a path; `None` if even the file's folder does not exist.
     fn of(path: &Path) -> Option<Self> {
         #[cfg(unix)]
         if let Ok(metadata) = path.metadata() {
@@ -85,24 +85,24 @@ impl Identity {
     }
 }
 
-/// Whether two paths lead to one file, be it there or not.
+/// Whether two paths lead to the same file, which need not exist.
 pub fn same_file(a: &Path, b: &Path) -> bool {
     matches!((Identity::of(a), Identity::of(b)), (Some(a), Some(b)) if a == b)
 }
 
-/// The folder in which a path's last part is.
+/// The folder that holds the last part of a path.
 pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// What a path's last part leads to if it is a link, or a link to a link; it need not exist.
+/// The destination of a path whose last part is a link, or a link to a link, else the path. The destination need not exist.
 pub(crate) fn link_target(path: &Path) -> std::io::Result<PathBuf> {
     const MOST_LINKS: usize = 40;
     let mut path = path.to_path_buf();
     for _ in 0..MOST_LINKS {
         match path.read_link() {
             Ok(target) => path = folder_of(&path).join(target),
-            // It is no link, or not there.
+            // The path is no link, or does not exist.
             Err(e)
                 if matches!(
                     e.kind(),
@@ -117,7 +117,7 @@ pub(crate) fn link_target(path: &Path) -> std::io::Result<PathBuf> {
     Err(std::io::Error::other("too many links"))
 }
 
-/// The extensions of what is read in folders.
+/// The extensions of the files that are read in folders.
 const READ_IN_FOLDERS: [&str; 11] =
     ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "ppm", "pgm", "pnm", "exr", "flo"];
 
@@ -126,12 +126,12 @@ const READ_IN_FOLDERS: [&str; 11] =
 pub struct Inputs(HashMap<Identity, PathBuf>);
 
 impl Inputs {
-    /// These files, and these folders with the images, depth, flow and layers in them. What is not there is left out.
+    /// Collects these files, and these folders with the images, depth, flow and layers in them. A path that does not exist is left out.
     pub fn of<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Self {
         let mut inputs = Self::default();
         for path in paths {
             inputs.add(path.as_ref());
-            // Folders below are not read, nor files of another kind, such as a camera model that was written there before.
+            // Subfolders are not read, nor are files of another kind, such as a camera model that an earlier run wrote there.
             let files = path.as_ref().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
             let is_read = |path: &PathBuf| has_extension(path, &READ_IN_FOLDERS) && !path.is_dir();
             files.filter(is_read).for_each(|path| inputs.add(&path));
@@ -146,10 +146,10 @@ impl Inputs {
         }
     }
 
-    /// Fails if this file, which is to be written, is read as well, under whatever name.
+    /// Fails if this file, which is to be written, is also an input, under whatever name.
     ///
     /// # Errors
-    /// Names both.
+    /// If the output is an input; the error gives both names.
     pub fn check_output(&self, output: &Path) -> Result<()> {
         let Some(input) = Identity::of(output).and_then(|identity| self.0.get(&identity)) else {
             return Ok(());
@@ -165,11 +165,11 @@ impl Inputs {
         Err(Error::new(output, sentence))
     }
 
-    /// Fails if this folder, which is to be written to, is read as well, or if one of the files in it is for whose name `written`
-    /// holds.
+    /// Fails if this folder, which is to be written to, is also an input, or if a file in it is an input and `written` holds for the
+    /// file's name.
     ///
     /// # Errors
-    /// Names the folder or file.
+    /// If the folder or a file is an input; the error names it.
     pub fn check_output_folder(&self, output: &Path, written: impl Fn(&str) -> bool) -> Result<()> {
         self.check_output(output)?;
         for entry in output.read_dir().into_iter().flatten().flatten() {
@@ -181,7 +181,7 @@ impl Inputs {
     }
 }
 
-/// Whether the file's extension is one of these, in any case.
+/// Whether the file's extension is one of these, in upper or lower case.
 pub(crate) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension()
         .and_then(|e| e.to_str())
@@ -215,7 +215,7 @@ mod tests {
         assert_eq!(Inputs::of([at("in")]).check_output_folder(&at("in/out"), |_| true), Ok(()));
         assert!(inputs.check_output_folder(dir.path(), |_| true).is_err());
         assert_eq!(inputs.check_output_folder(dir.path(), |name| name == "other.png"), Ok(()));
-        // Names of a file that is not there yet.
+        // These are names of a file that does not exist yet.
         symlink("new.json", at("dangling")).unwrap();
         assert!(
             same_file(&at("new.json"), &at("in/../new.json")) && same_file(&at("new.json"), &at("dangling"))

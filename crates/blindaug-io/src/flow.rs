@@ -1,4 +1,4 @@
-//! Optical flow from Middlebury `.flo` files and EXR.
+//! Reading optical flow from Middlebury `.flo` files and EXR, and writing `.flo` files.
 
 use crate::{
     Error, Result, exr,
@@ -57,7 +57,7 @@ fn read_flo(path: &Path) -> Result<Flow> {
     Raster::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))
 }
 
-/// Writes a `.flo` file; unknown (NaN) flow as 1e10.
+/// Writes flow, px, to a `.flo` file; unknown flow (NaN) becomes 1e10.
 ///
 /// # Errors
 /// If the file cannot be written.

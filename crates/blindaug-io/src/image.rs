@@ -1,4 +1,4 @@
-//! Frames from image files.
+//! Reading frames from image files, and writing PNG files.
 
 use crate::{
     Error, Result,
@@ -22,8 +22,8 @@ use std::{
     rc::Rc,
 };
 
-/// Reads a frame: integer images are taken as display-encoded and mapped to [0, 1], EXR is scene-linear and encoded
-/// here (it may exceed 1). Grey becomes RGB, alpha is left out, the orientation that a camera noted is applied.
+/// Reads a frame. Integer images are taken as display-encoded and mapped to [0, 1]. EXR is scene-linear and is encoded here;
+/// its values may exceed 1. Grey becomes RGB, alpha is left out, and the orientation that a camera noted is applied.
 ///
 /// # Errors
 /// If the file is missing, damaged, too large ([`MAX_SIDE`](crate::MAX_SIDE), [`MAX_PIXELS`]), or no image with colour.
@@ -59,7 +59,7 @@ pub(crate) fn frame_size(path: &Path) -> Result<(usize, usize)> {
     })
 }
 
-/// Whether an image has more than grey, from the head of its file.
+/// Whether an image has colour channels, from the head of its file.
 pub(crate) fn has_colour(path: &Path) -> Result<bool> {
     with_decoder(path, |decoder, _| Ok(decoder.color_type().has_color()))
 }
@@ -72,7 +72,7 @@ pub(crate) fn decode(path: &Path) -> Result<(DynamicImage, Orientation)> {
     })
 }
 
-/// What `read` makes of an image whose head has been read and checked, and of its orientation.
+/// Reads and checks an image's head, then returns the result of `read`, which gets the decoder and the orientation.
 fn with_decoder<T>(
     path: &Path,
     read: impl FnOnce(Box<dyn ImageDecoder>, Orientation) -> Result<T>,
@@ -87,7 +87,7 @@ fn with_decoder<T>(
         }
         let head = head(path)?;
         if reader.format() == Some(ImageFormat::Jpeg) {
-            // Both we and the decoder hold the whole file.
+            // Both `jpeg_is_whole` and the decoder hold the whole file.
             memory::fits(path, "the file", 2 * head.length)?;
             if !jpeg_is_whole(path)? {
                 return Err(Error::new(path, "the file is cut short"));
@@ -104,11 +104,11 @@ fn with_decoder<T>(
         let stored = decoder.total_bytes();
         let least = least_length(format, &head.bytes, (width, height), stored);
         check_length(path, head.length, least, (width, height))?;
-        // What the decoder holds, beside a frame of ours.
+        // The memory that the decoder takes, bytes, besides that of our own frame.
         let decoded = match format {
-            // It puts its own copy together from strips.
+            // The TIFF decoder assembles a copy of its own from strips.
             Some(ImageFormat::Tiff) => 2 * stored,
-            // The coefficients of a progressive one.
+            // A progressive JPEG also needs memory for its coefficients.
             Some(ImageFormat::Jpeg) => stored + 2 * (stored + head.length),
             _ => stored,
         };
@@ -119,7 +119,7 @@ fn with_decoder<T>(
     })
 }
 
-/// How a file begins, and how many bytes it has.
+/// The first bytes of a file, 64 at most, and the file's length in bytes.
 struct Head {
     bytes: Vec<u8>,
     length: u64,
@@ -134,11 +134,11 @@ fn head(path: &Path) -> Result<Head> {
     Ok(Head { bytes, length })
 }
 
-/// The fewest bytes that a file of this format may have, if it holds an image of this size that takes so many bytes when it is decoded.
+/// The least length, bytes, of a file of this format that holds an image of this size, px, and of `decoded` bytes when decoded.
 fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64, u64), decoded: u64) -> u64 {
-    /// Pixels per byte: a block of 8 x 8 takes two bits, or one in a progressive file; twice as many, to be safe.
+    /// The most pixels per byte: a block of 8 x 8 takes two bits, or one in a progressive file; doubled, to be safe.
     const JPEG_PIXELS: u64 = 1024;
-    /// More than LZW reaches with codes of 12 bits. Fax codes of bilevel pages have no limit.
+    /// A compression ratio above that of LZW with codes of 12 bits. Fax codes of bilevel pages have no limit, and are not checked.
     const TIFF_RATIO: u64 = 4096;
     let pixels = width * height;
     let number = |at: usize, bytes: usize| {
@@ -147,7 +147,7 @@ fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64,
     };
     match format {
         Some(ImageFormat::Png) => {
-            // The head of the image is the first chunk: bits per sample, then the kind of pixel.
+            // The first chunk, IHDR, has the bits per sample in byte 24 of the file and the colour type in byte 25.
             let samples = match number(25, 1) {
                 2 => 3,
                 4 => 2,
@@ -159,7 +159,7 @@ fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64,
         Some(ImageFormat::Jpeg) => pixels / JPEG_PIXELS,
         Some(ImageFormat::Tiff) if decoded > pixels => decoded / TIFF_RATIO,
         Some(ImageFormat::Bmp) => {
-            // Runs (1 and 2) may leave out as much as they like.
+            // Run-length coding (1 and 2) may leave out any number of pixels.
             let (bits, runs) = match number(14, 4) {
                 12 => (number(24, 2), false),
                 _ => (number(28, 2), [1, 2].contains(&number(30, 4))),
@@ -167,12 +167,12 @@ fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64,
             if runs { 0 } else { (width * bits).div_ceil(8) * height }
         }
         Some(ImageFormat::Pnm) => match head {
-            // Bits; numbers with a space between, but for bits; bytes.
+            // P4 holds packed bits; P1, P2 and P3 hold decimal numbers, with spaces between them except in P1; the others hold bytes.
             [b'P', b'4', ..] => width.div_ceil(8) * height,
             [b'P', b'1', ..] => pixels,
             [b'P', b'2', ..] => 2 * pixels - 1,
             [b'P', b'3', ..] => 6 * pixels - 1,
-            // Arbitrary maps may be of bits, which are decoded to bytes.
+            // P7 holds at least a byte per pixel, even for samples of one bit.
             [b'P', b'7', ..] => pixels,
             _ => decoded,
         },
@@ -180,10 +180,10 @@ fn least_length(format: Option<ImageFormat>, head: &[u8], (width, height): (u64,
     }
 }
 
-/// Whether the picture of a JPEG file ends with its end mark. The decoder would fill up what is missing with grey.
+/// Whether the coded picture of a JPEG file ends with an end marker. The decoder would fill a missing part with grey.
 fn jpeg_is_whole(path: &Path) -> Result<bool> {
     let bytes = std::fs::read(path).map_err(|e| Error::cannot_read(path, &e))?;
-    // Segments of a mark and a length, up to the coded picture, in which marks are unique.
+    // Segments, each of a marker and a length, precede the coded picture, whose data cannot look like a marker.
     let mut rest = bytes.get(2..).unwrap_or(&[]);
     loop {
         match rest {
@@ -211,14 +211,14 @@ fn from_image_error(path: &Path, e: ImageError) -> Error {
 fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orientation) -> Result<Encoded> {
     image.apply_orientation(orientation);
     let (width, height) = (image.width() as usize, image.height() as usize);
-    // Float images may hold anything; integer ones lie in [0, 1] already.
+    // Float images may hold negative or invalid values; integer ones lie in [0, 1] already.
     let finite = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
     if matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
         exr::mostly_numbers(path, strips(&image).flat_map(|s| s.into_rgb32f().into_raw()))?;
     }
     let mut data = Vec::with_capacity(width * height);
     if let DynamicImage::ImageRgb8(bytes) = &image {
-        // The same without copies: most frames are of this kind.
+        // RGB of 8 bits, which most frames are, is converted without copies.
         let values: Vec<f32> = (0..=255u8).map(|v| f32::from(v) / 255.0).collect();
         data.extend(bytes.pixels().map(|p| p.0.map(|v| values[usize::from(v)])));
     } else {
@@ -227,26 +227,26 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
     Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
 }
 
-/// An image in copies of a few rows, so that it is converted without a second one of the whole.
+/// Copies of a few rows of the image each, so that its conversion needs no copy of the whole image.
 pub(crate) fn strips(image: &DynamicImage) -> impl Iterator<Item = DynamicImage> + '_ {
-    /// Pixels at most, unless a row has more.
+    /// The most pixels of a strip, unless a single row has more.
     const STRIP: u32 = 1 << 20;
     let (width, height) = (image.width(), image.height());
     let rows = (STRIP / width.max(1)).max(1);
     (0..height).step_by(rows as usize).map(move |y| image.crop_imm(0, y, width, rows.min(height - y)))
 }
 
-/// Writes a PNG of 8 bits per value, rounded to the nearest and clipped to [0, 1].
+/// Writes a frame as a PNG of 8 bits per value; values are clipped to [0, 1] and rounded to the nearest.
 ///
 /// # Errors
-/// If the file cannot be written; then nothing is left of it.
+/// If the file cannot be written; no part of it is left.
 pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
     let mut png = PngWriter::create(path, frame.0.size())?;
     png.write(frame.0.data())?;
     png.finish()
 }
 
-/// Writes a frame as [`write_png`] does, a few rows at a time; the file gets its name when it is finished.
+/// A writer of the same PNG as [`write_png`], a few rows at a time; the file gets its name in [`PngWriter::finish`].
 pub struct PngWriter {
     file: PartialFile,
     rows: png::StreamWriter<'static, Shared>,
@@ -258,7 +258,7 @@ impl PngWriter {
     /// Begins a file of this width and height, px.
     ///
     /// # Errors
-    /// If no file can be made there, or there are no pixels.
+    /// If the file cannot be created, or the width or height is 0.
     pub fn create(path: impl AsRef<Path>, (width, height): (usize, usize)) -> Result<Self> {
         let file = PartialFile::beside(path.as_ref())?;
         let begin = || -> io::Result<_> {
@@ -274,12 +274,12 @@ impl PngWriter {
         Ok(Self { file, rows, shared, bytes: Vec::new() })
     }
 
-    /// Writes the next pixels, row by row from the top left: whole rows, or parts of them.
+    /// Writes the next pixels, row by row from the top left; a call may write whole rows or parts of rows.
     ///
     /// # Errors
-    /// If they cannot be written.
+    /// If the pixels cannot be written.
     pub fn write(&mut self, pixels: &[[f32; 3]]) -> Result<()> {
-        /// Pixels that are converted at once.
+        /// The number of pixels that are converted at once.
         const PART: usize = 1 << 16;
         for part in pixels.chunks(PART) {
             self.bytes.clear();
@@ -289,10 +289,10 @@ impl PngWriter {
         Ok(())
     }
 
-    /// Gives the file its name.
+    /// Completes the file and gives it its name.
     ///
     /// # Errors
-    /// If pixels are missing, or it cannot be completed.
+    /// If pixels are missing, or the file cannot be completed.
     pub fn finish(self) -> Result<()> {
         let Self { file, rows, shared, .. } = self;
         let end = || -> io::Result<()> {
@@ -304,7 +304,8 @@ impl PngWriter {
     }
 }
 
-/// A file that an encoder owns. The end of a PNG is written when its encoder is dropped, which cannot fail: the first failure is kept.
+/// A file that is shared with its encoder. The encoder writes the end of a PNG when it is dropped, which cannot return an error,
+/// so the first error is kept here.
 #[derive(Clone)]
 struct Shared(Rc<RefCell<(BufWriter<File>, Option<io::Error>)>>);
 
@@ -313,7 +314,7 @@ impl Shared {
         Self(Rc::new(RefCell::new((BufWriter::new(file), None))))
     }
 
-    /// What `write` does to the file.
+    /// Calls `write` on the file, and keeps the first error.
     fn with<T>(&self, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<T>) -> io::Result<T> {
         let (file, failure) = &mut *self.0.borrow_mut();
         write(file).inspect_err(|e| {
@@ -321,7 +322,7 @@ impl Shared {
         })
     }
 
-    /// Writes what is left, and fails if anything failed before.
+    /// Writes what is left in the buffer, and fails if any write failed before.
     fn finish(self) -> io::Result<()> {
         self.with(|file| file.flush())?;
         self.0.borrow_mut().1.take().map_or(Ok(()), Err)
@@ -333,16 +334,16 @@ impl Write for Shared {
         self.with(|file| file.write(bytes))
     }
 
-    /// Leaves it to [`Shared::finish`]: an encoder asks for it after each of its chunks.
+    /// Does nothing, because an encoder flushes after each chunk; [`Shared::finish`] flushes once, at the end.
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
 }
 
-/// Writes four values in [0, 1] per pixel as an RGBA PNG of 8 bits, alpha being one of them.
+/// Writes a texture of four values in [0, 1] per pixel as an RGBA PNG of 8 bits per value.
 ///
 /// # Errors
-/// If the file cannot be written; then nothing is left of it.
+/// If the file cannot be written; no part of it is left.
 pub fn write_texture(path: impl AsRef<Path>, texture: &Raster<[f32; 4]>) -> Result<()> {
     write_png_of(path.as_ref(), texture.size(), &bytes_of(texture), ExtendedColorType::Rgba8)
 }
@@ -350,7 +351,7 @@ pub fn write_texture(path: impl AsRef<Path>, texture: &Raster<[f32; 4]>) -> Resu
 /// Writes a frame as [`write_png`] does, with 16 bits per value.
 ///
 /// # Errors
-/// If the file cannot be written; then nothing is left of it.
+/// If the file cannot be written; no part of it is left.
 pub fn write_png16(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
     let bytes = bytes16_of(frame.0.data().as_flattened());
     write_png_of(path.as_ref(), frame.0.size(), &bytes, ExtendedColorType::Rgb16)
@@ -359,7 +360,7 @@ pub fn write_png16(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
 /// Writes values in [0, 1] as a grey PNG of 16 bits; NaN becomes 0.
 ///
 /// # Errors
-/// If the file cannot be written; then nothing is left of it.
+/// If the file cannot be written; no part of it is left.
 pub fn write_grey16(path: impl AsRef<Path>, plane: &Plane) -> Result<()> {
     write_png_of(path.as_ref(), plane.size(), &bytes16_of(plane.data()), ExtendedColorType::L16)
 }
@@ -368,7 +369,7 @@ fn bytes_of<const N: usize>(image: &Raster<[f32; N]>) -> Vec<u8> {
     image.data().as_flattened().iter().map(|&v| byte_from_encoded(v)).collect()
 }
 
-/// The values as 16 bits in the byte order of this machine, which encoders take.
+/// The values as 16-bit integers in the byte order of this machine, as encoders expect.
 fn bytes16_of(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
 }
@@ -390,8 +391,8 @@ fn write_png_of(
     })
 }
 
-/// The 8-bit value that is nearest to an encoded one.
+/// The 8-bit value nearest to an encoded value.
 pub(crate) fn byte_from_encoded(v: f32) -> u8 {
-    // A cast saturates, and takes NaN to 0.
+    // The cast saturates, and maps NaN to 0.
     (255.0 * v + 0.5) as u8
 }

@@ -1,10 +1,10 @@
-//! Files in and out of blindaug: image sequences, video, EXR layers, depth, optical flow and camera.json.
+//! Reading and writing of blindaug's files: image sequences, video, EXR layers, depth, optical flow and camera.json.
 //!
-//! Everything streams: one frame is in memory at a time. Whatever a file holds, a reader returns a value or an
-//! [`Error`] of one sentence that names the file. What a file's head asks for is checked against its length and against the
-//! process's budget ([`memory`]) before anything is allocated.
+//! Everything streams: one frame is in memory at a time. A reader returns a value, or an [`Error`] of one sentence that
+//! names the file, even if the file is damaged. The size that a file's head claims is checked against the file's length and the
+//! process's memory budget ([`memory`]) before anything is allocated.
 //!
-//! | what | from | functions |
+//! | content | files | functions |
 //! |---|---|---|
 //! | camera.json | | [`read_camera`], [`write_camera`] |
 //! | a camera for each frame | JSON lines | [`read_camera_track`], [`CameraTrackWriter`] |
@@ -12,14 +12,14 @@
 //! | virtual layers | EXR | [`read_virtual_layer`] |
 //! | depth | EXR, PNG, PGM, TIFF | [`read_inverse_depth`] |
 //! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
-//! | what belongs to them | folders, by number | [`SideFolder`] |
-//! | what an estimate rests on | the paper's layout | [`PaperScene`], [`EvidenceWriter`] |
+//! | frames' depth, flow, layers | folders, by number | [`SideFolder`] |
+//! | evidence of an estimate | the paper's layout | [`PaperScene`], [`EvidenceWriter`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
 //! | frames out | PNG | [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
 //!
-//! Cameras are read and videos decoded by the `ffmpeg` program; without one, videos by a built-in decoder of H.264 in MP4. The environment
-//! variable `BLINDAUG_FFMPEG` names another program; `none` forbids it.
+//! The `ffmpeg` program reads cameras and decodes videos. Without ffmpeg, a built-in decoder reads H.264 in MP4. The environment
+//! variable `BLINDAUG_FFMPEG` names another program; with `none`, ffmpeg is never used.
 
 mod camera;
 mod depth;

@@ -1,4 +1,4 @@
-//! What a file's head is held against before memory is taken for its pixels.
+//! Limits that a file's head is checked against before memory is taken for its pixels.
 
 use crate::{Error, Result, files::open_file, memory};
 use std::{io::Read, path::Path};
@@ -12,7 +12,7 @@ pub const MAX_PIXELS: usize = 1 << 27;
 /// Bytes of a pixel of a frame in memory: three channels of f32.
 pub(crate) const BYTES_PER_PIXEL: u64 = 12;
 
-/// Checks a size that a file claims, before memory is taken for it: a frame of it must fit into the budget.
+/// Checks the size, px, that a file claims: it must be within the limits, and a frame of it must fit into the memory budget.
 pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize, usize)> {
     if width == 0 || height == 0 {
         return Err(Error::new(path, format!("the image is empty ({width} x {height} pixels)")));
@@ -30,12 +30,12 @@ pub(crate) fn check_size(path: &Path, width: u64, height: u64) -> Result<(usize,
     Ok((width as usize, height as usize))
 }
 
-/// The size as a sentence on the budget tells it.
+/// The size of an image, px, as messages on the budget give it.
 pub(crate) fn pixels_in_words(width: u64, height: u64) -> String {
     format!("an image of {width} x {height} pixels")
 }
 
-/// Fails if a file of `length` bytes cannot hold an image of that size, which takes `least` bytes of it.
+/// Fails if a file of `length` bytes cannot hold an image of this size, px, which takes at least `least` bytes.
 pub(crate) fn check_length(path: &Path, length: u64, least: u64, (width, height): (u64, u64)) -> Result<()> {
     if length >= least {
         return Ok(());
@@ -48,10 +48,10 @@ pub(crate) fn check_length(path: &Path, length: u64, least: u64, (width, height)
     ))
 }
 
-/// The largest ratio that deflate reaches: 258 bytes from two bits.
+/// The largest compression ratio that deflate reaches: 258 bytes from two bits.
 pub(crate) const DEFLATE_RATIO: u64 = 1032;
 
-/// Whether the file starts as an EXR does.
+/// Whether the file starts with the magic number of EXR.
 pub(crate) fn is_exr(path: &Path) -> Result<bool> {
     let mut magic = [0; 4];
     let mut file = open_file(path)?;

@@ -1,5 +1,5 @@
-//! How much memory may be taken: one budget for the whole process. What a file's head asks for, and what a computation needs, is
-//! checked against it before anything is allocated.
+//! The memory budget of the whole process. The memory that a file's head asks for, or that a computation needs, is checked against
+//! the budget before anything is allocated.
 
 use crate::{Error, Result};
 use std::{
@@ -10,18 +10,18 @@ use std::{
     },
 };
 
-/// Where the system does not tell how much memory it has (other than Linux), this many bytes are taken for all of it.
+/// The memory that a machine is assumed to have if the system does not tell (any but Linux), bytes.
 pub const ASSUMED: u64 = 8_000_000_000;
 
-/// Bytes; 0: the default.
+/// The budget, bytes; 0 stands for the default.
 static BUDGET: AtomicU64 = AtomicU64::new(0);
 
-/// Sets the budget, bytes; 0: the default again.
+/// Sets the budget, bytes; 0 restores the default.
 pub fn set_budget(bytes: u64) {
     BUDGET.store(bytes, Ordering::Relaxed);
 }
 
-/// The budget, bytes: half of what the machine has, or of what its control group may have, unless it was set.
+/// The budget, bytes. The default is half of the machine's memory, or half of its control group's limit if that is less.
 pub fn budget() -> u64 {
     static DEFAULT: OnceLock<u64> = OnceLock::new();
     match BUDGET.load(Ordering::Relaxed) {
@@ -30,10 +30,10 @@ pub fn budget() -> u64 {
     }
 }
 
-/// Fails if `what` ("the picture", say), of a file or with it, takes more bytes than the budget.
+/// Fails if `what` ("the picture", say), which the file at `path` asks for, takes more bytes than the budget.
 ///
 /// # Errors
-/// One sentence with both numbers and with what to do.
+/// If the budget is exceeded; the sentence gives both numbers and a remedy.
 pub fn fits(path: &Path, what: &str, bytes: u64) -> Result<()> {
     let budget = budget();
     if bytes <= budget {
@@ -57,29 +57,29 @@ pub fn in_words(bytes: u64) -> String {
     }
 }
 
-/// Bytes that can be had now: what is free where the system tells it, but no more than the budget.
+/// The memory that may be taken now, bytes: the free memory if the system tells it, but no more than the budget.
 pub fn free() -> u64 {
     kilobytes("/proc/meminfo", "MemAvailable:").map_or(budget(), |free| free.min(budget()))
 }
 
-/// The most bytes that this process has had, where the system tells it.
+/// The largest memory that this process has had, bytes, if the system tells it.
 pub fn most() -> Option<u64> {
     kilobytes("/proc/self/status", "VmHWM:")
 }
 
-/// Bytes of the machine, or fewer if its control group may have no more.
+/// The memory of the machine, bytes, or the limit of its control group if that is less.
 fn installed() -> u64 {
     let machine = kilobytes("/proc/meminfo", "MemTotal:").unwrap_or(ASSUMED);
     let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
     limit_of_groups(Path::new("/sys/fs/cgroup"), &groups).map_or(machine, |limit| limit.min(machine))
 }
 
-/// The least limit of the control groups that a process is in (`/proc/self/cgroup`'s lines) and of those above them, bytes.
+/// The least limit, bytes, of the control groups that a process is in (the lines of `/proc/self/cgroup`) and of their parents.
 fn limit_of_groups(root: &Path, lines: &str) -> Option<u64> {
     let limits = lines.lines().filter_map(|line| {
         let mut parts = line.splitn(3, ':');
         let (id, controllers, group) = (parts.next()?, parts.next()?, parts.next()?);
-        // Version 2 has one hierarchy for all, version 1 one for memory.
+        // Control groups of version 2 have one hierarchy for all controllers, those of version 1 have one for memory.
         let (root, file) = match controllers {
             "" if id == "0" => (root.to_path_buf(), "memory.max"),
             c if c.split(',').any(|c| c == "memory") => (root.join("memory"), "memory.limit_in_bytes"),
@@ -92,7 +92,7 @@ fn limit_of_groups(root: &Path, lines: &str) -> Option<u64> {
     limits.min()
 }
 
-/// The value of a line in kB, as bytes.
+/// The value, in bytes, of the line that begins with `key` and gives kB.
 fn kilobytes(path: &str, key: &str) -> Option<u64> {
     let text = std::fs::read_to_string(path).ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix(key))?;
@@ -119,7 +119,7 @@ mod tests {
         assert_eq!(limit_of_groups(root, "0::/\n"), None);
         limit("memory/c", "memory.limit_in_bytes", "1000000\n");
         assert_eq!(limit_of_groups(root, "4:cpu,memory:/c\n0::/a/b\n"), Some(1_000_000));
-        // A group's name as the host sees it, which is not there inside of a container.
+        // This is a group's name on the host, which does not exist inside a container; there the root's limit holds.
         limit("memory", "memory.limit_in_bytes", "7000000\n");
         assert_eq!(limit_of_groups(root, "4:memory:/docker/0123\n"), Some(7_000_000));
         assert_eq!(limit_of_groups(root, "nonsense\n\n::\n"), None);

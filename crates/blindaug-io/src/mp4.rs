@@ -1,4 +1,4 @@
-//! The built-in video decoder: H.264 in MP4 or MOV, 4:2:0, 8 bit, with nothing installed.
+//! The built-in video decoder, which needs no other program: H.264 in MP4 or MOV, 4:2:0, 8 bit.
 
 use crate::{
     Error, Result,
@@ -28,25 +28,25 @@ const START_CODE: [u8; 4] = [0, 0, 0, 1];
 /// The largest compressed frame that is read, bytes.
 const MAX_SAMPLE: u64 = 1 << 28;
 
-/// What the parser and this module keep of each coded frame, bytes.
+/// The memory that the parser and this module take for each coded frame, bytes.
 const BYTES_PER_SAMPLE: u64 = 120;
 
-/// Where the frames of a file are, and how they are coded.
+/// The positions of a file's coded frames, and the parameters of their coding.
 #[derive(Clone, Debug)]
 pub(crate) struct Mp4 {
     /// Offset and size of each coded frame, in decoding order, bytes.
     samples: Vec<(u64, u64)>,
-    /// Which of the frames, in the order of showing, are shown (a phone trims a video by saying so in its head).
+    /// The frames that are shown, as a range in display order. A phone trims a video by an entry in its head, and keeps all frames.
     shown: Range<usize>,
-    /// Bytes of the length in front of each NAL unit.
+    /// The size of the length field in front of each NAL unit, bytes, 1 to 4.
     length_size: usize,
-    /// The parameter sets, as a byte stream.
+    /// The sequence and picture parameter sets, as a byte stream with start codes.
     parameter_sets: Vec<u8>,
 }
 
 impl Mp4 {
     /// Reads the head of the file.
-    // Long, since each box of the head is checked in turn.
+    // This function is long because it checks each box of the head in turn.
     pub(crate) fn open(path: &Path) -> Result<(Self, VideoHead)> {
         let file = open_file(path)?;
         let length = file.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
@@ -62,7 +62,7 @@ impl Mp4 {
             memory::fits(path, "the list of its frames", BYTES_PER_SAMPLE * file.samples())?;
             let mp4 = re_mp4::Mp4::read(file, length).map_err(|e| Error::damaged(path, e))?;
             let first = |is_wanted: &dyn Fn(&Track) -> bool| mp4.tracks().values().find(|t| is_wanted(t));
-            // The parser names the kind of a track only where it knows the format.
+            // The parser sets the kind of a track only if it knows the format, so the handler type is looked at, too.
             let handled_as_video = |t: &Track| &t.trak(&mp4).mdia.hdlr.handler_type.value == b"vide";
             let track = first(&|t| t.kind == Some(TrackKind::Video)).or_else(|| first(&handled_as_video));
             let Some(track) = track else {
@@ -76,7 +76,7 @@ impl Mp4 {
                 StsdBoxContent::Avc1(avc1) => avc1,
                 coded => {
                     let codec = match coded {
-                        // In capitals, so that the parser leaves it alone.
+                        // `Checked` has put the name in capitals, so that the parser skips the box.
                         StsdBoxContent::Unknown(name) => {
                             name.value.to_ascii_lowercase().escape_ascii().to_string()
                         }
@@ -100,7 +100,7 @@ impl Mp4 {
                 let what = "the video has more than 8 bits or is not 4:2:0, which only ffmpeg can read";
                 return Err(Error::new(path, format!("{what}; {other}")));
             }
-            // The decoder takes memory for this size, whatever the container says.
+            // The decoder allocates memory for the size in the parameter set, whatever the container says.
             check_size(path, sps.size[0], sps.size[1])?;
             if !sps.progressive {
                 let what = "the video is interlaced, which only ffmpeg can read";
@@ -140,7 +140,7 @@ impl Mp4 {
         })
     }
 
-    /// Starts to decode.
+    /// Starts to decode at the first frame.
     pub(crate) fn frames(&self, path: &Path) -> Result<Mp4Frames> {
         let file = open_file(path)?;
         let decoder = Decoder::new().map_err(|e| Error::new(path, format!("no H.264 decoder ({e})")))?;
@@ -157,7 +157,7 @@ impl Mp4 {
     }
 }
 
-/// Frames as they come out of the decoder.
+/// A reader of the decoded frames.
 pub(crate) struct Mp4Frames {
     path: PathBuf,
     mp4: Mp4,
@@ -166,13 +166,13 @@ pub(crate) struct Mp4Frames {
     /// Index of the next sample to decode.
     next: usize,
     decoded: usize,
-    /// What was left in the decoder at the end.
+    /// Frames that were left in the decoder after the last sample.
     rest: VecDeque<YuvFrame>,
     flushed: bool,
 }
 
 impl Mp4Frames {
-    /// The next frame in the order in which they are shown; `None` at the end.
+    /// The next frame in display order; `None` at the end.
     pub(crate) fn next_frame(&mut self) -> Result<Option<YuvFrame>> {
         while self.decoded < self.mp4.shown.end {
             let path = self.path.clone();
@@ -206,9 +206,9 @@ impl Mp4Frames {
             byte_stream_from_sample(&sample, self.mp4.length_size, &mut stream)
                 .ok_or("a unit is longer than its frame")?;
             self.next += 1;
-            // The decoder puts frames into the order of showing, as long as it is not flushed in between.
+            // The decoder puts frames into display order if it is not flushed between samples.
             let options = DecodeOptions::new().flush_after_decode(Flush::NoFlush);
-            // The decoder's own messages are numbers.
+            // The decoder's own messages are error numbers, which tell the user nothing.
             let wrong = |_| "its coded picture is wrong".to_string();
             let decoded = self.decoder.decode_with_options(&stream, options).map_err(wrong)?;
             if let Some(yuv) = decoded {
@@ -238,17 +238,17 @@ fn packed(yuv: &DecodedYUV) -> YuvFrame {
     YuvFrame { format, data }
 }
 
-/// The frames within the edit list, in the order of showing; all of them if it is not of one piece.
+/// The range of frames, in display order, that the edit list shows; all frames if there is no list or it has several pieces.
 fn shown_frames(mp4: &re_mp4::Mp4, track: &Track) -> Range<usize> {
     let all = 0..track.samples.len();
     let trak = track.trak(mp4);
     let Some(edits) = trak.edts.as_ref().and_then(|e| e.elst.as_ref()) else { return all };
-    // A media time of -1 is a pause.
+    // A media time of -1 marks an empty edit, that is, a pause.
     let mut pieces = edits.entries.iter().filter(|e| e.media_time < u32::MAX.into());
     let (Some(piece), None, Some(first)) = (pieces.next(), pieces.next(), track.samples.first()) else {
         return all;
     };
-    // The parser has moved all times so that the first frame is shown at 0: where was it?
+    // The parser has shifted all times so that the first frame is shown at 0; `moved` is that shift, in the track's units.
     let offsets = trak.mdia.minf.stbl.ctts.as_ref().map_or(&[][..], |c| &c.entries);
     let lowest = offsets.iter().map(|o| i64::from(o.sample_offset)).min().unwrap_or(0).min(0);
     let moved = lowest.saturating_sub(first.decode_timestamp);
@@ -263,7 +263,7 @@ fn shown_frames(mp4: &re_mp4::Mp4, track: &Track) -> Range<usize> {
     if shown.is_empty() { all } else { shown }
 }
 
-/// Units with their lengths in front, as in MP4, to units with start codes between. `None` if a length is wrong.
+/// Appends the NAL units of an MP4 sample to `stream`, with start codes in place of their lengths. `None` if a length is wrong.
 fn byte_stream_from_sample(mut sample: &[u8], length_size: usize, stream: &mut Vec<u8>) -> Option<()> {
     while !sample.is_empty() {
         let (length, rest) = sample.split_at_checked(length_size)?;
@@ -276,25 +276,25 @@ fn byte_stream_from_sample(mut sample: &[u8], length_size: usize, stream: &mut V
     Some(())
 }
 
-/// What matters here of a sequence parameter set (section 7.3.2.1.1 and annex E of Rec. ITU-T H.264).
+/// The fields of a sequence parameter set that are used here (section 7.3.2.1.1 and annex E of Rec. ITU-T H.264).
 #[derive(Debug, PartialEq)]
 struct Sps {
     /// Width and height of the coded picture, px: multiples of 16.
     size: [u64; 2],
-    /// 1: 4:2:0.
+    /// The index of the chroma format: 1 is 4:2:0.
     chroma_format: u32,
     bit_depth: u32,
     /// Whether every coded picture is a whole frame, not a field or a mixture of both.
     progressive: bool,
     full_range: bool,
-    /// 2: not said.
+    /// The index of the colour matrix in Table E-5: 2 is "unspecified".
     matrix_coefficients: u32,
 }
 
 impl Sps {
-    /// `None` if it ends too early.
+    /// Parses a parameter set; `None` if it ends too early.
     fn parse(unit: &[u8]) -> Option<Self> {
-        // A zero byte pair is followed by a 3 that is no data.
+        // A byte 3 after two zero bytes only prevents a false start code, and is no data.
         let mut bytes = Vec::with_capacity(unit.len());
         for &b in unit {
             if !(b == 3 && bytes.ends_with(&[0, 0])) {
@@ -372,7 +372,7 @@ impl Sps {
     }
 }
 
-/// Reads bits, the highest first.
+/// A reader of bits, which takes the highest bit of each byte first.
 struct Bits<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -388,7 +388,7 @@ impl Bits<'_> {
         })
     }
 
-    /// An unsigned Exp-Golomb code.
+    /// Reads an unsigned Exp-Golomb code.
     fn golomb(&mut self) -> Option<u32> {
         let mut zeros = 0;
         while self.bits(1)? == 0 {
@@ -432,7 +432,7 @@ mod tests {
 
     #[test]
     fn the_size_in_the_parameters_is_read() {
-        // What x264 writes for 640 x 272 in High profile, progressive.
+        // The parameter set that x264 writes for 640 x 272, High profile, progressive.
         let unit = [
             0x67, 0x64, 0x00, 0x15, 0xac, 0xd9, 0x40, 0xa0, 0x23, 0xb0, 0x11, 0x00, 0x00, 0x03, 0x00, 0x01,
             0x00, 0x00, 0x03, 0x00, 0x32, 0x0f, 0x16, 0x2d, 0x96,

@@ -1,13 +1,13 @@
-//! What an MP4 file says of its own structure (ISO/IEC 14496-12), checked before the parser believes it.
+//! Checks of the box structure of an MP4 file (ISO/IEC 14496-12) before the parser relies on it.
 //!
-//! `re_mp4` 0.4 trusts the sizes of boxes: one of size zero inside of another makes it loop for ever, and a table in a box that claims to be
-//! larger than the file makes it ask for that much memory. So every box that it enters is walked first: each must lie within the one that
-//! holds it, and there may be no more samples than bytes in the file. Boxes that are not needed (titles, events, other codecs) it never
-//! sees: it reads their names in capitals, which it does not know, and skips them.
+//! `re_mp4` 0.4 trusts the sizes of boxes: a box of size zero inside another box makes it loop for ever, and a table in a box that
+//! claims to be larger than the file makes it allocate that much memory. So every box that the parser enters is walked first: each box
+//! must lie within its parent, and there may be no more samples than bytes in the file. Boxes that are not needed (titles, events,
+//! other codecs) are hidden from the parser: it is given their names in capitals, which it does not know, so that it skips them.
 
 use std::io::{BufRead, Read, Result, Seek, SeekFrom};
 
-/// A box that holds others, `None` for the file itself; how many bytes are before the first of these; and which of them are read.
+/// A parent box (`None` is the file itself), the number of bytes before its first child, and the names of the children that are read.
 type Layout = (Option<&'static [u8; 4]>, u64, &'static [&'static [u8; 4]]);
 
 const LAYOUTS: [Layout; 14] = [
@@ -21,7 +21,7 @@ const LAYOUTS: [Layout; 14] = [
     (Some(b"dref"), 8, &[b"url "]),
     (Some(b"stbl"), 0, &[b"stsd", b"stts", b"ctts", b"stss", b"stsc", b"stsz", b"stco", b"co64"]),
     (Some(b"stsd"), 8, &[b"avc1"]),
-    // The fields of a visual sample entry come first.
+    // A visual sample entry has 78 bytes of fields before its first child.
     (Some(b"avc1"), 78, &[b"avcC"]),
     (Some(b"mvex"), 0, &[b"mehd", b"trex"]),
     (Some(b"moof"), 0, &[b"mfhd", b"traf"]),
@@ -32,9 +32,9 @@ fn layout_of(holder: Option<&[u8; 4]>) -> Option<&'static Layout> {
     LAYOUTS.iter().find(|(name, ..)| *name == holder)
 }
 
-/// The most boxes of a file: two days of fragments of a second each.
+/// The most boxes of a file, enough for two days of fragments of a second each.
 const MOST_BOXES: usize = 1 << 21;
-/// The most samples of a file: two days at 60 frames a second have fewer.
+/// The most samples of a file, enough for two days at 60 frames per second.
 const MOST_SAMPLES: u64 = 1 << 24;
 
 const OUTSIDE: &str = "one of its boxes reaches beyond the one that holds it";
@@ -45,13 +45,13 @@ const MANY_SAMPLES: &str = "it lists more pictures than it has room for";
 pub(crate) struct Checked<R> {
     file: R,
     at: u64,
-    /// Where the names are that are read in capitals, rising.
+    /// The positions of the box names that are read in capitals, bytes from the file's start, ascending.
     capitals: Vec<u64>,
     samples: u64,
 }
 
 impl<R> Checked<R> {
-    /// How many samples all tracks and fragments list.
+    /// The number of samples that all tracks and fragments list.
     pub(crate) fn samples(&self) -> u64 {
         self.samples
     }
@@ -61,7 +61,7 @@ impl<R: BufRead + Seek> Checked<R> {
     /// Walks the boxes of a file of `length` bytes and goes back to its start.
     ///
     /// # Errors
-    /// What is wrong, in a few words.
+    /// If a box is wrong; the error says in a few words how.
     pub(crate) fn new(mut file: R, length: u64) -> std::result::Result<Self, String> {
         let mut walk = Walk { file: &mut file, length, boxes: 0, samples: 0, capitals: Vec::new() };
         walk.inside(None, 0, length)?;
@@ -111,13 +111,13 @@ impl<R: BufRead + Seek> Walk<'_, R> {
         self.bytes().map(|b| u32::from_be_bytes(b).into())
     }
 
-    /// Checks the boxes of a file, or inside of another box, from `at` to `end`, bytes from the file's start.
+    /// Checks the boxes inside `holder` (`None` is the file itself), from `at` to `end`, bytes from the file's start.
     fn inside(&mut self, holder: Option<[u8; 4]>, mut at: u64, end: u64) -> std::result::Result<(), String> {
         let &(_, skip, read) = layout_of(holder.as_ref()).unwrap_or(&LAYOUTS[0]);
         at += skip;
         let mut found_parameters = false;
         while at < end {
-            // QuickTime ends the description of a format with a zero, behind what is read of it.
+            // QuickTime ends the description of a format with zero bytes, after the box that is read.
             if holder == Some(*b"avc1") && (found_parameters || end - at < 8) {
                 break;
             }
@@ -126,13 +126,13 @@ impl<R: BufRead + Seek> Walk<'_, R> {
                 return Err("it has more boxes than any video".into());
             }
             let here = self.file.stream_position().map_err(|e| e.to_string())?;
-            // Relative, so that what has been read ahead is kept.
+            // A relative seek keeps what the reader has buffered.
             self.file.seek_relative(at as i64 - here as i64).map_err(|e| e.to_string())?;
             let size = self.number()?;
             let name: [u8; 4] = self.bytes()?;
             let (head, size) = match size {
                 1 => (16, u64::from_be_bytes(self.bytes()?)),
-                // The last box of a file may leave its size out.
+                // The last box of a file may have size 0, which means that it ends with the file.
                 0 if holder.is_none() => (8, end - at),
                 size => (8, size),
             };
@@ -140,7 +140,7 @@ impl<R: BufRead + Seek> Walk<'_, R> {
                 return Err(SHORT.into());
             }
             let is_read = read.contains(&&name);
-            // The end of what is skipped may be missing.
+            // A skipped box outside all other boxes, such as the coded frames, may be cut short.
             if size > end - at && (is_read || holder.is_some()) {
                 return Err(OUTSIDE.into());
             }
@@ -158,7 +158,7 @@ impl<R: BufRead + Seek> Walk<'_, R> {
         Ok(())
     }
 
-    /// Counts the samples that a table lists; the file is behind the head of its box.
+    /// Counts the samples that a table lists; the file's position must be just after the head of the table's box.
     fn samples_of(&mut self, name: [u8; 4]) -> std::result::Result<(), String> {
         let count = match &name {
             b"stsz" => {
@@ -192,7 +192,7 @@ mod tests {
         [&(8 + contents.len() as u32).to_be_bytes()[..], name, contents].concat()
     }
 
-    /// What is wrong with a file in whose `moov` these bytes are.
+    /// Checks a file with these bytes in its `moov`: the bytes that the parser would read, or what is wrong.
     fn checked(moov: &[u8]) -> std::result::Result<Vec<u8>, String> {
         let file = [boxed(b"ftyp", b"isom\0\0\0\0"), boxed(b"moov", moov)].concat();
         let length = file.len() as u64;
@@ -202,7 +202,7 @@ mod tests {
         Ok(seen)
     }
 
-    /// Boxes around this one, from the outside.
+    /// Puts `inner` into nested boxes of these names, the outermost first.
     fn within(names: &[&[u8; 4]], inner: Vec<u8>) -> Vec<u8> {
         names.iter().rev().fold(inner, |inner, name| boxed(name, &inner))
     }
@@ -217,12 +217,12 @@ mod tests {
             table[..4].copy_from_slice(&size.to_be_bytes());
             let e = checked(&within(TABLES, table.clone())).unwrap_err();
             assert!([OUTSIDE, SHORT, "it ends within one of its boxes"].contains(&e.as_str()), "{size}: {e}");
-            // What is skipped is skipped by its size, too.
+            // The size of a box that is skipped is checked, too.
             let mut title = table.clone();
             title[4..8].copy_from_slice(b"udta");
             assert!(checked(&title).is_err(), "{size}");
         }
-        // Bytes that are too few for a box.
+        // Four bytes are too few for a box.
         assert!(checked(&[0; 4]).is_err());
         let long = [&1u32.to_be_bytes()[..], b"udta", &24u64.to_be_bytes(), &[0; 8]].concat();
         assert!(checked(&long).is_ok());
@@ -254,7 +254,7 @@ mod tests {
         let moov = [boxed(b"udta", b"meta"), within(TABLES, boxed(b"stts", b"free"))].concat();
         let seen = checked(&moov).unwrap();
         let text = String::from_utf8_lossy(&seen);
-        // The names alone, not what is inside.
+        // Only the names are in capitals, not the contents.
         assert!(text.contains("UDTAmeta") && text.contains("sttsfree") && text.contains("trak"), "{text}");
         let entry = within(
             &[b"trak", b"mdia", b"minf", b"stbl"],

@@ -1,4 +1,4 @@
-//! Files that are written beside their place and get their name once they are complete.
+//! Files that are written under a temporary name and renamed once they are complete.
 
 use crate::{
     Error, Result,
@@ -15,41 +15,41 @@ use std::{
     },
 };
 
-/// With what the names of incomplete files begin. The process's number, a count and the file's own name follow.
+/// The prefix of the names of incomplete files, which the process's number, a count and the file's own name follow.
 const PREFIX: &str = ".partial-";
 
-/// The most bytes of a file's own name in the name of its incomplete form: file systems allow 255 for all of it.
+/// The most bytes of a file's own name in its temporary name: file systems allow 255 bytes in all.
 const MOST_NAME: usize = 200;
 
-/// The files of this process that are not complete.
+/// The temporary paths of this process's incomplete files.
 static INCOMPLETE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn incomplete() -> MutexGuard<'static, BTreeSet<PathBuf>> {
-    // A set of paths is whole after every panic.
+    // A panic of another thread cannot leave the set half changed.
     INCOMPLETE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A file under a temporary name, by which it is written; removed unless it is completed.
+/// A file that is written under a temporary name, and removed when dropped unless it was completed.
 pub(crate) struct PartialFile {
-    /// The name that was asked for.
+    /// The path that was asked for.
     target: PathBuf,
     place: Place,
     partial: PathBuf,
-    /// Open and locked as long as it is written, so that another run does not take it for a leftover.
+    /// The file, open and locked while it is written, so that another run does not take it for a leftover.
     _lock: File,
 }
 
-/// Where a complete file goes.
+/// The destination of a complete file.
 enum Place {
-    /// It gets this name; links have been followed.
+    /// The file is renamed to this path, in which links have been followed.
     Name(PathBuf),
-    /// It is copied into a pipe or a device.
+    /// The file is copied into a pipe or a device.
     Stream,
 }
 
 impl PartialFile {
-    /// Makes an empty file beside `target` (hidden, of the same extension); for a pipe or a device, in the system's folder for
-    /// temporary files. Where `target` is a link, what it leads to is meant.
+    /// Makes an empty hidden file of the same extension beside `target`, or, for a pipe or a device, in the system's folder for
+    /// temporary files. If `target` is a link, the file is made beside the link's destination.
     pub(crate) fn beside(target: &Path) -> Result<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let (place, folder) = match place_of(target)? {
@@ -66,32 +66,32 @@ impl PartialFile {
         let name = partial_name(name.unwrap_or_default());
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let partial = folder.join(format!("{PREFIX}{}-{count}-{name}", std::process::id()));
-        // Held, so that the program does not end between the two (`remove_incomplete_files`).
+        // The lock is held until the new file is in the set, so that `remove_incomplete_files` does not miss it.
         let mut files = incomplete();
         let lock = OpenOptions::new().write(true).create_new(true).open(&partial);
         let lock = lock.map_err(|e| cannot_write(target, &e))?;
         files.insert(partial.clone());
         drop(files);
         let file = Self { target: target.into(), place, partial, _lock: lock };
-        // A file system without locks is no reason not to write; leftovers stay there. On Windows a lock would keep everybody else
-        // from writing, the encoder of a video too.
+        // On a file system without locks the file is written all the same, but leftovers are never removed. On Windows a lock would
+        // keep other processes from writing, such as the encoder of a video.
         if cfg!(unix) {
             let _ = file._lock.try_lock();
         }
         Ok(file)
     }
 
-    /// Where to write.
+    /// The temporary path to write to.
     pub(crate) fn path(&self) -> &Path {
         &self.partial
     }
 
-    /// The name that was asked for.
+    /// The path that was asked for.
     pub(crate) fn target(&self) -> &Path {
         &self.target
     }
 
-    /// Gives the file its name, or copies it into its pipe or device.
+    /// Renames the file to its target, or copies it into the target if that is a pipe or a device.
     pub(crate) fn complete(self) -> Result<()> {
         let completed = match &self.place {
             Place::Name(name) => std::fs::rename(&self.partial, name),
@@ -103,13 +103,13 @@ impl PartialFile {
 
 impl Drop for PartialFile {
     fn drop(&mut self) {
-        // After a renaming there is nothing of this name.
+        // After a renaming there is no file of this name, and this error does not matter.
         let _ = std::fs::remove_file(&self.partial);
         incomplete().remove(&self.partial);
     }
 }
 
-/// Where a file of this name goes.
+/// The destination of a file that is asked for as `target`.
 fn place_of(target: &Path) -> Result<Place> {
     if target.file_name().is_none() {
         return Err(Error::new(target, "this is not the name of a file to write"));
@@ -121,7 +121,7 @@ fn place_of(target: &Path) -> Result<Place> {
         return Ok(Place::Stream);
     }
     let path = link_target(target).map_err(|e| cannot_write(target, &e))?;
-    // A link to what the system calls this process's own output.
+    // The link leads to this process's own output, such as /dev/stdout.
     if is_stream(&path) {
         return Ok(Place::Stream);
     }
@@ -135,44 +135,44 @@ fn place_of(target: &Path) -> Result<Place> {
 
 /// Whether a path leads to a pipe or a device, which is written into and never replaced.
 pub fn is_stream(path: &Path) -> bool {
-    // These may be redirected to a file, which whoever opened it goes on to write.
+    // The process's own outputs may be redirected to a file, to which the program that opened it goes on writing.
     let own = ["/dev/stdout", "/dev/stderr", "/dev/fd", "/proc"];
     let is_there = || path.metadata().is_ok_and(|m| !m.is_file() && !m.is_dir());
     cfg!(unix) && (own.iter().any(|own| path.starts_with(own)) || is_there())
 }
 
 fn copy_into(from: &Path, stream: &Path) -> std::io::Result<()> {
-    // At the end, in case it is a file after all.
+    // The bytes are appended, in case the output is redirected to a file.
     let mut stream = OpenOptions::new().append(true).open(stream)?;
     std::io::copy(&mut File::open(from)?, &mut stream).map(drop)
 }
 
-/// A file's own name as it stands in the name of its incomplete form: its end, which has the extension.
+/// The part of a file's own name that stands in its temporary name: its end, which has the extension.
 fn partial_name(name: &OsStr) -> String {
     let name = name.to_string_lossy();
     let start = (name.len().saturating_sub(MOST_NAME)..).find(|&i| name.is_char_boundary(i)).unwrap_or(0);
     name[start..].into()
 }
 
-/// Removes what earlier runs that were killed have left of the file `target`, and nothing that a running process writes.
+/// Removes incomplete files of `target` that killed runs have left, but none that a running process writes.
 pub(crate) fn remove_leftovers(target: &Path) {
     let Ok(Place::Name(path)) = place_of(target) else { return };
     let name = partial_name(path.file_name().unwrap_or_default());
     remove_leftovers_in(folder_of(&path), |of| of == name);
 }
 
-/// Checks that a file can be written, and removes what earlier runs that were killed have left of it. Nothing is written.
+/// Checks that a file can be written, and removes incomplete files of it that killed runs have left. The file stays as it is.
 ///
 /// # Errors
-/// If its folder is missing or cannot be written to, or the path is a folder's.
+/// If the file's folder is missing or cannot be written to, or the path is a folder's.
 pub fn check_writable(target: &Path) -> Result<()> {
     remove_leftovers(target);
     PartialFile::beside(target).map(drop)
 }
 
-/// Removes what earlier runs that were killed have left in a folder, of the files for whose names `of` holds.
+/// Removes incomplete files that killed runs have left in a folder, if `of` holds for the name of the complete file.
 pub fn remove_leftovers_in(folder: &Path, of: impl Fn(&str) -> bool) {
-    // Where files cannot be locked it cannot be told whether they are being written.
+    // Without locks an incomplete file cannot be told from one that is being written.
     if !cfg!(unix) {
         return;
     }
@@ -188,25 +188,25 @@ pub fn remove_leftovers_in(folder: &Path, of: impl Fn(&str) -> bool) {
         if is_file && entry.file_name().to_str().and_then(wanted).is_some() {
             let unlocked = OpenOptions::new().write(true).open(&path).is_ok_and(|f| f.try_lock().is_ok());
             if unlocked {
-                // Another run may be quicker.
+                // Another run may have removed the file already.
                 let _ = std::fs::remove_file(&path);
             }
         }
     }
 }
 
-/// Removes all files of this process that are not complete, and lets no thread begin another one: for a program that ends at once.
+/// Removes all incomplete files of this process, and lets no thread begin another one. It is for a program that ends at once.
 pub fn remove_incomplete_files() {
     let files = incomplete();
     for path in files.iter() {
-        // It may have got its name just now.
+        // The file may have been renamed just now.
         let _ = std::fs::remove_file(path);
     }
-    // Whoever begins a file waits for this lock, until the program has ended.
+    // A thread that begins a file waits for this lock until the program has ended.
     std::mem::forget(files);
 }
 
-/// An error of a file that is written.
+/// The error of a file that cannot be written.
 pub(crate) fn cannot_write(path: &Path, e: &std::io::Error) -> Error {
     use std::io::ErrorKind;
     let sentence = match e.kind() {
@@ -226,7 +226,7 @@ pub(crate) fn cannot_write(path: &Path, e: &std::io::Error) -> Error {
 /// anything fails, nothing is left behind. A link is followed; a pipe or a device is written into.
 ///
 /// # Errors
-/// The error of `write`, or that the folder is missing or cannot be written to.
+/// The error of `write`, or an error if the folder is missing or cannot be written to.
 pub fn write_atomically(
     path: impl AsRef<Path>,
     write: impl FnOnce(&Path) -> std::io::Result<()>,
@@ -331,15 +331,15 @@ mod tests {
     }
 }
 
-/// Checks, before anything is read, that a folder can be written to, or made.
+/// Checks that a folder can be written to, or made, so that a command can fail before it reads its input.
 ///
 /// # Errors
-/// If it is something else, or the system does not allow it.
+/// If the path is a file's, or the system does not allow writing there.
 pub fn check_folder(folder: &Path) -> Result<()> {
     if folder.exists() && !folder.is_dir() {
         return Err(Error::new(folder, "this is a file; give the name of a folder"));
     }
-    // What is there of the path.
+    // The longest part of the path that exists.
     let there =
         folder.ancestors().find(|p| !p.as_os_str().is_empty() && p.exists()).unwrap_or(Path::new("."));
     if !there.is_dir() {
@@ -352,10 +352,10 @@ pub fn check_folder(folder: &Path) -> Result<()> {
     })
 }
 
-/// Makes a folder for results, with those above it.
+/// Makes a folder for results, with its missing parent folders.
 ///
 /// # Errors
-/// If it cannot be made or written to.
+/// If the folder cannot be made or written to.
 pub fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
         .map_err(|e| Error::new(folder, format!("the folder cannot be made ({e}); choose another")))?;

@@ -1,9 +1,9 @@
-//! What fuzzing found (`tools/fuzz.sh`), and files of the same kind: fuzz/regressions has a folder for each reader.
+//! Tests with files that fuzzing (`tools/fuzz.sh`) found, and similar files: fuzz/regressions has a folder for each reader.
 
 use crate::*;
 use std::{path::Path, sync::mpsc, time::Duration};
 
-/// Far longer than any of them takes.
+/// The time limit for reading one file, far longer than any file takes.
 const LIMIT: Duration = Duration::from_secs(60);
 
 type Read = fn(&Path) -> Result<()>;

@@ -1,4 +1,4 @@
-//! Frames in order: a folder of numbered images, one image, or a video.
+//! Frames in order, from a folder of numbered images, one image, a video or a camera.
 
 use crate::{
     Error, Result, exr,
@@ -14,20 +14,20 @@ use std::{
     str::FromStr,
 };
 
-/// Extensions of images that can be frames; EXR can be one too, if it has colour.
+/// Extensions of images that can be frames; an EXR file can be a frame too, if it has colour.
 const IMAGE_EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "ppm"];
 
-/// Which frames, by their numbers, both ends included.
+/// A range of frame numbers, both ends included.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameRange {
-    /// The first number; `None`: from the start.
+    /// The first number; `None` stands for the start.
     pub first: Option<u64>,
-    /// The last number; `None`: to the end.
+    /// The last number; `None` stands for the end.
     pub last: Option<u64>,
 }
 
 impl FrameRange {
-    /// Whether the frame of this number is wanted.
+    /// Whether the frame of this number is in the range.
     pub fn contains(&self, number: u64) -> bool {
         self.first.is_none_or(|f| f <= number) && self.last.is_none_or(|l| number <= l)
     }
@@ -36,7 +36,7 @@ impl FrameRange {
 impl FromStr for FrameRange {
     type Err = blindaug::Error;
 
-    /// Reads `FIRST..LAST`, where either may be left out.
+    /// Reads `FIRST..LAST`, where either number may be left out.
     fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
         let fail = || {
             let form = "frames are given as FIRST..LAST, by number, both included (3..7, 3.. or ..7)";
@@ -86,7 +86,7 @@ impl FrameSource {
     /// counts where no other image has its number).
     ///
     /// # Errors
-    /// If there is nothing there, no frame (in the range), two frames of one number, or the first frame is damaged.
+    /// If the path does not exist, the range has no frame, two frames have the same number, or the first frame is damaged.
     pub fn open(path: impl AsRef<Path>, range: FrameRange) -> Result<Self> {
         let path = path.as_ref();
         let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
@@ -127,10 +127,10 @@ impl FrameSource {
         Ok(Self { path: path.into(), range, size, kind, notes })
     }
 
-    /// Opens a camera: `name` is its number, or on Windows and elsewhere the name that ffmpeg lists it by. Its frames have no end.
+    /// Opens a camera: `name` is its number, or the name by which ffmpeg lists it (on Windows always the name). Its frames have no end.
     ///
     /// # Errors
-    /// If there is no such camera, it is in use, or there is no ffmpeg program.
+    /// If there is no such camera, the camera is in use, or there is no ffmpeg program.
     pub fn camera(name: &str) -> Result<Self> {
         let path = PathBuf::from(format!("camera:{name}"));
         let video = Video::open_camera(&path, name)?;
@@ -138,7 +138,7 @@ impl FrameSource {
         Ok(Self { path, range: FrameRange::default(), size, kind: Kind::Video(Box::new(video)), notes })
     }
 
-    /// The file, folder or camera.
+    /// The path of the file or folder, or `camera:` and the camera's name.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -148,7 +148,7 @@ impl FrameSource {
         self.size
     }
 
-    /// Frames per second, where the input says it (a video).
+    /// Frames per second, if the input gives them; images do not.
     pub fn fps(&self) -> Option<f64> {
         match &self.kind {
             Kind::Images(_) => None,
@@ -156,7 +156,7 @@ impl FrameSource {
         }
     }
 
-    /// How many frames there are; of a video what it says of itself, if anything.
+    /// The number of frames in the range; for a video the number that its head gives, if any.
     pub fn len_hint(&self) -> Option<usize> {
         match &self.kind {
             Kind::Images(files) => Some(files.len()),
@@ -167,23 +167,23 @@ impl FrameSource {
         }
     }
 
-    /// What a person should know about the input (missing numbers, which of two kinds was taken), a sentence each.
+    /// Notes for the user about the input (missing numbers, which of two kinds was taken), a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The frames from the first one on, each read when it is asked for. Can be called again for another pass.
+    /// The frames from the first one on, each read when it is asked for. This can be called again for another pass.
     pub fn frames(&self) -> Frames<'_> {
         self.frames_if(|_| true)
     }
 
-    /// The frames whose number is wanted; the others are not read from image files.
+    /// The frames for whose number `wanted` holds; the image files of other frames are not read.
     pub fn frames_if<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
         Frames { source: self, wanted: Box::new(wanted), next: 0, video: None, ended: false }
     }
 }
 
-/// The frames of a [`FrameSource`], in order. After an error there are no more of them.
+/// The frames of a [`FrameSource`], in order. After an error there are no more frames.
 pub struct Frames<'a> {
     source: &'a FrameSource,
     wanted: Box<dyn Fn(u64) -> bool + Send + 'a>,
@@ -237,7 +237,7 @@ impl Frames<'_> {
             self.next += 1;
             match next {
                 Ok(None) => {
-                    // Only now is it known how long the video is.
+                    // The number of frames of a video is known only at its end.
                     let first = self.source.range.first.unwrap_or(1);
                     let range = self.source.range;
                     return (number <= first && !self.source.range.contains(number - 1)).then(|| {
@@ -273,7 +273,7 @@ pub(crate) fn number_of(path: &Path) -> Option<u64> {
     let stem = path.file_stem()?.to_str()?;
     let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
     let start = stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |i| {
-        // The character before may be longer than a byte.
+        // The character before the number may be longer than a byte.
         i + stem[i..].chars().next().map_or(1, char::len_utf8)
     });
     stem[start..end].parse().ok()
@@ -298,7 +298,7 @@ fn files_with_extension(folder: &Path, extensions: &[&str]) -> Result<Vec<PathBu
 /// too, with a note, unless there is only one file (which then is number 1).
 ///
 /// # Errors
-/// If the folder cannot be read, two of the files have one number, or there are several and none has a number.
+/// If the folder cannot be read, two of the files have the same number, or there are several and none has a number.
 pub(crate) fn numbered_files(
     folder: &Path,
     extensions: &[&str],
@@ -307,7 +307,7 @@ pub(crate) fn numbered_files(
     by_number(folder, files_with_extension(folder, extensions)?, notes)
 }
 
-/// The same as [`numbered_files`], of these files.
+/// Sorts these files by number, as [`numbered_files`] does.
 fn by_number(folder: &Path, files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<BTreeMap<u64, PathBuf>> {
     if let [only] = &files[..] {
         return Ok([(number_of(only).unwrap_or(1), only.clone())].into());
@@ -354,7 +354,7 @@ fn by_number(folder: &Path, files: Vec<PathBuf>, notes: &mut Vec<String>) -> Res
 /// The images with colour of a folder, in the order of their numbers.
 ///
 /// # Errors
-/// The same as [`numbered_files`], or if there are none.
+/// The same as [`numbered_files`], or if there are no images.
 pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<(u64, PathBuf)>> {
     let files = without_grey_kinds(files_with_extension(folder, &IMAGE_EXTENSIONS)?, notes)?;
     let mut frames = by_number(folder, files, notes)?;
@@ -367,7 +367,7 @@ pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<
                 frames.insert(number, path);
             }
             None => without_colour += 1,
-            // One look is enough: the files of a clip are alike.
+            // Only the first file is looked at, since the files of a clip are alike.
             Some(_) if both_seen => {}
             Some(frame) => {
                 both_seen = true;
@@ -391,7 +391,7 @@ pub(crate) fn frame_files(folder: &Path, notes: &mut Vec<String>) -> Result<Vec<
     Ok(frames.into_iter().collect())
 }
 
-/// Where two kinds of files have the same numbers, the one without colour (depth maps) is left out.
+/// Leaves out a kind of files without colour (depth maps) if files of another kind have the same numbers.
 fn without_grey_kinds(files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<Vec<PathBuf>> {
     let kind = |p: &Path| p.extension().unwrap_or_default().to_string_lossy().to_uppercase();
     let mut kinds = BTreeMap::<String, Vec<PathBuf>>::new();
@@ -405,7 +405,7 @@ fn without_grey_kinds(files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<Ve
     }
     let mut with_colour = Vec::new();
     for (kind, files) in kinds {
-        // One look is enough: the files of a clip are alike.
+        // Only the first file is looked at, since the files of a clip are alike.
         if has_colour(&files[0])? {
             with_colour.extend(files);
         } else {
@@ -418,7 +418,7 @@ fn without_grey_kinds(files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<Ve
     Ok(if with_colour.is_empty() { files } else { with_colour })
 }
 
-/// A sentence about the gaps between numbers that ascend.
+/// A note for the user about the gaps in ascending numbers, if there are any.
 fn missing_numbers(numbers: impl Iterator<Item = u64>) -> Option<String> {
     const LISTED: usize = 5;
     let (mut gaps, mut missing, mut last) = (Vec::new(), 0, None::<u64>);

@@ -1,4 +1,4 @@
-//! Side folders: what belongs to frames, matched by number.
+//! Side folders: depth, flow and other data of frames, matched to the frames by number.
 
 use crate::{
     DepthFormat, DepthValues, Error, Result, VirtualLayerFile, exr_contents,
@@ -12,8 +12,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// A folder with something that belongs to frames, matched to them by the last number in the files' names. One file
-/// in its place belongs to every frame.
+/// A folder of files that belong to frames, matched to the frames by the last number in the files' names. A single file in place
+/// of the folder belongs to every frame.
 pub struct SideFolder<T> {
     path: PathBuf,
     kind: SideKind<T>,
@@ -24,11 +24,11 @@ pub struct SideFolder<T> {
 
 type Reader<T> = Box<dyn Fn(&Path) -> Result<T> + Send + Sync>;
 
-/// What a side folder is to hold.
+/// The kind of data in a side folder.
 struct SideKind<T> {
-    /// What the files show, in words.
+    /// The name of the data, for messages.
     what: &'static str,
-    /// The files in which it may come.
+    /// The file formats that are accepted, for messages.
     accepted: &'static str,
     size_of: fn(&T) -> (usize, usize),
 }
@@ -39,10 +39,10 @@ enum Files {
 }
 
 impl SideFolder<Encoded> {
-    /// Frames of another kind (`what`: "the clean frames", say, for messages).
+    /// Opens frames of another kind; `what` ("the clean frames", say) names them in messages.
     ///
     /// # Errors
-    /// If there is no such folder or no frame in it, or two have one number.
+    /// If there is no such folder or no frame in it, or two frames have the same number.
     pub fn frames(path: impl AsRef<Path>, what: &'static str) -> Result<Self> {
         let files =
             |path: &Path, notes: &mut Vec<String>| Ok(frame_files(path, notes)?.into_iter().collect());
@@ -52,10 +52,10 @@ impl SideFolder<Encoded> {
 }
 
 impl SideFolder<Plane> {
-    /// Depth maps: EXR with `Z`, else PGM, else PNG or TIFF. Their values are inverse depth, NaN: no reading.
+    /// Opens depth maps: EXR with `Z`, else PGM, else PNG, else TIFF. They are read as inverse depth; NaN is no reading.
     ///
     /// # Errors
-    /// If there is no such folder or no depth in it, or two have one number.
+    /// If there is no such folder or no depth in it, or two files have the same number.
     pub fn depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Self> {
         let per_metre = format.per_metre;
         let unit = match format.values {
@@ -85,10 +85,10 @@ impl SideFolder<Plane> {
 }
 
 impl SideFolder<Flow> {
-    /// Optical flow: EXR with `forward.u`, `forward.v`, else `.flo`.
+    /// Opens optical flow: EXR with `forward.u` and `forward.v`, else `.flo`.
     ///
     /// # Errors
-    /// If there is no such folder or no flow in it, or two have one number.
+    /// If there is no such folder or no flow in it, or two files have the same number.
     pub fn flow(path: impl AsRef<Path>) -> Result<Self> {
         let files = |path: &Path, notes: &mut Vec<String>| {
             let exr = numbered_files(path, &["exr"], notes)?;
@@ -105,10 +105,10 @@ impl SideFolder<Flow> {
 }
 
 impl SideFolder<VirtualLayerFile> {
-    /// Rendered virtual layers, one EXR per frame.
+    /// Opens rendered virtual layers, one EXR per frame.
     ///
     /// # Errors
-    /// If there is no such folder or no EXR in it, or two have one number.
+    /// If there is no such folder or no EXR in it, or two files have the same number.
     pub fn virtual_layers(path: impl AsRef<Path>) -> Result<Self> {
         let files = |path: &Path, notes: &mut Vec<String>| numbered_files(path, &["exr"], notes);
         let accepted = "EXR with channels R G B A";
@@ -165,12 +165,12 @@ impl<T> SideFolder<T> {
         Ok(Self { path: path.into(), kind, files, read, notes })
     }
 
-    /// The folder (or file).
+    /// The path of the folder, or of the single file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// What was found, and what a person should know about it, a sentence each.
+    /// Notes for the user about the files that were found, a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
@@ -180,10 +180,10 @@ impl<T> SideFolder<T> {
         self.file(number).is_some()
     }
 
-    /// What belongs to this frame; `None` if nothing does.
+    /// Reads the data of this frame; `None` if there is no file for the frame.
     ///
     /// # Errors
-    /// If its file is damaged or of another kind, or its size is not `size`, that of the frames.
+    /// If the file is damaged or of another kind, or its size is not `size`, the size of the frames, px.
     pub fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>> {
         let Some(path) = self.file(number) else { return Ok(None) };
         let value = (self.read)(path)?;

@@ -39,7 +39,7 @@ impl Video {
         Self::with_first_frame(path, Decoder::Ffmpeg(ffmpeg), head)
     }
 
-    /// Opens a camera with the `ffmpeg` program; `path` is what errors call it.
+    /// Opens a camera with the `ffmpeg` program; errors name the camera by `path`.
     pub(crate) fn open_camera(path: &Path, name: &str) -> Result<Self> {
         let Some(program) = ffmpeg::find() else {
             return Err(Error::new(
@@ -56,7 +56,7 @@ impl Video {
         Self::with_first_frame(path, Decoder::BuiltIn(mp4), head)
     }
 
-    /// Decodes the first frame, so that a video that cannot be decoded is known at once.
+    /// Decodes the first frame, so that a video that cannot be decoded fails when it is opened.
     fn with_first_frame(path: &Path, decoder: Decoder, head: VideoHead) -> Result<Self> {
         let mut video = Self { path: path.into(), decoder, size: (0, 0), head };
         let Some(first) = video.frames()?.next_frame()? else {
@@ -66,7 +66,7 @@ impl Video {
         Ok(video)
     }
 
-    /// The frame as it is shown.
+    /// The decoded frame as RGB, turned upright.
     pub(crate) fn encoded(&self, frame: &YuvFrame) -> Encoded {
         turned(frame.to_encoded(self.head.colour), self.head.quarter_turns)
     }
@@ -87,7 +87,7 @@ impl Video {
         &self.head.notes
     }
 
-    /// Starts to decode.
+    /// Starts to decode at the first frame.
     pub(crate) fn frames(&self) -> Result<VideoFrames> {
         Ok(match &self.decoder {
             Decoder::Ffmpeg(f) => VideoFrames::Ffmpeg(f.frames(&self.path)?),
@@ -140,7 +140,7 @@ mod tests {
         program
     }
 
-    /// Mean squared difference of luma.
+    /// The mean squared difference of two frames' luma.
     fn luma_error(a: &Encoded, b: &Encoded) -> f64 {
         assert_eq!(a.0.size(), b.0.size());
         let (a, b) = (a.luma(), b.luma());
@@ -157,7 +157,7 @@ mod tests {
         std::iter::from_fn(|| frames.next_frame().unwrap().map(|f| video.encoded(&f))).collect()
     }
 
-    /// Writes what the first options and `from` say, as the others say it.
+    /// Converts the input `from`, read with `options`, to the file `to`, written with `as_options`, by ffmpeg.
     fn convert(options: &[&str], from: impl AsRef<OsStr>, as_options: &[&str], to: &Path) {
         let run = Command::new(program().unwrap())
             .args(["-nostdin", "-v", "error", "-y"])
@@ -171,14 +171,14 @@ mod tests {
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     }
 
-    /// A short clip of ffmpeg's own test picture.
+    /// Encodes a clip of ffmpeg's test picture, at most a second long.
     fn encode(folder: &Path, name: &str, options: &[&str]) -> PathBuf {
         let path = folder.join(name);
         convert(&["-f", "lavfi"], "testsrc2=s=96x64:r=30000/1001:d=1", options, &path);
         path
     }
 
-    /// The largest difference over all pixels and channels.
+    /// The largest absolute difference of two frames over all pixels and channels.
     fn largest_difference(a: &Encoded, b: &Encoded) -> f32 {
         assert_eq!(a.0.size(), b.0.size());
         let pairs = a.0.data().as_flattened().iter().zip(b.0.data().as_flattened());
@@ -213,7 +213,7 @@ mod tests {
             let frame = built_in.encoded(&frame);
             let other = ffmpeg.encoded(&b.next_frame().unwrap().unwrap());
             worst = worst.min(psnr(luma_error(&frame, &other)));
-            // Negative control: the frame before is another picture.
+            // Negative control: the previous frame is another picture.
             if number == 20 {
                 assert!(psnr(luma_error(&frame, last.as_ref().unwrap())) < 40.0);
             }
@@ -239,7 +239,7 @@ mod tests {
             convert(&[], &plain, &["-c", "copy", "-metadata:s:v:0", &format!("rotate={turn}")], &path);
             path
         });
-        // How ffmpeg itself shows these (its chroma is coarser than ours, so only luma is compared).
+        // The first frame must match what ffmpeg shows. Only luma is compared, because ffmpeg's chroma is coarser than ours.
         for path in [&plain].into_iter().chain(&turned) {
             let still = dir.path().join("still.png");
             convert(&[], path, &["-frames:v", "1"], &still);
@@ -255,7 +255,7 @@ mod tests {
             encode(dir.path(), "hd.mp4", &hd),
         ];
         clips.extend(turned);
-        // Trimmed as a phone does it: the frames before the start are there, but not shown.
+        // A clip trimmed as phones do it: the frames before the start are in the file, but are not shown.
         let trimmed = dir.path().join("trimmed.mp4");
         convert(&["-ss", "0.3", "-t", "0.4"], &clips[0], &["-c", "copy"], &trimmed);
         clips.push(trimmed);
@@ -270,7 +270,7 @@ mod tests {
                 let largest = largest_difference(a, b);
                 assert!(largest < 0.01, "{} frame {}: {largest}", path.display(), i + 1);
             }
-            // Negative control: frames of another time are not the same.
+            // Negative control: frames of different times differ.
             assert!(ffmpeg.len() < 10 || psnr(luma_error(&built_in[0], &ffmpeg[9])) < 30.0);
         }
     }
@@ -285,7 +285,7 @@ mod tests {
             let frames = all_frames(&Video::open_with_ffmpeg(&clip, program.clone()).unwrap());
             let still = |i: usize| crate::read_frame(dir.path().join(format!("{i}.png"))).unwrap();
             for (i, frame) in frames.iter().enumerate() {
-                // ffmpeg's 16 bits of 255 are 65280, not 65535, and its matrix rounds.
+                // ffmpeg expands the 8-bit value 255 to 65280, not to 65535, and rounds in its matrix.
                 let error = largest_difference(frame, &still(i + 1));
                 assert!(error < 0.006, "{name} frame {}: {error}", i + 1);
             }
@@ -301,7 +301,7 @@ mod tests {
         let Some(program) = program() else { return };
         let dir = tempfile::tempdir().unwrap();
         let clip = encode(dir.path(), "a.mp4", &["-c:v", "libx264", "-frames:v", "3"]);
-        // What ffmpeg 4 says to an option that it does not know.
+        // This script stands in for ffmpeg 4, which does not know the option fps_mode and says so.
         let script = format!(
             "#!/bin/sh\ncase \"$*\" in *fps_mode*) echo \"Unrecognized option 'fps_mode'.\" >&2\n\
              echo 'Error splitting the argument list: Option not found' >&2; exit 1;; esac\nexec '{}' \"$@\"\n",
@@ -318,7 +318,7 @@ mod tests {
     fn what_is_written_is_read_again() {
         let Some(program) = program() else { return };
         let dir = tempfile::tempdir().unwrap();
-        // Odd sizes grow by one pixel.
+        // An odd width or height grows by one pixel.
         for (size, read_size, name) in [((64, 48), (64, 48), "a.mp4"), ((63, 47), (64, 48), "odd.mkv")] {
             let path = dir.path().join(name);
             let frame = |t: usize| {
@@ -345,7 +345,7 @@ mod tests {
             assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1);
             std::fs::remove_file(path).unwrap();
         }
-        // What is not finished leaves nothing behind.
+        // A writer that is dropped unfinished leaves no file behind.
         let path = dir.path().join("b.mp4");
         let mut writer = VideoWriter::create(&path, (16, 16), 25.0).unwrap();
         writer.write(&Encoded(blindaug::Raster::filled(16, 16, [0.5; 3]))).unwrap();
@@ -353,14 +353,14 @@ mod tests {
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
         let e = VideoWriter::create(dir.path().join("no/where.mp4"), (16, 16), 25.0).err().unwrap();
         assert!(e.to_string().contains("no folder"), "{e}");
-        // An encoder that cannot start its work is a sentence, not a hang.
+        // An encoder that cannot start leads to an error, not to a hang.
         let mut writer = VideoWriter::create(dir.path().join("c.mp4"), (2, 2), 1e-30).unwrap();
         let written = writer.write(&Encoded(blindaug::Raster::filled(2, 2, [0.5; 3])));
         assert!(written.and_then(|()| writer.finish()).is_err());
         assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
     }
 
-    /// How many of the first 10 frames there are, or what went wrong.
+    /// The number of decoded frames, counted up to 10, or the first error.
     fn first_frames(video: Result<Video>) -> Result<usize> {
         let mut frames = video?.frames()?;
         for number in 0..10 {
@@ -411,14 +411,14 @@ mod tests {
             hurt[at] ^= next(1..256) as u8;
             check(&hurt, i % 20 == 0, false);
         }
-        // Broken in the middle: the frames before, then an error with the number of the first one that is lost.
+        // A file damaged in the middle gives the frames before the damage, then an error.
         let mut hurt = bytes.clone();
         hurt[300_000..300_400].iter_mut().for_each(|b| *b ^= 0x5a);
         std::fs::write(&path, &hurt).unwrap();
         let mut hurt = vec![Video::open_built_in(&path)];
         if let Some(program) = program {
             hurt.push(Video::open_with_ffmpeg(&path, program.clone()));
-            // Cut short, with the index at the start (the built-in parser refuses it at once) or without any.
+            // Cut files: MP4 with its index at the start, which the built-in parser refuses at once, and Matroska without an index.
             for name in ["mp4", "mkv"] {
                 let [whole, cut] = ["whole", "cut"].map(|n| dir.path().join(n).with_extension(name));
                 let run = Command::new(&program)

@@ -1,28 +1,28 @@
-//! What a video says of itself.
+//! The properties in a video's head.
 
 use crate::yuv::Colour;
 
-/// What a video says of itself.
+/// The properties of a video, as its head gives them.
 #[derive(Clone, Debug)]
 pub(crate) struct VideoHead {
-    /// Frames per second.
+    /// Frames per second; `None` if they are not known.
     pub fps: Option<f64>,
-    /// Number of frames, nearly.
+    /// The approximate number of frames; `None` if it is not known.
     pub frames: Option<usize>,
     pub colour: Colour,
-    /// Quarter turns clockwise to show a frame upright.
+    /// The number of quarter turns clockwise that show a frame upright, 0 to 3.
     pub quarter_turns: u8,
-    /// Sentences for a person.
+    /// Notes for the user, a sentence each.
     pub notes: Vec<String>,
 }
 
-/// What is said of interlaced video.
+/// The note for the user on interlaced video.
 pub(crate) const INTERLACED: &str = "the video is interlaced: every other row was filmed at another time, and both are taken for one picture, \
     which falsifies motion and exposure; deinterlace it first (ffmpeg -i IN -vf bwdif -c:v libx264 -crf 12 OUT.mp4)";
 
-/// A sentence about frames that are not evenly spaced; `times` in s, rising.
+/// A note for the user if frames are not evenly spaced in time; `times` are in s and ascend.
 pub(crate) fn uneven(times: &[f64]) -> Option<String> {
-    /// Containers round times, to a ms at the coarsest.
+    /// The largest error of the time between two frames, s: containers round times, to a ms at the coarsest.
     const ROUNDING: f64 = 0.0011;
     let apart = || times.windows(2).map(|t| t[1] - t[0]);
     let (least, most) = apart().fold((f64::INFINITY, 0.0f64), |(lo, hi), t| (lo.min(t), hi.max(t)));

@@ -1,7 +1,7 @@
-//! Decoded video frames, as codecs hold them, and their conversion to RGB.
+//! Decoded video frames in YCbCr, and their conversion to RGB.
 //!
-//! Own code, because the scaler inside ffmpeg repeats chroma samples by default, and with its more accurate settings
-//! puts them half a pixel too low; so both decoders are converted here, and alike.
+//! The conversion is our own code, because ffmpeg's scaler repeats chroma samples by default, and with its more accurate settings
+//! puts them half a pixel too low. Frames of both decoders are converted by this code, so that they agree.
 
 use blindaug::{Encoded, Raster};
 
@@ -12,12 +12,12 @@ pub(crate) struct YuvFormat {
     pub size: (usize, usize),
     /// log2 of luma columns and rows per chroma sample: (1, 1) is 4:2:0.
     pub chroma_shift: (u32, u32),
-    /// Bits per sample; samples of more than 8 take two bytes, the low one first.
+    /// Bits per sample, 8 to 16. Samples of more than 8 bits take two bytes, the low one first.
     pub bits: u32,
 }
 
 impl YuvFormat {
-    /// Columns and rows of a chroma plane.
+    /// Columns and rows of a chroma plane, samples.
     pub(crate) fn chroma_size(self) -> (usize, usize) {
         let part = |n: usize, shift: u32| n.div_ceil(1 << shift);
         (part(self.size.0, self.chroma_shift.0), part(self.size.1, self.chroma_shift.1))
@@ -37,24 +37,24 @@ impl YuvFormat {
 /// A frame: the samples of Y, then Cb, then Cr, row by row.
 pub(crate) struct YuvFrame {
     pub format: YuvFormat,
-    /// [`YuvFormat::bytes`] of them.
+    /// The samples as [`YuvFormat::bytes`] bytes.
     pub data: Vec<u8>,
 }
 
-/// How YCbCr codes RGB.
+/// The coding of RGB as YCbCr.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Colour {
-    /// Weights of red and blue in luma.
+    /// Weights of red (`kr`) and blue (`kb`) in luma.
     kr: f32,
     kb: f32,
     full_range: bool,
-    /// Chroma samples lie between columns (JPEG), not on them (MPEG-2 and later). They always lie between rows.
+    /// Whether chroma samples lie between luma columns (JPEG), not on them (MPEG-2 and later). They always lie between luma rows.
     centred_chroma: bool,
 }
 
 impl Colour {
-    /// What the `matrix` of Table E-5 of Rec. ITU-T H.264 says; where that is another one or "unspecified",
-    /// Rec. 709 for HD, and Rec. 601 for less.
+    /// The coding for a `matrix` index of Table E-5 of Rec. ITU-T H.264. Other indices and "unspecified" stand for Rec. 709 if the
+    /// picture is at least 720 px high, else for Rec. 601.
     pub(crate) fn new(matrix: u32, height: usize, full_range: bool, centred_chroma: bool) -> Self {
         let (kr, kb) = match matrix {
             1 => (0.2126, 0.0722),
@@ -70,7 +70,7 @@ impl Colour {
 }
 
 impl YuvFrame {
-    /// RGB in [0, 1]; chroma is interpolated linearly.
+    /// The frame as RGB in [0, 1]; chroma is interpolated linearly.
     pub(crate) fn to_encoded(&self, colour: Colour) -> Encoded {
         let YuvFormat { size: (width, height), chroma_shift, bits } = self.format;
         let (chroma_width, chroma_height) = self.format.chroma_size();
@@ -112,7 +112,7 @@ impl YuvFrame {
         Encoded(out)
     }
 
-    /// The samples from the one with this index on.
+    /// Reads the samples from index `start` on into `out`.
     fn samples(&self, start: usize, out: &mut [f32]) {
         if self.format.bits > 8 {
             let stored = &self.data.as_chunks::<2>().0[start..];
@@ -150,7 +150,7 @@ fn widen(chroma: &[f32], shift: u32, centred: bool, out: &mut [f32]) {
     }
 }
 
-/// The frame turned clockwise.
+/// The frame turned clockwise by `quarter_turns` times 90 degrees.
 pub(crate) fn turned(image: Encoded, quarter_turns: u8) -> Encoded {
     let i = &image.0;
     let (w, h) = i.size();
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn known_colours() {
-        // Code values of Rec. 709 for saturated colours at 8 bits (limited range), from its equations.
+        // 8-bit code values of saturated colours (limited range), from the equations of Rec. 709 (matrix 1) and Rec. 601 (6 and 2).
         for (matrix, ycc, rgb) in [
             (1, [63, 102, 240], [1.0, 0.0, 0.0]),
             (1, [173, 42, 26], [0.0, 1.0, 0.0]),
@@ -214,7 +214,7 @@ mod tests {
     #[test]
     fn a_ramp_of_chroma_stays_a_ramp_at_its_place() {
         for (shift, centred) in [((1, 1), false), ((1, 1), true), ((1, 0), false), ((0, 0), false)] {
-            // Chroma at its own place in luma coordinates.
+            // The position of a chroma sample in luma coordinates, px.
             let place = |i: usize, shift: u32, centred: bool| {
                 (i << shift) as f32 + if centred && shift == 1 { 0.5 } else { 0.0 }
             };

@@ -1,4 +1,4 @@
-//! Whatever is done to a file, a reader returns a value or an error of one sentence that names it.
+//! Tests that a reader of a damaged file returns a value, or an error of one sentence that names the file.
 
 use blindaug::{CameraModel, Encoded, Plane, Raster, model::Capture};
 use blindaug_io::*;
@@ -84,7 +84,7 @@ fn write_exr(path: &Path, compression: exr::prelude::Compression, tiled: bool) {
     Image::from_layer(layer).write().non_parallel().to_file(path).unwrap();
 }
 
-/// Reads `bytes` as a file of this name; what it says if that fails.
+/// Reads `bytes` as a file of this name, and checks and returns the error's text if that fails.
 fn read_bytes(dir: &Path, name: &str, bytes: &[u8], read: Read) -> std::result::Result<(), String> {
     let path = dir.join(name);
     fs::write(&path, bytes).unwrap();
@@ -142,7 +142,7 @@ proptest! {
     #[test]
     fn files_with_wrong_bytes(
         changes in prop::collection::vec((any::<prop::sample::Index>(), 1u8..=255), 1..4),
-        // Heads are small, and where most of the trouble is.
+        // Half of the cases change only the head, which is small and where most faults are.
         in_head in any::<bool>(),
     ) {
         thread_local!(static SAMPLES: Vec<(&'static str, Vec<u8>, Read)> = samples());
@@ -255,7 +255,7 @@ fn blender_s_names_and_data_windows() {
         ("Vector.Y", plane(0.0)),
         ("Vector.Z", plane(7.0)),
     ];
-    // Partly outside on the left, inside below.
+    // The data window lies partly outside the display window on the left, and inside it below.
     write_channels(&path, (5, 4), (-1, 1), &channels);
     assert_eq!(exr_contents(&path).unwrap(), ExrContents { colour: true, depth: true, flow: true });
     let layer = read_virtual_layer(&path).unwrap();
@@ -268,7 +268,7 @@ fn blender_s_names_and_data_windows() {
     let depth = layer.inverse_depth.unwrap();
     assert!(depth.at(0, 1) == 0.2 && depth.at(0, 0).is_nan());
     assert_eq!(layer.flow.unwrap().at(0, 1), [-8.0, -6.0]);
-    // Wholly outside, far away.
+    // The data window lies wholly outside the display window, far away.
     write_channels(&path, (5, 4), (i32::MAX / 2 - 10, -5), &channels);
     assert_eq!(read_frame(&path).unwrap(), Encoded(Raster::filled(5, 4, [0.0; 3])));
 }

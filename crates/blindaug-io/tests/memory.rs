@@ -1,10 +1,10 @@
-//! What a file's head asks for is checked against the file's length and the budget, before memory is taken for it.
+//! Tests that the size in a file's head is checked against the file's length and the budget before memory is taken for it.
 
 use blindaug::{Encoded, Raster};
 use blindaug_io::*;
 use std::{fs, path::Path};
 
-/// What reading these bytes as a file of this name says.
+/// The error of reading these bytes as a file of this name.
 fn refused(name: &str, bytes: &[u8], read: fn(&Path) -> Result<()>) -> String {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(name);
@@ -78,7 +78,7 @@ fn a_small_file_that_claims_a_huge_image_is_refused_by_its_length() {
 fn a_tiff_that_claims_a_huge_image_is_refused() {
     let mut tiff = written("a.tif", |p| small().save(p).unwrap());
     for tag in [256u16, 257] {
-        // A tag is followed by its type, SHORT or LONG, and one value.
+        // A tag is followed by its type, LONG (4) or SHORT (3), and one value.
         let entry = [tag.to_le_bytes().as_slice(), &[4, 0, 1, 0, 0, 0, 16, 0, 0, 0]].concat();
         let short = [tag.to_le_bytes().as_slice(), &[3, 0, 1, 0, 0, 0, 16, 0, 0, 0]].concat();
         let place = tiff.windows(12).position(|w| w == entry || w == short).unwrap();
@@ -112,7 +112,7 @@ fn an_exr_that_claims_a_huge_image_is_refused() {
         bytes[place + 8..place + 12].copy_from_slice(&8191i32.to_le_bytes());
         bytes[place + 12..place + 16].copy_from_slice(&8191i32.to_le_bytes());
     }
-    // The number of chunks of 16 rows that this takes.
+    // The number of chunks of 16 rows that 8192 rows take.
     let chunks = "chunkCount\0int\0";
     let place = at(&bytes, chunks.as_bytes()) + chunks.len() + 4;
     bytes[place..place + 4].copy_from_slice(&512i32.to_le_bytes());
@@ -142,13 +142,13 @@ fn a_flat_image_compresses_as_far_as_it_can_and_is_read() {
     assert_eq!(read_frame(dir.path().join("bits.pbm")).unwrap().0.size(), (2048, 1024));
 }
 
-// The other tests of this file take less than this one allows, so that they may run beside it.
+// The budget that this test sets is enough for the other tests of this file, which may run at the same time.
 #[test]
 fn what_does_not_fit_into_the_budget_is_refused_before_it_is_read() {
     let dir = tempfile::tempdir().unwrap();
     let d = dir.path();
     let (w, h) = (9000, 3500);
-    // Only the head is looked at: 378 MB as a frame.
+    // Only the file's head is read: a frame of this size takes 378 MB.
     let ppm = [format!("P6\n{w} {h}\n255\n").into_bytes(), vec![9; 3 * w * h]].concat();
     fs::write(d.join("a.ppm"), ppm).unwrap();
     write_flo(d.join("a.flo"), &Raster::filled(w, h, [1.0, 2.0])).unwrap();
@@ -167,14 +167,14 @@ fn what_does_not_fit_into_the_budget_is_refused_before_it_is_read() {
     say(read_virtual_layer(d.join("a.exr")).map(drop), "a.exr: an image of 3600 x 2000 pixels takes 407 MB");
     memory::set_budget(0);
     assert_eq!(read_frame(d.join("a.ppm")).unwrap().0.size(), (w, h));
-    // Rows that are written a few at a time are the whole picture.
+    // A picture written a few rows at a time gives the same file as one written at once.
     let frame = Encoded(Raster::from_fn(301, 97, |x, y| [x as f32 / 301.0, y as f32 / 97.0, 0.3]));
     write_png(d.join("whole.png"), &frame).unwrap();
     let mut png = PngWriter::create(d.join("rows.png"), (301, 97)).unwrap();
     frame.0.data().chunks(301 * 7).for_each(|rows| png.write(rows).unwrap());
     png.finish().unwrap();
     assert!(fs::read(d.join("whole.png")).unwrap() == fs::read(d.join("rows.png")).unwrap());
-    // Nothing is left of a file that is not completed.
+    // A file that is not completed leaves nothing behind.
     let mut png = PngWriter::create(d.join("half.png"), (301, 97)).unwrap();
     png.write(&frame.0.data()[..5000]).unwrap();
     assert!(png.finish().is_err());

@@ -1,4 +1,4 @@
-//! Folders of frames and of what belongs to them.
+//! Tests of folders of frames and of side folders.
 
 use blindaug::{Encoded, Raster};
 use blindaug_io::*;
@@ -37,7 +37,7 @@ fn frames_come_in_the_order_of_their_numbers() {
     assert!(source.notes().is_empty(), "{:?}", source.notes());
     let first = source.frames().next().unwrap().unwrap();
     assert_eq!(first.image.0.at(0, 0)[0], (0.01f32 * 255.0).round() / 255.0);
-    // Another pass, of some frames only, without looking at the others.
+    // A second pass over some of the frames does not read the other frames' files.
     fs::write(dir.path().join("b10.png"), "broken").unwrap();
     let some: Vec<u64> = source.frames_if(|n| n != 10).map(|f| f.unwrap().number).collect();
     assert_eq!(some, [9, 11]);
@@ -110,7 +110,7 @@ fn several_kinds_side_by_side() {
     let depth = SideFolder::depth(dir.path(), DepthFormat::default()).unwrap();
     assert_eq!(depth.get(2, (4, 3)).unwrap().unwrap().at(1, 1), 0.5);
     assert!(SideFolder::flow(dir.path()).unwrap().has(2));
-    // Grey frames alone are frames.
+    // Grey images are the frames if there are no others.
     fs::remove_file(at("1.jpg")).unwrap();
     fs::remove_file(at("2.jpg")).unwrap();
     assert_eq!(numbers(&FrameSource::open(dir.path(), all()).unwrap()), [1, 2]);

@@ -1,10 +1,10 @@
-//! The readers on real and rendered files.
+//! Tests of the readers on real and rendered files.
 
 use blindaug::Transfer;
 use blindaug_io::*;
 use std::path::PathBuf;
 
-/// The shared data folder; `None` (said loudly) where it is missing.
+/// The shared data folder; `None`, with a printed message, if it is missing.
 fn shared() -> Option<PathBuf> {
     let root = std::env::var_os("BLINDAUG_SHARED").map_or_else(
         || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")),
@@ -32,7 +32,7 @@ fn a_rendered_clip_s_geometry_and_layer() {
     assert!(depth.data().iter().all(|d| d.is_nan() || (0.01..10.0).contains(d)));
     let flow = read_flow(&geometry).unwrap();
     assert_eq!(flow.size(), (512, 512));
-    // The flow is right if the next frame, fetched along it, is nearly this one; and much worse against it.
+    // The flow is right if the next frame, sampled along the flow, is nearly this frame, and much less so when sampled against it.
     let (a, b) = (read_frame(clip.join("clean/0002.png")).unwrap(), frame);
     let flow = read_flow(clip.join("clean/0002.exr")).unwrap();
     let error = |sign: f32| {
@@ -57,7 +57,7 @@ fn a_rendered_clip_s_geometry_and_layer() {
     assert!(read_virtual_layer(clip.join("clean/0003.png")).is_err());
     assert!(read_virtual_layer(&geometry).unwrap_err().to_string().contains("forward.u"));
     assert!(read_frame(&geometry).unwrap_err().to_string().contains("0003.exr"));
-    // EXR light and PNG values agree through the transfer curve.
+    // The linear and the encoded values of an EXR agree through the transfer curve.
     let linear = read_linear(clip.join("virtual/0003.exr")).unwrap();
     let encoded = read_frame(clip.join("virtual/0003.exr")).unwrap();
     let (l, e) = (linear.0.at(256, 256), encoded.0.at(256, 256));
@@ -68,7 +68,7 @@ fn a_rendered_clip_s_geometry_and_layer() {
 fn a_depth_camera_s_maps() {
     let Some(data) = shared() else { return };
     let format = DepthFormat::default();
-    // The rendered desk has 5000 units per metre, as the TUM benchmark's files.
+    // The rendered desk has 5000 units per metre, as the TUM benchmark's files have.
     for (path, per_metre) in [("rgbd/room/depth/1.pgm", 1000.0), ("rgbd/desk/depth/1.png", 5000.0)] {
         let format = DepthFormat { per_metre, ..format };
         let depth = read_inverse_depth(data.join(path), format).unwrap();

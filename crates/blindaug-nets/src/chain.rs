@@ -1,5 +1,5 @@
-//! Removal over a window of frames, in the paper's order: the noise of a frame; the motion blur of frames without noise; the defocus of
-//! frames without both. Flow and depth are of what is sharp then.
+//! Removal over a window of frames, in the paper's order: noise, then motion blur of the frames without noise, then defocus of the
+//! frames without both. Flow and depth are those of the frames after the removal.
 
 use crate::manifest::{Manifest, Slot};
 use crate::network::Network;
@@ -9,16 +9,16 @@ use blindaug_io::{Error, Result};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// What makes something of a frame and its neighbours: an `Encoded` frame, a `Flow`, or a `(Plane, DepthKind)` of inverse depth.
-/// Everything has the frame's size.
+/// An operator on a frame and its neighbours. It gives an `Encoded` frame, a `Flow`, or a `(Plane, DepthKind)` of inverse depth,
+/// each of the frame's size.
 pub trait Operator<T>: Send + Sync {
-    /// Which frames it takes, relative to the one asked for.
+    /// The frames that the operator takes, relative to the one asked for: 0 is that frame, 1 the next one.
     fn frames(&self) -> &[i32];
 
-    /// Makes it of these.
+    /// Runs the operator on these frames.
     ///
     /// # Errors
-    /// One sentence that names the network's file.
+    /// If the operator fails; the sentence names the network's file.
     fn run(&self, frames: &[&Encoded]) -> Result<T>;
 }
 
@@ -52,21 +52,21 @@ impl Operator<(Plane, DepthKind)> for Network {
     }
 }
 
-/// What is in a slot.
+/// The operator in a slot, or `None` if the slot is empty.
 pub type Filled<T> = Option<Arc<dyn Operator<T>>>;
 
-/// What fills the five slots; empty ones are left to the classical methods.
+/// The operators in the five slots; the classical methods stand in for empty slots.
 #[derive(Default)]
 pub struct Slots {
-    /// Noise.
+    /// Removes noise.
     pub remove_noise: Filled<Encoded>,
-    /// Motion blur.
+    /// Removes motion blur.
     pub remove_motion_blur: Filled<Encoded>,
-    /// Defocus.
+    /// Removes defocus.
     pub remove_defocus: Filled<Encoded>,
-    /// Flow to the next frame.
+    /// Estimates optical flow to the next frame, px.
     pub get_flow: Filled<Flow>,
-    /// Inverse depth.
+    /// Estimates inverse depth.
     pub get_depth: Filled<(Plane, DepthKind)>,
 }
 
@@ -88,7 +88,7 @@ impl Slots {
         !self.remove() && self.get_flow.is_none() && self.get_depth.is_none()
     }
 
-    /// Whether one of them removes something.
+    /// Whether a slot for removal is filled.
     pub fn remove(&self) -> bool {
         self.removal().iter().any(|o| o.1.is_some())
     }
@@ -113,29 +113,29 @@ impl Slots {
     }
 }
 
-/// What the networks made of a frame. `None`: its slot is empty, or it failed.
+/// The results of the networks for a frame. A result is `None` if the slot is empty or its network failed.
 #[derive(Default)]
 pub struct Removed {
     /// The frame without noise.
     pub denoised: Option<Arc<Encoded>>,
     /// The frame without noise and motion blur.
     pub motion_deblurred: Option<Arc<Encoded>>,
-    /// The frame without defocus, and without what the slots before removed.
+    /// The frame without defocus, and without the distortions that the slots before removed.
     pub defocus_deblurred: Option<Arc<Encoded>>,
-    /// The motion to the next frame, px.
+    /// Optical flow to the next frame, px.
     pub flow: Option<Flow>,
-    /// Inverse depth, and what it is in.
+    /// Inverse depth, and whether it is metric (1/m) or relative.
     pub inverse_depth: Option<(Plane, DepthKind)>,
-    /// Networks that failed, and why: their slots are empty from now on.
+    /// The slots whose networks failed, and the errors; these slots are empty from now on.
     pub failed: Vec<(Slot, Error)>,
 }
 
-/// The slots, run on one frame after another; what is needed again is kept.
+/// The slots, run on one frame after another; frames after a removal are kept while they are needed again.
 #[derive(Default)]
 pub struct Chain {
     slots: Slots,
     kept: BTreeMap<(Slot, u64), Arc<Encoded>>,
-    /// The least and most of relative inverse depth in the clip's first frame.
+    /// The least and the greatest relative inverse depth in the clip's first frame.
     depth_range: Option<[f32; 2]>,
 }
 
@@ -143,23 +143,23 @@ pub struct Chain {
 type Window<'a> = [(u64, &'a Encoded)];
 
 impl Chain {
-    /// A chain of these.
+    /// A chain of these slots.
     pub fn new(slots: Slots) -> Self {
         Self { slots, ..Self::default() }
     }
 
-    /// Forgets the frames so far: another clip begins.
+    /// Forgets the frames so far, because another clip begins.
     pub fn clear(&mut self) {
         self.kept.clear();
         self.depth_range = None;
     }
 
-    /// What is in the slots now.
+    /// The slots, in which those of failed networks are empty.
     pub fn slots(&self) -> &Slots {
         &self.slots
     }
 
-    /// How many frames before and after one it looks at.
+    /// The number of frames before and after a frame that the chain looks at.
     pub fn reach(&self) -> usize {
         fn of<T>(operator: &Filled<T>) -> usize {
             let frames = operator.iter().flat_map(|o| o.frames());
@@ -169,8 +169,8 @@ impl Chain {
         removal + of(&self.slots.get_flow).max(of(&self.slots.get_depth))
     }
 
-    /// Runs all slots on frame `at` of successive ones, numbered without gaps. Where neighbours are missing, the nearest frame stands
-    /// in; flow needs the next one.
+    /// Runs all slots on frame `at` of successive frames, numbered without gaps. The nearest frame stands in for a missing neighbour,
+    /// but there is no flow without the next frame.
     pub fn run(&mut self, frames: &[(u64, &Encoded)], at: usize) -> Removed {
         let mut removed = Removed::default();
         for (stage, slot) in
@@ -204,14 +204,14 @@ impl Chain {
         removed
     }
 
-    /// Relative inverse depth, of any range, as 0 (far) to 1 in the clip's first frame; the same for all frames, so that they agree.
+    /// Scales relative inverse depth so that it is 0 (far) to 1 in the clip's first frame; all frames of the clip have the same scale.
     fn scaled(&mut self, depth: Plane) -> Plane {
         let range = || depth.data().iter().fold([f32::MAX, f32::MIN], |[lo, hi], &v| [lo.min(v), hi.max(v)]);
         let [lo, hi] = *self.depth_range.get_or_insert_with(range);
         depth.map(|v| ((v - lo) / (hi - lo).max(1e-6)).max(0.0))
     }
 
-    /// What a slot gave; if it failed, the slot is empty from now on and the rest goes on without it.
+    /// The result of a slot. If it failed, the slot is empty from now on, and the chain goes on without it.
     fn unless_failed<T>(&mut self, slot: Slot, result: Result<T>, removed: &mut Removed) -> Option<T> {
         result
             .map_err(|e| {
@@ -221,7 +221,7 @@ impl Chain {
             .ok()
     }
 
-    /// What an operator makes of the frames around `i` after the first `stages` of the removal.
+    /// The result of an operator on the frames around `i`, after the first `stages` of the removal.
     fn of_stage<T>(
         &mut self,
         stages: usize,
@@ -229,7 +229,7 @@ impl Chain {
         window: &Window,
         operator: &dyn Operator<T>,
     ) -> Result<T> {
-        // The frame so many later, or the last there is in that direction.
+        // The index of the frame that is `later` frames after `i`, or of the last frame of the window in that direction.
         let beside = |later: i32| i.saturating_add_signed(later as isize).min(window.len() - 1);
         let frames = operator.frames().iter().map(|f| self.image(stages, beside(*f), window));
         let frames = frames.collect::<Result<Vec<_>>>()?;
@@ -257,7 +257,7 @@ mod tests {
     use blindaug::Raster;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
-    /// Gives the mean of its frames plus a constant, and counts.
+    /// An operator that gives the mean of its frames plus a constant, and counts its runs; it fails if the constant is NaN.
     struct Mean(Vec<i32>, f32, Arc<AtomicUsize>);
 
     impl Operator<Encoded> for Mean {
@@ -300,16 +300,16 @@ mod tests {
         let frames = frames(4);
         let value = |i: &Option<Arc<Encoded>>| i.as_ref().map(|i| (i.0.at(0, 0)[0] * 1000.0).round());
         let first = run(&mut chain, &frames, 0);
-        // At the start frame 0 stands in for the one before it.
+        // At the start of the window, frame 0 stands in for the frame before it.
         assert_eq!((value(&first.denoised), value(&first.motion_deblurred)), (Some(1000.0), Some(1033.0)));
         assert!(first.defocus_deblurred.is_none() && first.failed.is_empty());
         let second = run(&mut chain, &frames, 1);
         assert_eq!((value(&second.denoised), value(&second.motion_deblurred)), (Some(1100.0), Some(1100.0)));
-        // Three frames denoised, two deblurred.
+        // Three frames were denoised, and two deblurred.
         assert_eq!(count.load(Ordering::Relaxed), 5);
     }
 
-    /// Gives its frame's red, and another unit each time it would be scaled by itself.
+    /// An operator whose relative inverse depth is its frame's red, with a scale and an offset.
     struct Red;
 
     impl Operator<(Plane, DepthKind)> for Red {

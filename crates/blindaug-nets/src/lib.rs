@@ -1,12 +1,12 @@
 //! Networks for the five operators of the paper's pipeline: removal of noise, of motion blur and of defocus, optical flow and depth.
 //!
-//! Which network fills which of the [`Slots`] is data, not code: a [`Manifest`] (TOML) beside an ONNX file says what the network
-//! takes and gives. [`Store`] finds manifests and files, [`Network`] runs one on frames of any size, and [`Chain`] puts them one after another as
-//! in the paper.
+//! The networks are data, not code: a [`Manifest`] (TOML) beside an ONNX file gives the network's operator, inputs and output.
+//! [`Store`] finds manifests and files, [`Network`] runs a network on frames of any size, and [`Chain`] runs those in the
+//! [`Slots`] one after another as in the paper.
 //!
-//! | | what | shapes |
+//! | module | content | shapes |
 //! |---|---|---|
-//! | [`manifest`] | what a network takes and gives | |
+//! | [`manifest`] | a network's operator, inputs and output | |
 //! | [`runtime`] | ONNX: `rten`, or ONNX Runtime where `ORT_DYLIB_PATH` names it | tensors of f32 |
 //! | [`network`] | padding, tiles, value ranges | frames in, frame / flow / inverse depth of the same size out |
 //! | [`chain`] | removal over a window of frames | |

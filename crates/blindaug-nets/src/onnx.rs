@@ -1,21 +1,21 @@
 //! Checks of an ONNX file before a runtime reads it.
 //!
-//! An ONNX file is a message of protocol buffers. The runtime's parser takes the lengths and numbers in it at their word; here every
-//! message that it would look into is walked first.
+//! An ONNX file is a message of protocol buffers. The runtime's parser trusts the lengths and numbers in a file; here every message
+//! that the parser would look into is checked first.
 
-/// How deeply messages may lie in one another; a graph within a graph takes three steps.
+/// The greatest depth to which messages may be nested; a graph within a graph takes three steps.
 const MAX_DEPTH: usize = 64;
 /// The most messages in a file; a network of a hundred thousand operators has about a million.
 const MAX_MESSAGES: usize = 1 << 21;
-/// The most operators of a network: the runtime goes through a chain of them by recursion.
+/// The most operators of a network, limited because the runtime follows a chain of operators by recursion.
 const MAX_NODES: usize = 1 << 15;
-/// A tensor without elements may still have axes of such a length.
+/// The product that a tensor's axes other than 0 may always have, since a tensor without elements may have long axes.
 const EMPTY_AXES: u64 = 1 << 16;
 
-/// What is wrong with a file.
+/// A result, or what is wrong with a file in a few words.
 type Checked<T> = Result<T, &'static str>;
 
-/// The messages that the runtime looks into.
+/// The kinds of messages that the runtime looks into.
 #[derive(Clone, Copy, PartialEq)]
 enum Message {
     Model,
@@ -28,23 +28,23 @@ enum Message {
     TensorType,
     Shape,
     Sequence,
-    /// One without messages in it.
+    /// A message without messages in it.
     Leaf,
 }
 
-/// What a field that says its length holds.
+/// The contents of a field that gives its length.
 enum Contents {
-    /// Bytes that are taken as they are.
+    /// Bytes that need no check.
     Bytes,
-    /// Numbers of so many bytes each.
+    /// Numbers of this many bytes each.
     Fixed(usize),
-    /// Numbers of variable length.
+    /// Numbers of variable length, up to ten bytes.
     Varints,
     Message(Message),
 }
 
 impl Message {
-    /// What is in the field of this number, as onnx.proto says.
+    /// The contents of the field of this number, as onnx.proto defines them.
     fn contents(self, number: u64) -> Contents {
         use Message::*;
         Contents::Message(match (self, number) {
@@ -66,7 +66,8 @@ impl Message {
     }
 }
 
-/// Fails if the bytes are no well-formed message, one of absurd depth or number of parts, or one whose weights are in other files.
+/// Fails if the bytes are no well-formed message, the message is nested too deeply or has too many parts, or its weights are in
+/// other files.
 pub(crate) fn check(onnx: &[u8]) -> Checked<()> {
     Walk { messages: 0, nodes: 0 }.message(Message::Model, onnx, 0)
 }
@@ -96,7 +97,7 @@ impl Walk {
                     let value = varint(&mut bytes)?;
                     match (kind, number) {
                         (Message::Tensor, 1) => elements = elements.saturating_mul(value.max(1)),
-                        // Where its values are: 1 is another file, of any name.
+                        // Field 14 says where the tensor's values are: 1 is another file, of any name.
                         (Message::Tensor, 14) if value == 1 => {
                             return Err(
                                 "its weights are in another file, which is not read: export all of it into one",
@@ -111,13 +112,13 @@ impl Walk {
                     let contents = take(&mut bytes, length)?;
                     self.field(kind.contents(number), contents, depth)?;
                 }
-                // The marks of groups, which the runtime reads as fields without a value.
+                // These are the marks of groups, which the runtime reads as fields without a value.
                 3 | 4 => {}
                 5 => drop(take(&mut bytes, 4)?),
                 _ => return Err("one of its fields is of no known kind"),
             }
         }
-        // A value takes a byte at least.
+        // Each value takes at least a byte.
         if elements > length.max(EMPTY_AXES) {
             return Err("one of its tensors has more values than bytes");
         }
@@ -147,7 +148,7 @@ fn take<'a>(bytes: &mut &'a [u8], length: u64) -> Checked<&'a [u8]> {
     Ok(taken)
 }
 
-/// A number of up to 64 bits, seven in each byte, the lowest first; every byte but the last has its highest bit set.
+/// Reads a number of up to 64 bits, seven in each byte, the lowest first; every byte but the last has its highest bit set.
 fn varint(bytes: &mut &[u8]) -> Checked<u64> {
     let mut value = 0;
     for i in 0..10 {
@@ -179,7 +180,7 @@ mod tests {
         bytes
     }
 
-    /// A field that says its length.
+    /// A field of this number that gives its length.
     fn field(tag: u64, contents: &[u8]) -> Vec<u8> {
         [&number(tag << 3 | 2), &number(contents.len() as u64), contents].concat()
     }
@@ -191,7 +192,7 @@ mod tests {
         [&[8, 8][..], &field(7, &field(5, &tensor))].concat()
     }
 
-    /// What the runtime says of a file, which must be one line.
+    /// The error of loading a file, which must be one line, or "nothing".
     fn said(file: Vec<u8>) -> String {
         let e = Session::new(Path::new("x.onnx"), file).err().map_or("nothing".into(), |e| e.to_string());
         assert!(!e.contains(char::is_control), "{e}");
@@ -212,7 +213,7 @@ mod tests {
 
     #[test]
     fn numbers_without_an_end_and_lengths_that_leave_their_part() {
-        // rten 0.27 reads the first one for ever, and takes memory for the second one.
+        // rten 0.27 would read the first file for ever, and take memory for the length in the second file.
         for (file, why) in [
             ([b"b".as_slice(), &[0xff; 31]].concat(), "no end"),
             ([number(2 << 3 | 2), number(1 << 60)].concat(), "longer than what it is in"),

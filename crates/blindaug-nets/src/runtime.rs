@@ -1,13 +1,13 @@
-//! ONNX files and how they are run.
+//! Loading and running ONNX files.
 
 use blindaug_io::{Error, Result, guarded, one_line};
 use rten_tensor::{AsView, Layout as _, Tensor as RtenTensor};
 use std::path::{Path, PathBuf};
 
-/// Values in the order of a tensor's axes, the last one fastest.
+/// A tensor of values, whose last axis runs fastest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
-    /// The axes' lengths.
+    /// The lengths of the axes.
     pub shape: Vec<usize>,
     /// The values, as many as the product of the lengths.
     pub data: Vec<f32>,
@@ -26,12 +26,12 @@ enum Runtime {
 }
 
 impl Session {
-    /// A network of these bytes, an ONNX file's; `path` is for messages.
+    /// Makes a network of the bytes of an ONNX file; `path` is for messages.
     ///
-    /// Opens a model with ONNX Runtime where the environment variable `ORT_DYLIB_PATH` names its library, else with rten.
+    /// ONNX Runtime runs the network if the environment variable `ORT_DYLIB_PATH` names its library, else rten does.
     ///
     /// # Errors
-    /// If they are cut short, damaged, or use an operator that the runtime lacks.
+    /// If the bytes are cut short or damaged, or the network uses an operator that the runtime lacks.
     pub fn new(path: &Path, onnx: Vec<u8>) -> Result<Self> {
         crate::onnx::check(&onnx).map_err(|e| unusable(path, &e))?;
         #[cfg(feature = "ort")]
@@ -39,7 +39,7 @@ impl Session {
             let runtime = guarded(path, || with_ort(path, &library, &onnx))?;
             return Ok(Self { path: path.into(), runtime });
         }
-        // rten takes a cubic Resize for a linear one without a word. In the file: the string's length, and the string.
+        // rten takes a cubic Resize for a linear one without an error. The file holds the string's length, 5, and the string.
         if onnx.windows(6).any(|w| w == b"\x05cubic") {
             return Err(Error::new(
                 path,
@@ -60,7 +60,7 @@ impl Session {
         }
     }
 
-    /// The names of the inputs, in their order.
+    /// The names of the inputs, in the order in which [`Session::run`] takes them.
     pub fn inputs(&self) -> Vec<String> {
         match &self.runtime {
             Runtime::Rten(model) => {
@@ -72,10 +72,10 @@ impl Session {
         }
     }
 
-    /// Runs it on inputs in their order; gives output number `index`.
+    /// Runs the network on its inputs, in order, and returns output number `index`, counted from 0.
     ///
     /// # Errors
-    /// If it does not take these, gives no such output, or fails.
+    /// If the network does not take these inputs, has no such output, or fails.
     pub fn run(&self, inputs: Vec<Tensor>, index: usize) -> Result<Tensor> {
         let shapes = inputs.iter().map(|t| format!("{:?}", t.shape)).collect::<Vec<_>>().join(", ");
         let failed = |e: &dyn std::fmt::Display| {
@@ -123,10 +123,10 @@ impl Session {
     }
 }
 
-/// The stack in which rten plans a network, bytes: it goes through a chain of operators by recursion.
+/// The size of the stack on which rten plans a network, bytes. It is large because rten follows a chain of operators by recursion.
 const STACK: usize = 1 << 28;
 
-/// Runs as [`guarded`] does, with a large stack.
+/// Runs `run` as [`guarded`] does, in a thread with a large stack.
 fn deep<T: Send>(path: &Path, run: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().stack_size(STACK);
@@ -170,6 +170,6 @@ fn with_ort(path: &Path, library: &std::ffi::OsStr, onnx: &[u8]) -> Result<Runti
 fn lock(
     session: &std::sync::Mutex<ort::session::Session>,
 ) -> std::sync::MutexGuard<'_, ort::session::Session> {
-    // A run that panicked leaves nothing half done that another one would see.
+    // A run that panicked leaves no state behind that another run would see.
     session.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }

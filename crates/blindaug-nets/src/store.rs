@@ -1,11 +1,11 @@
-//! Where networks are: those built in, and the user's model folder.
+//! The built-in networks, and those in the user's model folder.
 
 use crate::manifest::{MOST_BYTES, Manifest};
 use crate::network::Network;
 use blindaug_io::{Error, Result, read_text};
 use std::path::{Path, PathBuf};
 
-/// The networks that ship with the crate: manifest and weights. `train/` made them; models/*.md say of what, and what they gain.
+/// The networks that ship with the crate: manifest and weights. `train/` made them; models/*.md describe their training and gain.
 static BUILT_IN: [(&str, &[u8]); 2] = [
     (include_str!("../models/blindaug-noise.toml"), include_bytes!("../models/blindaug-noise.onnx")),
     (include_str!("../models/blindaug-defocus.toml"), include_bytes!("../models/blindaug-defocus.onnx")),
@@ -34,26 +34,26 @@ const KNOWN: [&str; 19] = [
     include_str!("../manifests/shift-net-gopro.toml"),
 ];
 
-/// Where a network's weights are.
+/// The place of a network's weights.
 #[derive(Clone, Debug, PartialEq)]
 pub enum State {
-    /// The manifest is part of this crate.
+    /// The manifest and the weights are part of this crate.
     BuiltIn,
-    /// The manifest is this file of the model folder.
+    /// The weights are in the model folder, beside this manifest.
     Installed(PathBuf),
-    /// There is no manifest yet.
+    /// The weights are not installed.
     Missing,
 }
 
-/// The networks that can be asked for by name.
+/// The networks that can be opened by name.
 #[derive(Clone, Debug)]
 pub struct Store {
     folder: PathBuf,
 }
 
 impl Store {
-    /// The store of the model folder: that of the environment variable `BLINDAUG_MODELS`, else `blindaug/models` in the user's data
-    /// directory.
+    /// The store of the user's model folder, which the environment variable `BLINDAUG_MODELS` names; by default it is
+    /// `blindaug/models` in the user's data directory.
     pub fn user() -> Self {
         let given = std::env::var_os("BLINDAUG_MODELS").filter(|p| !p.is_empty()).map(PathBuf::from);
         let home = || dirs::data_dir().unwrap_or_else(|| PathBuf::from(".")).join("blindaug").join("models");
@@ -65,12 +65,13 @@ impl Store {
         Self { folder }
     }
 
-    /// The model folder: one folder per network, with its manifest (`NAME.toml`) and its file. It need not exist.
+    /// The model folder: one folder per network, with its manifest (`NAME.toml`) and its ONNX file. The model folder need not exist.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// All networks: built in, known, and those in the model folder, by operator and name; and what is wrong with files there.
+    /// All networks (built in, known, and in the model folder), sorted by operator and name, and the errors of manifests in the model
+    /// folder.
     pub fn list(&self) -> (Vec<(Manifest, State)>, Vec<Error>) {
         let mut networks = vec![];
         let mut problems = vec![];
@@ -86,7 +87,7 @@ impl Store {
         let built_in = BUILT_IN.iter().map(|(text, _)| (parsed(text), State::BuiltIn));
         let known = KNOWN.iter().map(|text| (parsed(text), State::Missing));
         for network in built_in.chain(known) {
-            // The user's own of that name comes first.
+            // A network of the same name in the model folder takes precedence.
             if networks.iter().all(|n: &(Manifest, State)| n.0.name != network.0.name) {
                 networks.push(network);
             }
@@ -95,10 +96,10 @@ impl Store {
         (networks, problems)
     }
 
-    /// What a network is, by its name or the path of its manifest.
+    /// The manifest of a network, found by the network's name or the manifest's path.
     ///
     /// # Errors
-    /// If there is none of that name, or its manifest is damaged.
+    /// If there is no network of that name, or its manifest is damaged.
     pub fn find(&self, name: &str) -> Result<Manifest> {
         if let Some(own) = self.own(name) {
             return Manifest::read(&own);
@@ -111,10 +112,10 @@ impl Store {
         })
     }
 
-    /// A network by its name, or the path of its manifest, ready to run.
+    /// Opens a network, found by its name or the path of its manifest.
     ///
     /// # Errors
-    /// If there is none of that name, it is not installed, or it is damaged.
+    /// If there is no network of that name, or it is not installed or damaged.
     pub fn open(&self, name: &str) -> Result<Network> {
         self.check_installed(name)?;
         match (self.own(name), built_in(name)) {
@@ -123,10 +124,10 @@ impl Store {
         }
     }
 
-    /// Fails if the file of a network is nowhere.
+    /// Fails if a network is not installed.
     ///
     /// # Errors
-    /// The same as [`Store::find`], or if it is not installed.
+    /// The same as [`Store::find`], or if the network's ONNX file is missing.
     pub fn check_installed(&self, name: &str) -> Result<()> {
         let Manifest { file, .. } = self.find(name)?;
         let own = self.own(name);
@@ -148,12 +149,12 @@ impl Store {
         }
     }
 
-    /// Whether a network's manifest is one of this crate's, and not somebody else's of the same name.
+    /// Whether a network's manifest is one of this crate's known ones, and not somebody else's of the same name.
     pub fn is_of_this_crate(&self, name: &str) -> bool {
         self.manifest_text(name).is_ok_and(|text| KNOWN.contains(&text.as_str()))
     }
 
-    /// The manifest that a path names, or that of a network in the model folder if it is there.
+    /// The path of a manifest: `name` itself if it ends in `.toml`, else that in the model folder if it exists.
     fn own(&self, name: &str) -> Option<PathBuf> {
         if name.ends_with(".toml") {
             return Some(name.into());
@@ -161,7 +162,7 @@ impl Store {
         Some(self.manifest_path(name)).filter(|own| own.is_file())
     }
 
-    /// Where the manifest of a network of the model folder is.
+    /// The path of a network's manifest in the model folder, which need not exist.
     pub fn manifest_path(&self, name: &str) -> PathBuf {
         self.folder.join(name).join(format!("{name}.toml"))
     }
@@ -174,7 +175,7 @@ impl Store {
     /// The built-in networks.
     ///
     /// # Errors
-    /// There is none that an intact program gives cause for.
+    /// Only if the program itself is damaged.
     pub fn built_in() -> Result<Vec<Network>> {
         BUILT_IN.iter().map(opened).collect()
     }
@@ -191,23 +192,23 @@ impl Store {
     }
 }
 
-/// The text of this crate's manifest of a name.
+/// The text of this crate's manifest of the network with this name.
 fn of_this_crate(name: &str) -> Option<&'static str> {
     let mut texts = BUILT_IN.iter().map(|(text, _)| *text).chain(KNOWN);
     texts.find(|text| parsed(text).name == name)
 }
 
-/// A manifest of this crate; a test parses all of them.
+/// Parses a manifest of this crate; a test makes sure that all of them can be parsed.
 fn parsed(text: &str) -> Manifest {
     Manifest::parse(text, Path::new("built-in manifest")).expect("a test parses the manifests of this crate")
 }
 
-/// The built-in network of a name.
+/// The manifest and weights of the built-in network with this name.
 fn built_in(name: &str) -> Option<&'static (&'static str, &'static [u8])> {
     BUILT_IN.iter().find(|(text, _)| parsed(text).name == name)
 }
 
-/// A built-in network, ready to run.
+/// Opens a built-in network.
 fn opened((text, onnx): &(&str, &[u8])) -> Result<Network> {
     let manifest = parsed(text);
     let file = PathBuf::from(&manifest.file);

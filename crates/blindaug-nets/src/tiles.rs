@@ -1,13 +1,13 @@
-//! Images cut into overlapping tiles, and put together again.
+//! Cutting images into overlapping tiles, and the weights by which the tiles are put together again.
 
-/// A stretch of a side.
+/// An interval of pixels along a side of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     pub start: usize,
     pub len: usize,
 }
 
-/// Stretches of at most `tile` px that cover a side, evenly spaced, and overlap by `overlap` or more.
+/// Evenly spaced intervals of at most `tile` px that cover a side of `side` px and overlap by `overlap` px or more.
 pub fn spans(side: usize, tile: usize, overlap: usize) -> Vec<Span> {
     if side <= tile {
         return vec![Span { start: 0, len: side }];
@@ -16,14 +16,14 @@ pub fn spans(side: usize, tile: usize, overlap: usize) -> Vec<Span> {
     (0..count).map(|i| Span { start: i * (side - tile) / (count - 1), len: tile }).collect()
 }
 
-/// The pixel of a side that stands for `i`, which may lie outside: mirrored at the edge pixels.
+/// The pixel of a side of `side` px that stands for pixel `i`, which may lie beyond the end: mirrored at the edge pixels.
 pub fn reflected(i: usize, side: usize) -> usize {
     let period = (2 * side).saturating_sub(2).max(1);
     let i = i % period;
     if i < side { i } else { period - i }
 }
 
-/// How much a tile says of its pixel `i`: less towards an edge that another tile overlaps.
+/// The weight of a tile's pixel `i`, up to 1; it falls towards an edge that another tile overlaps.
 pub fn weight(span: Span, i: usize, side: usize, overlap: usize) -> f32 {
     let ramp = |distance: usize| ((distance + 1) as f32 / (overlap + 1) as f32).min(1.0);
     let before = if span.start == 0 { 1.0 } else { ramp(i) };

@@ -1,4 +1,4 @@
-//! Networks of a known result (tests/data/make.py) on frames of any size.
+//! Tests of networks with known results (tests/data/make.py) on frames of any size.
 
 use blindaug::model::DepthKind;
 use blindaug::{Encoded, Raster};
@@ -33,7 +33,7 @@ fn frame(w: usize, h: usize) -> Encoded {
     }))
 }
 
-/// The mean of 5 x 5 px, with the edges mirrored `pad` px beyond the frame and nothing after.
+/// The mean of the 5 x 5 px around a pixel, which must lie at least 2 px inside the frame.
 fn box_of(frame: &Encoded, x: usize, y: usize) -> [f32; 3] {
     let mut sum = [0.0; 3];
     for dy in 0..5 {
@@ -60,7 +60,7 @@ fn tiles_give_what_the_whole_frame_gives() {
     let tiled = tiled.image(&[&frame]).unwrap();
     for (x, y) in [(20, 20), (60, 40), (75, 48), (120, 80), (147, 94)] {
         assert!(close(whole.0.at(x, y), box_of(&frame, x, y)));
-        // Where a tile ends the network sees nothing beyond: that is blended away, not all of it.
+        // The network sees nothing beyond the edge of a tile. Blending hides most of the difference, but not all of it.
         let off = (0..3).map(|c| (tiled.0.at(x, y)[c] - whole.0.at(x, y)[c]).abs()).fold(0.0, f32::max);
         assert!(off < 0.02, "{x} {y} {off}");
     }
@@ -101,7 +101,7 @@ fn channels_ranges_and_residuals_are_as_the_manifest_says() {
     let own = frame.0.at(20, 15);
     let added = std::array::from_fn(|c| (own[c] + expected[c]).min(1.0));
     assert!(close(at("[output]\nkind = 'residual'"), added));
-    // Another range comes out as it is.
+    // An output `mean` in the manifest replaces that of the input.
     let brighter = expected.map(|v| v + 0.1);
     assert!(close(at("[output]\nkind = 'image'\nmean = [0.1, 0.1, 0.1]"), brighter));
 }
@@ -116,7 +116,7 @@ fn neighbours_and_the_noise_are_given() {
     let [a, b, c] = [0.2, 0.3, 0.7].map(flat);
     let [r, _, blue] = network.image(&[&a, &b, &c]).unwrap().0.at(9, 9);
     assert!((r - 0.4).abs() < 0.01 && (blue - 0.5).abs() < 0.01, "{r} {blue}");
-    // The noise's std is subtracted from a noisy frame.
+    // The test network subtracts the noise std from a noisy frame.
     let mut seed = 1u32;
     let mut noise = || {
         let mut sum = -6.0;

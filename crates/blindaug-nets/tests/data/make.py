@@ -19,7 +19,7 @@ def network(name, inputs, nodes, output, weights=()):
     save(model, f"{name}.onnx")
 
 
-# With all attributes: rten has no defaults for them.
+# All attributes are given, because rten has no defaults for them.
 def conv(source, weights, target, pads=(0, 0, 0, 0)):
     return helper.make_node("Conv", [source, weights], [target], pads=pads, strides=(1, 1), dilations=(1, 1), group=1)
 
@@ -34,7 +34,7 @@ network("box", [("x", RGB)], [conv("x", "k", "y", (2, 2, 2, 2))], ("y", RGB), [(
 box[1, 1, 2, 2] = np.nan
 network("nan", [("x", RGB)], [conv("x", "k", "y", (2, 2, 2, 2))], ("y", RGB), [("k", box)])
 
-# The means of three frames' red, green and blue, less the noise's std.
+# The means of three frames' red, green and blue, less the noise std.
 middle = np.zeros((3, 9, 1, 1))
 for c in range(3):
     middle[c, [c, c + 3, c + 6]] = 1 / 3
@@ -58,7 +58,7 @@ network(
     [("k", first), ("l", second)],
 )
 
-# Depth of 32 x 24 px: [1, H, W], the green.
+# Depth of 32 x 24 px in the shape [1, H, W]: the green channel.
 green = np.zeros((1, 3, 1, 1))
 green[0, 1] = 1
 network(
@@ -69,7 +69,7 @@ network(
     [("k", green)],
 )
 
-# What rten would get wrong.
+# A cubic Resize, which rten would compute as a linear one.
 network(
     "cubic",
     [("x", RGB)],
