@@ -22,11 +22,12 @@ import zlib
 from math import sqrt
 
 W, H, FRAMES, BAND = 352, 288, 40, 32
-# A band of the grain's block height for each; the last two are above the level at which the strong camera clips.
+# The luma of each band of the clip, code values; a band has the grain's block height. The last two are above the level at which the strong
+# camera clips.
 LUMAS = [28, 60, 84, 108, 132, 156, 176, 204, 220]
-# Rounding to 8 bits adds a variance of 1/12, which is 8 % of a std of 0.7.
+# The relative tolerance of a std: rounding to 8 bits adds a variance of 1/12, which makes a std of 0.7 8 % larger.
 TOLERANCE = 0.15
-# Of a correlation: the autoregression has 24 taps.
+# The tolerance of a correlation: the autoregression has 24 taps.
 LAG_TOLERANCE = 0.1
 
 
@@ -50,7 +51,7 @@ def cameras(folder):
         ([0.012, 0.010, 0.018], [0.010, 0.008, 0.014]), ([0.008, 0.007, 0.013], [0.007, 0.006, 0.010]),
         ([0.004, 0.003, 0.006], [0.003, 0.003, 0.005]), ([0.002, 0.0015, 0.003], [0.0015, 0.0015, 0.002]),
     ]
-    # The octaves' std in white noise of std 1.
+    # The std of each pyramid level of white noise of std 1.
     white = [0.943, 0.230, 0.1005, 0.0488]
     weak = [([0.0] * 3, [0.01 * s] * 3) for s in white]
     coarse = [([0.03 * s] * 3, [0.025 * s] * 3) for s in (1.0, 0.9, 0.6, 0.3)]
@@ -87,14 +88,14 @@ def planes(path):
 
 
 def weights(height):
-    """Of R, G, B in Y, Cb, Cr: BT.709 from 720 lines on, else BT.601."""
+    """The weights of R, G, B in Y, Cb, Cr: BT.709 from 720 lines on, else BT.601."""
     r, b = (0.2126, 0.0722) if height >= 720 else (0.299, 0.114)
     y = [r, 1 - r - b, b]
     return [y] + [[((i == c) - y[i]) / (2 * (1 - y[c])) for i in range(3)] for c in (2, 0)]
 
 
 def table(path):
-    """Luminance, and std of R, G and B."""
+    """The rows of a grain table: luminance, and std of R, G and B."""
     lines = [line for line in open(path) if not line.startswith("#")][1:]
     return [[float(v) for v in line.split(",")[:4]] for line in lines]
 
@@ -158,7 +159,7 @@ LAGS = [(1, 0), (0, 1), (1, 1), (2, 0)]
 
 
 def correlations(fields):
-    """At LAGS, over several fields of rows."""
+    """The correlations at LAGS, over several fields of rows."""
     power = product((r, r) for f in fields for r in f)
     out = []
     for dx, dy in LAGS:
@@ -175,7 +176,7 @@ def compare(name, folder, grainy, clean):
     middle = std_at(rows, 0.5)
     mixed = [[[sum(m[c] * middle[c] * p[c] for c in range(3)) for p in r] for r in noise] for m in matrix]
     model = [mixed[0]] + [halved(p) for p in mixed[1:]]
-    # What is left of chroma's std in means of 2 x 2 px.
+    # The share of chroma's std that is left in means of 2 x 2 px.
     kept = [1.0] + [rms(model[p]) / rms(mixed[p]) for p in (1, 2)]
 
     with_grain, without = planes(grainy), planes(clean)
@@ -203,7 +204,7 @@ def compare(name, folder, grainy, clean):
                 fits, ratio = decoded == 0, "      "
             else:
                 fits, ratio = abs(decoded / wanted - 1) <= TOLERANCE, f"{decoded / wanted:6.3f}"
-            # Where the range ends within 3 std, grain is cut off: as noise would be, which the model does not say.
+            # Where the range of values ends within 3 std, grain is cut off, as noise would be; the model's std does not show that.
             cut = p == 0 and 3 * wanted > min(luma - 16, 235 - luma)
             checked += not cut
             if not fits and not cut:
@@ -222,7 +223,7 @@ def compare(name, folder, grainy, clean):
         print(f"  {('Y', 'Cb', 'Cr')[p]:18}" + "".join(f"{a:9.2f} {b:6.2f}" for a, b in pairs))
         if any(abs(a - b) > LAG_TOLERANCE for a, b in pairs):
             failed.append(f"{('Y', 'Cb', 'Cr')[p]}'s correlations")
-    # Of chroma with luma in the same place.
+    # The correlation of chroma with luma in the same place.
     small = [halved(f) for f in seen[0]]
     for p in (1, 2):
         a = halved(mixed[0])
@@ -242,7 +243,7 @@ def compare(name, folder, grainy, clean):
 {"cameras": cameras, "clip": clip, "compare": compare}[sys.argv[1]](*sys.argv[2:])
 PY
 
-# What a target is for a camera; its notes are shown only if it fails.
+# Exports a camera to a target; the notes are shown only if the export fails.
 export_to() {
     timeout 60 "$BLINDAUG" export "$dir/$1.json" --to "$2" -o "$3" 2>"$dir/log" || {
         cat "$dir/log" >&2
@@ -250,7 +251,7 @@ export_to() {
     }
 }
 
-# Encodes with a camera's table; NAME_grain.yuv and NAME_clean.yuv.
+# Encodes the clip with a camera's table, and decodes it to NAME_grain.yuv and NAME_clean.yuv.
 decode() {
     local name=$1
     export_to "$name" av1-grain "$dir/$name.tbl"
@@ -261,7 +262,7 @@ decode() {
     }
     timeout 60 dav1d -q -i "$dir/$name.ivf" --filmgrain 1 -o "$dir/${name}_grain.yuv"
     timeout 60 dav1d -q -i "$dir/$name.ivf" --filmgrain 0 -o "$dir/${name}_clean.yuv"
-    # The other decoder's grain is the same to the bit.
+    # The other decoder must give the same bytes.
     timeout 60 aomdec "$dir/$name.ivf" --rawvideo -o "$dir/other.yuv"
     cmp "$dir/${name}_grain.yuv" "$dir/other.yuv"
 }
@@ -274,7 +275,7 @@ for name in sample weak_white strong_coarse; do
     export_to "$name" texture "$dir/$name.d"
     decode "$name"
     python3 "$dir/grain.py" compare "$name" "$dir" "$dir/${name}_grain.yuv" "$dir/${name}_clean.yuv" || status=1
-    # A table for twice the noise, and no grain at all, are not taken for this camera's.
+    # A table for twice the noise, and no grain at all, must not be taken for this camera's grain.
     decode "${name}_twice"
     for other in "${name}_twice_grain" "${name}_clean"; do
         code=0

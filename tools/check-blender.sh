@@ -21,7 +21,7 @@ fi
 
 source tools/common.sh
 "$BLINDAUG" export tools/blender/camera.json --to blender -o "$out/blindaug_camera.py"
-# Blender says a lot.
+# Blender prints much, so its output goes to a log.
 "$python" tools/blender/render.py "$out/blindaug_camera.py" "$out" >"$out/blender.log" 2>&1 ||
     { tail -5 "$out/blender.log" >&2; exit 1; }
 "$BLINDAUG" estimate "$out/frames" --depth "$out/depth" -o "$out/estimate.json" >/dev/null

@@ -17,7 +17,7 @@ clip=demo/clip
 mkdir frames
 for i in $(seq 1 30); do cp "$clip/frames/000$(((i - 1) % 5 + 1)).png" "frames/$(printf %04d "$i").png"; done
 
-# What is run, and what of it must be the same afterwards. A video is one file, which a rerun makes anew.
+# The commands that are run; OUT stands for the output that must be the same afterwards. A video is one file, which a rerun makes anew.
 declare -A commands=(
     [composite]="composite $clip/frames --virtual $clip/virtual --camera demo/camera.json --depth $clip/scene -o OUT"
     [apply]="apply frames --camera demo/camera.json -o OUT"
@@ -34,7 +34,7 @@ else
 fi
 
 took=()
-# The bytes of all that a run has written, hidden files too, without the seconds that it took and the pages that tell them.
+# The checksums of all files that a run has written, hidden ones too, without the seconds that it took and the pages that show them.
 bytes() {
     (cd "$1" && find . -type f -printf '%P\n' | LC_ALL=C sort | grep -v '\.html$' | while read -r f; do
         echo "$(sed '/"seconds"/d' "$f" | sha256sum) $f"
@@ -58,7 +58,7 @@ done
 signals=(INT TERM KILL)
 stopped=0
 for k in $(seq 1 "$kills"); do
-    # The long one less often.
+    # The long job, validate, runs less often.
     if [ $((k % 20)) = 0 ]; then j=0; else j=$((1 + k % (${#jobs[@]} - 1))); fi
     job=${jobs[$j]}
     signal=${signals[$((RANDOM % 3))]}
@@ -66,13 +66,13 @@ for k in $(seq 1 "$kills"); do
     # bash lets commands in the background ignore SIGINT; the binary catches it all the same.
     (run "$job" "$folder") >/dev/null 2>"$folder.log" &
     pid=$!
-    # Over the whole run, and a little past its end.
+    # The signal comes at a random time of the run, or a little past its end.
     ms=$((RANDOM * (took[j] * 11 / 10) / 32768))
     sleep "$(printf '%d.%03d' $((ms / 1000)) $((ms % 1000)))"
     kill -"$signal" "$pid" 2>/dev/null || true
-    # What bash says of jobs that were killed is no news.
+    # The messages of bash about killed jobs are hidden.
     { if wait "$pid"; then status=0; else status=$?; fi; } 2>/dev/null
-    # Ended before the signal, by it, or as the shell's convention says.
+    # The run ended before the signal (0), or by the signal (the shell's convention).
     case "$status" in
     0) ;;
     130 | 143 | 137) stopped=$((stopped + 1)) ;;

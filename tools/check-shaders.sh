@@ -35,8 +35,8 @@ export_to() {
 export_to unity-urp
 export_to godot
 
-# The stand-ins, in the folders that the shader names: each declares only what Unity's does, so that a header left out is missed.
-# Of the array of both eyes' pictures, Unity reads the one that the setup macro chose.
+# The stand-ins, in the folders that the shader names: each declares only what Unity's header declares, so that a missing include is found.
+# From the array of both eyes' pictures, Unity reads the one that the setup macro chose.
 core=$dir/Packages/com.unity.render-pipelines.core
 universal=$dir/Packages/com.unity.render-pipelines.universal
 mkdir -p "$core/ShaderLibrary" "$core/Runtime/Utilities" "$universal/ShaderLibrary"
@@ -105,7 +105,7 @@ sed -n '/HLSLPROGRAM/,/ENDHLSL/{//!p}' "$dir/unity-urp/BlindaugGrain.shader" | s
 glsl=$dir/grain.comp
 grep -v '^#\[compute\]' "$dir/godot/blindaug_grain.glsl" >"$glsl"
 
-# stage, entry point, file, more options
+# compile_hlsl STAGE ENTRY_POINT FILE [OPTION...]
 compile_hlsl() {
     timeout 60 glslangValidator -D -V -S "$1" -e "$2" -I"$dir" --auto-map-bindings -o "$dir/out.spv" "${@:4}" "$3" >"$dir/log"
 }
@@ -120,7 +120,7 @@ checked() {
         cat "$dir/log"
         exit 1
     fi
-    # The SPIR-V itself, where its tools are at hand.
+    # The SPIR-V itself is checked where its tools are at hand.
     if command -v spirv-val >/dev/null; then spirv-val "$dir/out.spv"; fi
     echo "$name: $(wc -c <"$dir/out.spv") bytes of SPIR-V"
 }

@@ -21,7 +21,7 @@ source tools/common.sh
 npm install --silent --no-audit --no-fund --prefix "$work" "three@${THREE:-0.187.0}" playwright-core >/dev/null ||
     { echo "check-three: npm could not install three and playwright-core" >&2; exit 1; }
 
-# camera NAME CLIP FACTOR: its module and table in $work/NAME, the noise FACTOR times as strong.
+# camera NAME CLIP FACTOR: writes a camera's module and table to $work/NAME, with the noise FACTOR times as strong.
 camera() {
     mkdir -p "$work/$1"
     node - "$2" "$3" >"$work/$1/camera.json" <<'JS'

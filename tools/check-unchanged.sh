@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What the program computes, before and after a change that must change nothing of it: cameras of the demo and of the rendered clips
+# Compares the results of the program before and after a change that must not alter them: cameras of the demo and of the rendered clips
 # (nothing given; depth and flow given; for each frame), and the pixels of composites and of distorted frames.
 #
 #     tools/check-unchanged.sh record FOLDER       # with the program before the change
@@ -44,7 +44,7 @@ else
     echo "NOT COMPARED: rendered clips, since BLINDAUG_SHARED names no folder that has them"
 fi
 
-# Sorted keys, without what older versions did not write.
+# Writes the models with sorted keys, without the parts that older versions did not write.
 python3 - "$work/out" <<'PYTHON'
 import json, pathlib, sys
 

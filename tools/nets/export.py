@@ -183,7 +183,7 @@ def depth_pro(small=False):
     return net, Wrapped(net, metres)
 
 
-# Name: how it is built, the packages it needs, the size it is exported at, and whether other sizes work.
+# For each network's name: its builder, the packages that it needs, the size (width, height) of its export, and whether other sizes work.
 NETS = {
     "nafnet-sidd-width32": (nafnet([2, 2, 4, 8], 12, [2, 2, 2, 2]), "spandrel", (256, 256), True),
     "nafnet-gopro-width32": (nafnet([1, 1, 1, 28], 1, [1, 1, 1, 1]), "spandrel", (256, 256), True),
@@ -227,7 +227,7 @@ def randomise(net, module):
             if p.dim() > 1 and 0 < p.std() < 0.025:
                 p.normal_(0, p[0].numel() ** -0.5)
             elif p.count_nonzero() == 0:
-                # Above zero, as some outputs end in a ReLU.
+                # The weights are above zero, since some outputs end in a ReLU.
                 p.uniform_(0, 0.1)
         if hasattr(net, "flow_head"):
             # SEA-RAFT's flow would leave the image and jump with rounding.

@@ -1,4 +1,4 @@
-// What tools/check-three.sh measures: check.mjs WORK BROWSER SHOTS.
+// The measurements of tools/check-three.sh: check.mjs WORK BROWSER SHOTS.
 import { createServer } from 'node:http';
 import { readFile, writeFile } from 'node:fs/promises';
 import { createRequire } from 'node:module';
@@ -152,7 +152,7 @@ async function grain() {
     const luminance = ({ rgb: [r, g, b] }) => (0.299 * r + 0.587 * g + 0.114 * b) / 255;
     const measured = patches.map((patch) => noiseOf(frames, patch));
 
-    // Std less the variance of rounding to 8 bits, over the model's.
+    // The std, without the variance of rounding to 8 bits, relative to the model's.
     const ratios = (wanted) => measured.map(({ noise }, i) => wanted(luminance(patches[i]))
         .map((std, c) => Math.sqrt(Math.max(variance(noise, c) - 1 / 12, 0)) / 255 / std));
     const model = await table('plain');
@@ -167,7 +167,7 @@ async function grain() {
     const shift = Math.max(...measured.flatMap(({ means }, i) => means.map((m, c) => Math.abs(m - patches[i].rgb[c]))));
     check(shift < 0.3, `mean of every patch and channel: ${shift.toFixed(3)} of an 8-bit step off at most (0.3)`);
 
-    // All patches together, each with std 1.
+    // The noise of all patches together, each scaled to std 1.
     const whole = frames.map((_, f) => [0, 1, 2].map((c) => measured.flatMap(({ noise }) => {
         const std = Math.sqrt(variance(noise, c));
         return Array.from(noise[f][c], (v) => v / std);
@@ -221,7 +221,7 @@ async function effects() {
     const page = await open('effects');
     const size = 128;
 
-    // An edge's std and by how much it moves, px; both phases of the half resolution.
+    // The std of an edge and its shift, px: means over both phases of the half resolution.
     const spread = async (...setting) => {
         const both = [];
         for (const at of [size / 2, size / 2 + 1]) {

@@ -1,10 +1,10 @@
-//! Arguments that several commands have, and how their values are read.
+//! Arguments that several commands have, and the parsers of their values.
 
 use blindaug::{composite::CompositeOptions, synth::defocus::Bokeh};
 use clap::ValueEnum;
 use std::ops::RangeInclusive;
 
-/// What of the camera is applied, and how.
+/// The options of applying a camera's distortions.
 #[derive(clap::Args)]
 pub struct Style {
     /// Leave the noise out
@@ -13,7 +13,7 @@ pub struct Style {
     /// The shape of an out-of-focus point
     #[arg(long, value_enum, default_value = "gaussian")]
     bokeh: BokehArg,
-    /// Which noise: the same seed gives the same noise
+    /// The seed of the noise: the same seed gives the same noise
     #[arg(long, value_name = "N", default_value = "0")]
     seed: u64,
 }
@@ -25,7 +25,7 @@ enum BokehArg {
 }
 
 impl Style {
-    /// As the composite takes them.
+    /// The options as a composite takes them.
     pub fn options(&self) -> CompositeOptions {
         CompositeOptions {
             naive: false,

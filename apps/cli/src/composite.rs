@@ -141,7 +141,7 @@ pub fn run(args: &Composite) -> Result<()> {
     let layers = opened(SideFolder::virtual_layers(&args.layers)?);
     let flow = match (&args.flow, &args.with, args.depth.folder()) {
         (Some(path), _, _) => Some(boxed(SideFolder::flow(path)?)),
-        // A renderer writes depth and motion into one file.
+        // A renderer writes depth and motion into one file, so the depth's files may have the flow.
         (None, Some(_), Some(depth)) => SideFolder::flow(depth).ok().map(boxed),
         _ => None,
     };

@@ -1,4 +1,4 @@
-//! What the program says: results on standard output, progress and notes on standard error; and the signals that stop it.
+//! The messages of a program: results on standard output, progress and notes on standard error; and the signals that stop the program.
 
 use blindaug::text::{cut, printable};
 use blindaug_io::{Error, Inputs, remove_incomplete_files, same_file, write_atomically};
@@ -13,7 +13,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Why a command failed, in one sentence that names the file, without a full stop.
+/// The reason why a command failed: one sentence that names the file, without a full stop.
 #[derive(Debug)]
 pub struct Failure(pub String);
 
@@ -29,7 +29,7 @@ impl From<Error> for Failure {
     }
 }
 
-/// The sentence of the library, and the option that helps.
+/// Takes the sentence of the library, and adds the option that helps.
 impl From<blindaug_pipeline::Error> for Failure {
     fn from(e: blindaug_pipeline::Error) -> Self {
         use blindaug_pipeline::Error as E;
@@ -49,7 +49,7 @@ impl From<blindaug_pipeline::Error> for Failure {
 /// The command line as an observer of jobs.
 pub struct Console;
 
-/// The one console.
+/// The console that all commands use.
 pub const CONSOLE: &Console = &Console;
 
 thread_local! {
@@ -82,12 +82,12 @@ impl blindaug_pipeline::Observer for Console {
     }
 }
 
-/// A failure of a file.
+/// A failure with a file's name and a sentence.
 pub fn failure(path: &Path, sentence: impl Display) -> Failure {
     Failure(format!("{}: {sentence}", Error::shown_path(path)))
 }
 
-/// Begins a program: the budget of memory, if one is given, and a file that grows too large.
+/// Prepares a program: sets the memory budget, if one is given, and lets writes to files that grow too large fail.
 pub fn begin(memory: Option<u64>) {
     if let Some(bytes) = memory {
         blindaug_io::memory::set_budget(bytes);
@@ -134,7 +134,8 @@ pub fn print_beside(output: &Path, text: &str) -> Result<()> {
     print(text)
 }
 
-/// Text as a terminal may show it: what it would obey is shown as a code, and what is very long loses its middle.
+/// Makes text safe for a terminal: characters that control the terminal are shown as codes, and very long words and lines lose their
+/// middle.
 pub fn for_terminal(text: &str) -> String {
     const LONGEST_WORD: usize = 300;
     const LONGEST_LINE: usize = 4000;
@@ -149,7 +150,7 @@ pub fn for_terminal(text: &str) -> String {
 pub fn note(sentence: impl Display) {
     let sentence = for_terminal(&sentence.to_string());
     let write = || {
-        // Nobody is left to be told if this fails.
+        // If standard error cannot be written, the message is lost.
         let _ = writeln!(std::io::stderr(), "{sentence}");
     };
     BAR.with_borrow(|bar| match bar {
@@ -167,7 +168,7 @@ thread_local! {
     static BAR: RefCell<Option<ProgressBar>> = const { RefCell::new(None) };
 }
 
-/// How far a loop over frames has come: a bar on a terminal, else a line every ten seconds.
+/// The progress of a loop: a bar on a terminal, else a line every ten seconds.
 pub struct Progress {
     what: &'static str,
     unit: &'static str,
@@ -182,7 +183,7 @@ impl Progress {
         Self::counting(what, "frames", total)
     }
 
-    /// A loop over other things than frames.
+    /// A loop over `total` items called `unit`, such as "cases".
     pub fn counting(what: &'static str, unit: &'static str, total: Option<usize>) -> Self {
         let total = total.map(|n| n as u64);
         if std::io::stderr().is_terminal() {
@@ -200,7 +201,7 @@ impl Progress {
         Self { what, unit, done: 0, total, last_said: Instant::now() }
     }
 
-    /// Counts one more frame as done.
+    /// Counts one more item as done.
     pub fn step(&mut self) {
         self.done += 1;
         let bar = BAR.with_borrow(|bar| bar.as_ref().map(|b| b.inc(1)).is_some());
@@ -232,12 +233,12 @@ fn stop(signal: i32) {
     let _ = writeln!(std::io::stderr(), "\nstopping after this frame (Ctrl-C again: at once)");
 }
 
-/// Lets Ctrl-C, a request to end and a terminal that goes away stop the program after the frame in hand; a second one stops it at once.
+/// Lets Ctrl-C, a request to end and a terminal that goes away stop the program after the frame in hand; a second signal stops it at once.
 #[cfg(unix)]
 pub fn catch_signals() {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     let mut signals = vec![SIGINT, SIGTERM];
-    // Whoever starts a program with nohup wants it to outlive its terminal.
+    // A program that was started with nohup is to outlive its terminal.
     if !is_ignored(SIGHUP) {
         signals.push(SIGHUP);
     }
@@ -247,7 +248,7 @@ pub fn catch_signals() {
     }
 }
 
-/// Lets Ctrl-C stop the program after the frame in hand; a second one stops it at once.
+/// Lets Ctrl-C stop the program after the frame in hand; a second signal stops it at once.
 #[cfg(not(unix))]
 pub fn catch_signals() {
     if let Err(e) = ctrlc::set_handler(|| stop(2)) {
@@ -255,10 +256,10 @@ pub fn catch_signals() {
     }
 }
 
-/// Lets a write that makes a file larger than is allowed fail, so that it can be told, instead of ending the program.
+/// Makes a write beyond the allowed size of a file fail, so that it can be reported, instead of ending the program.
 pub fn catch_size_limit() {
     #[cfg(unix)]
-    // Where this fails such a write ends the program, as it would without it.
+    // If this fails, such a write ends the program as before.
     let _ = signal_hook::flag::register(
         signal_hook::consts::SIGXFSZ,
         std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false)),
@@ -289,11 +290,11 @@ pub fn exit_status() -> u8 {
     }
 }
 
-/// Checks, before anything is read, that files can be written, that none of them is an input, and that they are different files. What
-/// earlier runs that were killed have left of them is removed.
+/// Checks, before anything is read, that files can be written, that none of them is an input, and that they are different files. Leftovers
+/// of these files from earlier runs that were killed are removed.
 ///
 /// # Errors
-/// Names the file, and says what to do.
+/// If a file cannot be used; the sentence names it and says what to do.
 pub fn check_outputs<'a>(inputs: &Inputs, outputs: impl IntoIterator<Item = &'a Path>) -> Result<()> {
     let outputs: Vec<&Path> = outputs.into_iter().collect();
     for (i, output) in outputs.iter().enumerate() {
@@ -312,10 +313,10 @@ pub fn check_outputs<'a>(inputs: &Inputs, outputs: impl IntoIterator<Item = &'a 
     Ok(())
 }
 
-/// Writes a page that was made, whole or not at all.
+/// Writes an HTML page, whole or not at all.
 ///
 /// # Errors
-/// If it could not be made or cannot be written; then nothing is left of it.
+/// If the page could not be made or cannot be written; then no file is left.
 pub fn write_page(path: &Path, page: blindaug_report::Result<String>) -> Result<()> {
     let page = page.map_err(|e| failure(path, e))?;
     Ok(write_atomically(path, |partial| std::fs::write(partial, page))?)

@@ -37,15 +37,15 @@ pub struct Demo {
     output: PathBuf,
 }
 
-/// The rendered clip, by its files' names.
+/// The names and the bytes of files of the rendered clip.
 macro_rules! files {
     ($($name:literal)*) => {
         [$(($name, include_bytes!(concat!("../assets/demo/", $name)) as &[u8])),*]
     };
 }
 
-/// `frames`: the footage; `scene`: its depth and flow; `virtual`: the object; `with` and `without`: renders of the scene with and
-/// without it; `truth_with`: the footage, without noise, if the object had really been there.
+/// `frames`: the footage; `scene`: its depth and flow; `virtual`: the object; `with` and `without`: renders of the scene with and without
+/// the object; `truth_with`: the footage, without noise, if the object had really been there.
 const CLIP: [(&str, &[u8]); 28] = files![
     "frames/0001.png" "frames/0002.png" "frames/0003.png" "frames/0004.png" "frames/0005.png"
     "scene/0001.exr" "scene/0002.exr" "scene/0003.exr" "scene/0004.exr" "scene/0005.exr"
@@ -64,8 +64,8 @@ const SHOWN: u64 = 3;
 /// Luminances at which noise is compared.
 const LUMINANCES: [f32; 3] = [0.2, 0.5, 0.8];
 
-/// The object's area reaches this far past its silhouette, px: its soft edge, and little of the frame, whose own noise the truth
-/// does not have.
+/// The margin of the object's area around its silhouette, px. It holds the object's soft edge, and little of the frame, whose noise the
+/// truth does not have.
 const GROWN_BY: usize = 4;
 
 /// The camera that rendered the clip.
@@ -101,7 +101,7 @@ impl Truth {
         self.readout + self.shot * y.max(0.0).sqrt()
     }
 
-    /// The true blur, without noise.
+    /// A camera model with the true blur and without noise.
     fn model(&self, capture: Capture) -> CameraModel {
         let mut model = CameraModel::unknown(capture, "left out");
         model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(self.exposure)));
@@ -131,7 +131,7 @@ impl Truth {
 }
 
 /// Runs the command.
-// Long, since it is the demo's steps in their order.
+// This function is long, since it lists the demo's steps in order.
 pub fn run(args: &Demo) -> Result<()> {
     let out = &args.output;
     make_folder(out)?;
@@ -139,8 +139,8 @@ pub fn run(args: &Demo) -> Result<()> {
     write_clip(&clip)?;
     let truth = Truth::read()?;
 
-    // Once from the frames and their depth alone, and once with the sharp renders of the scene, which whoever composites
-    // shadows has anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
+    // The camera is estimated once from the frames and their depth alone, and once with the sharp renders of the scene, which compositing
+    // shadows needs anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
     let (frames, depth) = (clip.join("frames"), clip.join("scene"));
     let options = fit::EstimatorOptions { fps: Some(truth.fps), ..fit::EstimatorOptions::default() };
     let fit = |clean: Option<&Path>, keep_samples: bool| {
@@ -254,7 +254,7 @@ struct Fidelity {
 }
 
 impl Fidelity {
-    /// Compares composites without noise of their own, since the truth has none.
+    /// Compares composites without added noise, since the truth has none.
     fn measure(clip: &Path, scene: &Scene, composites: [&BTreeMap<u64, Encoded>; 3]) -> Result<Self> {
         let truth = SideFolder::frames(clip.join("truth_with"), "the truth")?;
         let size = scene.footage.size();
@@ -278,7 +278,7 @@ impl Fidelity {
     }
 }
 
-/// The parameters, estimated beside true.
+/// The estimated parameters beside the true ones.
 fn comparison(model: &CameraModel, truth: &Truth) -> Vec<TruthRow> {
     let row = |name: &str, estimated: String, truth: String| TruthRow { name: name.into(), estimated, truth };
     let text = |v: f32| format!("{v:.2}");
@@ -355,8 +355,8 @@ fn side_by_side(images: &[&Encoded]) -> Encoded {
     Encoded(Raster::from_fn(width, height, |x, y| row[y * width + x]))
 }
 
-/// The naive composite beside the other, to and fro; says so where there is no encoder. Returns
-/// whether it was written.
+/// Writes a video of the naive composite beside the other one, played to and fro; without an encoder, a note says so. Returns whether the
+/// video was written.
 fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMap<u64, Encoded>) -> bool {
     const FPS: f64 = 10.0;
     const TURNS: usize = 4;

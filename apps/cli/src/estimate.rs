@@ -61,7 +61,7 @@ pub struct Estimate {
     /// The curve of defocus over inverse depth
     #[arg(long, value_enum, default_value = "thin-lens")]
     curve: CurveArg,
-    /// What shutter and lens act on: light, as real ones do, or encoded values, as in the paper
+    /// The values that shutter and lens act on: light, as real ones do, or encoded values, as in the paper
     #[arg(long, value_enum, default_value = "linear")]
     blur_in: BlurIn,
     /// Follow the camera: a model for each frame, as JSON lines, instead of one for all
@@ -72,7 +72,7 @@ pub struct Estimate {
     report: Option<PathBuf>,
 }
 
-/// Depth and how to read it.
+/// The folder of depth and its format.
 #[derive(clap::Args)]
 pub struct DepthArgs {
     /// Depth: EXR with Z in metres, or PNG or PGM of 16 bit in millimetres
@@ -81,18 +81,18 @@ pub struct DepthArgs {
     /// Units per metre in integer depth files
     #[arg(long, value_name = "N", default_value = "1000", value_parser = blindaug_cli::arguments::positive, requires = "depth")]
     depth_scale: f32,
-    /// What the depth's numbers are
+    /// The kind of the depth's values
     #[arg(long, value_enum, default_value = "metric", requires = "depth")]
     depth_kind: DepthKindArg,
 }
 
 impl DepthArgs {
-    /// The folder.
+    /// The folder of depth, if one is given.
     pub fn folder(&self) -> Option<&PathBuf> {
         self.depth.as_ref()
     }
 
-    /// The depth maps, and what they are in.
+    /// The depth maps and their kind, if a folder is given.
     pub fn open(&self) -> Result<Option<(SideFolder<Plane>, DepthKind)>> {
         let (values, kind) = match self.depth_kind {
             DepthKindArg::Metric => (DepthValues::Metric, DepthKind::Metric),
@@ -202,7 +202,7 @@ pub fn run(args: &Estimate) -> Result<()> {
     )
 }
 
-/// Writes the models of a clip's frames, and tells them.
+/// Writes the models of a clip's frames, and prints them as a table.
 fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
     if options.family == Family::Removal || options.curve == Curve::Quadratic {
         return Err(Failure(
@@ -262,7 +262,7 @@ fn tell_evidence(writer: &EvidenceWriter) {
 }
 
 impl Estimate {
-    /// All that the command reads.
+    /// All files and folders that the command reads.
     fn inputs(&self) -> Inputs {
         let mut paths: Vec<PathBuf> = [&self.input, &self.depth.depth, &self.flow, &self.clean]
             .into_iter()
@@ -295,7 +295,7 @@ impl Estimate {
         }
     }
 
-    /// What is estimated from, and where its frames are.
+    /// The footage with its evidence, and the path of its frames.
     fn footage(&self) -> Result<(Footage, PathBuf)> {
         let paper = match (&self.evidence, &self.scene) {
             (Some(dir), Some(scene)) => Some(PaperScene::open(dir, scene)?),
@@ -313,7 +313,7 @@ impl Estimate {
             footage.denoised = paper.denoised.map(boxed);
             footage.motion_deblurred = paper.de_motion_blurred.map(boxed);
             let last = paper.de_focus_blurred.map(boxed);
-            // What was never rid of motion blur still has it.
+            // Frames from which motion blur was not removed still have it.
             match footage.motion_deblurred {
                 Some(_) => footage.clean = last,
                 None => footage.defocus_deblurred = last,
@@ -338,7 +338,7 @@ fn report_title(input: &Path) -> String {
     format!("The camera of {}", input.file_name().unwrap_or(input.as_os_str()).to_string_lossy())
 }
 
-/// Says what was found in a folder.
+/// Prints the notes about a folder, and returns it.
 pub fn opened<T>(folder: SideFolder<T>) -> SideFolder<T> {
     for sentence in folder.notes() {
         note(format_args!("{}: {sentence}", folder.path().display()));
@@ -346,7 +346,7 @@ pub fn opened<T>(folder: SideFolder<T>) -> SideFolder<T> {
     folder
 }
 
-/// The same as [`opened`], for footage.
+/// Does the same as [`opened`], and boxes the folder for [`Footage`].
 pub fn boxed<T: 'static>(folder: SideFolder<T>) -> BoxedSide<T>
 where
     SideFolder<T>: Side<T>,
@@ -354,7 +354,7 @@ where
     Box::new(opened(folder))
 }
 
-/// Opens an input and says what there is to say about it.
+/// Opens an input and prints the notes about it.
 pub fn open_source(path: &Path, range: Option<FrameRange>) -> Result<FrameSource> {
     let source = FrameSource::open(path, range.unwrap_or_default())?;
     for sentence in source.notes() {

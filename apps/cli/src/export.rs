@@ -86,7 +86,7 @@ pub fn run(args: &Export) -> Result<()> {
     }
 }
 
-/// What each target does, as `--list` prints it.
+/// The abilities of all targets, as `--list` prints them.
 fn list() -> String {
     let entry = |target: &Target| {
         let a = target.abilities();
@@ -130,7 +130,7 @@ fn write_one(export: &Exported, output: &Path, inputs: &Inputs) -> Result<()> {
         return Err(failure(name, "a texture of this name is written beside it; give another name"));
     }
     console::check_outputs(inputs, beside.iter().chain([&target]).map(PathBuf::as_path))?;
-    // What the first refers to before it, so that it never refers to what is not there.
+    // The first file refers to the others, so these are written before it.
     for (file, path) in others.iter().zip(&beside) {
         write(file, path)?;
     }

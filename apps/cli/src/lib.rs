@@ -1,6 +1,5 @@
-//! What the programs of this project have in common on a command line: what they say, the signals that stop them, their exit statuses,
-//! and arguments that several commands share. The binary `blindaug` and the program `blindaug-live` are built on it; it computes
-//! nothing.
+//! The common parts of this project's command-line programs: messages, the signals that stop a program, exit statuses, and arguments that
+//! several commands share. The binary `blindaug` and the program `blindaug-live` are built on this library, which computes nothing.
 
 pub mod arguments;
 pub mod console;

@@ -10,7 +10,7 @@ const PROGRAM: &str = "blindaug-live";
 #[derive(clap::Args)]
 #[command(disable_help_flag = true)]
 pub struct Live {
-    /// What `blindaug live --help` lists
+    /// The arguments that `blindaug live --help` lists
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
     arguments: Vec<OsString>,
 }

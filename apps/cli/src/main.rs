@@ -50,7 +50,7 @@ fn main() -> ExitCode {
         Err(e) => return console::said(&e),
     };
     console::begin(cli.memory);
-    // The others end at once, or in a program of their own.
+    // The other commands end at once, or become another program.
     if !matches!(cli.command, Command::Models(_) | Command::Inspect(_) | Command::Live(_)) {
         console::catch_signals();
     }

@@ -1,4 +1,4 @@
-//! `blindaug models`: the networks that there are, and getting them.
+//! `blindaug models`: lists, installs and checks networks.
 
 use blindaug::{Encoded, Raster};
 use blindaug_cli::console::{self, Failure, Result, note, warn};
@@ -109,7 +109,7 @@ fn get(store: &Store, args: &Install) -> Result<()> {
             )));
         }
         let mut answer = String::new();
-        // Nobody is left to be told if this fails.
+        // If standard error cannot be written, the question is lost.
         let _ = write!(std::io::stderr(), "Accept the licence and install? [y/N] ");
         let _ = std::io::stdin().read_line(&mut answer);
         if !matches!(answer.trim(), "y" | "Y" | "yes") {
@@ -151,7 +151,7 @@ fn check(store: &Store, args: &Check) -> Result<()> {
     }
 }
 
-/// What a network gives for a test frame, and how long it takes.
+/// A line with the range of a network's output for a test frame, and the time that it takes.
 fn checked(store: &Store, name: &str, size: Option<(usize, usize)>) -> blindaug_io::Result<String> {
     let start = Instant::now();
     let network = store.open(name)?;
@@ -159,7 +159,7 @@ fn checked(store: &Store, name: &str, size: Option<(usize, usize)>) -> blindaug_
     let input = &network.manifest().input;
     let side = input.tile.unwrap_or(512).min(512);
     let (w, h) = size.or(input.size.map(|[w, h]| (w, h))).unwrap_or((side, side));
-    // Stripes and steps, moving a little from frame to frame.
+    // The test frames show stripes and steps that move a little from frame to frame.
     let frame = |t: usize| {
         Encoded(Raster::from_fn(w, h, |x, y| {
             let wave = |k: usize| 0.5 + 0.35 * (((x + 2 * t) * k) as f32 * 0.013 + y as f32 * 0.021).sin();

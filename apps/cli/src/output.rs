@@ -1,4 +1,4 @@
-//! Outputs of frames: a folder of PNG, or a video.
+//! Outputs of frames: a folder of PNG files, or a video.
 
 use crate::console::{self, Result, failure, note};
 use blindaug_io::Inputs;
@@ -6,14 +6,14 @@ use blindaug_pipeline::{Made, Output};
 use blindaug_report::words::count;
 use std::path::Path;
 
-/// Frames a second of a video that is made from images.
+/// The frames per second of a video that is made from images.
 pub const DEFAULT_FPS: f64 = 30.0;
 
-/// Checks, before anything is read, that a video or a folder of this name can be written and is none of the inputs, and removes what
-/// earlier runs that were killed have left of it.
+/// Checks, before anything is read, that a video or a folder of this name can be written and is none of the inputs, and removes the
+/// leftovers of earlier runs that were killed.
 ///
 /// # Errors
-/// Names what is wrong.
+/// If the output cannot be used; the sentence says why.
 pub fn check(path: &Path, inputs: &Inputs) -> Result<()> {
     if Output::is_video(path) {
         return console::check_outputs(inputs, [path]);
@@ -21,10 +21,10 @@ pub fn check(path: &Path, inputs: &Inputs) -> Result<()> {
     Ok(Output::check_folder(path, inputs)?)
 }
 
-/// A folder, or a video by its extension, for frames of a size; frames that are there are left, unless they are to be overwritten.
+/// Opens a folder, or a video by its extension, for frames of a size. Existing frames are kept, unless `overwrite` is set.
 ///
 /// # Errors
-/// If a video is there already and is not to be overwritten, or nothing can be written.
+/// If a video exists already and `overwrite` is not set, or the output cannot be written.
 pub fn open(path: &Path, size: (usize, usize), fps: Option<f64>, overwrite: bool) -> Result<Output> {
     if !Output::is_video(path) {
         return Ok(Output::folder(path, overwrite)?);
@@ -39,7 +39,7 @@ pub fn open(path: &Path, size: (usize, usize), fps: Option<f64>, overwrite: bool
     Ok(Output::video(path, size, fps, overwrite)?)
 }
 
-/// Says how many frames are there already and are left.
+/// Prints how many frames exist already and are kept.
 pub fn tell_done(path: &Path, output: &Output) {
     use blindaug_pipeline::Sink;
     let done = output.done().len() as u64;
@@ -52,10 +52,10 @@ pub fn tell_done(path: &Path, output: &Output) {
     }
 }
 
-/// Completes an output and says what was written.
+/// Completes an output and prints what was written.
 ///
 /// # Errors
-/// If it cannot be completed, or Ctrl-C stopped it: then with how to go on.
+/// If the output cannot be completed, or a signal stopped the job; the sentence then says how to go on.
 pub fn finish(path: &Path, output: Output, made: &Made) -> Result<()> {
     output.finish()?;
     note(format_args!("{}: {} written", path.display(), count(made.frames, "frame")));

@@ -1,4 +1,4 @@
-//! `blindaug validate`: how far estimates lie from the truth, on scenes of its own and on rendered clips.
+//! `blindaug validate`: measures how far estimates lie from the truth, on scenes that it makes and on rendered clips.
 
 mod clips;
 mod page;
@@ -36,14 +36,14 @@ pub struct Validate {
     /// Frames of each scene; ten of ten scenes, with each of 60 settings, take about three hours on two cores
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=1000))]
     frames: u64,
-    /// Also what physics films as video, coded with H.264 at this constant rate factor (0 to 51; 18 is good, 28 is bad); may be repeated.
-    /// Needs the ffmpeg program; takes a third as long again for each
+    /// Also code the frames of the camera of physics as H.264 video with this constant rate factor (0 to 51; 18 is good, 28 is bad); may be
+    /// repeated. Needs the ffmpeg program; takes a third as long again for each
     #[arg(long, value_name = "CRF", value_parser = clap::value_parser!(u8).range(0..=51))]
     coded: Vec<u8>,
     /// Also rendered clips: a folder with a folder per clip, each with truth.json
     #[arg(long, value_name = "DIR")]
     clips: Option<PathBuf>,
-    /// Only noise, of this real clip of a camera that stood still: beside the median over time
+    /// Measure only noise, on this real clip of a camera that stood still: the median over time is the truth
     #[arg(long, value_name = "CLIP", conflicts_with_all = ["scenes", "frames", "coded", "clips", "quick"])]
     still: Option<PathBuf>,
     /// Only the clips, no scenes
@@ -53,15 +53,15 @@ pub struct Validate {
     /// repeated. `none`: leave these rows out [default: the built-in ones]
     #[arg(long, value_name = "NAME")]
     network: Vec<String>,
-    /// A minute: one small scene, few settings
+    /// A run of a minute: one small scene, few settings
     #[arg(long, conflicts_with_all = ["scenes", "frames"])]
     quick: bool,
-    /// Measure anew what is there already
+    /// Measure cases anew that are there already
     #[arg(long)]
     overwrite: bool,
 }
 
-/// px of the pictures of the scenes.
+/// Width and height of the pictures of the scenes, px.
 const SIZE: (usize, usize) = (512, 384);
 const QUICK_SIZE: (usize, usize) = (320, 240);
 
@@ -69,26 +69,26 @@ const QUICK_SIZE: (usize, usize) = (320, 240);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Experiment {
-    /// Exposures from 0.1 to 1, a pinhole.
+    /// Exposures from 0.1 to 1 with a pinhole camera.
     MotionBlur,
-    /// Lenses, a closed shutter.
+    /// Several lenses with an exposure of 0.
     Defocus,
-    /// Noise, all else sharp.
+    /// Noise without blur.
     Noise,
-    /// All three.
+    /// All three distortions.
     All,
     /// A rendered clip.
     Clip,
 }
 
-/// What is measured in one go.
+/// One measurement: a scene or a clip, a camera with a setting, and networks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
     /// The case's name, which is also that of its file.
     name: String,
     experiment: Experiment,
     camera: Option<Camera>,
-    /// Constant rate factor of the video that the frames become before they are looked at.
+    /// The constant rate factor of the video as which the frames are coded before the estimation; `None`: they are not coded.
     #[serde(default)]
     coded: Option<u8>,
     scene: u64,
@@ -99,7 +99,7 @@ struct Case {
     networks: Vec<String>,
 }
 
-/// A case with what came out.
+/// A case with its results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Outcome {
     case: Case,
@@ -180,13 +180,13 @@ pub fn run(args: &Validate) -> Result<()> {
     Ok(())
 }
 
-/// What is known of a case, if it is the same.
+/// The stored outcome of a case, if the stored case is the same.
 fn outcome_of(path: &Path, case: &Case) -> Option<Outcome> {
     let outcome: Outcome = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
     (outcome.case == *case).then_some(outcome)
 }
 
-/// The settings: those of the paper's validation, over the ranges that cameras have.
+/// The cases on scenes that are made here, with the settings of the paper's validation, over the ranges of real cameras.
 fn own_cases(args: &Validate) -> Vec<Case> {
     // Blur at infinity (px) and focus (m); scenes reach from about 0.9 to 8 m.
     const LENSES: [(f32, f32); 5] = [(1.5, 1.5), (3.0, 2.0), (1.0, 4.0), (6.0, 1.2), (8.5, 0.9)];
@@ -194,7 +194,7 @@ fn own_cases(args: &Validate) -> Vec<Case> {
     let readout = |i: usize| 0.15 + 0.07 * i as f32;
     let of = |exposure, lens, noise, readout| Setting { exposure, lens, noise, readout };
     let mut settings: Vec<(Experiment, usize, Setting)> = vec![];
-    // Noise of all strengths, in another order than what it comes with.
+    // The strengths of the noise are in another order than the exposures and the lenses.
     settings.extend((0..10).map(|i| {
         (Experiment::MotionBlur, i, of(0.1 * (i + 1) as f32, None, noise(3 * i % 10), readout(7 * i % 10)))
     }));
@@ -218,7 +218,7 @@ fn own_cases(args: &Validate) -> Vec<Case> {
         let coded = args.coded.iter().map(|&crf| (Camera::Physics, Some(crf)));
         for (camera, coded) in cameras.into_iter().chain(coded) {
             for (experiment, i, setting) in &settings {
-                // A coder takes the noise away.
+                // A coder takes away the noise that this experiment measures.
                 if coded.is_some() && *experiment == Experiment::Noise {
                     continue;
                 }
@@ -263,11 +263,11 @@ fn clip_case(condition: &Condition, networks: &[String]) -> Case {
     }
 }
 
-/// The sharp frames of the scene that was filmed last: they are the same for all settings.
+/// The sharp frames of the scene that was filmed last: these frames are the same for all settings.
 #[derive(Default)]
 struct SharpScene(Option<(u64, Filming)>);
 
-/// A scene, its sharp frames and what can be given beside them.
+/// A scene, its sharp frames and the evidence that can be given with them.
 struct Filming {
     scene: Scene,
     footage: Footage,
@@ -319,7 +319,7 @@ fn measure_own(
     }
     if let Some(crf) = case.coded {
         footage.frames = coded(&footage.frames, crf, &pictures.join(format!("{}.mp4", case.name)))?;
-        // What the sensor's was is not what is left of it.
+        // The coder has changed the noise, so the sensor's noise is no longer the truth.
         footage.noise = None;
     }
     let mut measured = vec![];
@@ -329,7 +329,7 @@ fn measure_own(
         }
         let (m, estimation) = measure(footage, given, networks).map_err(|e| failure(pictures, e))?;
         measured.push(m);
-        // For the page: what is seen of the first scene when depth is given.
+        // The page shows pictures of the first scene, with depth given.
         let shown = case.scene == 1 && case.experiment == Experiment::All && case.coded.is_none();
         if given == Given::Depth && shown {
             write_pictures(case, footage, &estimation, pictures)?;
@@ -338,7 +338,7 @@ fn measure_own(
     Ok(Outcome { case: case.clone(), truth: footage.truth, measured, fidelity: None })
 }
 
-/// The frames as they are after H.264, whose video stays at `path`.
+/// The frames after H.264 coding. The video stays at `path`.
 fn coded(frames: &[Encoded], crf: u8, path: &Path) -> Result<Vec<Encoded>> {
     const FPS: f64 = 25.0;
     let Some(first) = frames.first() else { return Ok(vec![]) };
@@ -349,7 +349,7 @@ fn coded(frames: &[Encoded], crf: u8, path: &Path) -> Result<Vec<Encoded>> {
     source.frames().map(|f| Ok(f?.image)).collect()
 }
 
-/// The frame, the clean frame as the estimated camera would film it, and their difference.
+/// Writes the frame, the clean frame as the estimated camera would film it, and their difference.
 fn write_pictures(case: &Case, footage: &Footage, estimation: &Estimation, pictures: &Path) -> Result<()> {
     let t = footage.frames.len() / 2;
     let made = |no_noise: bool| {
@@ -389,29 +389,29 @@ fn measure_clip(case: &Case, condition: &Condition, networks: &mut Networks) -> 
     Ok(Outcome { case: case.clone(), truth: footage.truth, measured, fidelity })
 }
 
-/// A row of the table: what was measured with the same camera and the same things given.
+/// A row of the table: the measurements with the same camera and the same evidence given.
 #[derive(Default)]
 struct Summary {
-    /// |estimated - true|.
+    /// The errors |estimated - true| of the exposure in the cases with motion blur alone.
     exposure: Vec<f32>,
     /// The errors of the exposure in the cases with all three distortions.
     exposure_of_all: Vec<f32>,
-    /// Where nothing is blurred by motion: the estimate.
+    /// The estimates of the exposure in the cases without motion blur.
     exposure_where_none: Vec<f32>,
-    /// Error and mean of the blur, px.
+    /// The error and the mean of the defocus std in the cases with defocus alone, px.
     blur: Vec<[f32; 2]>,
     blur_of_all: Vec<[f32; 2]>,
-    /// Error where the lens is sharp.
+    /// The errors of the defocus std in the cases without defocus, px.
     blur_where_none: Vec<f32>,
-    /// Relative, of the inverse depth in focus.
+    /// The relative errors of the inverse depth in focus.
     focus: Vec<f32>,
     noise: Vec<f32>,
     noise_finest: Vec<f32>,
-    /// Intervals that hold the truth, and all of them.
+    /// The number of intervals that hold the truth, and that of all intervals.
     covered: BTreeMap<&'static str, (usize, usize)>,
-    /// Parts that are unknown though they could be known, and all of them.
+    /// The number of distortions that are unknown though they could be known, and that of all that could be known.
     unknown: (usize, usize),
-    /// |aggregate - true| and the median of |one frame - true| of the same cases.
+    /// For each case, the error of the exposure of all frames, and the median of the errors of single frames.
     against_single: Vec<[f32; 2]>,
     seconds: f32,
 }

@@ -1,4 +1,4 @@
-//! The binary as a person meets it: every command, what it says, and what it leaves behind when something is wrong.
+//! Tests of the binary: every command, its messages, and the files that it leaves behind when something is wrong.
 
 mod common;
 mod harm;
@@ -53,7 +53,7 @@ fn camera(width: usize, height: usize, depth_kind: DepthKind) -> CameraModel {
     model
 }
 
-/// The demo's clip.
+/// The path of a file of the demo's clip.
 fn asset(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/demo").join(name)
 }
@@ -296,7 +296,7 @@ fn damaged_and_mixed_frames_end_in_a_sentence_with_the_file_s_name() {
         assert!(said.contains(says), "{arguments}: {said}");
         assert!(!d.join("new.json").exists());
     }
-    // What was made before the damaged frame is whole, and stays.
+    // The frames that were made before the damaged one are complete, and stay.
     let said = fails(d, "apply cut --camera c.json -o out");
     assert!(said.contains("0003.png"), "{said}");
     assert_eq!(files_in(&d.join("out")), ["0001.png", "0002.png"]);
@@ -338,7 +338,7 @@ fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
     succeeds(d, "apply f --camera c.json -o a --seed 7");
     assert_eq!(files_in(&d.join("a")), ["0008.png", "0009.png", "0010.png", "0011.png"]);
     assert_ne!(bytes("a/0009.png"), bytes("f/0009.png"));
-    // Made in two runs, it is the same.
+    // Frames that are made in two runs are the same.
     succeeds(d, "apply f --camera c.json -o b --seed 7 --frames 8..9");
     assert_eq!(files_in(&d.join("b")).len(), 2);
     let marked = bytes("f/0008.png");
@@ -391,7 +391,8 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     succeeds(d, "apply f --camera c.json -o out");
     assert_eq!(files_in(&d.join("out")).len(), FRAMES);
 
-    // An estimate of the frames so far is written, and says which they are. The missing frame is told before the work starts.
+    // An estimate from the frames so far is written, and a message says which frames these are. The missing frame is reported before the
+    // work starts.
     std::fs::remove_file(d.join("f/0050.png")).unwrap();
     let mut child = started("estimate f -o e.json");
     let mut errors = BufReader::new(child.stderr.take().unwrap());
@@ -404,7 +405,7 @@ fn ctrl_c_stops_after_the_frame_in_hand_and_the_next_run_goes_on() {
     let model = blindaug_io::read_camera(d.join("e.json")).unwrap();
     assert!(said.contains("--frames") && model.capture.frames_used < FRAMES, "{said}");
 
-    // Per-frame models of the frames so far are kept, with their report; the others can be had by what it says.
+    // Per-frame models of the frames so far are kept, with their report; the message says how to get the others.
     let mut child = started("estimate f -o t.jsonl --track --report t.html");
     let mut errors = BufReader::new(child.stderr.take().unwrap());
     let mut said = String::new();
@@ -442,10 +443,10 @@ fn composites_take_the_layer_s_frames_and_leave_the_others() {
             == read_frame(asset(&format!("frames/000{n}.png"))).unwrap()
     };
     assert!(same(1) && !same(2) && same(3));
-    // Naive needs no camera.
+    // A naive composite needs no camera.
     succeeds(d, &format!("composite {frames} --virtual v -o naive --naive --frames 2..2"));
     assert_eq!(files_in(&d.join("naive")), ["0002.png"]);
-    // None of the layers is a frame's.
+    // None of the layers has the number of a frame.
     std::fs::rename(d.join("v/0002.exr"), d.join("v/0999.exr")).unwrap();
     std::fs::copy(d.join("v/0999.exr"), d.join("v/0998.exr")).unwrap();
     let said = fails(d, &format!("composite {frames} --virtual v --camera c.json -o out2"));
@@ -544,7 +545,7 @@ fn a_camera_is_exported_to_standard_output_to_a_file_and_to_all_tools() {
 fn exports_that_cannot_be_made_end_in_a_sentence() {
     let dir = TempDir::new().unwrap();
     write_camera(dir.path().join("camera.json"), &camera(64, 48, DepthKind::Relative)).unwrap();
-    // A part that is not metric is left out, and said; with a scale it is not.
+    // A lens in relative depth is left out, with a note; with a scale it is exported.
     let output = run(dir.path(), "export camera.json --to bevy");
     assert!(output.status.success() && text(&output.stderr).contains("--scene-scale"));
     assert!(!text(&output.stdout).contains("DepthOfField"));
@@ -677,7 +678,7 @@ fn the_demo_finds_the_truth_and_beats_the_naive_composite() {
         assert!(made.iter().any(|m| m == name), "{name} in {made:?}");
     }
     assert!(made.iter().all(|m| !m.contains(".partial")));
-    // What it prints to do by hand does the same.
+    // The command that the demo prints makes the same frames.
     let by_hand = table.lines().find(|l| l.contains("blindaug composite")).unwrap();
     succeeds(d, by_hand.trim().trim_start_matches("blindaug "));
     let bytes = |name: &str| std::fs::read(d.join("out").join(name)).unwrap();

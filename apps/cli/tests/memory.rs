@@ -1,4 +1,4 @@
-//! How much memory large frames take, and what is said where that is more than the budget.
+//! Tests of the memory that large frames take, and of the message if that is more than the budget.
 
 use blindaug::{
     CameraModel, Encoded, Raster,
@@ -10,7 +10,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
-/// px, each way: as a frame of f32, 201 MB.
+/// Width and height of the picture, px: 201 MB as a frame of f32.
 const SIDE: usize = 4096;
 
 fn blindaug(folder: &Path, arguments: &str) -> Command {
@@ -40,7 +40,7 @@ fn folder() -> tempfile::TempDir {
     dir
 }
 
-/// The most memory that a command was seen to have, bytes.
+/// The peak memory of a command, bytes.
 #[cfg(target_os = "linux")]
 fn most_memory(folder: &Path, arguments: &str) -> u64 {
     let mut child = blindaug(folder, arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -63,7 +63,7 @@ fn most_memory(folder: &Path, arguments: &str) -> u64 {
 #[cfg(target_os = "linux")]
 fn a_large_picture_is_distorted_and_measured_in_strips() {
     let dir = folder();
-    // The frame and the strips; whole, it took 1.8 GB and 1.3 GB.
+    // The commands hold the frame and the strips; before they worked in strips, they took 1.8 GB and 1.3 GB.
     for arguments in ["apply large.png --camera camera.json -o out", "estimate large.png -o large.json"] {
         let most = most_memory(dir.path(), arguments);
         assert!((200_000_000..800_000_000).contains(&most), "{arguments}: {} MB", most / 1_000_000);
@@ -80,7 +80,7 @@ fn what_does_not_fit_into_the_budget_is_refused_before_anything_is_made() {
         let last = said.lines().last().unwrap_or_default();
         assert!(last.starts_with("blindaug: large.png: ") && last.contains(says), "{arguments}: {said}");
     };
-    // Neither the frame alone, nor with what it takes to distort it.
+    // The frame alone does not fit into 100 MB, and with the memory for its distortion it does not fit into 300 MB.
     refused(
         "--memory 100M apply large.png --camera camera.json -o out",
         "an image of 4096 x 4096 pixels takes 202 MB of memory, and the budget is 100 MB: raise it, or",

@@ -1,4 +1,4 @@
-//! What a file refers to by a URI: bytes in the URI itself, or in a file beside it or below.
+//! Reads the bytes that a file refers to by a URI: in the URI itself, or in another file beside the file or below.
 
 use base64::{
     Engine, alphabet,
@@ -18,7 +18,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 /// The bytes, at most `most` of them, that the file at `path` names by a URI.
 ///
 /// # Errors
-/// What is wrong with it, as words that follow its name.
+/// If the bytes cannot be read; the message continues a sentence that begins with their name.
 pub fn read(path: &Path, uri: &str, most: u64) -> Result<Vec<u8>, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (_, data) = data.split_once(";base64,").ok_or("is data, but not in Base64")?;

@@ -1,4 +1,4 @@
-//! The object over a frame.
+//! The composite of the object over a frame.
 
 use super::render::Layer;
 use blindaug::{CameraModel, Result, composite::CompositeOptions};
@@ -10,15 +10,15 @@ use wgpu::{TextureFormat, TextureUsages, TextureView};
 pub struct Compositor {
     effects: Effects,
     bound: Bound,
-    /// Display-encoded.
+    /// The current frame, display-encoded.
     frame: wgpu::Texture,
 }
 
 impl Compositor {
-    /// Into textures of this format.
+    /// A compositor of `layer` into textures of this format.
     ///
     /// # Errors
-    /// If the device cannot hold what lies between.
+    /// If the device cannot hold the textures between the passes.
     pub fn new(gpu: &Gpu, layer: &Layer, target: TextureFormat) -> Result<Self> {
         let size = layer.color.size();
         let size = [size.width as usize, size.height as usize, 1];
@@ -61,7 +61,7 @@ impl Compositor {
                 timer: None,
             };
             self.effects.encode(&gpu.queue, &mut encoder, &self.bound, &frame)?;
-            // Each on its own: the next one writes the same uniforms.
+            // Each composite is submitted on its own, since the next one writes the same uniforms.
             gpu.queue.submit([encoder.finish()]);
         }
         Ok(())

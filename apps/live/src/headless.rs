@@ -1,4 +1,4 @@
-//! The same pictures as the window's, without it: every frame in turn, each estimated, so that a run repeats.
+//! Makes the window's pictures without a window. Each frame is estimated in turn, so that runs can be repeated.
 
 use super::{
     Scene,
@@ -12,10 +12,10 @@ use blindaug_pipeline::{
 use blindaug_report::words::count;
 use std::time::{Duration, Instant};
 
-/// How often it is told how far it has come.
+/// The time between messages about the progress.
 const TELL: Duration = Duration::from_secs(1);
 
-/// Makes so many frames and writes them, or fewer after Ctrl-C; how many is returned.
+/// Makes and writes `frames` frames, or fewer after Ctrl-C, and returns their number.
 pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<u64> {
     let source = &scene.source;
     let mut clip = Loop::new(source);
@@ -47,7 +47,7 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
     Err(failure(source.path(), "there are no frames in it"))
 }
 
-/// What is said each second: the mean times of a frame since then.
+/// The message of each second: the mean times of a frame since the last message.
 struct Told {
     total: u64,
     since: Instant,

@@ -32,9 +32,9 @@ use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Where the object's foot is at first, in shares of the frame's width and height.
+/// The first place of the object's foot, in shares of the frame's width and height.
 const FOOT: DVec2 = DVec2::new(0.5, 0.75);
-/// What --size and --distance, and the window's sliders, may be.
+/// The ranges of --size (a share of the visible height) and --distance (m), and of the window's sliders.
 const SIZES: RangeInclusive<f64> = 0.01..=10.0;
 const DISTANCES: RangeInclusive<f64> = 0.1..=100.0;
 
@@ -65,7 +65,7 @@ struct Live {
     fps: Option<f64>,
     #[command(flatten)]
     style: Style,
-    /// Without a window: write so many frames and print the last one's camera model; a clip starts again at its end
+    /// Without a window: write as many frames as --frames says and print the last one's camera model; a clip starts again at its end
     #[arg(long, requires_all = ["frames", "output"])]
     headless: bool,
     /// How many frames to write
@@ -74,7 +74,7 @@ struct Live {
     /// A folder, which gets a PNG per frame, or a video by its extension
     #[arg(short, long, value_name = "OUT", requires = "headless")]
     output: Option<PathBuf>,
-    /// Replace what is there already
+    /// Replace an output that is there already
     #[arg(long, requires = "headless")]
     overwrite: bool,
     /// How much memory may be taken: a number with M or G (millions or billions of bytes), from 64M to 1000G [default: half of what
@@ -93,7 +93,7 @@ fn main() -> ExitCode {
     console::ended(run(&live))
 }
 
-/// What is filmed and what is put into it.
+/// The footage, and the object that is put into it.
 struct Scene {
     source: FrameSource,
     object: Object,
@@ -113,7 +113,7 @@ impl Scene {
         Stage::new(gpu, self.object.clone(), self.camera, self.pace()).map_err(|e| Failure(e.to_string()))
     }
 
-    /// How many frames a second are played.
+    /// The frames per second that are played.
     fn pace(&self) -> f64 {
         self.fps.unwrap_or(DEFAULT_FPS)
     }
@@ -160,7 +160,7 @@ fn run(args: &Live) -> Result<()> {
     let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {
         return window::run(scene, look);
     };
-    // Before the output, so that nothing is left where there is no device.
+    // The stage is made before the output, so that no output is left if there is no device.
     let stage = scene.stage()?;
     let mut output = output::open(path, scene.source.size(), scene.fps, args.overwrite)?;
     if output.has_frames() {
@@ -191,10 +191,10 @@ mod tests {
     fn every_shader_is_valid_for_every_device() {
         let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src")).unwrap();
         let shaders = files.map(|f| f.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "wgsl"));
-        // Each is a module of its own.
+        // Each shader is a module of its own.
         let problems: Vec<_> = shaders.map(|p| problem(&std::fs::read_to_string(p).unwrap())).collect();
         assert_eq!(problems, [None, None]);
-        // What must fail.
+        // Wrong shaders must fail.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());
     }

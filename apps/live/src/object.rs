@@ -14,10 +14,10 @@ use gltf::{
 use image::{DynamicImage, ImageFormat, ImageReader};
 use std::{f32::consts::TAU, io::Cursor, ops::Range, path::Path};
 
-/// How often in its animation the object's size is looked at after the start.
+/// The number of times after the start of the animation at which the object's size is measured.
 const UNIT_LOOKS: u8 = 8;
 
-/// The most parts of an object, each of which is drawn for itself.
+/// The most parts of an object, each of which takes a draw call.
 const MAX_PARTS: usize = 1 << 14;
 
 /// The most memory that a file with all that belongs to it may take, bytes.
@@ -27,32 +27,32 @@ const MAX_BYTES: u64 = 1 << 31;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Vertex {
-    /// The place, in the joints' coordinates before they move.
+    /// The position, in the joints' coordinates before they move.
     pub position: [f32; 3],
     /// The normal, of length 1; 0 where it is unknown.
     pub normal: [f32; 3],
     /// The place in the base colour's texture, in [0, 1], (0, 0) top left.
     pub uv: [f32; 2],
-    /// Multiplies the base colour; linear.
+    /// A linear colour that multiplies the base colour.
     pub color: [f32; 4],
-    /// Which joints move it, from the part's first on.
+    /// The joints that move the vertex, counted from the part's first joint on.
     pub joints: [u32; 4],
-    /// How much each of the joints moves it; the weights sum to 1.
+    /// The weights of the joints, which sum to 1.
     pub weights: [f32; 4],
 }
 
-/// What a surface is made of: metallic-roughness, as in glTF.
+/// The material of a surface: metallic-roughness, as in glTF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// Linear, with alpha.
+    /// The base colour, linear, with alpha.
     pub base_color: [f32; 4],
-    /// How metallic the surface is, in [0, 1].
+    /// The metalness of the surface, in [0, 1].
     pub metallic: f32,
-    /// How rough the surface is, in [0, 1].
+    /// The roughness of the surface, in [0, 1].
     pub roughness: f32,
-    /// Where alpha is less, there is no surface.
+    /// The least alpha at which there is a surface.
     pub alpha_cutoff: f32,
-    /// Index into [`Object::textures`].
+    /// The index of the base colour's texture in [`Object::textures`].
     pub texture: Option<usize>,
 }
 
@@ -62,7 +62,7 @@ impl Default for Material {
     }
 }
 
-/// sRGB with alpha, 8 bit.
+/// An image in sRGB with alpha, 8 bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Width and height, px.
@@ -74,11 +74,11 @@ pub struct Texture {
 /// Triangles of one material that move together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Into [`Object::indices`].
+    /// The range of the part's corners in [`Object::indices`].
     pub indices: Range<u32>,
     /// The material.
     pub material: Material,
-    /// Index of its first joint's matrix in what [`Object::joints`] gives.
+    /// The index of the part's first joint among the matrices of [`Object::joints`].
     pub first_joint: u32,
 }
 
@@ -100,12 +100,12 @@ impl Transform {
 
 #[derive(Clone, Debug)]
 struct Node {
-    /// Comes before it in the list.
+    /// The index of the parent, which comes before the node in the list.
     parent: Option<usize>,
     rest: Transform,
 }
 
-/// What moves the vertices: a node, and where the vertices are in its coordinates.
+/// A joint, which moves vertices: a node, and the matrix from the vertices' coordinates to the node's.
 #[derive(Clone, Debug)]
 struct Joint {
     node: usize,
@@ -125,35 +125,35 @@ struct Channel {
     node: usize,
     property: Property,
     interpolation: Interpolation,
-    /// Rising, s.
+    /// The times of the values, rising, s.
     times: Vec<f32>,
-    /// One per time; of cubic splines three: tangent in, value, tangent out.
+    /// One value per time; for cubic splines three: tangent in, value, tangent out.
     values: Vec<Vec4>,
 }
 
-/// An animated object. Its coordinates are glTF's: x right, y up, z towards who looks at it.
+/// An animated object. Its coordinates are glTF's: x right, y up, z towards the viewer.
 #[derive(Clone, Debug, Default)]
 pub struct Object {
     /// The corners of all triangles.
     pub vertices: Vec<Vertex>,
-    /// Three per triangle.
+    /// The indices of the corners, three per triangle.
     pub indices: Vec<u32>,
-    /// What is drawn.
+    /// The parts that are drawn.
     pub parts: Vec<Part>,
     /// Images that the materials use.
     pub textures: Vec<Texture>,
-    /// What a person should know about how it was read, a sentence each.
+    /// Notes for the user about how the object was read, a sentence each.
     pub notes: Vec<String>,
     nodes: Vec<Node>,
     joints: Vec<Joint>,
     channels: Vec<Channel>,
-    /// When the animation starts again, s; 0: nothing moves.
+    /// The time after which the animation starts again, s; 0: nothing moves.
     duration: f32,
 }
 
 impl Object {
-    /// The joints' matrices in a frame and in the one `step` seconds later. The animation starts again at its end; over that
-    /// seam, where the object may jump, it goes on as it came, so that the jump is no motion.
+    /// The joints' matrices in a frame and in the one `step` seconds later. The animation starts again at its end; over that seam, where
+    /// the object may jump, its last motion is extrapolated, so that the jump does not count as motion.
     pub fn moving(&self, seconds: f64, step: f64) -> [Vec<Mat4>; 2] {
         let duration = f64::from(self.duration);
         if duration <= 0.0 {
@@ -171,7 +171,7 @@ impl Object {
         [now, next]
     }
 
-    /// How many joints there are.
+    /// The number of joints.
     pub fn joint_count(&self) -> usize {
         self.joints.len()
     }
@@ -190,8 +190,9 @@ impl Object {
         self.joints.iter().map(|j| global[j.node] * j.inverse_bind).collect()
     }
 
-    /// Brings it to stand on the origin with 1 as its longest side, which is looked for throughout the animation: it may grow out
-    /// of a point. It stands where it does as soon as it is at least half as large.
+    /// The matrix that puts the object's foot on the origin and makes its longest side 1. The longest side is looked for throughout the
+    /// animation, since an object may grow out of a point; the foot is that at the first time at which the object has at least half of the
+    /// size.
     pub fn unit(&self) -> Mat4 {
         let looks = if self.duration > 0.0 { UNIT_LOOKS } else { 0 };
         let side = |&[low, high]: &[Vec3; 2]| (high - low).max_element();
@@ -226,7 +227,7 @@ impl Object {
         bounds
     }
 
-    /// A ring that rolls on the spot, with a ball that circles it: what is shown without a file.
+    /// A ring that rolls on the spot, with a ball that circles it: the object that is shown without a file.
     pub fn built_in() -> Self {
         const SECONDS: f32 = 4.0;
         const STEPS: u16 = 16;
@@ -305,7 +306,7 @@ impl Object {
     /// # Errors
     /// If the file is missing, damaged, or has no triangles.
     pub fn load(path: &Path) -> Result<Self> {
-        // The parser checks much, but not all that a file may say of itself.
+        // The parser does not check everything in a file, so it may panic.
         guarded(path, || {
             let bytes = read_file(path, MAX_BYTES)?;
             let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(|e| {
@@ -368,14 +369,14 @@ struct Reader<'a> {
     nodes: Vec<Option<usize>>,
     /// The index in the object of each of the file's images.
     images: Vec<Option<usize>>,
-    /// The length of the file and of what it refers to, bytes.
+    /// The length of the file and of the data that it refers to, bytes.
     given: u64,
-    /// How much memory may still be taken, bytes.
+    /// The memory that may still be taken, bytes.
     left: u64,
 }
 
 impl<'a> Reader<'a> {
-    /// Reads what a file of so many bytes says.
+    /// A reader for a document from a file of `bytes` bytes.
     fn new(path: &'a Path, document: &'a Document, bytes: u64) -> Self {
         Self {
             path,
@@ -405,7 +406,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// The bytes that the file names by a URI; `what` they are is for messages.
+    /// The bytes that the file names by a URI. Messages call them `what`.
     fn beside(&mut self, what: &str, uri: &str) -> Result<Vec<u8>> {
         let bytes = beside::read(self.path, uri, self.left).map_err(|why| {
             let name = if uri.starts_with("data:") { "in it".into() } else { one_line(uri) };
@@ -420,7 +421,7 @@ impl<'a> Reader<'a> {
         Error::new(self.path, sentence)
     }
 
-    /// Notes that this much memory is taken, bytes.
+    /// Counts `bytes` bytes of memory as taken.
     fn take(&mut self, bytes: u64) -> Result<()> {
         let left = self.left.checked_sub(bytes).ok_or_else(|| {
             self.fail("the object takes more than 2 GB; reduce its triangles, textures or animations")
@@ -429,7 +430,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Notes that the values of an accessor are taken as so many bytes each, and checks that they are there.
+    /// Counts the memory of an accessor's values, `each` bytes per value, as taken, and checks that the values are there.
     fn check(&mut self, accessor: Option<Accessor>, each: usize) -> Result<()> {
         let Some(accessor) = accessor else { return Ok(()) };
         let count = accessor.count() as u64;
@@ -447,7 +448,7 @@ impl<'a> Reader<'a> {
             there &= changed <= count
                 && self.is_there(&indices.view(), indices.offset(), changed, index)
                 && self.is_there(&values.view(), values.offset(), changed, size);
-            // All others are zero; of those there are no more than bytes.
+            // All other values are zero; there may be no more of them than the file has bytes.
             there &= accessor.view().is_some() || count <= self.given;
         }
         if there {
@@ -457,7 +458,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Whether so many values of this size, one at least, lie in a view.
+    /// Whether `count` values of `size` bytes, at least one value, lie in a view.
     fn is_there(&self, view: &View, offset: usize, count: u64, size: usize) -> bool {
         let stride = view.stride().unwrap_or(size);
         let end = || -> Option<u64> {
@@ -560,7 +561,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    // Long, since each attribute of a vertex is checked and read in turn.
+    // This function is long, since it checks and reads each attribute of a vertex in turn.
     fn add_triangles(
         &mut self,
         primitive: &gltf::Primitive,
@@ -643,7 +644,7 @@ impl<'a> Reader<'a> {
         }
         let (first, start) = (self.object.vertices.len() as u32, self.object.indices.len() as u32);
         let indices = start..start + corners.len() as u32 / 3 * 3;
-        // Each part is drawn for itself: what is of the same material as the part before is added to it.
+        // Each part takes a draw call, so triangles of the same material as the part before are added to it.
         let parts = &mut self.object.parts;
         let full = parts.len() == MAX_PARTS;
         match parts.last_mut().filter(|part| part.material == material) {
@@ -701,7 +702,7 @@ impl<'a> Reader<'a> {
         Ok(index)
     }
 
-    /// A picture, of which the size is checked before it is decoded.
+    /// Decodes a picture after a check of its size.
     fn decoded(&self, bytes: &[u8]) -> Result<Texture> {
         let fail = |e: &dyn std::fmt::Display| {
             self.fail(&format!("one of its textures cannot be read ({})", one_line(&e.to_string())))
@@ -745,7 +746,7 @@ impl<'a> Reader<'a> {
                 ReadOutputs::Translations(v) => (Property::Translation, v.map(vector).collect()),
                 ReadOutputs::Rotations(v) => (Property::Rotation, v.into_f32().map(Vec4::from).collect()),
                 ReadOutputs::Scales(v) => (Property::Scale, v.map(vector).collect()),
-                // The mesh has the same problem.
+                // The note about morph targets was made with the mesh.
                 ReadOutputs::MorphTargetWeights(_) => continue,
             };
             let interpolation = channel.sampler().interpolation();
@@ -763,7 +764,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Adds to each corner the normals of the triangles around it, by their areas.
+/// Adds to each corner the normals of the triangles around it, weighted by their areas.
 fn add_normals(vertices: &mut [Vertex], corners: &[u32]) {
     for triangle in corners.chunks_exact(3) {
         let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(vertices[triangle[i] as usize].position));
@@ -860,7 +861,7 @@ mod tests {
         let object = Object::load(&path).unwrap();
         assert_eq!((object.parts.len(), object.indices.len(), object.notes.len()), (1, 3, 0));
         assert_eq!(object.parts[0].material.base_color, [0.5, 0.25, 0.125, 1.0]);
-        // Half of each joint, of which the second one moves.
+        // Both joints have half of the weight, and the second one moves.
         let vertex = object.vertices[1];
         assert_eq!((vertex.joints, vertex.weights), ([0, 1, 0, 0], [0.5, 0.5, 0.0, 0.0]));
         assert_eq!(vertex.normal, [0.0, 0.0, 1.0]);
@@ -868,7 +869,7 @@ mod tests {
             let [joints, _] = object.moving(seconds, 0.04);
             assert_eq!((joints[0].w_axis.x, joints[1].w_axis.x), (0.0, x));
         }
-        // Its jump back is no motion.
+        // The jump back at the end does not count as motion.
         let fps = 24.7;
         for frame in 0..200 {
             let [now, next] = object.moving(f64::from(frame) / fps, fps.recip());
@@ -890,7 +891,7 @@ mod tests {
             values: vec![Vec4::ZERO, Vec4::splat(3.0)],
         });
         assert_eq!((still.x_axis.x, object.unit().x_axis.x), (1.0, 1.0 / 3.0));
-        // One that vanishes for good has none.
+        // An object that always is a point has no size.
         object.channels[0].values[1] = Vec4::ZERO;
         assert_eq!(object.unit(), Mat4::IDENTITY);
     }
@@ -917,7 +918,7 @@ mod tests {
             let hurt = [&whole[..whole.len() - 4], &number.to_le_bytes()].concat();
             assert!(load(&hurt).unwrap_err().to_string().contains("not numbers"));
         }
-        // Whatever is wrong, what is loaded can be drawn.
+        // Whatever is damaged, an object that is loaded can be drawn.
         let mut random = 1u32;
         let mut next = |n: usize| {
             random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -935,7 +936,7 @@ mod tests {
         }
     }
 
-    /// What is said of a file of this text.
+    /// The number of corners of a file with this text, or the sentence of the error.
     fn said(folder: &Path, text: &str) -> String {
         let path = folder.join("said.gltf");
         std::fs::write(&path, text).unwrap();
@@ -949,7 +950,7 @@ mod tests {
         }
     }
 
-    /// A triangle with a texture, both in what these URIs name.
+    /// The text of a file with a triangle and a texture, whose data these URIs name.
     fn text(buffer: &str, texture: &str) -> String {
         format!(
             r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
@@ -1007,7 +1008,7 @@ mod tests {
             let e = said(&folder, &text(uri, "a%20picture.png"));
             assert!(e.contains(sentence) && e.len() < 800, "{e}");
         }
-        // Not a picture, and one that is larger than any graphics card takes.
+        // One file is not a picture, and one picture is larger than any graphics card takes.
         let e = said(&folder, &text("corners.bin", "corners.bin"));
         assert!(e.contains("neither PNG nor JPEG"), "{e}");
         let mut large = picture.clone();
@@ -1088,14 +1089,14 @@ mod tests {
         for count in [5_000, 3_000_000_000, u64::MAX] {
             assert!(!load(&of("", count, &sparse(1), "")).contains("corners"), "{count}");
         }
-        // Values that overlap one another.
+        // Values that overlap one another are refused.
         assert!(!load(&of(view, 3, "", r#","byteStride":4"#)).contains("corners"));
         assert!(!load(&of(view, 3, "", r#","byteStride":0"#)).contains("corners"));
         let e = load(&of(r#""bufferView":0,"byteOffset":18446744073709551615,"#, 3, "", ""));
         assert!(!e.contains("corners"), "{e}");
     }
 
-    /// An object of so many nodes, the first of which has all others as children and which all have a triangle.
+    /// An object of `nodes` nodes with a triangle each, the first of which has all others as children.
     fn family(nodes: usize) -> String {
         let children = (1..nodes).map(|i| i.to_string()).collect::<Vec<_>>().join(",");
         let others = r#",{"mesh":0}"#.repeat(nodes - 1);
@@ -1109,7 +1110,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("corners.bin"), [0; 36]).unwrap();
         assert_eq!(said(folder.path(), &family(300_000)), "900000 corners");
-        // They are drawn at once; where two materials take turns, they cannot be.
+        // The triangles are drawn at once; where two materials take turns, they cannot be.
         let object = Object::load(&folder.path().join("said.gltf")).unwrap();
         assert_eq!((object.parts.len(), object.joint_count()), (1, 300_000));
         assert_eq!(object.vertices[899_999].joints, [299_999; 4]);

@@ -1,17 +1,17 @@
-// The object: color, inverse depth and velocity of its surface, at twice the size of the frame.
+// Draws colour, inverse depth and velocity of the object's surface, at twice the size of the frame.
 
 struct Scene {
-    // From the object's to clip coordinates, in this frame and in the next.
+    // The matrices from the object's to clip coordinates, in this frame and in the next.
     clip_from_object: array<mat4x4f, 2>,
-    // From the object's to camera coordinates (x right, y down, z forward, m).
+    // The matrix from the object's to camera coordinates (x right, y down, z forward, m).
     camera_from_object: mat4x4f,
-    // In camera coordinates, towards the light.
+    // The direction towards the light, in camera coordinates.
     light_direction: vec3f,
     // Width and height of the frame, px.
     width: f32,
     light: vec3f,
     height: f32,
-    // From all sides.
+    // The light from all sides.
     ambient: vec3f,
     // Depth of the near plane, m.
     near: f32,
@@ -37,11 +37,11 @@ struct Vertex {
 }
 
 struct Surface {
-    // Premultiplied, linear.
+    // The colour, premultiplied and linear.
     @location(0) color: vec4f,
-    // 1/m.
+    // The inverse depth, 1/m.
     @location(1) inverse_depth: f32,
-    // px per frame interval, x right, y down.
+    // The motion, px per frame interval, x right, y down.
     @location(2) velocity: vec2f,
 }
 
@@ -99,12 +99,13 @@ fn shaded(albedo: vec3f, metallic: f32, roughness: f32, normal: vec3f, view: vec
     let distribution = a * a / (spread * spread);
     let visibility = 0.5 / (nl * sqrt(nv * nv * (1.0 - a * a) + a * a) + nv * sqrt(nl * nl * (1.0 - a * a) + a * a));
     let diffuse = (1.0 - metallic) * albedo;
-    // The light is pi times what a white surface that faces it reflects, so that both terms lack their 1 / pi.
+    // `scene.light` is the radiance of a white surface that faces the light, 1 / pi of the light's irradiance, so that both terms lack
+    // their 1 / pi.
     let direct = nl * scene.light * ((1.0 - fresnel) * diffuse + fresnel * distribution * visibility);
     return direct + scene.ambient * (diffuse + f0);
 }
 
-// A highlight of a px must not, blurred, hide everything around it.
+// The largest value of a colour. A highlight of one px must not hide everything around it when it is blurred.
 const BRIGHTEST = 64.0;
 
 @fragment
@@ -115,7 +116,7 @@ fn surface(in: Vertex, @builtin(front_facing) front: bool) -> Surface {
         discard;
     }
     let view = -normalize(in.place);
-    // Where it has no normal, it faces who looks at it.
+    // A surface without a normal faces the viewer.
     let length = length(in.normal);
     let outward = select(view, in.normal / length, length > 0.0);
     let normal = select(-outward, outward, dot(outward, view) > 0.0);
@@ -123,7 +124,7 @@ fn surface(in: Vertex, @builtin(front_facing) front: bool) -> Surface {
     let light = shaded(color.rgb, part.metallic, part.roughness, normal, view);
     out.color = vec4f(clamp(light, vec3f(0.0), vec3f(BRIGHTEST)), 1.0);
     out.inverse_depth = in.position.z / scene.near;
-    // Behind the camera there is no picture.
+    // A point behind the camera has no place in the picture, so w is at least that of the near plane.
     let next = in.next.xy / max(in.next.w, scene.near);
     out.velocity = (next - in.now.xy / in.now.w) * 0.5 * vec2f(scene.width, -scene.height);
     return out;
@@ -138,7 +139,7 @@ fn whole(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     return vec4f(f32(i & 1u) * 4.0 - 1.0, f32(i & 2u) * 2.0 - 1.0, 0.0, 1.0);
 }
 
-// From 2 x 2 samples: the mean color, and depth and velocity of what is nearest.
+// Makes a pixel from 2 x 2 samples: the mean colour, and depth and velocity of the nearest sample.
 @fragment
 fn resolved(@builtin(position) position: vec4f) -> Surface {
     let corner = 2 * vec2i(position.xy);

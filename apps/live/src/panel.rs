@@ -1,4 +1,4 @@
-//! What is in the window: the picture, and beside it the camera's parameters, frame times and controls.
+//! The contents of the window: the picture, and beside it the camera's parameters, frame times and controls.
 
 use super::{
     DISTANCES,
@@ -17,54 +17,54 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How much of the mean frame times is kept from frame to frame.
+/// The weight of the old value in the running means of the frame times, 0 to 1.
 const KEPT: f32 = 0.9;
-/// Width of a column of names or values at least, in points: the longest name's, for a table that has just got it.
+/// The least width of a column of names or values, points: that of the longest name, so that a table has room for it at once.
 const COLUMN: f32 = 104.0;
 
-/// What can be changed in the window.
+/// The settings that can be changed in the window.
 #[derive(Clone, Debug)]
 pub struct Controls {
-    /// How the picture is made.
+    /// The look of the picture.
     pub look: Look,
-    /// What the object's longest side may be, m.
+    /// The range of the object's longest side, m.
     pub sizes: RangeInclusive<f32>,
-    /// Where the object stands until a plane is found; another place starts anew.
+    /// The place of the object until a plane is found. If it changes, the object is placed anew.
     pub home: Home,
     /// Whether the frame stands still.
     pub paused: bool,
 }
 
-/// What was clicked.
+/// The button that was clicked.
 #[derive(Clone, Copy, Debug)]
 pub enum Action {
     /// Start to record, or stop.
     Record,
 }
 
-/// What the panel tells.
+/// The data that the panel shows.
 #[derive(Default)]
 pub struct Shown {
     /// Whether the picture is recorded.
     pub recording: bool,
-    /// What happened last, in a sentence.
+    /// A sentence about the last event.
     pub message: String,
     number: u64,
     on_plane: bool,
-    /// Name and value, or why it is unknown.
+    /// The name and the value of each parameter, or the reason why it is unknown.
     parameters: Vec<(&'static str, String)>,
-    /// Name and mean, ms.
+    /// The name and the running mean of each time, ms.
     times: [(&'static str, f32); 4],
     last: Option<Instant>,
 }
 
 impl Shown {
-    /// Takes what belongs to a picture; `new`: of another frame than the last one.
+    /// Takes the data of a picture. `new`: the picture is of another frame than the last one.
     pub fn add(&mut self, number: u64, estimate: &LiveEstimate, time: Duration, times: Times, new: bool) {
         self.number = number;
         self.on_plane = estimate.placed.on_plane;
         self.parameters = parameters(&estimate.tracked.camera);
-        // How long the picture stood still is no time between frames.
+        // The time for which the picture stood still does not count as time between frames.
         let last = if new { self.last.replace(Instant::now()) } else { self.last.take() };
         if !new {
             return;
@@ -84,7 +84,7 @@ impl Shown {
     }
 }
 
-/// Shows everything, with a panel of this width, in points.
+/// Shows the picture and a panel of this width, points.
 pub fn show(
     ui: &mut Ui,
     width: f32,
@@ -100,7 +100,7 @@ pub fn show(
     action
 }
 
-/// The picture, as large as fits; the line follows the pointer that drags.
+/// Shows the picture, as large as fits. The line follows a pointer that is dragged.
 fn view(ui: &mut Ui, (texture, (w, h)): (TextureId, (usize, usize)), split: &mut f32) {
     let room = ui.available_rect_before_wrap();
     let size = vec2(w as f32, h as f32);
@@ -141,7 +141,7 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
         ui.add(egui::Label::new(&shown.message).wrap());
     }
     ui.separator();
-    // Below the controls, which so stay where they are whatever is told.
+    // The parameters stand below the controls, so that the controls do not move when a text gets longer.
     ui.heading("Camera");
     Grid::new("parameters").num_columns(2).min_col_width(COLUMN).striped(true).show(ui, |ui| {
         for (name, value) in &shown.parameters {
@@ -163,7 +163,7 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
     clicked.then_some(Action::Record)
 }
 
-/// A value's name.
+/// The name of a value, in lower case.
 fn lower(value: impl std::fmt::Debug) -> String {
     format!("{value:?}").to_lowercase()
 }

@@ -1,7 +1,7 @@
-//! Draws the object: its color, inverse depth and velocity in a frame, each in a texture of the frame's size.
+//! Draws the object: its colour, inverse depth and velocity in a frame, each in a texture of the frame's size.
 //!
-//! It is drawn with 2 x 2 samples per px: color and alpha of a px are their mean, so that edges are soft; depth and velocity are
-//! those of the nearest sample, since a mean of two surfaces' would be neither's.
+//! The object is drawn with 2 x 2 samples per px: colour and alpha of a px are their mean, so that edges are soft; depth and velocity are
+//! those of the nearest sample, since a mean over two surfaces would fit neither.
 
 use super::object::{Object, Part, Texture, Vertex};
 use blindaug::{Error, Result};
@@ -14,7 +14,7 @@ use wgpu::{
     util::{BufferInitDescriptor, DeviceExt},
 };
 
-/// Premultiplied and scene-linear; inverse depth, 1/m; velocity, px.
+/// The formats of colour (premultiplied and scene-linear), inverse depth (1/m) and velocity (px per frame interval).
 const FORMATS: [TextureFormat; 3] =
     [TextureFormat::Rgba16Float, TextureFormat::R32Float, TextureFormat::Rg16Float];
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
@@ -32,29 +32,29 @@ pub struct Light {
     pub direct: Vec3,
 }
 
-/// Where the object is and what it looks like in a frame.
+/// The place and the appearance of the object in a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
-    /// Where it stands in the frame and in the next one.
+    /// The object's poses in the frame and in the next one.
     pub poses: [Pose; 2],
-    /// Its animation's time, s.
+    /// The time of the object's animation, s.
     pub seconds: f64,
-    /// How long it is to the next frame, s.
+    /// The time to the next frame, s.
     pub step: f64,
-    /// Its longest side, m.
+    /// The object's longest side, m.
     pub size: f32,
-    /// What shines on it.
+    /// The light on the object.
     pub light: Light,
 }
 
 /// The object in a frame.
 #[derive(Clone, Debug)]
 pub struct Layer {
-    /// [`TextureFormat::Rgba16Float`]: premultiplied and scene-linear.
+    /// The colour, [`TextureFormat::Rgba16Float`]: premultiplied and scene-linear.
     pub color: wgpu::Texture,
-    /// [`TextureFormat::R32Float`], 1/m; 0 where there is nothing.
+    /// The inverse depth, [`TextureFormat::R32Float`], 1/m; 0 where there is nothing.
     pub inverse_depth: wgpu::Texture,
-    /// [`TextureFormat::Rg16Float`]: px from the frame to the next one, x right, y down.
+    /// The motion to the next frame, [`TextureFormat::Rg16Float`], px, x right, y down.
     pub velocity: wgpu::Texture,
 }
 
@@ -103,11 +103,11 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Draws as a camera sees it.
+    /// A renderer that draws `object` as `camera` sees it.
     ///
     /// # Errors
     /// If the device cannot hold the object, or textures of twice the frame's size.
-    // Long, since it lists the pipeline's states and bindings.
+    // This function is long, since it lists the pipeline's states and bindings.
     pub fn new(gpu: &Gpu, object: Object, camera: Pinhole) -> Result<Self> {
         let device = &gpu.device;
         let module = device.create_shader_module(wgpu::include_wgsl!("object.wgsl"));
@@ -149,7 +149,7 @@ impl Renderer {
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: DEPTH,
                 depth_write_enabled: Some(true),
-                // Near is 1, infinitely far 0: a float's precision then is the same everywhere.
+                // The near plane has depth 1 and infinity depth 0, so that the relative precision of floats is the same everywhere.
                 depth_compare: Some(wgpu::CompareFunction::Greater),
                 stencil: Default::default(),
                 bias: Default::default(),
@@ -227,7 +227,7 @@ impl Renderer {
         })
     }
 
-    /// What was drawn last.
+    /// The layer that was drawn last.
     pub fn layer(&self) -> &Layer {
         &self.layer
     }
@@ -241,7 +241,7 @@ impl Renderer {
         let scene = Scene {
             clip_from_object: in_camera.map(|m| self.projection() * m),
             camera_from_object: in_camera[0],
-            // From above on the left, behind who looks at it.
+            // The light comes from above on the left, behind the viewer.
             light_direction: Vec3::new(-0.5, -0.7, -0.6).normalize().into(),
             width: w as f32,
             light: moment.light.direct.into(),
@@ -294,7 +294,7 @@ impl Renderer {
         pose * Mat4::from_scale(Vec3::new(size, -size, -size)) * self.unit
     }
 
-    /// The matrix from camera to clip coordinates; a point's depth is that of the near plane over its own.
+    /// The matrix from camera to clip coordinates; a point's depth is the distance of the near plane over that of the point.
     fn projection(&self) -> Mat4 {
         let (w, h) = self.camera.size;
         let f = 2.0 * self.camera.focal_length as f32;
@@ -308,7 +308,7 @@ impl Renderer {
     }
 }
 
-/// Fails if a device with these limits holds no buffer of so many bytes.
+/// Fails if a device with these limits holds no buffer of `bytes` bytes.
 fn check_fits(bytes: u64, usage: BufferUsages, limits: &wgpu::Limits) -> Result<()> {
     let most = if usage.contains(BufferUsages::STORAGE) {
         limits.max_buffer_size.min(limits.max_storage_buffer_binding_size)
@@ -325,7 +325,7 @@ fn check_fits(bytes: u64, usage: BufferUsages, limits: &wgpu::Limits) -> Result<
     )))
 }
 
-/// Cleared to 0.
+/// A colour attachment that is cleared to 0.
 pub fn attachment(view: &TextureView) -> Option<wgpu::RenderPassColorAttachment<'_>> {
     Some(wgpu::RenderPassColorAttachment {
         view,
@@ -387,7 +387,7 @@ mod tests {
     #[test]
     fn depth_and_velocity_of_a_moving_square_are_what_geometry_says() {
         let Some(gpu) = Gpu::for_tests() else { return };
-        // 1 m wide, turned and moving, so that depth and velocity differ from px to px.
+        // The square is 1 m wide, turned and moving, so that depth and velocity differ from px to px.
         let poses = [pose(0.5, [-0.03, 0.31, 2.0]), pose(0.6, [0.02, 0.33, 1.9])];
         let square = Object::square(Material::default());
         let Drawn { color, inverse_depth, velocity } = drawn(&gpu, square, poses, 1.0);
@@ -414,7 +414,7 @@ mod tests {
             let error = errors.into_iter().fold(f64::INFINITY, f64::min);
             assert!(error < 0.01, "({x}, {y}): {error}");
         }
-        // 1 m at 2 m.
+        // The square's side of 1 m is seen at a distance of 2 m.
         let expected = (camera.focal_length * 0.5).powi(2) * 0.5f64.cos();
         assert!((f64::from(inside) / expected - 1.0).abs() < 0.2, "{inside} of {expected}");
         // Negative control: a square that stands still has no velocity.
@@ -454,7 +454,7 @@ mod tests {
         let Drawn { color: drawn, .. } =
             drawn(&gpu, Object::square(material), [pose(0.0, [0.013, 0.517, 2.0]); 2], 1.0);
         let most = drawn.data().iter().find(|c| c[3] == 1.0).unwrap();
-        // Ambient light of 0.5 on the base color and the 4 % of a dielectric.
+        // The colour is ambient light of 0.5 on the base colour and on the 4 % of a dielectric.
         for c in 0..3 {
             assert!((most[c] - 0.5 * (color[c] + 0.04)).abs() < 2e-3, "{most:?}");
         }

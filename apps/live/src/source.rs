@@ -1,9 +1,9 @@
-//! What is filmed: a file, a folder, or a camera by its name.
+//! The source of the footage: a file, a folder, or a camera by its name.
 
 use blindaug_io::{FrameSource, Result};
 use std::path::Path;
 
-/// What names a camera instead of a file.
+/// The prefix that names a camera instead of a file.
 const CAMERA: &str = "camera:";
 
 /// Whether an input is a camera's name.

@@ -1,8 +1,8 @@
-// The naive composite left of a line, the one with the camera's distortions right of it.
+// Joins two composites: the naive one left of a line, the one with the camera's distortions right of it.
 
 @group(0) @binding(0) var naive: texture_2d<f32>;
 @group(0) @binding(1) var filmed: texture_2d<f32>;
-// Share of the width where the line is.
+// The place of the line as a share of the width, in the first number.
 @group(0) @binding(2) var<uniform> split: vec4f;
 
 // Half of the line's width, px.

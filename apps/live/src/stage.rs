@@ -16,40 +16,40 @@ use std::{
 };
 use wgpu::{BindingResource, BufferUsages, TextureFormat, TextureUsages, TextureView};
 
-/// Display-encoded values, as the window takes them.
+/// The format of composites and picture: display-encoded values, as the window takes them.
 const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
-/// The shares of a frame's light that come from all sides and from one.
+/// The strengths of the light from all sides and of that from one direction, relative to a frame's mean light.
 const AMBIENT: f32 = 0.7;
 const DIRECT: f32 = 1.3;
-/// A frame's light is the mean of every so many px along each axis.
+/// The step along each axis, px, between the pixels whose mean is a frame's light.
 const LIGHT_STRIDE: usize = 8;
 
-/// How the picture is made.
+/// The look of the picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
-    /// Share of the width left of which the object is pasted as it is, in [0, 1].
+    /// The place of the line as a share of the width, in [0, 1]; left of the line the object is pasted as it is.
     pub split: f32,
     /// The object's longest side, m.
     pub size: f32,
     /// The options of the composite right of the line.
     pub options: CompositeOptions,
-    /// The quality of both.
+    /// The quality of both composites.
     pub quality: Quality,
 }
 
-/// How long the parts of a picture took.
+/// The times that the parts of a picture took.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Times {
     /// The time to draw the object.
     pub render: Duration,
-    /// The time to composite it.
+    /// The time to composite the object.
     pub composite: Duration,
 }
 
 /// Draws on one device.
 pub struct Stage {
     gpu: Gpu,
-    /// What the device has complained of.
+    /// The first error of the device, as a sentence.
     trouble: Arc<Mutex<Option<String>>>,
     renderer: Renderer,
     compositor: Compositor,
@@ -64,10 +64,10 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A stage for one object and frames of one size, `fps` of them a second.
+    /// A stage for one object and frames of one size, `fps` frames per second.
     ///
     /// # Errors
-    /// If the device cannot hold them.
+    /// If the device cannot hold the object or the frames.
     pub fn new(gpu: Gpu, object: Object, camera: Pinhole, fps: f64) -> Result<Self> {
         let trouble = Arc::new(Mutex::new(None));
         let complain = |sentence: &'static str| {
@@ -164,16 +164,16 @@ impl Stage {
         Ok(Times { render, composite: start.elapsed() - render })
     }
 
-    /// Waits for the device.
+    /// Waits for the device, and checks it.
     fn settle(&self) -> Result<()> {
         self.gpu.wait()?;
         self.check()
     }
 
-    /// Whether the device still works.
+    /// Checks that the device still works.
     ///
     /// # Errors
-    /// What it has complained of.
+    /// The first error of the device.
     pub fn check(&self) -> Result<()> {
         match self.trouble.lock().ok().and_then(|t| t.clone()) {
             Some(sentence) => Err(Error::new(sentence)),
@@ -191,7 +191,7 @@ impl Stage {
         &self.picture_view
     }
 
-    /// The same as [`Stage::picture`], from the device.
+    /// The picture that was drawn last, copied from the device.
     ///
     /// # Errors
     /// If the device was lost.
@@ -202,7 +202,7 @@ impl Stage {
     }
 }
 
-/// The object stands where the camera does, so to speak: what falls on it is what the camera sees.
+/// The light on the object, which is taken to be the mean light that the camera sees.
 fn light(frame: &Encoded) -> Light {
     let (w, h) = frame.0.size();
     let grid =

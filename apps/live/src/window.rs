@@ -29,21 +29,21 @@ use winit::{
     window::{Window, WindowId},
 };
 
-/// Width of the panel beside the picture, in points.
+/// The width of the panel beside the picture, points.
 const PANEL: f32 = 290.0;
-/// Width of the picture at first, in points.
+/// The width of the picture at first, points.
 const PICTURE: f64 = 960.0;
-/// Frames that wait to be recorded.
+/// The most frames that wait to be recorded.
 const QUEUE: usize = 4;
-/// How often Ctrl-C is looked for.
+/// The time between checks for Ctrl-C.
 const WAKE: Duration = Duration::from_millis(100);
 
-/// There is a new frame or estimate.
+/// The event of a new frame or estimate.
 #[derive(Debug)]
 struct News;
 
-/// Tells the window that there is something new, once until it has looked: else, where drawing is slower than the frames come,
-/// the window would never get to anything else.
+/// Tells the window that there is something new, but only once until the window has looked. Otherwise, where drawing is slower than the
+/// frames come, the window would never get to anything else.
 #[derive(Clone)]
 struct Bell {
     window: EventLoopProxy<News>,
@@ -51,7 +51,7 @@ struct Bell {
 }
 
 impl Bell {
-    /// Whether there still is a window.
+    /// Notifies the window, and returns whether there still is one.
     fn ring(&self) -> bool {
         self.rung.swap(true, Ordering::AcqRel) || self.window.send_event(News).is_ok()
     }
@@ -85,7 +85,7 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
         result: Ok(()),
     };
     let ran = events.run_app(&mut app).map_err(|e| no_window(&e));
-    // Whatever happened, what was recorded is kept.
+    // Whatever happened, the recording is kept.
     let recorded = app.stop_recording();
     ran?;
     app.result.and(recorded)
@@ -96,7 +96,7 @@ fn no_window(e: &dyn std::fmt::Display) -> Failure {
     Failure(format!("no window can be opened ({why}); add --headless --frames N -o OUT to do without"))
 }
 
-/// Why the system refused something, in a line, without where in winit's source that was seen.
+/// The reason why the system refused something, in one line, without the place in winit's source code.
 fn without_place(why: &str) -> String {
     let rest = why.strip_prefix("os error at ").and_then(|rest| rest.split_once(": "));
     rest.map_or(why, |(_, rest)| rest).replace('\n', " ")
@@ -123,7 +123,7 @@ impl Reader {
                     .map_err(Failure::from)
                     .and_then(|shot| shot.ok_or_else(|| failure(source.path(), "there are no frames in it")));
                 let ended = shot.is_err();
-                // A camera is as fast as it is, whatever it says, and goes on while the picture stands still; a clip waits.
+                // A camera has its own pace, whatever frame rate it names, and goes on while the picture stands still; a clip waits.
                 let is_live = scene.is_camera();
                 if !is_live {
                     while paused.load(Ordering::Relaxed) && !ended {
@@ -153,18 +153,18 @@ impl Reader {
     }
 }
 
-/// An estimate and how long it took.
+/// An estimate and the time that it took.
 struct Timed {
     estimate: LiveEstimate,
     time: Duration,
 }
 
-/// Estimates what it is given, one frame at a time.
+/// Estimates from frames in a thread, one frame at a time.
 struct Worker {
-    /// Takes a frame only while it waits for one.
+    /// The channel to the thread, which takes a frame only while the thread waits for one.
     shots: SyncSender<(LiveFrame, Home)>,
     estimates: Receiver<Result<Timed>>,
-    /// The home of the frame that it took last.
+    /// The home of the frame that the thread took last.
     home: Home,
 }
 
@@ -187,7 +187,7 @@ impl Worker {
         Self { shots, estimates, home: first }
     }
 
-    /// Gives it a frame if it waits for one.
+    /// Gives the thread a frame if it waits for one.
     fn offer(&mut self, shot: &LiveFrame, home: Home) -> Result<()> {
         match self.shots.try_send((shot.clone(), home)) {
             Ok(()) => self.home = home,
@@ -203,7 +203,7 @@ struct Recording {
     path: PathBuf,
     pictures: SyncSender<Encoded>,
     writer: JoinHandle<Result<()>>,
-    /// The number of the frame that was recorded last; 0: what comes next follows at once.
+    /// The number of the frame that was recorded last; 0: the next frame follows without a gap.
     number: u64,
 }
 
@@ -232,7 +232,7 @@ impl Recording {
     fn write(&mut self, number: u64, picture: &Encoded) {
         let times = if self.number == 0 { 1 } else { number.saturating_sub(self.number) };
         for _ in 0..times {
-            // If it has failed, it says so at the end.
+            // If the writer has failed, `finish` returns its error.
             let _ = self.pictures.send(picture.clone());
         }
         self.number = number;
@@ -247,9 +247,9 @@ impl Recording {
     }
 }
 
-/// Why the window does not go on.
+/// The reason why the window does not go on.
 enum Trouble {
-    /// Another surface may help.
+    /// The surface failed, and another one may help.
     Surface(&'static str),
     Other(Failure),
 }
@@ -260,7 +260,7 @@ impl From<Failure> for Trouble {
     }
 }
 
-/// What belongs to a device and a surface.
+/// The objects that belong to a device and a surface.
 struct Graphics {
     window: Arc<Window>,
     surface: wgpu::Surface<'static>,
@@ -278,7 +278,7 @@ impl Graphics {
         let descriptor =
             wgpu::InstanceDescriptor::new_with_display_handle_from_env(Box::new(display.clone()));
         let instance = Gpu::instance(descriptor);
-        // Where there is no device at all, that is why.
+        // If there is no device at all, that is the reason.
         let why = |e: wgpu::CreateSurfaceError| Gpu::new().err().map_or_else(|| wrong(&e), |e| wrong(&e));
         let surface = instance.create_surface(window.clone()).map_err(why)?;
         let (gpu, adapter) = Gpu::for_surface(&instance, &surface).map_err(|e| wrong(&e))?;
@@ -286,7 +286,7 @@ impl Graphics {
         let Some(mut config) = surface.get_default_config(&adapter, width.max(1), height.max(1)) else {
             return Err(Failure("the graphics device cannot draw in this window".into()));
         };
-        // The picture's values and the controls' colors are display-encoded already.
+        // The picture's values and the controls' colours are display-encoded already.
         let formats = surface.get_capabilities(&adapter).formats;
         config.format = formats.into_iter().find(|f| !f.is_srgb()).unwrap_or(config.format);
         surface.configure(&gpu.device, &config);
@@ -314,7 +314,7 @@ impl Graphics {
         self.surface.configure(&self.stage.gpu().device, &self.config);
     }
 
-    /// Draws the window. What was clicked is returned, or nothing if there is no surface to draw on just now.
+    /// Draws the window, and returns the button that was clicked. `None`, too, if there is no surface to draw on just now.
     fn draw(
         &mut self,
         scene: &Scene,
@@ -407,7 +407,7 @@ struct App {
     estimate: Option<Timed>,
     shown: Shown,
     recording: Option<Recording>,
-    /// Nothing has been drawn since the graphics were made anew.
+    /// Whether nothing has been drawn since the graphics were made anew.
     recovering: bool,
     result: Result<()>,
 }
@@ -437,7 +437,7 @@ impl App {
         }
         let new = due.is_some();
         self.shot = due.or(self.shot.take());
-        // While nothing moves, the controls still act.
+        // The controls still act while the picture is paused.
         if new || self.controls.paused {
             self.make_picture(new)?;
         }
@@ -465,7 +465,7 @@ impl App {
         self.recovering = false;
         let was_paused = self.reader.paused.swap(self.controls.paused, Ordering::Relaxed);
         if let (Some(recording), true) = (&mut self.recording, was_paused || self.controls.paused) {
-            // What a camera filmed meanwhile is no gap to be filled.
+            // The frames that a camera filmed during the pause are not a gap to fill.
             recording.number = 0;
         }
         match action {
@@ -495,7 +495,7 @@ impl App {
         Ok(())
     }
 
-    /// Ends it, unless new graphics may help.
+    /// Closes the window after a failure, unless new graphics may help.
     fn settle(&mut self, events: &ActiveEventLoop, result: std::result::Result<(), Trouble>) {
         let on_surface = matches!(result, Err(Trouble::Surface(_)));
         let e = match result {
@@ -552,9 +552,9 @@ impl ApplicationHandler<News> for App {
         if console::interrupted() {
             return events.exit();
         }
-        // Ctrl-C wakes nothing.
+        // Ctrl-C does not wake the event loop.
         events.set_control_flow(ControlFlow::WaitUntil(Instant::now() + WAKE));
-        // Here the window has had its turn, however fast the news come.
+        // Here the window has handled its events, however fast the news come.
         if !std::mem::take(&mut self.has_news) {
             return;
         }

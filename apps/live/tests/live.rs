@@ -1,4 +1,4 @@
-//! `blindaug live` without its window.
+//! Tests of `blindaug live` without its window.
 
 #[path = "../../cli/tests/common/mod.rs"]
 mod common;
@@ -50,7 +50,7 @@ fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
     assert_eq!(shown.0.at(3, 3), filmed.0.at(3, 3));
     assert_eq!(shown.0.at(64, 3), [1.0; 3]);
     assert_ne!(shown, filmed);
-    // Left of the line the object is pasted, right of it is what the camera makes of it.
+    // Left of the line the object is pasted, right of it the camera's distortions are on it.
     live("-o pasted --split 1");
     live("-o filmed --split 0");
     let [pasted, made] =
@@ -59,7 +59,7 @@ fn a_clip_is_played_again_and_again_and_two_runs_are_the_same() {
         columns.into_iter().all(|x| (0..96).all(|y| shown.0.at(x, y) == other.0.at(x, y)))
     };
     assert!(same(&pasted, 0..63) && same(&made, 65..128) && !same(&pasted, 65..128));
-    // What is there is not replaced unasked.
+    // An existing output is not replaced unasked.
     assert!(fails(dir.path(), "frames --headless --frames 6 -o a").contains("--overwrite"));
     live("-o a --overwrite");
 }

@@ -1,6 +1,7 @@
-//! What a frame of the compositor costs, step by step, beside what moving its bytes costs: `cargo bench -p blindaug-gpu`.
+//! The time that a frame of the compositor takes, step by step, beside the time of moving its bytes: `cargo bench -p blindaug-gpu`.
 //!
-//! At 2 x 2064 x 2208 on a GPU, at 640 x 360 on a software one; `cargo bench -p blindaug-gpu -- WIDTH HEIGHT EYES` chooses.
+//! The size is 2 x 2064 x 2208 px on a GPU and 640 x 360 px on a software device; `cargo bench -p blindaug-gpu -- WIDTH HEIGHT EYES`
+//! chooses another.
 
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{
@@ -75,16 +76,16 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// What an Adreno 740 class part is assumed to do: move 70 % of what 64 bit of LPDDR5X at 8533 MT/s do, in bytes/s, and take this many
-/// bilinear samples of four half floats per second.
+/// The assumed speed of a GPU like the Adreno 740: 70 % of the bandwidth of 64 bit of LPDDR5X at 8533 MT/s, bytes/s, and bilinear samples
+/// of four half floats per second.
 const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 
-/// Bilinear samples per pixel of [`STEPS`], but for those that depend on blur, for a camera that does not sharpen: pull 9/4 * 4/3 and
-/// push 4 * 4/3; halving 9/4 * 4/3; none; none; three of the tile.
+/// Bilinear samples per pixel of each of [`STEPS`] for a camera that does not sharpen, without the samples that depend on blur: extension
+/// 9/4 * 4/3 (pull) and 4 * 4/3 (push); octaves 9/4 * 4/3; defocus none; sharpening none; composite three of the noise tile.
 const SAMPLES: [f64; STEPS.len()] = [3.0 + 16.0 / 3.0, 3.0, 0.0, 0.0, 3.0];
 
-/// Prints what a phone would take, computed from the counts: a step takes what its bytes or its samples take, whichever is longer;
-/// outside the object's area, the frame is read and written.
+/// Prints the time of a frame on a phone, computed from the counts: a step takes as long as its bytes or its samples, whichever is longer;
+/// outside the object's area, the frame is only read and written.
 fn phone(scene: &Scene) {
     let (bandwidth, rate) = PHONE;
     println!(
@@ -113,11 +114,13 @@ fn phone(scene: &Scene) {
     }
 }
 
-/// Bytes per pixel that each of [`STEPS`] must move if each texel is read once and written once: half floats in four channels
-/// (8 bytes) in between, depth, velocity, the frame and the target 4 each; pyramids a third of their finest level.
+/// Bytes per pixel that each of [`STEPS`] must move if each texel is read once and written once: 8 bytes for the half floats in four
+/// channels between the passes, 4 each for depth, velocity, the frame and the target; the coarser levels of a pyramid add a third of its
+/// finest.
 fn bytes(sharpening: Option<&SharpeningModel>) -> [f64; STEPS.len()] {
-    // The first step blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further one: rows 8 + 8, columns 8 + 8 + 8 + 8, the first of
-    // them without the result before. Then the difference: frame 4, unsharpening 8, layer 8, blur 8, result 8; its rows 8 + 8.
+    // Bytes of the iteration's first step, which blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further step: rows 8 + 8, columns 8 +
+    // 8 + 8 + 8; the second one 8 less, since its source is the first one's result. Then the difference: frame 4, unsharpening 8, layer 8,
+    // blur 8, result 8; its rows 8 + 8.
     let unsharpening = |steps: u32| 32.0 + 48.0 * f64::from(steps - 1) - 8.0;
     let sharpening = sharpening.map(|s| unsharpening(unsharpening_steps(s)) + 36.0 + 16.0);
     [
@@ -127,7 +130,8 @@ fn bytes(sharpening: Option<&SharpeningModel>) -> [f64; STEPS.len()] {
         // Blur 8, octaves 8 * 4/3, result 8.
         8.0 + 32.0 / 3.0 + 8.0,
         sharpening.unwrap_or(0.0),
-        // Frame 4, layer 8, blur 8, target 4; the tile stays in the cache. Or frame 4, difference 8, its rows 8, unsharpening 8, target 4.
+        // Without sharpening: frame 4, layer 8, blur 8, target 4; the noise tile stays in the cache. With sharpening: frame 4, difference
+        // 8, its rows 8, unsharpening 8, target 4.
         if sharpening.is_some() { 32.0 } else { 24.0 },
     ]
 }
@@ -139,7 +143,7 @@ struct Times {
     frame: f64,
 }
 
-/// How many bytes per second are read and written where a buffer of this size is copied.
+/// The bytes per second that are read and written while a buffer of `size` bytes is copied.
 fn copy_bandwidth(gpu: &Gpu, size: u64, times: usize) -> Result<f64> {
     let buffer = || {
         gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -183,7 +187,7 @@ struct Taps {
 }
 
 impl Scene {
-    /// A scene of an object over 40 % of the frame, out of focus by up to 6 px and moving by up to 20.
+    /// A scene of an object over 40 % of the frame, with a defocus std of up to 4.3 px and paths of up to 17 px.
     fn new(gpu: &Gpu, w: usize, h: usize, eyes: usize) -> Result<Self> {
         let inside = |x: usize, y: usize| {
             let (u, v) = (x as f32 / w as f32 - 0.5, y as f32 / h as f32 - 0.5);

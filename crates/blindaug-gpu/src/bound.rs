@@ -1,4 +1,4 @@
-//! The textures of a compositor's frames and what lies between them.
+//! The textures that a compositor reads its frames from, and the textures and buffers between its passes.
 
 use crate::camera::Camera;
 use crate::gpu::{array_view, aspect, texture};
@@ -12,18 +12,18 @@ use std::sync::OnceLock;
 use wgpu::util::DeviceExt;
 use wgpu::{BindGroup, BufferUsages, Texture, TextureSampleType, TextureUsages, TextureView};
 
-/// The textures of a [`crate::Compositor`]'s frames and what lies between them.
+/// The textures that a [`crate::Compositor`] reads its frames from, and the textures and buffers between its passes.
 #[derive(Debug)]
 pub struct Bound {
     pub(crate) views: Views,
-    /// How many slabs of depth are blurred apart, 1 or 3.
+    /// The number of slabs of depth that are blurred apart from each other, 1 or 3.
     pub(crate) slabs: u32,
     pub(crate) has_depth: bool,
     /// Scale and offset of [`crate::Depth`], 1/m.
     pub(crate) depth_map: [f32; 2],
     /// The scale of [`crate::Velocity`], px.
     pub(crate) velocity_scale: [f32; 2],
-    /// [`DefocusQuality`] of the current frame.
+    /// The [`DefocusQuality`] of the current frame.
     pub(crate) quality: wgpu::Buffer,
     pub(crate) prepare: BindGroup,
     pub(crate) spread: BindGroup,
@@ -35,29 +35,28 @@ pub struct Bound {
     /// The bindings of `halve`, by the level that is read.
     pub(crate) halve: Vec<BindGroup>,
     pub(crate) defocus: BindGroup,
-    /// The bindings of the last pass, by [`crate::sharpening::Blurred`].
+    /// The bindings of the last pass, one for each [`crate::sharpening::Blurred`].
     pub(crate) composite: [BindGroup; 3],
-    /// Empty until the first camera that sharpens comes.
+    /// The passes of the sharpening; empty until the first frame of a camera that sharpens.
     sharpening: OnceLock<Sharpening>,
 }
 
-/// The layer at all its sizes, and what is known of its depth and motion at all sizes.
+/// The layer, and its inverse depth and path, at full size and halved again and again.
 struct Pyramids {
     /// The layer, halved again and again.
     octaves: Vec<TextureView>,
-    /// What is known of depth and motion, times its weight, and the weight.
+    /// Inverse depth and path where they are known, times their weight, and the weight.
     known: Vec<TextureView>,
-    /// The same, continued to everywhere.
+    /// Inverse depth and path, continued to every pixel. The finest level holds path and defocus std.
     filled: Vec<TextureView>,
 }
 
 impl Pyramids {
-    /// Makes the textures.
     ///
     /// # Errors
-    /// If the device cannot hold them.
+    /// If the device cannot hold the textures.
     fn new(device: &wgpu::Device, [w, h, parts]: [u32; 3]) -> Result<Self> {
-        // Down to one pixel, which is halved once at least.
+        // The levels go down to one pixel, and there are at least two of them.
         let mut sizes = vec![[w, h]];
         while sizes.len() < 2 || sizes[sizes.len() - 1] != [1, 1] {
             sizes.push(sizes[sizes.len() - 1].map(|s| s.div_ceil(2)));
@@ -75,18 +74,18 @@ impl Pyramids {
         })
     }
 
-    /// The coarsest level, one pixel.
+    /// The index of the coarsest level, which has one pixel.
     fn last(&self) -> usize {
         self.known.len() - 1
     }
 }
 
-/// What the bindings of the steps share.
+/// The resources that the bindings of several passes share.
 struct Binder<'a> {
     of: &'a Passes,
     views: &'a Views,
     pyramids: &'a Pyramids,
-    /// A number for each level: how often the finer of two images was halved.
+    /// A uniform for each level: the number of times that the finer of two images was halved.
     levels: Vec<wgpu::Buffer>,
 }
 
@@ -115,7 +114,7 @@ impl<'a> Binder<'a> {
         wgpu::BindingResource::Sampler(&self.of.bilinear)
     }
 
-    /// A kernel that halves, for all levels but the last.
+    /// The bindings of a kernel that halves, for all levels but the last.
     fn halved(&self, kernel: &Kernel, levels: &[TextureView]) -> Vec<BindGroup> {
         let halved = |i: usize| {
             let level = self.levels[i].as_entire_binding();
@@ -129,7 +128,7 @@ impl<'a> Binder<'a> {
         (0..levels.len() - 1).map(halved).collect()
     }
 
-    /// A kernel that fills a level from a coarser one.
+    /// The bindings of a kernel that fills a level from a coarser one.
     fn doubled(&self, kernel: &Kernel, coarser: usize, level: usize) -> BindGroup {
         let Pyramids { known, filled, .. } = self.pyramids;
         let number = self.levels[level.min(self.pyramids.last() - 1)].as_entire_binding();
@@ -169,10 +168,10 @@ impl<'a> Binder<'a> {
 }
 
 impl Bound {
-    /// Makes and binds what frames of these textures' size need.
+    /// Makes the textures and buffers for frames of these textures' size, and binds them.
     ///
     /// # Errors
-    /// If textures differ in size, cannot be read as they must be, or are too large for the device.
+    /// If textures differ in size, cannot be read by the shaders, or are too large for the device.
     pub(crate) fn new(of: &Passes, device: &wgpu::Device, inputs: &Inputs) -> Result<Self> {
         check_sizes(inputs)?;
         check_formats(device, inputs)?;
@@ -196,7 +195,7 @@ impl Bound {
             most: buffer("largest alpha", 4 * u64::from(slabs * eyes), BufferUsages::STORAGE),
             frame: array_view(inputs.frame),
             sharp: pyramids.octaves[0].clone(),
-            // What is known at full size is no longer needed when the focused layer is written.
+            // The known depth and motion at full size are no longer needed when the focused layer is written.
             focused: pyramids.known[0].clone(),
             blur: pyramids.filled[0].clone(),
         };
@@ -223,7 +222,7 @@ impl Bound {
             prepare: of.prepare.bind(device, &prepare),
             spread: of.spread.bind(device, &spread),
             pull: binder.halved(&of.pull, &pyramids.known),
-            // It reads no coarser level.
+            // The kernel `top` reads no coarser level, so any texture will do.
             top: binder.doubled(&of.top, last - 1, last),
             push: (0..last).map(pushes).collect(),
             halve: binder.halved(&of.halve, &pyramids.octaves),
@@ -275,7 +274,7 @@ fn check_sizes(inputs: &Inputs) -> Result<()> {
 /// Checks that shaders can read all textures.
 ///
 /// # Errors
-/// If a texture has a format, samples or a usage with which shaders cannot read it as they must.
+/// If a texture has a format, a number of samples or a usage with which the shaders cannot read it.
 fn check_formats(device: &wgpu::Device, inputs: &Inputs) -> Result<()> {
     let readable = |name: &str,
                     texture: Option<&Texture>,

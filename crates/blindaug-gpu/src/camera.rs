@@ -1,4 +1,4 @@
-//! What the compositor's shaders know of a camera model.
+//! A camera model as the compositor's shaders read it.
 
 use crate::layout::wgsl_struct;
 use crate::quality::Quality;
@@ -11,23 +11,23 @@ use blindaug::synth::Blur;
 const EVERYTHING: [f32; 2] = [f32::MIN, f32::MAX];
 
 wgsl_struct! {
-    /// What every pass knows of the camera and the frame.
+    /// The camera and the frame, as every pass reads them.
     pub(crate) struct Camera {
-        /// The defocus std at inverse depth d, px, is p = a d^2 + b d + c: its magnitude for a thin lens, else its positive part.
+        /// The coefficients a, b, c of p = a d^2 + b d + c, px. The defocus std at inverse depth d is |p| for a thin lens, else max(p, 0).
         lens: [f32; 3],
-        /// 1 for a thin lens.
+        /// 1 for a thin lens, 0 for a quadratic curve.
         thin_lens: u32,
-        /// The range into which d is clamped, 1/m.
+        /// The range into which the inverse depth is clamped, 1/m.
         inverse_depths: [f32; 2],
         /// The inverse depth in 1/m is the first number times the depth texture's value, plus the second.
         pub(crate) depth_map: [f32; 2],
-        /// px per frame interval of a unit of the velocity texture, times the exposure fraction: the path while the shutter is open.
+        /// The path while the shutter is open, px, of a unit of the velocity texture: px per frame interval times the exposure fraction.
         path_scale: [f32; 2],
         /// Unused.
         padding: [u32; 2],
-        /// The noise std of each pyramid level is slope * luma + intercept, for R, G and B; the fourth number is unused.
+        /// The slopes of the noise std of each pyramid level, slope * luma + intercept, for R, G and B; the fourth number is unused.
         slope: [[f32; 4]; NOISE_LEVELS],
-        /// The other number of `slope`'s formula.
+        /// The intercepts of the noise std of each pyramid level, for R, G and B; the fourth number is unused.
         intercept: [[f32; 4]; NOISE_LEVELS],
         /// The encoded value at which the sensor clips.
         clip: f32,
@@ -39,15 +39,15 @@ wgsl_struct! {
         pub(crate) linear_target: u32,
         /// The top left corner of the area in which the layer may be seen, px of the frame.
         pub(crate) origin: [u32; 2],
-        /// The size of the area, px; everything between the passes is as large.
+        /// The size of the area, px, which is also the used part of the textures between the passes.
         pub(crate) size: [u32; 2],
         /// The seed of the frame's noise, and of the jitter along paths.
         key: [u32; 2],
         /// The most samples along the path of a pixel.
         most_taps: f32,
-        /// How many slabs of depth are blurred apart, 1 or 3.
+        /// The number of slabs of depth that are blurred apart from each other, 1 or 3.
         pub(crate) slabs: u32,
-        /// The first of three slabs lies behind the first of these inverse depths, 1/m, the last one in front of the second.
+        /// The inverse depths between the three slabs, 1/m: the first slab lies behind `cuts[0]`, the last one in front of `cuts[1]`.
         cuts: [f32; 2],
         /// Unused.
         more_padding: [u32; 2],

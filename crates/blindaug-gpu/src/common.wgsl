@@ -12,7 +12,7 @@ fn coordinates(at: vec2<f32>, used: vec2<u32>, all: vec2<u32>) -> vec2<f32> {
     return (clamp(at, vec2(0.0), vec2<f32>(used) - 1.0) + 0.5) / vec2<f32>(all);
 }
 
-// Makes four random numbers of four counters (Jarzynski & Olano 2020).
+// Makes four random numbers from four counters (Jarzynski & Olano 2020).
 fn pcg4d(counters: vec4<u32>) -> vec4<u32> {
     var v = counters * 1664525u + 1013904223u;
     v.x += v.y * v.w; v.y += v.z * v.x; v.z += v.x * v.y; v.w += v.y * v.z;
@@ -25,6 +25,6 @@ fn defocus_std(camera: Camera, inverse_depth: f32) -> f32 {
     let d = clamp(inverse_depth, camera.inverse_depths.x, camera.inverse_depths.y);
     let p = (camera.lens.x * d + camera.lens.y) * d + camera.lens.z;
     let sigma = min(select(max(p, 0.0), abs(p), camera.thin_lens != 0u), MAX_SIGMA_PX);
-    // A blur this small cannot be seen. So what is in focus stays as it is, whatever the rounding of its depth.
+    // A blur this small cannot be seen. Without it, rounded depths do not change what is in focus.
     return select(sigma, 0.0, sigma < 1.0 / 128.0);
 }

@@ -15,9 +15,9 @@ use wgpu::{TextureFormat, TextureView};
 /// A rectangle of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Area {
-    /// The left edge, px from the frame's.
+    /// The distance of the left edge from the frame's left edge, px.
     pub x: u32,
-    /// The top edge, px from the frame's.
+    /// The distance of the top edge from the frame's top edge, px.
     pub y: u32,
     /// The width, px.
     pub width: u32,
@@ -26,7 +26,7 @@ pub struct Area {
 }
 
 impl Area {
-    /// The part of it that lies in a frame of this size.
+    /// The part of the area that lies in a frame of this size.
     fn within(self, width: u32, height: u32) -> Self {
         let (x, y) = (self.x.min(width), self.y.min(height));
         Self { x, y, width: self.width.min(width - x), height: self.height.min(height - y) }
@@ -40,7 +40,7 @@ impl Area {
         Self { x, y, width: right - x, height: bottom - y }
     }
 
-    /// Whether it holds no pixel.
+    /// Whether the area holds no pixel.
     fn is_empty(self) -> bool {
         self.width == 0 || self.height == 0
     }
@@ -49,24 +49,24 @@ impl Area {
 /// One frame to composite.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
-    /// The camera that filmed it.
+    /// The camera that filmed the frame.
     pub model: &'a CameraModel,
-    /// How to composite. Layers that are composited one after the other need a seed each.
+    /// The options of compositing. Layers that are composited one after the other need different seeds.
     pub options: CompositeOptions,
-    /// How closely the reference is followed.
+    /// The quality, that is, how closely the compositor follows the reference.
     pub quality: Quality,
     /// The frame's number, so that each has its own noise.
     pub number: u64,
-    /// Where the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]); how far a sharpening camera changes its
-    /// surroundings is added. The rest is the camera's frame and costs no more than its copy. `None`: anywhere.
+    /// The area in which the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]). The compositor adds the margin that a
+    /// sharpening camera changes. Outside of the area, the frame is only copied. `None`: the whole frame.
     pub area: Option<Area>,
-    /// A view per eye, of the frame's size and the format that the compositor was made for, which gets display-encoded values.
+    /// A view per eye, of the frame's size and the format that the compositor was made for. The views get display-encoded values.
     pub targets: &'a [TextureView],
-    /// Measures how long the steps take, if there is one.
+    /// The timer that measures how long the steps take, if any.
     pub timer: Option<&'a Timer>,
 }
 
-/// The effects and the compositor: everything that does not depend on the size of frames. It is made once.
+/// The compositor: its shaders and tables, which do not depend on the size of frames. It is made once.
 #[derive(Debug)]
 pub struct Compositor {
     passes: Passes,
@@ -74,9 +74,9 @@ pub struct Compositor {
     target: TextureFormat,
 }
 
-/// What of a camera is done to a frame, and where.
+/// The effects of the camera on a frame, and the area that they change.
 struct Plan {
-    /// Where the layer, blurred and sharpened, may change the frame.
+    /// The area in which the layer, blurred and sharpened, may change the frame.
     area: Area,
     defocuses: bool,
     /// Whether the lens or motion blurs.
@@ -85,7 +85,7 @@ struct Plan {
 }
 
 impl Plan {
-    /// What blurs the layer when it is composited.
+    /// The effects that blur the layer when it is composited.
     fn blurred(&self) -> Blurred {
         match (self.defocuses, self.blurs) {
             (true, _) => Blurred::Focused,
@@ -109,10 +109,10 @@ impl Compositor {
         Bound::new(&self.passes, device, inputs)
     }
 
-    /// Records the passes of one frame, which must be submitted before the next is recorded with the same `bound` (its numbers
-    /// are written through the queue). Nothing is read back, and nothing allocated but for the textures of the sharpening, once, when the
-    /// first camera that sharpens comes. Parts of the model that are unknown are not applied, nor are those without their evidence
-    /// (depth, velocity).
+    /// Records the passes of one frame, which must be submitted before the next is recorded with the same `bound`, since the queue writes
+    /// the frame's numbers into buffers of `bound`. Nothing is read back, and nothing is allocated except for the textures of the
+    /// sharpening, at the first frame of a camera that sharpens. Parts of the model that are unknown are not applied, nor are those without
+    /// their evidence (depth, velocity).
     ///
     /// # Errors
     /// If the model is for another width or in relative inverse depth, there are not as many targets as eyes, or the device cannot hold
@@ -164,7 +164,7 @@ impl Compositor {
         Ok(())
     }
 
-    /// Uploads what the passes of a frame need to know, and says which passes they are.
+    /// Uploads the uniforms of a frame's passes, and decides which passes run.
     fn plan(&self, queue: &wgpu::Queue, bound: &Bound, frame: &Frame) -> Result<Plan> {
         let Frame { model, options, quality, number, area, .. } = *frame;
         let [w, h, _] = bound.views.size;
@@ -229,7 +229,7 @@ impl Compositor {
         }
     }
 
-    /// Records the passes of the sharpening up to the last one, whose bind group it gives; `None` for a camera that does not sharpen.
+    /// Records the passes of the sharpening up to the last one, whose bind group it returns; `None` for a camera that does not sharpen.
     fn encode_sharpening<'a>(
         &self,
         queue: &wgpu::Queue,
@@ -239,7 +239,7 @@ impl Compositor {
         timer: Option<&Timer>,
     ) -> Result<Option<&'a wgpu::BindGroup>> {
         let Some(model) = &plan.sharpening else {
-            // The timer wants both ends of every step.
+            // The timer needs the beginning and the end of every step.
             if timer.is_some() {
                 drop(timer::compute_pass(encoder, timer, timer::SHARPENING));
             }

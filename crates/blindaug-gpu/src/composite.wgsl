@@ -56,7 +56,7 @@ fn model_std(level: u32, y: f32) -> vec3<f32> {
     return max(camera.slope[level].rgb * y + camera.intercept[level].rgb, vec3(0.0));
 }
 
-// Where a smaller share of the background's light is seen than this, its noise does not count.
+// The least share of the background's light at which the background's noise counts.
 const LEAST_KEPT = 1.0 / 1024.0;
 
 // The noise that lifts what is left of the background's own noise to the model's variance at the result's luminance. `kept` is the share of
@@ -79,7 +79,7 @@ fn missing_noise(
         }
         gain = select(clamp(gain, vec3(0.0), vec3(1.5)), vec3(0.0), smooth_background >= vec3(camera.clip));
         background_luma = luma(smooth_background);
-        // The part of the background that is left brings its noise along.
+        // The visible share of the background brings its noise along, which is subtracted here.
         noise_free -= gain * (background - smooth_background);
     }
     let y = luma(noise_free);
@@ -99,7 +99,7 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
     return vec4(v, 1.0);
 }
 
-// The mean of a part of the layer along the path of its pixel.
+// The mean of a part of the layer along the path of a pixel.
 fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
     let path = textureLoad(blur, at, part, 0).xy;
     let jitter = vec2<f32>(camera.key % vec2(64u));

@@ -43,7 +43,7 @@ fn octave_of(variance: f32, least: f32) -> u32 {
     return min(u32(o), COARSEST);
 }
 
-// Weight and place (px) of the j-th pair of taps beside the centre of the discrete Gaussian of this variance. For j = 0 it is the centre.
+// Weight and place (px) of the j-th pair of taps beside the centre of the discrete Gaussian of this variance. j = 0 is the centre alone.
 fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
     let at = min(variance / GAUSSIAN_MOST, 1.0) * f32(GAUSSIANS - 1u);
     let first = min(u32(at), GAUSSIANS - 2u);
@@ -57,7 +57,7 @@ fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
     }
 }
 
-// A Gaussian on the image itself, where the kernel's centre is a pixel's.
+// The mean under a Gaussian on the image itself, whose centre is that of a pixel.
 fn gaussian_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance) + 0.5, 1.0, 6.0)));
     var sum = vec4(0.0);
@@ -104,7 +104,7 @@ fn half_width(first: u32, dy: i32) -> f32 {
     return disks[first + u32(abs(dy)) / 4u][abs(dy) & 3];
 }
 
-// A uniform disk on the image itself, as rows of spans. The pixels at the ends of a span count by the share that it covers.
+// A uniform disk on the image itself, as rows of spans. The pixels at the ends of a span count by the share that the span covers.
 fn disk_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     let first = DISK_ROWS / 4u * min(u32(sqrt(variance) / DISK_STEP + 0.5), DISKS - 1u);
     var sum = vec4(0.0);
@@ -121,7 +121,7 @@ fn disk_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     return sum / total;
 }
 
-// A uniform disk on a smaller image. A pixel on its rim counts by about the share that it covers.
+// A uniform disk on a smaller image. A pixel on the disk's rim counts by about the share that the disk covers.
 fn disk_on(octave: u32, at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
     // A rim that rises along 1 px adds 5/48 px^2 to the variance radius^2 / 4.
     let radius = sqrt(max(4.0 * variance - 5.0 / 12.0, 0.25));
@@ -170,13 +170,13 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     return gaussian_on(octave, at * scale, left, part);
 }
 
-// The number that follows the last part of this part's eye. The parts in between are nearer.
+// The number after that of the last part of this part's eye. The parts in between are nearer than this part.
 fn end_of_eye(part: u32) -> u32 {
     return (part / camera.slabs + 1u) * camera.slabs;
 }
 
 // A blurred part, divided by the share of its kernel that nearer parts do not hide (normalised convolution, Knutsson & Westin 1993). Where
-// that share is small, smaller and smaller images tell what is around.
+// that share is small, coarser and coarser octaves fill in.
 fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     let own = defocused(id, part, sigma);
     var hides = 0.0;
@@ -227,7 +227,8 @@ fn defocus(
     let sigma = select(0.0, textureLoad(blur, id.xy, id.z, 0).z, inside);
     atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
-    // A tile in whose reach nothing is seen stays empty. On an octave whose pixels are as large as the reach, 5 x 5 of them tell.
+    // A tile of 8 x 8 pixels stays empty if nothing is seen within the reach of its kernels. On an octave whose pixels are as large as that
+    // reach, 5 x 5 pixels tell.
     let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_sigma)) + 8.0;
     let coarse = u32(ceil(log2(reach)));
     if thread < 25u && coarse <= COARSEST {

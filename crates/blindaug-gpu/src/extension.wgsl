@@ -9,7 +9,7 @@
 @group(0) @binding(3) var<storage, read_write> most: array<atomic<u32>>;
 @group(0) @binding(4) var layer_depth: texture_2d_array<f32>;
 
-// The slab that a pixel belongs to. At silhouettes it is that of the neighbouring pixel that is covered most.
+// The slab that a pixel belongs to. At silhouettes, the neighbouring pixel that the object covers most decides.
 fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
     var alpha = own_alpha;
     var place = vec2<i32>(at);
@@ -71,11 +71,11 @@ fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocati
 @group(0) @binding(2) var depth: texture_2d_array<f32>;
 @group(0) @binding(3) var velocity: texture_2d_array<f32>;
 @group(0) @binding(5) var known: texture_storage_2d_array<rgba16float, write>;
-// The same numbers as `most`, to be read. Parts in which nothing is seen are left out.
+// The buffer `most`, bound for reading. The passes skip parts in which nothing is seen.
 @group(0) @binding(4) var<storage, read> most_of: array<u32>;
 
-// Writes (inverse depth, path) times their weight, and the weight. Where the object covers a pixel only in part, depth and motion may be
-// those of what is behind, so pixels that are covered fully have by far the most weight.
+// Writes (inverse depth, path) times their weight, and the weight. Where the object covers a pixel only in part, depth and motion may
+// belong to what is behind it, so pixels that are covered fully have by far the most weight.
 @compute @workgroup_size(16, 16)
 fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= camera.size) || most_of[id.z] == 0u {
@@ -130,7 +130,7 @@ fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// Halves an image of weighted values. A coarse pixel that saw a few fine ones knows its value.
+// Halves an image of weighted values. A coarse pixel has full weight if a quarter of the fine pixels under its kernel have it.
 @compute @workgroup_size(8, 8)
 fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= size_at(camera, level + 1u)) || most_of[id.z] == 0u {
@@ -145,8 +145,8 @@ fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(5) var own: texture_2d_array<f32>;
 @group(0) @binding(6) var filled: texture_storage_2d_array<rgba16float, write>;
 
-// The value of a level, where it is known, else that of the next coarser level. To double that, even pixels take (1 6 1) / 8 of it, odd
-// ones (1 1) / 2.
+// The value of a level, where it is known, else that of the next coarser level. To double the coarser level, even pixels take (1 6 1) / 8
+// of its pixels, odd ones (1 1) / 2.
 fn pushed(id: vec3<u32>) -> vec3<f32> {
     let here = textureLoad(own, id.xy, id.z, 0);
     if here.w >= 1.0 {
@@ -181,7 +181,7 @@ fn top(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(filled, id.xy, id.z, vec4(here.xyz / max(here.w, 1e-6), 1.0));
 }
 
-// Fills the finest level, as what blurs a pixel: its path while the shutter is open, px, and its defocus std, px.
+// Fills the finest level with the blur of each pixel: its path while the shutter is open, px, and its defocus std, px.
 @compute @workgroup_size(16, 16)
 fn blur(@builtin(global_invocation_id) id: vec3<u32>) {
     if all(id.xy < camera.size) && most_of[id.z] != 0u {

@@ -1,4 +1,4 @@
-//! The device, and rasters to and from its textures.
+//! The graphics device, and the transfer of rasters to and from its textures.
 
 use blindaug::{Error, Pixel, Raster, Result};
 use half::f16;
@@ -8,35 +8,36 @@ use wgpu::{TextureFormat, TextureUsages};
 /// [`wgpu::Device`] and [`wgpu::Queue`].
 #[derive(Clone, Debug)]
 pub struct Gpu {
-    /// What makes resources.
+    /// The device, which makes resources.
     pub device: wgpu::Device,
-    /// What takes work.
+    /// The queue, which takes work.
     pub queue: wgpu::Queue,
-    /// What the device is.
+    /// The name, the type and the backend of the device.
     pub info: wgpu::AdapterInfo,
 }
 
 impl Gpu {
     /// Takes the fastest device there is, software ones last; the environment variables of wgpu (`WGPU_BACKEND`, `WGPU_ADAPTER_NAME`)
-    /// choose another. It has timestamps, if the device can have them.
+    /// choose another. Timestamps are on if the device has them.
     ///
     /// # Errors
-    /// If there is none.
+    /// If there is no device.
     pub fn new() -> Result<Self> {
         let instance = Self::instance(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
         Ok(block_on(Self::request(&instance, None))?.0)
     }
 
-    /// Makes what devices are looked for with. OpenGL is left out: it cannot do what is needed, and would fail later.
+    /// Makes the instance through which devices are found. OpenGL is left out: it lacks features that the shaders need, and would fail
+    /// later.
     pub fn instance(mut descriptor: wgpu::InstanceDescriptor) -> wgpu::Instance {
         descriptor.backends.remove(wgpu::Backends::GL);
         wgpu::Instance::new(descriptor)
     }
 
-    /// Takes a device as [`Gpu::new`] does, for tests; if there is none, it says loudly that they test nothing.
+    /// Takes a device as [`Gpu::new`] does, for tests; if there is none, it prints that nothing is tested.
     ///
     /// # Panics
-    /// If there is none and the environment variable `BLINDAUG_NEED_GPU` is set.
+    /// If there is no device and the environment variable `BLINDAUG_NEED_GPU` is set.
     pub fn for_tests() -> Option<Self> {
         match Self::new() {
             Ok(gpu) => Some(gpu),
@@ -48,10 +49,10 @@ impl Gpu {
         }
     }
 
-    /// Takes the fastest device that can draw on a window's surface, with its adapter, which knows what the surface can be.
+    /// Takes the fastest device that can draw on a window's surface, with its adapter, which knows the formats of the surface.
     ///
     /// # Errors
-    /// If there is none.
+    /// If there is no device.
     pub fn for_surface(instance: &wgpu::Instance, surface: &wgpu::Surface) -> Result<(Self, wgpu::Adapter)> {
         block_on(Self::request(instance, Some(surface)))
     }
@@ -102,7 +103,7 @@ impl Gpu {
     /// their number of channels.
     ///
     /// # Errors
-    /// If there is no image, sizes differ, or the device cannot hold one as large.
+    /// If there is no image, sizes differ, or the device cannot hold a texture as large.
     ///
     /// # Panics
     /// If the format does not fit the pixels.
@@ -222,7 +223,7 @@ impl Gpu {
 /// Makes a texture of [width (px), height (px), array layers].
 ///
 /// # Errors
-/// If the device cannot hold one as large.
+/// If a size is 0, or the device cannot hold a texture as large.
 pub fn texture(
     device: &wgpu::Device,
     label: &str,
@@ -263,7 +264,7 @@ pub(crate) fn aspect(texture: &wgpu::Texture) -> wgpu::TextureAspect {
     }
 }
 
-/// A view of all array layers, which the kernels take.
+/// A view of all array layers of a texture, as the kernels read it.
 pub fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
     texture.create_view(&wgpu::TextureViewDescriptor {
         aspect: aspect(texture),

@@ -1,4 +1,4 @@
-//! What is composited, as textures.
+//! The textures that are composited.
 
 use wgpu::Texture;
 
@@ -14,16 +14,16 @@ pub struct Depth<'a> {
     pub offset: f32,
 }
 
-/// How far each pixel moves to the next frame.
+/// The motion of each pixel to the next frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Velocity<'a> {
     /// The values: two float channels, NaN where motion is unknown.
     pub texture: &'a Texture,
-    /// The motion of a unit of each channel, px (x right, y down).
+    /// The motion of a unit of each channel, px per frame interval (x right, y down).
     pub scale: [f32; 2],
 }
 
-/// What is composited: textures of one size, with one array layer per eye.
+/// The textures that are composited, all of one size, with one array layer per eye.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// The camera's frame: display-encoded values in a format that can be filtered and is not `Srgb` (which would decode them).
@@ -34,8 +34,8 @@ pub struct Inputs<'a> {
     pub depth: Option<Depth<'a>>,
     /// The object's motion. Without it, there is no motion blur.
     pub velocity: Option<Velocity<'a>>,
-    /// Whether what lies behind the focus, in it and in front of it is blurred apart, so that something sharp does not bleed into
-    /// blurred surroundings ([`blindaug::synth::Blur::of_layer`]). That takes three times the memory, and the time of as many layers as
-    /// the object has such parts.
+    /// Whether parts of the object behind the focus, in focus and in front of it are blurred apart from each other, so that something sharp
+    /// does not bleed into blurred surroundings ([`blindaug::synth::Blur::of_layer`]). This takes three times the memory, and the time of
+    /// as many layers as the object has such parts.
     pub apart: bool,
 }

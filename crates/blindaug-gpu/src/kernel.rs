@@ -2,7 +2,7 @@
 
 use wgpu::{BindGroup, BindingType, ShaderStages, TextureFormat};
 
-/// What a binding of a shader takes. Bindings are numbered in their order in group 0; textures are arrays of 2D textures.
+/// The kind of resource of a shader's binding. Bindings are numbered in their order in group 0; textures are arrays of 2D textures.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Binding {
     Uniform,
@@ -70,7 +70,7 @@ pub fn bind(
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
 }
 
-/// Makes a pipeline that draws everything with a fragment shader, into targets of some formats; the vertex shader `whole` makes one
+/// Makes a pipeline that covers the whole image with a fragment shader, into targets of some formats; the vertex shader `whole` makes one
 /// triangle. Without a layout, the pipeline takes the shaders' own.
 pub fn full_screen(
     device: &wgpu::Device,

@@ -2,14 +2,14 @@
 //! text of the same struct.
 //!
 //! WGSL aligns vectors, Rust does not. So padding is written out as fields, and a struct whose fields would lie elsewhere in WGSL does not
-//! compile. A test compares all structs with what naga makes of them.
+//! compile. A test compares all structs with naga's layout of them.
 //!
-//! The crates for this were not taken: `encase` copies each struct field by field at run time and writes no WGSL, `wgsl_bindgen` generates
-//! Rust from WGSL at build time, with a build script and a dozen dependencies.
+//! Existing crates do not fit: `encase` copies each struct field by field at run time and writes no WGSL, `wgsl_bindgen` generates Rust
+//! from WGSL at build time, with a build script and a dozen dependencies.
 
 use std::fmt::Write;
 
-/// A Rust type that is laid out in memory as a WGSL type of its own.
+/// A Rust type that has the memory layout of a WGSL type.
 pub(crate) trait HostType {
     /// The alignment of the WGSL type, bytes.
     const ALIGN: usize;
@@ -54,26 +54,26 @@ where
 /// A field of a struct.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Field {
-    /// Its name in both languages.
+    /// The name of the field in Rust and WGSL.
     pub(crate) name: &'static str,
-    /// Where it begins in Rust, bytes.
+    /// The offset of the field in Rust, bytes.
     pub(crate) offset: usize,
-    /// How long it is in Rust, bytes.
+    /// The size of the field in Rust, bytes.
     pub(crate) size: usize,
-    /// Its alignment in WGSL, bytes.
+    /// The alignment of the field in WGSL, bytes.
     pub(crate) align: usize,
-    /// The name of its WGSL type.
+    /// The name of the field's WGSL type.
     pub(crate) wgsl: fn() -> String,
 }
 
-/// A struct of both languages.
+/// A struct that Rust and WGSL share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
-    /// Its name in both languages.
+    /// The name of the struct in Rust and WGSL.
     pub(crate) name: &'static str,
-    /// Its fields, in their order.
+    /// The fields of the struct, in their order.
     pub(crate) fields: &'static [Field],
-    /// How long it is in Rust, bytes.
+    /// The size of the struct in Rust, bytes.
     pub(crate) size: usize,
 }
 
@@ -109,8 +109,8 @@ pub(crate) fn structs(layouts: &[Layout]) -> String {
     layouts.iter().map(Layout::declaration).collect()
 }
 
-/// Declares plain data that a shader reads or writes; its associated constant `LAYOUT` has the struct for WGSL. It does not compile if WGSL
-/// would lay it out otherwise.
+/// Declares plain data that a shader reads or writes; its associated constant `LAYOUT` has the struct for WGSL. A struct that WGSL would
+/// lay out otherwise does not compile.
 macro_rules! wgsl_struct {
     (
         $(#[$meta:meta])*
@@ -192,7 +192,7 @@ pub(crate) mod tests {
         let wrong = Layout { name: "Wrong", fields: Box::leak(Box::new(fields)), size: size_of::<Wrong>() };
         assert!(!wrong.agrees());
         assert_ne!(as_naga_has_them(&structs(&[wrong])), as_rust_has_them(&[wrong]));
-        // Nor do a struct that WGSL makes longer, and one that is right pass for one another.
+        // A struct that WGSL makes longer is found out too, and one that is right passes.
         let [number, _] = fields;
         let long = Layout { fields: Box::leak(Box::new([number])), size: 16, ..wrong };
         let right = Layout { size: 4, ..long };

@@ -8,7 +8,7 @@
 //!
 //! # fn main() -> blindaug::Result<()> {
 //! # let Ok(_) = Gpu::new() else { return Ok(()) };
-//! // A renderer has its own device and textures; this makes some.
+//! // A renderer has its own device and textures; this example makes some.
 //! let gpu = Gpu::new()?;
 //! let frame = gpu.upload(&[&Raster::filled(64, 48, [0.5f32, 0.5, 0.5, 1.0])], TextureFormat::Rgba8Unorm)?;
 //! let color = gpu.upload(&[&Raster::filled(64, 48, [0.0f32; 4])], TextureFormat::Rgba16Float)?;
@@ -24,11 +24,11 @@
 //! });
 //! let camera = CameraModel::unknown(Capture { width: 64, height: 48, fps: None, frames_used: 0 }, "not yet");
 //!
-//! // Once, and once per size.
+//! // The compositor is made once, the bindings once per size of frames.
 //! let compositor = Compositor::new(&gpu.device, &gpu.queue, target.format());
 //! let inputs = Inputs { frame: &frame, color: &color, depth: None, velocity: None, apart: false };
 //! let bound = compositor.bind(&gpu.device, &inputs)?;
-//! // Each frame.
+//! // This is repeated for each frame.
 //! let mut encoder = gpu.device.create_command_encoder(&Default::default());
 //! let targets = [target.create_view(&Default::default())];
 //! let of_frame = Frame {

@@ -11,9 +11,9 @@ use wgpu::{BufferUsages, TextureFormat, TextureUsages};
 
 pub use crate::uniforms::TILE;
 
-/// Makes the tile: what each level contributes to a noise whose std is 1 in each level, as
-/// [`blindaug::synth::noise::tileable_bands`] makes it of this seed. It has three array layers; layer i holds R, G, B of level i and
-/// channel i of the coarsest level.
+/// Makes the tile of noise: the contributions of the pyramid levels to a noise whose std is 1 in each level, as
+/// [`blindaug::synth::noise::tileable_bands`] makes them from the same seed. The texture has three array layers; layer i holds R, G, B of
+/// level i and channel i of the coarsest level.
 pub fn tile(device: &wgpu::Device, queue: &wgpu::Queue, seed: u64) -> wgpu::Texture {
     let kernel =
         |entry, bindings: &[Binding]| Kernel::new(device, &shaders::NOISE_TILE, entry, [8, 8, 1], bindings);

@@ -10,7 +10,7 @@ use wgpu::{BufferUsages, ShaderStages, TextureFormat, TextureUsages, TextureView
 /// The format of all textures between the passes.
 pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 
-/// The passes of every camera, and what they read that no frame changes.
+/// The passes of every camera, and the tables and textures that stay the same in all frames.
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) prepare: Kernel,
@@ -28,7 +28,7 @@ pub(crate) struct Passes {
     pub(crate) disks: wgpu::Buffer,
     /// The tile of noise.
     pub(crate) tile: TextureView,
-    /// A texture of one pixel, which stands for what is not given.
+    /// A texture of one pixel, which stands for inputs that are not given.
     pub(crate) nothing: TextureView,
 }
 
@@ -86,28 +86,28 @@ impl Passes {
     }
 }
 
-/// What several steps of a frame read or write.
+/// The resources that several steps of a frame read or write.
 #[derive(Debug)]
 pub(crate) struct Views {
-    /// What makes the textures of the sharpening, if they are needed.
+    /// The device, which makes the textures of the sharpening if they are needed.
     pub(crate) device: wgpu::Device,
     /// Width and height, px, and the number of eyes.
     pub(crate) size: [u32; 3],
-    /// [`Camera`] of the current frame.
+    /// The [`Camera`] of the current frame.
     pub(crate) camera: wgpu::Buffer,
     /// The largest alpha of each part, as the bits of its float.
     pub(crate) most: wgpu::Buffer,
     /// The camera's frame.
     pub(crate) frame: TextureView,
-    /// The layer as it was rendered.
+    /// The layer before blur, in the space in which blur acts.
     pub(crate) sharp: TextureView,
-    /// The layer, out of focus.
+    /// The layer after defocus.
     pub(crate) focused: TextureView,
     /// The path and the defocus std of each pixel.
     pub(crate) blur: TextureView,
 }
 
-/// A pipeline of composite.wgsl that draws everything with a fragment shader.
+/// A pipeline of composite.wgsl that covers the whole image with a fragment shader.
 pub(crate) fn full_screen_pipeline(
     device: &wgpu::Device,
     group: &wgpu::BindGroupLayout,
@@ -126,7 +126,7 @@ pub(crate) fn full_screen_pipeline(
     full_screen(device, Some(&layout), &module, fragment, &[target])
 }
 
-/// What a binding takes of a texture.
+/// A view as a resource to bind.
 pub(crate) fn view(v: &TextureView) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::TextureView(v)
 }

@@ -1,8 +1,8 @@
-//! The constants that shaders and Rust share, written as WGSL from Rust's, so that no number stands twice. What a shader alone needs (the
-//! size of its workgroups, say) stays in the shader.
+//! The constants that shaders and Rust share, written as WGSL from their Rust values, so that no number stands in two places. A constant
+//! that only one shader needs (the size of its workgroups, say) stays in the shader.
 //!
-//! By hand, since it is twenty lines: crates that make bindings (`wgsl_bindgen`, `encase`) go the other way, from shaders to Rust, or lay out
-//! structs at run time.
+//! This is written by hand, since it takes twenty lines. Crates that make bindings (`wgsl_bindgen`, `encase`) go the other way, from
+//! shaders to Rust, or lay out structs at run time.
 
 use blindaug::LUMA;
 use std::fmt::Write;
@@ -40,7 +40,7 @@ pub(crate) fn constants(constants: &[(&str, &dyn Wgsl)]) -> String {
     text
 }
 
-/// What every shader that knows colours shares.
+/// The WGSL declarations that all shaders with colours share.
 pub(crate) fn colours() -> String {
     constants(&[("LUMA", &LUMA)])
 }

@@ -1,10 +1,10 @@
-//! How closely the reference is followed, and the tables that defocus reads.
+//! The quality of the compositor, that is, how closely it follows the reference, and the tables that defocus reads.
 
 use crate::layout::wgsl_struct;
 use blindaug::filter;
 use blindaug::synth::defocus::{self, Bokeh};
 
-/// How closely the reference is followed; what it costs is in docs/gpu.md.
+/// The quality of the compositor, that is, how closely it follows the reference. docs/gpu.md has the cost of each quality.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Quality {
     /// The quality for pictures that are kept, and for fast GPUs.
@@ -16,7 +16,7 @@ pub enum Quality {
     Low,
 }
 
-/// The number of octaves of the image that defocus reads: the image itself, and seven times half the one before.
+/// The number of octaves of the image that defocus reads: the image itself, and seven more, each of half the size of the one before.
 pub(crate) const OCTAVES: usize = 8;
 
 /// The number of variances in the table of discrete Gaussians; they rise evenly from 0 to [`GAUSSIAN_MOST`].
@@ -28,20 +28,20 @@ pub(crate) const GAUSSIAN_MOST: f32 = 3.25;
 /// The number of disks in their table.
 pub(crate) const DISKS: usize = 235;
 
-/// By how much the std of each disk in the table exceeds that of the one before, px.
+/// The step of the std from each disk in the table to the next, px.
 pub(crate) const DISK_STEP: f32 = 1.0 / 64.0;
 
 /// The number of rows that the table has for each disk, from its middle row on.
 pub(crate) const DISK_ROWS: usize = 12;
 
 wgsl_struct! {
-    /// What defocus needs to know of the quality and of the shape of out-of-focus points.
+    /// The quality and the shape of out-of-focus points, as the defocus shader reads them.
     pub(crate) struct DefocusQuality {
         /// The least variance that is left to blur on an octave, px^2 of the octave: for Gaussians and for disks.
         least_variance: [f32; 2],
-        /// Where a Gaussian ends, in stds.
+        /// The radius at which a Gaussian is cut off, in stds.
         reach: f32,
-        /// 1 if points become disks, 0 if they become Gaussians.
+        /// 1 if out-of-focus points become disks, 0 if they become Gaussians.
         disk: u32,
     }
 }
@@ -56,7 +56,7 @@ impl Quality {
         }
     }
 
-    /// How often the layer is read for a pixel of this defocus std, px; the shader defocus.wgsl reads as often.
+    /// The number of times that the shader defocus.wgsl reads the layer for a pixel of this defocus std, px.
     pub fn defocus_taps(self, bokeh: Bokeh, sigma_px: f32) -> u32 {
         let DefocusQuality { least_variance: [gaussian, disk], reach, .. } = DefocusQuality::new(self, bokeh);
         let least = if bokeh == Bokeh::Disk { disk } else { gaussian };
@@ -76,7 +76,7 @@ impl Quality {
         }
     }
 
-    /// How often the layer is read for a pixel whose path is this long, px.
+    /// The number of times that the layer is read for a pixel whose path is this long, px.
     pub fn motion_blur_taps(self, path_px: f32) -> u32 {
         (path_px.ceil() + 1.0).min(self.most_taps()) as u32
     }
@@ -119,7 +119,7 @@ mod tests {
     fn the_smoothing_of_the_shader_is_a_gaussian_of_the_reference_s_std() {
         // The reference's `missing_noise` smooths the frame by 1.5 px.
         let kernel: Vec<f32> = (0..5).map(|i| (-0.5 * (i as f32 / 1.5).powi(2)).exp()).collect();
-        // Two neighbouring taps are one between them.
+        // Two neighbouring taps become one bilinear tap between them.
         let pair = |i: usize| {
             let sum = kernel[i] + kernel[i + 1];
             [sum, i as f32 + kernel[i + 1] / sum]

@@ -1,4 +1,4 @@
-//! The compositor's shaders. WGSL that browsers take too: no subgroups, no half floats, no formats of particular devices.
+//! The compositor's shaders. They are WGSL that browsers accept too: no subgroups, no half floats, no formats of particular devices.
 
 use crate::camera::Camera;
 use crate::layout::{Layout, structs};
@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 /// The structs of the compositor's shaders.
 const STRUCTS: [Layout; 4] = [Camera::LAYOUT, DefocusQuality::LAYOUT, MaskPass::LAYOUT, TileLevel::LAYOUT];
 
-/// What the compositor's shaders share.
+/// The WGSL declarations that the compositor's shaders share.
 fn compositor() -> String {
     let constants = constants(&[
         ("NOISE_LEVELS", &NOISE_LEVELS),
@@ -30,7 +30,7 @@ fn compositor() -> String {
     constants + &structs(&STRUCTS)
 }
 
-/// Joins a shader of the compositor: the prelude, what all shaders share, and its own text.
+/// Joins a shader of the compositor: the prelude, the files that all shaders share, and the shader's own text.
 macro_rules! shader {
     ($($file:literal),+) => {
         LazyLock::new(|| {
@@ -75,7 +75,7 @@ mod tests {
         for text in texts {
             assert_eq!(problem(text), None);
         }
-        // Every file is in the list.
+        // Every .wgsl file is in the list.
         let mut found = 0;
         for folder in ["/src", "/src/fit", "/src/fit/spectral"] {
             for file in std::fs::read_dir(format!("{}{folder}", env!("CARGO_MANIFEST_DIR"))).unwrap() {

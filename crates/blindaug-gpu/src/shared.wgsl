@@ -1,6 +1,6 @@
 // Functions of numbers and colours that several shaders use.
 
-// Tests the bits, since a shader's arithmetic may take NaN for anything.
+// Tests the bits, since a shader's arithmetic may assume that there is no NaN.
 fn is_finite(v: f32) -> bool {
     return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
 }

@@ -1,9 +1,9 @@
-// The last passes for a camera that sharpens. The layer goes over the frame as it was before the camera sharpened it; what that changes is
-// sharpened and added to the frame. It follows composite.wgsl in one source.
-// CPU twin: composite in crates/blindaug/src/composite.rs.
+// The last passes for a camera that sharpens. The layer goes over the frame as it was before the camera sharpened it; the change is then
+// sharpened and added to the frame. This file follows composite.wgsl in one source. CPU twin: composite in
+// crates/blindaug/src/composite.rs.
 
 @group(0) @binding(5) var difference_out: texture_storage_2d_array<rgba16float, write>;
-// What to add to the frame to undo its sharpening, in the area.
+// The difference that undoes the frame's sharpening when it is added, in the area.
 @group(0) @binding(7) var unsharpening: texture_2d_array<f32>;
 
 // The frame at a pixel of the area as it was before the camera sharpened it.
@@ -11,7 +11,8 @@ fn unsharpened(at: vec2<u32>, eye: u32) -> vec3<f32> {
     return textureLoad(frame, camera.origin + at, eye, 0).rgb + textureLoad(unsharpening, at, eye, 0).rgb;
 }
 
-// What the layer changes of the unsharpened frame, in encoded values, and the layer's alpha. The sensor clips before the camera sharpens.
+// Writes the change that the layer makes to the unsharpened frame, in encoded values, and the layer's alpha. The sensor clips before the
+// camera sharpens.
 @compute @workgroup_size(8, 8)
 fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= camera.size) {
@@ -27,7 +28,7 @@ fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
     textureStore(difference_out, id.xy, id.z, out);
 }
 
-// The result of `difference`, and the same blurred along rows.
+// The result of `difference`, and that result blurred along rows.
 @group(0) @binding(3) var differences: texture_2d_array<f32>;
 @group(0) @binding(4) var blurred_rows: texture_2d_array<f32>;
 @group(0) @binding(6) var<uniform> mask: MaskPass;
@@ -70,7 +71,7 @@ fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     let added = own.rgb + mask.amount * (own.rgb - blurred);
     let clean = filmed + added;
     if own.a <= 0.0 {
-        // These pixels are the halo around the object, or beyond that the frame, bit by bit.
+        // Pixels without the layer get the halo of the sharpened object, or, beyond the halo, the frame itself, bit by bit.
         return to_target(select(clamp(clean, vec3(0.0), vec3(1.0)), filmed, added == vec3(0.0)));
     }
     var noisy = clean;

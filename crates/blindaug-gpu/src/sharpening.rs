@@ -1,8 +1,8 @@
-//! The camera's sharpening in the compositor: the frame as it was before, and what the layer changes of it, sharpened.
+//! The camera's sharpening in the compositor: it unsharpens the frame, and sharpens the change that the layer makes to it.
 //!
 //! The frame is unsharpened by Richardson's iteration `u + s (frame - sharpened u)`, as the reference does, but with the steps s of
-//! Chebyshev's polynomial instead of equal ones: half as many or fewer leave as little. What is kept between the steps is the difference to
-//! the frame, which half floats hold more exactly than the frame itself.
+//! Chebyshev's polynomial instead of equal ones: half as many steps or fewer leave as little of the sharpening. Between the steps the
+//! difference to the frame is kept, which half floats hold more exactly than the frame itself.
 
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel, bind, layout};
@@ -14,11 +14,11 @@ use blindaug::synth::sharpening::LEFT;
 use blindaug::{Error, Result, filter};
 use wgpu::{BindGroup, BufferUsages, ShaderStages, TextureFormat, TextureUsages};
 
-/// The most steps that the iteration takes: those of an amount of 20, the largest that a camera model may have. Of a larger amount more is
-/// left than the reference leaves.
+/// The most steps that the iteration takes: those for an amount of 20, the largest that a camera model may have. For a larger amount the
+/// iteration leaves more of the sharpening than the reference does.
 const MOST_STEPS: usize = 16;
 
-/// Room for the right half of the mask's Gaussian, numbers.
+/// The most taps of the right half of the mask's Gaussian.
 const MOST_TAPS: usize = 4096;
 
 /// Bytes from one pass's numbers to the next one's: the alignment that every device allows for parts of uniform buffers.
@@ -36,7 +36,8 @@ fn step_sizes(amount: f32) -> Vec<f32> {
         let angle = std::f64::consts::PI * (i as f64 + 0.5) / steps as f64;
         1.0 + 0.5 * amount * (1.0 - angle.cos())
     };
-    // In Leja's order from the lowest gain on, each next root is the one farthest from those before it: then rounding does not grow.
+    // Leja's order keeps rounding errors from growing: it begins with the lowest gain, and each next root is the one farthest from those
+    // before.
     let mut left: Vec<f64> = (0..steps).map(gain).collect();
     let mut ordered = vec![left.remove(0)];
     while !left.is_empty() {
@@ -47,17 +48,18 @@ fn step_sizes(amount: f32) -> Vec<f32> {
     ordered.iter().map(|gain| (1.0 / gain) as f32).collect()
 }
 
-/// How many steps the iteration takes that undoes a camera's sharpening before an object is composited; each moves 48 bytes per pixel.
+/// The number of steps of the iteration that undoes a camera's sharpening before an object is composited; each step moves 48 bytes per
+/// pixel.
 pub fn unsharpening_steps(sharpening: &SharpeningModel) -> u32 {
     step_sizes(sharpening.amount).len() as u32
 }
 
-/// How far from a change of an image its sharpened version changes, px.
+/// The distance up to which a change of an image affects its sharpened version, px.
 pub(crate) fn reach_px(sharpening: &SharpeningModel) -> u32 {
     filter::gaussian_kernel(sharpening.radius_px).len() as u32 - 1
 }
 
-/// The kernels and the pipeline of the sharpening: what does not depend on the size of frames.
+/// The kernels and the pipeline of the sharpening, which do not depend on the size of frames.
 #[derive(Debug)]
 pub(crate) struct Sharpener {
     rows: Kernel,
@@ -102,40 +104,41 @@ impl Sharpener {
     }
 }
 
-/// What blurs the layer, which tells in which textures it is found.
+/// The effects that blur the layer. They decide which textures hold the layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Blurred {
-    /// The lens blurs it, and perhaps motion.
+    /// The lens blurs the layer, and perhaps motion.
     Focused,
-    /// Motion alone blurs it.
+    /// Motion alone blurs the layer.
     Moving,
-    /// Nothing blurs it.
+    /// Nothing blurs the layer.
     Still,
 }
 
-/// The textures of the sharpening for frames of one size, made when the first camera that sharpens comes.
+/// The textures of the sharpening for frames of one size, made at the first frame of a camera that sharpens.
 #[derive(Debug)]
 pub(crate) struct Sharpening {
-    /// [`MaskPass`] of each step, in its slot, and last of the mask itself.
+    /// The [`MaskPass`] of each step in its slot, and in the last slot that of the mask itself.
     passes: wgpu::Buffer,
     half_kernel: wgpu::Buffer,
-    /// The rows of the frame, of the first step's result, and of either of the two textures that take turns.
+    /// The bindings of `rows` for the frame, for the first step's result, and for each of the two textures that take turns.
     rows_of_frame: BindGroup,
     rows_of_first: BindGroup,
     rows_of_turns: [BindGroup; 2],
-    /// The first step, which reads the frame.
+    /// The bindings of the first step, which reads the frame.
     begin: BindGroup,
-    /// The second step, which reads the first one's result, if it is that of a slot.
+    /// For each slot, the bindings of the second step, which reads the first step's result.
     second: Vec<BindGroup>,
-    /// The step of a slot, if it is a later one.
+    /// For each slot, the bindings of a step after the second.
     later: Vec<BindGroup>,
-    /// The bindings of what the layer changes of the frame, by [`Blurred`].
+    /// The bindings of the pass `difference`, one for each [`Blurred`].
     difference: [BindGroup; 3],
     /// The bindings of the last pass.
     pub(crate) sharpened: BindGroup,
 }
 
-/// Which of the two textures that take turns the step of a slot writes: that of the last slot writes texture 0.
+/// The index, 0 or 1, of the texture that the step of a slot writes. The two textures take turns, and the step of the last slot writes
+/// texture 0.
 fn turn_of(slot: usize) -> usize {
     (MOST_STEPS - 1 - slot) % 2
 }
@@ -145,7 +148,7 @@ impl Sharpening {
     ///
     /// # Errors
     /// If the device cannot hold the textures.
-    // Long, since it lists the bindings of all passes.
+    // This function is long, since it lists the bindings of all passes.
     pub(crate) fn new(of_all: &Passes, of: &Sharpener, views: &Views) -> Result<Self> {
         let device = &views.device;
         let [w, h, eyes] = views.size.map(|s| s as usize);
@@ -233,7 +236,7 @@ impl Sharpening {
         })
     }
 
-    /// Uploads what the passes need to know of the mask and of where the area begins, and says how many steps the iteration takes.
+    /// Uploads the mask and the origin of the area for the passes, and returns the number of steps of the iteration.
     ///
     /// # Errors
     /// If the mask is wider than there is room for.
@@ -258,7 +261,7 @@ impl Sharpening {
         let mut put = |slot: usize, pass: MaskPass| {
             bytes[SLOT * slot..][..size_of::<MaskPass>()].copy_from_slice(bytemuck::bytes_of(&pass));
         };
-        // With e what is to be added to the frame f, and G the Gaussian, a step of size s makes of e
+        // Let e be the difference that is added to the frame f, and G the Gaussian. A step of size s turns e into
         // (1 - s (1 + amount)) e + s amount G e + s amount (G f - f); the first step, where e is 0, has only the last term.
         let first = sizes[0] * amount;
         put(0, MaskPass { origin, of_source: -first, of_blurred: first, ..mask });
@@ -277,8 +280,8 @@ impl Sharpening {
         Ok(sizes.len())
     }
 
-    /// Records the passes up to the last one: the frame is unsharpened in so many steps, and what the layer changes of it is blurred along
-    /// rows.
+    /// Records the passes up to the last one: the frame is unsharpened in `steps` steps, and the change that the layer makes to it is
+    /// blurred along rows.
     pub(crate) fn run(
         &self,
         of: &Sharpener,
@@ -311,13 +314,13 @@ mod tests {
     fn the_steps_leave_as_little_as_the_reference_and_are_fewer() {
         for amount in [0.01f32, 0.3, 0.5, 1.0, 2.0, 5.0, 20.0] {
             let sizes = step_sizes(amount);
-            // What is left of the error at a gain of the mask.
+            // The share of the error that is left at a gain of the mask.
             let left = |gain: f32| sizes.iter().map(|s| 1.0 - s * gain).product::<f32>().abs();
             let worst = (0..=1000).map(|i| left(1.0 + amount * i as f32 / 1000.0)).fold(0.0, f32::max);
             assert!(worst <= 1.01 * LEFT, "{amount}: {worst}");
             let equal = (LEFT.ln() / (amount / (2.0 + amount)).ln()).ceil() as usize;
             assert!(sizes.len() <= equal.max(2), "{amount}: {} steps, {equal} equal ones", sizes.len());
-            // Fewer would leave more.
+            // Fewer steps would leave more of the error.
             if sizes.len() > 2 {
                 let rate = (1.0 - (1.0 + amount).recip().sqrt()) / (1.0 + (1.0 + amount).recip().sqrt());
                 assert!(2.0 * rate.powi(sizes.len() as i32 - 1) > LEFT);

@@ -49,7 +49,7 @@ fn columns(@builtin(global_invocation_id) id: vec3<u32>) {
         blurred += half_kernel[i] * (row_at(at - vec2(0, i), id.z) + row_at(at + vec2(0, i), id.z));
     }
     let next = mask.of_source * source_at(at, id.z) + mask.of_blurred * blurred;
-    // In the first step itself, the weight is 0.
+    // In the first step, the weight `of_first` is 0.
     let begun = mask.of_first * textureLoad(first, at, id.z, 0).rgb;
     textureStore(written, id.xy, id.z, vec4(next + begun, 0.0));
 }

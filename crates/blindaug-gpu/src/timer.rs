@@ -1,4 +1,4 @@
-//! How long passes take on the GPU.
+//! The time that the compositor's steps take on the GPU.
 
 use crate::Gpu;
 use blindaug::{Error, Result};
@@ -7,7 +7,7 @@ use wgpu::{BufferUsages, QueryType};
 /// The steps of [`crate::Compositor::encode`], in their order.
 pub const STEPS: [&str; 5] = ["extension", "octaves", "defocus", "sharpening", "composite"];
 
-/// The places of the steps in [`STEPS`].
+/// The indices of the steps in [`STEPS`].
 pub(crate) const EXTENSION: u32 = 0;
 pub(crate) const OCTAVES: u32 = 1;
 pub(crate) const DEFOCUS: u32 = 2;
@@ -67,7 +67,7 @@ impl Timer {
         })
     }
 
-    /// What the pass of a step is to write.
+    /// The timestamps that the compute pass of a step writes.
     fn compute(&self, step: u32) -> wgpu::ComputePassTimestampWrites<'_> {
         wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
@@ -76,7 +76,8 @@ impl Timer {
         }
     }
 
-    /// What a render pass of a step is to write, of which there is one per eye: the first one the beginning, the last one the end.
+    /// The timestamps that a render pass of a step writes. There is a pass per eye: the first one writes the beginning of the step, the
+    /// last one its end.
     pub(crate) fn render(&self, step: u32, first: bool, last: bool) -> wgpu::RenderPassTimestampWrites<'_> {
         wgpu::RenderPassTimestampWrites {
             query_set: &self.queries,
@@ -85,7 +86,7 @@ impl Timer {
         }
     }
 
-    /// Records that the timestamps are to be brought where they can be read.
+    /// Records the copy of the timestamps into a buffer that can be read.
     pub(crate) fn resolve(&self, encoder: &mut wgpu::CommandEncoder) {
         encoder.resolve_query_set(&self.queries, 0..QUERIES, &self.resolved, 0);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.readable, 0, 8 * u64::from(QUERIES));

@@ -1,4 +1,4 @@
-//! What single passes need to know, as they are told.
+//! The uniforms of single passes.
 
 use crate::layout::wgsl_struct;
 
@@ -6,9 +6,9 @@ use crate::layout::wgsl_struct;
 pub const TILE: usize = 256;
 
 wgsl_struct! {
-    /// What a pass of the mask needs to know.
+    /// The numbers of a pass of the unsharp mask.
     pub(crate) struct MaskPass {
-        /// Where the area begins in the source, px.
+        /// The top left corner of the area in the source, px.
         pub(crate) origin: [u32; 2],
         /// The radius of the Gaussian's kernel, px.
         pub(crate) radius: u32,
@@ -26,13 +26,13 @@ wgsl_struct! {
 }
 
 wgsl_struct! {
-    /// What a pass that makes the tile needs to know of a pyramid level.
+    /// A pyramid level, as the passes that make the tile of noise read it.
     pub(crate) struct TileLevel {
         /// The pixels along a side of the source.
         pub(crate) side: u32,
-        /// The least local std that the source is divided by, so that windows with next to nothing in them are not blown up.
+        /// The least local std that the source is divided by, so that windows with hardly any noise are not amplified.
         pub(crate) floor: f32,
-        /// What makes the std of the result 1: a normal number over its own window's std has a std slightly below 1.
+        /// The factor that makes the std of the result 1: a normal number over its own window's std has a std slightly below 1.
         pub(crate) gain: f32,
         /// The lower half of the seed.
         pub(crate) seed: u32,

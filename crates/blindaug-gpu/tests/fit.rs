@@ -44,7 +44,7 @@ const SEARCHED_STD: f32 = 0.101;
 /// The share of the places that only one of the two searches may take, since their contrast lies at the threshold.
 const OTHER_PLACES: f32 = 0.01;
 
-/// The largest difference of the stds, px, at places that both have, and the share of the places that only one has.
+/// The largest difference of the stds, px, at places that both searches have, and the share of the places that only one of them has.
 fn differences(a: &[BlurPoint], b: &[BlurPoint]) -> (f32, f32) {
     let (mut std, mut alone) = (0.0f32, 0);
     for p in a {
@@ -63,7 +63,7 @@ fn the_pooled_search_finds_what_the_cpu_finds() {
     }
     let (w, h) = (131, 90);
     let sharp = texture(w, h);
-    // Each place has another depth, so that places can be told apart. It is not known everywhere.
+    // Each place has another depth, so that places can be told apart. The depth is not known everywhere.
     let depth =
         Plane::from_fn(
             w,
@@ -103,10 +103,10 @@ fn the_pooled_search_finds_what_the_cpu_finds() {
 /// The tolerance of the exposure, which is the search's last step: two exposures as far apart may be equally good, and sums in another
 /// order choose the other one.
 const SEARCHED_EXPOSURE: f32 = 0.0021;
-/// The number of places, of thousands, that may be in one search alone, since a rounding decides about their contrast.
+/// The number of places, out of thousands, that only one of the two searches may take, since rounding decides about their contrast.
 const OTHER_SAMPLES: usize = 3;
-/// The relative tolerance of the variance. It is a sum over places in another order, at exposures a step apart, and so is the curve, which
-/// has a tolerance of its own.
+/// The relative tolerance of the variance. It is a sum over places in another order, at exposures that are up to a step apart. The same
+/// holds for the curve, whose tolerance is a share of its depth.
 const VARIANCE: f64 = 0.05;
 const CURVE: f32 = 0.01;
 
@@ -127,7 +127,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     let observed = |lambda| {
         let blurred =
             synth::motion_blur::motion_blur(&sharp, &known, ExposureFraction(lambda)).expect("one size");
-        // There is noise, so that there is something to weigh.
+        // There is noise, so that the weights matter.
         Plane::from_fn(w, h, |x, y| blurred.at(x, y) + 0.01 * ((x * 7919 + y * 104_729) % 101) as f32 / 101.0)
     };
     let weight = Plane::from_fn(w, h, |x, _| 100.0 + x as f32 / 10.0);
@@ -174,7 +174,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
     let wrong = found().expect("much moves");
     assert!((wrong.exposure.0 - expected.exposure.0).abs() > SEARCHED_EXPOSURE);
 
-    // At first nothing moves, then nothing is known to move.
+    // First the flow is 0, then it is unknown.
     for still in [0.0, f32::NAN] {
         GPU.write(&flow_texture, &[&Flow::filled(w, h, [still; 2])]);
         assert!(found().is_none());
@@ -184,7 +184,7 @@ fn the_exposure_search_finds_what_the_cpu_finds() {
 /// The tolerance of a curve, nats per tile. It is made of exponentials and logarithms of a few hundred bins in f32, whose last digits the
 /// shaders' language leaves to the device, and of powers where the CPU has a table of the transfer curve.
 const CURVE_TOLERANCE: f32 = 0.001;
-/// The tolerance of how sure a tile is of its std, 0 to 1, for the same reasons.
+/// The tolerance of a point's weight, 0 to 1, for the reasons of CURVE_TOLERANCE.
 const WEIGHT: f32 = 0.001;
 /// The relative tolerance of the lens, whose search ends in steps of 1/1000.
 const LENS: f32 = 0.004;
@@ -195,7 +195,7 @@ fn apart(a: &[[f32; 2]], b: &[[f32; 2]]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a[1] - b[1]).abs()).fold(0.0, f32::max)
 }
 
-/// The largest difference of how sure tiles are of their std, place by place; 1 if the places differ or find another std.
+/// The largest difference of the weights of points, place by place; 1 if the places differ or find another std.
 fn other_points(a: &[BlurPoint], b: &[BlurPoint]) -> f32 {
     let sorted = |points: &[BlurPoint]| {
         let mut points = points.to_vec();
@@ -218,7 +218,7 @@ fn other_lens(a: &spectral::LensFit, b: &spectral::LensFit) -> f32 {
     (a.lens.slope / b.lens.slope - 1.0).abs().max((a.lens.focus / b.lens.focus - 1.0).abs())
 }
 
-// Long, since each of the three cases has its control.
+// This test is long, since each of the three cases has its negative control.
 #[test]
 fn the_tiles_say_what_they_say_to_the_cpu() {
     if no_gpu() {
@@ -310,7 +310,7 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
         return;
     }
     let Gpu { device, queue, .. } = &*GPU;
-    // The number of px that tiles at a quarter of the resolution need.
+    // The frame is large enough for tiles at a quarter of the resolution.
     let (w, h) = (800, 784);
     let sharp = texture(w, h);
     let depth = Plane::from_fn(w, h, |x, y| 0.2 + x as f32 / 1000.0 + y as f32 / 100_000.0);
@@ -321,10 +321,10 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let space = BlurSpace::Encoded;
     let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
     let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
-    // There are 1266 tiles. The fifth of least contrast is left out, and in some blocks all beyond the most that a block may have, but for
-    // those that observe the exposure.
+    // There are 1266 tiles. The fifth of them with least contrast is left out, and so are the tiles of a block beyond the most that it may
+    // have, except for tiles that observe the exposure.
     assert_eq!(tiles.len(), 688);
-    // A fifth of 422 tiles fewer would be fewer than are asked for.
+    // Without a fifth of the 422 tiles of a small frame there would be fewer than EXPOSURE_TILES, so EXPOSURE_TILES of them are kept.
     let small = blindaug::Encoded(image.crop(0, 0, 640, 360).map(|v| [v; 3]));
     let of_small = spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space).expect("one size");
     assert_eq!(of_small.len(), spectral::EXPOSURE_TILES);
@@ -358,8 +358,8 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     assert!(other_points(&look().points, &expected.points) > WEIGHT);
 }
 
-/// The tolerance of the exposure. The tracker looks at some tiles of a frame and the device at all of them, so that the difference is that
-/// of two samples, as wide as their intervals.
+/// The tolerance of the exposure. The tracker looks at some tiles of a frame and the device at all of them, so that the results differ as
+/// two samples do, by about the width of their intervals.
 const TRACKED_EXPOSURE: f32 = 0.1;
 
 #[test]
@@ -378,7 +378,7 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
     let mut evidence =
         fit::spectral::TileEvidence::new(device, &frame, Some(&flow), Some(&depth), BlurSpace::Linear)
             .expect("one size");
-    // The tracker's result after four frames, all of which it looks at itself, or only the first.
+    // The tracker's result after four frames. It looks at all of them itself, or only at the first.
     let mut tracked = |exposure: f32, itself: bool| {
         let clip = scene.clip(5, |_| leaves::Camera { exposure, ..leaves::CAMERA });
         let mut tracker = Tracker::new(BlurSpace::Linear, None);

@@ -1,4 +1,4 @@
-//! The GPU against the reference on the CPU.
+//! The results of the GPU against those of the reference on the CPU.
 
 use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::model::{
@@ -53,7 +53,7 @@ fn hash(x: usize, y: usize, c: usize) -> f32 {
     ((v ^ (v >> 15)) >> 8) as f32 / 16_777_216.0
 }
 
-/// A frame of values that half floats and 8 bits hold exactly, so that what is compared is what is computed.
+/// A frame of values that half floats and 8 bits hold exactly, so that rounding of the input does not enter the comparison.
 fn frame(w: usize, h: usize) -> Encoded {
     Encoded(Raster::from_fn(w, h, |x, y| {
         std::array::from_fn(|c| {
@@ -94,7 +94,7 @@ fn rgba(image: &Raster<[f32; 3]>) -> Raster<[f32; 4]> {
     image.map(|[r, g, b]| [r, g, b, 1.0])
 }
 
-/// The textures of some eyes.
+/// The input textures, with an array layer for each eye.
 struct Eyes {
     frame: wgpu::Texture,
     color: wgpu::Texture,
@@ -139,13 +139,13 @@ impl Eyes {
     }
 }
 
-/// What is asked for of frame 3, everywhere and in high quality; it has no targets yet.
+/// Frame 3 over its whole area and in high quality, without targets.
 fn of_frame<'a>(model: &'a CameraModel, options: &CompositeOptions) -> Frame<'a> {
     let (options, quality) = (*options, Quality::High);
     Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
 }
 
-/// A texture of the size of another one that can be composited into.
+/// A texture that can be composited into, of the size of `frame`.
 fn target_like(frame: &wgpu::Texture) -> wgpu::Texture {
     GPU.device.create_texture(&wgpu::TextureDescriptor {
         label: None,
@@ -213,7 +213,7 @@ fn difference(a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>) -> f32 {
 const ROUNDING: f32 = 5e-4;
 
 /// The tolerance of blur. Where it is computed on a smaller image, its rim is as soft as that image's pixels, and beyond the frame's edge
-/// the last pixel of the smaller image is repeated instead of that of the frame. Both grow as the image that is used shrinks.
+/// the last pixel of the smaller image is repeated instead of that of the frame. Both errors grow as the image that is used shrinks.
 fn blur_tolerance(quality: Quality, bokeh: Bokeh) -> f32 {
     match (quality, bokeh) {
         (Quality::High, Bokeh::Gaussian) => 0.002,
@@ -227,7 +227,7 @@ fn blur_tolerance(quality: Quality, bokeh: Bokeh) -> f32 {
 
 const QUALITIES: [Quality; 3] = [Quality::High, Quality::Medium, Quality::Low];
 
-/// Cameras with one effect or several, whose numbers are off by the factor `wrong`.
+/// Cameras with one effect or several, whose parameters are off by the factor `wrong`.
 fn cameras(w: usize, h: usize, wrong: f32) -> Vec<(&'static str, CameraModel)> {
     let c = || camera(w, h);
     let quadratic = DefocusCurve::Quadratic { a: 4.0, b: 9.0, c: -1.5, inverse_depth_range: [0.25, 0.6] };
@@ -270,7 +270,7 @@ fn every_blur_agrees_with_the_reference() {
                     println!("{w} x {h}, {name}, {quality:?}, {bokeh:?}: {got:.5} (tolerance {tolerance})");
                     assert!(got < tolerance, "{w} x {h}, {name}, {quality:?}, {bokeh:?}: {got}");
                 }
-                // Another camera is told apart.
+                // A camera with other parameters exceeds the tolerance.
                 if (w, h) == (160, 120) {
                     let other = on_gpu(&frame, &layer, wrong, &options);
                     let got = difference(&other, &reference);
@@ -281,8 +281,9 @@ fn every_blur_agrees_with_the_reference() {
     }
 }
 
-/// The tolerance of sharpening. Half floats hold what the layer changes of the frame, and the mask multiplies their rounding by at most 1 +
-/// amount. Both iterations that unsharpen leave up to 0.002 of what the sharpening did, which the mask brings back to the frame's contrast.
+/// The tolerance of sharpening. Half floats hold the change that the layer makes to the frame, and the mask multiplies their rounding by at
+/// most 1 + amount. Both iterations that unsharpen leave up to 0.002 of what the sharpening did, which the mask brings back to the frame's
+/// contrast.
 fn sharpening_tolerance(amount: f32) -> f32 {
     ROUNDING + 0.0001 * (1.0 + amount)
 }
@@ -310,13 +311,13 @@ fn sharpening_agrees_with_the_reference() {
                     on_cpu(&frame, &layer, &with_sharpening(model.clone(), amount, radius), &options);
                 let gpu =
                     |model: &CameraModel| difference(&on_gpu(&frame, &layer, model, &options), &reference);
-                // What blur leaves different is smooth, so that the mask adds little to it.
+                // The error of blur is smooth, so that the mask adds little to it.
                 let blur = if blurs { blur_tolerance(Quality::High, Bokeh::Gaussian) } else { 0.0 };
                 let tolerance = sharpening_tolerance(amount) + blur;
                 let got = gpu(&with_sharpening(model.clone(), amount, radius));
                 println!("{w} x {h}, {name} by {amount}, {radius} px: {got:.5} (tolerance {tolerance:.5})");
                 assert!(got < tolerance, "{w} x {h}, {name} by {amount}, {radius} px: {got}");
-                // The tolerance tells another amount apart, and sharpening that is left out.
+                // The tolerance is small enough to detect another amount, and sharpening that is left out.
                 if (w, h) == (160, 120) && !blurs {
                     let [other, none] =
                         [gpu(&with_sharpening(model.clone(), 1.25 * amount, radius)), gpu(&model)];
@@ -349,7 +350,7 @@ fn a_camera_may_begin_to_sharpen_and_stop_again() {
         let images = GPU.download::<[f32; 4]>(&target).unwrap();
         images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect::<Vec<_>>()
     };
-    // Each eye is as it is alone, whatever was composited before.
+    // The composite of each eye is the same as that of the eye alone, whatever was composited before.
     for (amount, radius) in [(0.0, 1.0), (1.0, 2.0), (0.4, 0.7), (0.0, 1.0)] {
         let model = match amount {
             0.0 => plain.clone(),
@@ -362,7 +363,7 @@ fn a_camera_may_begin_to_sharpen_and_stop_again() {
         }
         assert!(difference(&both[0], &both[1]) > 0.05);
     }
-    // An amount of 0 is no sharpening; nor does a naive composite sharpen.
+    // Neither a camera with an amount of 0 nor a naive composite sharpens.
     assert_eq!(composite(&with_sharpening(plain.clone(), 0.0, 1.0)), composite(&plain));
     let naive = CompositeOptions { naive: true, ..Default::default() };
     let sharpening = with_sharpening(plain.clone(), 1.0, 1.0);
@@ -370,7 +371,7 @@ fn a_camera_may_begin_to_sharpen_and_stop_again() {
         on_gpu(&frames[0], &layers[0], &sharpening, &naive),
         on_gpu(&frames[0], &layers[0], &plain, &naive)
     );
-    // A mask for which there is no room is an error.
+    // A mask with too many taps is an error.
     let wide = with_sharpening(plain, 1.0, 1000.0);
     let frame = Frame { targets: &views, ..of_frame(&wide, &CompositeOptions::default()) };
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
@@ -394,7 +395,7 @@ fn without_effects_it_is_the_naive_composite() {
         difference(&on_gpu(&frame, &layer, &model, &CompositeOptions::default()), &reference)
             > 10.0 * ROUNDING
     );
-    // Where nothing virtual is seen, it is the frame, bit by bit.
+    // Where nothing virtual is seen, the result is the frame, bit by bit.
     let empty = VirtualLayer { color: Premultiplied(Raster::filled(97, 61, [0.0; 4])), ..layer };
     let out = on_gpu(&frame, &empty, &model, &CompositeOptions::default());
     let eight_bit = |i: &Raster<[f32; 3]>| i.map(|v| v.map(|v| (v * 255.0).round()));
@@ -422,7 +423,7 @@ fn eyes_do_not_see_each_other() {
         assert_eq!(both[eye], on_gpu(&frames[eye], &layers[eye], &model, &options));
     }
     assert!(difference(&both[0], &both[1]) > 0.05);
-    // Their noise differs, though.
+    // The noise of the two eyes differs, though.
     let noisy = with_noise(camera(w, h), 1.0);
     let both = Eyes::new(&[&frames[0]; 2], &[&layers[0]; 2]).composite(&noisy, &options, 3);
     assert!(difference(&both[0], &both[1]) > 0.005);
@@ -533,7 +534,7 @@ fn what_does_not_fit_is_said() {
     assert!(GPU.upload(&[&Raster::filled(0, 4, 0.0f32)], TextureFormat::R32Float).is_err());
 }
 
-/// The tolerance of the tile: half floats of values up to 4, and what sines and logarithms of GPUs may be off by, 2^-11 (Vulkan's
+/// The tolerance of the tile: half floats of values up to 4, and the error of sines and logarithms on GPUs, up to 2^-11 (Vulkan's
 /// specification).
 const TILE_TOLERANCE: f32 = 0.002;
 
@@ -562,7 +563,7 @@ fn the_noise_tile_is_that_of_the_reference() {
     assert!(got > 1.0, "{got}");
 }
 
-/// An opaque grey layer.
+/// A grey layer of this encoded value and alpha.
 fn grey(w: usize, h: usize, value: f32, alpha: f32) -> VirtualLayer {
     let linear = blindaug::Transfer::Srgb.decode(value) * alpha;
     VirtualLayer {
@@ -586,7 +587,7 @@ fn band_stds(image: &Raster<[f32; 3]>) -> Vec<[f32; 3]> {
     bands.iter().map(std).collect()
 }
 
-/// The largest relative difference of two such sets. The coarsest level has the fewest samples.
+/// The largest relative difference between the stds of two images.
 fn band_difference(a: &[[f32; 3]], b: &[[f32; 3]]) -> f32 {
     let pairs = a.as_flattened().iter().zip(b.as_flattened());
     pairs.map(|(a, b)| (a / b - 1.0).abs()).fold(0.0, f32::max)
@@ -642,7 +643,7 @@ fn where_the_layer_is_transparent_only_the_missing_noise_is_added() {
         let frame = band_difference(&band_stds(&gpu), &band_stds(&filmed.0));
         println!("alpha {alpha}: {got} from the reference, {frame} from the frame");
         assert!(got < NOISE_TOLERANCE && frame < 0.1, "{got} {frame}");
-        // Without the rule, noise is missing.
+        // Without added noise, the composite has less noise than the frame.
         let none = CompositeOptions { no_noise: true, ..Default::default() };
         let without = on_gpu(&filmed, &layer, &model, &none);
         assert!(band_difference(&band_stds(&without), &band_stds(&filmed.0)) > 0.15);
@@ -657,7 +658,7 @@ fn sharpening_leaves_the_noise_as_it_is() {
     let (w, h) = (512, 384);
     let plain = with_noise(camera(w, h), 1.0);
     let model = with_sharpening(plain.clone(), 1.0, 1.0);
-    // The noise of a camera is what it is after its sharpening.
+    // A camera model's noise is that after the camera's sharpening.
     let filmed = filmed_grey(&plain, w, h);
     let off = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| band_difference(&band_stds(a), &band_stds(b));
     for alpha in [0.25, 0.75, 1.0] {
@@ -667,7 +668,7 @@ fn sharpening_leaves_the_noise_as_it_is() {
         let (got, frame) = (off(&gpu, &cpu), off(&gpu, &filmed.0));
         println!("alpha {alpha}: {got} from the reference, {frame} from the frame");
         assert!(got < NOISE_TOLERANCE && frame < 0.1, "{got} {frame}");
-        // Without the rule, noise is missing.
+        // Without added noise, the composite has less noise than the frame.
         let none = CompositeOptions { no_noise: true, ..Default::default() };
         assert!(off(&on_gpu(&filmed, &layer, &model, &none), &filmed.0) > 0.15);
     }
@@ -678,7 +679,7 @@ fn noise_of_layers_does_not_add_up() {
     if no_gpu() {
         return;
     }
-    // Two half-transparent layers come one after the other.
+    // Two half-transparent layers are composited one after the other.
     let (w, h) = (512, 384);
     let model = with_noise(camera(w, h), 1.0);
     let filmed = filmed_grey(&model, w, h);
@@ -736,7 +737,7 @@ fn it_agrees_at_4k() {
     }
     let (w, h) = (3840, 2160);
     let model = with_lens(with_exposure(camera(w, h), 0.5), 40.0, 0.35);
-    // The object covers a tenth of the frame, as in such frames.
+    // The object's layer covers 500 x 400 px of the frame.
     let small = layer(500, 400);
     let put = |x: usize, y: usize| (1700..2200).contains(&x) && (900..1300).contains(&y);
     let layer = VirtualLayer {
@@ -763,7 +764,7 @@ fn it_agrees_at_4k() {
     assert!(difference(&gpu, &naive) > 0.05);
 }
 
-/// The rendered clip `shelf3` with the camera it was rendered with; `None`, said loudly, without the shared data.
+/// The rendered clip `shelf3` with the camera it was rendered with; `None`, with a message, without the shared data.
 fn rendered_clip() -> Option<(Encoded, VirtualLayer, CameraModel)> {
     let shared = std::env::var("BLINDAUG_SHARED")
         .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_string());
@@ -874,7 +875,7 @@ fn something_sharp_does_not_bleed_into_blurred_surroundings() {
         let got = difference(&one, &cpu);
         println!("focus {focus}: {got}");
         assert!(got < blur_tolerance(Quality::High, Bokeh::Gaussian), "focus {focus}: {got}");
-        // The result is as that of two layers, composited one after the other. It is not if they are not blurred apart.
+        // The result is that of two layers composited one after the other, but only if the parts are blurred apart from each other.
         let mut whole_wall = layer(&|_, _| true);
         whole_wall.color = Premultiplied(Raster::filled(w, h, wall.0));
         whole_wall.inverse_depth = Some(Plane::filled(w, h, wall.1));

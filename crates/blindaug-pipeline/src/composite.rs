@@ -15,7 +15,7 @@ use blindaug::{
 };
 use std::collections::BTreeSet;
 
-/// Bytes of a pixel of a virtual layer while it is read, and of a pair of renders with their light.
+/// Bytes per pixel of a virtual layer while it is read, and of a pair of renders with their linear light.
 const LAYER: u64 = 56;
 const RENDERS: u64 = 48;
 
@@ -24,14 +24,14 @@ pub fn naive((width, height): (usize, usize)) -> CameraModel {
     CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0 }, "naive")
 }
 
-/// Real depth, in the unit that it is needed in.
+/// Real inverse depth, converted to the unit in which it is needed.
 pub struct DepthMaps {
     maps: BoxedSide<Plane>,
     scale: Option<SceneScale>,
 }
 
 impl DepthMaps {
-    /// The maps as they are.
+    /// The maps in their own unit.
     pub fn as_they_are(maps: BoxedSide<Plane>) -> Self {
         Self { maps, scale: None }
     }
@@ -39,7 +39,7 @@ impl DepthMaps {
     /// The maps in 1/m.
     ///
     /// # Errors
-    /// [`Error::NoSceneScale`] if they are relative and there is no scale.
+    /// [`Error::NoSceneScale`] if the maps are relative and there is no scale.
     pub fn in_metres(maps: BoxedSide<Plane>, kind: DepthKind, scale: Option<SceneScale>) -> Result<Self> {
         match (kind, scale) {
             (DepthKind::Metric, _) => Ok(Self::as_they_are(maps)),
@@ -57,10 +57,10 @@ impl DepthMaps {
     }
 }
 
-/// The models over metric inverse depth; `name` is what messages call them.
+/// The models with their lens over metric inverse depth. Messages call the models `name`.
 ///
 /// # Errors
-/// [`Error::NoSceneScale`] if they are over relative inverse depth and there is no scale.
+/// [`Error::NoSceneScale`] if the models are over relative inverse depth and there is no scale.
 pub fn in_metres(track: CameraTrack, name: &str, scale: Option<SceneScale>) -> Result<CameraTrack> {
     match (track.depth_kind(), scale) {
         (Some(DepthKind::Relative), Some(scale)) => Ok(track.to_metric(scale)),
@@ -69,7 +69,7 @@ pub fn in_metres(track: CameraTrack, name: &str, scale: Option<SceneScale>) -> R
     }
 }
 
-/// The models for frames of a clip's size, and what of them is not applied, told to the observer. `name` is what messages call them.
+/// Scales the models to a clip's frames, and tells the observer which distortions are not applied. Messages call the models `name`.
 pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn Observer) -> CameraTrack {
     let (width, height) = clip.size();
     let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
@@ -85,7 +85,7 @@ pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn
         }
     }
     let track = track.map(|m| m.scaled_to(width, height));
-    // A camera that is not seen to sharpen is nothing to warn of.
+    // Sharpening that was not found in the footage needs no warning.
     for distortion in Distortion::ALL.into_iter().filter(|&d| d != Distortion::Sharpening) {
         if let Some(why) = track.why_unknown(distortion) {
             observer.warning(&format!("{} is unknown and not applied: {why}", distortion.name()));
@@ -94,7 +94,7 @@ pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn
     track
 }
 
-/// Warns once per thing that is missing.
+/// Warns once of each effect of missing data.
 struct Missing<'a> {
     observer: &'a dyn Observer,
     said: BTreeSet<&'static str>,
@@ -112,13 +112,13 @@ impl<'a> Missing<'a> {
     }
 }
 
-/// What a composite is made of.
+/// The parts of a composite.
 pub struct Scene {
     /// The footage.
     pub footage: Box<dyn Clip>,
     /// The virtual object.
     pub layers: BoxedSide<VirtualLayer>,
-    /// Real depth, in 1/m.
+    /// Real inverse depth, 1/m.
     pub depth: Option<DepthMaps>,
     /// The footage's optical flow to the next frame, px, which blurs the renders' difference.
     pub flow: Option<BoxedSide<Flow>>,
@@ -127,7 +127,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Fails if one of its parts has nothing for any of the frames.
+    /// Fails if a part of the scene has nothing for any of the frames.
     ///
     /// # Errors
     /// [`Error::NoMatch`] names the part.
@@ -140,7 +140,7 @@ impl Scene {
         renders.iter().flatten().try_for_each(|r| check_match(clip, Some(&**r)))
     }
 
-    /// What belongs to a frame beside its layer, with a warning about what is missing.
+    /// Reads the data of a frame beside its layer, and warns about missing data.
     fn around(
         &self,
         frame: &Frame,
@@ -178,14 +178,14 @@ impl Scene {
     }
 }
 
-/// Which distortions are applied in any frame, and whether flow is to be found for it.
+/// The blurs that are applied in any frame, and whether flow is estimated.
 struct Applied {
     moving: bool,
     defocused: bool,
     finds_flow: bool,
 }
 
-/// What belongs to a frame beside its layer.
+/// The data of a frame beside its layer.
 struct Around {
     inverse_depth: Option<Plane>,
     flow: Option<Flow>,
@@ -196,7 +196,7 @@ struct Around {
 /// Composites every frame of a scene that the sink does not have yet.
 ///
 /// # Errors
-/// If a frame or what belongs to it cannot be used, memory does not suffice, or the sink fails.
+/// If a frame or its accompanying data cannot be used, memory does not suffice, or the sink fails.
 pub fn composite(
     scene: &Scene,
     track: &CameraTrack,
@@ -214,7 +214,7 @@ pub fn composite(
     };
     let mut missing = Missing::new(observer);
     let mut without_layer = 0;
-    // The result is one more frame.
+    // The result is in memory beside the frames that are read.
     let frames = if applied.finds_flow { 4 * FRAME } else { 2 * FRAME };
     let shadows = if renders.is_some() { RENDERS + FLOW } else { 0 };
     let given = frames + LAYER + shadows + if depth.is_some() { DEPTH } else { 0 };
@@ -243,27 +243,27 @@ pub fn composite(
     Ok(Made { without_layer, ..made })
 }
 
-/// A rendered clip and what is known of it.
+/// A rendered clip with its depth and flow.
 pub struct Rendered {
     /// The clip.
     pub clip: Box<dyn Clip>,
-    /// Inverse depth, and what it is measured in.
+    /// Inverse depth and its kind.
     pub depth: Option<(BoxedSide<Plane>, DepthKind)>,
     /// Optical flow to the next frame, px; estimated if not given.
     pub flow: Option<BoxedSide<Flow>>,
 }
 
-/// A camera's distortions on a rendered clip, with depth and lens in one unit.
+/// The application of a camera's distortions to a rendered clip, with depth and lens in one unit.
 pub struct Application {
     clip: Box<dyn Clip>,
     depth: Option<DepthMaps>,
     flow: Option<BoxedSide<Flow>>,
     track: CameraTrack,
-    /// Whether anything moves while the shutter is open.
+    /// Whether motion blur is applied.
     moving: bool,
 }
 
-/// Brings a rendered clip's depth and a camera's lens to one unit; `name` is what messages call the camera.
+/// Brings a rendered clip's depth and a camera's lens to one unit. Messages call the camera `name`.
 ///
 /// # Errors
 /// If depth and lens are in units that do not relate, or memory does not suffice.
@@ -276,7 +276,7 @@ pub fn applying(
     let Rendered { clip, depth, flow } = rendered;
     let (depth, track) = match (depth, track.depth_kind()) {
         (Some((maps, DepthKind::Relative)), Some(DepthKind::Relative)) => {
-            // Depth and model are in the same unit, whatever it is.
+            // Depth and model are taken to be in the same unit, whatever it is.
             let same = SceneScale { scale: 1.0, offset: 0.0 };
             (Some(DepthMaps::as_they_are(maps)), track.to_metric(same))
         }
@@ -307,7 +307,7 @@ impl Application {
     /// Makes every frame that the sink does not have yet.
     ///
     /// # Errors
-    /// If a frame or what belongs to it cannot be used, or the sink fails.
+    /// If a frame or its accompanying data cannot be used, or the sink fails.
     pub fn run(
         &self,
         options: &SynthesisOptions,

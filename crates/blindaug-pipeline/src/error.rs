@@ -1,47 +1,47 @@
-//! The one error type of this crate.
+//! The error type of this crate.
 
 use std::fmt;
 
-/// Why a job failed; one sentence without a full stop, which says of which file or frame.
+/// The reason why a job failed: one sentence without a full stop, which names the file or the frame.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Error {
     /// A file cannot be read, written or used.
     #[cfg(feature = "files")]
     File(blindaug_io::Error),
-    /// A frame, or what belongs to it, cannot be used.
+    /// A frame, or its accompanying data, cannot be used.
     Frame {
         /// The clip's name.
         clip: String,
         /// The frame's number.
         number: u64,
-        /// What is wrong.
+        /// The reason.
         error: blindaug::Error,
     },
     /// A clip as a whole cannot be used.
     Clip {
         /// The clip's name.
         clip: String,
-        /// What is wrong.
+        /// The reason.
         error: blindaug::Error,
     },
-    /// None of the numbers of what should belong to frames is a frame's.
+    /// None of the accompanying data have the number of a frame.
     NoMatch {
-        /// The name of what should belong to them.
+        /// The name of the accompanying data.
         side: String,
         /// The clip's name.
         clip: String,
     },
-    /// Something is known over relative inverse depth, and how that relates to metres was not said.
+    /// A camera model or depth is over relative inverse depth, and no scene scale was given.
     NoSceneScale {
-        /// The name of what is relative.
+        /// The name of the camera model or of the depth.
         name: String,
-        /// Whether it is a camera model, or else depth.
+        /// Whether the camera model is relative; else the depth is.
         is_model: bool,
     },
-    /// An output is there already and must not be replaced unasked.
+    /// An output exists already and must not be replaced unasked.
     AlreadyThere {
-        /// Its name.
+        /// The output's name.
         name: String,
     },
     /// Two networks, or a network and what is given, are for the same place.

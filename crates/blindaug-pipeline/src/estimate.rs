@@ -1,4 +1,4 @@
-//! One camera model from a clip.
+//! The estimation of one camera model from a clip.
 
 use crate::{
     Error, Result,
@@ -12,7 +12,7 @@ use blindaug::{
     fit::{Estimation, Estimator, EstimatorOptions, FrameObservation, Shot},
 };
 
-/// An estimate and which frames it rests on.
+/// An estimate and the frames that it rests on.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     /// The estimate.
@@ -36,10 +36,10 @@ pub(crate) fn of_clip(clip: &dyn Clip, error: blindaug::Error) -> Error {
     Error::Clip { clip: clip.name(), error }
 }
 
-/// Fails if the frames that are in memory at once, what belongs to one of them, those kept as samples, and `work` bytes for the work on
-/// a frame do not fit into the budget.
+/// Fails if the frames that are in memory at once, the accompanying data of one of them, the frames kept as samples, and `work` bytes for
+/// the work on a frame do not fit into the budget.
 pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, work: u64) -> Result<()> {
-    /// Bytes of a pixel of a frame, and of a sample with what belongs to it.
+    /// Bytes per pixel of a frame, and of a sample with its accompanying data.
     const FRAME: u64 = 12;
     const SAMPLE: u64 = 36;
     let clip = &*footage.clip;
@@ -54,11 +54,11 @@ pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, 
     clip.check_memory(&what, per_pixel * (width * height) as u64 + work)
 }
 
-/// Keeps a few frames for a report, if there is one.
+/// Keeps a few frames for a report, if they are wanted.
 pub(crate) struct Samples<'a> {
     clip: &'a dyn Clip,
     wanted: bool,
-    /// How many frames were seen so far.
+    /// The number of frames seen so far.
     seen: usize,
     pub kept: Vec<Sample>,
 }
@@ -68,7 +68,7 @@ impl<'a> Samples<'a> {
         Self { clip, wanted, seen: 0, kept: Vec::new() }
     }
 
-    /// Whether the next frame is kept: those kept are spread over the clip where its length is known, else they are the first ones.
+    /// Whether the next frame is kept. The kept frames are spread over the clip if its length is known, else they are the first ones.
     fn wants_next(&self) -> bool {
         let spread = |i: usize| match self.clip.len_hint() {
             Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
@@ -101,7 +101,7 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// Estimates one model.
+/// Estimates one model from all frames.
 struct WholeClip<'a> {
     clip: &'a dyn Clip,
     estimator: Estimator,
@@ -130,16 +130,16 @@ impl Viewer for WholeClip<'_> {
     }
 }
 
-/// How a clip is estimated from.
+/// The options of an estimation from a clip.
 #[derive(Default)]
 pub struct Job<'a> {
-    /// Options of the estimator. A frame rate that they do not name is the clip's.
+    /// The options of the estimator. If they have no frame rate, it is the clip's.
     pub options: EstimatorOptions,
     /// Whether a few frames are kept for a report.
     pub keep_samples: bool,
-    /// What looks at the frames before they are estimated from, such as networks.
+    /// The operators, such as networks, that process frames before the estimation.
     pub operators: Option<&'a mut dyn Operators>,
-    /// What keeps the evidence.
+    /// The sink that keeps the evidence.
     pub save: Option<&'a mut dyn EvidenceSink>,
 }
 
@@ -147,7 +147,7 @@ pub struct Job<'a> {
 /// ([`blindaug::CameraModel::stopped`]).
 ///
 /// # Errors
-/// If a frame or what belongs to it cannot be used, or memory does not suffice.
+/// If a frame or its accompanying data cannot be used, or memory does not suffice.
 pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<Fitted> {
     let Job { mut options, keep_samples, operators, save } = job;
     let clip = &*footage.clip;
@@ -169,7 +169,7 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     Ok(Fitted { estimation, samples: whole.samples.kept, first, last })
 }
 
-/// Where the cuts are, and what each shot alone says of the exposure; of a film, the first shots.
+/// A sentence about the shots: the frames and the exposure of each of the first ten.
 fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
     const TOLD: usize = 10;
     let words = |shot: &Shot| {

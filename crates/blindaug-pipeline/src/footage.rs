@@ -1,4 +1,4 @@
-//! Frames, and what belongs to them, wherever they come from.
+//! Frames and their accompanying data, from any source.
 
 use crate::{Error, Result};
 use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
@@ -12,7 +12,7 @@ pub type Frames<'a> = Box<dyn Iterator<Item = Result<Frame>> + 'a>;
 
 /// A clip: numbered frames of one size, in the order of time, which can be gone through any number of times.
 pub trait Clip: Sync {
-    /// What messages call it.
+    /// The name of the clip in messages.
     fn name(&self) -> String;
 
     /// Width and height, px.
@@ -21,7 +21,7 @@ pub trait Clip: Sync {
     /// Frames per second, if that is known.
     fn fps(&self) -> Option<f64>;
 
-    /// How many frames it has, if that is known without going through them.
+    /// The number of frames, if it is known without going through them.
     fn len_hint(&self) -> Option<usize>;
 
     /// The frames whose numbers are wanted.
@@ -30,7 +30,7 @@ pub trait Clip: Sync {
     /// Whether `wanted` holds for the number of any frame. By default the numbers are gone through without reading a frame.
     ///
     /// # Errors
-    /// If the numbers cannot be told.
+    /// If the numbers cannot be found out.
     fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {
         let found = AtomicBool::new(false);
         let mut none = self.frames_if(Box::new(|number| {
@@ -42,10 +42,10 @@ pub trait Clip: Sync {
         Ok(found.into_inner())
     }
 
-    /// Fails if `what` takes more bytes than there may be. By default any number is fine.
+    /// Fails if `what` takes more bytes than the memory budget has. By default any number is fine.
     ///
     /// # Errors
-    /// A sentence with both numbers.
+    /// If the budget does not suffice; the sentence has both numbers.
     fn check_memory(&self, what: &str, bytes: u64) -> Result<()> {
         let _ = (what, bytes);
         Ok(())
@@ -57,22 +57,22 @@ pub(crate) fn all_frames(clip: &dyn Clip) -> Frames<'_> {
     clip.frames_if(Box::new(|_| true))
 }
 
-/// What belongs to the frames of a clip, by their numbers.
+/// Data that accompany the frames of a clip, such as depth or flow, by the frames' numbers.
 pub trait Side<T>: Sync {
-    /// What messages call it.
+    /// The name of the data in messages.
     fn name(&self) -> String;
 
-    /// Whether there is something for the frame of this number.
+    /// Whether there are data for the frame of this number.
     fn has(&self, number: u64) -> bool;
 
-    /// What belongs to a frame of this number and size, if there is anything.
+    /// The data of a frame of this number and size, if there are any.
     ///
     /// # Errors
-    /// If it cannot be read, or is of another size.
+    /// If the data cannot be read, or have another size.
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>>;
 }
 
-/// What belongs to frames, from wherever.
+/// Accompanying data from any source.
 pub type BoxedSide<T> = Box<dyn Side<T>>;
 
 /// Frames in memory, numbered from 1 on.
@@ -178,10 +178,10 @@ impl<T> Side<T> for blindaug_io::SideFolder<T> {
     }
 }
 
-/// Fails if there is nothing for any of a clip's frames.
+/// Fails if there are no data for any of a clip's frames.
 ///
 /// # Errors
-/// [`Error::NoMatch`], or if the frames' numbers cannot be told.
+/// [`Error::NoMatch`], or if the frames' numbers cannot be found out.
 pub fn check_match<T>(clip: &dyn Clip, side: Option<&dyn Side<T>>) -> Result<()> {
     let Some(side) = side else { return Ok(()) };
     if clip.any_number(&|number| side.has(number))? {
@@ -190,11 +190,11 @@ pub fn check_match<T>(clip: &dyn Clip, side: Option<&dyn Side<T>>) -> Result<()>
     Err(Error::NoMatch { side: side.name(), clip: clip.name() })
 }
 
-/// Frames and what is known of them.
+/// Frames and the evidence that is given for them.
 pub struct Footage {
     /// The frames.
     pub clip: Box<dyn Clip>,
-    /// Inverse depth (NaN: no reading), and what it is measured in.
+    /// Inverse depth (NaN: no reading) and its kind.
     pub depth: Option<(BoxedSide<Plane>, DepthKind)>,
     /// Optical flow to the next frame, px.
     pub flow: Option<BoxedSide<Flow>>,
@@ -206,12 +206,12 @@ pub struct Footage {
     pub defocus_deblurred: Option<BoxedSide<Encoded>>,
     /// The frames without noise, motion blur and defocus.
     pub clean: Option<BoxedSide<Encoded>>,
-    /// Whether networks made these images, which widens intervals.
+    /// Whether networks made the frames from which something was removed, which widens intervals.
     pub by_network: bool,
 }
 
 impl Footage {
-    /// Frames of which nothing is known.
+    /// Frames without any evidence.
     pub fn new(clip: impl Clip + 'static) -> Self {
         Self {
             clip: Box::new(clip),
@@ -225,7 +225,7 @@ impl Footage {
         }
     }
 
-    /// The frames from which something was removed, of whatever kind.
+    /// All four kinds of frames from which something was removed.
     pub(crate) fn removed(&self) -> [&Option<BoxedSide<Encoded>>; 4] {
         [&self.denoised, &self.motion_deblurred, &self.defocus_deblurred, &self.clean]
     }

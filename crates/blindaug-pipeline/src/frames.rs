@@ -1,4 +1,4 @@
-//! The loop of whatever makes a frame from each frame of a clip.
+//! The loop that makes a frame from each frame of a clip.
 
 use crate::{
     Result,
@@ -9,14 +9,14 @@ use crate::{
 use blindaug::{Encoded, Flow, Frame, Raster, analysis};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Bytes of a pixel of a frame, of flow, and of depth.
+/// Bytes per pixel of a frame, of flow, and of depth.
 pub(crate) const FRAME: u64 = 12;
 pub(crate) const FLOW: u64 = 8;
 pub(crate) const DEPTH: u64 = 4;
 
-/// Where frames go that are made, a few rows at a time from the top.
+/// The destination of frames, which takes them a few rows at a time from the top.
 pub trait Sink {
-    /// The numbers of the frames that are there already and are not to be made again.
+    /// The numbers of the frames that exist already and are not to be made again.
     fn done(&self) -> BTreeSet<u64> {
         BTreeSet::new()
     }
@@ -24,22 +24,22 @@ pub trait Sink {
     /// Begins a frame of this number, width and height.
     ///
     /// # Errors
-    /// If it cannot be begun.
+    /// If the frame cannot be begun.
     fn begin(&mut self, number: u64, size: (usize, usize)) -> Result<()>;
 
     /// Takes the next rows of the frame.
     ///
     /// # Errors
-    /// If they cannot be kept.
+    /// If the rows cannot be kept.
     fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()>;
 
     /// Completes the frame.
     ///
     /// # Errors
-    /// If it cannot be kept.
+    /// If the frame cannot be kept.
     fn end(&mut self) -> Result<()>;
 
-    /// Drops the frame that was begun: it could not be made.
+    /// Drops the frame that was begun, since it could not be made.
     fn abandon(&mut self);
 }
 
@@ -48,7 +48,7 @@ pub trait Sink {
 pub struct MemorySink {
     /// The frames that are complete.
     pub frames: BTreeMap<u64, Encoded>,
-    /// The number, width and pixels so far of the one that was begun.
+    /// The number, the width and the pixels so far of the frame that was begun.
     begun: Option<(u64, usize, Vec<[f32; 3]>)>,
 }
 
@@ -82,25 +82,25 @@ impl Sink for MemorySink {
     }
 }
 
-/// A frame of its rows.
+/// Makes a frame from its pixels, row by row.
 pub(crate) fn whole(width: usize, pixels: Vec<[f32; 3]>) -> blindaug::Result<Encoded> {
     let height = pixels.len() / width.max(1);
     Ok(Encoded(Raster::from_vec(width, height, pixels)?))
 }
 
-/// How far a job came that makes frames.
+/// The progress of a job that makes frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Made {
-    /// How many frames were made.
+    /// The number of frames that were made.
     pub frames: u64,
-    /// If the observer stopped it: the last frame that was made, and the next one that was not.
+    /// If the observer stopped the job: the numbers of the last frame that was made and of the next one.
     pub stopped: Option<(u64, u64)>,
-    /// How many frames had no virtual layer and were left as they are.
+    /// The number of frames that had no virtual layer and were left as they are.
     pub without_layer: u64,
 }
 
-/// Fails if frames of a clip with what belongs to them, `per_pixel` bytes, and the work on one of them do not fit into the budget. Where
-/// flow is to be found, that comes before the work.
+/// Fails if frames of a clip with their accompanying data, `per_pixel` bytes per pixel, and the work on one of them, `work` bytes, do not
+/// fit into the budget. Flow is estimated before that work, so that only the larger of both counts.
 pub(crate) fn check_memory(clip: &dyn Clip, per_pixel: u64, finds_flow: bool, work: u64) -> Result<()> {
     let (width, height) = clip.size();
     let pixels = (width * height) as u64;
@@ -119,7 +119,7 @@ pub(crate) struct Neighbours<'a> {
 }
 
 impl Neighbours<'_> {
-    /// Flow to the next frame, estimated; for the last frame that from the previous one, taken to go on.
+    /// The estimated flow to the next frame; for the last frame, minus the flow to the previous one.
     pub fn flow(&self, frame: &Frame) -> Result<Option<Flow>> {
         let (other, sign) = match (self.next, self.previous) {
             (Some(next), _) => (next, 1.0),
@@ -133,7 +133,7 @@ impl Neighbours<'_> {
 }
 
 /// Calls `make` for each frame that is not done, which puts the rows of the result into the sink. Only with `neighbours` are the frames
-/// before and after it at hand; else one frame is in memory at a time.
+/// before and after that frame at hand; else one frame is in memory at a time.
 pub(crate) fn for_each_frame(
     what: &'static str,
     clip: &dyn Clip,
@@ -154,7 +154,7 @@ pub(crate) fn for_each_frame(
     let mut current = frames.next().transpose()?;
     while let Some(frame) = current.take() {
         let number = frame.number;
-        // If it is damaged, this frame's motion would be another.
+        // If the next frame is damaged, the loop ends here, since without it this frame's motion would be another.
         let next = if neighbours { frames.next().transpose()? } else { None };
         if !done.contains(&number) {
             let around = Neighbours {

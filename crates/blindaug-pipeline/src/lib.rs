@@ -1,18 +1,18 @@
-//! From footage to a camera and to composites: what every front end needs between frames and results.
+//! Camera models and composites from footage: the code that every front end needs between frames and results.
 //!
 //! | module | from | to |
 //! |---|---|---|
-//! | [`footage`] | files, memory, or whatever implements [`Clip`] and [`Side`] | numbered frames with what belongs to them |
-//! | [`estimate`] | [`Footage`] | one camera model, and what it rests on |
+//! | [`footage`] | files, memory, or whatever implements [`Clip`] and [`Side`] | numbered frames with their accompanying data |
+//! | [`estimate`] | [`Footage`] | one camera model, and the frames that it rests on |
 //! | [`track`] | [`Footage`] | a camera model for each frame |
 //! | [`composite`] | a [`composite::Scene`] and a camera | frames with a virtual object, or a whole clip distorted |
 //! | [`live`] | frames as they come | the camera and the place of an object, frame by frame |
 //!
 //! Nothing here prints, reads a clock or ends a process: an [`Observer`] is told how far a job has come and says when to stop. The feature
-//! `files` (on by default) brings frames and results in files, `networks` (on by default) neural networks; without both the crate also
-//! builds for the web.
+//! `files` (on by default) adds frames and results in files, `networks` (on by default) neural networks; without both the crate also builds
+//! for the web.
 //!
-//! Frames in memory, a camera for each, and a composite:
+//! An example with frames in memory, a camera for each frame, and a composite:
 //!
 //! ```
 //! use blindaug::composite::{CompositeOptions, VirtualLayer};

@@ -9,16 +9,16 @@ use blindaug_nets::{Chain, Network, Removed, Slot, Slots, Store};
 pub struct Networks {
     chain: Chain,
     names: Vec<String>,
-    /// What they made of the last frame.
+    /// The networks' results for the last frame.
     removed: Removed,
 }
 
 impl Networks {
-    /// Networks by their names or manifests. `removal`: where none is named, the built-in ones that remove are taken. `none` leaves all
-    /// out. A network that is damaged is left out, and the observer is told.
+    /// Opens networks by their names or manifests. With `removal` and without names, the built-in networks, which remove something, are
+    /// taken. The name `none` leaves all networks out. A network that is damaged is left out, and the observer is told.
     ///
     /// # Errors
-    /// If there is none of a name, it is not installed, or two do the same.
+    /// If there is no network of a name, a network is not installed, or two networks are for the same place.
     pub fn named(names: &[String], removal: bool, observer: &dyn Observer) -> Result<Self> {
         let store = Store::user();
         if names.iter().any(|n| n == "none") {
@@ -53,32 +53,32 @@ impl Networks {
         Ok(Self { chain: Chain::new(slots), names: used, removed: Removed::default() })
     }
 
-    /// Their names, joined by commas.
+    /// The networks' names, joined by commas.
     pub fn names(&self) -> String {
         self.names.join(", ")
     }
 
-    /// Whether there is none.
+    /// Whether there is no network.
     pub fn is_empty(&self) -> bool {
         self.chain.slots().is_empty()
     }
 
-    /// Whether one of them removes something.
+    /// Whether one of the networks removes something.
     pub fn remove(&self) -> bool {
         self.chain.slots().remove()
     }
 
-    /// Forgets the frames so far: another clip begins.
+    /// Forgets the frames so far, since another clip begins.
     pub fn clear(&mut self) {
         self.chain.clear();
     }
 
-    /// Whether one of them removes noise.
+    /// Whether one of the networks removes noise.
     pub fn remove_noise(&self) -> bool {
         self.chain.slots().remove_noise.is_some()
     }
 
-    /// What they make of frame `at` of successive ones. One that fails is left out from now on, and the observer is told.
+    /// Runs the networks on frame `at` of successive frames. A network that fails is left out from then on, and the observer is told.
     pub fn run(&mut self, frames: &[(u64, &Encoded)], at: usize, observer: &dyn Observer) -> &Removed {
         self.removed = self.chain.run(frames, at);
         for (slot, e) in self.removed.failed.drain(..) {
@@ -104,10 +104,10 @@ impl Operators for Networks {
     }
 }
 
-/// What is given, and where nothing is, what networks made.
+/// The given evidence, completed by the results of networks.
 fn or_removed<'a>(given: Evidence<'a>, removed: &'a Removed) -> Evidence<'a> {
     let Removed { denoised, motion_deblurred, defocus_deblurred, flow, inverse_depth, .. } = removed;
-    // After motion blur too, what is without defocus is clean.
+    // Defocus is removed after motion blur, so that the result of both is clean.
     let (clean, defocus_only) = match motion_deblurred {
         Some(_) => (defocus_deblurred.as_deref(), None),
         None => (None, defocus_deblurred.as_deref()),

@@ -1,22 +1,23 @@
-/// What a job says while it runs, and how it is asked to stop: the only mouth and ear of this crate. Each method has a silent default.
+/// Receives the messages of a running job, and tells the job when to stop. The crate communicates in no other way. By default the methods
+/// do nothing.
 pub trait Observer {
-    /// A loop begins that does `what` ("estimating") to `total` things called `unit` ("frames"), if their number is known.
+    /// A loop begins that does `what` ("estimating") to `total` items called `unit` ("frames"). `None`: their number is unknown.
     fn begin(&self, what: &'static str, unit: &'static str, total: Option<usize>) {
         let _ = (what, unit, total);
     }
 
-    /// One more of them is done.
+    /// One more item of the loop is done.
     fn step(&self) {}
 
-    /// The loop has ended, whether or not all was done.
+    /// The loop has ended, whether or not all items were done.
     fn end(&self) {}
 
-    /// Something that the user should know, one sentence without a full stop.
+    /// A message that the user should know, one sentence without a full stop.
     fn note(&self, sentence: &str) {
         let _ = sentence;
     }
 
-    /// Something was left out or may be wrong.
+    /// A warning that something was left out or may be wrong, one sentence without a full stop.
     fn warning(&self, sentence: &str) {
         let _ = sentence;
     }
@@ -33,7 +34,7 @@ pub struct Silent;
 
 impl Observer for Silent {}
 
-/// Ends a loop when it is dropped, also where an error leaves it.
+/// Tells the observer that a loop has ended when this is dropped, also after an error.
 pub(crate) struct Steps<'a>(&'a dyn Observer);
 
 impl<'a> Steps<'a> {

@@ -4,12 +4,12 @@ use blindaug::{
     fit::{Estimator, Evidence},
 };
 
-/// What looks at frames before they are estimated from, and adds to what is known of them: neural networks, for instance.
+/// Operators, such as neural networks, that process frames before the estimation and add to their evidence.
 pub trait Operators {
-    /// How many frames before and after one it looks at.
+    /// The number of frames before and after a frame that the operators look at.
     fn reach(&self) -> usize;
 
-    /// What is given of frame `at` of successive ones, and where nothing is, what it finds.
+    /// The given evidence of frame `at` of successive frames, completed by what the operators find.
     fn evidence<'a>(
         &'a mut self,
         frames: &[(u64, &Encoded)],
@@ -19,18 +19,18 @@ pub trait Operators {
     ) -> Evidence<'a>;
 }
 
-/// What keeps the evidence of an estimate, frame by frame.
+/// A sink that keeps the evidence of an estimate, frame by frame.
 pub trait EvidenceSink {
-    /// Takes a frame and what was removed from it.
+    /// Takes a frame and its versions from which something was removed.
     ///
     /// # Errors
-    /// If it cannot be kept.
+    /// If the frames cannot be kept.
     fn images(&mut self, number: u64, frame: &Encoded, evidence: &Evidence) -> Result<()>;
 
-    /// Takes the flow and the depth that the estimator used of its last frame.
+    /// Takes the flow and the depth that the estimator used for its last frame.
     ///
     /// # Errors
-    /// If they cannot be kept.
+    /// If flow or depth cannot be kept.
     fn geometry(&mut self, number: u64, estimator: &Estimator) -> Result<()>;
 }
 

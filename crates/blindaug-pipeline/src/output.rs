@@ -1,4 +1,4 @@
-//! Frames into files: a folder of PNG, or a video.
+//! The output of frames into files: a folder of PNG files, or a video.
 
 use crate::{
     Error, Result,
@@ -14,7 +14,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Where frames go.
+/// The output of a job: a folder of PNG files, or a video.
 pub struct Output {
     path: PathBuf,
     kind: Kind,
@@ -23,7 +23,7 @@ pub struct Output {
 
 enum Kind {
     Folder {
-        /// The numbers of the frames that are there already.
+        /// The numbers of the frames that exist already.
         done: BTreeSet<u64>,
         /// Whether the folder was made by this run.
         is_new: bool,
@@ -39,11 +39,11 @@ enum Begun {
 }
 
 impl Output {
-    /// Checks, before anything is read, that a folder of this name can be written, has no inputs in it that it would replace, and
-    /// removes what earlier runs that were killed have left in it. Videos are files: see [`Output::is_video`].
+    /// Checks, before anything is read, that a folder of this name can be written and that no inputs in it would be replaced, and removes
+    /// the leftovers of earlier runs that were killed. Videos are files: see [`Output::is_video`].
     ///
     /// # Errors
-    /// Names what is wrong.
+    /// If the folder cannot be used; the sentence says why.
     pub fn check_folder(path: &Path, inputs: &Inputs) -> Result<()> {
         if path.exists() && !path.is_dir() {
             let sentence = "this is a file; give a folder, or a video by its extension (mp4)";
@@ -61,10 +61,10 @@ impl Output {
         VideoWriter::is_video(path)
     }
 
-    /// A video of `fps` frames a second, which is not replaced unless it is to be overwritten.
+    /// An output into a video of `fps` frames per second. An existing file is replaced only with `overwrite`.
     ///
     /// # Errors
-    /// [`Error::AlreadyThere`], or if it cannot be written.
+    /// [`Error::AlreadyThere`], or if the file cannot be written.
     pub fn video(path: &Path, size: (usize, usize), fps: f64, overwrite: bool) -> Result<Self> {
         if path.exists() && !is_stream(path) && !overwrite {
             return Err(Error::AlreadyThere { name: FileError::shown_path(path) });
@@ -73,8 +73,8 @@ impl Output {
         Ok(Self { path: path.into(), kind: Kind::Video(video), begun: None })
     }
 
-    /// A folder of PNG, which is made with the first frame if it is not there. Those that are in it are left, unless they are to be
-    /// overwritten.
+    /// An output into a folder of PNG files, which is made with the first frame if it does not exist. Frames that are in it already are
+    /// kept, unless `overwrite` is set.
     ///
     /// # Errors
     /// If the folder cannot be read.
@@ -83,7 +83,7 @@ impl Output {
         Ok(Self { path: path.into(), kind: Kind::Folder { done, is_new: false }, begun: None })
     }
 
-    /// Whether it is a folder with frames from before that are to be left.
+    /// Whether the output is a folder with earlier frames that are kept.
     pub fn has_frames(&self) -> bool {
         matches!(&self.kind, Kind::Folder { done, .. } if !done.is_empty())
     }
@@ -91,7 +91,7 @@ impl Output {
     /// Writes a whole frame.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the frame cannot be written.
     pub fn write(&mut self, number: u64, frame: &Encoded) -> Result<()> {
         self.begin(number, frame.0.size())?;
         self.put(&frame.0)?;
@@ -157,7 +157,7 @@ impl Sink for Output {
     fn abandon(&mut self) {
         self.begun = None;
         if let Kind::Folder { is_new: true, .. } = self.kind {
-            // It fails for a folder with frames in it, which stays.
+            // `remove_dir` fails for a folder with frames in it, so that this folder stays.
             let _ = std::fs::remove_dir(&self.path);
         }
     }

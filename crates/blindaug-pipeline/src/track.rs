@@ -1,4 +1,4 @@
-//! A camera model for each frame of a clip.
+//! The estimation of a camera model for each frame of a clip.
 
 use crate::{
     Result,
@@ -14,20 +14,20 @@ use blindaug::{
     model::{BlurSpace, CameraTrack, TrackedCamera},
 };
 
-/// How a clip is tracked.
+/// The options of tracking a clip.
 #[derive(Default)]
 pub struct Job<'a> {
-    /// The values that blur acts on.
+    /// The values that blur acts on: light or encoded values.
     pub blur_space: BlurSpace,
     /// Frames per second; `None`: the clip's.
     pub fps: Option<f64>,
     /// Whether a few frames are kept for a report.
     pub keep_samples: bool,
-    /// What looks at the frames before, such as networks that find flow or depth.
+    /// The operators, such as networks that find flow or depth, that process frames before the tracker.
     pub operators: Option<&'a mut dyn Operators>,
 }
 
-/// A tracked camera and which frames it rests on.
+/// A tracked camera and the frames that it rests on.
 #[derive(Clone, Debug)]
 pub struct Tracked {
     /// The models. The last one says if the observer stopped the job before the end of the clip.
@@ -73,7 +73,7 @@ impl Viewer for Following<'_> {
 /// Estimates a model for each frame of a clip, and hands each to `each` as it comes, one frame late.
 ///
 /// # Errors
-/// If a frame or what belongs to it cannot be used, memory does not suffice, or `each` fails.
+/// If a frame or its accompanying data cannot be used, memory does not suffice, or `each` fails.
 pub fn track(
     footage: &Footage,
     job: Job,

@@ -1,4 +1,4 @@
-//! The frames of a clip one after another, a few at a time in memory, each with what belongs to it.
+//! A pass over the frames of a clip with their accompanying data, a few frames at a time in memory.
 
 use crate::{
     Result,
@@ -13,12 +13,12 @@ use blindaug::{
 };
 use std::collections::VecDeque;
 
-/// Whoever looks at the frames of a clip, one after another.
+/// A consumer of the frames of a clip, one after another.
 pub(crate) trait Viewer {
-    /// Whether it will look at the next frame, or only count it.
+    /// Whether the viewer will use the next frame; else that frame is only counted.
     fn wants_next(&self) -> bool;
 
-    /// Takes a frame and what belongs to it, and saves what it finds of flow and depth.
+    /// Takes a frame and its evidence, and saves the flow and the depth that the viewer finds.
     fn view(
         &mut self,
         number: u64,
@@ -27,16 +27,16 @@ pub(crate) trait Viewer {
     ) -> Result<()>;
 }
 
-/// Which frames were seen.
+/// The frames that were seen: their number, and the numbers of the first and of the last one.
 pub(crate) struct Seen {
     pub frames: usize,
     pub first: u64,
     pub last: u64,
-    /// How far it came, if it was asked to stop before the end.
+    /// The progress, if the observer stopped the job before the end.
     pub stopped: Option<Stopped>,
 }
 
-/// What belongs to a frame; counts the frames that have it.
+/// Accompanying data, with a count of the frames that have them.
 struct Counted<'a, T> {
     side: Option<&'a dyn Side<T>>,
     matched: u64,
@@ -49,14 +49,14 @@ impl<'a, T> Counted<'a, T> {
         Ok(Self { side, matched: 0 })
     }
 
-    /// Counts the frame, and reads what belongs to it if it is wanted.
+    /// Counts the frame if there are data for it, and reads them if they are wanted.
     fn get(&mut self, number: u64, size: (usize, usize), wanted: bool) -> Result<Option<T>> {
         let Some(side) = self.side.filter(|s| s.has(number)) else { return Ok(None) };
         self.matched += 1;
         if wanted { side.get(number, size) } else { Ok(None) }
     }
 
-    /// Says so if it was not there for all frames.
+    /// Tells the observer if not all frames have the data.
     fn report(&self, what: &str, frames: u64, observer: &dyn Observer) {
         if self.side.is_some() && self.matched < frames {
             observer.note(&format!("{what}: {} of {frames} frames have it", self.matched));
@@ -64,7 +64,7 @@ impl<'a, T> Counted<'a, T> {
     }
 }
 
-/// What belongs to the frames of footage.
+/// The accompanying data of the frames of footage.
 struct Sides<'a> {
     footage: &'a Footage,
     depth: Counted<'a, Plane>,
@@ -75,7 +75,7 @@ struct Sides<'a> {
     clean: Counted<'a, Encoded>,
 }
 
-/// What belongs to one frame.
+/// The accompanying data of one frame.
 struct Given {
     depth: Option<Plane>,
     flow: Option<Flow>,
@@ -100,7 +100,7 @@ impl<'a> Sides<'a> {
         })
     }
 
-    /// Counts a frame, and reads what belongs to it if that is wanted.
+    /// Counts a frame, and reads its accompanying data if they are wanted.
     fn get(&mut self, number: u64, wanted: bool) -> Result<Given> {
         let size = self.footage.clip.size();
         Ok(Given {
@@ -113,7 +113,7 @@ impl<'a> Sides<'a> {
         })
     }
 
-    /// Says what was not there for all frames.
+    /// Tells the observer which data not all frames have.
     fn report(&self, frames: u64, observer: &dyn Observer) {
         self.depth.report("depth", frames, observer);
         self.flow.report("flow", frames, observer);
@@ -138,7 +138,7 @@ impl Given {
     }
 }
 
-/// Shows a clip's frames with what is known of them.
+/// Shows the viewer a clip's frames with their evidence.
 pub(crate) fn show(
     footage: &Footage,
     mut operators: Option<&mut dyn Operators>,
@@ -203,7 +203,7 @@ pub(crate) fn show(
     Ok(seen)
 }
 
-/// The frames around one that follow each other without a gap, and where it is among them.
+/// The frames around frame `at` that follow each other without a gap, and the index of that frame among them.
 fn successive(window: &VecDeque<Frame>, at: usize) -> (Vec<(u64, &Encoded)>, usize) {
     let follows = |i: usize| window[i].number + 1 == window[i + 1].number;
     let first = (0..at).rev().find(|&i| !follows(i)).map_or(0, |i| i + 1);

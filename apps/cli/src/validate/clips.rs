@@ -1,4 +1,4 @@
-//! Rendered clips of known truth from a folder: one folder a clip, with `clean/`, a folder per condition and `truth.json`.
+//! Rendered clips of known truth from a folder: one folder per clip, with `clean/`, a folder per condition and `truth.json`.
 
 use blindaug::composite::{self, Plate, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
@@ -21,7 +21,7 @@ pub struct Condition {
     /// The folder of its frames.
     pub name: String,
     truth: Truth,
-    /// Readout and plate noise: std = readout + plate sqrt(I), of encoded values.
+    /// The two coefficients of the noise of an encoded value I: std = readout + shot sqrt(I).
     noise: Option<[f32; 2]>,
 }
 
@@ -39,7 +39,7 @@ pub struct Fidelity {
 /// All conditions of all clips in a folder.
 ///
 /// # Errors
-/// If there is none, or a `truth.json` cannot be read.
+/// If there is no condition, or a `truth.json` cannot be read.
 pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
     let listed =
         std::fs::read_dir(folder).map_err(|e| failure(folder, format_args!("it cannot be listed ({e})")))?;
@@ -70,7 +70,7 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
             let number = |v: &serde_json::Value| v.as_f64().map(|v| v as f32);
             let pair = |of: &str, a: &str, b: &str| Some((number(&truth[of][a])?, number(&truth[of][b])?));
             let noise = pair("noise", "k_readout", "k_shot").map(|(a, b)| [a, b]);
-            // Frames with noise are what a camera gives; the others are truths.
+            // Only frames with noise are those of a camera; the other folders hold truths.
             if noise.is_none()
                 || name.ends_with("_with")
                 || name.ends_with("_plain")
@@ -93,7 +93,7 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
 }
 
 impl Condition {
-    /// `CLIP CONDITION`
+    /// The title, `CLIP CONDITION`.
     pub fn title(&self) -> String {
         let clip = self.clip.file_name().unwrap_or_default().to_string_lossy();
         format!("{clip} {}", self.name)
@@ -111,10 +111,10 @@ impl Condition {
         Ok(blindaug_io::read_frame(self.clip.join(format!("{of}/{number:04}.png")))?)
     }
 
-    /// Reads all of it.
+    /// Reads the frames and the truth of the condition.
     ///
     /// # Errors
-    /// If something is missing.
+    /// If a file is missing.
     pub fn read(&self) -> Result<Footage> {
         let numbers = self.numbers(&self.name);
         let geometry = |n: &u64| self.clip.join(format!("clean/{n:04}.exr"));
@@ -129,7 +129,7 @@ impl Condition {
             }
         } else if let Some([readout, plate]) = self.noise {
             let white = white_band_std();
-            // 8-bit rounding adds a variance of 1/12 step.
+            // 8-bit rounding adds a variance of 1/12 of a squared step.
             let rounding = (1.0 / 255.0f32).powi(2) / 12.0;
             let std = |y: f32| ((readout + plate * y.sqrt()).powi(2) + rounding).sqrt();
             noise = Some(NoiseTruth::known(|level, y| std(y) * white[level]));
@@ -150,7 +150,7 @@ impl Condition {
     /// Composites the clip's virtual object, if it has one, without noise.
     ///
     /// # Errors
-    /// If something is missing.
+    /// If a file is missing.
     pub fn fidelity(&self, model: &CameraModel) -> Result<Option<Fidelity>> {
         let Some(prefix) = self.name.strip_suffix("_without") else { return Ok(None) };
         let (with, plain) = (format!("{prefix}_with"), format!("{prefix}_plain"));

@@ -9,7 +9,7 @@ use blindaug_scenes::measure::{Given, Measured, median};
 use maud::{Markup, html};
 use std::{collections::BTreeSet, fmt::Write, path::Path};
 
-/// Cells of a row.
+/// The cells of a row.
 type Row = Vec<String>;
 
 const HEAD: [&str; 12] = [
@@ -81,7 +81,7 @@ fn rows(outcomes: &[Outcome]) -> Vec<Row> {
     rows
 }
 
-/// Frames together against the typical single frame: mean errors of lambda.
+/// The mean errors of lambda: of all frames together, and of a typical single frame.
 fn against_single(outcomes: &[Outcome]) -> Option<[f32; 2]> {
     let blind = |o: &&Outcome| o.case.experiment != Experiment::Clip && o.case.coded.is_none();
     let s = Summary::of(
@@ -156,7 +156,7 @@ fn lens_cell(m: &Measured) -> String {
 /// Writes the page.
 ///
 /// # Errors
-/// If it cannot be written; then nothing is left of it.
+/// If the page cannot be written; then no file is left.
 pub fn write(path: &Path, outcomes: &[Outcome], pictures: &Path) -> Result<()> {
     let page = page(outcomes, pictures)
         .map_err(|e| blindaug_io::Error::new(path, format!("a plot cannot be drawn ({e})")))?;
@@ -166,7 +166,7 @@ pub fn write(path: &Path, outcomes: &[Outcome], pictures: &Path) -> Result<()> {
 fn page(outcomes: &[Outcome], pictures: &Path) -> std::result::Result<Markup, PlotError> {
     let frames: u64 = outcomes.iter().map(|o| o.case.frames).max().unwrap_or(0);
     let scenes = outcomes.iter().map(|o| o.case.scene).max().unwrap_or(0);
-    // The plots are of what no coder has been at.
+    // The plots show the cases without video coding.
     let plain: Vec<Outcome> = outcomes.iter().filter(|o| o.case.coded.is_none()).cloned().collect();
     let about = format!("{} cases · {scenes} scenes of {frames} frames", outcomes.len());
     let body = html! {

@@ -8,10 +8,10 @@ use blindaug_pipeline::{Networks, Operators};
 use blindaug_scenes::measure::{self, Footage, Given, Measured};
 use std::time::Instant;
 
-/// Removal looks at so many frames only: it takes eight times as long as the spectra, and what it gets wrong is wrong in each frame.
+/// The number of frames that removal looks at: it takes eight times as long as the spectra, and its errors are the same in each frame.
 const REMOVAL_FRAMES: usize = 4;
 
-/// What can be measured with these networks, or without any.
+/// The kinds of evidence that can be given with these networks, or without any.
 pub fn given_with(networks: &Networks) -> Vec<Given> {
     let any = !networks.is_empty();
     Given::ALL.into_iter().filter(|g| any || !g.by_networks()).collect()
@@ -20,7 +20,7 @@ pub fn given_with(networks: &Networks) -> Vec<Given> {
 /// Estimates the camera of footage and compares it with the truth.
 ///
 /// # Errors
-/// There is none that sound footage gives cause for.
+/// Sound footage gives no error.
 pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Result<(Measured, Estimation)> {
     let start = Instant::now();
     let estimation = estimate(footage, given, networks)?;
@@ -43,7 +43,7 @@ fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<
     .expecting(used);
     let several = footage.frames.len() > 1;
     for (i, frame) in footage.frames.iter().enumerate().take(used) {
-        // Nothing is known of how a single frame moves.
+        // The motion in a single frame is unknown.
         let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
         let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
         let given = Evidence {

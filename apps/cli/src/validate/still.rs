@@ -1,4 +1,4 @@
-//! Real noise: a camera that stands still before something still. The median over time is the clean picture.
+//! Measures the noise of a real camera that stands still before a still scene. The median over time is the clean picture.
 
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::model::{Estimate, NOISE_LEVELS, NoiseModel};
@@ -12,17 +12,18 @@ use blindaug_scenes::measure::{NoiseTruth, median, noise_errors};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Frames that the clean picture is the median of, spread over the clip; and successive ones that the noise is estimated from.
+/// The number of frames, spread over the clip, whose median is the clean picture; and that of the successive frames from which the noise is
+/// estimated.
 const CLEAN_FROM: usize = 48;
 const ESTIMATED_FROM: usize = 12;
-/// What differs from the median by more, in stds, moves.
+/// The difference from the median, in stds, from which on a pixel counts as moving.
 const STILL: f32 = 4.0;
 
-/// The noise of a clip beside the truth, in words.
+/// A text with the errors of the noise that is estimated from a clip.
 ///
 /// # Errors
-/// If it cannot be read, is too short, or little in it stands still.
-// Long: one experiment from its frames to its table, whose parts share all that was measured.
+/// If the clip cannot be read, is too short, or little in it stands still.
+// This function is long, since it is one experiment whose parts share all measurements.
 pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
     let source = FrameSource::open(path, FrameRange::default())?;
     let count = source.len_hint().unwrap_or(10 * CLEAN_FROM);
@@ -53,7 +54,7 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
         })
     };
     let clean = Encoded(Raster::from_fn(w, h, |x, y| middle(x, y, &|p, c| p[c])));
-    // 8-bit steps make a median of small differences coarse.
+    // 8-bit steps make the median of small differences coarse, so it is at least one step.
     let std = Raster::from_fn(w, h, |x, y| {
         let own = clean.0.at(x, y);
         middle(x, y, &|p, c| (p[c] - own[c]).abs()).map(|v| 1.4826 * v.max(1.0 / 255.0))
@@ -93,7 +94,7 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
             let removed = if by_networks { networks.run(&numbered, i, CONSOLE) } else { &none };
             let next = first.get(i + 1).filter(|_| !single);
             let previous = i.checked_sub(1).map(|i| &first[i]);
-            // As if it were known: an estimate leaves a network's residual out.
+            // The denoised frame is given as if no network had made it, since an estimate leaves a network's residual out.
             let evidence = Evidence { denoised: removed.denoised.as_deref(), ..Evidence::default() };
             estimator
                 .add(&FrameObservation { frame, next, previous, evidence })
@@ -137,12 +138,12 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
     Ok(text)
 }
 
-/// How synthesised noise of a model goes with the image's gradient.
+/// The correlation of a model's synthesised noise with the image's gradient.
 fn structure(noise: &NoiseModel, clean: &Encoded) -> f32 {
     correlation(&synth::noise::noise(noise, &clean.luma(), 1, 0), clean)
 }
 
-/// Correlation of the noise's size, over what is usual at that luminance, with the size of the image's gradient.
+/// The correlation of the noise's size, relative to its mean at the same luminance, with the size of the image's gradient.
 fn correlation(noise: &Raster<[f32; 3]>, clean: &Encoded) -> f32 {
     const BINS: usize = 32;
     let luma = clean.luma();

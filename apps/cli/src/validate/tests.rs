@@ -1,7 +1,7 @@
 use super::*;
 use blindaug_scenes::measure::Lens;
 
-/// The shared clips, or `None`, said loudly, where they are missing.
+/// The shared clips; `None`, with a message, if they are missing.
 fn shared_clips() -> Option<PathBuf> {
     let shared = std::env::var_os("BLINDAUG_SHARED")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared"), PathBuf::from);
@@ -13,7 +13,7 @@ fn shared_clips() -> Option<PathBuf> {
     Some(clips)
 }
 
-/// What is measured of the conditions whose names pass, with this given.
+/// The measurements of the conditions whose names pass `which`, with this evidence given.
 fn measured(given: Given, which: impl Fn(&str) -> bool) -> Option<Vec<(Truth, Measured)>> {
     let conditions = clips::conditions(&shared_clips()?).unwrap();
     Some(
@@ -103,7 +103,7 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
     assert!(html.contains("physics") && html.contains("data:image/png"));
     assert_eq!(html.contains("H.264 crf 20"), ffmpeg);
 
-    // With everything given, each number is found; without, none is far off.
+    // With everything given, each parameter is found; without clean frames, none is far off.
     for o in &outcomes {
         let of = |given| o.measured.iter().find(|m| m.given == given).unwrap();
         if o.case.coded.is_some() {
@@ -127,13 +127,13 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
             assert!(close(best.lens.as_ref().unwrap(), 0.1), "{}: {best:?}", o.case.name);
             assert!(blind.lens.as_ref().is_none_or(|l| close(l, 0.4)), "{}: {blind:?}", o.case.name);
         }
-        // The coarse levels of noise below two steps of 8 bit are only an upper bound.
+        // For noise below two steps of 8 bit, the coarse levels are only an upper bound.
         if o.case.setting.is_some_and(|s| s.noise > 0.007) {
             assert!(blind.noise_median.is_some_and(|e| e < 0.35), "{}: {blind:?}", o.case.name);
         }
     }
 
-    // A case that is there is not measured again; one that is missing is.
+    // A stored case is not measured again, and a missing one is.
     let path = |name: &str| out.join(format!("cases/{name}.json"));
     let (kept, lost) = (&outcomes[0].case.name, &outcomes[1].case.name);
     let mut marked = outcomes[0].clone();

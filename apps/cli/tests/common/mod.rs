@@ -1,4 +1,4 @@
-//! What the tests of the programs share: running one, what it says, what it leaves behind. The test names the program by a function
+//! Helpers for the tests of the programs, which run a program and check its messages and files. The test names the program by a function
 //! `blindaug`.
 #![allow(dead_code)]
 
@@ -15,14 +15,14 @@ pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// What the binary prints to standard output when all is well.
+/// Runs the binary, which must succeed, and returns its standard output.
 pub fn succeeds(folder: &Path, arguments: &str) -> String {
     let output = run(folder, arguments);
     assert!(output.status.success(), "{arguments}: {}", text(&output.stderr));
     text(&output.stdout)
 }
 
-/// The sentence with which the binary gives up: exit status 1, the last line of standard error.
+/// Runs the binary, which must fail with exit status 1, and returns its sentence, the last line of standard error.
 pub fn fails(folder: &Path, arguments: &str) -> String {
     sentence_of(&run(folder, arguments), arguments)
 }
@@ -31,7 +31,7 @@ pub fn sentence_of(output: &Output, arguments: &str) -> String {
     sentence_with(1, output, arguments)
 }
 
-/// The same with another exit status: 130 after Ctrl-C.
+/// The sentence of a failure with another exit status: 130 after Ctrl-C.
 pub fn sentence_with(status: i32, output: &Output, arguments: &str) -> String {
     let errors = text(&output.stderr);
     assert_eq!(output.status.code(), Some(status), "{arguments}: {errors}");
@@ -42,7 +42,7 @@ pub fn sentence_with(status: i32, output: &Output, arguments: &str) -> String {
     said[0].into()
 }
 
-/// Everything in a folder, hidden files too, by path from it.
+/// All files in a folder, hidden ones too, by their paths from it.
 pub fn files_in(folder: &Path) -> Vec<String> {
     fn visit(folder: &Path, root: &Path, found: &mut Vec<String>) {
         for entry in folder.read_dir().unwrap() {

@@ -1,5 +1,5 @@
-//! Nothing that a file says or a name does can harm the person who runs a command: no foreign text becomes code or reaches a terminal, no
-//! input is overwritten, nothing waits for ever, and a run that is stopped leaves nothing half written behind.
+//! Tests that neither the contents nor the name of a file can harm the person who runs a command: no foreign text becomes code or reaches a
+//! terminal, no input is overwritten, nothing waits for ever, and a run that is stopped leaves nothing half written behind.
 
 use super::{
     blindaug, camera, demo_arguments, fails, files_in, run, sentence_of, succeeds, text, write_frames,
@@ -13,11 +13,11 @@ use std::{
 };
 use tempfile::TempDir;
 
-/// Ends comments, moves cursors and fills screens where it is not escaped.
+/// A text that ends comments, moves cursors and clears screens where it is not escaped.
 const HOSTILE: &str =
     "x\nimport os; os.system('id')\r#*/\u{2028}evil();\u{1b}[2J\u{9b}2J\u{7}\u{202e}</script><img src=x>\\";
 
-/// A camera file in which nothing is known, for a reason that attacks whoever shows it.
+/// Writes a camera file in which nothing is known, with the hostile text `why` as the reason.
 fn write_hostile_camera(path: &Path, why: &str) {
     let capture = Capture { width: 64, height: 48, fps: None, frames_used: 1 };
     let json = CameraModel::unknown(capture, "REASON").to_json();
@@ -73,7 +73,7 @@ fn what_a_camera_file_says_is_one_short_printable_line_wherever_it_is_shown() {
         let words = succeeds(d, "inspect c.json");
         assert_eq!(words.lines().count(), 4, "{words}");
     }
-    // In messages about a file that is no camera, too, and in file names.
+    // The same holds for messages about a file that is no camera, and for file names.
     for json in [
         format!("{{\"format\": {}}}", serde_json::to_string(HOSTILE).unwrap()),
         format!("{{\"format\": \"{}\"}}", "x".repeat(90_000)),
@@ -123,7 +123,7 @@ fn no_output_is_ever_an_input() {
     write_camera(d.join("c.json"), &camera(64, 48, DepthKind::Metric)).unwrap();
     std::fs::create_dir(d.join("v")).unwrap();
     std::fs::copy(super::asset("virtual/0001.exr"), d.join("v/0001.exr")).unwrap();
-    // Nothing may be read before this is refused: that it is no video does not matter.
+    // This file need not be a video, since commands must refuse it before they read anything.
     std::fs::write(d.join("v.mp4"), "no video").unwrap();
     std::fs::hard_link(d.join("v.mp4"), d.join("hard.mp4")).unwrap();
     symlink("v.mp4", d.join("soft.mp4")).unwrap();
@@ -170,7 +170,7 @@ fn no_output_is_ever_an_input() {
         );
         assert_eq!(contents(d), before, "{words}");
     }
-    // Beside the inputs there is room.
+    // New files beside the inputs are allowed.
     succeeds(d, "estimate in -o in/camera.json --report in/report.html");
     succeeds(d, "estimate in -o in/camera.json --report in/report.html");
     succeeds(d, "apply in --camera c.json -o in/out");
@@ -206,7 +206,7 @@ fn links_are_followed_and_pipes_and_devices_written_into() {
     let before = files_in(d);
     for arguments in ["estimate f -o /dev/null --report /dev/null", "export link.json --to nuke -o /dev/null"]
     {
-        // Two results into nothing are no contradiction.
+        // Two results into /dev/null may be accepted or refused.
         let output = run(d, arguments);
         assert!(output.status.success() || text(&output.stderr).contains("this one file"), "{arguments}");
     }
@@ -222,7 +222,7 @@ fn make_pipe(path: &Path) {
     assert!(Command::new("mkfifo").arg(path).status().unwrap().success());
 }
 
-/// What a command says, which must end by itself.
+/// The output of a command, which must end by itself.
 #[cfg(unix)]
 fn ends(folder: &Path, arguments: &str) -> Output {
     let mut command = blindaug();
@@ -272,7 +272,7 @@ fn pipes_as_inputs_are_refused_without_waiting() {
     assert!(!d.join("new.json").exists() && !d.join("out").exists());
 }
 
-/// Starts a command with its output kept.
+/// Starts a command with its output piped.
 #[cfg(unix)]
 fn started(folder: &Path, arguments: &str) -> Child {
     let mut command = blindaug();
@@ -314,7 +314,7 @@ fn every_signal_stops_alike_and_nothing_is_left_half_written() {
         let made = files_in(&out);
         assert!(made.len() < 40 && made.iter().all(|n| !n.contains("partial")), "{made:?}");
     }
-    // A second signal ends the program at once, and takes what is half written with it.
+    // A second signal ends the program at once, and half-written files are removed.
     let child = started(d, "apply f --camera c.json -o at-once");
     wait_for(|| d.join("at-once/0002.png").exists());
     signal(&child, "INT");
@@ -322,7 +322,7 @@ fn every_signal_stops_alike_and_nothing_is_left_half_written() {
     assert!(child.wait_with_output().unwrap().status.code().is_some_and(|c| c == 130 || c == 143));
     assert!(files_in(&d.join("at-once")).iter().all(|n| !n.contains("partial")));
 
-    // Whoever closes a terminal under nohup means the job to go on.
+    // A job under nohup must go on when its terminal is closed.
     let nohup = Command::new("sh")
         .args(["-c", "trap '' HUP; exec \"$0\" apply f --camera c.json -o nohup --frames 1..4"])
         .arg(env!("CARGO_BIN_EXE_blindaug"))
@@ -331,7 +331,7 @@ fn every_signal_stops_alike_and_nothing_is_left_half_written() {
         .spawn()
         .unwrap();
     wait_for(|| d.join("nohup/0001.png").exists());
-    // Elsewhere the system does not tell what a program was started to ignore.
+    // Only Linux tells which signals a program was started to ignore.
     if cfg!(target_os = "linux") {
         signal(&nohup, "HUP");
     }
@@ -351,7 +351,7 @@ fn an_estimate_that_was_stopped_says_how_far_it_came() {
     {
         let mut child = started(d, arguments);
         let mut first = [0];
-        // It says that frame 50 is missing before the work starts.
+        // The program says that frame 50 is missing before the work starts.
         std::io::Read::read_exact(child.stderr.as_mut().unwrap(), &mut first).unwrap();
         signal(&child, "INT");
         let output = child.wait_with_output().unwrap();
@@ -362,7 +362,7 @@ fn an_estimate_that_was_stopped_says_how_far_it_came() {
         let words = format!("stopped after {} of {} frames", stopped.after, FRAMES - 1);
         assert!(succeeds(d, &format!("inspect {name}")).contains(&words), "{words}");
     }
-    // A whole one says nothing of it.
+    // A model of all frames was not stopped.
     succeeds(d, "estimate f -o whole.json --frames 1..2");
     assert_eq!(blindaug_io::read_camera(d.join("whole.json")).unwrap().stopped, None);
 }
@@ -414,13 +414,13 @@ fn words_that_a_person_understands() {
     let d = dir.path();
     write_frames(&d.join("f"), 1..3, (64, 48));
     write_camera(d.join("c.json"), &camera(64, 48, DepthKind::Metric)).unwrap();
-    // Out of a range that the help names is wrong usage.
+    // A value outside of the range that the help names is wrong usage.
     for fov in ["180", "0", "nan", "-5"] {
         let output = run(d, &format!("export c.json --to bevy --fov={fov}"));
         assert_eq!(output.status.code(), Some(2), "{fov}");
         assert!(text(&output.stderr).contains("from 1 to 170"));
     }
-    // A value is echoed, but not whole.
+    // A long value is shortened in messages.
     let long = "x".repeat(5000);
     for arguments in
         [format!("export c.json --to {long}"), format!("estimate {long} -o new.json"), format!("{long} a")]
@@ -429,11 +429,11 @@ fn words_that_a_person_understands() {
         let said = text(&output.stderr);
         assert!(!output.status.success() && said.len() < 2000, "{}", said.len());
     }
-    // The longest name that a file can have.
+    // This is the longest name that a file can have.
     let name = format!("{}.json", "n".repeat(250));
     succeeds(d, &format!("estimate f -o {name}"));
     assert!(d.join(name).exists());
-    // Nothing is made where no frame is asked for.
+    // No folder is made if the range holds no frame.
     let said = fails(d, "apply f --camera c.json -o out --frames 100..");
     assert!(said.contains("no frame in 100.."), "{said}");
     assert!(!d.join("out").exists());
@@ -449,7 +449,7 @@ fn help_that_cannot_be_written_is_a_failure() {
     }
 }
 
-/// A file that ffmpeg makes of these options; `None`, which is said, where there is no ffmpeg.
+/// Makes a file by ffmpeg with these options; `None`, with a message, where there is no ffmpeg.
 fn made_by_ffmpeg(folder: &Path, options: &str, name: &str) -> Option<()> {
     let Ok(made) = Command::new("ffmpeg")
         .args(["-nostdin", "-v", "error", "-y"])
@@ -543,9 +543,9 @@ fn a_video_that_is_stopped_leaves_nothing_half_written() {
             assert!(partial().is_empty());
         }
     }
-    // The program that was writing the video ends when nobody gives it frames any more.
+    // The video's encoder ends when it gets no frames any more.
     std::thread::sleep(Duration::from_millis(500));
-    // A killed run can remove nothing: the next one does.
+    // A killed run cannot remove its leftovers, so the next run does.
     succeeds(d, "apply f --camera c.json -o out.mp4 --fps 25 --overwrite --frames 1..2");
     assert!(partial().is_empty(), "{:?}", partial());
 }

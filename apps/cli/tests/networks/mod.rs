@@ -1,4 +1,4 @@
-//! Networks on the command line, with tiny ones of a known result (crates/blindaug-nets/tests/data).
+//! Tests of networks on the command line, with tiny networks of known results (crates/blindaug-nets/tests/data).
 
 use super::{blindaug, fails, files_in, run, sentence_of, succeeds, text, write_frames};
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ fn network(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../crates/blindaug-nets/tests/data").join(file)
 }
 
-/// A manifest `NAME.toml` in the folder, of a file there.
+/// Writes the manifest `NAME.toml` of `NAME.onnx` in the folder.
 fn write_manifest(folder: &Path, name: &str, operator: &str, more: &str) {
     let text = format!(
         "name = '{name}'\noperator = '{operator}'\ntitle = 'a test'\nlicence = 'MIT'\nsource = 'here'\nfile = '{name}.onnx'\n{more}"
@@ -39,7 +39,7 @@ fn models(dir: &Path, arguments: &str) -> Output {
 #[test]
 fn evidence_that_was_saved_gives_the_same_estimate_again() {
     let dir = clip();
-    // Its noise removed by itself: what counts is that files go out and in again.
+    // The network for noise blurs, too: what counts is that its frames are written and read again.
     write_manifest(dir.path(), "nan", "removeNoise", "[output]\nkind = 'image'");
     std::fs::copy(network("box.onnx"), dir.path().join("nan.onnx")).unwrap();
     let said = succeeds(

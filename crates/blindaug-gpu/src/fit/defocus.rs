@@ -14,7 +14,7 @@ use wgpu::{BindGroup, BindingResource, BufferUsages, TextureFormat, TextureUsage
 /// The struct of the search for the defocus against clean frames.
 pub(crate) const STRUCTS: [Layout; 1] = [Step::LAYOUT];
 
-/// What the search for the defocus against clean frames shares.
+/// The WGSL declarations of the search for the defocus against clean frames.
 pub(crate) fn shared() -> String {
     constants(&[("STRIDE", &SEARCH_STRIDE), ("REACH", &SEARCH_REACH), ("MAX_RADIUS", &MAX_RADIUS)])
         + &structs(&STRUCTS)
@@ -24,31 +24,32 @@ pub(crate) static SOURCE: LazyLock<String> = LazyLock::new(|| shared() + include
 
 /// The paper's search, as [`blindaug::fit::defocus::pooled_search`] does it: at every 4th pixel each way, of 101 stds from 0 to 10 px, it
 /// finds the one whose Gaussian blur of the sharp image is closest to the target, by the squared error summed over 9 x 9 px.
-/// [`blindaug::fit::defocus::quadratic`] fits the lens to what it finds.
+/// [`blindaug::fit::defocus::quadratic`] fits the lens to these stds.
 #[derive(Debug)]
 pub struct PooledSearch {
     blur: Kernel,
     compare: Kernel,
-    /// For each std, what makes its blurred image (of the first one nothing), and what compares that.
+    /// For each std, the bindings of `blur`, which makes the blurred image (none for the first std, 0), and of `compare`.
     levels: Vec<(Option<BindGroup>, BindGroup)>,
     size: [u32; 2],
     points: [u32; 2],
     found: Readback,
 }
 
-/// The largest radius of a kernel that leads from one std to the next, px. The steps are at most 1.5 px, whose kernels reach less far.
+/// The largest radius of a kernel that blurs the image of one std to that of the next, px. The stds of these kernels are at most 1.5 px, so
+/// they reach less far.
 pub(crate) const MAX_RADIUS: usize = 11;
 
 wgsl_struct! {
-    /// What makes the blurred image of a std from that of the one before, and compares it with the target.
+    /// The numbers with which the blurred image of a std is made from that of the std before, and compared with the target.
     pub(crate) struct Step {
         /// Width and height of the images, px.
         size: [u32; 2],
-        /// The std of this image, px.
+        /// The std of the blurred image, px.
         sigma: f32,
-        /// The radius of the kernel that makes it, px.
+        /// The radius of the kernel that makes the blurred image, px.
         radius: u32,
-        /// The right half of that kernel, centre first, in the first of each four numbers; the others are 0.
+        /// The right half of the kernel, centre first, in the first of each four numbers; the other three are 0.
         half_kernel: [[f32; 4]; MAX_RADIUS + 1],
     }
 }
@@ -66,7 +67,7 @@ impl Step {
         step
     }
 
-    /// Its bytes, with those up to the next step.
+    /// The step's bytes, padded up to the next step.
     fn slot(&self) -> [u8; SLOT] {
         let mut bytes = [0; SLOT];
         bytes[..size_of::<Self>()].copy_from_slice(bytemuck::bytes_of(self));

@@ -1,8 +1,8 @@
-//! From footage to a camera model, on the device: the parts of `blindaug::fit` that take its time.
+//! The estimation of a camera model on the device: the parts of `blindaug::fit` that take most of the time.
 //!
-//! Each type is bound to the textures that it looks at when it is made, and then allocates nothing more. `submit` hands the
-//! device a frame's work and returns at once; `poll` gives what came of it once the device is done, usually a frame later.
-//! What is left to `blindaug` is a handful of numbers for each place or tile.
+//! Each type is bound to its textures when it is made, and then allocates nothing more. `submit` hands the device a frame's work and
+//! returns at once; `poll` gives the result once the device is done, usually a frame later. `blindaug` finishes the estimate from a handful
+//! of numbers for each place or tile.
 //!
 //! | type | counterpart in `blindaug::fit` |
 //! |---|---|
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 struct Readback {
     source: wgpu::Buffer,
     landing: wgpu::Buffer,
-    /// How far they are: one of the constants below.
+    /// The state of the transfer: one of the constants below.
     state: Arc<AtomicU8>,
 }
 
@@ -102,7 +102,7 @@ impl Readback {
     }
 }
 
-/// A kernel with what it works on and its number of threads.
+/// A kernel with its bindings and its number of threads along each axis.
 #[derive(Debug)]
 struct Stage {
     kernel: Kernel,
@@ -111,7 +111,7 @@ struct Stage {
 }
 
 impl Stage {
-    /// Compiles a kernel as [`Kernel::new`] does, and binds what its bindings take.
+    /// Compiles a kernel as [`Kernel::new`] does, and binds its resources.
     fn new(
         device: &wgpu::Device,
         source: &str,
@@ -131,7 +131,7 @@ impl Stage {
     }
 }
 
-/// A binding and what it takes.
+/// The kind of a binding and its resource.
 type Bound<'a> = (Binding, wgpu::BindingResource<'a>);
 
 fn view(view: &wgpu::TextureView) -> Bound<'_> {
@@ -150,7 +150,7 @@ fn write(buffer: &wgpu::Buffer) -> Bound<'_> {
     (Binding::BufferMut, buffer.as_entire_binding())
 }
 
-/// Makes a buffer whose contents only the device knows.
+/// Makes a buffer that only the device reads and writes.
 fn storage(device: &wgpu::Device, label: &str, bytes: usize) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
@@ -178,7 +178,7 @@ fn filled<T: bytemuck::NoUninit>(
 /// The width and height, px, of textures that must share them.
 ///
 /// # Errors
-/// If they do not.
+/// If the sizes differ.
 fn common_size(textures: &[&wgpu::Texture]) -> Result<[u32; 2]> {
     let size = |t: &wgpu::Texture| [t.width(), t.height()];
     let first = size(textures[0]);

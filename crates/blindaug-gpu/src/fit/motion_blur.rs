@@ -13,7 +13,7 @@ use wgpu::BufferUsages;
 /// The structs of the fit of the exposure to clean frames.
 pub(crate) const STRUCTS: [Layout; 2] = [Params::LAYOUT, Place::LAYOUT];
 
-/// What the fit of the exposure to clean frames shares.
+/// The WGSL declarations of the fit of the exposure to clean frames.
 pub(crate) fn shared() -> String {
     constants(&[("STEPS", &STEPS), ("CURVE", &CURVE), ("BLOCK", &BLOCK)]) + &structs(&STRUCTS)
 }
@@ -26,17 +26,17 @@ pub(crate) static SOURCE: LazyLock<String> = LazyLock::new(|| {
 /// The number of exposure fractions of the curve that comes back, evenly from 0 to 1.
 pub(crate) const CURVE: usize = 51;
 
-/// About how many cells an image is divided into, each of which holds one place at most; `places_of_contrast` of blindaug has as many.
+/// The approximate number of cells of an image, each of which holds one place at most; the same as in `places_of_contrast` of blindaug.
 const MAX_PLACES: f32 = 8000.0;
 
 /// The distance of the outermost cells from the image's edges, px.
 const MARGIN: usize = 10;
 
-/// Fewer places than this say nothing.
+/// The least number of places that gives an exposure.
 const MIN_PLACES: usize = 200;
 
 wgsl_struct! {
-    /// What the kernels need to know of the image.
+    /// The image and its cells, as the kernels read them.
     pub(crate) struct Params {
         /// Width and height of the images, px.
         size: [u32; 2],
@@ -50,11 +50,11 @@ wgsl_struct! {
 }
 
 wgsl_struct! {
-    /// A place of contrast, and what is seen there.
+    /// A place of contrast, and the target's value there.
     pub(crate) struct Place {
-        /// Where it is, px; x is -1 where a cell has none.
+        /// The position of the place, px; x is -1 if the cell has no place.
         at: [f32; 2],
-        /// The target's value.
+        /// The target's value at the place.
         observed: f32,
         /// The inverse std of the target's noise.
         weight: f32,
@@ -65,7 +65,7 @@ wgsl_struct! {
 /// [`blindaug::fit::motion_blur::fit_exposure`] does.
 #[derive(Debug)]
 pub struct ExposureSearch {
-    /// The kernels that find places, predict and search; there are none for an image that has no place.
+    /// The kernels that find places, predict and search; there are none for an image with too few cells.
     stages: Vec<Stage>,
     found: Readback,
 }

@@ -59,7 +59,7 @@ fn mean_along(p: vec2i, motion: vec2f, lambda: f32) -> f32 {
 @group(0) @binding(4) var inverse_std: texture_2d_array<f32>;
 @group(0) @binding(5) var<storage, read_write> found: array<Place>;
 
-// Tells whether a pixel moves and does not lie next to an edge of the motion, where things travel two ways.
+// Tells whether a pixel moves and does not lie within 8 px of an edge of the motion, across which the flow differs.
 fn moves(p: vec2i) -> bool {
     let own = flow_at(p);
     let speed = length(own);
@@ -77,7 +77,7 @@ fn moves(p: vec2i) -> bool {
     return true;
 }
 
-// Finds the place of most contrast, in stds of the noise, in each cell.
+// Finds in each cell the place of most contrast, in stds of the noise.
 @compute @workgroup_size(8, 8)
 fn places(@builtin(global_invocation_id) cell: vec3u) {
     if any(cell.xy >= params.cells) {
@@ -109,7 +109,7 @@ fn places(@builtin(global_invocation_id) cell: vec3u) {
 }
 
 @group(0) @binding(3) var<storage, read> found_places: array<Place>;
-// The predictions of each place, STEPS of them.
+// STEPS predictions for each place: the blurred sharp image at exposure fractions from 0 to 1.
 @group(0) @binding(4) var<storage, read_write> predictions: array<f32>;
 
 @compute @workgroup_size(64)
@@ -127,8 +127,8 @@ fn predict(@builtin(global_invocation_id) id: vec3u) {
 
 @group(0) @binding(1) var<storage, read> seen: array<Place>;
 @group(0) @binding(2) var<storage, read> predicted: array<f32>;
-// The result: exposure fraction, number of places, information, and the variance of its score; then the curve; then the score of the
-// exposure itself.
+// The result: exposure fraction, number of places, information, and the variance of the score at this exposure; then the scores of the
+// curve; then the score at this exposure.
 @group(0) @binding(3) var<storage, read_write> result: array<f32>;
 
 const THREADS = 128u;
@@ -192,8 +192,8 @@ fn best_near(thread: u32, scale: f32, center: f32, reach: f32) -> f32 {
     return first + step * f32(best);
 }
 
-// The robust std of the residuals, from their absolute median. Each round finds four bits of it; the bits of positive floats are in the
-// order of the floats.
+// The robust std of the residuals, from their absolute median. Each round finds four bits of the median; the bits of positive floats are in
+// the order of the floats.
 fn spread(thread: u32, count: u32, lambda: f32) -> f32 {
     var rank = count / 2u;
     var bits = 0u;

@@ -19,7 +19,7 @@ use wgpu::BufferUsages;
 /// The structs of the blind fits.
 pub(crate) const STRUCTS: [Layout; 2] = [Params::LAYOUT, Tile::LAYOUT];
 
-/// What the kernels of the blind fits share.
+/// The WGSL declarations that the kernels of the blind fits share.
 pub(crate) fn shared() -> String {
     let constants = constants(&[
         ("NOISE_LEVELS", &NOISE_LEVELS),
@@ -86,23 +86,24 @@ fn likelihood(own: &str) -> String {
     [shared(), common.concat(), own.into()].concat()
 }
 
-/// How many numbers come first in an observation: whether it is one, its block of the image, and its speed or its inverse depth.
+/// The number of values before the log-likelihood in an observation: 1 if it is valid, its block of the image, and its speed or inverse
+/// depth.
 pub(crate) const HEAD: usize = 3;
 
-/// How many numbers an observation of the exposure has: those that come first, and its clipped log-likelihood.
+/// The number of values of an observation of the exposure: the head, and the clipped log-likelihood.
 pub(crate) const EXPOSURE_OBSERVATION: usize = HEAD + EXPOSURES;
 
-/// How many numbers an observation of the lens has: those that come first, and its log-likelihood over the std.
+/// The number of values of an observation of the lens: the head, and the log-likelihood over the std.
 pub(crate) const LENS_OBSERVATION: usize = HEAD + SIGMAS;
 
-/// How many moduli the table of a lens's gain has for each std: from 0 to 1/2 cycle per px.
+/// The number of moduli in the table of a lens's gain for each std, from 0 to 1/2 cycle per px.
 pub(crate) const GAINS: usize = 128;
 
 /// The most tiles that may be observations of the lens.
 const LENS_TILES: usize = BLOCK_COUNT * LENS_TILES_PER_BLOCK;
 
 wgsl_struct! {
-    /// What all kernels need to know of the frame and of the camera.
+    /// The frame and the camera, as all kernels read them.
     pub(crate) struct Params {
         /// Width and height of the frame, px.
         size: [u32; 2],
@@ -112,16 +113,17 @@ wgsl_struct! {
         has_flow: u32,
         /// 1 if there is inverse depth.
         has_depth: u32,
-        /// The exposure fraction that the lens is looked for with, 0 to 1.
+        /// The exposure fraction with which the lens is fitted, 0 to 1.
         exposure: f32,
         /// The amount and the radius, px, of the camera's unsharp mask.
         sharpening: [f32; 2],
-        /// For each resolution: how many tiles there are across and down, the first one's number, and where its light begins. The last
-        /// ones may have no tiles.
+        /// For each resolution: the number of tiles across and down, the index of the first tile, and that of the first pixel in the buffer
+        /// of light. The coarsest resolutions may have no tiles.
         levels: [[u32; 4]; LEVELS],
-        /// For each pyramid level: the std of the noise per luma, that at luma 0, and the variance of white noise of std 1; then 0.
+        /// For each pyramid level: the slope of the noise std over luma, the noise std at luma 0, the level's variance of white noise of
+        /// std 1; then 0.
         noise: [[f32; 4]; NOISE_LEVELS],
-        /// The variance of luma of a coder's errors against which the exposure is noise-padded, and that for the lens.
+        /// The variance of luma of a coder's errors against which tiles are noise-padded: for the exposure, and for the lens.
         coding: [f32; 2],
         /// Unused.
         padding: [u32; 2],
@@ -129,45 +131,45 @@ wgsl_struct! {
 }
 
 wgsl_struct! {
-    /// What is known of a tile before its likelihoods.
+    /// The properties of a tile on which its likelihoods depend.
     pub(crate) struct Tile {
         /// The motion, px of the tile per frame interval.
         motion: [f32; 2],
-        /// The length of the motion.
+        /// The length of the motion, px of the tile per frame interval.
         speed: f32,
-        /// The inverse depth, in the unit of the map.
+        /// The inverse depth, in the unit of the depth map.
         inverse_depth: f32,
         /// The means of luma^2, luma and 1 over the tile, times the variance of the noise of light over that of luma.
         noise_moments: [f32; 3],
         /// The sum of the flags in common.wgsl that are true.
         flags: u32,
-        /// Its top left corner, px of its resolution.
+        /// The top left corner, px of the tile's resolution.
         corner: [u32; 2],
-        /// The block of the image that it lies in.
+        /// The index of the block of the image in which the tile lies.
         block: u32,
-        /// How many px of the frame make one of its own, each way.
+        /// The px of the frame per px of the tile, each way: 1, 2, 4 or 8.
         scale: f32,
     }
 }
 
-/// What the tiles of a frame say of exposure and defocus. [`blindaug::fit::spectral::exposure_of`] and
-/// [`blindaug::fit::spectral::lens_of`] tell what those of many frames agree on, and
+/// The observations of exposure and defocus in the tiles of a frame. [`blindaug::fit::spectral::exposure_of`] and
+/// [`blindaug::fit::spectral::lens_of`] fit the exposure and the lens to those of many frames, and
 /// [`blindaug::fit::track::Tracker::push_observations`] follows them over time.
 #[derive(Clone, Debug, Default)]
 pub struct Observations {
-    /// Tiles that move, as if they were of frame 0.
+    /// The observations of tiles that move; their frame is 0.
     pub exposure: Vec<ExposureObservation>,
-    /// Tiles of one depth, as if they were of the first part of a clip.
+    /// The observations of tiles of one depth; their part of the clip is 0.
     pub lens: Vec<LensObservation>,
 }
 
 /// Looks at the frame in a texture, with the motion and the inverse depth where they are known: it makes its tiles' periodograms and their
 /// likelihoods over exposure and defocus. It does what [`blindaug::fit::spectral::tiles`], [`blindaug::fit::spectral::fit_exposure`] and
-/// [`blindaug::fit::spectral::fit_lens`] do, up to what the tiles agree on.
+/// [`blindaug::fit::spectral::fit_lens`] do, except for the fit to all tiles together.
 #[derive(Debug)]
 pub struct TileEvidence {
     params: wgpu::Buffer,
-    /// The part of `params` that stays as it is.
+    /// The values of `params` that stay the same from frame to frame.
     frame: Params,
     /// The kernels for light, motion and depth, periodograms, choice, exposure and lens; there are none for a frame that is smaller than a
     /// tile.
@@ -178,10 +180,10 @@ pub struct TileEvidence {
 impl TileEvidence {
     /// Takes display-encoded frames of 3 channels or more, motion in px per frame interval (NaN where it is unknown; best the motion at the
     /// frame's own time, [`blindaug::analysis::flow::motion_at_frame`]) and inverse depth (NaN where it is unknown). It takes the first
-    /// layer of each texture. What is not given says nothing.
+    /// layer of each texture. Without motion there are no observations of the exposure, without inverse depth none of the lens.
     ///
     /// # Errors
-    /// If the textures differ in size, or the device cannot hold what a frame as large needs.
+    /// If the textures differ in size, or the device cannot hold the buffers for a frame as large.
     pub fn new(
         device: &wgpu::Device,
         frame: &wgpu::Texture,
@@ -233,8 +235,8 @@ impl TileEvidence {
         Ok(Self { params, frame: fixed, stages, observations })
     }
 
-    /// Starts to look at the textures as they are now, given the noise, the exposure so far (for the lens; 0 if nothing is known of it) and
-    /// the camera's sharpening. It returns `false` and does nothing as long as the last result has not been picked up.
+    /// Starts to look at the textures as they are now, given the noise, the exposure so far (for the lens; 0 if it is unknown) and the
+    /// camera's sharpening. It returns `false` and does nothing as long as the last result has not been picked up.
     pub fn submit(
         &mut self,
         device: &wgpu::Device,
@@ -264,7 +266,7 @@ impl TileEvidence {
         true
     }
 
-    /// Gives what the tiles say, once it is known; until then `None`.
+    /// Gives the observations of the tiles once they are known; until then `None`.
     ///
     /// # Errors
     /// If the device was lost.
@@ -296,7 +298,7 @@ fn tiles([w, h]: [u32; 2]) -> [u32; 2] {
     if w < tile || h < tile { [0; 2] } else { [w, h].map(|v| (v - tile) / (tile / 2) + 1) }
 }
 
-// Long, since it lists the kernels with their bindings in their order.
+// This function is long, since it lists the kernels with their bindings in order.
 fn stages(
     device: &wgpu::Device,
     (size, count, pixels): ([u32; 2], usize, usize),

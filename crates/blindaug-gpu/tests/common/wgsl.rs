@@ -1,4 +1,4 @@
-//! Whether WGSL is valid for every device.
+//! A check that WGSL is valid for every device.
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
@@ -8,7 +8,7 @@ pub fn problem(source: &str) -> Option<String> {
         Ok(module) => module,
         Err(e) => return Some(e.emit_to_string(source)),
     };
-    // The validator has no capabilities: what is valid then, every device can do.
+    // The validator has no optional capabilities, so that every device can run what is valid.
     let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
     validator.validate(&module).err().map(|e| e.emit_to_string(source))
 }

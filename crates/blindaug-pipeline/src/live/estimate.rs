@@ -11,37 +11,37 @@ use blindaug::{
 };
 use glam::DVec2;
 
-/// The share of the frame's width around the object's foot where depth is looked at.
+/// The reach around the object's foot within which depth is read, as a share of the frame's width.
 const AROUND: f64 = 0.1;
-/// It is not guessed for more frames ahead than this where the object is; when more were left out, it is placed anew.
+/// The most frames over which the object's place is extrapolated. After a longer gap, the object is placed anew.
 const FARTHEST: u64 = 10;
-/// How much of the last scale of relative depth is kept from frame to frame.
+/// The weight of the last scale of relative depth in the running mean of the scale, 0 to 1.
 const KEPT: f32 = 0.9;
 
-/// Where the object is to stand until a plane is found.
+/// The place of the object until a plane is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Home {
-    /// Its foot, in shares of the frame's width and height.
+    /// The object's foot, in shares of the frame's width and height.
     pub at: DVec2,
-    /// How far away, m.
+    /// The distance of the foot along the view axis, m.
     pub distance: f64,
 }
 
-/// What was estimated at a frame.
+/// The estimates at a frame.
 #[derive(Clone, Debug)]
 pub struct LiveEstimate {
     /// The frame's number and the camera, as the tracker gives it.
     pub tracked: TrackedCamera,
     /// The camera with its lens over inverse depth in 1/m, to be applied.
     pub camera: CameraModel,
-    /// Where the object stands.
+    /// The object's poses in this frame and in the next one.
     pub placed: Placed,
-    /// As it is for the next frame.
+    /// The state of the placement for the next frame.
     placement: Placement,
 }
 
 impl LiveEstimate {
-    /// Where the object stands in this frame or a later one, up to which it goes on as it went.
+    /// The object's poses in this frame or a later one, to which its motion is extrapolated.
     pub fn placed_at(&self, number: u64) -> Placed {
         let mut placement = self.placement;
         let later = number.saturating_sub(self.tracked.frame).min(FARTHEST);
@@ -55,7 +55,7 @@ pub struct LiveEstimator {
     pinhole: Pinhole,
     home: Home,
     placement: Placement,
-    /// Relative inverse depth of what is 1 m away.
+    /// The relative inverse depth of things that are 1 m away.
     scale: Option<f32>,
     /// The number of the last frame.
     number: u64,
@@ -63,7 +63,7 @@ pub struct LiveEstimator {
 }
 
 impl LiveEstimator {
-    /// An estimator of a camera that is nearly this pinhole, for an object that is first at home; `fps` frames come a second.
+    /// An estimator for a camera that is nearly this pinhole, and for an object that is first at `home`; `fps` is in frames per second.
     pub fn new(pinhole: Pinhole, home: Home, fps: Option<f64>) -> Self {
         Self {
             tracker: Tracker::new(BlurSpace::Linear, fps),
@@ -76,11 +76,11 @@ impl LiveEstimator {
         }
     }
 
-    /// Looks at a frame. A few frames may have been left out before it: the object then goes on over them as it went. Of the last
-    /// frame once more, only where the object stands is new.
+    /// Takes a frame. If a few frames were left out before it, the object's motion is extrapolated over them. If the last frame is pushed
+    /// once more, only the object's place is updated.
     ///
     /// # Errors
-    /// If its size differs from the first one's.
+    /// If the frame's size differs from that of the first one.
     pub fn push(&mut self, shown: &LiveFrame, home: Home) -> Result<LiveEstimate> {
         let LiveFrame { number, lap, frame, next, previous } = shown;
         let observation = FrameObservation {
@@ -105,7 +105,7 @@ impl LiveEstimator {
             }
         }
         self.number = *number;
-        // The flow of a clip's last frame leads to the one before it.
+        // The flow of a clip's last frame leads to the frame before it, so it is not used.
         let placed = match next {
             Some(_) => self.placement.push(self.tracker.flow()),
             None => self.placement.skip(),
@@ -129,7 +129,7 @@ impl LiveEstimator {
         })
     }
 
-    /// What stands where the object does is as far away.
+    /// The relative inverse depth of things that are 1 m away, from the object's distance: the surroundings of its foot are as far away.
     fn scale_at(&self, inverse_depth: &Plane, placed: &Placed) -> Option<f32> {
         let place = placed.now.translation;
         let foot = self.pinhole.centre() + self.pinhole.focal_length * place.truncate() / place.z;
@@ -152,7 +152,7 @@ impl LiveEstimator {
     }
 }
 
-/// The camera with its lens over inverse depth in 1/m, where `scale` is the relative inverse depth of what is 1 m away.
+/// The camera with its lens over inverse depth in 1/m, where `scale` is the relative inverse depth of things that are 1 m away.
 fn in_metres(mut camera: CameraModel, scale: Option<f32>) -> CameraModel {
     let is_relative = camera.defocus.known().is_some_and(|lens| lens.depth_kind == DepthKind::Relative);
     match scale {

@@ -7,18 +7,18 @@ use crate::{
 use blindaug::{Encoded, Frame};
 use std::sync::Arc;
 
-/// A frame and those beside it.
+/// A frame and its neighbours.
 #[derive(Clone, Debug)]
 pub struct LiveFrame {
-    /// Counts from 1 on, and on when a clip starts again.
+    /// The frame's number: it counts from 1 on, and goes on when a clip starts again.
     pub number: u64,
-    /// How often the clip had started again.
+    /// The number of times that the clip had started again.
     pub lap: u64,
     /// The frame.
     pub frame: Arc<Encoded>,
-    /// `None` for the last one of a clip.
+    /// The next frame; `None` for the last one of a clip.
     pub next: Option<Arc<Encoded>>,
-    /// `None` for the first one of a clip.
+    /// The previous frame; `None` for the first one of a clip.
     pub previous: Option<Arc<Encoded>>,
 }
 
@@ -28,7 +28,7 @@ pub struct Loop<'a> {
     frames: Frames<'a>,
     previous: Option<Arc<Encoded>>,
     current: Option<Arc<Encoded>>,
-    /// How many frames it has given so far.
+    /// The number of frames given so far.
     count: u64,
     lap: u64,
 }
@@ -42,7 +42,7 @@ impl<'a> Loop<'a> {
     /// The next frame; `None` if there are no frames at all.
     ///
     /// # Errors
-    /// If it, or the one after it, cannot be read.
+    /// If the frame or the one after it cannot be read.
     pub fn next_frame(&mut self) -> Result<Option<LiveFrame>> {
         let read = |frames: &mut Frames| -> Result<Option<Arc<Encoded>>> {
             Ok(frames.next().transpose()?.map(|Frame { image, .. }| Arc::new(image)))

@@ -1,4 +1,4 @@
-//! Frames as they come: the camera, and the place of an object in the picture.
+//! Live estimation: the camera and the place of an object, frame by frame.
 
 mod estimate;
 mod frames;

@@ -1,7 +1,7 @@
-//! Where the object stands: on a plane that the flow's homography tracks, or fixed in view where there is none.
+//! The place of the object: on a plane that homographies of the flow track, or fixed in view if there is no plane.
 //!
-//! The plane is taken to face the camera, at a given distance, when it is found. From then on the product of the homographies
-//! between frames says where its points are in the picture, and so (Zhang 2000) how the camera stands to it.
+//! The plane is taken to face the camera, at a given distance, when it is found. From then on the product of the homographies between
+//! frames gives the places of its points in the picture, and from them (Zhang 2000) its pose.
 
 use blindaug::Flow;
 use glam::{DMat3, DVec2, DVec3};
@@ -9,18 +9,18 @@ use glam::{DMat3, DVec2, DVec3};
 /// Share of the flow's samples that must agree with one homography for a plane to be found, and for it to be kept.
 const FOUND: f64 = 0.5;
 const KEPT: f64 = 0.35;
-/// The number of frames in a row that must say otherwise for a plane to be found or lost.
+/// The number of frames in a row that must agree before a plane counts as found, or as lost.
 const AGREEING: u32 = 3;
-/// The number of places, about, in which flow is looked at.
+/// The approximate number of places at which the flow is read.
 const SAMPLES: usize = 800;
-/// How often four samples are drawn, through which a homography is laid.
+/// The number of draws of four samples, each of which gives a homography.
 const DRAWS: usize = 200;
-/// How far a point of the plane may be from where the homography takes it, in widths of the picture, and at least in px.
+/// The distance up to which a sample of the flow agrees with a homography: as a share of the picture's width, and its least value in px.
 const TOLERANCE: f64 = 0.002;
 const TOLERANCE_PX: f64 = 0.5;
-/// How often the homography is fitted by least squares, each time with weights from the last residuals.
+/// The number of least-squares fits of the homography, each with weights from the residuals of the one before.
 const REFINEMENTS: usize = 5;
-/// How near and how far a plane is followed, in units of the distance that it was found at.
+/// The range of distances in which a plane is followed, in units of the distance at which it was found.
 const REACH: std::ops::Range<f64> = 0.1..20.0;
 
 /// A pinhole camera with square pixels; x is right, y down, z forward.
@@ -50,17 +50,17 @@ impl Pinhole {
     }
 }
 
-/// From coordinates of the plane (x right, y down, z away from the camera, m) to the camera's.
+/// The transform from coordinates of the plane (x right, y down, z away from the camera, m) to the camera's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// A rotation.
+    /// The rotation from the plane's axes to the camera's.
     pub rotation: DMat3,
-    /// In m.
+    /// The plane's origin in the camera's coordinates, m.
     pub translation: DVec3,
 }
 
 impl Pose {
-    /// The pose of a plane that faces the camera, with its origin at a px.
+    /// The pose of a plane that faces the camera, with its origin at pixel position `at`, `distance` metres away.
     fn facing(camera: &Pinhole, at: DVec2, distance: f64) -> Self {
         let place = (at - camera.centre()) / camera.focal_length;
         Self { rotation: DMat3::IDENTITY, translation: distance * place.extend(1.0) }
@@ -72,8 +72,8 @@ impl Pose {
         camera.matrix() * DMat3::from_cols(x_axis, y_axis, self.translation)
     }
 
-    /// The pose that a homography from the plane's coordinates to px says. Where none fits exactly, the plane's origin does,
-    /// and its axes are turned by as little as possible to be perpendicular.
+    /// The pose that a homography from the plane's coordinates to px stands for. If no pose fits exactly, the plane's origin is kept, and
+    /// its axes are turned as little as possible to be perpendicular.
     fn of_homography(homography: &DMat3, camera: &Pinhole) -> Option<Self> {
         let m = camera.matrix().inverse() * *homography;
         let scale = 0.5 * (m.x_axis.length() + m.y_axis.length());
@@ -86,14 +86,14 @@ impl Pose {
     }
 }
 
-/// Where the object stands in a frame and where in the next one.
+/// The poses of the object in a frame and in the next one.
 #[derive(Clone, Copy, Debug)]
 pub struct Placed {
-    /// In the frame.
+    /// The pose in the frame.
     pub now: Pose,
-    /// In the next one.
+    /// The pose in the next frame.
     pub next: Pose,
-    /// Whether on a plane that was found.
+    /// Whether the object stands on a plane that was found.
     pub on_plane: bool,
 }
 
@@ -101,19 +101,19 @@ pub struct Placed {
 #[derive(Clone, Copy, Debug)]
 pub struct Placement {
     camera: Pinhole,
-    /// Where the object stands before a plane is found.
+    /// The pose of the object before a plane is found.
     home: Pose,
-    /// The homography from coordinates of the plane to px in the frame that comes.
+    /// The homography from coordinates of the plane to px of the next frame that is pushed.
     plane: DMat3,
     /// The last homography from one frame to the next.
     step: DMat3,
     on_plane: bool,
-    /// The number of frames in a row that said otherwise.
+    /// The number of frames in a row that contradicted `on_plane`.
     against: u32,
 }
 
 impl Placement {
-    /// The object stands at `at` (shares of the picture's width and height) and `distance` metres away.
+    /// A placement of an object that stands at `at` (shares of the picture's width and height), `distance` metres away.
     pub fn new(camera: Pinhole, at: DVec2, distance: f64) -> Self {
         let (w, h) = camera.size;
         let home = Pose::facing(&camera, at * DVec2::new(w as f64, h as f64), distance);
@@ -130,7 +130,7 @@ impl Placement {
         if self.against >= AGREEING {
             (self.on_plane, self.against) = (!self.on_plane, 0);
             if self.on_plane {
-                // Nothing is known of its tilt and distance, whatever those of the last plane were.
+                // The tilt and the distance of the new plane are unknown, whatever those of the last plane were.
                 let foot = moved(&self.plane, DVec2::ZERO);
                 let plane = Pose::facing(&self.camera, foot, self.home.translation.z);
                 self.plane = plane.homography(&self.camera);
@@ -138,11 +138,11 @@ impl Placement {
         }
         self.step = match (self.on_plane, found) {
             (true, Some(found)) => found,
-            // As before, for the few frames until it is lost.
+            // The plane is taken to move as before, for the few frames until it counts as lost.
             (true, None) => self.step,
             (false, _) => DMat3::IDENTITY,
         };
-        // Fixed in view means in view.
+        // An object that is fixed in view must be in view.
         if !self.on_plane && !self.is_seen() {
             self.plane = self.home.homography(&self.camera);
         }
@@ -156,7 +156,7 @@ impl Placement {
         (0.0..w as f64).contains(&foot.x) && (0.0..h as f64).contains(&foot.y)
     }
 
-    /// Goes on as before for a frame of which nothing is known.
+    /// Repeats the last motion for a frame whose flow is unknown.
     pub fn skip(&mut self) -> Placed {
         self.advance()
     }
@@ -166,7 +166,7 @@ impl Placement {
         let pose = |plane: &DMat3| Pose::of_homography(plane, &self.camera).filter(near);
         let moved = self.step * self.plane;
         if let (Some(now), Some(next)) = (pose(&self.plane), pose(&moved)) {
-            // Only its direction matters: it must neither grow nor vanish with time.
+            // A homography's scale does not matter, but it must neither grow nor vanish with time.
             self.plane = moved / moved.z_axis.length();
             return Placed { now, next, on_plane: self.on_plane };
         }
@@ -180,13 +180,13 @@ impl Placement {
     }
 }
 
-/// A homography, and how much of the flow agrees with it.
+/// A homography, and the share of the flow's samples that agree with it, 0 to 1.
 struct Found {
     homography: DMat3,
     share: f64,
 }
 
-/// Where a point goes.
+/// The point to which a homography moves p.
 fn moved(homography: &DMat3, p: DVec2) -> DVec2 {
     let q = *homography * p.extend(1.0);
     q.truncate() / q.z
@@ -199,7 +199,7 @@ fn homography(flow: &Flow) -> Option<Found> {
     let stride = ((w * h / SAMPLES) as f64).sqrt().max(1.0) as usize;
     let grid =
         || (stride / 2..h).step_by(stride).flat_map(|y| (stride / 2..w).step_by(stride).map(move |x| (x, y)));
-    // In widths of the picture from its middle, for the sake of the condition of the equations.
+    // Positions are in widths of the picture from its middle, so that the equations are well conditioned.
     let unit = w as f64;
     let middle = 0.5 * DVec2::new(w as f64, h as f64);
     let samples: Vec<(DVec2, DVec2)> = grid()
@@ -236,11 +236,11 @@ fn homography(flow: &Flow) -> Option<Found> {
     Some(Found { homography: to_unit.inverse() * best * to_unit, share })
 }
 
-/// The homography of weighted pairs of points by the direct linear transform; its last element is 1, which between successive
-/// frames it nearly is.
+/// The homography of weighted pairs of points by the direct linear transform; its last element is set to 1, which it nearly is between
+/// successive frames.
 fn fitted(pairs: impl IntoIterator<Item = ((DVec2, DVec2), f64)>) -> Option<DMat3> {
     const N: usize = 8;
-    // The normal equations, with their right side.
+    // The normal equations, with their right-hand side.
     let mut rows = [[0.0f64; N + 1]; N];
     for ((p, q), weight) in pairs {
         let x = [p.x, p.y, 1.0, 0.0, 0.0, 0.0, -q.x * p.x, -q.x * p.y, q.x];
@@ -292,7 +292,7 @@ mod tests {
         })
     }
 
-    /// A camera that moves along and turns to a wall that it faced at first: from the wall's coordinates, m, to its own.
+    /// The pose of a wall, in m, for a camera that faces the wall at first, then moves along it and turns.
     fn filmed(frame: usize) -> Pose {
         let t = frame as f64;
         let rotation = DMat3::from_rotation_y(0.004 * t) * DMat3::from_rotation_z(0.002 * t);
@@ -319,7 +319,7 @@ mod tests {
             let step =
                 filmed(frame + 1).homography(&camera()) * filmed(frame).homography(&camera()).inverse();
             let mut flow = flow_of(&step);
-            // Two of five pixels are of something else; the rest is not exact.
+            // Two of five pixels have another motion; that of the rest is not exact.
             let other = noise(&mut rng);
             for (i, f) in flow.data_mut().iter_mut().enumerate() {
                 *f = if i % 5 < 2 { other.data()[i] } else { f.map(|v| v + rng.random_range(-0.1..0.1)) };
@@ -341,7 +341,7 @@ mod tests {
             }
         }
         assert!(anchor.is_some());
-        // Negative control: without the homographies it is far off.
+        // Negative control: without the homographies the object is far off.
         let still = super::Placement::new(camera(), DVec2::new(0.5, 0.7), 2.0).push(None).now;
         assert!((pixel(&still, DVec3::ZERO) - pixel(&placement.push(None).now, DVec3::ZERO)).length() > 20.0);
     }
@@ -367,12 +367,12 @@ mod tests {
         let before = placement.push(Some(&steady)).now;
         let during = placement.push(Some(&noise(&mut rng)));
         assert!(during.on_plane);
-        // It goes on as it went.
+        // The object goes on as before.
         let step = pixel(&during.next, DVec3::ZERO) - pixel(&before, DVec3::ZERO);
         assert!((step - DVec2::new(3.0, 0.0)).length() < 0.1, "{step}");
         assert!(on_plane(&mut placement, &steady));
         assert_eq!([(); 3].map(|()| on_plane(&mut placement, &noise(&mut rng))), [true, true, false]);
-        // It stays where it was lost.
+        // The object stays where the plane was lost.
         let Placed { now, next, .. } = placement.push(None);
         assert!(now == next && pixel(&now, DVec3::ZERO).x > 165.0);
     }

@@ -1,14 +1,14 @@
-// What all kernels of the blind fits share. CPU twins, with the meaning of the constants: tiles.rs and likelihood.rs in
-// crates/blindaug/src/fit.
+// The declarations that all kernels of the blind fits share. The CPU twins, tiles.rs and likelihood.rs in crates/blindaug/src/fit, explain
+// the constants.
 
-// The flags of a tile: its parts move alike, or nothing is known to move; and they have one depth.
+// The flags of a tile. USABLE: its parts move alike, or there is no flow. DEPTH_KNOWN: its parts have one depth.
 const USABLE = 1u;
 const DEPTH_KNOWN = 2u;
 
-// The most bins of a tile: it has COLUMNS rings of like modulus, each of which has at most as many bins.
+// The most bins of a tile: it has COLUMNS rings of like modulus, each of at most COLUMNS bins.
 const BINS = COLUMNS * COLUMNS;
 
-// Stands where there is no tile.
+// The index that stands for no tile.
 const NONE = 0xffffffffu;
 
 @group(0) @binding(0) var<uniform> params: Params;

@@ -1,4 +1,4 @@
-// How likely a tile finds each exposure: the clipped log-likelihood of V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
+// The clipped log-likelihood of each exposure, given a tile, with V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta)
 // |K_MB|^2 + exp(e) n. c2, c4 and e take their most likely values by Fisher scoring, the amplitudes are integrated over. Each thread looks
 // after a ring.
 
@@ -6,7 +6,7 @@ const THREADS = 32u;
 // The precisions of the priors of c2, c4 and e, in units of the likelihood before it is tempered.
 var<private> precisions: vec3f;
 
-// The bins of each ring, in COLUMNS places each.
+// The properties of the bins; each ring has COLUMNS places.
 var<workgroup> weight: array<f32, BINS>;
 var<workgroup> power: array<f32, BINS>;
 var<workgroup> noise: array<f32, BINS>;
@@ -19,7 +19,7 @@ var<workgroup> shutter: array<f32, BINS>;
 const SUMS = 13u;
 var<workgroup> ring_sums: array<f32, SUMS * COLUMNS>;
 var<workgroup> sums: array<f32, SUMS>;
-// By how much each ring's amplitude improves the log-likelihood, for each exposure of the table.
+// The gain in log-likelihood from each ring's amplitude, for each exposure of the table.
 var<workgroup> gains: array<f32, MAX_STEPS * COLUMNS>;
 var<workgroup> ends: array<vec2f, THREADS>;
 var<workgroup> has_contrast: u32;
@@ -33,7 +33,8 @@ struct Scene {
 
 struct Improved {
     scene: Scene,
-    // The log-likelihood after the step, if it is quadratic, without what the amplitudes gain; and what this ring's amplitude gains.
+    // The log-likelihood after the step, if it is quadratic, without the gains from the amplitudes; and the gain from this ring's
+    // amplitude.
     log_likelihood: f32,
     gain: f32,
 }
@@ -104,7 +105,7 @@ fn improve(thread: u32, n: u32, before: Scene) -> Improved {
     );
 }
 
-// Solves for the step by Cholesky's decomposition of the information. The step is clamped, since far from the solution a whole one may go
+// Solves for the step by Cholesky's decomposition of the information. The step is clamped, since far from the solution a whole step may go
 // too far.
 fn solve(score: vec3f) -> vec3f {
     let l00 = sqrt(max(sums[7] + precisions.x, 1e-9));
@@ -122,7 +123,7 @@ fn solve(score: vec3f) -> vec3f {
     return clamp(x, vec3f(-0.7), vec3f(0.7));
 }
 
-// Long, since all threads of a workgroup must reach each barrier together, and pass what they found on through shared memory.
+// This function is long, since all threads of a workgroup must reach each barrier together and exchange results through shared memory.
 @compute @workgroup_size(32)
 fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     let observation = group.x * EXPOSURE_OBSERVATION;
@@ -183,7 +184,7 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         return;
     }
 
-    // Halves are rounded up, also where division is not exact, since whole speeds lead to them.
+    // Whole speeds lead to halves; these are rounded up even where the division is not exact.
     let steps = floor(MAX_LAMBDA / clamp(STREAK_STEP / tile.speed, LEAST_STEP, LARGEST_STEP) + 0.5001);
     let step = MAX_LAMBDA / steps;
     let len = u32(steps) + 1u;
@@ -191,7 +192,7 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         for (var i = COLUMNS * thread; i < COLUMNS * thread + n; i++) {
             shutter[i] = shutter_gain(tile.speed, along[i], leaks[i], f32(l) * step);
         }
-        // The scoring starts near its solution, except for the first value of a table.
+        // Few rounds suffice where the scoring starts near its solution, that is, except for the first exposure of the table.
         let rounds = select(2u, 13u, l == 0u);
         var improved: Improved;
         for (var i = 0u; i < rounds; i++) {
@@ -219,8 +220,8 @@ fn exposure(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index
         highest = max(highest, values[i]);
     }
 
-    // The likelihood is averaged over what the texture may add to the streaks. Where that blurs it widely, few of the exposures need to be
-    // computed.
+    // The likelihood is averaged over the length that texture may add to streaks. Where this average is wide, few of the exposures need to
+    // be computed.
     let width = STREAK_ERROR / tile.speed / EXPOSURE_STEP;
     let stride = clamp(u32(0.25 * width), 1u, 8u);
     let count = (EXPOSURES - 1u + stride - 1u) / stride + 1u;

@@ -1,18 +1,18 @@
-// How likely a tile finds each defocus std: the log-likelihood of V = a / |w|^alpha |K_MB|^2 |K_DoF|^2 + n. The amplitude a and the noise's
+// The log-likelihood of each defocus std, given a tile, with V = a / |w|^alpha |K_MB|^2 |K_DoF|^2 + n. The amplitude a and the noise's
 // exact power take their most likely values, and the slope alpha is integrated over. Eight threads look after each of six slopes.
 
-// The table of |K_DoF|^2: for each std GAINS values over the modulus, in steps of 1/256 cycle per px.
+// The table of |K_DoF|^2: GAINS values over the modulus for each std, in steps of 1/256 cycle per px.
 @group(0) @binding(7) var<storage, read> lens_gains: array<f32>;
 
 const LANES = 8u;
 
-// Bins that motion blur leaves alike, of all rings one after the other.
+// The properties of the bins, ring after ring; bins that motion blur leaves alike are merged.
 var<workgroup> weight: array<f32, BINS>;
 var<workgroup> power: array<f32, BINS>;
 var<workgroup> noise: array<f32, BINS>;
 var<workgroup> modulus: array<f32, BINS>;
 var<workgroup> shutter: array<f32, BINS>;
-// What would be seen without defocus at amplitude 1, for each slope.
+// The power of the signal without defocus at amplitude 1, for each slope and bin.
 var<workgroup> scenes: array<f32, ALPHAS * BINS>;
 var<workgroup> counts: array<u32, COLUMNS>;
 var<workgroup> lane_sums: array<vec3f, ALPHAS * LANES>;
@@ -23,7 +23,7 @@ fn deviation(alpha: u32) -> f32 {
     return 0.8 * (f32(alpha) - 0.5 * f32(ALPHAS - 1u));
 }
 
-// Adds up what the threads of a slope have.
+// Adds up the values of the threads of a slope.
 fn lanes_total(thread: u32, own: vec3f) -> vec3f {
     lane_sums[thread] = own;
     workgroupBarrier();
@@ -59,7 +59,7 @@ fn of_frame(index: u32, scale: f32) -> f32 {
     return interpolate(0u, TILE_SIGMAS, index_of(min(sigma, largest))) - LARGER_BLUR * max(sigma - largest, 0.0);
 }
 
-// Long, since all threads of a workgroup must reach each barrier together, and pass what they found on through shared memory.
+// This function is long, since all threads of a workgroup must reach each barrier together and exchange results through shared memory.
 @compute @workgroup_size(48)
 fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     let observation = LENSES_AT + group.x * LENS_OBSERVATION;
@@ -159,7 +159,7 @@ fn defocus(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index)
             let total = lanes_total(thread, own);
             log_amplitude = log(max(total.x / total.y, 1e-12));
         }
-        // The scoring starts near its solution, except for the first std.
+        // Few rounds suffice where the scoring starts near its solution, that is, except for the first std.
         let rounds = select(2u, 10u, s == 0u);
         var log_likelihood = 0.0;
         for (var round = 0u; round < rounds; round++) {

@@ -1,24 +1,23 @@
-// What the likelihoods of the exposure and of the lens share.
+// The declarations that the likelihoods of the exposure and of the lens share.
 
 @group(0) @binding(1) var<storage, read> tiles: array<Tile>;
 @group(0) @binding(2) var<storage, read> chosen: array<u32>;
 @group(0) @binding(3) var<storage, read> periodograms: array<f32>;
-// The frequencies, ring by ring: x, y and modulus (cycles per px of the tile), and the place in a periodogram. Then the first frequency of
-// each ring.
+// The frequencies, ring by ring: x, y and modulus (cycles per px of the tile), and the place in a periodogram. `rings` holds the index of
+// the first frequency of each ring.
 @group(0) @binding(4) var<storage, read> frequencies: array<vec4f>;
 @group(0) @binding(5) var<storage, read> rings: array<u32, COLUMNS + 1u>;
-// The observations. For each tile chosen for the exposure: whether it is an observation, its block, its speed, and its clipped
-// log-likelihood. Then for each tile chosen for the lens: whether it is an observation, its block, its inverse depth, and its table over
-// the std.
+// The observations. For each tile chosen for the exposure: 1 if it is valid, its block, its speed, and its clipped log-likelihood. Then for
+// each tile chosen for the lens: 1 if it is valid, its block, its inverse depth, and its table over the std.
 @group(0) @binding(6) var<storage, read_write> observations: array<f32>;
 
-// Where the observations of the lens begin.
+// The index at which the observations of the lens begin.
 const LENSES_AT = EXPOSURE_TILES * EXPOSURE_OBSERVATION;
 
 const PI = 3.14159265;
 
-// The density of the white noise with which a tile is noise-padded against a coder's errors of this variance of luma: it is part of the
-// tile's power and of its noise.
+// The density of the white noise with which a tile is noise-padded against a coder's errors of this variance of luma. The white noise is
+// part of the tile's power and of its noise.
 fn padding(tile: Tile, coding: f32) -> f32 {
     return coding * tile.noise_moments.z / (tile.scale * tile.scale);
 }
@@ -38,7 +37,7 @@ fn noise_density(tile: Tile, modulus: f32, coding: f32) -> f32 {
 }
 
 // The prior precision of the log of the noise's factor, in units of the likelihood before it is tempered. The log of the noise's power may
-// be off by error.x, and noise of luma of std error.y may be there unseen.
+// be off by error.x, and noise of std error.y in luma may be present beside the measured noise.
 fn noise_precision(tile: Tile, error: vec2f, coding: f32) -> f32 {
     let white = tile.noise_moments.z / (tile.scale * tile.scale);
     let unseen = log(1.0 + error.y * error.y * white / noise_density(tile, MIDDLE, coding));
@@ -67,7 +66,8 @@ fn bins_of(index: u32, tile: Tile, ring: u32, coding: f32, bins: ptr<function, a
     return n;
 }
 
-// How much stronger a scene is at the two frequencies LEAK below and above a bin along the motion, which leak into it.
+// The power of a scene at the two frequencies LEAK below and above a bin along the motion, which leak into the bin, relative to that in the
+// bin.
 fn leaks_of(tile: Tile, bin: vec4f) -> vec2f {
     if tile.speed <= 0.0 {
         return vec2f(1.0);
@@ -77,7 +77,7 @@ fn leaks_of(tile: Tile, bin: vec4f) -> vec2f {
     return exp(-0.5 * ALPHA * log(max(square, vec2f(0.1))));
 }
 
-// Sine and cosine, exact to rounding (Moshier's Cephes). Those of the language may be off by 1/2000, and by anything beyond pi.
+// Sine and cosine, exact to rounding (Moshier's Cephes). WGSL's own functions may be off by 1/2000, and by anything beyond pi.
 fn sine_and_cosine(x: f32) -> vec2f {
     let turns = round(x * (2.0 / PI));
     let r = x - turns * 1.5703125 - turns * 4.837513e-4 - turns * 7.54979e-8;
@@ -109,10 +109,10 @@ fn shutter_gain(speed: f32, along: f32, leaks: vec2f, lambda: f32) -> f32 {
     return sum / 6.0 + SHUTTER_FLOOR;
 }
 
-// Room for tables and curves, one after the other.
+// The memory for tables and curves, one after the other.
 var<workgroup> values: array<f32, MAX_STEPS + 2u * (EXPOSURES + 1u)>;
 
-// Interpolates between the values of such a table by Catmull & Rom's cubic, whose ends continue in a straight line.
+// Interpolates between the entries of a table in `values` by Catmull & Rom's cubic, whose ends continue in a straight line.
 fn interpolate(table: u32, len: u32, at: f32) -> f32 {
     let i = min(u32(at), len - 2u);
     let f = clamp(at - f32(i), 0.0, 1.0);

@@ -1,7 +1,8 @@
 // Makes the periodograms of a frame's tiles from the frame, its flow and its inverse depth.
 
 @group(0) @binding(1) var frame: texture_2d_array<f32>;
-// The light that is blurred: first of the frame, then of each further resolution, whose pixels are means of 2 x 2 px of the one before.
+// The luma on which blur acts, of light or of encoded values: first of the frame, then of each further resolution, whose pixels are means
+// of 2 x 2 px of the one before.
 @group(0) @binding(2) var<storage, read_write> light_out: array<f32>;
 
 var<workgroup> means: array<f32, 64>;
@@ -50,7 +51,7 @@ fn light(
 
 const LOCATE_THREADS = 64u;
 // SAMPLES is the number of every second pixel of a tile, each way. The two components of the flow and the inverse depth are kept as
-// unsigned numbers in the order of the values; UNKNOWN, the largest, stands for unknown ones.
+// unsigned numbers in the order of the values; UNKNOWN, the largest, stands for unknown values.
 var<workgroup> keys: array<array<u32, SAMPLES>, 3>;
 const UNKNOWN = 0xffffffffu;
 // The order statistics that are looked for: the medians of the two components of the flow, and three quantiles of inverse depth. Each has a
@@ -93,8 +94,8 @@ fn moments_of(p: vec3f) -> vec3f {
     return gain * vec3f(y * y, y, 1.0);
 }
 
-// Finds where each tile lies, how it moves and how far it is.
-// Long, since all threads of a workgroup must reach each barrier together, and pass what they found on through shared memory.
+// Finds where each tile lies, how it moves and how far it is. This function is long, since all threads of a workgroup must reach each
+// barrier together and exchange results through shared memory.
 @compute @workgroup_size(64)
 fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) thread: u32) {
     var level = 0u;
@@ -168,7 +169,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             sums.x += length(vec2f(of_key(keys[0][i]), of_key(keys[1][i])) - motion);
         }
     }
-    // These are every second pixel of the frame, each way.
+    // The moments of the noise are means over every second pixel of the frame, each way.
     let side = TILE * scale / 2u;
     for (var i = thread; i < side * side; i += LOCATE_THREADS) {
         let p = 2u * vec2u(i % side, i / side) + scale * corner;
@@ -212,7 +213,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
 @group(0) @binding(6) var<storage, read_write> contrasts: array<f32>;
 
 const THREADS = 128u;
-// The number of values of 24 pairs of rows; after them come the columns of their transforms.
+// The number of values in `z` of 24 pairs of rows; after the rows come the columns of their transforms.
 const ROWS = TILE * TILE / 2u;
 var<workgroup> z: array<vec2f, ROWS + COLUMNS * TILE>;
 var<workgroup> partials: array<f32, THREADS>;
@@ -248,7 +249,7 @@ fn transform_sixes(line: u32, n: u32) {
     }
 }
 
-// The second step takes eight values in a row. The frequencies end up at `place`.
+// The second step takes eight values in a row. Frequency k ends up at place(k).
 fn transform_eights(line: u32, n: u32) {
     var v: array<vec2f, 8>;
     for (var i = 0u; i < 8u; i++) {
@@ -351,7 +352,8 @@ fn periodogram(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 fn choose(@builtin(global_invocation_id) id: vec3u) {
     let n = arrayLength(&contrast_of);
     let of_lens = id.x / LENS_TILES_PER_BLOCK;
-    // The rank of this tile, if there is one, and the number of tiles for this place, if it is one.
+    // `rank` counts the tiles that come before tile `id.x`, in the image and in its block. `usable` counts the usable tiles, in the image
+    // and in block `of_lens`.
     let own = select(-1.0, contrast_of[min(id.x, n - 1u)], id.x < n);
     let block = tiles[min(id.x, n - 1u)].block;
     var rank = vec2u(0u);
