@@ -5,9 +5,9 @@ from numba import njit
 
 import sharp
 
-MAX_STD = 6.0  # defocus, px
-MAX_MOTION = 24.0  # px per frame interval
-PAD = 28  # scene around a crop that blur brings into it
+MAX_STD = 6.0  # largest std of the defocus, px
+MAX_MOTION = 24.0  # fastest motion, px per frame interval
+PAD = 28  # px of scene around a crop, which blur brings into it
 
 _v = np.arange(256, dtype=np.float32) / 255
 TO_LINEAR = np.where(_v <= 0.04045, _v / 12.92, ((_v + 0.055) / 1.055) ** 2.4).astype(np.float32)
@@ -28,7 +28,7 @@ def encode(x):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def lens(layer, a, b, c, gauss, out):
-    """Blurs `layer` (4, H, W, premultiplied) with std |a + b x + c y| px by a disk (diameter 4 std) or a Gaussian into the inner part `out` (h, w, 4)."""
+    """Blurs `layer` (4, H, W, premultiplied) with std |a + b x + c y| px into its inner part `out` (h, w, 4), by a disk (diameter 4 std) or a Gaussian."""
     h, w, _ = out.shape
     pad = (layer.shape[1] - h) // 2
     size = 2 * pad + 1
@@ -157,7 +157,7 @@ class Camera:
 
     @staticmethod
     def _band(r, k, n=768):
-        """White noise's octave k, unit std."""
+        """Octave k of white noise, scaled to std 1."""
         w = r.standard_normal((n >> k, n >> k, 3)).astype(np.float32)
         w = w - cv2.pyrUp(cv2.pyrDown(w), dstsize=(n >> k, n >> k))
         for _ in range(k):
@@ -165,7 +165,7 @@ class Camera:
         return w / w.std()
 
     def crop(self, n):
-        """Linear n x n x 3, of several places tried the one with most detail: blurred targets would teach to keep blur."""
+        """A linear crop of n x n x 3: of up to three places the one with most detail, since blurred targets would teach to keep blur."""
         r = self.rng
         best, most = None, -1.0
         for _ in range(3 if r.random() < 0.85 else 1):
@@ -192,7 +192,7 @@ class Camera:
         return c
 
     def layers(self, n, most=3):
-        """(N, n, n, 4) premultiplied linear, back to front"""
+        """Layers of shape (N, n, n, 4), premultiplied and linear, back to front."""
         r = self.rng
         out = np.ones((r.integers(1, most + 1), n, n, 4), np.float32)
         for i, l in enumerate(out):
@@ -245,9 +245,9 @@ class Camera:
         blurred, clean = np.zeros((n, n, 3), np.float32), np.zeros((n, n, 3), np.float32)
         part = np.empty((n, n, 4), np.float32)
         top = MAX_STD * r.random()
-        everywhere = r.random() < 0.08  # nothing to remove
+        everywhere = r.random() < 0.08  # some pairs have no blur to remove
         for l in layers:
-            # along a plane, std is |a + b x + c y|: the thin lens is linear in inverse depth
+            # along a plane, the std is |a + b x + c y|, since a thin lens is linear in inverse depth
             slope = r.normal(0, 1.5 * top / n, 2) * (r.random() < 0.7)
             centre = 0.0 if r.random() < 0.2 else top * r.uniform(-1, 1)
             a = centre - slope.sum() * n / 2

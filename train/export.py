@@ -19,7 +19,7 @@ saved = torch.load(a.checkpoint)
 task = saved["task"]
 net = nets.Net(task).eval()
 net.load_state_dict(saved["weights"])
-for v in net.parameters():  # torch computes with what the file will hold
+for v in net.parameters():  # rounded to f16, as in the file
     v.data = v.data.half().float()
 frames, _ = nets.TASKS[task]
 name_in, name_out = ("frames" if frames > 1 else "frame"), ("clean" if task == "noise" else "sharp")

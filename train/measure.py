@@ -56,7 +56,7 @@ def linear(x):
 
 
 def wiener(x, psf, noise):
-    """Of an encoded image, in linear light; mirrored borders."""
+    """Wiener filter of an encoded image, in linear light, with mirrored borders."""
     m = 32
     y = np.pad(linear(x), ((m, m), (m, m), (0, 0)), "reflect")
     k = np.zeros(y.shape[:2], np.float32)
@@ -123,7 +123,7 @@ def shutter(x, u, v, exposure):
 
 @njit(cache=True, nogil=True, fastmath=True)
 def lens(x, std):
-    """A disk of diameter 4 std at each pixel."""
+    """Blurs by a disk of diameter 4 std, which differs between pixels."""
     h, w, _ = x.shape
     out = np.empty_like(x)
     for i in range(h):
@@ -146,7 +146,7 @@ def lens(x, std):
 
 
 def minimum(values, cost):
-    """The minimiser, between the grid's points by a parabola."""
+    """The value of least cost, interpolated between the grid's points by a parabola."""
     c = np.array([cost(v) for v in values])
     i = int(c.argmin())
     if 0 < i < len(c) - 1:

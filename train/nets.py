@@ -1,8 +1,8 @@
 """The network of all three tasks: a small U-Net that says, for each pixel, how much of each of 16 fixed bands to add, and a residual.
 
 The bands are second differences over 1, 2, 4 and 8 px in four directions, of ever smoother copies of the frame: adding them sharpens,
-along any direction and at any scale, and subtracting them smooths. With them little has to be learned: from how strong the bands are
-against each other (which is also given) follows how blurred the frame is and how to mend it."""
+along any direction and at any scale, and subtracting them smooths. With them little has to be learned: the relative strengths of the
+bands, which the network is also given, show how blurred the frame is and how to restore it."""
 import torch
 import torch.nn as nn
 import torch.nn.functional as F
@@ -54,14 +54,14 @@ class Net(nn.Module):
         self.dec = nn.ModuleList([blocks(k, n) for k, n in zip(c[:-1], DEC)])
         self.tail = nn.Conv2d(c[0], 12, 3, 1, 1)
         self.gain = nn.Conv2d(c[0], BANDS, 3, 1, 1)
-        for m in (self.tail, self.gain, self.rule[-1]):  # starts as the identity
+        for m in (self.tail, self.gain, self.rule[-1]):  # zero, so that the network starts as the identity
             nn.init.zeros_(m.weight)
             nn.init.zeros_(m.bias)
 
         def fixed(name, value):
             self.register_buffer(name, value, persistent=False)
 
-        # pixel-unshuffle as a convolution: not all runtimes have SpaceToDepth
+        # pixel-unshuffle is done as a convolution, since not all runtimes have SpaceToDepth
         n = 12 * self.frames
         w = torch.zeros(n, n // 4, 2, 2)
         for i in range(n):
@@ -79,7 +79,7 @@ class Net(nn.Module):
         fixed("luma", table([0.299, 0.587, 0.114])[..., None, None])
 
     def around(self, x):
-        """Mean over some 8 px, at half the size."""
+        """Mean over about 8 px, at half the size."""
         return F.conv2d(F.avg_pool2d(x, 2), self.near, padding=4, dilation=2, groups=BANDS)
 
     def bands(self, x, change):
@@ -109,7 +109,7 @@ class Net(nn.Module):
         return [torch.cat(out, 1) for out in rgb], moved
 
     def evidence(self, x):
-        """What is computed, not learned: the bands, and what they say at half the size."""
+        """The inputs that are computed, not learned: the bands, and their relative strengths at half the size."""
         frame = x[:, 3 * self.middle : 3 * self.middle + 3]
         change = (F.conv2d(x[:, 6:], self.luma) - F.conv2d(x[:, :3], self.luma)) * 0.5 if self.frames == 3 else None
         rgb, moved = self.bands(frame, change)

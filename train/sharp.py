@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 
 EXT = {".jpg", ".jpeg", ".png", ".webp"}
-# Samples of scikit-image and scikit-learn, only for measuring: rendered clips that the networks are measured on use some as textures.
+# Samples of scikit-image and scikit-learn are used only for measuring, since the rendered clips of the measurement use some as textures.
 SKIMAGE = ("astronaut.png", "coffee.png", "chelsea.png", "rocket.jpg")
 SKLEARN = ("china.jpg", "flower.jpg")
-HELD_OUT = 8  # of the folders, one picture in so many is only for measuring
+HELD_OUT = 8  # one in this many pictures of the folders is used only for measuring
 
 
 def sample_files():

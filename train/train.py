@@ -63,12 +63,12 @@ def distance(x, want):
 
 
 def loss_of(given, out, want):
-    """Relative to what was to be removed, so that strong blur, of which little can be recovered, does not drown the rest."""
+    """The loss relative to the distance of the input, so that strong blur, of which little can be recovered, does not dominate."""
     return (0.03 * distance(out, want) / (distance(given, want) + 0.01)).mean()
 
 
 class Replay:
-    """Pairs are costly beside a step of so small a network: each is used some times, every time another part of it, turned and recoloured."""
+    """A pool of training pairs. Making a pair costs more than a step, so each is used several times, each time cropped, turned and recoloured anew."""
 
     def __init__(self):
         self.rng = np.random.default_rng(a.seed + 2)

@@ -78,7 +78,7 @@ fn notes(diagnostics: &Diagnostics) -> Markup {
     html! {
         section {
             h2 { "Notes" }
-            @if diagnostics.notes.is_empty() { p.soft { "Nothing was left out or chosen that would need a word." } }
+            @if diagnostics.notes.is_empty() { p.soft { "There is nothing to note about this estimate." } }
             @else { ul { @for n in &diagnostics.notes { li { (n) } } } }
         }
     }

@@ -11,7 +11,7 @@ use blindaug::model::{
 };
 use maud::html;
 
-/// "from 0.8 m to 1.2 m" of inverse depths in 1/m.
+/// The distances of a range of inverse depths in 1/m, such as "from 0.800 to 1.20 m".
 fn metric_range([low, high]: [f32; 2]) -> String {
     let [low, high] = [low, high].map(f64::from);
     let near = distance(high);
@@ -122,7 +122,7 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
     rows
 }
 
-/// What only a quadratic has: its ends and its numbers.
+/// The rows that only a quadratic has: the blur at its ends, and its coefficients.
 fn quadratic_parameters(m: &DefocusModel, [a, b, c]: [f32; 3], range: [f32; 2], metric: bool) -> Vec<Row> {
     let place = |d: f64| if metric { metres(d) } else { number(d) };
     let [low, high] = range.map(f64::from);
@@ -153,8 +153,8 @@ fn quadratic_parameters(m: &DefocusModel, [a, b, c]: [f32; 3], range: [f32; 2], 
     ]
 }
 
-/// The least and the largest inverse depth at which the far and the near end of what is sharp may lie, if both numbers of a thin lens
-/// lie anywhere in their intervals.
+/// The least and the largest inverse depth at which the far and the near end of the sharp range may lie, if both numbers of a thin
+/// lens lie anywhere in their intervals.
 fn sharp_ends(interval: ThinLensInterval) -> [[f64; 2]; 2] {
     let corners: Vec<[f32; 2]> = interval
         .sigma_px_at_infinity
@@ -167,7 +167,7 @@ fn sharp_ends(interval: ThinLensInterval) -> [[f64; 2]; 2] {
     })
 }
 
-/// The lens in short.
+/// The lens's card: its large text and the text below.
 pub(crate) fn focus_card(m: &DefocusModel) -> (String, String) {
     let metric = m.depth_kind == DepthKind::Metric;
     let relative = "in relative inverse depth: no unit, larger is nearer";

@@ -1,6 +1,6 @@
 use crate::plots::PlotError;
 
-/// Why a page cannot be made.
+/// The reasons why a page cannot be made.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Error {

@@ -26,7 +26,7 @@ pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics
                 Some(plot) => figure { (plot) figcaption {
                     "How well each exposure explains the frames: the higher, the better. "
                     @if known.is_some() { (swatch(ESTIMATE)) "the estimate and its 95 % interval. " }
-                    @if known.is_some_and(|m| m.method == Method::Removal) { "Drawn is minus the error of re-blurred given clean frames, scaled as a log-likelihood, or, without such, the evidence." }
+                    @if known.is_some_and(|m| m.method == Method::Removal) { "The curve is minus the error of the given clean frames when blurred again, scaled as a log-likelihood; if none were given, it is the log evidence of each exposure." }
                 } },
                 None => @if known.is_some() { p.soft { "There is no likelihood curve for this estimate." } },
             }
@@ -85,7 +85,7 @@ fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Row> {
     ]
 }
 
-/// The shutter in short.
+/// The shutter's card: its large text and the text below.
 pub(crate) fn shutter_card(m: &MotionBlurModel, fps: Option<f64>) -> (String, String) {
     let more = match fps {
         Some(fps) => format!("open for {} of each frame", seconds(m.exposure.seconds(fps))),

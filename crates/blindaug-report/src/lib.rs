@@ -1,6 +1,6 @@
-//! What was estimated, as a page of HTML without outside resources, and in words: a model and its diagnostics in, a `String` out.
+//! Reports of an estimated camera, as a page of HTML without outside resources or in words: a model and its diagnostics in, a `String` out.
 //!
-//! [`page`] tells one model, [`track_page`] one for each frame, [`words`] both in plain text. Nothing here reads or writes a file.
+//! [`page`] reports one model, [`track_page`] a model for each frame, [`words`] both in plain text. Nothing here reads or writes a file.
 //!
 //! ```
 //! use blindaug::CameraModel;
@@ -38,15 +38,15 @@ pub use error::{Error, Result};
 pub use page::page_with;
 pub use pictures::{Shown, shown};
 
-/// What a report shows.
+/// The contents of a report.
 pub struct ReportInput<'a> {
     /// Heading of the page, such as the clip's name.
     pub title: String,
-    /// What was estimated.
+    /// The estimated model.
     pub model: &'a CameraModel,
-    /// On what it rests.
+    /// The measurements on which the model rests.
     pub diagnostics: &'a Diagnostics,
-    /// A few frames with what is known of them.
+    /// A few frames with what is known of their motion and depth.
     pub samples: Vec<Sample>,
     /// Estimated beside true values, where the truth is known.
     pub comparison: Vec<TruthRow>,
@@ -56,17 +56,17 @@ pub struct ReportInput<'a> {
 
 /// A row of the table of estimated and true values.
 pub struct TruthRow {
-    /// What it is, with its unit.
+    /// The name of the quantity, with its unit.
     pub name: String,
-    /// The estimate.
+    /// The estimated value.
     pub estimated: String,
-    /// The truth.
+    /// The true value.
     pub truth: String,
 }
 
 /// A picture with a title.
 pub struct Picture {
-    /// Below the picture.
+    /// The caption below the picture.
     pub title: String,
     /// The picture.
     pub image: Encoded,
@@ -80,13 +80,13 @@ impl<'a> ReportInput<'a> {
     }
 }
 
-/// What the report of a track shows.
+/// The contents of the report of a track.
 pub struct TrackReportInput<'a> {
     /// Heading of the page, such as the clip's name.
     pub title: String,
-    /// What was estimated for each frame.
+    /// The estimated model of each frame.
     pub track: &'a CameraTrack,
-    /// A few frames with what is known of them.
+    /// A few frames with what is known of their motion and depth.
     pub samples: Vec<Sample>,
 }
 
@@ -98,7 +98,7 @@ pub fn page(input: &ReportInput) -> Result<String> {
     Ok(clip::page(input)?.into_string())
 }
 
-/// The page of a model for each frame: each number over time.
+/// The page of a track, which has a model for each frame: each number over time.
 ///
 /// # Errors
 /// If a plot cannot be drawn.

@@ -10,7 +10,7 @@ use blindaug::fit::Diagnostics;
 use blindaug::model::{CameraTrack, Distortion, Estimate, NOISE_LEVELS, NoiseModel, total_of_levels};
 use maud::{Markup, html};
 
-/// The std of the whole noise per channel at luminance `y`; each band's std is moved by `shift` of half its interval.
+/// The std of the whole noise of each channel at luminance `y`; each band's std is moved by `shift` times half its interval.
 fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
     let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| {
         let std = m.std(level, y);
@@ -19,7 +19,7 @@ fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
     total_of_levels(&std)
 }
 
-/// The noise in short.
+/// The noise's card: its large text and the text below.
 pub(crate) fn noise_card(m: &NoiseModel) -> (String, String) {
     let mean = m.total_std(0.5).iter().sum::<f32>() / 3.0;
     let more = "std of the noise at middle brightness, mean of red, green and blue";
@@ -70,7 +70,7 @@ pub(crate) fn noise_section(
     })
 }
 
-/// Which colour stands for which channel.
+/// The key of the channels' colours.
 pub(crate) fn channel_key() -> Markup {
     html! { @for (name, colour) in CHANNEL_NAMES.iter().zip(CHANNELS) { (swatch(colour)) (name.to_lowercase()) " " } }
 }

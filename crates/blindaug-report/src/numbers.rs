@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Numbers formatted for people.
 
-/// Three significant figures, without an exponent.
+/// The number with three significant figures, without an exponent.
 pub fn number(v: f64) -> String {
     if v.is_nan() {
         return "unknown".into();
@@ -24,7 +24,7 @@ pub fn tick(v: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
 }
 
-/// "low to high unit", in rising order.
+/// The text "low to high unit" of an interval, in rising order.
 pub fn interval([a, b]: [f64; 2], unit: &str) -> String {
     format!("{} to {}{unit}", number(a.min(b)), number(a.max(b)))
 }
@@ -42,12 +42,12 @@ pub fn count(n: u64) -> String {
     text
 }
 
-/// A distance in m of an inverse depth in 1/m; beyond 10 km, and beyond infinity, it is infinite to any lens.
+/// The distance in m of an inverse depth in 1/m; infinite beyond 10 km and for negative inverse depths, as to any lens.
 pub fn distance(inverse_depth: f64) -> f64 {
     if inverse_depth > 1e-4 { 1.0 / inverse_depth } else { f64::INFINITY }
 }
 
-/// A distance in words.
+/// The distance of an inverse depth in 1/m, in words.
 pub fn metres(inverse_depth: f64) -> String {
     match distance(inverse_depth) {
         d if d.is_infinite() => "infinity".into(),

@@ -1,4 +1,4 @@
-//! What the pages are made of: the frame around them, tables, cards, and words that several sections share.
+//! The parts of the pages: the frame around them, tables, cards, and texts that several sections share.
 
 use crate::numbers::{count, interval, number, tick};
 use crate::pictures::Shown;
@@ -19,7 +19,7 @@ pub fn page_with(title: &str, about: &str, body: &Markup, footer: &str) -> Marku
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
-                // Nothing from outside, by the browser's word as well.
+                // The browser, too, is told to load nothing from outside.
                 meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'";
                 title { (title) " · camera report" }
                 style { (PreEscaped(include_str!("page.css"))) }
@@ -71,7 +71,7 @@ pub(crate) fn basis(samples: u64, tiles: &str, method: Method) -> Markup {
     html! { p.basis { "Rests on " (count(samples)) " " (tiles) ". Method: " (method_in_words(method)) "." } }
 }
 
-/// What a sample of blur is, by method.
+/// The name of a blur estimate's samples, by method.
 pub(crate) fn blur_samples(method: Method) -> &'static str {
     if method == Method::Removal { "places" } else { "image tiles" }
 }
@@ -94,7 +94,7 @@ pub(crate) fn zoomed(shown: &Shown, alt: &str, zoom: u32) -> Markup {
     html! { img.zoom src=(shown.uri) width=(zoom * shown.width) height=(zoom * shown.height) alt=(alt); }
 }
 
-/// Says so if a picture is smaller than the frame, since noise and blur then look weaker.
+/// A note that a picture is smaller than the frame, if it is, since noise and blur then look weaker.
 pub(crate) fn reduced(shown: &Shown) -> String {
     if shown.reduced <= 1.0 {
         String::new()
@@ -125,7 +125,7 @@ pub(crate) fn parameter_table(parameters: &[Row]) -> Markup {
     }
 }
 
-/// What a distortion is called in the report.
+/// The name of a distortion in the report.
 pub(crate) fn title(distortion: Distortion) -> String {
     match distortion {
         Distortion::Defocus => "Depth of field".into(),
@@ -133,7 +133,7 @@ pub(crate) fn title(distortion: Distortion) -> String {
     }
 }
 
-/// The heading of a distortion's section: what it is, and which part of the camera makes it.
+/// The heading of a distortion's section: its name, and the part of the camera that causes it.
 pub(crate) fn heading(distortion: Distortion) -> String {
     format!("{}: {}", title(distortion), distortion.part())
 }
@@ -142,7 +142,7 @@ fn capitalised(text: &str) -> String {
     text[..1].to_uppercase() + &text[1..]
 }
 
-/// The section of a distortion of which there is nothing to show but its numbers.
+/// The section of a distortion that has numbers but no plot of its own.
 pub(crate) fn section(model: &CameraModel, distortion: Distortion) -> Markup {
     let rows: Vec<Row> = model.parameters(distortion).iter().map(row).collect();
     html! {
@@ -167,7 +167,7 @@ fn row(p: &Parameter) -> Row {
     }
 }
 
-/// A distortion's first number in short. That none of it is seen is an answer too.
+/// A distortion's card: its first number, or the answer that none of the distortion is seen.
 pub(crate) fn card(model: &CameraModel, distortion: Distortion) -> Option<(String, String)> {
     match model.why_unknown(distortion) {
         Some(why) if why.reason == Reason::NotSeen => Some(("None seen".into(), why.sentence.clone())),
@@ -178,7 +178,7 @@ pub(crate) fn card(model: &CameraModel, distortion: Distortion) -> Option<(Strin
     }
 }
 
-/// The distortions in short, each as a few large words and more of them, if it is known.
+/// The cards of all distortions: for each known one, its large text and the text below.
 pub(crate) fn cards(known: impl Fn(Distortion) -> Option<(String, String)>) -> Markup {
     html! {
         section aria-label="In short" {

@@ -1,4 +1,4 @@
-//! The pictures of a report: PNG as data URIs, and what they are made of.
+//! The pictures of a report, as PNG in data URIs.
 
 use base64::{Engine, engine::general_purpose::STANDARD};
 use blindaug::Sample;
@@ -10,20 +10,20 @@ use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
 
 /// A picture ready for a page.
 pub struct Shown {
-    /// `data:image/png;base64,...`
+    /// The file as a URI, `data:image/png;base64,...`
     pub uri: String,
-    /// px of the file.
+    /// Width of the file, px.
     pub width: u32,
-    /// px of the file.
+    /// Height of the file, px.
     pub height: u32,
-    /// How many px of the original make one.
+    /// The factor by which the original's width and height were reduced, >= 1.
     pub reduced: f32,
 }
 
-/// The largest width, px.
+/// The largest width of a picture, px.
 const WIDEST: usize = 640;
 
-/// All full pictures of a page together, px: noise hardly compresses, so 1 px takes about 3 bytes as base64.
+/// The number of pixels of all full pictures of a page together: noise hardly compresses, so 1 px takes about 3 bytes as base64.
 const BUDGET: usize = 1_500_000;
 
 /// The most pixels that each of `n` full pictures may have.
@@ -31,14 +31,14 @@ pub fn share_of_budget(n: usize) -> usize {
     (BUDGET / n.max(1)).clamp(10_000, WIDEST * WIDEST)
 }
 
-/// The frame, reduced to at most `most_pixels`; `None` if it is empty.
+/// The frame, reduced to about `most_pixels` at most; `None` if it is empty.
 pub fn shown(frame: &Encoded, most_pixels: usize) -> Option<Shown> {
     let (w, h) = frame.0.size();
     // A cast saturates, and takes NaN to 0.
     let bytes: Vec<u8> = frame.0.data().iter().flatten().map(|v| (255.0 * v + 0.5) as u8).collect();
     let picture = RgbImage::from_raw(w as u32, h as u32, bytes)?;
     let reduced = (w as f32 / WIDEST as f32).max(((w * h) as f32 / most_pixels.max(1) as f32).sqrt());
-    // A little too large is better than resampled for a little.
+    // A picture that is a little too large is better than one resampled by a small factor.
     if reduced <= 1.2 {
         return encoded_png(&picture, 1.0);
     }
@@ -53,13 +53,13 @@ fn encoded_png(picture: &RgbImage, reduced: f32) -> Option<Shown> {
     Some(Shown { uri: format!("data:image/png;base64,{}", STANDARD.encode(png)), width, height, reduced })
 }
 
-/// Small pictures of flow and depth have at most this many px.
+/// The largest number of pixels of the small pictures of flow and depth.
 const SMALL: usize = 320 * 240;
 
-/// Grey: nothing is known here.
+/// The grey of pixels whose value is unknown.
 const NO_VALUE: [f32; 3] = [0.45; 3];
 
-/// Flow as colour (hue: direction, saturation: speed), and the speed at full saturation in px per frame.
+/// The picture of flow as colour (hue: direction, saturation: speed), and the speed at full saturation in px per frame.
 pub fn flow(flow: &Flow) -> Option<(Shown, f32)> {
     let mut speeds: Vec<f32> =
         flow.data().iter().map(|[u, v]| u.hypot(*v)).filter(|s| s.is_finite()).collect();
@@ -68,7 +68,7 @@ pub fn flow(flow: &Flow) -> Option<(Shown, f32)> {
     Some((shown(&Encoded(flow.map(|f| flow_colour(f, full))), SMALL)?, full))
 }
 
-/// Which colour stands for which direction.
+/// The colour wheel that explains the colours of flow.
 pub fn flow_wheel() -> Option<Shown> {
     const RADIUS: usize = 30;
     let r = RADIUS as f32;
@@ -91,7 +91,7 @@ fn flow_colour([u, v]: [f32; 2], full: f32) -> [f32; 3] {
     })
 }
 
-/// Inverse depth from dark (far) to bright (near), and the two ends of the scale.
+/// The picture of inverse depth from dark (far) to bright (near), and the two ends of the scale.
 pub fn inverse_depth(depth: &Plane) -> Option<(Shown, [f32; 2])> {
     let mut values: Vec<f32> = depth.data().iter().copied().filter(|d| d.is_finite()).collect();
     values.sort_unstable_by(f32::total_cmp);
@@ -148,7 +148,7 @@ fn with_noise(image: &Encoded, model: &NoiseModel, number: u64) -> Encoded {
     let grain = noise::noise(model, &image.luma(), 1, number);
     let mut out = image.clone();
     for (v, n) in out.0.data_mut().as_flattened_mut().iter_mut().zip(grain.data().as_flattened()) {
-        // The sensor clips: no noise there, and none that reaches beyond.
+        // Where the sensor clips there is no noise, and elsewhere noise does not reach beyond that level.
         if *v < model.clip() {
             *v = (*v + n).min(model.clip());
         }
@@ -156,11 +156,11 @@ fn with_noise(image: &Encoded, model: &NoiseModel, number: u64) -> Encoded {
     out
 }
 
-/// Side of the crop that shows blur, px.
+/// The side of the crop that shows blur, px.
 const DETAIL: usize = 96;
 
-/// Where blur matters most: the square in which the frame differs most from the clean one, noise apart. `None` if the
-/// frames are too small or have different sizes.
+/// The square `[x, y, width, height]` in which blur matters most: there the frame differs most from the clean one, noise apart.
+/// `None` if the frames are too small or have different sizes.
 pub fn detail(frame: &Encoded, clean: &Encoded) -> Option<[usize; 4]> {
     let (w, h) = frame.0.size();
     if clean.0.size() != (w, h) || w < DETAIL || h < DETAIL {
@@ -177,7 +177,7 @@ pub fn detail(frame: &Encoded, clean: &Encoded) -> Option<[usize; 4]> {
         .map(|([x, y], _)| [x, y, DETAIL, DETAIL])
 }
 
-/// A part of a frame, as it is.
+/// A part of a frame, not reduced.
 pub fn crop(frame: &Encoded, [x, y, w, h]: [usize; 4]) -> Option<Shown> {
     shown(&Encoded(frame.0.crop(x, y, w, h)), usize::MAX)
 }
@@ -188,7 +188,7 @@ fn squares(w: usize, h: usize, side: usize) -> impl Iterator<Item = [usize; 2]> 
     (0..=h - side).step_by(step).flat_map(move |y| (0..=w - side).step_by(step).map(move |x| [x, y]))
 }
 
-/// Side of a patch of noise, px.
+/// The side of a patch of noise, px.
 const PATCH: usize = 48;
 
 /// A part is flat if smoothing leaves at most this fraction of its std: of white noise it leaves 0.14, of coarser grain more.
@@ -206,16 +206,16 @@ pub struct NoisePatch {
     pub real: Shown,
     /// An even patch of the same colour with the model's noise.
     pub synthetic: Shown,
-    /// Std of the luminance of the two.
+    /// Std of the luminance of the real and of the synthetic patch.
     pub sigma: [f32; 2],
-    /// Whether smoothing leaves little of the real one, as of noise.
+    /// Whether the real patch is flat: smoothing leaves little of it, as of noise.
     pub flat: bool,
-    /// How much contrast was raised.
+    /// The factor by which contrast was raised.
     pub gain: f32,
 }
 
-/// The flattest patch among dark, middle and bright parts of the frames, as far as there are any; at least the one that
-/// is flattest of all.
+/// The flattest patches among dark, middle and bright parts of the frames, as far as flat ones exist; without any, the flattest
+/// patch of all.
 pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch> {
     type Found<'a> = Option<(f32, &'a Sample, [usize; 2])>;
     let mut flat: [Found; 3] = [None; 3];
@@ -224,7 +224,7 @@ pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch>
         let (w, h) = sample.frame.0.size();
         let camera = track.at(sample.number);
         let Some(model) = camera.noise.known().filter(|_| w >= PATCH && h >= PATCH) else { continue };
-        // What is left after smoothing is not noise, or only its coarsest part.
+        // What smoothing leaves is structure, or only the coarsest part of the noise.
         let smooth = filter::gaussian_blur(&sample.frame.0, 2.0);
         for at in squares(w, h, PATCH) {
             let [x0, y0] = at;
@@ -256,7 +256,7 @@ pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch>
     flat.into_iter().flatten().filter_map(patch).collect()
 }
 
-/// Std around the best plane, over the three channels.
+/// The root sum of squares over the three channels of the std around the best plane.
 fn roughness(patch: &Raster<[f32; 3]>) -> f32 {
     (0..3).map(|c| deviation(&patch.map(|p| p[c])).powi(2)).sum::<f32>().sqrt()
 }
@@ -288,7 +288,7 @@ fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Opt
     })
 }
 
-/// Std around the best plane, so that shading does not count.
+/// The std around the best plane, so that shading does not count.
 fn deviation(p: &Plane) -> f32 {
     let plane = plane_fit(p);
     let (w, h) = p.size();
@@ -301,7 +301,7 @@ fn deviation(p: &Plane) -> f32 {
     (sum / (w * h) as f32).sqrt()
 }
 
-/// Least squares: value at the middle of a patch, slope along x, slope along y.
+/// The least-squares plane of a patch: its value at the middle, its slope along x, and its slope along y.
 fn plane_fit(p: &Plane) -> [f32; 3] {
     let (mut sums, mut square) = ([0.0; 3], 0.0);
     for (y, row) in p.data().chunks_exact(PATCH).enumerate() {

@@ -10,25 +10,25 @@ use plotters::coord::{Shift, types::RangedCoordf64};
 use plotters::prelude::*;
 use std::ops::Range;
 
-/// The estimate. It and [`POINTS`] are told apart by eyes that see no red or no green.
+/// The colour of the estimate. People who see no red or no green can tell it from [`POINTS`].
 pub const ESTIMATE: RGBColor = RGBColor(0xc2, 0x41, 0x0c);
-/// Measured points.
+/// The colour of measured points.
 pub const POINTS: RGBColor = RGBColor(0x1d, 0x4e, 0xd8);
-/// Red, green and blue.
+/// The colours of the red, green and blue channels.
 pub const CHANNELS: [RGBColor; 3] =
     [RGBColor(0xd0, 0x3a, 0x2f), RGBColor(0x0f, 0x8a, 0x4c), RGBColor(0x2f, 0x5f, 0xd0)];
 const INK: RGBColor = RGBColor(0x33, 0x33, 0x33);
 const GRID: RGBColor = RGBColor(0xe4, 0xe4, 0xe4);
 
-/// Width of a plot in units of its own. SVG coordinates are whole numbers here: twice as fine as the page's pixels.
+/// The width of a plot in its own units, which are twice as fine as the page's pixels, since SVG coordinates are whole numbers here.
 const WIDTH: u32 = 1440;
-/// Size of text in the same units; the library makes it 1 / 1.24 of that.
+/// The size of text in the units of [`WIDTH`]; the library divides it by 1.24.
 const FONT: u32 = 29;
 
-/// More points than this are not told apart, and make the file large.
+/// The largest number of points of a plot; more cannot be told apart and make the file large.
 const MOST_POINTS: usize = 1500;
 
-/// Why a plot cannot be drawn.
+/// The reason why a plot cannot be drawn.
 pub type PlotError = DrawingAreaErrorKind<std::io::Error>;
 type Result<T> = std::result::Result<T, PlotError>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -41,7 +41,7 @@ fn svg(height: u32, label: &str, draw: impl FnOnce(&Area) -> Result<()>) -> Resu
         draw(&area)?;
         area.present()?;
     }
-    // Within a page the root element needs a name for those who cannot see it, and no size and name space.
+    // Within a page the root element needs a label for readers who cannot see it, but no size and no namespace.
     let inner = text.split_once('>').map_or("", |(_, inner)| inner);
     let inner = inner.trim_end().strip_suffix("</svg>").unwrap_or(inner);
     Ok(html! {
@@ -89,7 +89,7 @@ impl<'a> Axes<'a> {
         Ok(chart)
     }
 
-    /// A line; what lies outside is moved to the border.
+    /// Draws a line; points outside the axes are moved to their border.
     fn line(
         &self,
         chart: &mut Chart,
@@ -100,7 +100,7 @@ impl<'a> Axes<'a> {
         chart.draw_series(LineSeries::new(points, style)).map(drop)
     }
 
-    /// The area between two curves over the same places: `[x, low, high]`.
+    /// Draws the area between two curves over the same places: `[x, low, high]`.
     fn band(&self, chart: &mut Chart, curves: &[[f64; 3]], colour: RGBColor) -> Result<()> {
         let low = curves.iter().filter_map(|&[x, low, _]| self.inside([x, low]));
         let high = curves.iter().rev().filter_map(|&[x, _, high]| self.inside([x, high]));
@@ -118,7 +118,7 @@ impl<'a> Axes<'a> {
         dashed(chart, [(self.x.start, y), (self.x.end, y)])
     }
 
-    /// An estimate on the x axis with its interval.
+    /// Draws an estimate on the x axis with its interval.
     fn mark(&self, chart: &mut Chart, x: f64, [low, high]: [f64; 2]) -> Result<()> {
         let (bottom, top) = (self.y.start, self.y.end);
         self.band(chart, &[[low, bottom, top], [high, bottom, top]], ESTIMATE)?;
@@ -135,12 +135,12 @@ fn dashed(chart: &mut Chart, ends: [(f64, f64); 2]) -> Result<()> {
     chart.draw_series(DashedLineSeries::new(ends, 14, 10, INK.mix(0.7).stroke_width(2))).map(drop)
 }
 
-/// The label of a whole number: frames have no fractions.
+/// The label of a whole number, empty for others: frames have no fractions.
 fn whole(v: f64) -> String {
     if v.fract() == 0.0 { format!("{v}") } else { String::new() }
 }
 
-/// From the least to the largest finite value; `None` if there is none.
+/// The least and the largest finite value; `None` if there is none.
 pub fn extent(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
     values
         .into_iter()
@@ -154,7 +154,7 @@ fn padded([low, high]: [f64; 2], margin: f64) -> Range<f64> {
     low - margin * size..high + margin * size
 }
 
-/// How well each exposure explains the frames.
+/// The plot of the log-likelihood over the exposure.
 pub fn exposure(curve: &[[f32; 2]], model: Option<&MotionBlurModel>) -> Result<Option<Markup>> {
     let mut curve: Vec<[f64; 2]> =
         curve.iter().filter(|p| p.iter().all(|v| v.is_finite())).map(|p| p.map(f64::from)).collect();
@@ -176,7 +176,7 @@ pub fn exposure(curve: &[[f32; 2]], model: Option<&MotionBlurModel>) -> Result<O
         x_ticks: 6,
     };
     let interval = model.map(|m| m.interval.map(f64::from)).filter(|i| i.iter().all(|v| v.is_finite()));
-    // A sharp peak is a spike on the whole range: show it from near as well.
+    // A sharp peak is a mere spike on the whole range, so that a second panel enlarges it.
     let near = model.zip(interval).and_then(|(m, [low, high])| {
         let at = f64::from(m.exposure.0);
         let reach = 2.0 * (high - low).max(0.02);
@@ -224,7 +224,7 @@ fn whole_copy<'a>(a: &Axes<'a>) -> Axes<'a> {
     Axes { x: a.x.clone(), y: a.y.clone(), ..*a }
 }
 
-/// The value at `x` of points in rising order.
+/// The linearly interpolated value at `x` of points [x, y] in rising order.
 fn interpolated(points: &[[f64; 2]], x: f64) -> Option<f64> {
     let after = points.partition_point(|p| p[0] < x);
     let b = points.get(after)?;
@@ -235,7 +235,7 @@ fn interpolated(points: &[[f64; 2]], x: f64) -> Option<f64> {
     Some(a[1] + (x - a[0]) / (b[0] - a[0]) * (b[1] - a[1]))
 }
 
-/// The exposure that each frame alone gives, and each shot if there are several, else all of them.
+/// The plot of the exposure that each frame alone gives, with the estimate of each shot if there are several, else that of all frames.
 pub fn exposure_per_frame(
     frames: &[(usize, f32)],
     model: Option<&MotionBlurModel>,
@@ -281,16 +281,16 @@ pub fn exposure_per_frame(
     .map(Some)
 }
 
-/// A number over time: for each stretch of frames in which it is known, the frames' numbers, the number and its interval.
+/// A number over time, in stretches of frames in which the number is known.
 pub struct Course {
-    /// `[frame, value, low, high]`
+    /// For each frame of each stretch, `[frame, value, low, high]`.
     pub stretches: Vec<Vec<[f64; 4]>>,
-    /// Its colour.
+    /// The colour of the number's line.
     pub colour: RGBColor,
 }
 
-/// Numbers over the frames, with their intervals and the frames in which a change was noticed. The axis ends at `most`; without it,
-/// where the numbers do.
+/// The plot of numbers over the frames, with their intervals and the frames in which a change was noticed. The y axis ends at
+/// `most`; without it, just above the numbers.
 pub fn over_time(
     name: &str,
     [first, last]: [f64; 2],
@@ -306,7 +306,7 @@ pub fn over_time(
     let axes = Axes {
         title: "",
         x: first - 0.5..last + 0.5,
-        // Wide intervals must not press the rest to the bottom.
+        // Wide intervals must not press the curves to the bottom.
         y: 0.0..most.unwrap_or(1.08 * high.clamp(largest, 2.0 * largest).max(0.05)),
         x_name: "frame",
         y_name: name,
@@ -328,7 +328,7 @@ pub fn over_time(
     .map(Some)
 }
 
-/// A stretch with few enough points, and as wide as a frame if it is one.
+/// The points of a stretch that are drawn: few enough, and for a single frame two points, one frame apart.
 fn wide_enough(stretch: &[[f64; 4]]) -> Vec<[f64; 4]> {
     if let &[[x, value, low, high]] = stretch {
         return vec![[x - 0.5, value, low, high], [x + 0.5, value, low, high]];
@@ -338,7 +338,7 @@ fn wide_enough(stretch: &[[f64; 4]]) -> Vec<[f64; 4]> {
     (0..).zip(stretch).filter(|(i, _)| kept(*i)).map(|(_, p)| *p).collect()
 }
 
-/// Blur over inverse depth: the points and the curve with its interval.
+/// The plot of blur over inverse depth: the points, and the curve with its interval.
 pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Option<Markup>> {
     let mut points: Vec<BlurPoint> = points
         .iter()
@@ -350,7 +350,7 @@ pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Opt
     let seen = extent(points.iter().map(|p| f64::from(p.inverse_depth)));
     let Some([near_zero, largest]) =
         extent(seen.into_iter().flatten().chain(model.into_iter().flat_map(|m| match m.curve {
-            // The focus is worth showing, unless it is far from all that was seen.
+            // The focus is shown unless it is far from all depths that were seen.
             DefocusCurve::ThinLens { focus_inverse_depth: f, .. } => {
                 let f = f64::from(f);
                 let reach = seen.map_or(2.0 * f, |s| 1.5 * s[1]);
@@ -370,7 +370,7 @@ pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Opt
     let curve: Vec<[f64; 2]> =
         model.iter().flat_map(|m| places.iter().map(|&d| [d, f64::from(m.sigma_px(d as f32))])).collect();
     let curve_top = extent(curve.iter().map(|p| p[1])).map_or(0.0, |e| e[1]);
-    // A few points that went wrong must not press the rest to the bottom.
+    // A few outliers must not press the other points to the bottom.
     let mut sigmas: Vec<f32> = points.iter().map(|p| p.sigma_px).collect();
     sigmas.sort_by(f32::total_cmp);
     let points_top = sigmas.get(sigmas.len().saturating_sub(1) * 98 / 100).map_or(0.0, |&s| f64::from(s));
@@ -419,19 +419,19 @@ pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Opt
     .map(Some)
 }
 
-/// The least and the largest blur at inverse depth `d` if each number of a thin lens may lie anywhere in its interval.
+/// The least and the largest blur, px, at inverse depth `d` if each number of a thin lens may lie anywhere in its interval.
 pub fn defocus_interval(model: &DefocusModel, d: f64) -> Option<[f64; 2]> {
     let DefocusCurve::ThinLens { interval: Some(interval), .. } = model.curve else { return None };
     let [low, high] = interval.focus_inverse_depth.map(|f| f64::from(f).max(1e-9));
     let sigma = |f: f64| (1.0 - d / f).abs();
-    // |1 - d / f| falls towards f = d and rises beyond.
+    // The factor |1 - d / f| falls towards f = d and rises beyond.
     let least = if (low..=high).contains(&d) { 0.0 } else { sigma(low).min(sigma(high)) };
     let [s_low, s_high] = interval.sigma_px_at_infinity.map(|s| f64::from(s).max(0.0));
     let both = [s_low * least, s_high * sigma(low).max(sigma(high))];
     both.iter().all(|v| v.is_finite()).then_some(both)
 }
 
-/// Std over luminance per band and channel, in 8-bit steps.
+/// The plot of the noise's std over luminance for each band and channel, in 8-bit steps.
 pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option<Markup>> {
     let points: Vec<&NoisePoint> = points
         .iter()
@@ -494,7 +494,7 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
     .map(Some)
 }
 
-/// True against estimated values in [0, `most`], with their intervals: `[true, estimated, low, high]`, a colour per group.
+/// The plot of estimated over true values in [0, `most`], with their intervals: `[true, estimated, low, high]`, a colour per group.
 pub fn true_and_estimated(name: &str, most: f64, groups: &[Vec<[f64; 4]>]) -> Result<Markup> {
     let axes = Axes {
         title: "",
@@ -511,7 +511,7 @@ pub fn true_and_estimated(name: &str, most: f64, groups: &[Vec<[f64; 4]>]) -> Re
         for (i, group) in groups.iter().enumerate() {
             let colour = GROUPS[i % GROUPS.len()];
             for &[truth, estimate, low, high] in group {
-                // Side by side, so that both are seen.
+                // Groups are drawn side by side, so that both are seen.
                 let x = truth + most * (0.008 * i as f64 - 0.004);
                 axes.line(&mut chart, [[x, low], [x, high]], colour.mix(0.35).stroke_width(3))?;
                 let at = axes.inside([x, estimate]);
@@ -522,7 +522,7 @@ pub fn true_and_estimated(name: &str, most: f64, groups: &[Vec<[f64; 4]>]) -> Re
     })
 }
 
-/// A true curve, in black, and recovered ones from blue to orange.
+/// The plot of a true curve, in black, and of recovered ones, from blue to orange.
 pub fn curves(x_name: &str, y_name: &str, truth: &[[f64; 2]], recovered: &[Vec<[f64; 2]>]) -> Result<Markup> {
     let all = || truth.iter().chain(recovered.iter().flatten());
     let x = extent(all().map(|p| p[0])).unwrap_or([0.0, 1.0]);
@@ -545,7 +545,7 @@ pub fn curves(x_name: &str, y_name: &str, truth: &[[f64; 2]], recovered: &[Vec<[
     })
 }
 
-/// Points, a colour per group.
+/// The plot of points, with a colour per group.
 pub fn scatter(x_name: &str, y_name: &str, groups: &[Vec<[f64; 2]>]) -> Result<Markup> {
     let all = || groups.iter().flatten();
     let x = extent(all().map(|p| p[0])).unwrap_or([0.0, 1.0]);
@@ -567,7 +567,7 @@ pub fn scatter(x_name: &str, y_name: &str, groups: &[Vec<[f64; 2]>]) -> Result<M
 /// The colours of groups.
 const GROUPS: [RGBColor; 2] = [POINTS, ESTIMATE];
 
-/// What a pyramid band holds.
+/// The name of a pyramid band.
 pub fn band_name(level: usize) -> String {
     match level {
         0 => "finest grain".into(),

@@ -1,4 +1,4 @@
-//! Frames, with what was found of motion and depth in them.
+//! The section of frames, with the motion and depth that were found in them.
 
 use crate::numbers::{metres, number};
 use crate::page::{picture, reduced, zoomed};
@@ -82,7 +82,7 @@ pub(crate) fn depth_scale(model: &CameraModel, low: f64, high: f64) -> String {
     }
 }
 
-/// Where blur changes most, from near.
+/// Enlarged crops of the place where blur changes the frame most.
 pub(crate) fn details(s: &Sample, clean: &Encoded, synthetic: &Encoded) -> Markup {
     let crops =
         pictures::detail(&s.frame, clean).filter(|_| synthetic.0.size() == s.frame.0.size()).map(|part| {

@@ -141,16 +141,16 @@ fn written(input: &ReportInput) -> String {
     page(input).unwrap()
 }
 
-/// Elements that have no end.
+/// HTML elements that have no end tag.
 const VOID: [&str; 4] = ["meta", "img", "br", "link"];
 
-/// What is wrong with the nesting of the tags, if anything.
+/// The first error in the nesting of the tags, if there is one.
 fn unbalanced(html: &str) -> Option<String> {
     let mut open = vec![];
     let mut rest = html;
     while let Some(at) = rest.find('<') {
         rest = &rest[at + 1..];
-        // No attribute of ours holds a '>' that is not escaped.
+        // The reports' attributes hold no '>' that is not escaped.
         let Some(end) = rest.find('>') else { return Some("a tag without an end".into()) };
         let tag = &rest[..end];
         rest = &rest[end + 1..];
@@ -178,7 +178,7 @@ fn check(html: &str) {
     }
 }
 
-/// What a report must never hold.
+/// Checks that a page is well-formed, loads nothing from outside, and holds no number that is not finite.
 fn check_page(html: &str) {
     assert_eq!(unbalanced(html), None);
     assert!(
@@ -190,7 +190,7 @@ fn check_page(html: &str) {
         assert!(svg.contains("aria-label"));
         for value in svg.split('"').skip(1).step_by(2) {
             assert!(!value.split([' ', ',']).any(|v| ["NaN", "inf", "-inf"].contains(&v)), "{value}");
-            // Saturated casts of values that are not finite.
+            // This number comes from saturated casts of values that are not finite.
             assert!(!value.contains("2147483"), "{value}");
         }
     }
@@ -401,7 +401,7 @@ fn odd_models_give_a_report() {
     }
 }
 
-/// The plots of the report of a track of 20 frames, and the page; `frame` may change the model of each, and what changed in it.
+/// The plots and the page of the report of a track of 20 frames; `frame` may alter each frame's model and the changes that are noted in it.
 fn tracked(frame: impl Fn(u64, &mut CameraModel, &mut Changes)) -> (Vec<String>, String) {
     let line = |number: u64| {
         let (mut camera, mut changed) = (known_model(200, 150), Changes::default());
@@ -416,7 +416,7 @@ fn tracked(frame: impl Fn(u64, &mut CameraModel, &mut Changes)) -> (Vec<String>,
     (svgs.collect(), html.clone())
 }
 
-/// Filled areas, such as intervals, and strokes of dashed lines of a plot.
+/// The numbers of filled areas, such as intervals, and of strokes of dashed lines in a plot.
 fn bands_and_dashes(svg: &str) -> [usize; 2] {
     let dash = |line: &&str| line.contains("polyline") && line.contains("opacity=\"0.7\" stroke=\"#333333\"");
     [svg.matches("<polygon").count(), svg.lines().filter(dash).count()]
@@ -424,7 +424,7 @@ fn bands_and_dashes(svg: &str) -> [usize; 2] {
 
 #[test]
 fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
-    // Blur at infinity, focus, exposure, the mask's amount, noise in three channels.
+    // The plots are those of blur at infinity, focus, exposure, the amount of sharpening, and noise in three channels.
     const BANDS: [usize; 5] = [1, 1, 1, 1, 3];
     let (steady, html) = tracked(|_, _, _| ());
     assert_eq!(steady.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(), BANDS.map(|b| [b, 0]));
@@ -460,7 +460,7 @@ fn what_a_track_does_not_know_is_left_out_and_said() {
             camera.motion_blur = Estimate::unknown(Reason::NoMotion, "nothing moves");
         }
     });
-    // The lens in two stretches, the exposure in a single frame, sharpening throughout, the noise not at all.
+    // The lens is known in two stretches, the exposure in a single frame, sharpening throughout, the noise not at all.
     assert_eq!(
         plots.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(),
         [[2, 0], [2, 0], [1, 0], [1, 0]]

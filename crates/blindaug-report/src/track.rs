@@ -1,4 +1,4 @@
-//! The report of a camera that was followed: each number over time.
+//! The report of a tracked camera: each number over time.
 
 use crate::noise::{channel_key, patches};
 use crate::numbers::{distance, number};
@@ -62,7 +62,7 @@ fn defocus_figures(frames: &[TrackedCamera], metric: bool) -> Part {
     })
 }
 
-/// A number and its interval.
+/// A number and the ends of its interval, if they are known.
 type Known = Option<[f64; 3]>;
 
 /// The exposure fraction in %.
@@ -71,7 +71,7 @@ fn exposure(model: &CameraModel) -> Known {
     Some([m.exposure.0, m.interval[0], m.interval[1]].map(|v| 100.0 * f64::from(v)))
 }
 
-/// Blur at infinity and focus of a thin lens, the only one that is tracked.
+/// Blur at infinity and focus of a thin lens, the only curve that is tracked.
 fn lens(model: &CameraModel) -> Option<[[f64; 3]; 2]> {
     match model.defocus.known()?.curve {
         DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
@@ -83,14 +83,14 @@ fn lens(model: &CameraModel) -> Option<[[f64; 3]; 2]> {
     }
 }
 
-/// The first number of a distortion.
+/// The first parameter of a distortion.
 fn first(model: &CameraModel, distortion: Distortion) -> Known {
     let p = model.parameters(distortion).into_iter().next()?;
     let [low, high] = p.interval.unwrap_or([p.value; 2]);
     Some([p.value, low, high].map(f64::from))
 }
 
-/// The first number of a distortion over time, and what it means.
+/// The plot of a distortion's first parameter over time, and its meaning.
 fn first_figure(frames: &[TrackedCamera], distortion: Distortion) -> Part {
     let Some(p) = frames.iter().find_map(|f| f.camera.parameters(distortion).into_iter().next()) else {
         return Ok(html! {});
@@ -102,7 +102,7 @@ fn first_figure(frames: &[TrackedCamera], distortion: Distortion) -> Part {
     })
 }
 
-/// The luminance at which noise is told.
+/// The luminance at which the noise is reported.
 const MIDDLE: f32 = 0.5;
 
 /// The std of the finest level's noise in a channel, in steps of 8 bit.
@@ -118,7 +118,7 @@ fn is_metric(frames: &[TrackedCamera]) -> bool {
 }
 
 fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
-    // The numbers' range, and in how many frames they are known.
+    // A card shows the range of a number and the count of frames in which it is known.
     let card = |of: &dyn Fn(&CameraModel) -> Option<f64>, text: &dyn Fn(String) -> String, more: &str| {
         let known: Vec<f64> = frames.iter().filter_map(|f| of(&f.camera)).collect();
         let [low, high] = plots::extent(known.iter().copied())?.map(number);
@@ -149,7 +149,7 @@ fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
     })
 }
 
-/// Numbers over time, and the changes that were noticed of them.
+/// The plot of numbers over time, with the changes that were noticed.
 fn figure<F: Fn(&CameraModel) -> Known>(
     frames: &[TrackedCamera],
     name: &str,
@@ -171,7 +171,7 @@ fn figure<F: Fn(&CameraModel) -> Known>(
     Ok(html! { @if let Some(plot) = plot { figure { (plot) } } })
 }
 
-/// When a change was noticed, and when and why there is no estimate.
+/// The frames in which a change was noticed, and the frames without an estimate, with the reason.
 fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
     let changes: Vec<String> =
         frames.iter().filter(|f| f.changed.of(distortion)).map(|f| f.frame.to_string()).collect();
@@ -180,7 +180,7 @@ fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
         @if !changes.is_empty() { p { "A change was noticed in frame " (changes.join(", ")) "." } }
         @for stretch in frames.chunk_by(|a, b| unknown(a) == unknown(b)) {
             @let (first, last) = (&stretch[0], &stretch[stretch.len() - 1]);
-            // If there were several reasons, the last one is told: it is what was missing to the end.
+            // Of several reasons, the last one is shown: it held until the end.
             @if let Some(why) = last.camera.why_unknown(distortion) {
                 p.unknown {
                     strong { "Unknown in frame " (first.frame) @if first.frame < last.frame { " to " (last.frame) } ": " }

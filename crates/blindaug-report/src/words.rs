@@ -10,10 +10,10 @@ use blindaug::{
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
-/// Rows of the table over time, beside those of changes.
+/// The number of rows of the table over time, beside the rows of changes.
 const ROWS: usize = 10;
 
-/// A camera over time: a row for a handful of frames, and for each in which something was found to have changed.
+/// The table of a camera over time: a row for a handful of frames, and for each frame in which a change was noticed.
 pub fn table(track: &CameraTrack) -> String {
     let frames = track.frames();
     let TrackedCamera { camera, frame: first, .. } = &frames[0];
@@ -62,7 +62,7 @@ pub fn table(track: &CameraTrack) -> String {
     text
 }
 
-/// What the parameters of a distortion are called in tables.
+/// The name of a distortion's parameters in tables.
 fn changed_name(distortion: Distortion) -> &'static str {
     match distortion {
         Distortion::Defocus => "lens",
@@ -71,10 +71,10 @@ fn changed_name(distortion: Distortion) -> &'static str {
     }
 }
 
-/// Luminances at which the noise is told.
+/// The luminances at which the noise is reported.
 const LUMINANCES: [f32; 3] = [0.1, 0.5, 0.9];
 
-/// The model in words, a line per fact.
+/// The model in words, a line per fact; `at_depth` are depths (m, or relative inverse depths) whose blur is added.
 pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
     let Capture { width, height, fps, frames_used } = model.capture;
     let rate = fps.map_or("at an unknown frame rate".into(), |f| format!("at {} frames a second", short(f)));
@@ -190,7 +190,7 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
     writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
 }
 
-/// The numbers of a distortion of which there is nothing more to say; nothing if it is unknown.
+/// Writes the parameters of a distortion that has no text of its own; nothing if they are unknown.
 fn other_words(text: &mut String, model: &CameraModel, distortion: Distortion) -> std::fmt::Result {
     let Some((method, samples)) = model.basis(distortion) else { return Ok(()) };
     let name = distortion.name();
@@ -204,7 +204,7 @@ fn other_words(text: &mut String, model: &CameraModel, distortion: Distortion) -
     writeln!(text, "           {}", origin(method, samples, "samples"))
 }
 
-/// The parameters of a camera in a few words each, by their names: what is known, or why it is not.
+/// The names and short texts of a camera's parameters: the value, or the reason why it is unknown.
 pub fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
     let mut rows = Vec::new();
     for distortion in Distortion::ALL {
@@ -247,7 +247,7 @@ fn lens_rows(lens: &DefocusModel) -> Vec<(&'static str, String)> {
     }
 }
 
-/// The derived values, for programs.
+/// The values that follow from the model, for programs.
 pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     let noise = match &model.noise {
         Estimate::Known(n) => {
@@ -274,7 +274,7 @@ pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     if let Some(stopped) = &model.stopped {
         value["stopped"] = json!(stopped);
     }
-    // The others as they are in camera.json, if they are known.
+    // The other distortions that are known are written as in camera.json.
     let file = json!(model);
     for distortion in Distortion::ALL.into_iter().filter(|&d| model.why_unknown(d).is_none()) {
         let key = distortion.name().replace(' ', "_");
@@ -292,13 +292,13 @@ fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
     put("depth_kind", json!(model.depth_kind));
     put("sigma_px_at_infinity", json!(facts.sigma_px_at_infinity));
     put("focus_inverse_depth", json!(facts.in_focus()));
-    // From the far end of the farthest range to the near end of the nearest one.
+    // The sharp range runs from the far end of the farthest range to the near end of the nearest one.
     let finite = |d: f32| d.is_finite().then_some(d);
     let sharp = facts.sharp.first().zip(facts.sharp.last()).map(|(far, near)| [far[0], near[1]]);
     put("inverse_depth_with_sigma_below_half_px", json!(sharp.map(|range| range.map(finite))));
     let metric = model.depth_kind == DepthKind::Metric;
     if metric {
-        // Null: infinitely far.
+        // Null means infinitely far.
         let metres = |d: f32| (d > 0.0).then(|| d.recip());
         put("focus_distance_m", json!(facts.in_focus().and_then(metres)));
         put("depth_m_with_sigma_below_half_px", json!(sharp.map(|[far, near]| [near, far].map(metres))));
@@ -316,12 +316,12 @@ fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
     Value::Object(values)
 }
 
-/// A depth in words, from inverse depth in 1/m.
+/// A depth in words, given as inverse depth in 1/m.
 fn depth(d: f32) -> String {
     if d > 1e-4 { format!("{} m", short(d.recip().into())) } else { "infinity".into() }
 }
 
-/// "0.45 to 0.51, 95 % sure".
+/// An interval in words, such as "0.45 to 0.51, 95 % sure".
 fn interval([lo, hi]: [f32; 2]) -> String {
     format!("{} to {}, 95 % sure", short(lo.into()), short(hi.into()))
 }
@@ -341,12 +341,12 @@ fn unit_of_samples(method: Method) -> &'static str {
     if method == Method::Spectral { "tiles" } else { "places" }
 }
 
-/// "0.48 [0.45, 0.51]".
+/// A value with its interval, such as "0.48 [0.45, 0.51]".
 pub fn with_interval(value: f32, [lo, hi]: [f32; 2]) -> String {
     format!("{value:.2} [{lo:.2}, {hi:.2}]")
 }
 
-/// Three significant digits or so, without zeros at the end.
+/// A number with about three significant digits, without zeros at the end.
 pub fn short(v: f64) -> String {
     let decimals = match v.abs() {
         a if a >= 100.0 => 1,
@@ -357,7 +357,7 @@ pub fn short(v: f64) -> String {
     text.trim_end_matches('0').trim_end_matches('.').into()
 }
 
-/// "1 frame", "5 frames".
+/// A count in words, such as "1 frame" or "5 frames".
 pub fn count(n: u64, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }

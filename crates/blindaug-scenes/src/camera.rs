@@ -10,7 +10,7 @@ use rand::{SeedableRng, rngs::StdRng};
 use rand_distr::{Distribution, Normal, Poisson};
 use serde::{Deserialize, Serialize};
 
-/// Who films.
+/// The kinds of cameras that film a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Camera {
@@ -20,32 +20,32 @@ pub enum Camera {
     Physics,
 }
 
-/// What the camera is set to.
+/// The settings of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting {
     /// Exposure fraction.
     pub exposure: f32,
     /// Blur at infinity (std in px) and focus distance in m; `None`: a pinhole.
     pub lens: Option<(f32, f32)>,
-    /// Std of the noise of an encoded value of 0.5.
+    /// Std of the noise at an encoded value of 0.5, in encoded values.
     pub noise: f32,
-    /// The share of it that does not depend on the light: of the std for the synthesis, of the variance for physics.
+    /// The share of the noise that does not depend on the light, in [0, 1]: of the std for the synthesis, of the variance for physics.
     pub readout: f32,
 }
 
 /// A filmed frame and what it would be without noise.
 pub struct Filmed {
-    /// As a camera gives it: 8 bit.
+    /// The frame as a camera gives it, in steps of 8 bits.
     pub frame: Encoded,
     /// The frame without noise and rounding.
     pub without_noise: Encoded,
 }
 
 impl Camera {
-    /// Films the frame at a time. `sharp`, depth and motion are those of the scene at that time.
+    /// Films the frame at `time`, in frames. `sharp`, inverse depth and motion are those of the scene at that time.
     ///
     /// # Errors
-    /// None that a scene of this program gives cause for.
+    /// If the sizes differ, which they do not for pictures of one scene.
     pub fn film(
         self,
         scene: &Scene,
@@ -72,11 +72,11 @@ impl Camera {
             }
             Self::Physics => {
                 let exposure = Exposure { fraction: setting.exposure, lens: setting.lens };
-                // Two pictures, of which the frame is the mean: their own noise is part of the frame's, and the frame differs from one
-                // of them by as much as from what it would be without.
+                // The frame is the mean of two pictures, whose own noise is part of the frame's. One of them stands for the frame
+                // without noise, as the frame differs from it by as much as from a picture of infinitely many views.
                 let views = |seed| scene.picture(time as f32, exposure, seed);
                 let (light, without_noise) = match exposure {
-                    // A pinhole's instant is the sharp frame, and that is at hand.
+                    // An instant through a pinhole is the sharp frame, which is given.
                     Exposure { fraction: 0.0, lens: None } => (sharp.clone(), sharp.clone()),
                     Exposure { lens: None, .. } => {
                         let light = views(0);
@@ -123,9 +123,9 @@ pub fn model((width, height): (usize, usize), setting: &Setting) -> CameraModel 
     model
 }
 
-/// Photons counted (Poisson), read with an error (Gaussian), in light.
+/// The light as a sensor measures it: photons are counted (Poisson) and read with an error (Gaussian).
 fn counted(light: &Linear, setting: &Setting, seed: u64) -> Linear {
-    // At an encoded value of 0.5: std of light, and the share of its variance that photons have.
+    // The std of light at an encoded value of 0.5, and the share of its variance that photons have, give the full well.
     let middle = Transfer::Srgb.decode(0.5);
     let std = setting.noise / Transfer::Srgb.slope(middle);
     let full_well = middle / (std * std * (1.0 - setting.readout)).max(1e-12);
@@ -137,7 +137,7 @@ fn counted(light: &Linear, setting: &Setting, seed: u64) -> Linear {
             let mut filmed = Vec::with_capacity(light.0.data().len());
             for p in light.0.data() {
                 filmed.push(p.map(|v| {
-                    // No photons: nothing to draw.
+                    // The mean of a Poisson distribution must be above 0.
                     let photons = Poisson::new((v * full_well).max(1e-6)).map_or(0.0, |d| d.sample(&mut rng));
                     (photons / full_well + read.sample(&mut rng)).max(0.0)
                 }));

@@ -1,9 +1,8 @@
 //! Scenes whose truth is known, cameras that film them, and estimates compared with that truth.
 //!
-//! A [`scene::Scene`] is a textured room that a moving camera looks into; it gives exact depth and optical flow. A
-//! [`camera::Camera`] films it with a known exposure, lens and noise, either by the project's own synthesis or by physics alone
-//! (many pinhole views over lens and shutter, counted photons), so that no model is judged by itself. [`measure`] holds an
-//! estimate against the truth.
+//! A [`scene::Scene`] is a textured room that a moving camera looks into; it gives exact depth and optical flow. A [`camera::Camera`] films
+//! it with a known exposure, lens and noise, either by the project's own synthesis or by physics alone (many pinhole views over lens and
+//! shutter, counted photons), so that no model is judged by itself. [`measure`] compares an estimate with the truth.
 //!
 //! ```
 //! use blindaug_scenes::scene::{Exposure, Scene};

@@ -1,11 +1,11 @@
-//! Estimates beside the truth.
+//! Comparison of estimates with the truth.
 
 use blindaug::fit::Estimation;
 use blindaug::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::{Encoded, Flow, Plane, Raster, pyramid};
 use serde::{Deserialize, Serialize};
 
-/// What is given beside the frames.
+/// The evidence that is given beside the frames, and the method that estimates blur.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Given {
@@ -13,20 +13,20 @@ pub enum Given {
     Everything,
     /// Depth and flow.
     DepthAndFlow,
-    /// Depth and flow; by removal of blur instead of from spectra.
+    /// Depth and flow; blur is estimated by its removal instead of from spectra.
     DepthAndFlowByRemoval,
-    /// Depth and flow; by networks that remove blur.
+    /// Depth and flow; networks remove the blur.
     DepthAndFlowByNetworks,
-    /// Depth, as AR devices do.
+    /// Depth alone, as AR devices give it.
     Depth,
     /// Nothing: the paper's FULLPIPELINE.
     Nothing,
-    /// Nothing; by networks that remove blur: the paper's FULLPIPELINE in its own way.
+    /// Nothing; networks remove the blur, as in the paper's own FULLPIPELINE.
     NothingByNetworks,
 }
 
 impl Given {
-    /// All of them, from the most evidence to the least.
+    /// All cases, from the most evidence to the least.
     pub const ALL: [Self; 7] = [
         Self::Everything,
         Self::DepthAndFlow,
@@ -42,7 +42,7 @@ impl Given {
         matches!(self, Self::DepthAndFlowByNetworks | Self::NothingByNetworks)
     }
 
-    /// In words.
+    /// The case in words.
     pub fn words(self) -> &'static str {
         match self {
             Self::Everything => "clean frames, depth, flow",
@@ -56,23 +56,23 @@ impl Given {
     }
 }
 
-/// Frames, what can be given beside them, and the truth. All lists are as long as the frames'.
+/// Frames, the evidence that can be given beside them, and the truth. All lists have one entry per frame.
 pub struct Footage {
-    /// As filmed.
+    /// The frames as filmed.
     pub frames: Vec<Encoded>,
-    /// Sharp and without noise.
+    /// The frames, sharp and without noise.
     pub clean: Vec<Encoded>,
-    /// 1/m.
+    /// Inverse depth of each frame, 1/m.
     pub inverse_depth: Vec<Plane>,
-    /// To the next frame.
+    /// Flow from each frame to the next one, px per frame interval.
     pub flow: Vec<Flow>,
-    /// How the camera was set.
+    /// The true settings of the camera.
     pub truth: Truth,
-    /// What the noise really is, if that is known.
+    /// The true noise, if it is known.
     pub noise: Option<NoiseTruth>,
 }
 
-/// How the camera was set.
+/// The true settings of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Exposure fraction.
@@ -88,24 +88,24 @@ impl Truth {
     }
 }
 
-/// Parts of the range of luminance, each a tenth.
+/// The number of parts of the range of luminance.
 const DECILES: usize = 10;
 
 /// The noise's variance per level, channel and tenth of luminance.
 #[derive(Clone, Debug, Default)]
 pub struct NoiseTruth {
-    /// Sum of squares and of weights.
+    /// The sums of squares and of weights, as `[level][channel][tenth of luminance]`.
     sums: [[[(f64, f64); DECILES]; 3]; NOISE_LEVELS],
 }
 
 impl NoiseTruth {
-    /// Adds the noise of a frame, of which it is known what it would be without.
+    /// Adds the noise of a frame, given the same frame without noise.
     pub fn add(&mut self, frame: &Encoded, without_noise: &Encoded) {
         let (w, h) = frame.0.size();
         self.add_where(frame, without_noise, &Plane::filled(w, h, 1.0));
     }
 
-    /// The same, only where `known` is 1; elsewhere it is 0.
+    /// Adds the noise of a frame only where `known` is 1; elsewhere `known` must be 0.
     pub fn add_where(&mut self, frame: &Encoded, without_noise: &Encoded, known: &Plane) {
         let (w, h) = frame.0.size();
         let noise = Raster::from_fn(w, h, |x, y| {
@@ -114,7 +114,7 @@ impl NoiseTruth {
         });
         let (bands, _) = pyramid::laplacian(&noise, NOISE_LEVELS);
         let mut luma = without_noise.luma();
-        // Where values clip, noise is cut off; the model speaks of what is not.
+        // Where values clip, noise is cut off, but the model describes noise that is not cut off.
         let whole = |p: [f32; 3]| if p.iter().all(|v| (0.08..0.92).contains(v)) { 1.0 } else { 0.0 };
         let mut weight = Plane::from_fn(w, h, |x, y| known.at(x, y) * whole(without_noise.0.at(x, y)));
         for (level, band) in bands.iter().enumerate() {
@@ -134,7 +134,7 @@ impl NoiseTruth {
         }
     }
 
-    /// Noise of a known std over luminance.
+    /// The truth of noise whose std is a known function of level and luminance.
     pub fn known(std: impl Fn(usize, f32) -> f32) -> Self {
         let of = |level: usize, decile: usize| {
             let y = (decile as f32 + 0.5) / DECILES as f32;
@@ -143,12 +143,12 @@ impl NoiseTruth {
         Self { sums: std::array::from_fn(|l| [0; 3].map(|_| std::array::from_fn(|d| of(l, d)))) }
     }
 
-    /// (level, channel, luminance, std) wherever there is enough of it.
+    /// The points (level, channel, luminance, std) that have enough samples.
     pub fn points(&self) -> impl Iterator<Item = (usize, usize, f32, f32)> + '_ {
         const ENOUGH: f64 = 150.0;
         self.sums.iter().enumerate().flat_map(|(level, channels)| {
             channels.iter().enumerate().flat_map(move |(c, deciles)| {
-                // The ends are cut off by clipping.
+                // The first and the last tenth are left out, since clipping cuts them off.
                 deciles.iter().enumerate().take(9).skip(1).filter(|(_, s)| s.1 >= ENOUGH).map(
                     move |(d, s)| (level, c, (d as f32 + 0.5) / DECILES as f32, (s.0 / s.1).sqrt() as f32),
                 )
@@ -162,52 +162,52 @@ impl NoiseTruth {
 pub struct Value {
     /// The estimate.
     pub estimate: f32,
-    /// Its interval.
+    /// The 95 % interval of the estimate.
     pub interval: [f32; 2],
 }
 
 impl Value {
-    /// Whether the interval holds this.
+    /// Whether the interval holds the true value.
     pub fn covers(&self, truth: f32) -> bool {
         (self.interval[0] - 1e-4..=self.interval[1] + 1e-4).contains(&truth)
     }
 }
 
-/// What was measured of the lens.
+/// The estimate of the lens beside the truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lens {
-    /// Blur at infinity, px, and inverse depth in focus, in the depth's own unit.
+    /// Blur at infinity, px.
     pub sigma_px_at_infinity: Value,
-    /// See above.
+    /// Inverse depth in focus, in the depth's own unit.
     pub focus_inverse_depth: Value,
     /// Whether depth is metric.
     pub metric: bool,
-    /// Mean over the scene's pixels of |estimated - true| blur, and of the true blur, px.
+    /// Mean over the scene's pixels of |estimated - true| blur, px.
     pub error_px: f32,
-    /// See above.
+    /// Mean over the scene's pixels of the true blur, px.
     pub mean_px: f32,
-    /// True inverse depth (1/m), true and estimated blur (px): means over tenths of the pixels.
+    /// True inverse depth (1/m), true and estimated blur (px): means over twentieths of the pixels, from far to near.
     pub curve: Vec<[f32; 3]>,
 }
 
-/// What one estimate gave, beside the truth.
+/// The results of one estimate beside the truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
-    /// What was given.
+    /// The evidence that was given.
     pub given: Given,
     /// Exposure fraction.
     pub exposure: Option<Value>,
-    /// That of each frame alone.
+    /// The exposure fraction of each frame alone.
     pub exposure_per_frame: Vec<f32>,
     /// The lens.
     pub lens: Option<Lens>,
-    /// |estimated / true - 1| of the noise std: median per level over channels and luminances.
+    /// The error |estimated / true - 1| of the noise std: for each level, the median over channels and luminances.
     pub noise: Vec<f32>,
-    /// The same over all levels.
+    /// The median of the error of the noise std over all levels, channels and luminances.
     pub noise_median: Option<f32>,
-    /// Why a part is unknown.
+    /// The reasons why parts of the model are unknown.
     pub unknown: Vec<String>,
-    /// How long it took.
+    /// The duration of the estimate, s.
     pub seconds: f32,
 }
 
@@ -242,7 +242,7 @@ fn lens(model: &DefocusModel, estimation: &Estimation, footage: &Footage) -> Opt
         return None;
     };
     let interval = interval?;
-    // In the estimate's own depth: beside the true one of the same frame.
+    // A relative curve is evaluated at the estimate's own depth and compared with the true depth of the same frame.
     let (frame, own) = match (&estimation.diagnostics.inverse_depth, model.depth_kind) {
         (Some((frame, own)), DepthKind::Relative) => (*frame, own),
         _ => (footage.frames.len() / 2, &footage.inverse_depth[footage.frames.len() / 2]),
@@ -279,7 +279,7 @@ fn lens(model: &DefocusModel, estimation: &Estimation, footage: &Footage) -> Opt
     })
 }
 
-/// (level, |estimated / true - 1|) per level, channel and luminance.
+/// The errors (level, |estimated / true - 1|) of each level, channel and luminance.
 pub fn noise_errors(model: &NoiseModel, truth: &NoiseTruth) -> Vec<(usize, f32)> {
     truth
         .points()
@@ -287,7 +287,7 @@ pub fn noise_errors(model: &NoiseModel, truth: &NoiseTruth) -> Vec<(usize, f32)>
         .collect()
 }
 
-/// The median, if there is one.
+/// The median; `None` if there are no values.
 pub fn median(mut v: Vec<f32>) -> Option<f32> {
     v.sort_by(f32::total_cmp);
     v.get(v.len() / 2).copied()

@@ -28,27 +28,28 @@ fn cross(a: V3, b: V3) -> V3 {
 /// A rectangle with a texture.
 struct Surface {
     corner: V3,
-    /// Unit vectors along its sides.
+    /// Unit vectors along the sides.
     sides: [V3; 2],
     size: [f32; 2],
     normal: V3,
     texture: usize,
-    /// Texels per metre.
+    /// Texels of the texture per metre.
     density: f32,
     light: f32,
 }
 
-/// A texture that repeats, and its reductions by two.
+/// A texture that repeats, and its successive halvings, finest first.
 struct Texture(Vec<Raster<[f32; 3]>>);
 
-/// px of the finest level's side.
+/// The side of a texture's finest level, px.
 const TEXTURE: usize = 1024;
-/// Views that the pixels of a picture through a lens choose from, over those that one has.
+/// The number of all views of a picture through a lens, divided by the number that one pixel uses.
 const POOL: usize = 64;
-/// And views of a pixel through a lens.
+/// The least number of views that a pixel uses through a lens.
 const OF_LENS: usize = 128;
-/// The share of a lens's variance that smoothed textures stand for: their smoothing, in std, is the distance of a frame's rays (of two
-/// pictures), sqrt(pi radius^2 / (2 n)), the lens's std half its radius. It takes most of the noise that so few rays leave.
+/// The share of a lens blur's variance that smoothing of the textures stands for; the smoothing removes most of the noise of so few
+/// rays. Its std is the distance between the rays of a frame, which has two pictures of n rays: sqrt(pi radius^2 / (2 n)). The std
+/// of the lens blur is half its radius.
 const SMOOTHED: f32 = 4.0 * std::f32::consts::PI / (2 * OF_LENS) as f32;
 
 /// A room with things in it, and the path of a camera through it.
@@ -57,29 +58,30 @@ pub struct Scene {
     textures: Vec<Texture>,
     /// The camera's path: two radii in m, a phase in radians, and radians per frame.
     path: [f32; 4],
-    /// px of the picture.
+    /// Width and height of the picture, px.
     size: (usize, usize),
 }
 
-/// Where the camera is and where it looks.
+/// The position and the orientation of the camera.
 #[derive(Clone, Copy)]
 struct Pose {
     position: V3,
-    /// Right, down, forward.
+    /// Unit vectors to the right, down and forward.
     axes: [V3; 3],
 }
 
-/// How a frame is exposed.
+/// The shutter and the lens of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Exposure {
-    /// Exposure fraction; 0: an instant.
+    /// Exposure fraction, in [0, 1]; 0 is an instant.
     pub fraction: f32,
-    /// A lens that blurs by `sigma_px_at_infinity |1 - focus_m / Z|` (std in px), if not a pinhole.
+    /// The lens `(sigma_px_at_infinity, focus_m)`, whose blur has the std `sigma_px_at_infinity |1 - focus_m / Z|` in px; `None` is
+    /// a pinhole.
     pub lens: Option<(f32, f32)>,
 }
 
 impl Scene {
-    /// The scene that a number stands for, in pictures of this size.
+    /// The scene that a number, the seed, stands for, in pictures of this size in px.
     pub fn new(number: u64, size: (usize, usize)) -> Self {
         let mut rng = StdRng::seed_from_u64(number);
         let textures = (0..5).map(|kind| Texture::new(kind, &mut rng)).collect();
@@ -95,17 +97,17 @@ impl Scene {
         let texture = kind(&mut rng);
         scene.rectangle([-3.4, -6.0, 2.0], [0.0, 0.0, 1.0], down, [far, 6.0 + floor], texture, 400.0);
         for i in 0..8 {
-            // Spread in inverse depth from near to far, so that all of it is in view.
+            // The things are spread in inverse depth from near to far, so that the whole range is in view.
             let inverse = 1.0 + (1.0 / far - 1.0) * (i as f32 + rng.random_range(0.0..0.8)) / 8.0;
             let z = 1.0 / inverse;
             let side = z * rng.random_range(0.28..0.5);
-            // Left and right in turn.
+            // The things stand on the left and on the right in turn.
             let across = z * rng.random_range(0.03..0.55) * if i % 2 == 0 { -1.0 } else { 1.0 };
             let up = z * rng.random_range(-0.42..0.3);
             let (s, c) = rng.random_range(-0.5f32..0.5).sin_cos();
             let tall = side * rng.random_range(0.7..1.3);
             let corner = [across - 0.5 * side * c, up - 0.5 * tall, z - 0.5 * side * s];
-            // Fine enough for the distance.
+            // The texture is fine enough for the distance.
             let texture = kind(&mut rng);
             scene.rectangle(corner, [c, 0.0, s], down, [side, tall], texture, 2.2 * scene.focal() / z);
         }
@@ -117,7 +119,7 @@ impl Scene {
 
     fn rectangle(&mut self, corner: V3, a: V3, b: V3, size: [f32; 2], texture: usize, density: f32) {
         let normal = cross(a, b);
-        // A light from above on the left, and from everywhere.
+        // One light comes from above on the left, another from everywhere.
         let light = 0.55 + 0.45 * dot(normal, [-0.45, -0.6, -0.66]).abs();
         self.surfaces.push(Surface { corner, sides: [a, b], size, normal, texture, density, light });
     }
@@ -131,7 +133,7 @@ impl Scene {
         let [wide, high, phase, speed] = self.path;
         let angle = phase + speed * t;
         let position = [wide * angle.cos(), high * angle.sin(), 0.12 * (0.7 * angle).sin()];
-        // Turns against the way it goes, as one who looks at something does, but not as much.
+        // The camera turns against its motion, as if it looked at something, but not by as much.
         let (ys, yc) = (-0.06 * (angle + 0.4).cos() - 0.03 * (1.7 * angle).sin()).sin_cos();
         let (ps, pc) = (0.03 * (0.9 * angle).sin()).sin_cos();
         let axes = [[yc, 0.0, -ys], [ps * ys, pc, ps * yc], [pc * ys, -ps, pc * yc]];
@@ -148,7 +150,7 @@ impl Scene {
         [(x - 0.5 * (w - 1.0)) / self.focal(), (y - 0.5 * (h - 1.0)) / self.focal()]
     }
 
-    /// The nearest surface and the depth along the view axis.
+    /// The nearest surface, its depth along the view axis in m, and the place on the surface in m.
     fn hit(&self, from: V3, direction: V3) -> Option<(&Surface, f32, [f32; 2])> {
         let mut nearest: Option<(&Surface, f32, [f32; 2])> = None;
         for s in &self.surfaces {
@@ -166,8 +168,8 @@ impl Scene {
         nearest
     }
 
-    /// `apart`: how far apart the rays of a pixel lie where they meet a surface, px, over its inverse depth. The texture is smoothed
-    /// by a box of twice that and linear interpolation: their std together is `apart`.
+    /// The light of a ray. `apart` gives the distance of a pixel's rays where they meet a surface, px, at the surface's inverse depth.
+    /// The texture is smoothed by a box of twice that distance and by linear interpolation, which together have the std `apart`.
     fn light(&self, from: V3, direction: V3, apart: impl Fn(f32) -> f32) -> V3 {
         const SKY: V3 = [0.5, 0.55, 0.6];
         let Some((s, t, place)) = self.hit(from, direction) else { return SKY };
@@ -176,9 +178,8 @@ impl Scene {
         scaled(value, s.light)
     }
 
-    /// The picture that is taken at time `t` (in frames). Through a lens each pixel has its own views, as in a path tracer: what their
-    /// number leaves is white noise, another one for another `seed`. The same views for all pixels would leave gaps that look like
-    /// sharp texture.
+    /// The picture that is taken at time `t` (in frames). Through a lens each pixel has its own views, as in a path tracer: their limited
+    /// number leaves white noise, which differs between seeds. The same views for all pixels would leave gaps that look like sharp texture.
     pub fn picture(&self, t: f32, exposure: Exposure, seed: u64) -> Linear {
         let views = self.views(t, exposure);
         let each = if exposure.lens.is_some() { views.len() / POOL } else { views.len() };
@@ -198,7 +199,7 @@ impl Scene {
         }))
     }
 
-    /// Inverse depth in 1/m at the middle of the pixels, 0 where nothing is.
+    /// Inverse depth in 1/m at the middle of the pixels, 0 where there is no surface.
     pub fn inverse_depth(&self, t: f32) -> Plane {
         let pose = self.pose(t);
         Raster::from_fn(self.size.0, self.size.1, |x, y| {
@@ -216,7 +217,8 @@ impl Scene {
         })
     }
 
-    /// Motion at time `t`: the way of what is seen then from half an interval before to half an interval after it.
+    /// Motion at time `t`, px per frame interval: the path of each point seen then, from half an interval before to half an
+    /// interval after `t`.
     pub fn motion(&self, t: f32) -> Flow {
         let [before, after] = [-0.5, 0.5].map(|d| self.pose(t + d));
         self.of_points(t, |_, _, point| {
@@ -235,14 +237,15 @@ impl Scene {
         })
     }
 
-    /// Where a camera sees a point, px.
+    /// The place in the picture, px, at which a camera sees a point.
     fn place(&self, pose: &Pose, point: [f32; 3]) -> [f32; 2] {
         let seen = pose.axes.map(|axis| dot(add(point, scaled(pose.position, -1.0)), axis));
         let place = |i: usize, n: usize| self.focal() * seen[i] / seen[2] + 0.5 * (n as f32 - 1.0);
         [place(0, self.size.0), place(1, self.size.1)]
     }
 
-    /// Along a streak as many as it takes for neighbours to lie less than a pixel apart; of a lens [`POOL`] times as many as a pixel has.
+    /// The views of a picture: along a streak enough for neighbours to lie less than a pixel apart; through a lens [`POOL`] times
+    /// as many as a pixel uses.
     fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
         const FEWEST: usize = 24;
         let along = if exposure.fraction > 0.0 {
@@ -255,15 +258,15 @@ impl Scene {
         let along = ((1.2 * along).ceil() as usize).max(FEWEST);
         let n = if exposure.lens.is_some() { POOL * OF_LENS.max(along) } else { along };
         let view = |i: usize| {
-            // Any run of a sequence that fills a cube evenly (Roberts 2018) fills it evenly too.
+            // This sequence fills a cube evenly (Roberts 2018), and so does any run of it.
             let [time, px, py, radius, angle] =
                 [0.881_271_46, 0.776_639_39, 0.684_430_13, 0.603_168_74, 0.531_555_4]
                     .map(|a: f64| (0.5 + a * i as f64).fract() as f32);
-            // Without a lens, evenly.
+            // Without a lens, the times are evenly spaced.
             let in_time = if exposure.lens.is_some() { time } else { (i as f32 + 0.5) / n as f32 } - 0.5;
             let tilt = exposure.lens.map_or([0.0; 2], |(sigma, _)| {
-                // A point moves by radius px (1 - focus / Z); std of a uniform disk: half its radius. A share of the variance is
-                // the textures' smoothing.
+                // A point moves by radius (1 - focus / Z) px; the std of a uniform disk is half its radius. The share `SMOOTHED` of
+                // the variance is left to the textures' smoothing.
                 let r = 2.0 * sigma * ((1.0 - SMOOTHED) * radius).sqrt() / self.focal();
                 [r * (TAU * angle).cos(), r * (TAU * angle).sin()]
             });
@@ -280,7 +283,7 @@ impl Scene {
     }
 }
 
-/// Splitmix64 (Steele et al. 2014).
+/// A hash of two numbers (Splitmix64, Steele et al. 2014).
 fn hash(a: u64, b: u64) -> u64 {
     let z = a.wrapping_mul(0xd1b5_4a32_d192_ed03).wrapping_add(b.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -288,18 +291,18 @@ fn hash(a: u64, b: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// One of the views that a picture is the mean of.
+/// One of the pinhole views whose mean is a picture.
 struct View {
     pose: Pose,
-    /// Place within the pixel.
+    /// The place within the pixel, px from its middle.
     pixel: [f32; 2],
-    /// By how much the rays turn, so that they meet in the plane in focus.
+    /// The change of the rays' slopes that makes them meet in the plane in focus.
     tilt: [f32; 2],
 }
 
 impl Texture {
-    /// Dead leaves, which have the statistics of photographs (Lee, Mumford & Huang 2001), in large and in small; bricks; wood;
-    /// a rough surface.
+    /// The texture of a kind: 0 and 1 are large and small dead leaves, which have the statistics of photographs (Lee, Mumford &
+    /// Huang 2001), 2 is bricks, 3 wood, 4 a rough surface.
     fn new(kind: usize, rng: &mut StdRng) -> Self {
         let finest = match kind {
             0 => leaves(rng, 2.5..160.0, 0.05),
@@ -321,7 +324,7 @@ impl Texture {
         Self(levels)
     }
 
-    /// The colour at a place in texels, with this many halvings.
+    /// The colour at a place in texels of the texture after `level` halvings.
     fn at(&self, place: [f32; 2], level: f32) -> V3 {
         let level = level.clamp(0.0, (self.0.len() - 1) as f32);
         let (low, f) = (level as usize, level.fract());
@@ -346,22 +349,22 @@ impl Texture {
     }
 }
 
-/// A reflectance as things have: mostly dark, little saturated.
+/// A random reflectance like those of real things: mostly dark, little saturated.
 fn colour(rng: &mut StdRng) -> V3 {
     let grey = 0.03 * 25f32.powf(rng.random_range(0.0..1.0));
     [0; 3].map(|_| (grey * rng.random_range(0.75..1.25f32)).min(0.95))
 }
 
-/// Discs of all sizes that cover each other; `rough`: how much the colour of one varies.
+/// Disks of all sizes that cover each other; `rough` is the variation of the colour within a disk.
 fn leaves(rng: &mut StdRng, radii: std::ops::Range<f32>, rough: f32) -> Raster<[f32; 3]> {
     let grain = fractal(rng, [60.0; 2], 0.6);
     let mut picture = Raster::filled(TEXTURE, TEXTURE, [0.2; 3]);
     let (inner, outer) = (radii.start.powi(-2), radii.end.powi(-2));
-    // Enough for what lies below to be covered: mean area over the texture's.
+    // The number of disks is large enough to cover the background: it follows from their mean area and the texture's area.
     let mean_area = TAU * radii.start.powi(2) * (radii.end / radii.start).ln();
     let count = (5.0 * (TEXTURE * TEXTURE) as f32 / mean_area) as usize;
     for _ in 0..count {
-        // Density of radii r^-3.
+        // The density of the radii is proportional to r^-3.
         let r = (inner + (outer - inner) * rng.random_range(0.0..1.0f32)).powf(-0.5);
         let (cx, cy) = (rng.random_range(0..TEXTURE) as isize, rng.random_range(0..TEXTURE) as isize);
         let c = colour(rng);
@@ -399,7 +402,7 @@ fn bricks(rng: &mut StdRng) -> Raster<[f32; 3]> {
     textured(&picture, &grain, 0.25)
 }
 
-/// Fractal brightness, stretched by the two periods (in texels).
+/// A texture of fractal brightness, whose coarsest octave has these periods along x and y, texels.
 fn cloudy(rng: &mut StdRng, periods: [f32; 2], rough: f32) -> Raster<[f32; 3]> {
     let (grain, base) = (fractal(rng, periods, 0.65), colour(rng));
     let base = scaled(base, 0.3 / base[1].max(0.1));
@@ -412,7 +415,7 @@ fn textured(picture: &Raster<[f32; 3]>, grain: &Plane, rough: f32) -> Raster<[f3
     })
 }
 
-/// Octaves of value noise, std about 1; `keep`: amplitude of an octave over that of the one below.
+/// A sum of octaves of value noise, of std about 1; `keep` is the amplitude of an octave over that of the next coarser one.
 fn fractal(rng: &mut StdRng, periods: [f32; 2], keep: f32) -> Plane {
     const OCTAVES: i32 = 6;
     let lattices: Vec<(Plane, f32)> = (0..OCTAVES)
@@ -506,7 +509,7 @@ mod tests {
         for (dx, dy) in [(1, 0), (0, 1)] {
             assert!(product(dx, dy).abs() < 0.1 * variance, "{dx} {dy}: {}", product(dx, dy) / variance);
         }
-        // A pinhole has the same views everywhere, and leaves none.
+        // A pinhole has the same views for all pixels and leaves no noise.
         assert!(through(None, 0).data() == through(None, 1).data());
     }
 

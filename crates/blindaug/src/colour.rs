@@ -19,13 +19,13 @@ pub struct Premultiplied(pub Raster<[f32; 4]>);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Transfer {
-    /// IEC 61966-2-1.
+    /// sRGB (IEC 61966-2-1).
     #[default]
     Srgb,
 }
 
 impl Transfer {
-    /// Encoded value of a linear one. Continues past 1 by the same curve, and below 0 by its mirror image.
+    /// The encoded value of a linear one. The curve continues past 1, and below 0 as its mirror image.
     #[inline]
     pub fn encode(self, linear: f32) -> f32 {
         let x = linear.abs();
@@ -33,7 +33,7 @@ impl Transfer {
         y.copysign(linear)
     }
 
-    /// Linear value of an encoded one; the inverse of [`Transfer::encode`].
+    /// The linear value of an encoded one; the inverse of [`Transfer::encode`].
     #[inline]
     pub fn decode(self, encoded: f32) -> f32 {
         let y = encoded.abs();
@@ -41,7 +41,7 @@ impl Transfer {
         x.copysign(encoded)
     }
 
-    /// d encoded / d linear at a linear value.
+    /// The slope of the curve, d encoded / d linear, at a linear value.
     #[inline]
     pub fn slope(self, linear: f32) -> f32 {
         let x = linear.abs();
@@ -55,7 +55,7 @@ impl Encoded {
         Linear(self.0.map(|p| p.map(|v| transfer.decode(v))))
     }
 
-    /// Y of YCbCr (Rec. 601, what the noise model is indexed by), of the encoded values.
+    /// Y of YCbCr (Rec. 601) of the encoded values: the luminance on which the noise model depends.
     pub fn luma(&self) -> Plane {
         self.0.map(luma)
     }
@@ -71,7 +71,7 @@ impl Linear {
 /// Weights of R, G and B in Y of YCbCr (Rec. 601).
 pub const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
 
-/// Y of YCbCr (Rec. 601) of encoded RGB, or light with the same weights.
+/// Y of YCbCr (Rec. 601) of encoded RGB; of linear RGB, the sum with the same weights.
 #[inline]
 pub fn luma([r, g, b]: [f32; 3]) -> f32 {
     LUMA[0] * r + LUMA[1] * g + LUMA[2] * b

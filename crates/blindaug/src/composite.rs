@@ -1,15 +1,15 @@
 //! The virtual layer over the frame, as if the camera had filmed it.
 //!
-//! With F the frame, L and A the colour and alpha of the blurred layer, V how much of it the blurred real things in front
-//! let through, B what of the background these let through, and D the blurred shadows and reflections, the result is
+//! F is the frame, L and A are the colour and alpha of the blurred layer, V is the share of the layer that the blurred real things in front
+//! let through, B is the background's light that these things let through, and D the blurred shadows and reflections. The result is
 //!
 //! ```text
 //! F + D (1 - A V) + V L - A B,      where B = F if nothing is in front
 //! ```
 //!
-//! If the camera sharpens, F is what the frame was before that, and the sharpened difference of the result to F is added to
-//! the frame. (The difference to the frame itself would not do: sharpened, it leaves a ghost of the background's detail on the
-//! object.) Last comes the noise that is missing.
+//! If the camera sharpens, F is the unsharpened frame, and the difference of the result to F is sharpened and added to the frame.
+//! (The difference to the frame itself, sharpened, would leave a ghost of the background's detail on the object.) Finally, the
+//! noise that is missing is added.
 
 use crate::model::{CameraModel, NoiseModel, SharpeningModel};
 use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
@@ -18,11 +18,11 @@ use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
 pub struct VirtualLayer {
-    /// Colour, premultiplied. What real things hide may be cut out or not.
+    /// Premultiplied colour. The parts that real things hide may be cut out or not.
     pub color: Premultiplied,
-    /// Inverse depth in 1/m, NaN where there is none. Without it, there is no defocus and no occlusion.
+    /// Inverse depth of the object, 1/m, NaN where there is none. Without it, there is no defocus and no occlusion.
     pub inverse_depth: Option<Plane>,
-    /// Flow of the object. Without it, there is no motion blur.
+    /// Flow of the object, px per frame interval. Without it, there is no motion blur.
     pub flow: Option<Flow>,
 }
 
@@ -31,32 +31,32 @@ pub struct VirtualLayer {
 pub struct Plate<'a> {
     /// The frame as it was filmed.
     pub frame: &'a Encoded,
-    /// The frame's number, so that each has its own noise.
+    /// The frame's number; each number has its own noise.
     pub number: u64,
-    /// Inverse depth in 1/m of what was filmed, NaN where unknown (which hides nothing).
+    /// Inverse depth of the filmed scene, 1/m; NaN where unknown, which hides nothing.
     pub inverse_depth: Option<&'a Plane>,
-    /// Flow of what was filmed.
+    /// Flow of the filmed scene, px per frame interval.
     pub flow: Option<&'a Flow>,
     /// Sharp renders of the local scene with and without the object, for its shadows and reflections (Debevec 1998).
     pub with_and_without: Option<(&'a Linear, &'a Linear)>,
 }
 
-/// How to composite.
+/// Options of [`composite`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CompositeOptions {
-    /// Leave out what the camera does: no blur, no sharpening, no noise.
+    /// Leave out the camera's distortions: no blur, no sharpening, no noise (default: false).
     pub naive: bool,
-    /// Leave out the noise.
+    /// Leave out the noise (default: false).
     pub no_noise: bool,
-    /// The shape of out-of-focus points.
+    /// The shape of out-of-focus points (default: Gaussian).
     pub bokeh: Bokeh,
-    /// The noise is a function of this and the frame's number.
+    /// The seed of the noise, which is a function of the seed and the frame's number (default: 0).
     pub seed: u64,
 }
 
 /// Composites the layer over the frame. Where nothing virtual is seen, the result is the frame, bit by bit.
 ///
-/// Parts of the model that are unknown are not applied; nor are those without the evidence for it (depth, flow). The model's
+/// Parts of the model that are unknown, or whose evidence (depth, flow) is missing, are not applied. The model's
 /// [`crate::model::BlurSpace`] is also that of the compositing.
 ///
 /// # Errors
@@ -113,7 +113,7 @@ pub fn composite(
         };
         match (pixels.at(x, y).untouched, &sharpened) {
             (true, None) => f,
-            // The halo around the object; without one, v is f.
+            // Around the object, sharpening may leave a halo; where it leaves none, v is f.
             (true, Some(_)) if v == f => f,
             (true, Some(_)) => v.map(|v| v.clamp(0.0, 1.0)),
             (false, _) => {
@@ -125,11 +125,11 @@ pub fn composite(
     Ok(replaced(&out))
 }
 
-/// Bytes that a changed pixel takes at most, measured with everything that a composite can have.
+/// The most bytes that a changed pixel takes, measured with everything that a composite can be given.
 const BYTES_PER_CHANGED_PIXEL: u64 = 300;
 
-/// About how many bytes [`composite`] takes at most beside what it is given and what it returns: it depends on how much of the frame the
-/// object and its shadows may change.
+/// An estimate of the most bytes that [`composite`] takes beside its arguments and its result: proportional to the part of the
+/// frame that the object and its shadows may change.
 ///
 /// # Errors
 /// The same as [`composite`].
@@ -143,13 +143,13 @@ pub fn bytes_beside(
     Ok(changed.map_or(0, |place| BYTES_PER_CHANGED_PIXEL * (place.w * place.h) as u64))
 }
 
-/// What is done to a frame, and where.
+/// The distortions of a composite, and the places of the frame that they may change.
 struct Changes {
     blur: Blur,
     sharpening: Option<SharpeningModel>,
-    /// The places of the shadows and of the object.
+    /// The places of the shadows and of the object, in this order.
     places: [Option<Place>; 2],
-    /// Both places with what sharpening changes around them.
+    /// The place that holds both of them and what sharpening changes around them.
     all: Option<Place>,
 }
 
@@ -188,7 +188,7 @@ fn check_sizes(plate: &Plate, layer: &VirtualLayer) -> Result<()> {
     check("the render without the object", plate.with_and_without.map(|(_, w)| w.0.size()))
 }
 
-/// A part of the frame.
+/// A rectangle of the frame, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Place {
     x: usize,
@@ -198,9 +198,9 @@ struct Place {
 }
 
 impl Place {
-    /// The smallest one around the pixels that `holds` is true of.
+    /// The smallest place around the pixels of which `holds` is true.
     fn around((w, h): (usize, usize), holds: impl Fn(usize, usize) -> bool + Sync) -> Option<Self> {
-        // Per row: first and last.
+        // The first and the last such pixel of each row.
         let spans = Raster::from_fn(1, h, |_, y| {
             (0..w)
                 .find(|&x| holds(x, y))
@@ -229,7 +229,7 @@ impl Place {
         image.crop(self.x, self.y, self.w, self.h)
     }
 
-    /// Puts an image of this place into that of the frame.
+    /// Puts an image of this place into an image of the whole frame.
     fn paste<T: Copy>(self, image: &Raster<T>, into: &mut Raster<T>) {
         for y in 0..self.h {
             into.row_mut(self.y + y)[self.x..][..self.w].copy_from_slice(image.row(y));
@@ -243,17 +243,17 @@ impl Place {
     }
 }
 
-/// The shadows and reflections that the object adds to what was filmed, blurred as that is.
+/// The shadows and reflections that the object adds to the filmed scene, blurred like the scene.
 struct Shadows {
     place: Place,
     difference: Raster<[f32; 3]>,
 }
 
-/// Layer alpha above which the background's change is not seen in the renders.
+/// The layer's alpha above which the renders do not show the change of the background.
 const OPAQUE: f32 = 0.01;
 
 impl Shadows {
-    /// Where there may be any.
+    /// The place that may have shadows or reflections; `None` if there are none.
     fn place(plate: &Plate, blur: &Blur) -> Option<Place> {
         let (with, without) = plate.with_and_without?;
         let size = with.0.size();
@@ -280,7 +280,7 @@ impl Shadows {
         blur: &Blur,
     ) -> Result<Option<Self>> {
         let Some((with, without)) = plate.with_and_without else { return Ok(None) };
-        // Where a render clips or the object is in front, the difference is not that of the background.
+        // Where a render clips or the object is in front, the renders' difference is not that of the background.
         let clipped = |v: [f32; 3]| v.iter().any(|v| (0.996..=1.0).contains(v) || !v.is_finite());
         let seen = |x, y| {
             layer.color.0.at(x, y)[3] <= OPAQUE && !clipped(with.0.at(x, y)) && !clipped(without.0.at(x, y))
@@ -290,7 +290,7 @@ impl Shadows {
             let [a, b] = [with, without].map(|i| space.of_linear(i.0.at(at.0, at.1)));
             std::array::from_fn(|c| a[c] - b[c])
         });
-        // Continued under the object, so that it is there under the object's soft edge.
+        // The difference is continued under the object, so that the object's soft edge lets it through.
         let sharp = extended(&sharp, |x, y| if seen(place.x + x, place.y + y) { 1.0 } else { 0.0 });
         let difference = blur.of(
             &sharp,
@@ -301,28 +301,28 @@ impl Shadows {
     }
 }
 
-/// What the object does to a pixel of the frame.
+/// The change that the object makes to a pixel of the frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct ObjectPixel {
-    /// What is added: `V L - A B`.
+    /// The light that is added: `V L - A B`.
     added: [f32; 3],
-    /// How much of the background's light the object hides: `A V`.
+    /// The share of the shadows and reflections that the object hides: `A V`, in [0, 1].
     cover: f32,
-    /// How much of the frame's own value, and so of its noise, is lost.
+    /// The share of the frame's own value, and so of its noise, that is lost, in [0, 1].
     lost: f32,
 }
 
-/// The object, blurred, and hidden by what is in front of it.
+/// The blurred object, hidden by the real things in front of it.
 struct Object {
     place: Place,
     pixels: Raster<ObjectPixel>,
 }
 
-/// A real surface hides a virtual one if its inverse depth is larger by this factor: the tolerance of both depths.
+/// A real surface hides a virtual one if its inverse depth is larger by more than this factor, the tolerance of both depths.
 const IN_FRONT: f32 = 1.02;
 
 impl Object {
-    /// Where it may be seen.
+    /// The place in which the object may be seen; `None` if it covers no pixel.
     fn place(layer: &VirtualLayer, blur: &Blur) -> Option<Place> {
         let alpha = |x, y| layer.color.0.at(x, y)[3];
         let size = layer.color.0.size();
@@ -380,18 +380,18 @@ impl Object {
 
 /// Real things in front of the object.
 struct Front {
-    /// Where they are, sharp: 1 or 0.
+    /// The sharp mask of the things in front: 1 or 0.
     mask: Plane,
-    /// How much of the pixel they cover, blurred.
+    /// The share of each pixel that the things cover after blur, in [0, 1].
     coverage: Plane,
-    /// What is seen of the background beside them: `B`.
+    /// The background's light that the things let through: `B`.
     behind: Raster<[f32; 3]>,
-    /// The share of a change of the frame's value that is the background's.
+    /// The background's share of a change of the frame's value, in [0, 1].
     share_behind: Plane,
 }
 
 impl Front {
-    /// `None` if nothing is in front of a surface of this inverse depth.
+    /// The real things in front of a surface of inverse depth `virtual_depth`; `None` if there are none.
     fn new(
         plate: &Plate,
         place: Place,
@@ -417,9 +417,9 @@ impl Front {
         });
         let blurred = blur.of(&sharp, Some(&depth), flow.as_ref())?;
         let coverage = blurred.map(|v| v[3].clamp(0.0, 1.0));
-        // The frame is c C + (1 - c) B0: what is in front and what is behind. First guesses: the frame's own colours where only one
-        // of them is seen, continued; for what is in front the render, if there is one. Then the rest is shared out, more to
-        // the less certain of them (least squares).
+        // The frame is c C + (1 - c) B0, a mix of the front C and the background B0. The first guess of each is the frame's own
+        // colour where it alone is seen, continued from there; for the front it is the render, if there is one. The remaining
+        // difference is then divided between the two by least squares, more of it to the less certain one.
         let frame = place.crop(&plate.frame.0).map(|v| space.of_encoded(v));
         let only_front = extended(&frame, |x, y| if coverage.at(x, y) > 0.9 { 1.0 } else { 0.0 });
         let only_behind = extended(&frame, |x, y| if coverage.at(x, y) < 0.1 { 1.0 } else { 0.0 });
@@ -442,7 +442,8 @@ impl Front {
         Ok(Some(Self { mask, coverage, behind, share_behind }))
     }
 
-    /// The layer continued under what hides it, whether or not that was cut out: else the cut's edge would be blurred.
+    /// The layer, continued under the things that hide it, whether or not the hidden part was cut out: else the cut's edge would be
+    /// blurred.
     fn uncut(&self, color: &Raster<[f32; 4]>) -> Raster<[f32; 4]> {
         let near = filter::convolve(&self.mask, &[0.5, 0.25]);
         extended(color, |x, y| if near.at(x, y) > 0.0 && color.at(x, y)[3] < 0.98 { 0.0 } else { 1.0 })
@@ -453,12 +454,12 @@ impl Front {
 #[derive(Clone, Copy, Debug, Default)]
 struct Composited {
     light: [f32; 3],
-    /// d light / d frame: how much of the frame's noise is still there.
+    /// d light / d frame: the share of the frame's noise that is left.
     kept: f32,
     untouched: bool,
 }
 
-/// The noise that lifts what is left of the frame's own to the model's variance at the result's luminance.
+/// The noise that lifts the frame's remaining noise to the model's variance at the result's luminance.
 fn missing_noise(
     model: &NoiseModel,
     frame: &Raster<[f32; 3]>,
@@ -469,7 +470,7 @@ fn missing_noise(
     number: u64,
 ) -> Raster<[f32; 3]> {
     let (w, h) = frame.size();
-    // Noise depends on the luminance without noise. In `clean`, the part of the frame that is left brings its noise along.
+    // Noise depends on the luminance without noise. `clean` still has the noise of the part of the frame that is left.
     let smooth = filter::gaussian_blur(frame, 1.5);
     let gain = Raster::from_fn(w, h, |x, y| {
         let (s, v, k) = (smooth.at(x, y), clean.at(x, y), pixels.at(x, y).kept);
@@ -511,7 +512,7 @@ mod tests {
         let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
         let mut model = CameraModel::unknown(capture, "not needed");
         model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
-        // Sharp at 1 m, 3 px at infinity.
+        // The lens is sharp at 1 m, and its blur at infinity has a std of 3 px.
         model.defocus = Estimate::Known(DefocusModel::given_lens(3.0, 1.0));
         model
     }
@@ -561,7 +562,7 @@ mod tests {
         let naive = CompositeOptions { naive: true, ..CompositeOptions::default() };
         let model = with_noise(camera(), 0.1, 0.1, 1.0);
         let out = composite(&plate(&frame), &layer, &model, &naive).unwrap();
-        // In focus and at rest, the camera's blur does nothing either.
+        // The camera's blur changes nothing on an object in focus and at rest.
         let silent = CompositeOptions { no_noise: true, ..CompositeOptions::default() };
         assert!(out == composite(&plate(&frame), &layer, &model, &silent).unwrap());
         let t = Transfer::Srgb;
@@ -577,7 +578,7 @@ mod tests {
         let model = with_noise(camera(), 0.05, 0.02, 1.0);
         for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
             let options = CompositeOptions { bokeh, ..CompositeOptions::default() };
-            // 3 px of defocus, 12 px of path.
+            // The object is blurred by 3 px of defocus and 12 px of motion.
             let out =
                 composite(&plate(&frame), &square(GREY, 1.0, 2.0, [24.0, 0.0]), &model, &options).unwrap();
             for y in 0..H {
@@ -603,11 +604,11 @@ mod tests {
             &CompositeOptions::default(),
         );
         let light = out.unwrap().to_linear(Transfer::Srgb).0;
-        // A ramp of light over 12 px, centred on the edge at x = 49.5.
+        // The edge is a ramp of light over 12 px, centred at x = 49.5.
         for (x, want) in [(42, 0.0), (46, 2.5 / 12.0), (49, 5.5 / 12.0), (50, 6.5 / 12.0), (57, 1.0)] {
             assert!((light.at(x, 60)[0] - want).abs() < 0.02, "{x}: {:?}", light.at(x, 60));
         }
-        // On request it is encoded values that are mixed.
+        // On request, encoded values are mixed instead of light.
         let mut model = camera();
         model.blur_space = BlurSpace::Encoded;
         let out = composite(
@@ -634,7 +635,7 @@ mod tests {
     #[test]
     fn real_things_in_front_hide_the_object_whether_it_was_cut_or_not() {
         let frame = background();
-        // A post at 0.4 m, in front of the object at 1 m; a wall at 4 m; unknown below y = 70.
+        // A post at 0.4 m is in front of the object at 1 m; a wall is at 4 m; the depth is unknown below y = 70.
         let real = Plane::from_fn(W, H, |x, y| match (x, y) {
             (_, 70..) => f32::NAN,
             (70..80, _) => 2.5,
@@ -682,7 +683,7 @@ mod tests {
             (40..120).map(|x| (a.0.at(x, 60)[0] - truth.0.at(x, 60)[0]).abs()).fold(0.0, f32::max)
         };
         assert!(worst(&out) < 0.03, "{}", worst(&out));
-        // Plain over by the mask alone is seen to be wrong.
+        // Negative control: the plain over operation is clearly wrong.
         let naive = CompositeOptions { naive: true, ..CompositeOptions::default() };
         assert!(worst(&composite(&plate, &layer, &camera(), &naive).unwrap()) > 0.1);
     }
@@ -692,7 +693,7 @@ mod tests {
         let t = Transfer::Srgb;
         let frame = Encoded(Raster::filled(W, H, [0.6; 3]));
         let layer = square(GREY, 1.0, 2.0, [0.0; 2]);
-        // A shadow that halves the light right of x = 30, seen in both renders; these are darker than the frame.
+        // The renders differ by a shadow that halves the light right of x = 30; both are darker than the frame.
         let without = Linear(Raster::filled(W, H, [0.2; 3]));
         let with = Linear(Raster::from_fn(W, H, |x, y| match layer.color.0.at(x, y) {
             [r, g, b, a] if a > 0.0 => [r, g, b],
@@ -704,12 +705,12 @@ mod tests {
         let shadow = t.decode(0.6) - 0.1;
         assert_eq!(out.0.at(10, 60), frame.0.at(10, 60));
         assert!(close(out.0.at(140, 60), [t.encode(shadow); 3], 1e-4));
-        // Halfway over the edge: half object, half shadowed frame.
+        // The middle of the edge is half object, half shadowed frame.
         let edge = 0.5 * (t.decode(out.0.at(49, 60)[0]) + t.decode(out.0.at(50, 60)[0]));
         assert!((edge - 0.5 * (GREY[0] + shadow)).abs() < 0.01, "{edge}");
     }
 
-    /// Std of the red channel over the middle of the square, against a composite without noise.
+    /// Std of the red channel over the middle of the square, around its value `clean` without noise.
     fn noise_std(
         frame: impl Fn(u64) -> Encoded,
         layer: &VirtualLayer,
@@ -731,7 +732,7 @@ mod tests {
         (sum / count as f32).sqrt()
     }
 
-    /// The largest difference.
+    /// The largest difference of two frames.
     fn worst(a: &Encoded, b: &Encoded) -> f32 {
         let differences = a.0.data().iter().flatten().zip(b.0.data().iter().flatten());
         differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
@@ -745,7 +746,7 @@ mod tests {
         sharpening_camera.sharpening = Estimate::Known(sharpening);
         let sharpened = |image: &Encoded| Encoded(sharpening::sharpen(&image.0, &sharpening));
         let frame = sharpened(&background());
-        // In focus; and blurred by 3 px and 6 px of motion.
+        // Two layers in focus, and one blurred by 3 px of defocus and 6 px of motion.
         for (alpha, depth, flow) in [(1.0, 1.0, [0.0; 2]), (0.6, 1.0, [0.0; 2]), (0.8, 2.0, [12.0, 0.0])] {
             for blur_space in [BlurSpace::Linear, BlurSpace::Encoded] {
                 let layer = square(GREY, alpha, depth, flow);
@@ -757,7 +758,7 @@ mod tests {
                 let want = sharpened(&over(&background(), &plain));
                 let out = over(&frame, &sharpening_camera);
                 assert!(worst(&out, &want) < 1e-3, "alpha {alpha}: {}", worst(&out, &want));
-                // Left out, it is missed.
+                // Negative control: without the model's sharpening, the error is larger.
                 assert!(worst(&over(&frame, &plain), &want) > 5.0 * worst(&out, &want));
                 for y in 0..H {
                     for x in 0..W {
@@ -799,7 +800,7 @@ mod tests {
             let layer = square(GREY, alpha, 1.0, [0.0; 2]);
             let (got, want) = (noise_std(noisy, &layer, &model, clean), 0.04 * clean + 0.01);
             assert!((got / want - 1.0).abs() < 0.05, "alpha {alpha}: {got}, want {want}");
-            // On a frame that has none of its own, it is seen to be too little.
+            // Negative control: on a frame without noise of its own, the result has too little noise.
             let quiet = noise_std(|_| Encoded(Raster::filled(W, H, [0.6; 3])), &layer, &model, clean);
             assert!(alpha > 0.9 || quiet < 0.97 * want, "alpha {alpha}: {quiet}, want {want}");
         }

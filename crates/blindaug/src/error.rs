@@ -1,6 +1,6 @@
 //! The one error type of this crate.
 
-/// What was wrong with a value, and what to do about it, in one sentence.
+/// An error message of one sentence: what is wrong with a value, and what to do about it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Error(String);
 

@@ -4,8 +4,8 @@ use crate::{Pixel, Raster, par};
 
 /// The right half, centre first, of the discrete Gaussian of variance `sigma`^2 (Lindeberg 1990): `exp(-t) I_n(t)`.
 ///
-/// Its variance is exact for every sigma >= 0, and two of them in a row are the one whose variance is the sum.
-/// Cut where less than 1e-5 is left outside, and normalised.
+/// Its variance is exact for every sigma >= 0, and two such kernels in a row equal the one whose variance is their sum. The kernel
+/// is cut where less than 1e-5 of its weight is left outside, and normalised.
 pub fn gaussian_kernel(sigma: f32) -> Vec<f32> {
     let t = f64::from(sigma) * f64::from(sigma);
     let radius = (6.0 * f64::from(sigma) + 8.0) as usize;
@@ -43,8 +43,8 @@ pub fn convolve<P: Pixel>(src: &Raster<P>, half: &[f32]) -> Raster<P> {
     convolve_map(src, half, |v| v, |v| v)
 }
 
-/// `after` of the convolution of `before` of each pixel, in strips of rows: what lies between is never held whole, since
-/// touching fresh memory takes longer than the sums.
+/// Applies `before` to each pixel, convolves, and applies `after`, in strips of rows: intermediate images are never held whole,
+/// since touching fresh memory takes longer than the sums.
 pub(crate) fn convolve_map<S: Pixel, P: Pixel, R: Pixel>(
     src: &Raster<S>,
     half: &[f32],
@@ -53,7 +53,7 @@ pub(crate) fn convolve_map<S: Pixel, P: Pixel, R: Pixel>(
 ) -> Raster<R> {
     let ((w, h), c, r) = (src.size(), P::CHANNELS, half.len() - 1);
     let mut out = Raster::filled(w, h, R::default());
-    // The 2 r rows that strips share are computed twice.
+    // The 2 r rows that neighbouring strips share are computed twice.
     let strip = (4 * r).clamp(32, 128);
     par::for_each_row(out.data_mut(), w * strip, |i, out| {
         let top = i * strip;
@@ -91,7 +91,7 @@ pub(crate) fn convolve_map<S: Pixel, P: Pixel, R: Pixel>(
     out
 }
 
-/// [`convolve`] of the `w` x `h` rectangle at (x, y) alone, which may reach outside the image; on this thread.
+/// [`convolve`] of the `w` x `h` rectangle at (x, y) alone, which may reach outside the image; it runs on this thread.
 pub(crate) fn convolve_rectangle<P: Pixel>(
     src: &Raster<P>,
     half: &[f32],
@@ -127,7 +127,7 @@ pub(crate) fn convolve_rectangle<P: Pixel>(
     out
 }
 
-/// Accumulators that stay in registers.
+/// The number of sums that are accumulated together: few enough to stay in registers.
 const BLOCK: usize = 64;
 
 /// `out[i] = half[0] tap(0)[i] + sum_j half[j] (tap(j, left)[i] + tap(j, right)[i])`
@@ -213,7 +213,7 @@ mod tests {
                 }
             }
         }
-        // Far outside it is the corner pixel, repeated.
+        // Far outside the image, every value is that of the corner pixel.
         let far = convolve_rectangle(&p, &kernel, (200, -90), (2, 2));
         assert!((far.at(1, 1)[0] - p.at(69, 0)[0]).abs() < 1e-4);
     }

@@ -1,11 +1,11 @@
 use crate::{Encoded, Flow, Plane};
 
-/// A frame and its number: the last number in its file's name, or from 1 on in a video.
+/// A frame and its number: the last number in its file's name or, in a video, its place, counted from 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// The number.
+    /// The frame's number.
     pub number: u64,
-    /// The frame.
+    /// The frame's picture.
     pub image: Encoded,
 }
 

@@ -30,7 +30,7 @@
 //! })?;
 //! let camera = estimator.estimate()?.model;
 //! assert!(camera.noise.known().is_some());
-//! // Nothing moves and nothing has texture, so nothing is said of the shutter and of the lens.
+//! // Nothing moves and nothing has texture, so the shutter and the lens are unknown.
 //! println!("{}", camera.motion_blur.why_unknown().unwrap());
 //! assert!(camera.defocus.why_unknown().is_some());
 //! println!("{}", camera.to_json());

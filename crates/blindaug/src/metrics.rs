@@ -39,8 +39,8 @@ pub fn ssim(a: &Encoded, b: &Encoded, mask: Option<&Raster<bool>>) -> Result<f64
     mean_over(&similarity, mask)
 }
 
-/// The pixels at most `distance` px (in x and in y) from one that the object covers by more than a hundredth: where a
-/// composite is compared.
+/// The pixels at most `distance` px (in x and in y) from a pixel that the object covers by more than a hundredth: the area in which
+/// composites are compared.
 pub fn object_area(alpha: &Plane, distance: usize) -> Raster<bool> {
     let (w, h) = alpha.size();
     let near = |i: usize, n: usize| i.saturating_sub(distance)..(i + distance + 1).min(n);

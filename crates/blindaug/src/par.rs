@@ -4,7 +4,7 @@
 #[cfg(feature = "threads")]
 use rayon::prelude::*;
 
-/// Handing out the rows of an image of fewer pixels takes longer than most loops over them.
+/// The number of elements up to which rows are not shared among threads: handing them out would take longer than most loops.
 #[cfg(feature = "threads")]
 const TOO_SMALL_TO_SHARE: usize = 4096;
 
@@ -37,7 +37,7 @@ pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnc
     (a(), b())
 }
 
-/// Runs `f` on one of the pool's threads: many short loops in it then start without a change of thread.
+/// Runs `f` on one of the pool's threads, so that many short loops in `f` start without a change of thread.
 pub(crate) fn within<R: Send>(f: impl FnOnce() -> R + Send) -> R {
     both(f, || ()).0
 }

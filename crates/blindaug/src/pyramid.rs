@@ -2,7 +2,7 @@
 
 use crate::{Pixel, Plane, Raster, luma, par};
 
-/// Half the size, rounded up: smoothed with the binomial kernel [1 4 6 4 1] / 16, every second pixel.
+/// The image at half its size, rounded up: smoothed with the binomial kernel [1 4 6 4 1] / 16, of which every second pixel is kept.
 pub fn downsample<P: Pixel>(src: &Raster<P>) -> Raster<P> {
     downsample_with(src, |p| p)
 }
@@ -12,14 +12,14 @@ fn downsample_with<P: Pixel, Q: Pixel>(src: &Raster<P>, f: impl Fn(P) -> Q + Syn
     let (w, h) = src.size();
     let mut half = Raster::filled(w.div_ceil(2), h.div_ceil(2), Q::default());
     par::for_each_row(half.data_mut(), w.div_ceil(2), |y, out| {
-        // Only the rows and then the columns that are kept.
+        // Only the rows, and then the columns, that are kept are smoothed.
         let row = |dy: isize| P::flat(src.row((2 * y as isize + dy).clamp(0, h as isize - 1) as usize));
         let [a, b, c, d, e] = [row(-2), row(-1), row(0), row(1), row(2)];
         let mut mean = vec![P::default(); w];
         for (i, out) in P::flat_mut(&mut mean).iter_mut().enumerate() {
             *out = 0.375 * c[i] + 0.25 * (b[i] + d[i]) + 0.0625 * (a[i] + e[i]);
         }
-        // Two pixels more on both sides.
+        // The line has two repeated pixels more on both sides.
         let column = |i: usize| f(mean[i.saturating_sub(2).min(w - 1)]);
         let line: Vec<Q> = (0..w + 4).map(column).collect();
         for (out, taps) in out.iter_mut().zip(line.windows(5).step_by(2)) {
@@ -41,7 +41,7 @@ pub(crate) fn halved_luma(image: &Raster<[f32; 3]>, too_large: impl Fn(usize, us
     halved
 }
 
-/// Twice the size, to exactly `width` x `height`, by the binomial kernel; `src` is `downsample`'s size of it.
+/// The image at twice its size, exactly `width` x `height`, by the binomial kernel; `src` has the size that [`downsample`] makes of that.
 pub fn upsample<P: Pixel>(src: &Raster<P>, width: usize, height: usize) -> Raster<P> {
     upsample_with(src, width, height, |_, _, v| v)
 }
@@ -53,7 +53,7 @@ fn upsample_with<P: Pixel>(
     height: usize,
     f: impl Fn(usize, usize, P) -> P + Sync,
 ) -> Raster<P> {
-    // Even pixels see (1 6 1) / 8 of the coarse ones, odd ones (1 1) / 2: first along rows, then along columns.
+    // Even pixels are (1 6 1) / 8 of the coarse pixels, odd ones (1 1) / 2: first along rows, then along columns.
     let mid = |a: P, b: P| P::lerp(a, b, 0.5);
     let even = |l: P, c: P, r: P| P::lerp(c, mid(l, r), 0.25);
     let wide = Raster::from_fn(width, src.height(), |x, y| {
@@ -97,15 +97,15 @@ pub fn collapse<P: Pixel>(bands: Vec<Raster<P>>, low: Raster<P>) -> Raster<P> {
     })
 }
 
-/// Fills the pixels of weight 0 from those around them, smoothly, at the scale of the hole; pixels of weight 1 keep
-/// their value, others are mixed with what their surroundings say. Where every weight is 0, the result is 0.
+/// Fills the pixels of weight 0 smoothly from their surroundings, at the scale of the hole; pixels of weight 1 keep their value,
+/// pixels of a weight in between are mixed with the value of their surroundings. Where every weight is 0, the result is 0.
 pub fn pull_push<P: Pixel>(values: &Raster<P>, weight: &Plane) -> Raster<P> {
     let (w, h) = values.size();
     // Pull: weighted means at half the size, until everything is covered.
     if weight.data().iter().all(|&a| a >= 1.0) || w * h <= 1 {
         return values.clone();
     }
-    // `v` times `a`; values of weight 0 may be anything, NaN too.
+    // The product of `v` and `a`, where a value of weight 0 may be NaN and counts as 0.
     let times = |v: P, a: f32| {
         let mut product = P::default();
         if a > 0.0 {
@@ -119,7 +119,7 @@ pub fn pull_push<P: Pixel>(values: &Raster<P>, weight: &Plane) -> Raster<P> {
         let a = coverage.at(x, y);
         times(sum.at(x, y), if a > 1e-6 { 1.0 / a } else { 0.0 })
     });
-    // A coarse pixel that saw a few fine ones knows its value; what it has not seen, the next level fills.
+    // A coarse pixel of which at least a quarter is covered counts as known; the next level fills the others.
     let confidence = coverage.map(|a| if a > 1e-6 { (4.0 * a).min(1.0) } else { 0.0 });
     upsample_with(&pull_push(&mean, &confidence), w, h, |x, y, filled| {
         let a = weight.at(x, y).clamp(0.0, 1.0);

@@ -22,7 +22,7 @@ impl<T> Raster<T> {
     /// Takes `width * height` values, row by row.
     ///
     /// # Errors
-    /// If their number is another one.
+    /// If the number of values is not `width * height`.
     pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Result<Self> {
         if data.len() != width * height {
             return Err(Error::new(format!("{} values do not fill {width} x {height} pixels", data.len())));
@@ -60,7 +60,7 @@ impl<T> Raster<T> {
         self.data
     }
 
-    /// Some of its rows, in the same memory.
+    /// A raster of some of the rows, in the same memory.
     pub(crate) fn into_rows(mut self, rows: Range<usize>) -> Self {
         self.data.truncate(rows.end * self.width);
         self.data.drain(..rows.start * self.width);
@@ -80,12 +80,12 @@ impl<T> Raster<T> {
 }
 
 impl<T: Copy + Send + Sync> Raster<T> {
-    /// `value` everywhere.
+    /// A raster with `value` at every pixel.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
         Self { width, height, data: vec![value; width * height] }
     }
 
-    /// `f(x, y)` for each pixel, rows in parallel.
+    /// A raster with `f(x, y)` at each pixel, computed for several rows in parallel.
     pub fn from_fn(width: usize, height: usize, f: impl Fn(usize, usize) -> T + Sync) -> Self
     where
         T: Default,
@@ -113,12 +113,12 @@ impl<T: Copy + Send + Sync> Raster<T> {
         self.data[y * self.width + x]
     }
 
-    /// `f` of each value, rows in parallel.
+    /// A raster with `f` of each value, computed for several rows in parallel.
     pub fn map<U: Copy + Default + Send + Sync>(&self, f: impl Fn(T) -> U + Sync) -> Raster<U> {
         self.map_rows(0..self.height, f)
     }
 
-    /// `f` of each value of some rows, rows in parallel.
+    /// A raster with `f` of each value of some rows, computed for several rows in parallel.
     pub(crate) fn map_rows<U: Copy + Default + Send + Sync>(
         &self,
         rows: Range<usize>,
@@ -133,16 +133,16 @@ impl<T: Copy + Send + Sync> Raster<T> {
         Raster { width: self.width, height: rows.len(), data }
     }
 
-    /// The `width` x `height` rectangle whose top left corner is (x, y); must lie inside.
+    /// The `width` x `height` rectangle whose top left corner is (x, y), which must lie inside the raster.
     pub fn crop(&self, x: usize, y: usize, width: usize, height: usize) -> Self {
         let data = (y..y + height).flat_map(|y| self.row(y)[x..x + width].iter().copied()).collect();
         Self { width, height, data }
     }
 }
 
-/// What can be filtered: a pixel of one or more f32 channels.
+/// A pixel of one or more f32 channels, which filters can average.
 pub trait Pixel: Copy + Default + Send + Sync + 'static {
-    /// How many channels it has.
+    /// The number of channels.
     const CHANNELS: usize;
     /// The channels of all pixels, interleaved.
     fn flat(pixels: &[Self]) -> &[f32];
@@ -197,7 +197,7 @@ impl<P: Pixel> Raster<P> {
         self.bilinear_of_rows(x, y, 0, self.height)
     }
 
-    /// [`Raster::bilinear`] of an image of `height` rows, of which these are the rows from `top` on.
+    /// [`Raster::bilinear`] of an image of `height` rows, of which this raster holds the rows from `top` on.
     #[inline]
     pub(crate) fn bilinear_of_rows(&self, x: f32, y: f32, top: usize, height: usize) -> P {
         let x = x.clamp(0.0, (self.width - 1) as f32);
@@ -234,7 +234,7 @@ pub(crate) fn cubic_weights(f: f32) -> [f32; 4] {
 }
 
 impl<P: Pixel> Raster<P> {
-    /// Cubic interpolation (Catmull & Rom 1974) at (x, y), clamped to the edge pixels. Unlike the bilinear one it hardly
+    /// Cubic interpolation (Catmull & Rom 1974) at (x, y), clamped to the edge pixels. Unlike bilinear interpolation it hardly
     /// blurs: its kernel has variance 0.
     #[inline]
     pub fn cubic(&self, x: f32, y: f32) -> P {

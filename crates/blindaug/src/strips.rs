@@ -1,23 +1,24 @@
-//! Strips: bands of rows that a large image is worked on in, one after another, so that what lies between is never held whole.
+//! Strips: bands of rows in which a large image is processed, one after another, so that intermediate images are never held whole.
 
 use crate::Raster;
 use std::ops::Range;
 
-/// Rows that whatever is computed on a pyramid of up to [`GRID`] px reaches to: beyond them, an edge changes no bit.
+/// The rows around a strip that are processed with it: results on a pyramid of up to [`GRID`] px depend on no row farther away.
 const HALO: usize = 128;
-/// Strips, and what is around them, begin at multiples of so many rows: a pyramid of a strip then has the pixels of that of the whole.
+/// Strips and the rows around them begin at multiples of this many rows, so that the pyramid of a strip has the pixels of the whole
+/// image's.
 const GRID: usize = 32;
-/// Larger images are worked on in strips, px.
+/// The number of pixels above which an image is processed in strips.
 pub(crate) const STRIP: usize = 1 << 22;
 
-/// Rows of an image, and those around them that they depend on.
+/// Rows of an image, and the larger range of rows on which their result depends.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Strip {
     pub rows: Range<usize>,
     pub around: Range<usize>,
 }
 
-/// The strips of an image of `width` x `height` px, from the top; one if it has at most `most` pixels.
+/// The strips of an image of `width` x `height` px, from the top; a single one if the image has at most `most` pixels.
 pub(crate) fn strips((width, height): (usize, usize), most: usize) -> impl Iterator<Item = Strip> {
     let rows = if width * height <= most { height } else { (most / width / GRID).max(1) * GRID };
     (0..height).step_by(rows.max(1)).map(move |top| {
@@ -26,17 +27,17 @@ pub(crate) fn strips((width, height): (usize, usize), most: usize) -> impl Itera
     })
 }
 
-/// Pixels of the largest strip of an image with what is around it.
+/// The number of pixels of an image's largest strip, with the rows around it.
 pub(crate) fn largest_strip(size: (usize, usize)) -> u64 {
     strips(size, STRIP).map(|s| (s.around.len() * size.0) as u64).max().unwrap_or(0)
 }
 
-/// The rows with `by` more on both sides, as far as an image of `height` rows has them.
+/// The rows and up to `by` more on both sides, within an image of `height` rows.
 pub(crate) fn grown(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
     rows.start.saturating_sub(by)..rows.end.saturating_add(by).min(height)
 }
 
-/// The rows `keep` of an image of the rows `of`, which hold them.
+/// The rows `keep` of an image that consists of the rows `of`; `keep` must lie within `of`.
 pub(crate) fn kept<T>(image: Raster<T>, of: &Range<usize>, keep: &Range<usize>) -> Raster<T> {
     image.into_rows(keep.start - of.start..keep.end - of.start)
 }

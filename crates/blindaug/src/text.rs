@@ -1,9 +1,9 @@
-//! Text that came from outside (a file, a name, another program's message), made safe to show.
+//! Text from outside (a file, a name, another program's message), made safe to show.
 //!
 //! Nothing that a file says may end a comment of another language, move a terminal's cursor, or fill a screen. So every such text
 //! passes one of these functions where it enters a message or a model, and once more where it is shown.
 
-/// The most characters of a text from outside in a message.
+/// The largest number of characters that a message shows of a text from outside.
 pub const LONGEST: usize = 500;
 
 /// Whether a character is shown as a code instead of itself: control characters, which terminals obey; separators that some
@@ -15,20 +15,20 @@ fn hidden(c: char) -> bool {
             | '\u{feff}' | '\u{fff9}'..='\u{fffb}' | '\u{e0000}'..='\u{e007f}')
 }
 
-/// The text with what cannot be seen shown as a code, such as `\u{1b}`. Line breaks and tabs are kept.
+/// The text with its invisible characters shown as codes, such as `\u{1b}`. Line breaks and tabs are kept.
 pub fn printable(text: &str) -> String {
     shown(text, |c| hidden(c) && c != '\n' && c != '\t')
 }
 
-/// The text as one printable line: white space becomes single spaces, what cannot be seen is shown as a code, and of more than
-/// [`LONGEST`] characters the middle is left out.
+/// The text as one printable line: white space becomes single spaces, invisible characters are shown as codes, and the middle of a
+/// text of more than [`LONGEST`] characters is left out.
 pub fn one_line(text: &str) -> String {
-    // Only so much is looked at that a huge text costs nothing.
+    // Only the first words are read, so that a huge text costs nothing.
     let words = text.split_whitespace().take(LONGEST + 1).collect::<Vec<_>>().join(" ");
     shown(&cut(&words, LONGEST), hidden)
 }
 
-/// The text, or of one of more than `most` characters its beginning and its end with ` .. ` between them.
+/// The text; if it has more than `most` characters, its beginning and its end with ` .. ` between them.
 pub fn cut(text: &str, most: usize) -> String {
     if text.chars().nth(most).is_none() {
         return text.into();
@@ -69,7 +69,7 @@ mod tests {
         assert!(one_line(&"é ".repeat(100_000)).chars().count() <= LONGEST);
         assert_eq!(cut("abcdefghij", 10), "abcdefghij");
         assert_eq!(cut("abcdefghijkl", 8), "ab .. kl");
-        // A text that is all codes is no longer than six characters for each of its own.
+        // A control character becomes a code of six characters.
         assert!(one_line(&"\u{1b}".repeat(9000)).len() <= 8 * LONGEST);
     }
 }

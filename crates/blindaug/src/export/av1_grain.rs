@@ -1,10 +1,10 @@
 //! AV1 film grain: a table for encoders (`aomenc --film-grain-table`, `SvtAv1EncApp --fgs-table`, `rav1e --film-grain-table`).
 //!
-//! A decoder makes a tile of normal numbers (std 512 in 12 bits), filters it by an autoregression over the 24 pixels before
-//! in reading order (lag 3), and adds it times a piecewise linear function of luma, in the coded YCbCr. So:
-//! - the autoregression is the Yule-Walker fit to the noise's autocovariance, in Y, and in Cb and Cr at half the size with what they
-//!   share with Y;
-//! - the scaling is the noise's std in code values, over that of the filtered tile.
+//! A decoder makes a tile of normal numbers (std 512 in 12 bits), filters the tile by an autoregression over 24 previous pixels in
+//! reading order (lag 3), and adds the tile times a piecewise linear function of luma, in the coded YCbCr. So:
+//! - the autoregression is the Yule-Walker fit to the noise's autocovariance in Y, and at half the size in Cb and Cr, together with
+//!   their covariance with Y;
+//! - the scaling is the noise's std in code values, divided by the std of the filtered tile.
 //!
 //! Source: the AV1 bitstream's specification, section 7.18.3 (film grain synthesis), and the tables that libaom reads.
 
@@ -21,31 +21,31 @@ pub(super) const ABILITIES: Abilities = Abilities {
     checked: "accepted by an encoder; the decoded grain's std measured over luma",
 };
 
-/// How far back the autoregression looks.
+/// The lag of the autoregression, px.
 const LAG: usize = 3;
-/// Its coefficients: LAG rows above of 2 LAG + 1 pixels, and LAG to the left.
+/// The number of the autoregression's coefficients: LAG rows above of 2 LAG + 1 pixels, and LAG pixels to the left.
 const TAPS: usize = 2 * LAG * (LAG + 1);
 /// Std of the decoder's normal numbers at 8 bits: 512 in 12 bits.
 const TILE_STD: f32 = 32.0;
 /// Largest value of the filtered tile at 8 bits, beyond which decoders clip.
 const TILE_MAX: f32 = 127.0;
 
-/// The table's numbers.
+/// The numbers of a film grain table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// 6 to 9: coefficients are integers over 2 to this.
+    /// The coefficients are integers divided by 2 to this power, from 6 to 9.
     pub ar_coeff_shift: u32,
-    /// 0 to 3: the tile is that many bits lower.
+    /// The number of bits by which the tile is shifted down, from 0 to 3.
     pub grain_scale_shift: u32,
-    /// 8 to 11: scaled grain is that many bits lower.
+    /// The number of bits by which scaled grain is shifted down, from 8 to 11.
     pub scaling_shift: u32,
-    /// Y, Cb, Cr: (8-bit luma, scaling from 0 to 255), luma rising; at most 14 for Y and 10 for Cb, Cr.
+    /// The scaling of Y, Cb and Cr as points (8-bit luma, scaling from 0 to 255), luma rising; at most 14 for Y and 10 for Cb and Cr.
     pub scaling: [Vec<[u8; 2]>; 3],
-    /// 24 coefficients in reading order; for Cb and Cr one more, of the grain of Y.
+    /// The coefficients of Y, Cb and Cr: 24 in reading order, and for Cb and Cr one more for the grain of Y.
     pub coefficients: [Vec<i32>; 3],
 }
 
-/// Weights of R, G, B in Y, Cb and Cr, as the encoder's matrix has them: BT.709 from 720 lines on, else BT.601.
+/// The weights of R, G, B in Y, Cb and Cr by the encoder's matrix: BT.709 from 720 lines on, else BT.601.
 fn ycbcr(height: usize) -> [[f32; 3]; 3] {
     let [r, b] = if height >= 720 { [0.2126, 0.0722] } else { [0.299, 0.114] };
     let y = [r, 1.0 - r - b, b];
@@ -55,7 +55,7 @@ fn ycbcr(height: usize) -> [[f32; 3]; 3] {
     [y, difference(2), difference(0)]
 }
 
-/// Autocovariance for lags of -13 to 13 columns and 0 to 7 rows: what half-size chroma needs.
+/// The autocovariance for lags of -13 to 13 columns and 0 to 7 rows, the lags that half-size chroma needs.
 #[derive(Clone)]
 struct Covariance(Plane);
 
@@ -63,7 +63,7 @@ impl Covariance {
     const COLUMNS: isize = 13;
     const ROWS: isize = 7;
 
-    /// The covariance of the model's noise in one channel at an even luminance: std 1 per level times `sigma`.
+    /// The covariance of the model's noise in one channel at an even luminance: bands of std 1, each times its level's `sigma`.
     fn of_channel(bands: &[Raster<[f32; 3]>; NOISE_LEVELS], sigma: [f32; NOISE_LEVELS]) -> Self {
         let side = bands[0].width();
         let noise = Raster::from_fn(side, side, |x, y| {
@@ -94,13 +94,13 @@ impl Covariance {
         Self(Plane::from_fn(w, h, |x, y| terms.iter().map(|(k, c)| k * c.0.at(x, y)).sum()))
     }
 
-    /// The covariance at any lag in reach; the opposite lag has the same.
+    /// The covariance at any lag within reach; the opposite lag has the same value.
     fn at(&self, dx: isize, dy: isize) -> f32 {
         let [dx, dy] = if dy < 0 { [-dx, -dy] } else { [dx, dy] };
         self.0.at((dx + Self::COLUMNS) as usize, dy as usize)
     }
 
-    /// The covariance of the means of 2 x 2 px, with lags in their grid.
+    /// The covariance of the means of 2 x 2 px, at a lag in pixels of the halved image.
     fn halved(&self, dx: isize, dy: isize) -> f32 {
         let offsets = [(-1, 0.25), (0, 0.5), (1, 0.25)];
         let mut sum = 0.0;
@@ -113,13 +113,13 @@ impl Covariance {
     }
 }
 
-/// The pixels of the autoregression, in the order of the table.
+/// The offsets (x, y) of the autoregression's pixels, in the order of the table.
 fn taps() -> impl Iterator<Item = [isize; 2]> {
     let lag = LAG as isize;
     (-lag..=0).flat_map(move |dy| (-lag..=lag).map(move |dx| [dx, dy])).take(TAPS)
 }
 
-/// Solves A x = b, A symmetric and positive, by Gaussian elimination with pivots; what is singular comes out 0.
+/// Solves A x = b, A symmetric and positive, by Gaussian elimination with pivots; singular unknowns are set to 0.
 fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     let n = b.len();
     for i in 0..n {
@@ -144,20 +144,20 @@ fn solve(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     x
 }
 
-/// An autoregression: coefficients of the taps, then of the co-located luma; and the std of what is new in each pixel.
+/// An autoregression: the coefficients of the taps, then for chroma that of the co-located luma; and the std of each pixel's innovation.
 struct Autoregression {
     coefficients: Vec<f64>,
     innovation: f64,
 }
 
-/// What chroma's autoregression knows of luma at its own grid.
+/// The statistics of luma at chroma's grid that chroma's autoregression uses.
 struct Luma<'a> {
-    /// Covariance with chroma at a lag.
+    /// The covariance of luma with chroma at a lag.
     cross: &'a dyn Fn(isize, isize) -> f32,
     variance: f32,
 }
 
-/// Yule & Walker's equations for `own`, the autocovariance of a plane, and, for chroma, what it shares with luma.
+/// Solves Yule & Walker's equations for `own`, the autocovariance of a plane, and for chroma its covariance with luma.
 fn autoregression(own: impl Fn(isize, isize) -> f32, luma: Option<Luma>) -> Autoregression {
     let taps: Vec<_> = taps().collect();
     let n = TAPS + usize::from(luma.is_some());
@@ -173,7 +173,7 @@ fn autoregression(own: impl Fn(isize, isize) -> f32, luma: Option<Luma>) -> Auto
     };
     let with_this = |i: usize| f64::from(if i < TAPS { own(taps[i][0], taps[i][1]) } else { cross([0, 0]) });
     let b: Vec<f64> = (0..n).map(with_this).collect();
-    // A millionth more on the diagonal, for spectra that have nothing at some frequency.
+    // The diagonal gets a ten-thousandth of the variance more, for spectra that are zero at some frequency.
     let a = (0..n)
         .map(|i| {
             (0..n).map(|j| between(i, j) + if i == j { 1e-4 * variance.max(1e-12) } else { 0.0 }).collect()
@@ -184,8 +184,9 @@ fn autoregression(own: impl Fn(isize, isize) -> f32, luma: Option<Luma>) -> Auto
     Autoregression { coefficients, innovation: (variance - explained).max(1e-4 * variance).sqrt() }
 }
 
-/// Half the width, and the height, of what is followed of a filter's response.
+/// The number of columns on either side of an impulse over which a filter's response is computed.
 const REACH: isize = 64;
+/// The number of rows, from the impulse's on, over which a filter's response is computed.
 const DEPTH: usize = 48;
 
 /// The filter's response to `input`, over columns from -[`REACH`] to [`REACH`] and rows from 0 on.
@@ -216,7 +217,7 @@ fn energy(response: &[Vec<f64>]) -> f64 {
     response.iter().flatten().map(|v| v * v).sum()
 }
 
-/// Variance of what luma, of this response, adds to chroma: halved by means of 2 x 2 px, then through chroma's own filter.
+/// The variance that luma of this response adds to chroma: luma is halved by means of 2 x 2 px, then passes chroma's own filter.
 fn from_luma(luma: &[Vec<f64>], coefficients: &[f64]) -> f64 {
     let at = |x: isize, y: isize| {
         let row = usize::try_from(y).ok().and_then(|y| luma.get(y));
@@ -256,7 +257,7 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
             )
         }))
         .collect();
-    // In the decoder's units every plane's innovation is the same, so that luma's share in chroma changes.
+    // In the decoder's units every plane's innovation has the same std, so that chroma's coefficient of luma is rescaled.
     let share =
         |p: &Autoregression| if p.innovation > 0.0 { planes[0].innovation / p.innovation } else { 0.0 };
     let wanted: Vec<Vec<f64>> = planes
@@ -282,14 +283,14 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
         let (own, of_luma) = coefficients.split_at(TAPS);
         (energy(&response(own, impulse)) + of_luma[0].powi(2) * from_luma(&luma, own)).sqrt()
     });
-    // Room for 3.5 std in the tile.
+    // The tile must have room for 3.5 std.
     let largest = gains.iter().fold(0.0f64, |m, g| m.max(*g)) as f32 * TILE_STD;
     let grain_scale_shift = (0..=3).find(|s| 3.5 * largest / (1u32 << s) as f32 <= TILE_MAX).unwrap_or(3);
     // Std in 8-bit code values of the limited range, over the encoded luminance.
     let code_std = |plane: usize, y: f32| {
         let range = if plane == 0 { 219.0 } else { 224.0 };
         let variance: f32 = (0..3).map(|c| (matrix[plane][c] * noise.total_std(y)[c]).powi(2)).sum();
-        // Chroma at half the size is a mean.
+        // Chroma at half the size is a mean of 2 x 2 px, which keeps this share of the variance.
         let kept = if plane == 0 {
             1.0
         } else {
@@ -317,7 +318,7 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
                 scaled.push([luma, value]);
             }
         }
-        // As far as the last value below the level at which the sensor clips, where it ends.
+        // The last scaling holds up to the code below the level at which the sensor clips; at that level it drops to 0.
         if let (Some(&[last, value]), end) = (scaled.last(), code(clip)) {
             if last + 1 < end {
                 scaled.push([end - 1, value]);
@@ -331,7 +332,7 @@ pub fn settings(noise: &NoiseModel, height: usize) -> Settings {
     Settings { ar_coeff_shift, grain_scale_shift, scaling_shift, scaling, coefficients }
 }
 
-/// The table.
+/// The film grain table as a file.
 pub(super) fn export(camera: &Camera) -> Export {
     let mut lost = camera.left.clone();
     if camera.exposure.is_some() || camera.lens.is_some() {
@@ -398,7 +399,7 @@ mod tests {
         }
     }
 
-    /// The decoder's filtered tile of a plane; chroma is given luma's.
+    /// The decoder's filtered tile of a plane; for chroma, `luma` is the tile of luma.
     fn tile(
         s: &Settings,
         plane: usize,
@@ -493,7 +494,7 @@ mod tests {
                 assert!((lag(dx, dy) - want).abs() < 0.06, "lag {dx} {dy}: {} for {want}", lag(dx, dy));
             }
         }
-        // A table for another noise is not taken for this one's.
+        // Negative control: the table of weaker noise gives weaker grain.
         let other = settings(&white(0.015), 1080);
         assert!(
             std(&decoded(&other, 126, 128)) < 0.7 * std(&decoded(&settings(&white(0.03), 1080), 126, 128))

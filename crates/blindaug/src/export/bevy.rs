@@ -1,10 +1,10 @@
 //! Bevy: a Rust function that returns the components of a camera entity.
 //!
-//! - `MotionBlur { shutter_angle, samples }`: `shutter_angle` is a fraction of the frame interval: lambda. Things that move less than
-//!   1 px are not blurred.
+//! - `MotionBlur { shutter_angle, samples }`: `shutter_angle` is a fraction of the frame interval: lambda. Things that move by less
+//!   than 1 px are not blurred.
 //! - `DepthOfField`: a circle of confusion of diameter `H f^2 / (h N) |Z - P| / (Z (P - f))` px, `f = 0.5 h / tan(fov / 2)`. In the mode
-//!   Gaussian its kernel of std c / 4 is cut off at 1.5 std, which leaves 0.743 c / 4: the f-number is that much smaller.
-//! - Grain: none of its own.
+//!   Gaussian its kernel of std c / 4 is cut off at 1.5 std, which leaves a std of 0.743 c / 4; the f-number is smaller by that factor.
+//! - Grain: Bevy has none.
 //!
 //! Source: `bevy_post_process` (`bevy_core_pipeline` before 0.17).
 
@@ -18,20 +18,20 @@ pub(super) const ABILITIES: Abilities = Abilities {
     checked: "formulas read in the source; snippet parsed",
 };
 
-/// What a Gaussian cut off at 1.5 std leaves of its std.
+/// The share of its std that a Gaussian keeps when it is cut off at 1.5 std.
 const TRUNCATION: f32 = 0.743;
 
-/// `sensor_height` of Bevy's default, m: Super 35.
+/// The default of Bevy's `sensor_height`, m: Super 35.
 const SENSOR_HEIGHT_M: f32 = 0.018_66;
 
 /// The numbers of `DepthOfField`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthOfField {
-    /// m.
+    /// The distance in focus, m.
     pub focal_distance: f32,
     /// The f-number.
     pub aperture_f_stops: f32,
-    /// px.
+    /// The largest diameter of the circle of confusion, px.
     pub max_circle_of_confusion_diameter: f32,
 }
 
@@ -50,17 +50,17 @@ impl DepthOfField {
 pub fn depth_of_field(camera: &Camera, lens: &ThinLens) -> DepthOfField {
     let wanted = ThinLens { sigma_px_at_infinity: lens.sigma_px_at_infinity / TRUNCATION, ..*lens };
     let focal_m = camera.focal_length_per_sensor_height() * SENSOR_HEIGHT_M;
-    // A focus within the focal length cannot be had.
+    // A lens cannot focus nearer than its focal length.
     let focal_distance = lens.focus_m.max(focal_m + 1e-3);
     DepthOfField {
         focal_distance,
         aperture_f_stops: wanted.f_number(focal_m, SENSOR_HEIGHT_M, camera.height),
-        // Near things blur most: room for those at a third of the focus distance.
+        // Near things blur most: the largest diameter has room for things at a third of the focus distance.
         max_circle_of_confusion_diameter: (8.0 * wanted.sigma_px_at_infinity).max(64.0),
     }
 }
 
-/// The snippet.
+/// The source file with the camera's components.
 pub(super) fn export(camera: &Camera) -> Export {
     let mut lost = camera.left.clone();
     let mut components = vec![];

@@ -1,8 +1,8 @@
 //! Filament: a C++ function that sets a view and a camera.
 //!
-//! - Depth of field: `c = cocScale H / 0.024 A f / (S - f) |1 - S / Z|` px, A = f / N the aperture's diameter, a radius of at most 32 px,
-//!   nothing below 1 px. The camera's aperture also sets its exposure, so that its f-number is left and `cocScale` makes up for it, as
-//!   Filament's documentation proposes: `cocScale = aperture / N`.
+//! - Depth of field: `c = cocScale H / 0.024 A f / (S - f) |1 - S / Z|` px, A = f / N the aperture's diameter, a radius of at most
+//!   32 px, no blur below 1 px. The camera's aperture also sets its exposure, so that its f-number is left as it is and `cocScale`
+//!   makes up for the difference, as Filament's documentation proposes: `cocScale = aperture / N`.
 //! - Motion blur and grain: none.
 //!
 //! Source: `PostProcessManager.cpp` and `Options.h`.
@@ -34,7 +34,7 @@ fn sigma_px(camera: &Camera, f_number: f32, focus_m: f32, depth_m: f32) -> f32 {
     if diameter < 1.0 { 0.0 } else { diameter.min(64.0) / 4.0 }
 }
 
-/// The snippet.
+/// The header with a function that sets the depth of field.
 pub(super) fn export(camera: &Camera) -> Export {
     let mut lost = camera.left.clone();
     if camera.exposure.is_some() {

@@ -3,7 +3,7 @@
 //! - `CameraAttributesPractical`: a radius of `64 amount |Z - P| / Z` px whatever the resolution, at most 32 px, when both
 //!   transitions are negative ("physical"): `dof_blur_amount = sigma_inf / 32`.
 //! - Motion blur: no released version has it. The pull request that proposes it takes `motion_blur_intensity = lambda`.
-//! - Grain: none of its own; a `CompositorEffect` of ours.
+//! - Grain: Godot has none; a `CompositorEffect` of our own is exported.
 //!
 //! Source: the engine's `dof` shaders and the pull request.
 

@@ -7,19 +7,19 @@ use crate::synth::noise::tileable_bands;
 use crate::{Raster, Transfer};
 use std::sync::OnceLock;
 
-/// Side of the textures, px. They tile; a random offset for each frame hides that they repeat.
+/// The side of the textures, px. The textures tile; a random offset for each frame hides that they repeat.
 pub const SIDE: usize = 512;
 
-/// What a noise of std 1 is stored as: `0.5 + 0.125 n`, so that 4 std fit on both sides.
+/// The factor by which noise n of std 1 is stored, as `0.5 + 0.125 n`, so that 4 std fit on both sides.
 pub const GAIN: f32 = 0.125;
 
-/// The file that holds [`bands`].
+/// The name of the file that holds [`bands`].
 pub const BANDS: &str = "blindaug_bands.png";
 
-/// The file that holds [`tile`].
+/// The name of the file that holds [`tile`].
 pub const TILE: &str = "blindaug_grain.png";
 
-/// By how much a shader moves its reads of [`bands`] between R, G and B, px: far enough for the three to be independent.
+/// The offsets (x, y), px, at which a shader reads [`bands`] for R, G and B: far enough apart for the channels to be independent.
 pub const CHANNEL_OFFSETS: [[usize; 2]; 3] = [[0, 0], [171, 293], [347, 97]];
 
 /// Encoded luminance at which the spectrum of [`tile`] is the model's.
@@ -29,7 +29,7 @@ fn stored(n: f32) -> f32 {
     (0.5 + GAIN * n).clamp(0.0, 1.0)
 }
 
-/// The noise's four levels at full resolution, each for a std of 1, in R, G, B, A, finest first; stored as [`GAIN`] says.
+/// The noise's four levels at full resolution, each for a std of 1, in R, G, B, A, finest first, stored with [`GAIN`].
 ///
 /// Noise of channel c over content of encoded luminance Y is the sum over levels l of
 /// `max(slope[l][c] Y + intercept[l][c], 0) (texel[l] - 0.5) / GAIN`, each channel reading at its own offset.
@@ -42,7 +42,7 @@ pub fn bands() -> Raster<[f32; 4]> {
     BANDS.get_or_init(make).clone()
 }
 
-/// The model's noise at [`TILE_LUMINANCE`] with std 1: R, G and B in their own channels, one for all of them in A.
+/// The model's noise at [`TILE_LUMINANCE`], scaled to std 1: the noise of R, G and B in these channels, and in A one noise for all three.
 pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
     let bands = tileable_bands(SIDE, 1);
     let one = self::bands();
@@ -68,7 +68,7 @@ pub fn tile(model: &NoiseModel) -> Raster<[f32; 4]> {
     tile
 }
 
-/// The std of R, G and B as one, for grain that is the same in all.
+/// The root mean square of the stds of R, G and B, for grain that is the same in all channels.
 pub(super) fn root_mean_square(std: [f32; 3]) -> f32 {
     (std.iter().map(|s| s * s).sum::<f32>() / 3.0).sqrt()
 }
@@ -111,14 +111,14 @@ pub struct Response {
     pub intensity: f32,
     /// `response`, in [0, 1].
     pub response: f32,
-    /// Root mean square of what is left over luminance, encoded std.
+    /// Root mean square over luminance of the difference from the model's std, in encoded values.
     pub residual: f32,
-    /// Root mean square of the model's std over luminance.
+    /// Root mean square over luminance of the model's std, in encoded values.
     pub wanted: f32,
 }
 
 impl Response {
-    /// Nearest to the model's mean std over R, G and B, in least squares of the encoded std over encoded luminance.
+    /// The response nearest to the model's root mean square std of R, G and B, in least squares of the encoded std over encoded luminance.
     pub fn nearest(model: &NoiseModel, transfer: Transfer) -> Self {
         // Black is left out, where the response is zero whatever its parameters.
         let points: Vec<[f32; 3]> = luminances(64)
@@ -129,7 +129,7 @@ impl Response {
                 [light * transfer.slope(light), light.sqrt(), root_mean_square(model.total_std(y))]
             })
             .collect();
-        // sigma = I s - I r s sqrt(L), s = L dE/dL: for each r, the least-squares I.
+        // The response's encoded std is sigma = I s - I r s sqrt(L) with s = L dE/dL; each r has its least-squares I.
         let fit = |r: f32| {
             let [mut wanted, mut squares] = [0.0; 2];
             for [s, root, sigma] in &points {
@@ -151,7 +151,7 @@ impl Response {
         Self { intensity, response, residual: (loss / count).sqrt(), wanted }
     }
 
-    /// What it cannot do, in words.
+    /// Notes on what the response cannot reproduce.
     pub(super) fn lost(&self) -> Vec<String> {
         vec![
             "grain is the same in all channels, and none at black".into(),
@@ -165,13 +165,13 @@ impl Response {
     }
 }
 
-/// The slopes and intercepts by channel, each over the levels: what a shader that reads [`bands`] takes.
+/// The slopes and the intercepts as `[channel][level]`, as a shader that reads [`bands`] takes them.
 pub(super) fn by_channel(model: &NoiseModel) -> ([[f32; 4]; 3], [[f32; 4]; 3]) {
     let of = |f: &dyn Fn(usize) -> [f32; 3]| std::array::from_fn(|c| std::array::from_fn(|l| f(l)[c]));
     (of(&|l| model.lines().levels[l].slope), of(&|l| model.lines().levels[l].intercept))
 }
 
-/// What is lost by every pass that takes all the numbers.
+/// Notes on the limits of all passes that take the whole model.
 pub(super) fn full_pass_lost(camera: &Camera) -> Vec<String> {
     camera.noise.as_ref().map_or(vec![], |_| {
         vec!["where the object is transparent, noise is added to all of the picture alike".into()]
@@ -225,7 +225,7 @@ mod tests {
                 (0..SIDE * SIDE).map(|i| f(i % SIDE, i / SIDE)).sum::<f64>() / (SIDE * SIDE) as f64
             };
             assert!((mean(&|x, y| n(x, y).powi(2)) - 1.0).abs() < 0.01);
-            // Wraps: the mean product with the neighbour across the edge is that inside, correlated in this model.
+            // The tile wraps: the mean product of neighbours is the same across the edge as inside, where this model's noise is correlated.
             let inside = mean(&|x, y| n(x, y) * n(x + 1, y));
             let edge = (0..SIDE).map(|y| n(SIDE - 1, y) * n(SIDE, y)).sum::<f64>() / SIDE as f64;
             assert!(inside > 0.05 && (edge - inside).abs() < 0.2, "{inside} {edge}");
@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn the_response_that_was_meant_is_found_again() {
-        // Noise of the response's own shape cannot be had from lines, but one that is near is fitted, and its residual is small.
+        // The model's lines do not have the response's shape, but the nearest response leaves a small residual.
         let near = Response::nearest(&model(0.03, 0.01), Transfer::Srgb);
         assert!((0.0..=1.0).contains(&near.intensity) && (0.0..=1.0).contains(&near.response));
         assert!(near.residual < 0.5 * near.wanted, "{near:?}");

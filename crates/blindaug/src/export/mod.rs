@@ -1,13 +1,13 @@
-//! The estimated camera as settings of other people's tools: one file per target.
+//! The estimated camera as settings of other tools, with one module per target.
 //!
-//! A [`Camera`] is the model together with what a tool needs besides (the picture's size, the field of view, metres). Each target
-//! turns it into its own settings, says in px what its blur then is, and names what it cannot do; [`Target::export`] makes of that
+//! A [`Camera`] is the model together with the picture's size, the field of view and depths in metres. Each target turns the camera
+//! into the tool's settings, computes the blur in px that they give, and names what the tool cannot do; [`Target::export`] makes
 //! the files that a user of the tool loads.
 //!
-//! Facts common to all:
-//! - A uniform disk of diameter c has a std of c / 4 along each axis, of radius R: R / 2.
-//! - The blur of every physical lens is `sigma(Z) = sigma_inf |1 - P / Z|`: affine in inverse depth, with one slope on both sides of
-//!   the focus distance P. A model of another shape is fitted by it, and what is left is told.
+//! Facts common to all targets:
+//! - A uniform disk of diameter c has a std of c / 4 along each axis; one of radius R has R / 2.
+//! - The blur of every physical lens is `sigma(Z) = sigma_inf |1 - P / Z|`: affine in inverse depth, with one slope on both sides
+//!   of the focus distance P. A model of another shape is fitted by that curve, and the remaining difference is reported.
 //! - A lens of focal length f (m) and f-number N before a sensor of height h (m), on a picture H px high, has at infinity a circle
 //!   of confusion of diameter `f^2 H / (N h (P - f))` px.
 //! - Where a tool has grain it scales a texture by a response over luminance: [`grain`].
@@ -32,7 +32,7 @@ use crate::model::{
 use crate::{CameraModel, Error, Raster, Result, Transfer, text};
 use std::fmt;
 
-/// What a tool needs beside the model.
+/// The properties of a tool's pictures that the model does not hold.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct View {
     /// Width and height of the pictures that the tool makes, px; `None`: the capture's.
@@ -42,20 +42,20 @@ pub struct View {
     pub fov_y_degrees: Option<f32>,
 }
 
-/// A vertical field of view for cameras of which nothing is known: about that of a phone's main camera or of 33 mm on full frame.
+/// The vertical field of view, degrees, of cameras whose own is unknown: about that of a phone's main camera or of 33 mm on full frame.
 pub const USUAL_FOV_Y_DEGREES: f32 = 40.0;
 
 /// A lens whose blur has the std `sigma_px_at_infinity |1 - focus_m / Z|`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinLens {
-    /// px of the tool's picture.
+    /// Std of the blur at infinity, px of the tool's picture.
     pub sigma_px_at_infinity: f32,
     /// The distance that is in focus, m.
     pub focus_m: f32,
 }
 
 impl ThinLens {
-    /// The std of the blur at this depth, px.
+    /// The std of the blur at a depth in m, px.
     pub fn sigma_px(&self, depth_m: f32) -> f32 {
         self.sigma_px_at_infinity * (1.0 - self.focus_m / depth_m).abs()
     }
@@ -67,9 +67,9 @@ impl ThinLens {
             / (4.0 * self.sigma_px_at_infinity * sensor_height_m * beyond_focal_point)
     }
 
-    /// The lens nearest to a defocus model over metric inverse depth, in least squares over the depths that it was fitted on.
+    /// The lens nearest to a defocus model over metric inverse depth, in least squares over the depths on which the model was fitted.
     fn nearest(model: &DefocusModel) -> Self {
-        // Farther away than this nothing changes any more, and engines' numbers end.
+        // The largest focus distance, m: farther away, blur hardly changes, and engines' numbers end.
         const FARTHEST: f32 = 1e4;
         match model.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } => {
@@ -89,7 +89,7 @@ impl ThinLens {
                         seen.iter().map(|d| (model.sigma_px(*d) - slope * (focus - d).abs()).powi(2)).sum();
                     (slope, loss)
                 };
-                // The focus may lie outside of what was seen, by as much again on both sides.
+                // The focus may lie outside the observed range of inverse depth, by up to the range's length on both sides.
                 let (from, to) = ((2.0 * lo - hi).max(FARTHEST.recip()), (2.0 * hi - lo).max(2.0 / FARTHEST));
                 let candidates = (0..=2000).map(|i| from + (to - from) * i as f32 / 2000.0);
                 let best = candidates.min_by(|a, b| fit(*a).1.total_cmp(&fit(*b).1)).unwrap_or(from);
@@ -103,7 +103,7 @@ impl ThinLens {
     }
 }
 
-/// Blur at infinity below which a lens counts as sharp, px.
+/// The blur std, px, below which a lens counts as sharp, and below which a difference of blur is not reported.
 const SHARP_PX: f32 = 0.05;
 
 /// A camera model made ready for a tool: sizes in px of its pictures, depths in metres, unknown parts named.
@@ -119,17 +119,17 @@ pub struct Camera {
     pub exposure: Option<ExposureFraction>,
     /// The lens, if it is known and not sharp throughout.
     pub lens: Option<ThinLens>,
-    /// The defocus model that `lens` stands for, for these pictures.
+    /// The defocus model that `lens` approximates, in px of the tool's pictures.
     pub defocus: Option<DefocusModel>,
     /// The noise, if it is known.
     pub noise: Option<NoiseModel>,
     /// The curve of the encoded values that noise is added to.
     pub transfer: Transfer,
-    /// What is left at the tool's default, and why; a sentence each, without a full stop.
+    /// Notes on what is left at the tool's default or not exported, and why; a sentence each, without a full stop.
     pub left: Vec<String>,
 }
 
-/// What tools call a distortion.
+/// The name that tools give to a distortion.
 fn effect(distortion: Distortion) -> &'static str {
     match distortion {
         Distortion::Defocus => "depth of field",
@@ -140,7 +140,7 @@ fn effect(distortion: Distortion) -> &'static str {
 impl Camera {
     /// The model for pictures of this size and field of view.
     ///
-    /// A defocus in relative inverse depth is left out: bring it to metres first, [`DefocusModel::to_metric`].
+    /// A defocus in relative inverse depth is left out: convert it to metres first, with [`DefocusModel::to_metric`].
     ///
     /// # Errors
     /// If the field of view or the size is out of its range.
@@ -172,7 +172,7 @@ impl Camera {
         }
         let mut lens = defocus.as_ref().map(ThinLens::nearest);
         if let (Some(l), Some(d)) = (lens, defocus) {
-            // A lens focused far away is sharp at infinity and not near by.
+            // A lens focused far away is sharp at infinity but not near by, so that all compared depths must be sharp.
             if probes(l.focus_m).all(|z| l.sigma_px(z) < SHARP_PX && d.sigma_px(z.recip()) < SHARP_PX) {
                 left.push("depth of field is off: this lens is sharp throughout".into());
                 lens = None;
@@ -209,7 +209,7 @@ impl Camera {
         0.5 / (0.5 * fov.to_radians()).tan()
     }
 
-    /// Which camera a blur that depends on the field of view is for.
+    /// A note that names the pictures and the field of view for which the blur is computed.
     fn for_this_view(&self) -> String {
         let fov = match self.fov_y_degrees {
             Some(fov) => format!("{} degrees", short(fov)),
@@ -223,7 +223,7 @@ impl Camera {
         )
     }
 
-    /// By how much the blur of a tool, `sigma_px` of a depth in m, differs from the model's, in words; nothing below 0.05 px.
+    /// A note on the difference of a tool's blur, `sigma_px` of a depth in m, from the model's; `None` if it is at most [`SHARP_PX`].
     fn blur_lost(&self, sigma_px: impl Fn(f32) -> f32) -> Option<String> {
         let (defocus, lens) = (self.defocus?, self.lens?);
         let error = |z: f32| sigma_px(z) - defocus.sigma_px(z.recip());
@@ -240,20 +240,20 @@ impl Camera {
     }
 }
 
-/// How many depths a blur is compared at.
+/// The number of depths at which blurs are compared.
 pub const PROBES: usize = 20;
 
-/// Depths in m from half the focus distance to 20 times as far, evenly spaced in inverse depth.
+/// Depths in m from about half the focus distance to 20 times the focus distance, evenly spaced in inverse depth.
 pub fn probes(focus_m: f32) -> impl Iterator<Item = f32> {
     (0..PROBES).map(move |i| focus_m * PROBES as f32 / (2.0 * (i as f32 + 0.5)))
 }
 
-/// Something that a target writes.
+/// A file that a target writes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct File {
-    /// Its name, by which the others refer to it.
+    /// The file's name, by which other files refer to it.
     pub name: String,
-    /// What is in it.
+    /// The file's content.
     pub content: Content,
 }
 
@@ -267,7 +267,7 @@ impl File {
     }
 }
 
-/// What is in a file.
+/// The content of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// A text in UTF-8.
@@ -279,24 +279,24 @@ pub enum Content {
 /// A camera as settings of a tool.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Export {
-    /// The first is what a user loads or pastes, the others are what it refers to.
+    /// The files; a user loads or pastes the first one, which refers to the others.
     pub files: Vec<File>,
-    /// What the tool cannot do, and what is left at its default; a sentence each, without a full stop.
+    /// Notes on what the tool cannot do and what is left at its default; a sentence each, without a full stop.
     pub lost: Vec<String>,
 }
 
-/// What a target can and cannot do.
+/// The abilities and limits of a target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Abilities {
     /// The tool and the versions that this was written for.
     pub tool: &'static str,
-    /// What becomes of the exposure.
+    /// The accuracy and the limits of the exported exposure.
     pub motion_blur: &'static str,
-    /// What becomes of the lens.
+    /// The accuracy and the limits of the exported lens.
     pub defocus: &'static str,
-    /// What becomes of the noise.
+    /// The form and the limits of the exported noise.
     pub grain: &'static str,
-    /// How the formulas were learnt, and what was checked.
+    /// The source of the formulas, and the checks that were made.
     pub checked: &'static str,
 }
 
@@ -307,7 +307,7 @@ macro_rules! targets {
         pub enum Target { $(#[doc = $name] $variant,)* }
 
         impl Target {
-            /// All of them.
+            /// All targets.
             pub const ALL: &[Self] = &[$(Self::$variant),*];
 
             /// The name on the command line.
@@ -315,7 +315,7 @@ macro_rules! targets {
                 match self { $(Self::$variant => $name),* }
             }
 
-            /// What it can and cannot do.
+            /// The abilities and limits of this target.
             pub fn abilities(self) -> &'static Abilities {
                 match self { $(Self::$variant => &$module::ABILITIES),* }
             }
@@ -348,19 +348,19 @@ impl fmt::Display for Target {
     }
 }
 
-/// Six significant digits, always with a point or an exponent: a float in every language that is written here.
+/// The number with six significant digits and always a point or an exponent, which makes it a float in every exported language.
 fn number(v: f32) -> String {
     let rounded: f32 = format!("{v:.5e}").parse().unwrap_or(v);
     format!("{rounded:?}")
 }
 
-/// Three significant digits, for sentences.
+/// The number with three significant digits, for sentences.
 fn short(v: f32) -> String {
     let rounded: f32 = format!("{v:.2e}").parse().unwrap_or(v);
     format!("{rounded}")
 }
 
-/// [`number`]s with commas between them.
+/// The [`number`]s with commas between them.
 fn numbers(values: &[f32]) -> String {
     values.iter().map(|v| number(*v)).collect::<Vec<_>>().join(", ")
 }
@@ -372,7 +372,7 @@ fn filled(template: &str, values: &[(&str, String)]) -> String {
         .fold(template.into(), |text: String, (name, value)| text.replace(&format!("@{name}@"), value))
 }
 
-/// Comment lines: where this comes from, and what was lost.
+/// The comment lines at the head of a file: its origin, and the notes on what was lost.
 fn head(marker: &str, what: &str, lost: &[String]) -> String {
     let mut head = comment(marker, &format!("{what}, written by blindaug export."));
     for sentence in lost {
@@ -381,8 +381,8 @@ fn head(marker: &str, what: &str, lost: &[String]) -> String {
     head
 }
 
-/// A comment of one line in a language whose comments go from `marker` to the end of the line. The sentence may hold what a camera
-/// file says: whatever it is, it stays inside of the comment.
+/// A comment of one line in a language whose comments go from `marker` to the end of the line. The sentence may quote a camera
+/// file; whatever the file says stays inside the comment.
 fn comment(marker: &str, sentence: &str) -> String {
     // In C and Tcl a backslash at the end of a line continues the comment on the next one.
     let sentence = text::one_line(sentence).replace('\\', "/");
@@ -445,7 +445,7 @@ mod tests {
         assert!(relative.left.iter().any(|s| s.contains("nothing was filmed")), "{:?}", relative.left);
         let sharp = Camera::new(&model(lens(0.01, 0.5), DepthKind::Metric), &View::default()).unwrap();
         assert!(sharp.lens.is_none() && sharp.left.iter().any(|s| s.contains("sharp")));
-        // This lens is sharp far away only.
+        // This lens is sharp at the compared depths, which begin at half of its focus distance of 10 km.
         let far = Camera::new(&model(lens(0.02, 0.0001), DepthKind::Metric), &View::default()).unwrap();
         assert!(far.lens.is_none());
         for (size, fov) in [(Some((0, 5)), 40.0), (None, 0.0), (None, f32::NAN), (None, 180.0)] {

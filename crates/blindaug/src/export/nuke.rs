@@ -4,7 +4,7 @@
 //!   Nodes with a shutter (MotionBlur3D, ScanlineRender) take `shutter = lambda` with the offset "centred".
 //! - `ZDefocus`, math "depth": a radius of `size |1 - center / Z|` px (half of the circle of confusion): `size = 2 sigma_inf`.
 //! - Grain: the whole model in a `MergeExpression`, between two `Colorspace`s, since noise lives in encoded values. Where the layer's alpha
-//!   is partial the plate's own noise is there: only what is missing is added, `sqrt(1 - (1 - a)^2)` of it.
+//!   a is partial, a part of the plate's own noise remains, so that only `sqrt(1 - (1 - a)^2)` of the model's noise is added.
 //! - The std over luminance also comes as a table, for gizmos that take a look-up curve (DasGrain, ReGrain).
 //!
 //! Source: Foundry's documentation; not run in Nuke.
@@ -25,7 +25,7 @@ pub(super) const ABILITIES: Abilities = Abilities {
 pub struct Settings {
     /// `VectorBlur.scale`, and the `shutter` of other nodes, in frames.
     pub shutter: Option<f32>,
-    /// `ZDefocus2`.
+    /// The settings of `ZDefocus2`, if the lens is known.
     pub defocus: Option<ZDefocus>,
 }
 
@@ -36,7 +36,7 @@ pub struct ZDefocus {
     pub center: f32,
     /// Radius of the blur at infinity, px.
     pub size: f32,
-    /// Radius of the most blur, px.
+    /// The largest radius of the blur, px.
     pub max_size: f32,
 }
 
@@ -53,13 +53,13 @@ pub fn settings(camera: &Camera) -> Settings {
         shutter: camera.exposure.map(|e| e.0),
         defocus: camera.lens.map(|lens| {
             let size = 2.0 * lens.sigma_px_at_infinity;
-            // Near things blur most: room for those at a third of the focus distance.
+            // Near things blur most: the largest radius has room for things at a third of the focus distance.
             ZDefocus { center: lens.focus_m, size, max_size: (2.0 * size).max(100.0) }
         }),
     }
 }
 
-/// `max(s Y + i, 0) (band - 0.5) / gain` summed over the octaves, of one channel.
+/// The expression of one channel: its value plus `max(s Y + i, 0) (band - 0.5) / gain` summed over the octaves, as far as alpha needs it.
 fn expression(noise: &NoiseModel, channel: usize) -> String {
     let [dx, dy] = grain::CHANNEL_OFFSETS[channel];
     let side = grain::SIDE;

@@ -1,15 +1,15 @@
 //! three.js: an ES module with the camera's numbers and a pass for the noise.
 //!
-//! - Motion blur: TSL's `motionBlur( input, velocity, n )` moves its taps by `velocity` in texture coordinates, from -1/2 to 1/2, while
-//!   the pass's velocity is in normalized device coordinates: twice as long, y up. Hence `vec2( 0.5, - 0.5 )`, without which streaks are
-//!   twice as long and mirrored. Its taps are off centre by 1 / (n - 1) and sum to (n + 1) / n; with many both vanish.
+//! - Motion blur: TSL's `motionBlur( input, velocity, n )` moves its taps by `velocity` in texture coordinates, from -1/2 to 1/2, while the
+//!   pass's velocity is in normalized device coordinates: twice as long, y up. Hence `vec2( 0.5, - 0.5 )`, without which streaks are twice
+//!   as long and mirrored. The taps are off centre by 1 / (n - 1) and sum to (n + 1) / n; with many taps both errors vanish.
 //! - Depth of field: TSL's `dof()` spreads 64 taps over a disk of the radius `bokehScale smoothstep( 0, focalLength, |z - focusDistance| )`
-//!   in px of the full picture: no thin lens. On top come half resolution, a maximum over the same disk, by which what is bright grows, and
-//!   below half of full blur the sharp picture is mixed in. [`DepthOfField::sigma_px`] has all of them, as measured at edges; the nearest to
-//!   the lens in least squares over inverse depth is given.
-//! - Grain: `film()` and pmndrs's `NoiseEffect` are white, brighten, and have no response; a pass of ours instead.
+//!   in px of the full picture, which is no thin lens. It also works at half resolution, takes a maximum over the same disk, by which
+//!   bright things grow, and mixes in the sharp picture below half of full blur. [`DepthOfField::sigma_px`] includes all of this, as
+//!   measured at edges; the export has the settings nearest to the lens in least squares over inverse depth.
+//! - Grain: `film()` and pmndrs's `NoiseEffect` are white, brighten, and have no response, so a pass of our own is exported.
 //!
-//! Source: `MotionBlur.js`, `VelocityNode.js`, `DepthOfFieldNode.js`, `FilmNode.js`; `tools/check-three.sh` measures what is said here.
+//! Source: `MotionBlur.js`, `VelocityNode.js`, `DepthOfFieldNode.js`, `FilmNode.js`; `tools/check-three.sh` measures these statements.
 
 use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers, probes};
 
@@ -24,13 +24,13 @@ pub(super) const ABILITIES: Abilities = Abilities {
 /// Variance that `dof()` adds by working at half resolution, px^2.
 const HALF_RESOLUTION: f32 = 1.7;
 
-/// By how much of its radius `dof()` lets bright things grow, over all directions.
+/// The share of its radius by which `dof()` enlarges bright things, over all directions.
 const GROWTH: f32 = 0.8;
 
 /// The arguments of TSL's `dof()`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthOfField {
-    /// m.
+    /// The distance in focus, m.
     pub focus_distance: f32,
     /// The distance from the focus to full blur, m.
     pub focal_length: f32,
@@ -45,13 +45,13 @@ impl DepthOfField {
         let coc = t * t * (3.0 - 2.0 * t);
         let radius = self.bokeh_scale * coc;
         let mixed = (2.0 * coc).min(1.0);
-        // The blurred edge is off the sharp one that it is mixed with, as it has grown.
+        // A bright area grows as it is blurred, so that its blurred edge lies off the sharp edge with which it is mixed.
         let apart = mixed * (1.0 - mixed) * (GROWTH * radius).powi(2);
         (mixed * (0.25 * radius * radius + HALF_RESOLUTION) + apart).sqrt()
     }
 }
 
-/// The nearest to a lens, in least squares over inverse depth.
+/// The arguments of `dof()` nearest to a lens, in least squares over inverse depth.
 pub fn depth_of_field(lens: &ThinLens) -> DepthOfField {
     let of = |focal_length: f32| {
         let at = |bokeh_scale: f32| {
@@ -59,7 +59,7 @@ pub fn depth_of_field(lens: &ThinLens) -> DepthOfField {
             let loss: f32 = probes(lens.focus_m).map(|z| (fit.sigma_px(z) - lens.sigma_px(z)).powi(2)).sum();
             (fit, loss)
         };
-        // Thirds: the loss falls to the best scale and rises from there.
+        // The scale is found by ternary search: the loss falls up to the best scale and rises from there.
         let [mut low, mut high] = [0.0, 4.0 * lens.sigma_px_at_infinity];
         for _ in 0..24 {
             let third = (high - low) / 3.0;
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn an_edge_spreads_as_was_measured_in_a_browser() {
-        // bokehScale, |z - focusDistance| over focalLength, std in px of an edge: tools/check-three.sh.
+        // The columns are bokehScale, |z - focusDistance| over focalLength, and the std of an edge in px, measured by tools/check-three.sh.
         for (bokeh_scale, t, want) in [
             (1.0, 1.0, 1.34),
             (4.0, 1.0, 2.44),

@@ -1,16 +1,16 @@
-//! What the two Unity targets share: the editor script that makes a volume profile, and the full-screen grain pass.
+//! The parts that the two Unity targets share: the editor script that makes a volume profile, and the full-screen grain pass.
 
 use super::{Camera, Export, File, filled, grain, head, number, numbers};
 
-/// The file of the full-screen pass.
+/// The name of the full-screen pass's file.
 pub(super) const SHADER: &str = "BlindaugGrain.shader";
 
-/// A C# literal.
+/// The number as a C# float literal.
 pub(super) fn f(v: f32) -> String {
     format!("{}f", number(v))
 }
 
-/// The circle of confusion of both pipelines' physical cameras at a depth in m, as a share of the most blur:
+/// The circle of confusion of both pipelines' physical cameras at a depth in m, as a share of the largest blur:
 /// `clamp((1 - P / Z) (f_mm / N) F / (P - F), -1, 1)` without its sign, F = f_mm / 1000 m.
 pub(super) fn coc(focal_length_mm: f32, f_number: f32, focus_m: f32, depth_m: f32) -> f32 {
     let focal_m = focal_length_mm / 1000.0;

@@ -1,10 +1,10 @@
 //! Unity's High Definition Render Pipeline: a C# editor script that makes a `VolumeProfile`, with the camera's own numbers in it.
 //!
-//! - `MotionBlur`: a streak of half of `intensity` of the motion between frames: `intensity = 2 lambda`. `minimumVelocity` is set to
-//!   0 and `maximumVelocity` to its limit, so that slow and fast things blur too.
-//! - `DepthOfField` with the physical camera: `coc = clamp((1 - P / Z) maxCoC, -1, 1)`, `maxCoC = (f_mm / N) F / (P - F)`, a radius of
-//!   `2 maxBlur H / 1080 |coc|` px. Near and far get the same `maxBlur`, 8, the most that near takes. The field of view stays when
-//!   focal length and sensor grow together, so that N = 5.6 and f is what gives the blur.
+//! - `MotionBlur`: a streak is `intensity / 2` times as long as the motion between frames: `intensity = 2 lambda`.
+//!   `minimumVelocity` is set to 0 and `maximumVelocity` to its limit, so that slow and fast things blur too.
+//! - `DepthOfField` with the physical camera: `coc = clamp((1 - P / Z) maxCoC, -1, 1)`, `maxCoC = (f_mm / N) F / (P - F)`, a radius
+//!   of `2 maxBlur H / 1080 |coc|` px. Near and far get the same `maxBlur`, 8, the most that near takes. The field of view stays
+//!   the same when focal length and sensor grow together: N is set to 5.6, and f to the value that gives the blur.
 //! - `FilmGrain`: [`grain::Response`].
 //!
 //! Source: the pipeline's `HDRenderPipeline.PostProcess.cs`; derived, not run in the editor here.
@@ -20,7 +20,7 @@ pub(super) const ABILITIES: Abilities = Abilities {
     checked: "formulas derived from the source; script parsed; not run in the editor",
 };
 
-/// `nearMaxBlur` and `farMaxBlur`: the most that near takes.
+/// The value of `nearMaxBlur` and `farMaxBlur`, the most that `nearMaxBlur` takes.
 const MAX_BLUR: f32 = 8.0;
 
 /// The numbers of the volume's components and of the camera.
@@ -43,7 +43,7 @@ pub struct PhysicalCamera {
     pub focal_length: f32,
     /// `aperture`, the f-number, in [0.7, 32].
     pub aperture: f32,
-    /// `sensorSize`, mm: what keeps the field of view.
+    /// `sensorSize`, mm: the size that keeps the field of view.
     pub sensor_size: [f32; 2],
 }
 

@@ -1,9 +1,9 @@
 //! Unity's Universal Render Pipeline: a C# editor script that makes a `VolumeProfile`.
 //!
-//! - `MotionBlur`: samples `uv +- 0.5 v intensity`, v the motion in normalised device coordinates, two per picture: a streak of
-//!   2 intensity of the motion between frames. `intensity = lambda / 2`.
-//! - `DepthOfField`, Bokeh: `coc = clamp((1 - P / Z) maxCoC, -1, 1)`, `maxCoC = (f_mm / N) F / (P - F)`, F = f_mm / 1000 m; a radius
-//!   of `14 |coc|` px (of less in pictures under 280 px: 5 % of their height). Only f^2 / N matters: N = 5.6 and f to match.
+//! - `MotionBlur`: samples `uv +- 0.5 v intensity`, v the motion in normalised device coordinates, which span two per picture: a
+//!   streak is 2 intensity times as long as the motion between frames. So `intensity = lambda / 2`.
+//! - `DepthOfField`, Bokeh: `coc = clamp((1 - P / Z) maxCoC, -1, 1)`, `maxCoC = (f_mm / N) F / (P - F)`, F = f_mm / 1000 m; a radius of
+//!   `14 |coc|` px (of less in pictures under 280 px: 5 % of their height). Only f^2 / N matters: N is set to 5.6, and f to match.
 //! - `FilmGrain`: [`grain::Response`].
 //!
 //! Source: the pipeline's `PostProcessPass.cs` and `Common.hlsl`; not run in the editor here.

@@ -2,8 +2,8 @@
 //!
 //! - `MotionBlurAmount = lambda` with `MotionBlurTargetFPS = 0` (the game's own frame rate). Movie Render Queue takes a shutter
 //!   angle instead: 360 lambda degrees.
-//! - Depth of field: a radius of `0.5 W / sensorW coc_inf |1 - P / Z|` px, `coc_inf = f^2 / (N (P - f))`, f from the field of view and
-//!   `DepthOfFieldSensorWidth`; clamped to 0.025 W. The sensor is the default's width, 24.576 mm, unless N leaves [1, 32].
+//! - Depth of field: a radius of `0.5 W / sensorW coc_inf |1 - P / Z|` px, `coc_inf = f^2 / (N (P - f))`, f from the field of view
+//!   and `DepthOfFieldSensorWidth`; clamped to 0.025 W. The sensor has the default width, 24.576 mm, unless N leaves [1, 32].
 //! - Film grain: three zones of luminance, each with its own intensity.
 //!
 //! Source: Epic's documentation; not run in the engine.
@@ -54,7 +54,7 @@ impl DepthOfField {
     }
 }
 
-/// Where a zone's response is taken: linear luminance in the middle of shadows, midtones and highlights.
+/// The linear luminances, in the middle of shadows, midtones and highlights, at which the zones' intensities are taken.
 const ZONES: [f32; 3] = [0.045, 0.25, 0.7];
 
 fn depth_of_field(camera: &Camera, lens: &ThinLens) -> DepthOfField {
@@ -63,7 +63,7 @@ fn depth_of_field(camera: &Camera, lens: &ThinLens) -> DepthOfField {
     let per_height = camera.focal_length_per_sensor_height();
     let height_m = SENSOR_WIDTH_M / aspect;
     let f_stop = lens.f_number(per_height * height_m, height_m, camera.height).clamp(1.0, 32.0);
-    // The sensor on which this f-number gives the blur: 4 sigma N (P - t h) = t^2 h H, t the focal length over its height.
+    // The sensor of height h on which this f-number gives the blur satisfies 4 sigma N (P - t h) = t^2 h H, t the focal length over h.
     let blur = 4.0 * lens.sigma_px_at_infinity * f_stop;
     let height_m = blur * lens.focus_m / (per_height.powi(2) * camera.height as f32 + blur * per_height);
     DepthOfField { f_stop, focal_distance: 100.0 * lens.focus_m, sensor_width: 1000.0 * height_m * aspect }

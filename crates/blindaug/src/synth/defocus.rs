@@ -10,14 +10,14 @@ pub enum Bokeh {
     /// A Gaussian, as in the paper.
     #[default]
     Gaussian,
-    /// A uniform disk of the same std per axis: its diameter is 4 std. What a real lens of round aperture does.
+    /// A uniform disk of the same std per axis, whose diameter is 4 std, as of a real lens with a round aperture.
     Disk,
 }
 
-/// Stds beyond this many px are cut to it; it bounds the work that an absurd depth can cause.
+/// The largest std, px, to which larger ones are cut; it bounds the work that an absurd depth can cause.
 pub const MAX_SIGMA_PX: f32 = 200.0;
 
-/// Side of the squares that are worked on one by one, px: small enough for the cache, large beside common kernels.
+/// The side of the squares that are processed one by one, px: small enough for the cache, large beside common kernels.
 const TILE: usize = 64;
 
 /// Blurs each pixel by the kernel of its own std `sigma_px`, px per axis.
@@ -81,28 +81,29 @@ impl Tile {
     }
 }
 
-/// Blurs by a few levels of variance, between which a pixel's own is interpolated linearly: so its variance is exact, and the
-/// shape differs from a Gaussian's by what [`LEVEL_RATIO`] allows.
+/// Blurs by a few levels of variance, between which each pixel is interpolated linearly to its own variance: so that variance is
+/// exact, and the kernel's shape differs from a Gaussian's by what [`LEVEL_RATIO`] allows.
 ///
-/// Levels of large variance are computed on a binomial pyramid. Halving and doubling with the binomial kernel each add a
-/// variance of 1 px^2 of the finer size, the same at even and odd pixels, which is taken off the blur in between.
+/// Levels of large variance are computed on a binomial pyramid. Halving and doubling with the binomial kernel each add a variance
+/// of 1 px^2 of the finer size, the same at even and odd pixels, which is subtracted from the blur in between.
 struct GaussianStack<P> {
     /// The image, halved again and again.
     octaves: Vec<Raster<P>>,
     /// Variances in px^2, rising from 0.
     variances: Vec<f32>,
-    /// Per variance, the octave that it is computed on, and the kernel there.
+    /// For each variance, the octave on which it is computed, and the kernel there.
     kernels: Vec<(usize, Vec<f32>)>,
 }
 
-/// Between levels of variance t and r t, the response exp(-t w^2 / 2) is off by at most 0.07 ((r - 1) / r)^2 or so: 0.3 % here.
+/// The ratio r of successive variances: between variances t and r t, the error of the response exp(-t w^2 / 2) is at most about
+/// 0.07 ((r - 1) / r)^2, here 0.3 %.
 const LEVEL_RATIO: f32 = 1.25;
 
-/// Near variance 0 the highest frequency is what limits the distance, px^2.
+/// The least difference of successive variances, px^2, which near variance 0 is limited by the error at the highest frequency.
 const LEVEL_DISTANCE: f32 = 0.03;
 
-/// The least variance that is left to blur, in px^2 of the octave, when a level is computed on an octave: what aliases
-/// and what the doubling lets through is then below 0.1 %.
+/// The least variance, in px^2 of the octave, that must be left to blur for a level to be computed on an octave: the errors of
+/// halving and doubling (aliases) are then below 0.1 %.
 const OCTAVE_VARIANCE: f32 = 8.0;
 
 impl<P: Pixel> GaussianStack<P> {
@@ -129,7 +130,7 @@ impl<P: Pixel> GaussianStack<P> {
     }
 
     fn blurred(&self, sigma: &Plane, tile: Tile) -> Raster<P> {
-        // Per pixel: the level below its variance, and how far it is on the way to the next.
+        // For each pixel, the level below its variance, and the weight of the next level, in [0, 1].
         let place: Vec<(usize, f32)> = tile
             .pixels(sigma)
             .map(|s| {
@@ -160,7 +161,7 @@ impl<P: Pixel> GaussianStack<P> {
     /// The tile of the image blurred by the variance of a level.
     fn level(&self, level: usize, Tile { x, y, w, h }: Tile) -> Raster<P> {
         let (octave, kernel) = (self.kernels[level].0, &self.kernels[level].1);
-        // What of each octave, from the finest, is needed for the tile: first pixel and size.
+        // The rectangle of each octave, from the finest, that the tile needs: its first pixel and its size.
         let mut needed = vec![((x as isize, y as isize), (w, h))];
         for o in 0..octave {
             let ((x, y), (w, h)) = needed[o];
@@ -183,20 +184,20 @@ fn octave_variance(o: usize, t: f32) -> f32 {
     (t - 2.0 * (scale - 1.0) / 3.0) / scale
 }
 
-/// A disk as rows of spans: `half_widths[|dy|]` px on either side of the centre, of which pixels at the ends are seen in part.
+/// A disk as rows of spans: row dy extends `half_widths[|dy|]` px on either side of the centre, and pixels at the ends count in part.
 struct Disk {
     half_widths: Vec<f32>,
     area: f32,
 }
 
-/// Distance of the stds for which a disk is prepared, px.
+/// The distance between the stds for which a disk is prepared, px.
 const DISK_STEP: f32 = 1.0 / 64.0;
 
 impl Disk {
-    /// The disk whose variance along x and y is exactly `variance` px^2 as it acts on pixels.
+    /// The disk whose variance along x and y is exactly `variance` px^2 when it is sampled in pixels.
     ///
-    /// A row's share is the area that a disk of some radius covers in the row; the radius makes the variance along y right.
-    /// The lengths of the spans, all stretched alike by a factor near 1, make it right along x.
+    /// A row's weight is the area that a disk covers in the row; the disk's radius is chosen for the variance along y. The lengths
+    /// of the spans are then stretched by a common factor near 1, which is chosen for the variance along x.
     fn of_variance(variance: f64) -> Self {
         let sigma = variance.sqrt();
         let radius =
@@ -210,7 +211,7 @@ impl Disk {
     }
 }
 
-/// Where `too_much` turns true between `lo` and `hi`, to a millionth of their distance.
+/// The point between `lo` and `hi` at which `too_much` turns true, to a millionth of their distance.
 fn solve(mut lo: f64, mut hi: f64, too_much: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..20 {
         let mid = 0.5 * (lo + hi);
@@ -232,7 +233,7 @@ fn row_halves(radius: f64) -> Vec<f64> {
     (0..rows).map(|dy| if dy == 0 { 2.0 * edges[0] } else { edges[dy] - edges[dy - 1] }).collect()
 }
 
-/// The mean over the kernel's rows, on both sides of the centre, of `of(dy, half width)`.
+/// The mean of `of(dy, half width)` over the kernel's rows on both sides of the centre, weighted by their area.
 fn mean_over_rows(halves: &[f64], of: impl Fn(f64, f64) -> f64) -> f64 {
     let (mut sum, mut area) = (0.0, 0.0);
     for (dy, &a) in halves.iter().enumerate() {
@@ -249,16 +250,16 @@ fn variance_along_y(halves: &[f64]) -> f64 {
 
 fn variance_along_x(halves: &[f64]) -> f64 {
     mean_over_rows(halves, |_, a| {
-        // Pixels -n..n are seen whole, the next ones in part.
+        // Pixels -n to n count whole, the next ones on both sides in part.
         let n = (a - 0.5).max(0.0).floor();
         let part = (a - 0.5 - n).max(0.0);
         (n * (n + 1.0) * (2.0 * n + 1.0) / 3.0 + 2.0 * part * (n + 1.0) * (n + 1.0)) / (2.0 * a).max(1e-12)
     })
 }
 
-/// The disk of a std, px, as rows of pixels: half of the length of each row's span, px, from the centre's row on.
+/// The disk of a std, px, as rows of spans: half the length of each row's span, px, from the centre's row on.
 ///
-/// The span's ends count by the part of a pixel that they cover. The variance is exactly that of the std.
+/// A pixel at the end of a span counts by the part of it that the span covers. The disk's std is exactly `sigma_px`.
 pub fn disk_half_widths(sigma_px: f32) -> Vec<f32> {
     Disk::of_variance(f64::from(sigma_px).powi(2)).half_widths
 }
@@ -269,8 +270,7 @@ fn disks(largest_sigma: f32) -> Vec<Disk> {
     par::map(n, |i| Disk::of_variance((i as f64 * f64::from(DISK_STEP)).powi(2)))
 }
 
-/// The tile, each pixel blurred by the disk of its std; O(radius) per pixel by sums along the rows.
-/// What some pixels of an image become under disks of several constant stds: [place][std], each as [`defocus`] has it.
+/// The values of some pixels of an image blurred by disks of several constant stds, as `[place][std]`; each is that of [`defocus`].
 pub(crate) fn disk_values_at<const N: usize>(
     src: &Plane,
     places: &[(usize, usize)],
@@ -282,7 +282,7 @@ pub(crate) fn disk_values_at<const N: usize>(
     let reach =
         used.iter().map(|d| d.half_widths.len().max(d.half_widths[0].ceil() as usize)).max().unwrap_or(0);
     let (w, h) = src.size();
-    // Sums of the pixels before each, from `reach` left of the image on; less the mean, for their precision.
+    // The sums of each row's pixels before each column, from `reach` px left of the image on; the mean is subtracted for precision.
     let mean = src.data().iter().sum::<f32>() / src.data().len().max(1) as f32;
     let width = w + 2 * reach;
     let mut sums = Plane::filled(width + 1, h, 0.0);
@@ -317,11 +317,12 @@ pub(crate) fn disk_values_at<const N: usize>(
     })
 }
 
+/// The tile, each pixel blurred by the disk of its std; O(radius) per pixel by sums along the rows.
 fn disk_blurred<P: Pixel>(src: &Raster<P>, sigma: &Plane, disks: &[Disk], tile: Tile) -> Raster<P> {
     let disk_of = |s: f32| &disks[((s / DISK_STEP).round() as usize).min(disks.len() - 1)];
     let widest = disk_of(tile.pixels(sigma).fold(0.0, f32::max));
     let reach = widest.half_widths.len().max(widest.half_widths[0].ceil() as usize) as isize;
-    // sums(i, j): the sum of pixels 0..i of row j, both from `reach` before the tile.
+    // sums(i, j) is the sum of the first i pixels of row j; columns and rows are counted from `reach` px before the tile.
     let width = tile.w + 2 * reach as usize;
     let mut sums = Raster::filled(width + 1, tile.h + 2 * reach as usize, P::default());
     for j in 0..sums.height() {
@@ -368,11 +369,11 @@ fn disk_blurred<P: Pixel>(src: &Raster<P>, sigma: &Plane, disks: &[Disk], tile: 
 mod tests {
     use super::*;
 
-    /// How far [`Bokeh::Gaussian`] may be from the exact kernel, per unit of the image's range: see [`LEVEL_RATIO`] and [`OCTAVE_VARIANCE`].
+    /// The largest allowed error of [`Bokeh::Gaussian`], as a share of the image's range: see [`LEVEL_RATIO`] and [`OCTAVE_VARIANCE`].
     const GAUSSIAN_TOLERANCE: f32 = 0.006;
 
     fn random(w: usize, h: usize, blob: usize) -> Raster<[f32; 3]> {
-        // White noise, squares of about `blob` px, and waves, in [0, 1].
+        // The channels are white noise, squares of about `blob` px, and waves, in [0, 1].
         Raster::from_fn(w, h, |x, y| {
             let hash = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77);
             let hash = (hash ^ (hash >> 15)).wrapping_mul(0x2C1B_3C6D);
@@ -433,7 +434,7 @@ mod tests {
                 "{low} to {high} px: {}",
                 error(sigma.clone())
             );
-            // A std that is wrong by a twentieth is seen.
+            // Negative control: a std that is wrong by a twentieth exceeds the tolerance.
             assert!(error(sigma.map(|s| 1.05 * s + 0.02)) > GAUSSIAN_TOLERANCE);
         }
     }

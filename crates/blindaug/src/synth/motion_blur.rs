@@ -34,7 +34,7 @@ pub(super) fn check_size((width, height): (usize, usize), flow: &Flow) -> Result
     Ok(())
 }
 
-/// Some rows of an image, from `top` on, that has `height` of them.
+/// Some rows, from `top` on, of an image of `height` rows.
 pub(super) struct Rows<'a, P> {
     pub rows: &'a Raster<P>,
     pub top: usize,
@@ -42,7 +42,8 @@ pub(super) struct Rows<'a, P> {
 }
 
 impl<P: Pixel> Rows<'_, P> {
-    /// These rows of [`motion_blur`], whose paths ([`reach_px`]) must lie in the rows that there are. The flow is the whole image's.
+    /// The image rows `rows` of [`motion_blur`]'s result; their paths ([`reach_px`]) must lie within the rows held. The flow is
+    /// that of the whole image.
     pub fn blurred(&self, flow: &Flow, exposure: ExposureFraction, rows: Range<usize>) -> Raster<P> {
         Raster::from_fn(flow.width(), rows.len(), |x, y| {
             let y = rows.start + y;
@@ -51,17 +52,18 @@ impl<P: Pixel> Rows<'_, P> {
     }
 }
 
-/// How many rows from a pixel of the rows the path of one reaches at most, px.
+/// The largest number of rows by which the path of a pixel of these rows reaches up or down.
 pub(super) fn reach_px(flow: &Flow, exposure: ExposureFraction, rows: Range<usize>) -> usize {
     let (w, reach) = (flow.width(), |v: f32| if v.is_finite() { v.abs() } else { 0.0 });
     let longest = flow.data()[rows.start * w..rows.end * w].iter().map(|f| reach(f[1])).fold(0.0, f32::max);
-    // The pixels on both sides of where it ends, and rounding.
+    // The two rows more are for interpolation at the path's ends and for rounding.
     (0.5 * exposure.0 * longest).ceil() as usize + 2
 }
 
 /// The motion-blurred value of pixel (x, y) of a non-empty image, if it moves by `[u, v]` px per frame interval.
 ///
-/// The integral by the midpoint rule with ceil(length) + 1 bilinear taps: closer than 1 px, and without a jump at length 0.
+/// The integral is taken by the midpoint rule with ceil(length) + 1 bilinear taps, which are less than 1 px apart; it is continuous
+/// at length 0.
 #[inline]
 pub fn sample<P: Pixel>(
     src: &Raster<P>,
@@ -77,7 +79,7 @@ impl<P: Pixel> Rows<'_, P> {
     #[inline]
     fn sample(&self, (x, y): (usize, usize), [u, v]: [f32; 2], exposure: ExposureFraction) -> P {
         let Self { rows, top, height } = *self;
-        // A path across the whole image and back sees all there is of it; this bounds the work for absurd flow.
+        // The length in px beyond which a path gets no more taps: across the whole image and back. This bounds the work for absurd flow.
         let longest = 2.0 * (rows.width() + height) as f32;
         let (dx, dy) = (exposure.0 * u, exposure.0 * v);
         let length = dx.hypot(dy);
@@ -100,7 +102,7 @@ impl<P: Pixel> Rows<'_, P> {
     }
 }
 
-/// The sum of the values at the midpoints of as many parts of [-1/2, 1/2].
+/// The sum of the values at the midpoints of `taps` equal parts of [-1/2, 1/2].
 #[inline(always)]
 fn sum_of_taps<P: Pixel>(taps: f32, value: impl Fn(f32) -> P) -> P {
     let mut sum = P::default();
@@ -148,7 +150,7 @@ mod tests {
             let energy = moment(&|_, _| 1.0);
             assert!((energy - 1.0).abs() < 1e-4, "{f:?} {energy}");
             assert!(moment(&|x, _| x).abs() < 1e-3 && moment(&|_, y| y).abs() < 1e-3);
-            // Uniform over a length L: variance L^2 / 12, plus what the bilinear taps add, at most 1/4.
+            // A uniform streak of length L has the variance L^2 / 12; the bilinear taps add at most 1/4.
             let (dx, dy) = (f[0] * e, f[1] * e);
             for (got, l) in [(moment(&|x, _| x * x), dx), (moment(&|_, y| y * y), dy)] {
                 let want = l * l / 12.0;

@@ -9,13 +9,13 @@ pub type NoiseBands = [Raster<[f32; 3]>; NOISE_LEVELS];
 
 /// Noise of mean 0 for content of this luma (Y of the noise-free encoded content); add it to the encoded frame.
 ///
-/// The same for the same `seed` and `frame` at any number of threads; independent between frames and between seeds.
-/// Clipping is the caller's: see [`NoiseModel::clip`].
+/// The noise is the same for the same `seed` and `frame` with any number of threads, and independent between frames and between
+/// seeds. Clipping is left to the caller: see [`NoiseModel::clip`].
 pub fn noise(model: &NoiseModel, luma: &Plane, seed: u64, frame: u64) -> Raster<[f32; 3]> {
     noise_of_rows(model, luma.clone(), 0, seed, frame)
 }
 
-/// The rows from `top` on of [`noise`], given the luma of these rows; those near their edges differ, where the image goes on.
+/// The rows of [`noise`] from `top` on, given their luma; rows near the first and the last one differ from those of the whole image.
 pub(super) fn noise_of_rows(
     model: &NoiseModel,
     mut luma: Plane,
@@ -31,9 +31,9 @@ pub(super) fn noise_of_rows(
     })
 }
 
-/// The noise whose level `l` is the unit band times the std map `std(l)`, asked for from the finest level on.
+/// The noise whose level `l` is the unit band times the std map `std(l)`; the maps are requested from the finest level on.
 ///
-/// A map must have its band's size: `pyramid::downsample`'s sizes of the image. The low-pass that is left is 0.
+/// A map must have its band's size, that of the image after `l` times `pyramid::downsample`. The remaining low-pass is 0.
 pub fn modulated(mut bands: NoiseBands, mut std: impl FnMut(usize) -> Raster<[f32; 3]>) -> Raster<[f32; 3]> {
     for (level, band) in bands.iter_mut().enumerate() {
         let std = std(level);
@@ -46,13 +46,13 @@ pub fn modulated(mut bands: NoiseBands, mut std: impl FnMut(usize) -> Raster<[f3
     pyramid::collapse(bands.into(), Raster::filled(w.div_ceil(2), h.div_ceil(2), [0.0; 3]))
 }
 
-/// What each level contributes at full resolution to a noise whose std maps are 1, finest first: square tiles of `side` px
-/// that continue at their opposite edge. Noise of an even luminance is their sum, each times its level's std.
+/// The contribution of each level, finest first, to a noise whose std maps are 1, at full resolution: square tiles of `side` px
+/// that continue at their opposite edge. Noise of an even luminance is the sum of the tiles, each times its level's std.
 ///
 /// # Panics
 /// If `side` is not a multiple of 16, the coarsest level's grid.
 pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
-    // Beyond the reach of the pyramid's kernels and of the window of the coarsest level's local std.
+    // The margin, px, is larger than the reach of the pyramid's kernels and of the window of the coarsest level's local std.
     const MARGIN: usize = 128;
     assert_eq!(side % (2 << (NOISE_LEVELS - 1)), 0, "the side of a tile must be a multiple of 16 px");
     let tile = white_noise((side, side), 0, seed, 0);
@@ -69,10 +69,11 @@ pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
     })
 }
 
-/// A normal number over its own window's std has a std slightly below 1: what it takes to make it 1, per level.
+/// The factor for each level that makes the std exactly 1: normal numbers divided by the std of their own window have a std
+/// slightly below 1.
 pub const WINDOW_GAIN: [f32; NOISE_LEVELS] = [1.0047, 1.0063, 1.0086, 1.0120];
 
-/// The least std that a level is divided by, as a share of its usual one ([`white_band_std`]).
+/// The least std by which a level is divided, as a share of its usual std ([`white_band_std`]).
 pub const LEAST_STD: f32 = 0.2;
 
 /// The Laplacian pyramid of white normal noise, each level divided by its own local std.
@@ -86,7 +87,7 @@ fn unit_bands_of(white: &Raster<[f32; 3]>) -> NoiseBands {
     let usual_std = white_band_std();
     std::array::from_fn(|level| {
         let mut band = bands.next().unwrap_or_else(|| Raster::filled(0, 0, [0.0; 3]));
-        // A window with next to nothing in it (an image of a few pixels) must not be blown up.
+        // A window of next to no variance (in an image of a few pixels) must not be amplified without bound.
         let floor = LEAST_STD * usual_std[level];
         let std = local_std(&band);
         for (b, s) in band.data_mut().as_flattened_mut().iter_mut().zip(std.data().as_flattened()) {
@@ -96,7 +97,7 @@ fn unit_bands_of(white: &Raster<[f32; 3]>) -> NoiseBands {
     })
 }
 
-/// sqrt(E[x^2] - E[x]^2) in a 9 x 9 window, a Gaussian of std 4 px.
+/// The local std sqrt(E[x^2] - E[x]^2) in a window of 9 x 9 px, a Gaussian of std 4 px.
 fn local_std(band: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
     let gaussian: Vec<f32> = (0..5).map(|i| (-(i * i) as f32 / 32.0).exp()).collect();
     let sum = 2.0 * gaussian.iter().sum::<f32>() - gaussian[0];
@@ -109,12 +110,13 @@ fn local_std(band: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
     )
 }
 
-/// White normal noise of std 1 in each channel: rows from `top` on.
+/// White normal noise of std 1 in each channel, the rows from `top` on.
 fn white_noise((width, height): (usize, usize), top: usize, seed: u64, frame: u64) -> Raster<[f32; 3]> {
     let key = pcg4d([seed as u32, (seed >> 32) as u32, frame as u32, (frame >> 32) as u32]);
     Raster::from_fn(width, height, |x, y| {
         let bits = pcg4d([x as u32 ^ key[0], (top + y) as u32 ^ key[1], key[2], key[3]]);
-        // 24 bits, at the middle of their interval: never 0. Pairs of uniform numbers to normal ones (Box & Muller 1958).
+        // The uniform numbers have 24 bits and are never 0, as they lie at the middle of their interval; pairs of them become
+        // normal numbers (Box & Muller 1958).
         let [a, b, c, d] = bits.map(|v| ((v >> 8) as f32 + 0.5) / 16_777_216.0);
         let (first, second) = ((-2.0 * a.ln()).sqrt(), (-2.0 * c.ln()).sqrt());
         let (sin, cos) = (std::f32::consts::TAU * b).sin_cos();
@@ -122,7 +124,7 @@ fn white_noise((width, height): (usize, usize), top: usize, seed: u64, frame: u6
     })
 }
 
-/// Four counters to four random numbers (Jarzynski & Olano 2020); as short in a shader.
+/// Turns four counters into four random numbers (pcg4d, Jarzynski & Olano 2020), which is as short in a shader.
 fn pcg4d(counters: [u32; 4]) -> [u32; 4] {
     let mix = |[mut x, mut y, mut z, mut w]: [u32; 4]| {
         x = x.wrapping_add(y.wrapping_mul(w));
@@ -142,9 +144,9 @@ pub fn white_band_std() -> [f32; NOISE_LEVELS] {
 }
 
 fn band_std_by_kernels() -> [f32; NOISE_LEVELS] {
-    // Along a line, level l is A x - B x, with A halving l times, and B also halving and doubling once more; in the image
-    // it is (A A' - B B') x. The mean over pixels of the squared weights takes only the sums of A A, A B and B B along a line,
-    // over one period of the inputs.
+    // Along a line, level l of an input x is A x - B x, where A halves l times, and B also halves and doubles once more; in the
+    // image, level l is (A A' - B B') x, where A' and B' act along columns. The mean over pixels of the squared weights takes only
+    // the sums of A A, A B and B B along a line, over one period of the inputs.
     const PERIOD: usize = 2 << (NOISE_LEVELS - 1);
     let mut sums = [[0.0f32; 3]; NOISE_LEVELS];
     for input in 0..PERIOD {
@@ -220,7 +222,7 @@ mod tests {
     fn the_std_of_the_levels_of_white_noise_agrees_with_simulation() {
         let (bands, _) = pyramid::laplacian(&white_noise((1024, 768), 0, 1, 1), NOISE_LEVELS);
         for ((band, want), tolerance) in bands.iter().zip(white_band_std()).zip([0.003, 0.005, 0.01, 0.02]) {
-            // Near the edge, whose pixels are repeated, it is larger.
+            // The std is larger near the edge, whose pixels are repeated.
             let band = band.crop(8, 8, band.width() - 16, band.height() - 16);
             let got = (0..3).map(|c| statistics(&band, c).1.powi(2)).sum::<f64>().sqrt() as f32 / 3f32.sqrt();
             assert!((got / want - 1.0).abs() < tolerance, "{got} {want}");
@@ -259,7 +261,7 @@ mod tests {
                 }
             }
         }
-        // Coarse noise is not white, and is seen not to be.
+        // Negative control: coarse noise is correlated between neighbours.
         let coarse = model(std::array::from_fn(|l| NoiseLevel {
             slope: [0.0; 3],
             intercept: [if l == 1 { 0.1 } else { 0.0 }; 3],
@@ -283,7 +285,7 @@ mod tests {
                 step(side - 1, of) / inside
             };
             assert!((0.6..1.6).contains(&across(&|x, y| band.at(x, y))), "level {level}");
-            // The coarse levels of a tile that was cut out of a larger noise show the seam.
+            // Negative control: the coarse levels of a tile that does not wrap show a seam.
             if level > 1 {
                 let cut = |x: usize, y: usize| band.at(x / 2, y);
                 assert!(across(&cut) > 3.0, "level {level}");
@@ -300,7 +302,7 @@ mod tests {
                 assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
             }
         }
-        // The low-pass below the four bands is all that is missing of white noise.
+        // Of white noise, only the low-pass below the four bands is missing.
         for std in white_model([0.0; 3], [0.05; 3]).total_std(0.2) {
             assert!((std / 0.05 - 1.0).abs() < 0.02, "{std}");
         }

@@ -1,9 +1,9 @@
-//! The camera's sharpening, an unsharp mask of encoded values, and what a picture was before it.
+//! The camera's sharpening, an unsharp mask of encoded values, and its inverse.
 
 use crate::model::SharpeningModel;
 use crate::{Raster, filter};
 
-/// `v + amount (v - G v)`, not clamped.
+/// The sharpened image `v + amount (v - G v)`, not clamped.
 pub fn sharpen(image: &Raster<[f32; 3]>, model: &SharpeningModel) -> Raster<[f32; 3]> {
     let blurred = filter::gaussian_blur(image, model.radius_px);
     Raster::from_fn(image.width(), image.height(), |x, y| {
@@ -12,12 +12,12 @@ pub fn sharpen(image: &Raster<[f32; 3]>, model: &SharpeningModel) -> Raster<[f32
     })
 }
 
-/// The share of what sharpening did that unsharpening may leave: it is less than a step of 8 bit.
+/// The share of sharpening's change that unsharpening may leave, which is less than a step of 8 bits.
 pub const LEFT: f32 = 2e-3;
 
-/// What [`sharpen`] makes this image of. It stays in the image's range, as the inverse is a mean with positive weights.
+/// The image of which [`sharpen`] makes the given one. It stays in the given image's range, as the inverse is a mean with positive weights.
 pub(crate) fn unsharpen(image: &Raster<[f32; 3]>, model: &SharpeningModel) -> Raster<[f32; 3]> {
-    // The gain lies between 1 and 1 + amount: of the error, each of Richardson's steps leaves at most this.
+    // Sharpening's gain lies between 1 and 1 + amount, so that each of Richardson's steps leaves at most this share of the error.
     let left = model.amount / (2.0 + model.amount);
     let steps = (LEFT.ln() / left.ln()).ceil() as usize;
     (0..steps).fold(image.clone(), |guess, _| {
@@ -29,7 +29,7 @@ pub(crate) fn unsharpen(image: &Raster<[f32; 3]>, model: &SharpeningModel) -> Ra
     })
 }
 
-/// How far from a change of an image its sharpened version changes, px.
+/// The distance, px, to which a change of one pixel changes the sharpened image.
 pub(crate) fn reach_px(model: &SharpeningModel) -> usize {
     filter::gaussian_kernel(model.radius_px).len() - 1
 }
@@ -53,7 +53,7 @@ mod tests {
     #[test]
     fn a_constant_stays_and_a_step_overshoots_by_what_the_formula_says() {
         let sharp = sharpen(&step(), &MODEL(0.8));
-        // The last pixel before the step sees the kernel's part right of its centre beyond it.
+        // The kernel of the last pixel before the step lies beyond the step right of its centre.
         let beyond: f32 = filter::gaussian_kernel(1.5)[1..].iter().sum();
         for (x, want) in [(0, 0.3), (19, 0.3 - 0.8 * 0.4 * beyond), (20, 0.7 + 0.8 * 0.4 * beyond), (40, 0.7)]
         {
