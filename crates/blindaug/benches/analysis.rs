@@ -1,4 +1,4 @@
-//! Speed of the analysis: `cargo bench --bench analysis`.
+//! Benchmarks of the analysis: `cargo bench -p blindaug --bench analysis`.
 
 use blindaug::{
     Flow, Plane, Raster,
@@ -9,7 +9,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// A texture with detail at every scale that moves by (11.3, -4.6) px, with a little noise.
+/// Two images of a texture with detail at every scale that moves by (11.3, -4.6) px, with a little noise.
 fn pair(size: usize) -> [Plane; 2] {
     let texture = |x: f32, y: f32| {
         (0..24)
@@ -38,7 +38,7 @@ fn benches(c: &mut Criterion) {
     group.bench_function("512 alone, in fresh memory", |bench| bench.iter(|| flow::flow(&a, &b)));
     group.finish();
 
-    // A camera that moves to the side and turns in front of a floor.
+    // The camera moves to the side and turns in front of a floor.
     let seen = Flow::from_fn(512, 512, |x, y| {
         let (x, y) = (x as f32 / 614.0 - 0.42, y as f32 / 614.0 - 0.42);
         let d = (0.5 + y).max(0.4);

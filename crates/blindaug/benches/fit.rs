@@ -1,9 +1,10 @@
-//! Fits of one 512x512 frame with evidence in memory. The paper reports 36, 235 and 895 ms for the three on its GPU.
+//! Benchmarks of the fits to one 512x512 frame with evidence in memory. The paper reports 36, 235 and 895 ms for noise, motion blur
+//! and defocus on its GPU.
 //!
 //!     cargo bench -p blindaug --bench fit
 //!
-//! Floors: each fit reads its images (3 MB of RGB, 1 MB a plane) a few times, below 1 ms; the rest is arithmetic: the five
-//! bands of a pyramid for noise; 8000 places x 21 exposures x up to 20 cubic taps for the shutter; 8000 places x 23 stds
+//! Least times: each fit reads its images (3 MB of RGB, 1 MB a plane) a few times, which takes less than 1 ms; the rest is arithmetic:
+//! the five bands of a pyramid for noise; 8000 places x 21 exposures x up to 20 cubic taps for the shutter; 8000 places x 23 stds
 //! x up to 41 rows of a disk for the lens.
 
 #[path = "../tests/leaves/mod.rs"]
@@ -24,7 +25,7 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const N: usize = 512;
 
-/// Waves of many lengths and directions: texture at every scale.
+/// A texture at every scale: waves of many lengths and directions.
 fn texture() -> Plane {
     Plane::from_fn(N, N, |x, y| {
         let (x, y) = (x as f32, y as f32);
@@ -99,7 +100,7 @@ fn bench(c: &mut Criterion) {
             spectral::fit_lens(&[&tiles], &noise, ExposureFraction(0.0), None)
         })
     });
-    // Everything from a pair of frames and nothing else, flow and depth included.
+    // The whole estimate is made from a pair of frames alone, including flow and depth.
     let clip = leaves::Scene::new(1, (N, N)).clip(2, |_| leaves::CAMERA);
     let pair = || FrameObservation {
         frame: black_box(&clip[0].frame),

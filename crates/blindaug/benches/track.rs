@@ -1,4 +1,4 @@
-//! Time for a frame of the tracker, at 640x480, flow and depth estimated. A camera of 30 frames a second leaves it 33 ms.
+//! Benchmark of the tracker's time for a frame of 640x480 px, with flow and depth estimated. A camera of 30 frames a second leaves 33 ms.
 //!
 //!     cargo bench -p blindaug --bench track
 
@@ -14,7 +14,7 @@ use std::hint::black_box;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn bench(c: &mut Criterion) {
-    // A number of frames that has nothing in common with what the tracker does in turns.
+    // The number of frames has no common divisor with the periods of the tracker's work.
     let clip = Scene::new(1, (640, 480)).clip(14, |_| CAMERA);
     let pairs = clip.len() - 1;
     let mut tracker = Tracker::new(Default::default(), None);

@@ -1,4 +1,4 @@
-//! Analysis on the rendered clips, whose flow and depth are known. `--nocapture` prints what is measured.
+//! Tests of the analysis on rendered clips, whose flow and depth are known. `--nocapture` prints the measured errors.
 
 use blindaug::{
     Flow, Plane, Raster,
@@ -10,7 +10,7 @@ use blindaug::{
 use blindaug_io::{DepthFormat, read_flow, read_frame, read_inverse_depth};
 use std::path::PathBuf;
 
-/// The clips' folder, if it is there.
+/// The folder of the clips, if it exists.
 fn clips() -> Option<PathBuf> {
     let shared = std::env::var("BLINDAUG_SHARED")
         .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared").to_string());
@@ -25,7 +25,7 @@ fn clips() -> Option<PathBuf> {
     None
 }
 
-/// True flow and inverse depth (1/m) of frame `t`, and the pixels that are seen in frame `t` + 1.
+/// The true flow and inverse depth (1/m) of frame `t`, and whether each pixel is seen in frame `t` + 1.
 fn truth(clip: &std::path::Path, t: usize) -> (Flow, Plane, Raster<bool>) {
     let exr = |t: usize| clip.join(format!("clean/{t:04}.exr"));
     let flow = read_flow(exr(t)).unwrap();
@@ -40,7 +40,7 @@ fn truth(clip: &std::path::Path, t: usize) -> (Flow, Plane, Raster<bool>) {
     (flow, d, seen)
 }
 
-/// Endpoint errors, px, of the pixels that are seen in both frames, in ascending order.
+/// The endpoint errors, px, of the pixels that are seen in both frames, in ascending order.
 fn endpoint_errors(flow: &Flow, truth: &Flow, seen: &Raster<bool>) -> Vec<f32> {
     let pairs = flow.data().iter().zip(truth.data()).zip(seen.data());
     let mut errors: Vec<f32> =
@@ -57,7 +57,8 @@ fn mean(values: &[f32]) -> f32 {
 fn flow_of_clean_noisy_and_blurred_frames() {
     let Some(clips) = clips() else { return };
     println!("clip   frames       mean EPE, px  median  hidden pixels found  flagged");
-    // Bounds on the mean endpoint error. OpenCV's DIS (medium preset) has 0.21 to 0.26 px on the clean frames, 0.43 to 0.46 on full_without.
+    // The last number bounds the mean endpoint error, px. The error of OpenCV's DIS (medium preset) is 0.21 to 0.26 px on the clean
+    // frames, and 0.43 to 0.46 px on full_without.
     for (clip, frames, bound) in [
         ("table1", "clean", 0.21),
         ("table1", "mb_0.90", 0.31),
@@ -87,8 +88,8 @@ fn flow_of_clean_noisy_and_blurred_frames() {
     }
 }
 
-/// Correlation of two maps where both are known, and the median relative error of `d` against `truth` after the best scale
-/// and offset (least squares).
+/// The correlation of two maps over the pixels known in both, and the median relative error of `d` against `truth` after the best
+/// scale and offset (least squares).
 fn agreement(d: &Plane, truth: &Plane) -> (f64, f64) {
     let pairs: Vec<[f64; 2]> = d
         .data()

@@ -1,4 +1,4 @@
-//! Relative inverse depth from the flow of a known camera in front of a known scene.
+//! Tests of relative inverse depth from the flow of a known camera in front of a known scene.
 
 use blindaug::{
     Flow, Plane, Raster,
@@ -11,7 +11,7 @@ use blindaug::{
 const SIZE: (usize, usize) = (160, 120);
 const FOCAL_LENGTH: f64 = 1.2 * SIZE.0 as f64;
 
-/// A floor, a wall, and three boxes in front of it: inverse depth at a pixel.
+/// The inverse depth at a pixel of a scene with a floor, a wall, and three boxes in front of the wall.
 fn scene(x: usize, y: usize) -> f64 {
     let (fx, fy) = (x as f64 / SIZE.0 as f64, y as f64 / SIZE.1 as f64);
     let wall = 0.2 + 0.03 * fx;
@@ -24,7 +24,7 @@ fn scene(x: usize, y: usize) -> f64 {
         .fold(wall.max(floor), f64::max)
 }
 
-/// Turns by `r`, axis times angle (Rodrigues).
+/// The point `p` turned by `r`, axis times angle (Rodrigues).
 fn turned(p: [f64; 3], r: [f64; 3]) -> [f64; 3] {
     let angle = (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt().max(1e-12);
     let k = r.map(|v| v / angle);
@@ -33,12 +33,12 @@ fn turned(p: [f64; 3], r: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| p[i] * angle.cos() + cross[i] * angle.sin() + k[i] * along)
 }
 
-/// The flow that a camera sees that moves by `t` and turns by `r` between the frames, with flow noise of std `noise` px, alike
-/// over some px as that of real flow.
+/// The flow of a camera that moves by `t` and turns by `r` between the frames, with flow noise of std `noise` px, which is smooth over
+/// some px like that of real flow.
 fn seen(t: [f64; 3], r: [f64; 3], noise: f64) -> Flow {
     let (w, h) = SIZE;
     let at = |x: usize, y: usize, seed: usize| {
-        // A wave per seed of random direction: their sum is normal, and smooth.
+        // The noise is a sum of waves of random directions, which is about normal, and smooth.
         (0..40)
             .map(|i| {
                 let q = (i * 7919 + seed * 104_729) as f64;
@@ -79,7 +79,7 @@ fn reason(flow: &Flow) -> String {
     }
 }
 
-/// Median and 90th percentile of the relative error of `d` against the scene, after the best scale (the median ratio).
+/// The median and the 90th percentile of the relative error of `d` against the scene, after the best scale (the median ratio).
 fn error(d: &Plane) -> (f64, f64) {
     let mut pairs = Vec::new();
     for y in 0..SIZE.1 {
@@ -123,7 +123,7 @@ fn depth_and_motion_of_a_moving_camera() {
         let values = exact.inverse_depth.data().iter().filter(|d| d.is_finite());
         assert!(values.clone().all(|d| (0.0..=1.0).contains(d)));
         let top = values.clone().filter(|d| **d >= 1.0).count() as f64 / values.count() as f64;
-        // The nearest box is 6 % of the picture.
+        // The nearest box fills 6 % of the picture.
         assert!((0.01..0.09).contains(&top), "{top} of the map is at its limit");
 
         let (median, most) = error(&known(&seen(t, r, 0.1)).inverse_depth);
@@ -145,7 +145,7 @@ fn a_camera_that_only_turns_tells_no_depth() {
         let why = reason(&seen([0.0; 3], r, noise));
         assert!(why.contains("turn"), "{why}");
     }
-    // A step beside the turn, but far less than the flow can tell.
+    // The camera also moves while it turns, but by far less than the flow can tell.
     let why = reason(&seen([0.004, 0.0, 0.0], [0.0, 0.03, 0.0], 0.1));
     assert!(why.contains("turn"), "{why}");
 }
@@ -158,14 +158,14 @@ fn nothing_moves() {
 
 #[test]
 fn a_scene_that_moves_tells_no_depth() {
-    // Stripes that go their own ways.
+    // The picture is made of cells that move in different directions.
     let stripes = Flow::from_fn(SIZE.0, SIZE.1, |x, y| {
         let k = (x / 20 + 8 * (y / 20)) as f32;
         [6.0 * (k * 2.4).cos(), 6.0 * (k * 3.9).sin()]
     });
     let why = reason(&stripes);
     assert!(why.contains("scene moves"), "{why}");
-    // A fixed camera, and cars on the lower half of the picture.
+    // The camera is fixed, and cars move on the lower half of the picture.
     let cars =
         Flow::from_fn(SIZE.0, SIZE.1, |x, y| if y < 50 { [0.02, 0.0] } else { [5.0 + (x / 40) as f32, 0.1] });
     let why = reason(&cars);
@@ -180,7 +180,7 @@ fn what_moves_by_itself_is_unknown_and_the_rest_stays_right() {
     for y in 0..SIZE.1 {
         for x in 0..SIZE.0 {
             if mover(x, y) {
-                // Across the epipolar lines, which are horizontal.
+                // The object moves across the epipolar lines, which are horizontal.
                 flow.row_mut(y)[x][1] += 3.0;
             }
         }
@@ -233,7 +233,8 @@ fn bad_input_is_no_accident() {
     }
 }
 
-/// The pair that a camera sees on its way by `t` and `r`; the flow back is taken from the same pixels, good enough for short ways.
+/// The flow of a camera that moves by `t` and turns by `r`, in both directions. The backward flow is that of the same pixels, which is
+/// accurate enough for small motions.
 fn pair(t: [f64; 3], r: [f64; 3], noise: f64) -> FlowPair {
     let forward = seen(t, r, noise);
     let backward = seen(t.map(|v| -v), r.map(|v| -v), noise);
@@ -243,8 +244,8 @@ fn pair(t: [f64; 3], r: [f64; 3], noise: f64) -> FlowPair {
 #[test]
 fn the_tracker_keeps_the_scale_when_the_camera_slows_down_and_over_gaps() {
     let mut tracker = ParallaxTracker::new();
-    // The scene stays the same here, but the camera goes at another pace each time, and once not at all. What is near is seen
-    // in the first pair only, so that the others by themselves would have another scale.
+    // The scene stays the same, but the camera moves at another speed in each pair, and once not at all. The near parts are seen
+    // in the first pair only, so that the other pairs by themselves would have another scale.
     let far = |x: usize, y: usize| scene(x, y) < 0.65;
     let median = |d: &Plane| {
         let mut v: Vec<f32> = (0..SIZE.1)
@@ -298,7 +299,7 @@ fn the_tracker_begins_anew_at_a_cut_and_at_another_size() {
         residual: good.residual.crop(0, 0, SIZE.0, SIZE.1 - 20),
     };
     tracker.push(&good, 1).unwrap();
-    // Its own 98th percentile is 1 again.
+    // A new scale begins, so the 98th percentile of this map is 1 again.
     let Parallax::Known(depth) = tracker.push(&smaller, 1).unwrap() else { panic!("unknown") };
     let share = depth.inverse_depth.data().iter().filter(|d| **d >= 1.0).count() as f64;
     assert!(share > 0.005 * (SIZE.0 * (SIZE.1 - 20)) as f64, "{share}");

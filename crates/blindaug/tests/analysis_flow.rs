@@ -1,11 +1,11 @@
-//! Optical flow on textures that are warped in a known way.
+//! Tests of optical flow on textures that are warped in a known way.
 
 use blindaug::{
     Flow, Plane, Raster,
     analysis::flow::{FlowEstimator, FlowPair, flow, flow_with_occlusion, motion_at_frame},
 };
 
-/// Uniform in [0, 1), from integers (a hash).
+/// A uniform number in [0, 1) as a hash of two integers.
 fn random(a: u64, b: u64) -> f64 {
     let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(b.wrapping_mul(0xbf58_476d_1ce4_e5b9));
     z = (z ^ (z >> 30)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -35,7 +35,7 @@ impl Texture {
     }
 }
 
-/// `p` with normal noise (Box & Muller).
+/// The image `p` with added normal noise (Box & Muller) of std `std`.
 fn noisy(p: &Plane, std: f32, seed: u64) -> Plane {
     let w = p.width();
     Plane::from_fn(w, p.height(), |x, y| {
@@ -45,7 +45,7 @@ fn noisy(p: &Plane, std: f32, seed: u64) -> Plane {
     })
 }
 
-/// Two images of a texture that moves by x -> A x + t, and its flow.
+/// Two images of a texture that moves by x -> A x + t, and the flow between them.
 fn affine(size: (usize, usize), a: [[f64; 2]; 2], t: [f64; 2], noise: f32) -> (Plane, Plane, Flow) {
     let texture = Texture::new(7);
     let centre = [size.0 as f64 / 2.0, size.1 as f64 / 2.0];
@@ -65,7 +65,7 @@ fn affine(size: (usize, usize), a: [[f64; 2]; 2], t: [f64; 2], noise: f32) -> (P
     (noisy(&from, noise, 1), noisy(&to, noise, 2), truth)
 }
 
-/// Mean endpoint error, px, of the pixels whose true match is at least `margin` px inside.
+/// The mean endpoint error, px, of the pixels whose true match is at least `margin` px inside the frame.
 fn endpoint_error(flow: &Flow, truth: &Flow, margin: f32) -> f32 {
     assert_eq!(flow.size(), truth.size());
     let (w, h) = flow.size();
@@ -138,7 +138,7 @@ fn light_that_changes_is_no_motion() {
     let steady = error(&|_| 1.0, true);
     assert!(error(&|_| 1.15, true) < 1.3 * steady, "{} {steady}", error(&|_| 1.15, true));
     assert!(error(&flicker, true) < 1.5 * steady, "{} {steady}", error(&flicker, true));
-    // Negative control: no rolling shutter makes light flicker from left to right, and that is not undone.
+    // Negative control: a flicker from left to right, which no rolling shutter causes, is not undone.
     assert!(error(&flicker, false) > 2.0 * steady, "{} {steady}", error(&flicker, false));
 }
 
@@ -150,7 +150,8 @@ fn endpoint_error_sees_a_wrong_flow() {
     assert!(endpoint_error(&truth.map(|[u, v]| [v, u]), &truth, 2.0) > 1.0);
 }
 
-/// A disk of one texture that moves by `disk` in front of another that moves by (-2, 1); whether a pixel is hidden afterwards.
+/// Two images of a disk of one texture that moves by `disk` in front of another texture that moves by (-2, 1), the flow, and whether each
+/// pixel is hidden in the second image.
 fn two_motions(disk: [f64; 2], noise: f32) -> (Plane, Plane, Flow, Raster<bool>) {
     let (w, h, radius) = (200, 160, 34.0);
     let (front, back) = (Texture::new(3), Texture::new(4));
@@ -280,7 +281,7 @@ fn an_estimator_that_is_used_again_gives_the_same() {
     assert!(again.backward == once.backward && again.occluded == once.occluded);
 }
 
-/// A zoom that speeds up: from the frame at time -1 on, distances to the centre grow by exp(s(t)).
+/// The camera's zoom speeds up: distances to the centre grow by the factor exp(s(t)) from time 0 to t.
 #[test]
 fn motion_at_a_frame_is_between_the_flows_to_it_and_from_it() {
     const N: usize = 120;
@@ -300,9 +301,9 @@ fn motion_at_a_frame_is_between_the_flows_to_it_and_from_it() {
         assert!(off(motion.at(x, y)) < 0.02 * (1.0 + truth[0].hypot(truth[1])), "{:?}", motion.at(x, y));
         assert!(off(to_next.at(x, y)) >= 0.2 * truth[0].hypot(truth[1]), "{:?}", to_next.at(x, y));
     }
-    // What was seen here is not known of: (29, 29) comes from (30, 30).
+    // The pixel (29, 29) comes from (30, 30), whose flow is unknown, so the flow to the next frame counts alone.
     assert_eq!(motion.at(29, 29), to_next.at(29, 29));
-    // A zoom out the other way: what is at the edge was not in view before.
+    // In a zoom out, the pixels at the edge were not in view before.
     let shrinking = way(0.0, -1.0);
     let at_the_edge = motion_at_frame(&shrinking, &shrinking);
     assert_eq!(at_the_edge.at(0, 0), shrinking.at(0, 0));

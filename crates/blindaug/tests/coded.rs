@@ -1,4 +1,4 @@
-//! Footage that a video coder has been at: a small one, which predicts along the motion and quantises 8x8 transforms.
+//! Tests on compressed footage, made by a small video coder that predicts along the motion and quantises 8x8 transforms.
 
 use blindaug::fit::noise::{LumaNoise, NoiseEvidence};
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, spectral};
@@ -7,12 +7,12 @@ use blindaug::{Encoded, Flow, Plane, Raster, Transfer, filter, synth};
 use std::f32::consts::PI;
 
 const SIZE: (usize, usize) = (320, 240);
-/// px per frame.
+/// The motion of the picture, px per frame.
 const MOTION: [isize; 2] = [-11, 4];
 /// The quantisation step of the transform's coefficients: 16 of 255, as H.264 has it at QP 28.
 const STEP: f32 = 16.0 / 255.0;
 
-/// The quantised residual of 8x8 px; what is smaller than two thirds of a step is dropped.
+/// The quantised residual of 8x8 px; coefficients smaller than two thirds of a step are dropped.
 fn quantised(block: [[f32; 8]; 8]) -> [[f32; 8]; 8] {
     let basis = |k: usize, i: usize| {
         let scale = if k == 0 { 0.125f32.sqrt() } else { 0.5 };
@@ -36,7 +36,7 @@ fn quantised(block: [[f32; 8]; 8]) -> [[f32; 8]; 8] {
     transformed(transformed(block, false).map(|row| row.map(levels)), true)
 }
 
-/// A wall past which the camera moves: its spectrum falls as a natural image's does, and its contrast changes from place to place.
+/// A clip of a camera that moves past a wall, whose spectrum falls like a natural image's and whose contrast changes from place to place.
 fn clip(seed: u64, exposure: f32, noise: f32) -> Vec<Encoded> {
     let (w, h) = (SIZE.0 + 96, SIZE.1 + 96);
     let white = |seed: u64, strength: f32| {
@@ -75,7 +75,7 @@ fn clip(seed: u64, exposure: f32, noise: f32) -> Vec<Encoded> {
         .collect()
 }
 
-/// Each frame is predicted from the one before, as it was decoded; chroma is at half the resolution.
+/// The decoded clip: each frame is predicted from the decoded frame before, and chroma has half the resolution.
 fn coded(clip: &[Encoded]) -> Vec<Encoded> {
     let (w, h) = SIZE;
     let mut decoded: Vec<Encoded> = vec![];
@@ -90,7 +90,7 @@ fn coded(clip: &[Encoded]) -> Vec<Encoded> {
             let (a, b) = (frame.0.at(x, y), predicted.at(x, y));
             [0, 1, 2].map(|c| a[c] - b[c])
         };
-        // Green stands for luma, and the others' differences from it for chroma.
+        // Green stands for luma, and the differences of red and blue from green for chroma.
         let chroma = Raster::from_fn(w / 2, h / 2, |x, y| {
             let of = |c: usize| {
                 (0..4)
@@ -152,7 +152,7 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         println!("{exposure}: {:?} {:?}", found.exposure, found.interval);
         assert!((found.exposure.0 - exposure).abs() < 0.1 && found.interval[1] - found.interval[0] < 0.5);
         assert!((found.interval[0]..=found.interval[1]).contains(&exposure));
-        // Negative control: where nothing is allowed for, they are sure of another one.
+        // Negative control: if no coding error is allowed for, the tiles are sure of a wrong exposure.
         let tiles: Vec<Vec<spectral::Tile>> =
             coded.iter().map(|f| spectral::tiles(f, Some(&flow), None, BlurSpace::Linear).unwrap()).collect();
         let tiles: Vec<&[spectral::Tile]> = tiles.iter().map(Vec::as_slice).collect();

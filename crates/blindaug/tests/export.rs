@@ -1,4 +1,4 @@
-//! Exported settings: parsed by a parser of their language, and put back through the tool's own formulas.
+//! Tests of exported settings: each file is parsed by a parser of its language, and the numbers are put into the tool's own formulas.
 
 use blindaug::CameraModel;
 use blindaug::export::{Camera, Content, Export, Target, View, av1_grain, grain, probes};
@@ -32,7 +32,7 @@ fn text(export: &Export) -> &str {
     }
 }
 
-/// The number that follows `key` and whatever is between.
+/// The first number after `key` in a text.
 fn value(text: &str, key: &str) -> f32 {
     let at = text.find(key).unwrap_or_else(|| panic!("there is no {key:?} in:\n{text}")) + key.len();
     let rest = text[at..].trim_start_matches(|c: char| !(c.is_ascii_digit() || c == '-'));
@@ -46,10 +46,10 @@ fn value(text: &str, key: &str) -> f32 {
 const W: f32 = 1920.0;
 const H: f32 = 1080.0;
 
-/// The engines' own formulas, from what was written for them: std in px at a depth in m.
+/// The blur, as a std in px over depth in m, that an engine's own formula gives with the exported settings.
 fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
     let v = |key: &str| value(text, key);
-    // Half the picture's height over the focal length.
+    // `tan` is half the picture's height over the focal length.
     let tan = (0.5 * 34.0f32.to_radians()).tan();
     match target {
         Target::UnityUrp => {
@@ -98,13 +98,13 @@ fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
             })
         }
         Target::Blender => {
-            // What the script does with its constants.
+            // The formulas are those of the exported script.
             let (sigma, p, height, fov) =
                 (v("SIGMA_PX_AT_INFINITY ="), v("FOCUS_M ="), v("\nHEIGHT ="), v("\nFOV_Y =").to_radians());
             let per_height = 0.5 / (0.5 * fov).tan();
             let f = 0.024 * per_height;
             let n = f * per_height / (4.0 * sigma / height * p);
-            // Rays from a disk of diameter f / N through the plane in focus, which is P / per_height high.
+            // Rays come from a disk of diameter f / N through the plane in focus, whose visible height is P / per_height.
             Box::new(move |z| f / n * (z - p).abs() / z / (p / per_height) * H / 4.0)
         }
         Target::Three => {
@@ -114,7 +114,7 @@ fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
             Box::new(move |z| {
                 let t = ((z - p).abs() / f).clamp(0.0, 1.0);
                 let coc = t * t * (3.0 - 2.0 * t);
-                // The sharp picture and the blurred one, which is at half resolution and has grown.
+                // The result mixes the sharp picture with a blurred, dilated one of half the resolution.
                 let (b, r) = ((2.0 * coc).min(1.0), scale * coc);
                 (b * (r * r / 4.0 + 1.7) + b * (1.0 - b) * 0.64 * r * r).sqrt()
             })
@@ -139,7 +139,7 @@ const WITH_BLUR: [Target; 9] = [
     Target::Nuke,
 ];
 
-/// Mean and largest difference from the model over 20 depths, px.
+/// The mean and the largest difference of the exported blur from the model's over the depths of [`probes`], px.
 fn blur_error(target: Target, model: &CameraModel) -> (f32, f32) {
     let export = exported(model, target);
     let blur = blur_of(target, text(&export));
@@ -161,16 +161,16 @@ fn the_tool_s_own_formula_gives_the_model_s_blur_back() {
             println!("sigma {sigma} px, focus {focus} m, {target}: mean {mean:.4} px, worst {worst:.4} px");
             let lost = exported(&model, target).lost.iter().any(|s| s.contains("blur differs"));
             match target {
-                // No thin lens, and it says so.
+                // Three.js has no thin lens, and the export says so.
                 Target::Three => assert!(lost && worst < 0.7 * sigma),
-                // Nothing below a diameter of 1 px.
+                // Filament does not blur below a diameter of 1 px.
                 Target::Filament => assert!(worst < 0.26),
                 _ => assert!(worst < 0.01 && !lost, "{target}: {worst} px"),
             }
         }
-        // Another camera's settings are told from this one's.
+        // Negative control: the settings of a camera with stronger blur give a stronger blur.
         let other = camera_model(0.5, 1.2 * sigma, focus);
-        // Below 1.3 px, three.js spreads alike whatever its settings.
+        // Below a std of 1.3 px, the blur of three.js hardly depends on its settings.
         for target in WITH_BLUR.into_iter().filter(|t| *t != Target::Three || sigma > 2.0) {
             let [this, other] =
                 [&model, &other].map(|m| blur_of(target, text(&exported(m, target)))(10.0 * focus));
@@ -230,7 +230,7 @@ fn unity_s_grain_gives_the_model_s_std_where_it_can() {
         let t = model.transfer;
         for y in [0.3f32, 0.5, 0.7] {
             let light = t.decode(y);
-            // ApplyGrain on every texel, then back to encoded values.
+            // Unity's ApplyGrain is applied to every texel, and the result is encoded again.
             let squares: f32 = tile
                 .data()
                 .iter()
@@ -265,14 +265,14 @@ fn parse(language: tree_sitter::Language, name: &str, source: &str) -> Result<()
     Err(format!("{name}, line {}: {}", at.start_position().row + 1, &source[at.byte_range()]))
 }
 
-/// A node of Nuke: its class, and its knobs with their values.
+/// A node of Nuke with its class, and the names and values of its knobs.
 struct Node {
     class: String,
     knobs: Vec<(String, String)>,
 }
 
-/// Nuke's nodes: a stack language of which only what is written here is read: comments, `set`, `push`, `version`, and nodes
-/// of knobs with one value each.
+/// Reads the nodes of a Nuke script. Of its stack language only the parts that the export writes are read: comments, `set`, `push`,
+/// `version`, and nodes of knobs with one value each.
 fn read_nk(source: &str) -> Result<Vec<Node>, String> {
     let mut nodes = vec![];
     let mut lines = source.lines().enumerate();
@@ -295,7 +295,7 @@ fn read_nk(source: &str) -> Result<Vec<Node>, String> {
                         .ok_or(format!("line {}: a knob without a value", j + 1))?;
                     let quoted = value.len() > 1 && value.starts_with('"') && value.ends_with('"');
                     let inner = if quoted { &value[1..value.len() - 1] } else { value };
-                    // Brackets would run Tcl, braces and quotes would end the value.
+                    // Brackets would run Tcl; braces and quotes would end the value.
                     if inner.contains(['"', '{', '}', '[', ']', '$']) || (!quoted && inner.contains(' ')) {
                         return Err(format!("line {}: {value} must be quoted", j + 1));
                     }
@@ -309,7 +309,7 @@ fn read_nk(source: &str) -> Result<Vec<Node>, String> {
     Ok(nodes)
 }
 
-/// A Godot resource: one head, one section, keys with a number, a boolean or a string.
+/// Reads the keys of a Godot resource of one head, one section, and keys with a number, a boolean or a string.
 fn read_tres(source: &str) -> Result<Vec<(String, String)>, String> {
     let mut lines = source.lines().filter(|l| !l.trim().is_empty() && !l.starts_with(';'));
     let head = lines.next().unwrap_or_default();
@@ -334,7 +334,7 @@ fn read_tres(source: &str) -> Result<Vec<(String, String)>, String> {
 fn compile(source: &str) -> Result<(), String> {
     use naga::front::glsl::{Frontend, Options};
     use naga::valid::{Capabilities, ValidationFlags, Validator};
-    // The engine's own line, which names the stage.
+    // The line `#[compute]` is Godot's own, and names the stage.
     let source = source.replacen("#[compute]\n", "", 1);
     let module = Frontend::default()
         .parse(&Options::from(naga::ShaderStage::Compute), &source)
@@ -357,14 +357,14 @@ fn check(name: &str, source: &str) -> Result<(), String> {
         "glsl" => compile(source),
         "nk" => read_nk(source).map(drop),
         "tres" => read_tres(source).map(drop),
-        // Compiled by tools/check-shaders.sh, which has a compiler of HLSL.
+        // HLSL shaders are compiled by tools/check-shaders.sh.
         "shader" => Ok(()),
         "tbl" | "csv" => Ok(()),
         _ => Err(format!("{name}: nobody checks this")),
     }
 }
 
-/// Every part known, nothing known, and each part alone.
+/// Models with all parts known, with none known, and with each part known alone.
 fn models() -> Vec<CameraModel> {
     let all = camera_model(0.5, 4.0, 3.0);
     let nothing = CameraModel::unknown(all.capture, "nobody looked");
@@ -388,7 +388,7 @@ fn every_file_is_read_by_a_parser_of_its_language() {
             }
         }
     }
-    // None of them takes just anything.
+    // Negative control: every parser refuses a broken file.
     for extension in ["cs", "py", "js", "h", "rs", "gd", "glsl", "nk", "tres"] {
         assert!(seen.iter().any(|s| s == extension), "nothing was written in {extension}");
         let model = &models()[0];
@@ -420,7 +420,7 @@ fn what_is_unknown_is_left_at_the_tool_s_default_and_said() {
             }
         }
     }
-    // Nothing of a part that is unknown is written.
+    // No setting of an unknown part is written.
     let nothing = &models()[1];
     for (target, names) in [
         (Target::UnityUrp, &["Add<MotionBlur>", "Add<DepthOfField>", "Add<FilmGrain>"][..]),
@@ -462,7 +462,7 @@ fn nuke_s_expression_makes_the_model_s_noise() {
     let bands = grain::bands();
     for (c, key) in ["expr0", "expr1", "expr2"].iter().enumerate() {
         let expression = &merge.iter().find(|k| k.0 == *key).unwrap().1;
-        // The terms `max(s*luma+i,0)*(Ab(..+dx)..)`, read back.
+        // The terms are of the form `max(s*luma+i,0)*(Ab(..+dx)..)`.
         let terms: Vec<(f32, f32)> = expression
             .match_indices("max(")
             .skip(1)

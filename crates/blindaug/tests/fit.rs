@@ -1,4 +1,4 @@
-//! Known answers of the estimators on synthetic frames.
+//! Tests of the estimators on synthetic frames with known answers.
 
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::track::Tracker;
@@ -9,7 +9,7 @@ use blindaug::{Encoded, Flow, Plane, Raster, filter};
 
 const N: usize = 320;
 
-/// White noise of std 1 as a function of the seed, n x n px.
+/// White noise of std 1 that depends on the seed, n x n px.
 fn white(n: usize, seed: u64) -> Plane {
     let unit = synth::noise::unit_bands(n, n, seed, 0);
     let std = synth::noise::white_band_std();
@@ -17,7 +17,7 @@ fn white(n: usize, seed: u64) -> Plane {
         .map(|v| v[0])
 }
 
-/// A texture whose spectrum falls as a natural image's does; `stretch` times as long along x as along y.
+/// A texture whose spectrum falls like a natural image's, stretched along x by the factor `stretch`.
 fn texture(seed: u64, stretch: usize) -> Plane {
     texture_of(N, seed, stretch)
 }
@@ -43,7 +43,7 @@ fn estimator(family: Family) -> Estimator {
     Estimator::new(EstimatorOptions { family, blur_space: BlurSpace::Encoded, ..EstimatorOptions::default() })
 }
 
-/// What the frame alone says of the shutter, if it is blurred along `moved` and said to move along `told`.
+/// The estimate from a single frame that is blurred along `moved` and whose given flow is `told`.
 fn blind(sharp: &Plane, moved: [f32; 2], told: [f32; 2], lambda: f32) -> Estimation {
     let blurred =
         synth::motion_blur::motion_blur(sharp, &Flow::filled(N, N, moved), ExposureFraction(lambda)).unwrap();
@@ -109,7 +109,7 @@ fn boards_along_the_motion_do_not_look_blurred() {
     let (estimate, _) = exposure(&blind(&texture(5, 4), flow, flow, 0.45));
     println!("{estimate}");
     assert!((estimate - 0.45).abs() < 0.1, "{estimate}");
-    // The exposure of rails, which show nothing else along their way, is not known; nor do they look like a shutter that never closes.
+    // Rails, which look the same all along their motion, must not look like a long exposure: it is unknown, or may be near 0.
     for stretch in [16, 64] {
         let rails = blind(&texture(5, stretch), flow, flow, 0.0);
         println!("{:?}", rails.model.motion_blur);
@@ -117,7 +117,7 @@ fn boards_along_the_motion_do_not_look_blurred() {
     }
 }
 
-/// A camera that shakes: the motion turns from one frame to the next.
+/// The camera shakes: the motion turns from one frame to the next.
 #[test]
 fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurred_itself() {
     let motions = [[14.0, 3.0], [13.0, -7.0]];
@@ -125,11 +125,11 @@ fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurre
     let blurred = |image: &Plane, flow, lambda| {
         synth::motion_blur::motion_blur(image, flow, ExposureFraction(lambda)).unwrap()
     };
-    // As if by streaks of half the first frame's motion.
+    // The texture itself looks as if blurred along half the first frame's motion.
     let texture = blurred(&texture(6, 1), &flows[0], 0.5);
-    // At its own time the second frame moves as between the way to it and the way from it.
+    // The motion of the second frame at its own time is the mean of the flows to this frame and from it.
     let own = Flow::filled(N, N, [0, 1].map(|c| 0.5 * (motions[0][c] + motions[1][c])));
-    // In it all lies where the first one's motion takes it.
+    // The second frame shows the texture displaced by the first frame's motion.
     let moved = Plane::from_fn(N, N, |x, y| texture.at((x + N - 14) % N, (y + N - 3) % N));
     for lambda in [0.15, 0.3] {
         let frames = [
@@ -156,7 +156,7 @@ fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurre
     }
 }
 
-/// A pan that speeds up by a third each frame. The flow to the next frame is half a frame late.
+/// The pan speeds up by a third in each frame. The flow to the next frame is half a frame late.
 #[test]
 fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open() {
     const LAMBDA: f32 = 0.6;
@@ -172,7 +172,7 @@ fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open()
         noisy(&filmed, 0.004, 200 + frame as u64)
     };
     let frames = [1, 2, 3].map(at);
-    // Without the frame before the first one, its motion is not known.
+    // The motion at the time of the first frame is not known, since no frame precedes it.
     let found = |first: usize, given: &dyn Fn(usize) -> Option<Flow>| {
         let mut e = estimator(Family::Spectral);
         for i in first..3 {
@@ -189,11 +189,11 @@ fn a_camera_that_speeds_up_is_measured_by_its_motion_while_the_shutter_is_open()
     for (frame, lambda) in &given[1..] {
         assert!((lambda - LAMBDA).abs() < 0.03, "{lambda} of frame {frame}");
     }
-    // By the flow to the next frame alone it looks shorter, as the first one does.
+    // By the flow to the next frame alone, the exposure looks too short, like that of the first frame.
     assert!(given[0].1 < LAMBDA - 0.05, "{}", given[0].1);
     let late = found(1, &|i| Some(flows[i + 1].clone()))[0];
     assert!(late.1 < LAMBDA - 0.05, "{}", late.1);
-    // The same for the tracker: the last frames, after the one before, and as a first one.
+    // The tracker looks at the last frame, either as its first frame or after the two frames before.
     let tracked = |frames_before: usize| {
         let mut tracker = Tracker::new(Default::default(), None);
         for i in 2 - frames_before..3 {
@@ -217,15 +217,15 @@ fn without_motion_nothing_is_said_of_the_shutter_and_without_texture_nothing_of_
     assert!(flat.model.motion_blur.known().is_none());
 }
 
-/// Blur's std at infinity, px, and inverse depth in focus.
+/// The std of the blur at infinity, px, and the inverse depth in focus.
 const LENS: (f32, f32) = (3.0, 0.8);
 
-/// Columns of places of inverse depth 0.15 to 1.2.
+/// Inverse depth in columns of 64 px, from 0.15 to 1.2.
 fn columns() -> Plane {
     Plane::from_fn(N, N, |x, _| 0.15 + 1.05 * (x / 64) as f32 / (N / 64 - 1) as f32)
 }
 
-/// A texture, and what a lens makes of it.
+/// A texture, sharp and blurred by a lens.
 fn through_a_lens(seed: u64, depth: &Plane, (at_infinity, focus): (f32, f32)) -> (Plane, Plane) {
     let sharp = texture_of(depth.width(), seed, 1);
     let sigma = depth.map(|d| at_infinity * (1.0 - d / focus).abs());
@@ -233,7 +233,7 @@ fn through_a_lens(seed: u64, depth: &Plane, (at_infinity, focus): (f32, f32)) ->
     (sharp, blurred)
 }
 
-/// Mean abs error of the blur's std over the places, px.
+/// The mean absolute error of the std of the blur over the pixels, px.
 fn lens_error(e: &Estimation, depth: &Plane, (at_infinity, focus): (f32, f32)) -> f32 {
     let model = e.model.defocus.known().expect("there are depth and texture");
     let DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. } = model.curve else {
@@ -268,7 +268,7 @@ fn a_frame_with_depth_tells_its_lens() {
     assert!(e.estimate().unwrap().model.defocus.known().is_none());
 }
 
-/// Mean error of what a frame tells of a lens that blurs all of it: inverse depth doubles from left to right.
+/// The mean error, px, of the blur estimated from a frame that a lens blurs everywhere; inverse depth doubles from left to right.
 fn error_of_strong_lens(n: usize, seed: u64, lens: (f32, f32)) -> f32 {
     let depth = Plane::from_fn(n, n, |x, _| 0.5 * 2f32.powf(x as f32 / (n - 1) as f32));
     let (_, blurred) = through_a_lens(seed, &depth, lens);
@@ -286,7 +286,7 @@ fn error_of_strong_lens(n: usize, seed: u64, lens: (f32, f32)) -> f32 {
     error
 }
 
-/// A tile that is blurred by 5 px shows little but what the window leaks, and would read as one of 4.
+/// A tile that is blurred by 5 px shows little but the window's leakage, and would look like one blurred by 4 px.
 #[test]
 fn a_lens_that_blurs_most_of_the_frame_by_more_than_a_tile_tells_is_not_taken_for_a_weaker_one() {
     for seed in [7, 20, 33] {
@@ -294,7 +294,7 @@ fn a_lens_that_blurs_most_of_the_frame_by_more_than_a_tile_tells_is_not_taken_fo
     }
 }
 
-/// 4 to 14 px.
+/// The blur in the frame is 4 to 14 px.
 #[test]
 fn large_frames_tell_lenses_as_strong_as_they_need_for_the_same_look() {
     assert!(error_of_strong_lens(800, 7, (24.0, 1.2)) < 1.2);
@@ -359,7 +359,7 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
     assert_eq!(filmed(0.0).why_unknown().map(|why| why.reason), Some(Reason::NotSeen));
 }
 
-/// Tiles of all parts of the image that agree on an exposure, by at most `nats` each.
+/// Observations in all blocks of the image that agree on an exposure and prefer it by at most `nats` each.
 fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureObservation> {
     let of_exposure = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
     let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(of_exposure).collect();
@@ -374,7 +374,7 @@ fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::Exposur
 
 #[test]
 fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
-    // As sure as it gets, of 1.1 or of 0.4.
+    // The tiles are as sure as they can be, of 1.1 or of 0.4.
     let of = |exposure: f32| {
         spectral::exposure_of(&agreeing_tiles(400, exposure, 8.0), 1, 0.0).unwrap().into_known().unwrap()
     };
@@ -387,7 +387,7 @@ fn an_exposure_that_looks_longer_than_a_frame_lasts_is_a_whole_frame() {
 
 #[test]
 fn tiles_that_agree_but_hardly_object_to_anything_else_tell_no_exposure() {
-    // All replicas of a bootstrap are alike.
+    // The bootstrap alone would give a narrow interval, since all its replicas are alike.
     let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.0).unwrap();
     let why = why.why_unknown().unwrap();
     assert_eq!(why.reason, Reason::Uncertain);
@@ -418,7 +418,7 @@ fn what_texture_hides_of_slow_streaks_is_allowed_for_once_in_clips_of_any_length
             slow.map(|(i, w)| spectral::ExposureObservation { frame: i % frames, speed: 4.0, ..w }).collect();
         spectral::exposure_of(&slow, frames, 0.0).unwrap().into_known().unwrap().interval
     };
-    // 0.45 less a streak of 1.2 px, and 0.55 and one more.
+    // The interval is from about 0.45 less a streak of 1.2 px to about 0.55 plus such a streak.
     let [low, high] = of(1);
     assert!((low - 0.335).abs() < 0.02 && (high - 0.626).abs() < 0.02, "{low} {high}");
     let [low_of_many, high_of_many] = of(20);

@@ -1,4 +1,4 @@
-//! Removal of noise and blur from the frames alone: known answers, and what must not happen.
+//! Tests of the removal of noise and blur from the frames alone, with known answers and negative controls.
 
 mod leaves;
 
@@ -8,7 +8,7 @@ use blindaug::model::{DefocusCurve, DepthKind, Method};
 use blindaug::{Flow, Plane, Raster, synth};
 use leaves::{CAMERA, Camera, Scene};
 
-/// White noise of std 1 as a function of the seed.
+/// White noise of std 1 that depends on the seed.
 fn white(w: usize, h: usize, seed: u64) -> Plane {
     let std = synth::noise::white_band_std();
     synth::noise::modulated(synth::noise::unit_bands(w, h, seed, 0), |l| {
@@ -17,7 +17,7 @@ fn white(w: usize, h: usize, seed: u64) -> Plane {
     .map(|v| v[0])
 }
 
-/// Mean square over the middle of an image.
+/// The mean square over the middle of an image.
 fn power(image: &Plane) -> f32 {
     let middle = image.crop(16, 16, image.width() - 32, image.height() - 32);
     middle.data().iter().map(|v| v * v).sum::<f32>() / middle.data().len() as f32
@@ -28,7 +28,7 @@ fn denoising_leaves_a_third_of_the_noise_and_smears_nothing_where_the_flow_is_wr
     const NOISE: f32 = 0.02;
     let (w, h) = (128, 96);
     let scene = |x: f32, y: f32| 0.5 + 0.2 * (0.35 * x).sin() * (0.3 * y).cos();
-    // Seen from a camera that moves by 3 px a frame.
+    // The scene moves by 3 px a frame.
     let seen = |t: f32| Plane::from_fn(w, h, |x, y| scene(x as f32 - 3.0 * t, y as f32));
     let noisy = |t: f32, seed: u64| {
         let (image, noise) = (seen(t), white(w, h, seed));
@@ -46,7 +46,7 @@ fn denoising_leaves_a_third_of_the_noise_and_smears_nothing_where_the_flow_is_wr
     assert!((0.3..0.42).contains(&left), "{left} of the noise's power is left");
     let told = right.variance.at(64, 48) / (NOISE * NOISE);
     assert!((told / left - 1.0).abs() < 0.25, "{told} told, {left} left");
-    // 7 px off, a plain mean would be far from the truth.
+    // With a flow that is wrong by 7 px, a plain mean would be far from the truth.
     let wrong = denoise(&frame, &neighbours, &Flow::filled(w, h, [10.0, 0.0]));
     let mean = Plane::from_fn(w, h, |x, y| {
         let moved = |n: &Plane, by: isize| n.at_clamped(x as isize + by, y as isize);
@@ -58,7 +58,7 @@ fn denoising_leaves_a_third_of_the_noise_and_smears_nothing_where_the_flow_is_wr
     assert_eq!(denoise(&frame, &neighbours, &Flow::filled(w, h, [f32::NAN; 2])).light, frame.light);
 }
 
-/// The gradient of a line with a few edges, and the line as a kernel blurs it, with noise.
+/// The gradients of a line with a few edges, and the line blurred by a kernel, with noise.
 fn edges(kernel: &[f64], noise: f32, seed: u64) -> (Vec<f64>, Line) {
     const N: usize = 48;
     let random = white(N, 4, seed);
@@ -84,7 +84,7 @@ fn edges(kernel: &[f64], noise: f32, seed: u64) -> (Vec<f64>, Line) {
 fn the_true_kernel_has_the_most_evidence_and_restores_best() {
     for (streak, sigma) in [(8.0, 0.0), (0.0, 2.0), (6.0, 1.0)] {
         let truth = kernel(streak, sigma);
-        // Each with how much it is scaled.
+        // The evidence of the true kernel scaled by a factor.
         let evidence = |scale: f32| {
             let k = kernel(scale * streak, scale * sigma);
             (0..12).map(|seed| edges(&truth, 0.003, seed).1.deconvolved(&k).1).sum::<f64>()
@@ -96,7 +96,7 @@ fn the_true_kernel_has_the_most_evidence_and_restores_best() {
                     let (gradient, line) = edges(&truth, 0.003, seed);
                     let found = line.deconvolved(&k).0;
                     let reach = k.len() / 2;
-                    // Edges half a pixel off are as good, so what is compared is the mean of two.
+                    // Edges that are half a pixel off are as good, so sums of two neighbours are compared.
                     let pair = |v: &[f64], i: usize| v[i] + v[i + 1];
                     (0..gradient.len() - 1)
                         .map(|i| (pair(&found[reach..], i) - pair(&gradient, i)).powi(2))
@@ -119,7 +119,7 @@ fn taps_of_nothing_hardly_change_the_evidence() {
     let padded: Vec<f64> = [&[0.0; 10], k.as_slice(), &[0.0; 10]].concat();
     let (_, line) = edges(&k, 0.003, 5);
     let (a, b) = (line.deconvolved(&k).1, line.deconvolved(&padded).1);
-    // 20 more unknowns: without their share taken out, each would cost a nat or two.
+    // The padded kernel has 20 more unknowns, each of which would cost a nat or two if its share were not subtracted.
     assert!((a - b).abs() < 2.0, "{a} {b}");
 }
 
@@ -129,19 +129,19 @@ fn kernels_have_unit_sum_and_the_variance_of_their_parts() {
         let k = kernel(streak, sigma);
         let reach = (k.len() / 2) as f64;
         let moment = |p: i32| k.iter().enumerate().map(|(i, k)| k * (i as f64 - reach).powi(p)).sum::<f64>();
-        // A chord's place across a disk of std sigma (radius 2 sigma) has variance sigma^2.
+        // The profile of a disk of std sigma (radius 2 sigma) has variance sigma^2, and the pixel's response has 0.25 px^2.
         let variance = f64::from(streak * streak / 12.0 + sigma * sigma) + 0.25;
         assert!((moment(0) - 1.0).abs() < 1e-9 && moment(1).abs() < 1e-6);
-        // Taps a pixel apart of so narrow a response have a little less.
+        // The narrow response of the pixel has slightly less variance when it is sampled at taps one pixel apart.
         assert!((moment(2) - variance).abs() < 0.01 * variance + 0.04, "{streak} {sigma}: {}", moment(2));
     }
-    // A long streak is even all the way.
+    // The taps of a long streak are all equal in the middle.
     let k = kernel(40.0, 0.0);
     let middle = k.len() / 2;
     assert!(k[middle - 17..middle + 18].iter().all(|v| (v * 40.0 - 1.0).abs() < 0.03), "{k:?}");
 }
 
-/// What removal makes of three frames of a camera, motion and depth given.
+/// The estimate by removal from three frames of a camera, with motion and depth given.
 fn by_removal(camera: Camera) -> Estimation {
     let clip = Scene::new(3, (320, 240)).clip(4, |_| camera);
     let mut estimator =

@@ -1,4 +1,4 @@
-//! Clips of several shots.
+//! Tests on clips of several shots.
 
 mod leaves;
 
@@ -10,19 +10,19 @@ use leaves::{CAMERA, Camera, Scene};
 
 const FRAMES: usize = 4;
 
-/// A scene, filmed with these exposures.
+/// The frames of a scene filmed with these exposures.
 fn filmed(scene: u64, exposures: &[f32]) -> Vec<Encoded> {
     let camera = |t: usize| Camera { exposure: exposures[t], noise: 0.006, ..CAMERA };
     Scene::new(scene, (256, 192)).clip(exposures.len(), camera).into_iter().map(|shot| shot.frame).collect()
 }
 
-/// Two scenes, filmed one after the other with these exposures.
+/// The estimate from two scenes filmed one after the other with these exposures.
 fn montage(exposures: [f32; 2]) -> Estimation {
     let [first, second] = exposures.map(|e| [e; FRAMES]);
     estimate(&[filmed(1, &first), filmed(100, &second)].concat())
 }
 
-/// Nothing but the frames.
+/// Observations of the frames alone, without evidence.
 fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
     frames.iter().enumerate().map(|(i, frame)| {
         let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
@@ -59,7 +59,7 @@ fn shots_of_one_shutter_are_measured_together() {
     assert!((found.exposure.0 - 0.5).abs() < 0.05, "{}", found.exposure.0);
     let samples = |i: usize| diagnostics.shots[i].motion_blur.known().map_or(0, |m| m.samples);
     assert_eq!(found.samples, samples(0) + samples(1));
-    // All frames can be followed, if not beyond the cut.
+    // All frames can be followed to a neighbour within their shot.
     assert!(diagnostics.notes.iter().all(|n| !n.contains("followed")), "{:?}", diagnostics.notes);
 }
 
@@ -85,7 +85,7 @@ fn a_tracker_does_not_carry_over_a_cut_what_it_knows_of_the_shutter() {
     let same = known(&moving.iter().cloned().chain(still(1)).collect::<Vec<_>>());
     let other = known(&moving.iter().cloned().chain(still(100)).collect::<Vec<_>>());
     println!("{same:?}\n{other:?}");
-    // Without a cut, what was seen still holds.
+    // Without a cut, the exposure is kept.
     assert!(same[5..].iter().all(|e| e.is_some_and(|e| (e - 0.5).abs() < 0.1)));
     assert!(other[6..].iter().all(Option::is_none));
 }

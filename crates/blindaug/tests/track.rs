@@ -1,4 +1,4 @@
-//! The tracker on clips whose camera changes.
+//! Tests of the tracker on clips whose camera changes.
 
 mod leaves;
 
@@ -9,7 +9,7 @@ use leaves::{CAMERA, Camera, Scene, Shot};
 
 const SIZE: (usize, usize) = (256, 192);
 
-/// The tracker's models of a clip, motion and depth given.
+/// The tracker's models and changes for each frame of a clip, with motion and depth given.
 fn tracked(clip: &[Shot]) -> Vec<(CameraModel, Changes)> {
     let mut tracker = Tracker::new(BlurSpace::Linear, None);
     clip.windows(2)
@@ -43,7 +43,7 @@ fn noise(m: &CameraModel) -> f32 {
     })
 }
 
-/// Mean error of the blur at the depths of the scene, px.
+/// The mean error of the std of the blur at the depths of the scene, px.
 fn blur_error(m: &CameraModel, truth: &Camera) -> f32 {
     let Some(lens) = m.defocus.known() else { return f32::NAN };
     let error = |d: f32| (lens.sigma_px(d) - truth.sigma_at_infinity * (1.0 - d / truth.focus).abs()).abs();
@@ -59,13 +59,15 @@ fn std(v: &[f32]) -> f32 {
     (v.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / v.len() as f32).sqrt()
 }
 
-/// The frame in which the parameters jump, and how many later they must have settled.
+/// The frame in which the parameters jump.
 const JUMP: usize = 25;
+/// The number of frames after the jump by which the estimates must have settled.
 const SETTLED: usize = 10;
+/// The number of frames of a clip with a jump.
 const JUMP_CLIP: usize = 46;
 
-/// The models of a clip in which the camera jumps, from where they must have settled on; and in which frames a change was
-/// noticed.
+/// The models of a clip in which the camera jumps, from the frame on in which they must have settled, and the frames in which a change
+/// was noticed, with the changes.
 fn after_a_jump(seed: u64, to: Camera) -> (Vec<CameraModel>, Vec<(usize, Changes)>) {
     let clip = Scene::new(seed, SIZE).clip(JUMP_CLIP, |t| if t < JUMP { CAMERA } else { to });
     let models = tracked(&clip);
@@ -74,7 +76,7 @@ fn after_a_jump(seed: u64, to: Camera) -> (Vec<CameraModel>, Vec<(usize, Changes
     (models.into_iter().skip(JUMP + SETTLED).map(|(m, _)| m).collect(), noticed)
 }
 
-/// Whether an estimate of the exposure has come to the truth.
+/// Whether an estimate of the exposure is close to the truth.
 fn settled(estimate: f32, truth: f32) -> bool {
     (estimate - truth).abs() < 0.05
 }
@@ -89,7 +91,7 @@ fn a_jump_of_the_shutter_is_followed_within_ten_frames() {
         let [(at, changes)] = noticed[..] else { panic!("{noticed:?}") };
         assert!(changes.of(Distortion::MotionBlur), "{changes:?}");
         assert!((JUMP..JUMP + 6).contains(&at), "{at}");
-        // The lens and the noise have stayed.
+        // The estimates of the lens and the noise have not changed.
         assert!(models.iter().all(|m| blur_error(m, &CAMERA) < 0.35 && (noise(m) / 0.01 - 1.0).abs() < 0.1));
     }
 }
@@ -120,7 +122,7 @@ fn a_jump_of_the_focus_is_followed_within_ten_frames() {
         noticed.iter().any(|(t, c)| c.of(Distortion::Defocus) && (JUMP..JUMP + 6).contains(t)),
         "{noticed:?}"
     );
-    // Negative control: the lens from before is not within that of the one after.
+    // Negative control: the lens before the jump has a larger error than is allowed.
     let mut before = models[0].clone();
     before.defocus = blindaug::model::Estimate::Known(blindaug::model::DefocusModel::given_lens(
         CAMERA.sigma_at_infinity,
@@ -188,12 +190,12 @@ fn a_still_stretch_is_bridged_and_the_interval_widens() {
     let models: Vec<CameraModel> = tracked(&clip).into_iter().map(|m| m.0).collect();
     let width = |t: usize| models[t].motion_blur.known().map(|m| m.interval[1] - m.interval[0]).unwrap();
     println!("{:.3?}", models.iter().map(exposure).collect::<Vec<_>>());
-    // The last value stays, less and less sure.
+    // The last exposure stays while nothing moves, and its interval widens.
     assert!(still.clone().skip(1).all(|t| exposure(&models[t]) == exposure(&models[still.start])));
     assert!(width(48) > width(35) && width(35) > width(19), "{} {} {}", width(19), width(35), width(48));
-    // And is as sure again soon after.
+    // The interval is narrower again soon after the camera moves on.
     assert!(width(60) < width(48) && settled(exposure(&models[60]), CAMERA.exposure));
-    // Noise is seen all the time.
+    // The noise is measured all the time.
     assert!(still.clone().all(|t| (noise(&models[t]) / CAMERA.noise - 1.0).abs() < 0.1));
 }
 

@@ -1,40 +1,42 @@
-//! Changes of brightness from one frame to the next: an exposure or a white balance that changes, a fade, lamps that flicker while a rolling shutter
-//! passes by. Flow and noise take what is seen in both frames for equally bright, so that such a change would read as motion and as coarse noise.
+//! Changes of brightness from one frame to the next: an exposure or a white balance that changes, a fade, or lamps that flicker while a
+//! rolling shutter passes by. The estimators of flow and noise assume that a point is equally bright in both frames, so that such a
+//! change would read as motion and as coarse noise.
 
 use super::quantile;
 use crate::par;
 use std::ops::Range;
 
-/// Light times g is encoded as `(v + OFFSET) g^(1 / 2.4) - OFFSET` (sRGB, but for its darkest part).
+/// The offset of sRGB: light times g is encoded as `(v + OFFSET) g^(1 / 2.4) - OFFSET`, except in the darkest part of the curve.
 const OFFSET: f32 = 0.055;
 
-/// A value of the next frame as it would be, had nothing changed. `k`: of [`brightening`].
+/// A value of the next frame as it would be without the change of brightness, with `k` the factor from [`brightening`].
 #[inline]
 pub(crate) fn undone(v: f32, k: f32) -> f32 {
     (v + OFFSET) / k - OFFSET
 }
 
-/// By which factor `value + OFFSET` grows to the next frame in each of N channels, for each row; `None` where nothing changes.
+/// The factor by which `value + OFFSET` grows to the next frame in each of N channels, for each row; `None` if nothing changes.
 ///
-/// `pair` gives the encoded values in both frames of what is seen at a pixel (x, y), if it is seen in both.
+/// `pair` gives the encoded values, in both frames, of the point seen at a pixel (x, y), if that point is seen in both.
 pub(crate) fn brightening<const N: usize>(
     (width, height): (usize, usize),
     pair: impl Fn(usize, usize) -> Option<[[f32; N]; 2]> + Sync + Send,
 ) -> Option<Vec<[f32; N]>> {
-    /// Bands of rows, each with a factor of its own; linear between their middles.
+    /// The number of bands of rows. Each band has a factor of its own, and between the middles of bands the log of the factor is linear.
     const BANDS: usize = 16;
-    /// Rows of a band at least.
+    /// The least number of rows of a band.
     const LEAST: usize = 16;
-    /// Fewer values say too little.
+    /// The least number of values for which a band counts.
     const ENOUGH: usize = 200;
-    /// Logs of factors that are no larger leave nothing that matters.
+    /// The absolute log of a factor below which a change of brightness does no harm.
     const SMALL: f32 = 0.004;
-    /// Mean square of a band's log over its own variance from which on it is no chance; neighbouring pixels are not independent.
+    /// The mean, over bands and channels, of the squared log over its variance above which a change is not chance. It lies far above 1
+    /// since neighbouring pixels are not independent.
     const CERTAIN: f32 = 10.0;
-    /// Neither black, where the transfer curve is another, nor near to clipping.
+    /// The encoded values that are used: not so dark that the transfer curve is linear, and not near to clipping.
     const SURE: Range<f32> = 0.06..0.94;
     let side = height.div_ceil(BANDS).max(LEAST);
-    // px between those that are looked at.
+    // The distance between the pixels that are used, px.
     let apart = (width / 128).clamp(2, 8);
     let of_band = |band: usize| {
         let mut values: [Vec<[f32; 2]>; N] = std::array::from_fn(|_| vec![]);
@@ -72,7 +74,7 @@ pub(crate) fn brightening<const N: usize>(
         let alike = bands.iter_mut().flat_map(|b| b.factors.iter_mut().zip(mean));
         alike.for_each(|(f, mean)| f.log = mean);
     }
-    // Beyond the bands that tell something, as at their edge.
+    // Rows beyond the first and the last band that has values get the factor at the edge of that band.
     let half = 0.5 * side as f32;
     let last = bands.len() - 1;
     let known = bands[0].middle - half..=bands[last].middle + half;
@@ -89,23 +91,24 @@ pub(crate) fn brightening<const N: usize>(
     Some((0..height).map(of_row).collect())
 }
 
-/// What a band of rows tells.
+/// The change of brightness in a band of rows.
 struct Band<const N: usize> {
-    /// Its middle, in rows.
+    /// The middle of the band, in rows.
     middle: f32,
     factors: [LogFactor; N],
 }
 
-/// The log of a factor, and how uncertain it is.
+/// The log of a factor, with its variance.
 #[derive(Clone, Copy)]
 struct LogFactor {
     log: f32,
     variance: f32,
 }
 
-/// By which the second values are larger than the first: the ratio of their sums, where they match about as well as most do. There must be values.
+/// The factor by which the second values are larger than the first: the ratio of the sums over the pairs that match about as well as most
+/// pairs do. There must be at least one pair.
 fn log_factor(values: &[[f32; 2]]) -> LogFactor {
-    /// Median deviations.
+    /// The largest deviation of a pair that counts, as a multiple of the median deviation.
     const MATCHING: f32 = 4.0;
     let logs: Vec<f32> = values.iter().map(|[a, b]| (b / a).ln()).collect();
     let middle = *quantile(&mut logs.clone(), 0.5);
@@ -116,7 +119,7 @@ fn log_factor(values: &[[f32; 2]]) -> LogFactor {
     let (first, second) = matching().fold((0.0, 0.0), |(a, b), v| (a + v[0], b + v[1]));
     let k = second / first;
     let scatter = matching().map(|[a, b]| (b - k * a).powi(2)).sum::<f32>();
-    // What 8 bits round is uncertain, too.
+    // The least variance stands for the rounding to 8 bits.
     LogFactor { log: k.ln(), variance: (scatter / (first * first)).max(1e-5 / n) }
 }
 
@@ -124,7 +127,7 @@ fn log_factor(values: &[[f32; 2]]) -> LogFactor {
 mod tests {
     use super::*;
 
-    /// Encoded values in two frames with noise, the second brighter by `light` of a row.
+    /// The factors found between two noisy frames, of which the second is brighter by the factor `light` of each row.
     fn found(light: impl Fn(usize) -> f32 + Sync + Send) -> Option<Vec<[f32; 3]>> {
         let size = (256, 192);
         let noise = |x: usize, y: usize, frame: u64| {

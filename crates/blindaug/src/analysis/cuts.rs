@@ -4,24 +4,24 @@ use super::flow;
 use crate::{Encoded, Plane, Result, pyramid};
 use std::ops::Range;
 
-/// Less than this share of confirmed matches between two frames is a cut, or nothing to rely on.
+/// The share of confirmed matches, in [0, 1], below which two frames lie on both sides of a cut, or their flow is not reliable.
 pub const MIN_CONFIRMED: f32 = 0.4;
-/// Cells of a frame's thumbnail, across and down.
+/// The number of cells of a frame's thumbnail, across and down.
 const CELLS: [usize; 2] = [16, 12];
-/// Rows and columns of a cell that are looked at, at most.
+/// The most rows and columns of a cell that are sampled.
 const SAMPLES: usize = 16;
-/// 1 - the correlation of two thumbnails from which on there may be a cut between them. On a montage, cuts gave 0.7 to 1.3, a bus that
-/// drives past close to the camera 0.4, all else less than 0.2.
+/// The value of 1 minus the correlation of two thumbnails at and above which there may be a cut between them. On a montage, cuts gave
+/// 0.7 to 1.3, a bus that drives past close to the camera 0.4, and all other pairs less than 0.2.
 const SUSPICIOUS: f32 = 0.25;
-/// What is darker than this in both frames are the bars beside a picture.
+/// The encoded value below which pixels, in both frames, belong to black bars beside the picture.
 const BLACK: f32 = 0.02;
-/// A thumbnail of a smaller std is even.
+/// The std of a thumbnail below which a frame counts as even.
 const EVEN: f32 = 1e-3;
-/// px of the longer side at which flow then decides.
+/// The largest length, in px, of the longer side of the pictures whose flow decides on a cut.
 const SIDE: usize = 256;
 
-/// Whether a cut lies between two successive frames of one size: they look different from afar, and hardly anything of one is found
-/// again in the other; or just one of them is even, as black frames between shots are.
+/// Whether a cut lies between two successive frames of one size: their thumbnails differ and flow finds hardly anything of one frame
+/// in the other, or just one of the frames is even, as black frames between shots are.
 ///
 /// # Errors
 /// The same as [`flow::flow_with_occlusion`].
@@ -29,7 +29,7 @@ pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
     let picture = Picture::of(frame, next);
     Ok(match picture.look(frame, next) {
         Look::Alike => false,
-        // In an even frame, flow finds anything.
+        // Flow would find a match for anything in an even frame.
         Look::OneIsEven => true,
         Look::Different => {
             flow::flow_with_occlusion(&picture.small(frame), &picture.small(next))?.confirmed()
@@ -38,19 +38,19 @@ pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
     })
 }
 
-/// Whether two frames look so different from afar that there may be a cut between them.
+/// Whether the thumbnails of two frames differ so much that there may be a cut between the frames.
 pub(crate) fn look_different(frame: &Encoded, next: &Encoded) -> bool {
     !matches!(Picture::of(frame, next).look(frame, next), Look::Alike)
 }
 
-/// How two frames look from afar.
+/// The result of a comparison of two thumbnails.
 enum Look {
     Alike,
     Different,
     OneIsEven,
 }
 
-/// The part of two frames that is not bars, which they would have in common.
+/// The part of two frames without black bars, which would make any two frames look alike.
 struct Picture {
     columns: Range<usize>,
     rows: Range<usize>,
@@ -71,7 +71,7 @@ impl Picture {
         }
     }
 
-    /// Means over cells.
+    /// The mean R, G and B of each cell, row by row.
     fn thumbnail(&self, Encoded(frame): &Encoded) -> Vec<[f32; 3]> {
         let places = |cell: usize, cells: usize, of: &Range<usize>| {
             let (first, end) = (cell * of.len() / cells, (cell + 1) * of.len() / cells);
@@ -95,7 +95,7 @@ impl Picture {
         means
     }
 
-    /// Compares two frames by the correlation of what differs from the channels' means.
+    /// Compares the thumbnails of two frames by their correlation, after subtraction of each channel's mean.
     fn look(&self, frame: &Encoded, next: &Encoded) -> Look {
         let (a, b) = (self.thumbnail(frame), self.thumbnail(next));
         let n = a.len() as f32;
@@ -117,7 +117,7 @@ impl Picture {
         }
     }
 
-    /// Luma, of a size at which flow is found quickly.
+    /// Luma of the picture, halved to a size at which flow is quick.
     fn small(&self, frame: &Encoded) -> Plane {
         let (columns, rows) = (&self.columns, &self.rows);
         let picture = frame.0.crop(columns.start, rows.start, columns.len(), rows.len());
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
     use crate::Raster;
 
-    /// Squares of random colours, 12 px wide, seen from a place.
+    /// A picture of 12 px wide squares of random colours, shifted by (dx, dy) px.
     fn picture(seed: u32, [dx, dy]: [usize; 2]) -> Encoded {
         Encoded(Raster::from_fn(320, 240, |x, y| {
             let cell = ((x + dx) / 12 * 7919 + (y + dy) / 12 * 104_729) as u32 + seed * 1_299_709;
@@ -148,7 +148,7 @@ mod tests {
         assert!(!cut_between(&here, &here).unwrap());
         let brighter = Encoded(here.0.map(|p| p.map(|v| 0.1 + 0.6 * v)));
         assert!(!cut_between(&here, &brighter).unwrap());
-        // It moves so far that it looks different from afar, but is found again.
+        // The picture moves so far that the thumbnails differ, but flow finds it again.
         let moved = picture(1, [9, 5]);
         assert!(look_different(&here, &moved));
         assert!(!cut_between(&here, &moved).unwrap());

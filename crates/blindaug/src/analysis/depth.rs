@@ -8,88 +8,92 @@
 //!     [  0 -1  y ]        [ 1 + y^2  -x y        -x ]
 //! ```
 //!
-//! Whatever d is, the part of the flow across `A T` is that of Omega alone. So each direction of T has its best Omega and
-//! a residual (Heeger & Jepson 1992), and the best direction is searched on the hemisphere. The flow along `A T` then is
+//! The part of the flow across `A T` depends on Omega alone, whatever d is. So each direction of T has its best Omega and
+//! a residual (Heeger & Jepson 1992), and the best direction is searched on the hemisphere. The flow along `A T` then gives
 //! d. The equations are taken halfway between the two frames, where they hold to second order.
 //!
-//! The focal length is assumed to be 1.2 times the width (45 degrees across). A wrong one bends the depth only slightly; what it
-//! cannot tell from a turn adds a constant to d. So d is relative: known up to scale, and less well up to an offset.
+//! The focal length is assumed to be 1.2 times the width (45 degrees across). A wrong focal length bends the depth only slightly; errors
+//! that look like a turn add a constant to d. So d is relative: known up to a scale, and less well up to an offset.
 //!
-//! What moves by itself across the epipolar lines is found and unknown; what moves along them is taken for nearer or farther.
+//! Objects that move by themselves across the epipolar lines are found, and their depth is unknown; objects that move along these lines
+//! are taken to be nearer or farther than they are.
 
 use super::flow::FlowPair;
 use super::quantile;
 use crate::model::{Reason, Unknown};
 use crate::{Error, Flow, Plane, Raster, Result, par};
 
-/// Assumed focal length, in image widths.
+/// The assumed focal length, in image widths.
 const FOCAL_LENGTH: f64 = 1.2;
-/// About how many pixels the motion is estimated from.
+/// The approximate number of pixels from which the motion is estimated.
 const SAMPLES: usize = 1500;
-/// Directions of T that are tried before refinement.
+/// The number of directions of T that are tried before refinement.
 const DIRECTIONS: usize = 256;
-/// How many of them are refined.
+/// The number of those directions that are refined.
 const STARTS: usize = 3;
-/// Cosine of the angle between them, 25 degrees.
+/// The cosine of the least angle between two directions that are refined, 25 degrees.
 const NEIGHBOURS: f64 = 0.9;
-/// Fewer samples than this are no basis.
+/// The least number of samples from which the motion is estimated.
 const FEWEST_SAMPLES: usize = 100;
-/// Parts of the picture that must agree.
+/// The number of parts of the picture that must agree.
 const PARTS: usize = 4;
-/// Smallest share of matched pixels: with fewer, there is a cut, or much of the flow is wrong.
+/// The smallest share of matched pixels: with fewer, there is a cut, or much of the flow is wrong.
 const MATCHED: f32 = 0.6;
-/// Smallest share of matched pixels that agree with one motion of the camera.
+/// The smallest share of matched pixels that must agree with one motion of the camera.
 const INLIERS: f64 = 0.65;
-/// A flow below this is none, px: dense flow of noisy frames is not better.
+/// The length of flow, in px, below which a pixel stands still: dense flow of noisy frames is not more accurate.
 const STILL_PX: f64 = 0.15;
-/// Largest share of the picture that may stand still while the camera is said to move: a turn that follows a wall stops a part of it.
+/// The largest share of the picture that may stand still while the camera moves: a turn that follows a wall can stop a part of the wall.
 const STILL: f64 = 0.4;
-/// Smallest median parallax, px, and in robust std of the flow across the epipolar lines: a turn alone reaches 1 to 2 by chance.
+/// The smallest median parallax, in px.
 const PARALLAX_PX: f64 = 0.25;
+/// The smallest median parallax, in robust stds of the flow across the epipolar lines; a mere turn reaches 1 to 2 by chance.
 const PARALLAX_TO_STD: f64 = 6.0;
-/// Largest disagreement with a part of the picture, in units of the map's range.
+/// The largest disagreement with a part of the picture, in units of the map's range.
 const UNCERTAINTY: f64 = 0.15;
-/// A pixel this far off its epipolar line moves by itself: in robust std of all, but at least and at most in px. Flow that is
-/// right is better than the upper limit, which grows with frames wider than 500 px.
+/// The distance from its epipolar line beyond which a pixel moves by itself, in robust stds of all pixels' distances.
 const OUTLIER: f64 = 4.0;
+/// The least and the largest value of that distance, in px. Correct flow is more accurate than the largest value, which grows in
+/// proportion to the width of frames wider than 500 px.
 const OUTLIER_PX: [f64; 2] = [0.2, 1.0];
 
-/// What parallax says of the depth of a frame.
+/// The depth of a frame by parallax, or the reason why it is unknown.
 #[derive(Clone, Debug)]
 pub enum Parallax {
-    /// The camera has moved enough.
+    /// The camera has moved enough to tell depth.
     Known(RelativeDepth),
-    /// Why nothing is known.
+    /// The reason why the depth is unknown.
     Unknown(Unknown),
 }
 
-/// Relative inverse depth, and what it rests on.
+/// Relative inverse depth, with the camera's motion and the quality of the fit.
 #[derive(Clone, Debug)]
 pub struct RelativeDepth {
-    /// In [0, 1]: proportional to 1 / Z, up to a small offset. The 98th percentile is 1 in a single frame, or in the first of
-    /// a [`ParallaxTracker`]. NaN where unknown: hidden in the other frame, moving by itself, or near the point that the camera heads for.
+    /// Inverse depth in [0, 1], proportional to 1 / Z up to a small offset. Its 98th percentile is 1 in a single frame and in the first
+    /// frame of a [`ParallaxTracker`]. It is NaN at pixels that are hidden in the other frame, move by themselves, or lie near the point
+    /// that the camera heads for.
     pub inverse_depth: Plane,
-    /// How far from this map are those that four parts of the picture find, each by itself: the 90th percentile of the
-    /// difference for the worst part, in units of the map. Errors of the offset are in it.
+    /// The disagreement with the maps that four parts of the picture find, each by itself: the 90th percentile of the difference for the
+    /// worst part, in units of the map. It includes errors of the offset.
     pub uncertainty: f32,
-    /// Median length of the flow that no turn of the camera explains, px.
+    /// The median length of the flow that no turn of the camera explains, px.
     pub parallax: f32,
-    /// Robust std of the flow across the epipolar lines, px.
+    /// The robust std of the flow across the epipolar lines, px.
     pub residual: f32,
-    /// Share of the matched pixels that agree with the camera's motion, in [0, 1].
+    /// The share of the matched pixels that agree with the camera's motion, in [0, 1].
     pub inliers: f32,
-    /// Direction of the camera's motion (x right, y down, z forward), of length 1.
+    /// The direction of the camera's motion (x right, y down, z forward), of length 1.
     pub translation: [f32; 3],
-    /// Turn of the camera about the same axes, in radian if the focal length is 1.2 widths.
+    /// The turn of the camera about the axes x right, y down and z forward, in radian if the focal length is 1.2 widths.
     pub rotation: [f32; 3],
 }
 
-/// Relative inverse depth of the frame where `flow` starts; `occluded` pixels, and those of unknown flow (NaN), are left out.
+/// Relative inverse depth of the frame in which `flow` starts; `occluded` pixels, and pixels of unknown flow (NaN), are left out.
 ///
-/// Both as in [`FlowPair`]. Unknown if nothing moves, if the camera only turns, and if the scene moves.
+/// `flow` and `occluded` are as in [`FlowPair`]. The depth is unknown if nothing moves, if the camera only turns, or if the scene moves.
 ///
 /// # Errors
-/// If the two differ in size, or have no pixels.
+/// If `flow` and `occluded` differ in size, or have no pixels.
 pub fn inverse_depth_from_flow(flow: &Flow, occluded: &Raster<bool>) -> Result<Parallax> {
     Ok(match unscaled(flow, occluded, None)? {
         Err(reason) => Parallax::Unknown(reason),
@@ -101,13 +105,14 @@ pub fn inverse_depth_from_flow(flow: &Flow, occluded: &Raster<bool>) -> Result<P
     })
 }
 
-/// Relative inverse depth of one frame after another, all on one scale. Keeps one map.
+/// Relative inverse depth of one frame after another, all on one scale. The tracker keeps one map.
 #[derive(Clone, Debug, Default)]
 pub struct ParallaxTracker {
-    /// The last known map on the common scale, moved along with the picture to the next frame.
+    /// The last known map on the common scale, warped to the next frame.
     last: Option<Plane>,
-    /// The direction in which the camera last moved, if the next one is looked for near it.
+    /// The direction in which the camera moved between the last two frames, if it is known.
     heading: Option<[f64; 3]>,
+    /// Whether the next direction is searched only near `heading`.
     stays_near: bool,
 }
 
@@ -117,8 +122,8 @@ impl ParallaxTracker {
         Self::default()
     }
 
-    /// Looks for the camera's direction near the last one only, which takes a fraction of the time; everywhere if
-    /// nothing was found the last time. For live footage, in which a camera does not turn about from pair to pair.
+    /// Makes the tracker search the camera's direction near the last one only, which takes a fraction of the time, and everywhere if
+    /// the last pair gave no direction. This is for live footage, in which the direction does not jump from pair to pair.
     pub fn near_the_last(mut self) -> Self {
         self.stays_near = true;
         self
@@ -126,9 +131,9 @@ impl ParallaxTracker {
 
     /// Relative inverse depth of the first frame of a pair.
     ///
-    /// The next pair begins `ahead` frames after this one; if that is more than 1, what moves is taken to go on as it
-    /// does between the two. Pairs with too little parallax are unknown; the scale
-    /// survives them, but no cut (nor a change of size): after it a new one begins.
+    /// The next pair begins `ahead` frames after this one; if `ahead` is more than 1, the motion between the two frames is taken to
+    /// continue. The depth of a pair with too little parallax is unknown, but the scale is kept. After a cut or a change of size a new
+    /// scale begins.
     ///
     /// # Errors
     /// The same as [`inverse_depth_from_flow`].
@@ -146,7 +151,7 @@ impl ParallaxTracker {
             Ok(mut depth) => {
                 let ratio = self.last.as_ref().and_then(|last| median_ratio(last, &depth.inverse_depth));
                 let scale = ratio.unwrap_or_else(|| 1.0 / largest(&depth.inverse_depth));
-                // Kept without the limit at 1, which would pull the next ratio.
+                // The map is kept without the limit at 1, which would bias the next ratio.
                 self.last = Some(depth.inverse_depth.map(|d| d * scale));
                 scale_to_unit(&mut depth.inverse_depth, scale);
                 Parallax::Known(depth)
@@ -157,7 +162,8 @@ impl ParallaxTracker {
     }
 }
 
-/// `map`, seen `ahead` frames later, if the flow back by one frame is given and goes on; NaN where that was out of frame.
+/// `map` as it is seen `ahead` frames later, if the motion of the given flow back by one frame continues; NaN for pixels that come
+/// from outside the frame.
 fn follow(map: &Plane, backward: &Flow, ahead: usize) -> Plane {
     let (w, h) = map.size();
     Plane::from_fn(w, h, |x, y| {
@@ -168,7 +174,7 @@ fn follow(map: &Plane, backward: &Flow, ahead: usize) -> Plane {
     })
 }
 
-/// Median of `old` / `new` where both are known and not too far away to tell; none if that is hardly anywhere.
+/// The median of `old` / `new` over the pixels that are known and not too far away in both maps; `None` if these are too few.
 fn median_ratio(old: &Plane, new: &Plane) -> Option<f32> {
     let floor = 0.1 * largest(new);
     let pairs = old.data().iter().zip(new.data());
@@ -180,7 +186,7 @@ fn median_ratio(old: &Plane, new: &Plane) -> Option<f32> {
     (ratios.len() >= FEWEST_SAMPLES).then(|| *quantile(&mut ratios, 0.5))
 }
 
-/// The 98th percentile of what is known.
+/// The 98th percentile of the known values; 1 if none is known.
 fn largest(d: &Plane) -> f32 {
     let mut known: Vec<f32> = d.data().iter().copied().filter(|d| d.is_finite()).collect();
     if known.is_empty() { 1.0 } else { quantile(&mut known, 0.98).max(f32::MIN_POSITIVE) }
@@ -192,7 +198,7 @@ fn scale_to_unit(d: &mut Plane, scale: f32) {
     }
 }
 
-/// A pixel in focal lengths from the centre, halfway along its flow, and its flow in focal lengths.
+/// The place halfway along a pixel's flow, in focal lengths from the centre, and the flow in focal lengths.
 #[derive(Clone, Copy)]
 struct Sample {
     x: f64,
@@ -202,7 +208,7 @@ struct Sample {
 }
 
 impl Sample {
-    /// `None` where the flow is unknown.
+    /// The sample of a pixel; `None` if the pixel is occluded or its flow is unknown.
     fn new(flow: &Flow, occluded: &Raster<bool>, x: usize, y: usize) -> Option<Self> {
         let (w, h) = flow.size();
         let [u, v] = flow.at(x, y).map(f64::from);
@@ -215,7 +221,7 @@ impl Sample {
         Some(Self { x, y, u: u / f, v: v / f })
     }
 
-    /// The flow of a turn, `B Omega`.
+    /// The flow `B Omega` of a turn.
     fn turn(&self, o: [f64; 3]) -> [f64; 2] {
         let [bx, by] = self.b();
         [dot(bx, o), dot(by, o)]
@@ -226,14 +232,14 @@ impl Sample {
         [[x * y, -(1.0 + x * x), y], [1.0 + y * y, -x * y, -x]]
     }
 
-    /// `A T`: its direction, and its length.
+    /// The direction of `A T`, which is that of the epipolar line, and its length.
     fn epipolar(&self, t: [f64; 3]) -> ([f64; 2], f64) {
         let (x, y) = (self.x * t[2] - t[0], self.y * t[2] - t[1]);
         let length = (x * x + y * y).sqrt().max(1e-9);
         ([x / length, y / length], length)
     }
 
-    /// The equation for Omega across the epipolar line: row, right-hand side.
+    /// The equation for Omega across the epipolar line: the coefficients and the right-hand side.
     fn across(&self, t: [f64; 3]) -> ([f64; 3], f64) {
         let [ex, ey] = self.epipolar(t).0;
         let [bx, by] = self.b();
@@ -253,20 +259,20 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
     a.map(|v| v / dot(a, a).sqrt())
 }
 
-/// Equations that are worked on at once.
+/// The number of equations that are processed at once.
 const LANES: usize = 2;
 
 /// Weighted normal equations of three unknowns.
 #[derive(Default)]
 struct Normal {
-    /// Products of the unknowns' coefficients: 00, 01, 02, 11, 12, 22.
+    /// The sums of products of the unknowns' coefficients: 00, 01, 02, 11, 12, 22.
     products: [[f64; LANES]; 6],
-    /// The products with the right-hand side.
+    /// The sums of products of the coefficients with the right-hand side.
     right: [[f64; LANES]; 3],
 }
 
 impl Normal {
-    /// Coefficients, right-hand sides and weights.
+    /// Adds [`LANES`] equations with their weights.
     fn add(&mut self, [a, b, c]: [[f64; LANES]; 3], right: [f64; LANES], weight: [f64; LANES]) {
         for l in 0..LANES {
             let w = weight[l];
@@ -288,29 +294,29 @@ impl Normal {
         let [aa, ab, ac, bb, bc, cc] = self.products.map(sum);
         let right = self.right.map(sum);
         let ridge = 1e-9 * (aa + bb + cc) + 1e-30;
-        // Cramer's rule.
+        // The system is solved by Cramer's rule.
         let [a, b, c] = [[aa + ridge, ab, ac], [ab, bb + ridge, bc], [ac, bc, cc + ridge]];
         let det = dot(a, cross(b, c));
         [cross(b, c), cross(c, a), cross(a, b)].map(|row| dot(row, right) / det)
     }
 }
 
-/// Geman & McClure's weight of a residual at a scale; 1 at an infinite one.
+/// Geman & McClure's weight of a residual at a scale; 1 at an infinite scale.
 fn weight(residual: f64, scale: f64) -> f64 {
     let q = residual / (2.0 * scale);
     1.0 / (1.0 + q * q).powi(2)
 }
 
-/// A turn, and the robust std that it leaves of the flow across the epipolar lines, in focal lengths.
+/// A turn, and the robust std of the flow across the epipolar lines that the turn does not explain, in focal lengths.
 #[derive(Clone, Copy)]
 struct Turn {
     by: [f64; 3],
     std: f64,
 }
 
-/// The equations for the turn across the epipolar lines of one direction, [`LANES`] by [`LANES`].
+/// The equations for the turn across the epipolar lines of one direction, in groups of [`LANES`].
 struct Across {
-    /// Three coefficients and the right-hand side; zeros at the end, which say nothing.
+    /// Three coefficients and the right-hand side of each equation; the last group may end with equations of zeros, which have no effect.
     groups: Vec<[[f64; LANES]; 4]>,
     count: usize,
 }
@@ -328,14 +334,14 @@ impl Across {
         Self { groups: samples.chunks(LANES).map(group).collect(), count: samples.len() }
     }
 
-    /// What a turn leaves.
+    /// The residuals of the equations for a turn.
     fn residuals(&self, o: [f64; 3]) -> impl Iterator<Item = [f64; LANES]> + '_ {
         self.groups.iter().map(move |[a, b, c, right]| {
             std::array::from_fn(|l| right[l] - (a[l] * o[0] + b[l] * o[1] + c[l] * o[2]))
         })
     }
 
-    /// The turn that fits best with the weights that another's residuals have at a scale.
+    /// The turn that fits best with the weights that the residuals of `turn` have at its std.
     fn reweighted(&self, turn: Turn) -> [f64; 3] {
         let mut normal = Normal::default();
         for (&[a, b, c, right], residual) in self.groups.iter().zip(self.residuals(turn.by)) {
@@ -344,13 +350,13 @@ impl Across {
         normal.solve()
     }
 
-    /// Robust std of what a turn leaves.
+    /// The robust std of the residuals of a turn.
     fn std(&self, o: [f64; 3]) -> f64 {
         let mut lengths: Vec<f64> = self.residuals(o).flatten().take(self.count).map(f64::abs).collect();
         1.4826 * *quantile(&mut lengths, 0.5) + 1e-9
     }
 
-    /// Geman & McClure's cost of what a turn leaves, in [0, 1].
+    /// Geman & McClure's mean cost of the residuals of a turn, in [0, 1].
     fn cost(&self, turn: Turn) -> f64 {
         let mut sums = [0.0; LANES];
         for residual in self.residuals(turn.by) {
@@ -363,8 +369,8 @@ impl Across {
     }
 }
 
-/// The turn that fits best across the epipolar lines of `t`. `near` is the start and the scale of the residuals; without it,
-/// all samples count alike at first, and the scale is found. And its robust cost at that scale, in [0, 1].
+/// The turn that fits best across the epipolar lines of `t`, and its robust cost in [0, 1]. `near` gives the start and the scale of the
+/// residuals; without it, all samples count alike at first, and the scale is estimated.
 fn turn_for(samples: &[Sample], t: [f64; 3], near: Option<Turn>) -> (Turn, f64) {
     let equations = Across::new(samples, t);
     let mut turn = near.unwrap_or(Turn { by: [0.0; 3], std: f64::INFINITY });
@@ -377,7 +383,7 @@ fn turn_for(samples: &[Sample], t: [f64; 3], near: Option<Turn>) -> (Turn, f64) 
     (turn, equations.cost(turn))
 }
 
-/// Median length of what a turn alone leaves of the flow, for the best one.
+/// The median length of the flow that is left after subtraction of the best turn, in focal lengths.
 fn parallax_beside_turn(samples: &[Sample]) -> f64 {
     let mut turn = [0.0; 3];
     let mut median = f64::INFINITY;
@@ -402,16 +408,16 @@ fn parallax_beside_turn(samples: &[Sample]) -> f64 {
     median
 }
 
-/// What moves the camera.
+/// The motion of the camera between two frames.
 #[derive(Clone, Copy)]
 struct Motion {
-    /// Direction.
+    /// The direction of the translation, of length 1.
     translation: [f64; 3],
     turn: Turn,
 }
 
 impl Motion {
-    /// Inverse depth; how much one unit of it moves the pixel along its epipolar line; how far it is off the line.
+    /// The inverse depth of a sample, the motion along its epipolar line per unit of inverse depth, and the distance from the line.
     fn measure(&self, s: &Sample) -> [f64; 3] {
         let ([ex, ey], length) = s.epipolar(self.translation);
         let [bx, by] = s.turn(self.turn.by);
@@ -419,7 +425,7 @@ impl Motion {
         [(ex * u + ey * v) / length, length, ex * v - ey * u]
     }
 
-    /// The same with most of `samples` in front of the camera.
+    /// The motion with the sign of the translation for which most of `samples` lie in front of the camera.
     fn forward(self, samples: &[Sample]) -> Self {
         let ahead = samples.iter().filter(|s| self.measure(s)[0] > 0.0).count();
         let sign = if 2 * ahead < samples.len() { -1.0 } else { 1.0 };
@@ -427,12 +433,12 @@ impl Motion {
     }
 }
 
-/// The motion that explains `samples` best, from any direction, or from one nearby.
+/// The motion that explains `samples` best, searched over all directions, or near a given direction only.
 fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
     if let Some(near) = near {
         return refined(samples, near, [0.05, 0.002]);
     }
-    // A spiral of even density over the hemisphere; T and -T are the same but for the sign of d.
+    // The directions form a spiral of even density over the hemisphere; T and -T differ only in the sign of d.
     let direction = |i: usize| {
         let (z, angle) = ((i as f64 + 0.5) / DIRECTIONS as f64, i as f64 * 2.399_963);
         let r = (1.0 - z * z).sqrt();
@@ -442,7 +448,7 @@ fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
     let mut tried: Vec<(f64, [f64; 3])> =
         par::map(DIRECTIONS, |i| (turn_for(&some, direction(i), None).0.std, direction(i)));
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The best of the coarse ones may lie in the wrong valley: the others that are not its neighbours get their chance.
+    // The best coarse direction may lead to a local minimum, so the next best ones that are not its neighbours are refined too.
     let mut starts: Vec<[f64; 3]> = Vec::new();
     for (_, t) in tried {
         if starts.len() < STARTS && starts.iter().all(|s| dot(*s, t).abs() < NEIGHBOURS) {
@@ -454,10 +460,10 @@ fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
     refined(samples, best.map_or([0.0, 0.0, 1.0], |motion| motion.translation), [0.05, 0.002])
 }
 
-/// The motion near a direction that explains `samples` best: by steps from `coarsest` to `finest`, radian.
+/// The motion near a direction that explains `samples` best, found by steps from `coarsest` to `finest`, in radian.
 fn refined(samples: &[Sample], mut t: [f64; 3], [coarsest, finest]: [f64; 2]) -> Motion {
     let mut turn = turn_for(samples, t, None).0;
-    // Twice, since the scale of the residuals falls with a better direction.
+    // The search runs twice, since the scale of the residuals falls with a better direction.
     for mut step in [coarsest, 4.0 * finest] {
         let mut cost = turn_for(samples, t, Some(turn)).1;
         for _ in 0..200 {
@@ -481,14 +487,14 @@ fn refined(samples: &[Sample], mut t: [f64; 3], [coarsest, finest]: [f64; 2]) ->
     Motion { translation: t, turn }
 }
 
-/// The camera's motion, and how far from its inverse depths are those that parts of the picture find, each by itself: the
-/// 90th percentile of the difference, in units of the largest, for the worst part.
+/// The camera's motion, and the disagreement of its inverse depths with those that parts of the picture find, each by itself: the
+/// 90th percentile of the difference for the worst part, in units of the largest inverse depth.
 fn camera_motion(
     samples: &[(usize, usize, Sample)],
     (w, h): (usize, usize),
     near: Option<[f64; 3]>,
 ) -> (Motion, f64) {
-    // Fields of a board: each part sees all of the picture, but the errors of the flow there are its own.
+    // The parts interleave like the fields of a checkerboard: each spans the whole picture, but has flow errors of its own.
     let part = |k: usize| -> Vec<Sample> {
         let field = |x: usize, y: usize| (6 * x / w) % 2 + 2 * ((6 * y / h) % 2);
         samples.iter().filter(|(x, y, _)| field(*x, *y) == k).map(|s| s.2).collect()
@@ -501,13 +507,13 @@ fn camera_motion(
     let std = |motion: &Motion| turn_for(&all, motion.translation, None).0.std;
     let best = found.iter().map(|m| (std(m), m.translation)).min_by(|a, b| a.0.total_cmp(&b.0));
     let Some((_, start)) = best else { return (searched(&all, near), f64::INFINITY) };
-    // What a part finds is near already.
+    // The direction that a part found is near the best one already.
     let motion = refined(&all, start, [0.02, 2e-4]).forward(&all);
     let d = depths(&motion);
     let largest = *quantile(&mut d.clone(), 0.98);
     let disagreement = |other: Motion| {
         let other = depths(&other.forward(&all));
-        // The scale of each is its own.
+        // Each motion has its own scale of inverse depth.
         let near = d.iter().zip(&other).filter(|(d, _)| **d > 0.1 * largest);
         let mut ratios: Vec<f64> = near.map(|(d, o)| d / o).collect();
         if ratios.is_empty() {
@@ -521,7 +527,8 @@ fn camera_motion(
     (motion, worst)
 }
 
-/// Inverse depth in units of the camera's motion, which may be looked `near` a direction only, or why there is none.
+/// Inverse depth in units of the camera's motion, whose direction may be searched only `near` a given one, or the reason why the depth
+/// is unknown.
 fn unscaled(
     flow: &Flow,
     occluded: &Raster<bool>,
@@ -540,7 +547,7 @@ fn unscaled(
     Ok(par::within(|| depth_of(flow, occluded, near)))
 }
 
-// Long, since it is a list of conditions, each with the reason for which depth is unknown if it fails.
+// The function is long, since it is a list of conditions, each with the reason why the depth is unknown if the condition fails.
 fn depth_of(
     flow: &Flow,
     occluded: &Raster<bool>,
@@ -596,7 +603,7 @@ fn depth_of(
     let residual = f * motion.turn.std;
     let [least, most] = [OUTLIER_PX[0], OUTLIER_PX[1] * (w as f64 / 500.0).max(1.0)];
     let limit = (OUTLIER * f * motion.turn.std).min(most).max(least) / f;
-    // What is farther behind than infinity by more than the noise moves by itself too.
+    // A pixel whose inverse depth is negative by more than the noise moves by itself too.
     let agrees = |[d, length, across]: [f64; 3]| across.abs() <= limit && d * length >= -limit;
     let inliers = share(&|s| agrees(motion.measure(s)));
     if inliers < INLIERS {
@@ -617,7 +624,7 @@ fn depth_of(
             ),
         ));
     }
-    // Also where it is not a number.
+    // The depth is unknown too if the uncertainty is not a number.
     if uncertainty.is_nan() || uncertainty > UNCERTAINTY {
         return Err(Unknown::new(
             Reason::Contradicting,
@@ -633,11 +640,11 @@ fn depth_of(
     let inverse_depth = Plane::from_fn(w, h, |x, y| {
         let Some(s) = Sample::new(flow, occluded, x, y) else { return f32::NAN };
         let m @ [d, length, _] = motion.measure(&s);
-        // Where the camera heads, the noise of the flow is more than a tenth of the range of d.
+        // Near the point that the camera heads for, the noise of the flow is more than a tenth of the range of d.
         if !agrees(m) || motion.turn.std > 0.1 * nearest * length {
             return f32::NAN;
         }
-        // From halfway back to this frame, when the camera was half a step farther behind.
+        // The depth halfway between the frames is converted to that at this frame, when the camera was half a step farther behind.
         let d = d.max(0.0);
         (d / (1.0 + 0.5 * d * motion.translation[2])) as f32
     });

@@ -1,6 +1,6 @@
 //! Dense optical flow, from coarse to fine: at each scale dense inverse search (Kroeger et al., "Fast Optical Flow using
 //! Dense Inverse Search", ECCV 2016), then variational refinement; occlusion by the
-//! forward-backward check. A brightness that changes from one image to the other is undone and the flow found once more.
+//! forward-backward check. If the brightness changes from one image to the other, the change is undone and the flow found once more.
 //!
 //! The constants were chosen on rendered clips, with and without noise (std 0.02 to 0.05), motion blur and defocus; the
 //! result depends little on any of them.
@@ -12,52 +12,52 @@ use crate::{Error, Flow, Plane, Raster, Result, filter, par, pyramid};
 
 /// Distance between patches, px.
 const STRIDE: usize = 4;
-/// Gauss-Newton steps of a patch.
+/// The most Gauss-Newton steps of a patch.
 const STEPS: usize = 6;
-/// A patch may also start from the flow this far to each side, px: the motion of the other side of an edge.
+/// The distance, in px, at which the flow to each side is another start of a patch: it may be the motion beyond an edge.
 const REACH: usize = 10;
-/// Weight of staying near the start, in units of the Hessian of an image in [0, 1]: flat patches stay where they are.
+/// The weight of staying near the start, in units of the Hessian of an image in [0, 1], so that flat patches stay where they are.
 const PRIOR: f32 = 1e-4;
-/// Patches are searched from this level of the pyramid up; noise has the say in those of full resolution.
+/// The finest level of the pyramid in which patches are searched; noise would dominate in patches of full resolution.
 const FINEST_SEARCHED: usize = 1;
-/// The pyramid ends with an image this wide or high, px: a motion of a quarter of it is half a patch.
+/// The largest length, in px, of the longer side of the coarsest image: a motion by a quarter of that image is about half a patch.
 const COARSEST: usize = 24;
-/// Std of the Gaussian against noise and aliasing, px.
+/// The std, in px, of the Gaussian that reduces noise and aliasing.
 const SMOOTHING: f32 = 0.7;
-/// Images of at most so many pixels are solved there and back at once: their rows are too few to be worth sharing, and two sets
-/// of buffers are small.
+/// The most pixels of an image for which the forward and backward flow are found at the same time: the rows of a small image are too few
+/// to be shared among threads, and two sets of its buffers need little memory.
 const SOLVED_AT_ONCE: usize = 1 << 17;
-/// About how many bytes [`FlowEstimator`] takes at most for each pixel of a frame, beside the two images; measured.
+/// The most bytes that [`FlowEstimator`] takes for each pixel of a frame, beside the two images; measured, approximate.
 pub const BYTES_PER_PIXEL: u64 = 140;
 
-/// The flow between two images in both directions, and what contradicts it.
+/// The flow between two images in both directions, with the pixels and differences that contradict the flow.
 #[derive(Clone, Debug)]
 pub struct FlowPair {
     /// Displacement of each pixel of `a` to its place in `b`, px.
     pub forward: Flow,
     /// Displacement of each pixel of `b` to its place in `a`, px.
     pub backward: Flow,
-    /// Pixels of `a` that are not seen in `b` (out of frame, or behind something), or whose two flows contradict each other.
+    /// Whether each pixel of `a` is not seen in `b` (out of frame, or behind something), or its two flows contradict each other.
     pub occluded: Raster<bool>,
-    /// What the flow does not explain: `|b(x + forward) - a(x)|`, of the images as given; NaN out of frame.
+    /// The difference that the flow does not explain: `|b(x + forward) - a(x)|` of the images as given; NaN if the target is out of frame.
     pub residual: Plane,
 }
 
 impl FlowPair {
-    /// Share of the pixels of `a` whose match in `b` was confirmed, in [0, 1].
+    /// The share of the pixels of `a` whose match in `b` was confirmed, in [0, 1].
     ///
-    /// Mostly over 0.8 within a shot. A cut leaves less than half: then nothing in this pair should be relied on.
+    /// The share is mostly over 0.8 within a shot. Across a cut it is less than half, and nothing in such a pair should be relied on.
     pub fn confirmed(&self) -> f32 {
         let occluded = self.occluded.data().iter().filter(|&&o| o).count();
         1.0 - occluded as f32 / self.occluded.data().len().max(1) as f32
     }
 }
 
-/// Displacement of each pixel of `from` to its place in `to`: px, x right, y down.
+/// The displacement of each pixel of `from` to its place in `to`: px, x right, y down.
 ///
-/// The images are luma in [0, 1], display-encoded; values that are not finite count as 0. Motions up to about a quarter
-/// of the width are found, if what moves is large enough to be seen in the pyramid; small things are limited to about
-/// their own size. Dense: where nothing was visible, the flow of the surroundings continues; see [`flow_with_occlusion`].
+/// The images are luma in [0, 1], display-encoded; values that are not finite count as 0. Motions up to about a quarter of the width
+/// are found if the moving object is large enough to be seen in the pyramid; a small object is followed over about its own size. The
+/// flow is dense: the flow of the surroundings continues over hidden pixels, for which see [`flow_with_occlusion`].
 ///
 /// # Errors
 /// If the images have no pixels, or differ in size.
@@ -65,7 +65,7 @@ pub fn flow(from: &Plane, to: &Plane) -> Result<Flow> {
     FlowEstimator::new().flow(from, to)
 }
 
-/// The flow from `a` to `b` and back, and the pixels of `a` where the two do not agree ([`inconsistent`]).
+/// The flow from `a` to `b` and back, and the pixels of `a` at which the two flows do not agree ([`inconsistent`]).
 ///
 /// # Errors
 /// If the images have no pixels, or differ in size.
@@ -73,17 +73,17 @@ pub fn flow_with_occlusion(a: &Plane, b: &Plane) -> Result<FlowPair> {
     FlowEstimator::new().flow_with_occlusion(a, b)
 }
 
-/// Flow of one pair of frames after another, in the same buffers: about a third faster than [`flow`] each time, which spends
-/// that on fresh memory. The result does not depend on what was computed before.
+/// The flow of one pair of frames after another, in the same buffers: about a third faster than [`flow`], which allocates fresh memory
+/// each time. The result does not depend on earlier pairs.
 #[derive(Default)]
 pub struct FlowEstimator {
     refiner: Refiner,
-    /// The refiner of the way back, for small images.
+    /// The refiner of the backward flow of small images, which is found at the same time as the forward flow.
     second: Refiner,
 }
 
 impl FlowEstimator {
-    /// One that holds no buffers yet.
+    /// An estimator that holds no buffers yet.
     pub fn new() -> Self {
         Self::default()
     }
@@ -124,7 +124,7 @@ impl FlowEstimator {
     }
 }
 
-/// Pixels that leave the frame, or whose way there and back does not end where it began:
+/// Whether each pixel leaves the frame, or its way there and back does not end where the way began:
 /// `|F + B(x + F)|^2 > 0.01 (|F|^2 + |B|^2) + 0.5` (Sundaram et al., ECCV 2010). A flow that is not finite is inconsistent.
 ///
 /// The flows must have one size.
@@ -142,16 +142,16 @@ pub fn inconsistent(forward: &Flow, backward: &Flow) -> Raster<bool> {
     })
 }
 
-/// The motion at a frame's own time, px per frame interval, given the flow to the next frame and that from the previous frame to this
-/// one: their mean, for each is the motion half an interval away. Where it is not known which pixel of the previous frame is seen,
-/// the flow to the next frame; NaN where that is.
+/// The motion at a frame's own time, px per frame interval: the mean of the flow to the next frame and the flow from the previous frame
+/// to this one, each of which is the motion half an interval away. It is the flow to the next frame alone where the matching pixel of
+/// the previous frame is not known, and NaN where the flow to the next frame is NaN.
 ///
 /// The flows must have one size.
 pub fn motion_at_frame(to_next: &Flow, from_previous: &Flow) -> Flow {
-    // The pixel of the previous frame must lead here, px.
+    // The largest distance, in px, by which the flow of the previous frame's pixel may miss this pixel.
     const GAP: f32 = 1.0;
     let (w, h) = to_next.size();
-    // The flow of the pixel of the previous frame that lies `way` before this one: flow is smooth enough for the nearest.
+    // The flow of the previous frame's pixel that lies `way` before this one; the nearest pixel will do, since flow is smooth.
     let before = |x: usize, y: usize, way: [f32; 2]| {
         let (x, y) = (x as f32 - way[0], y as f32 - way[1]);
         inside(x, y, (w, h)).then(|| from_previous.at((x + 0.5) as usize, (y + 0.5) as usize))
@@ -187,7 +187,7 @@ fn check(from: &Plane, to: &Plane) -> Result<()> {
     Ok(())
 }
 
-/// The flow between two images with their pyramids; once more where their brightness differs, with that undone.
+/// The flow between two images with their pyramids. If the brightness differs, the difference is undone and the flow found once more.
 fn solve_alike(
     refiner: &mut Refiner,
     (from, from_pyramid): (&Plane, &[Padded]),
@@ -200,7 +200,7 @@ fn solve_alike(
         inside(tx, ty, to.size()).then(|| [[from.at(x, y)], [to.bilinear(tx, ty)]])
     };
     let Some(k) = brightening(from.size(), pair) else { return flow };
-    // Motions are small beside the bands of rows that it may differ between.
+    // The factor of a row of `from` serves for the same row of `to`, since motions are small beside the bands between which factors differ.
     let alike = Plane::from_fn(to.width(), to.height(), |x, y| undone(to.at(x, y), k[y][0]));
     solve(refiner, from_pyramid, &pyramid_of(&alike))
 }
@@ -209,7 +209,7 @@ fn solve(refiner: &mut Refiner, from: &[Padded], to: &[Padded]) -> Flow {
     let (w, h) = (from[0].w, from[0].h);
     let finest_searched = FINEST_SEARCHED.min(from.len() - 1);
     refiner.fit(w, h);
-    // A row of u, then a row of v.
+    // `uv` holds a row of u, then a row of v, for each row of the image.
     let mut uv = Vec::new();
     for (level, (from, to)) in from.iter().zip(to).enumerate().rev() {
         uv = if uv.is_empty() { vec![0.0; 2 * from.w * from.h] } else { upsample(&uv, from.w, from.h) };
@@ -228,9 +228,9 @@ fn solve(refiner: &mut Refiner, from: &[Padded], to: &[Padded]) -> Flow {
     flow
 }
 
-/// Smoothed, then half the size again and again, finest first.
+/// The pyramid of a smoothed image, each level half the size of the one before, finest first.
 fn pyramid_of(p: &Plane) -> Vec<Padded> {
-    // Far beyond any image, and small enough that squares of it stay exact.
+    // The limits lie far beyond the values of any image, and are small enough that squares of values stay exact.
     let finite = p.map(|v| if v.is_finite() { v.clamp(-4.0, 4.0) } else { 0.0 });
     let mut p = filter::gaussian_blur(&finite, SMOOTHING);
     let mut levels = vec![Padded::new(&p)];
@@ -241,7 +241,7 @@ fn pyramid_of(p: &Plane) -> Vec<Padded> {
     levels
 }
 
-/// Flow at twice the size.
+/// The flow of a coarse level, enlarged to w x h px, about twice its size.
 fn upsample(coarse: &[f32], w: usize, h: usize) -> Vec<f32> {
     let (cw, ch) = (w.div_ceil(2), h.div_ceil(2));
     let mut fine = vec![0.0; 2 * w * h];
@@ -251,7 +251,7 @@ fn upsample(coarse: &[f32], w: usize, h: usize) -> Vec<f32> {
         for ((out, a), b) in out.chunks_mut(w).zip(above.chunks(cw)).zip(below.chunks(cw)) {
             for (x, o) in out.iter_mut().enumerate() {
                 let (i, j) = (x / 2, x.div_ceil(2).min(cw - 1));
-                // The mean of four, twice as long.
+                // The value is the mean of four neighbours, times 2 for the px of the finer level.
                 *o = 0.5 * (a[i] + a[j] + b[i] + b[j]);
             }
         }
@@ -259,26 +259,26 @@ fn upsample(coarse: &[f32], w: usize, h: usize) -> Vec<f32> {
     fine
 }
 
-/// How many patches cover a row or column of `size` px.
+/// The number of patches that cover a row or column of `size` px.
 fn patches(size: usize) -> usize {
     size.saturating_sub(PATCH).div_ceil(STRIDE) + 1
 }
 
-/// Where patch `k` of a row or column of `size` px begins.
+/// The first pixel of patch `k` of a row or column of `size` px.
 #[inline(always)]
 fn origin(k: usize, size: usize) -> usize {
     (k * STRIDE).min(size.saturating_sub(PATCH))
 }
 
-/// The displacement of one patch, and how well it fits.
+/// The displacement of one patch, with its error.
 #[derive(Clone, Copy)]
 struct Match {
     at: [f32; 2],
-    /// Sum of the squared differences after subtraction of their mean.
+    /// The sum of the squared differences of the pixels after subtraction of the mean difference.
     cost: f32,
 }
 
-/// Dense inverse search, from the flow `uv`.
+/// Dense inverse search that starts from the flow `uv`.
 fn search(from: &Padded, to: &Padded, uv: &[f32]) -> Vec<Match> {
     let (w, h) = (from.w, from.h);
     let start = |x: usize, y: usize| {
@@ -314,7 +314,7 @@ fn search(from: &Padded, to: &Padded, uv: &[f32]) -> Vec<Match> {
     matches
 }
 
-/// A patch, and what inverse-compositional Lucas-Kanade (Baker & Matthews 2004) computes once for it.
+/// A patch with the quantities that inverse-compositional Lucas-Kanade (Baker & Matthews 2004) computes once per patch.
 struct Template {
     x: f32,
     y: f32,
@@ -323,11 +323,11 @@ struct Template {
     gy: [[f32; PATCH]; PATCH],
     mean_gx: f32,
     mean_gy: f32,
-    /// The inverse of the Hessian with the prior: xx, xy, yy.
+    /// The xx, xy and yy components of the inverse of the Hessian, which includes the prior.
     inverse: [f32; 3],
 }
 
-/// Pixels of a patch.
+/// The number of pixels of a patch.
 const AREA: f32 = (PATCH * PATCH) as f32;
 
 impl Template {
@@ -358,7 +358,8 @@ impl Template {
         Self { x: x as f32, y: y as f32, value, gx, gy, mean_gx: sx / AREA, mean_gy: sy / AREA, inverse }
     }
 
-    /// The squared difference to `to`, displaced by `at`, without its mean; and its gradient with respect to `at`, halved.
+    /// The sum of the squared differences to `to`, displaced by `at`, after subtraction of the mean difference; and half the gradient of
+    /// that sum with respect to `at`.
     #[inline(always)]
     fn compare(&self, to: &Padded, at: [f32; 2]) -> (f32, [f32; 2]) {
         let (x, y, fx, fy) = to.place(self.x + at[0], self.y + at[1], PATCH);
@@ -385,7 +386,7 @@ impl Template {
         (ss - s * s / AREA, [sx - self.mean_gx * s, sy - self.mean_gy * s])
     }
 
-    /// Gauss-Newton steps from `start`, as long as they make the match better and stay within a patch of it.
+    /// Gauss-Newton steps from `start`, as long as they improve the match and stay within the side of a patch of `start`.
     #[inline(always)]
     fn descend(&self, to: &Padded, start: [f32; 2]) -> Match {
         let mut best = Match { at: start, cost: f32::MAX };
@@ -409,13 +410,13 @@ impl Template {
     }
 }
 
-/// The sum in an order that the compiler may vectorise.
+/// The sum of the values, in an order that the compiler may vectorise.
 #[inline(always)]
 fn sum(s: [f32; PATCH]) -> f32 {
     (s[0] + s[4]) + (s[1] + s[5]) + ((s[2] + s[6]) + (s[3] + s[7]))
 }
 
-/// Mean of the patches over a pixel, each weighted by how well it fits there, and as a whole.
+/// The dense flow: at each pixel the mean displacement of the patches over it, each weighted by its fit at the pixel and as a whole.
 fn densify(from: &Padded, to: &Padded, matches: &[Match]) -> Vec<f32> {
     let (w, h) = (from.w, from.h);
     let (nx, ny) = (patches(w), patches(h));
@@ -433,7 +434,7 @@ fn densify(from: &Padded, to: &Padded, matches: &[Match]) -> Vec<f32> {
                 let below = &to.from(mx, my + k + 1)[..PATCH + 1];
                 let value = &from.from(px + PAD, y + PAD)[..PATCH];
                 let (su, sv, sw) = (&mut su[px..][..PATCH], &mut sv[px..][..PATCH], &mut sw[px..][..PATCH]);
-                // A thousandth of the range: nobody's fit is known better.
+                // The least squared error is that of a thousandth of the range, since no fit is known better.
                 let floor = 1e-6 + 0.3 * m.cost.max(0.0) / AREA;
                 for l in 0..PATCH {
                     let a = above[l] + fx * (above[l + 1] - above[l]);

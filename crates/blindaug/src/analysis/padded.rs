@@ -1,14 +1,14 @@
-//! Images with their edges repeated, which optical flow reads beyond its edges.
+//! Images with repeated edge pixels, so that optical flow can read beyond the edges.
 
 use crate::{Plane, par};
 
 /// The side of a patch, px. An image is padded to hold one.
 pub(super) const PATCH: usize = 8;
 
-/// Pixels repeated around an image, so that patches may leave it.
+/// The width, in px, of the repeated edge around an image, so that patches may leave the image.
 pub(super) const PAD: usize = 16;
 
-/// An image with its edge pixels repeated [`PAD`] times on each side, and more until a patch fits in.
+/// An image with its edge pixels repeated [`PAD`] times on each side, and more on the right and below if a patch would not fit in.
 pub(super) struct Padded {
     /// Width without the padding, px.
     pub w: usize,
@@ -16,7 +16,7 @@ pub(super) struct Padded {
     pub h: usize,
     /// Width with the padding, px.
     pub stride: usize,
-    /// Rows with the padding.
+    /// The rows of the image with the padding.
     pub data: Vec<f32>,
 }
 
@@ -34,19 +34,19 @@ impl Padded {
         Self { w, h, stride, data }
     }
 
-    /// The rest of the image from a pixel on, counted with the padding.
+    /// The data from a pixel on, whose coordinates count the padding.
     #[inline(always)]
     pub fn from(&self, x: usize, y: usize) -> &[f32] {
         &self.data[y * self.stride + x..]
     }
 
-    /// The pixels of row `y`, with `margin` more on both sides.
+    /// The pixels of row `y` of the image, with `margin` more on both sides.
     #[inline(always)]
     pub fn row(&self, y: isize, margin: usize) -> &[f32] {
         &self.from(PAD - margin, (y + PAD as isize) as usize)[..self.w + 2 * margin]
     }
 
-    /// A place for bilinear interpolation of `size` x `size` pixels: pixel, counted with the padding, and fraction.
+    /// The corner of `size` x `size` pixels for bilinear interpolation at (x, y): its pixel, counted with the padding, and the fractions.
     #[inline(always)]
     pub fn place(&self, x: f32, y: f32, size: usize) -> (usize, usize, f32, f32) {
         let x = (x + PAD as f32).max(0.0).min((self.stride - size - 1) as f32);
@@ -56,13 +56,13 @@ impl Padded {
     }
 }
 
-/// `K` rows of `w` values each, one after another.
+/// Splits a slice into the `K` rows of `w` values that it holds one after another.
 #[inline(always)]
 pub(super) fn split<const K: usize>(rows: &[f32], w: usize) -> [&[f32]; K] {
     std::array::from_fn(|k| &rows[k * w..][..w])
 }
 
-/// `K` rows of `w` values each, one after another.
+/// Splits a slice into the `K` rows of `w` values that it holds one after another.
 #[inline(always)]
 pub(super) fn split_mut<const K: usize>(rows: &mut [f32], w: usize) -> [&mut [f32]; K] {
     let mut rest = rows;

@@ -4,57 +4,57 @@
 //! Minimises the sum over the pixels of
 //! `DATA psi(brightness change) + GRADIENT psi(gradient change) + SMOOTHNESS g(image gradient) psi(flow gradient)`,
 //! psi(s) = sqrt(s^2 + eps^2): the changes are linearised at the current flow and divided by the image's gradient, so
-//! that they are in px. The weights psi' are fixed, the linear system that is left is relaxed for a few sweeps, and so on.
+//! that they are in px. The weights psi' are fixed, the remaining linear system is relaxed for a few sweeps, and both steps repeat.
 
 use super::padded::{Padded, split, split_mut};
 use crate::par;
 
-/// Weight of brightness constancy.
+/// The weight of brightness constancy.
 const DATA: f32 = 1.0;
-/// Weight of gradient constancy.
+/// The weight of gradient constancy.
 const GRADIENT: f32 = 2.0;
-/// Weight of smoothness.
+/// The weight of smoothness.
 const SMOOTHNESS: f32 = 4.0;
-/// eps of the data terms, px.
+/// The eps of the data terms, px.
 const DATA_EPS: f32 = 0.03;
-/// eps of the flow's gradient, px per px.
+/// The eps of the flow's gradient, px per px.
 const SMOOTHNESS_EPS: f32 = 0.01;
-/// An image gradient that tells little, of an image in [0, 1]: by noise, mostly.
+/// The gradient, per px of an image in [0, 1], below which noise dominates; it limits the division by the gradient.
 const FAINT: f32 = 0.01;
-/// An image gradient at which the flow may well have an edge, of an image in [0, 1].
+/// The gradient, per px of an image in [0, 1], at which smoothness counts about half, since the flow may have an edge there.
 const EDGE: f32 = 1.0 / 15.0;
-/// How often the images are warped and their changes linearised.
+/// The number of times that the images are warped and their changes linearised.
 const WARPS: usize = 2;
-/// How often the weights are updated after each warp.
+/// The number of updates of the weights after each warp.
 const UPDATES: usize = 2;
-/// Sweeps of the solver after each update.
+/// The number of sweeps of the solver after each update.
 const SWEEPS: usize = 4;
-/// Over-relaxation.
+/// The factor of over-relaxation.
 const OMEGA: f32 = 1.8;
-/// Planes of `Refiner::terms`.
+/// The number of planes of `Refiner::terms`.
 const TERMS: usize = 8;
 
-/// The buffers of the refinement. Rows hold several planes, one after another.
+/// The buffers of the refinement. A row of a buffer holds that row of several planes, one after another.
 ///
-/// The unknowns are in the two colours of a checkerboard, so that each colour can be updated at once: pixel x of row y is
-/// of colour (x + y) % 2, at index 1 + x / 2 of a row of `half(w)`; around the image there is one more pixel.
+/// The unknowns are split into the two colours of a checkerboard, so that all pixels of a colour can be updated at once: pixel x of
+/// row y has colour (x + y) % 2 and index 1 + x / 2 in a row of `half(w)` values. A border of one pixel surrounds the image.
 #[derive(Default)]
 pub(super) struct Refiner {
-    /// Mean and difference of the image and the warped one; two pixels more on both sides.
+    /// The mean of the image and the warped image, and their difference; rows have two more pixels on both sides.
     warped: Vec<f32>,
     /// The linearised changes as functions of (u, v): Ix, Iy, It; Ixx, Ixy, Iyy, Ixt, Iyt.
     terms: Vec<f32>,
-    /// Smoothness weight of each pixel; an edge between two has the mean of theirs.
+    /// The smoothness weight of each pixel; the edge between two pixels has the mean of their weights.
     smoothness: Vec<f32>,
-    /// The same for both colours.
+    /// The smoothness weights, split into both colours.
     edges: Vec<f32>,
     /// The linear system of both colours: the inverse of the 2 x 2 matrix (xx, xy, yy) and the right-hand side (x, y).
     system: Vec<f32>,
-    /// The unknowns of each colour: u, v.
+    /// The unknowns u and v of each colour.
     unknown: [Vec<f32>; 2],
 }
 
-/// Pixels of one colour in a row of `w`, with those around the image.
+/// The number of values of one colour in a row of `w` pixels, with the border.
 fn half(w: usize) -> usize {
     w / 2 + 2
 }
@@ -69,7 +69,7 @@ impl Refiner {
         self.edges.resize(2 * around, 0.0);
         self.system.resize(10 * half(w) * h, 0.0);
         for unknown in &mut self.unknown {
-            // What lies around the image has no weight, but must be a number.
+            // The values of the border have no weight, but must be numbers.
             unknown.resize(2 * around, 0.0);
         }
     }
@@ -123,7 +123,7 @@ impl Refiner {
     }
 }
 
-/// [`par::for_each_row`], several rows at a time: most rows here are too quick to be shared out one by one.
+/// [`par::for_each_row`] with several rows per task, since most rows here are computed too quickly to be a task of their own.
 fn for_each_row(data: &mut [f32], stride: usize, f: impl Fn(usize, &mut [f32]) + Sync + Send) {
     let rows = ((1 << 15) / stride.max(1)).max(1);
     par::for_each_row(data, stride * rows, |band, data| {
@@ -133,7 +133,7 @@ fn for_each_row(data: &mut [f32], stride: usize, f: impl Fn(usize, &mut [f32]) +
     });
 }
 
-/// Every second value of `row` from `parity` on.
+/// Copies every second value of `row`, from index `parity` on, to `out`.
 #[inline(always)]
 fn every_second(row: &[f32], parity: usize, out: &mut [f32]) {
     let pairs = row.len() / 2;
@@ -180,13 +180,13 @@ fn linearise(warped: &[f32], uv: &[f32], (w, h): (usize, usize), y: usize, out: 
         let dx = 0.5 * (m2[x + 3] - m2[x + 1]);
         let dy = 0.5 * (m3[x + 2] - m1[x + 2]);
         let dt = d2[x + 2];
-        // Central differences of central differences: wide, against noise.
+        // Second derivatives are central differences of central differences, which are wide and so less noisy.
         let dxx = 0.25 * (m2[x + 4] - 2.0 * m2[x + 2] + m2[x]);
         let dyy = 0.25 * (m4[x + 2] - 2.0 * m2[x + 2] + m0[x + 2]);
         let dxy = 0.25 * (m3[x + 3] - m3[x + 1] - m1[x + 3] + m1[x + 1]);
         let dxt = 0.5 * (d2[x + 3] - d2[x + 1]);
         let dyt = 0.5 * (d3[x + 2] - d1[x + 2]);
-        // Out of frame there is nothing to compare with.
+        // A pixel whose target lies outside the frame has no data term.
         let (tx, ty) = (x as i32 as f32 + u[x], y as f32 + v[x]);
         let seen = if (tx >= 0.0) & (tx <= right) & (ty >= 0.0) & (ty <= bottom) { 1.0 } else { 0.0 };
         let k = seen / (dx * dx + dy * dy + FAINT * FAINT).sqrt();
@@ -226,13 +226,13 @@ fn smoothness_weights(from: &Padded, uv: &[f32], y: usize, out: &mut [f32]) {
     }
 }
 
-/// Row `y` - 1 of the image.
+/// Splits the smoothness weights of row `y` - 1 of the image into both colours, with the border.
 fn edge_weights(smoothness: &[f32], (w, h): (usize, usize), y: usize, out: &mut [f32]) {
     let row = &smoothness[w * y.clamp(1, h).saturating_sub(1)..][..w];
     for (c, out) in out.chunks_exact_mut(half(w)).enumerate() {
         let parity = (y + 1 + c) % 2;
         every_second(row, parity, &mut out[1..]);
-        // Around the image: minus the neighbour's weight, so that the edge between the two has none.
+        // A pixel of the border gets minus its neighbour's weight, so that the edge between the two has weight 0.
         if !(1..=h).contains(&y) {
             out.iter_mut().for_each(|o| *o = -*o);
         } else {
@@ -261,7 +261,7 @@ fn normal_equations(
     let (above, below) = (if y > 0 { 0.5 } else { 0.0 }, if y + 1 < h { 0.5 } else { 0.0 });
     let mut rows = vec![0.0f32; 5 * w];
     let [m11, m12, m22, b1, b2] = split_mut(&mut rows, w);
-    // The weight of the edges to the left and right, here for now.
+    // `m11` first holds the weight of the edges to the left and right.
     for x in 0..w - 1 {
         m11[x] = 0.5 * (s[x] + s[x + 1]);
     }
@@ -302,7 +302,7 @@ fn relax(other: &[f32], edges: &[f32], system: &[f32], c: usize, w: usize, y: us
     let count = (w + 1 - parity) / 2;
     let [u, v] = split_mut(out, n);
     let (u, v) = (&mut u[1..][..count], &mut v[1..][..count]);
-    // Neighbours in row `y` - 1, with those around the image, at the same index or the next.
+    // The neighbours in row `y` of the buffers, which is row `y` - 1 of the image, from an index on.
     let neighbours = |y: usize, from: usize| {
         let [u, v] = split(&other[2 * n * y..], n);
         (&u[from..][..count], &v[from..][..count], &edges[2 * n * y + n * (1 - c) + from..][..count])

@@ -1,5 +1,5 @@
-//! What the observations of many tiles and frames agree on: their clipped log-likelihoods are summed, the most likely value is taken,
-//! and a bootstrap over blocks of the image and parts of the clip gives its interval.
+//! The values that the observations of many tiles and frames agree on: the clipped log-likelihoods of the observations are summed, the
+//! most likely value is taken, and a bootstrap over blocks of the image and parts of the clip gives its interval.
 
 use super::defocus::{self, BlurPoint, Lens};
 use super::likelihood::{
@@ -10,39 +10,40 @@ use super::tiles::BLOCKS;
 use crate::model::{Estimate, ExposureFraction, Reason};
 use crate::{Error, Result, par};
 
-/// An exposure that seems longer than this fraction is unknown: no shutter is open for so long, so something else looks like its streaks.
-/// A shutter that is open all the time may seem to be open for 1.05.
+/// The exposure fraction above which an exposure is unknown: no shutter is open for so long, so something else looks like streaks. The
+/// estimate for a shutter that is open all the time may be 1.05.
 pub(super) const LONGEST: f32 = 1.15;
 
-/// An exposure whose interval is wider than this is unknown.
+/// The width of the interval, as an exposure fraction, above which an exposure is unknown.
 pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
 
-/// The length of a streak, px, that cannot be told from none.
+/// The length of a streak, px, that texture can hide or imitate.
 const HIDDEN_STREAK: f32 = 1.2;
 
-/// The std of the exposure fraction that stands for what the models leave out.
+/// The std of the exposure fraction that stands for errors of the models.
 pub(super) const EXPOSURE_FLOOR: f32 = 0.025;
 
-/// The relative stds that stand for what the models leave out: of the blur at infinity, and of the inverse depth in focus.
+/// The relative stds that stand for errors of the models: of the blur at infinity, and of the inverse depth in focus.
 const LENS_FLOORS: (f32, f32) = (0.08, 0.06);
 
-/// The std of the exposure fraction that stands for a coder's errors where they are as large as they may be.
+/// The std of the exposure fraction that stands for a coder's errors of the largest size, [`MAX_CODING_ERROR`].
 const CODING_FLOOR: f32 = 0.05;
 
-/// The std, in px, of the blur that textures which are soft or sharp themselves add or hide. It matters where blur is small.
+/// The std, in px, of the blur that soft textures add or sharp textures hide. It matters where blur is small.
 const TEXTURE_BLUR: f32 = 0.2;
 
-/// A lens is a candidate if its loss in nats exceeds that of the likeliest lens by at most this share. The limit saves time: what is
-/// worse is the best on hardly any replica of the bootstrap.
+/// A lens is a candidate if its loss in nats exceeds that of the likeliest lens by at most this share. The limit saves time: a worse
+/// lens is the best one in hardly any replica of the bootstrap.
 const CANDIDATE: f32 = 0.5;
 
-/// The share of the largest inverse depth that the inverse depths of places must span to tell a lens.
+/// The share of the largest inverse depth that the inverse depths of the places must span to tell a lens.
 const MIN_DEPTH_SPAN: f32 = 0.2;
 
-/// Tiles whose inverse depths differ by less than this share of the largest mostly show one surface.
+/// The share of the largest inverse depth by which the inverse depths of tiles may differ to count as one surface.
 const SAME_DEPTH: f32 = 0.03;
 
-/// What a surface counts grows with its share of all tiles up to one over this number.
+/// The factor of the share of all tiles at a tile's depth in the divisor of the tile's weight. So the weight of a surface grows in
+/// proportion to its share of all tiles only up to about 1 / `SURFACES`.
 const SURFACES: f32 = 25.0;
 
 /// The number of replicas of the bootstrap for a whole clip.
@@ -53,13 +54,13 @@ pub const BOOTSTRAPS: usize = 120;
 pub struct ExposureFit {
     /// The estimate.
     pub exposure: ExposureFraction,
-    /// Its 95 % interval.
+    /// The 95 % interval of the exposure fraction.
     pub interval: [f32; 2],
-    /// How many tiles it rests on.
+    /// The number of tiles that the estimate rests on.
     pub samples: usize,
-    /// (lambda, log-likelihood), 0 at the maximum.
+    /// The points (exposure fraction, log-likelihood), 0 at the maximum.
     pub curve: Vec<[f32; 2]>,
-    /// The estimate of each frame alone, where it has one.
+    /// The number of each frame that tells an exposure by itself, with that exposure fraction.
     pub per_frame: Vec<(usize, f32)>,
 }
 
@@ -68,22 +69,22 @@ pub struct ExposureFit {
 pub struct LensFit {
     /// The estimate.
     pub lens: Lens,
-    /// 95 % interval of sigma at infinity, px.
+    /// The 95 % interval of the std of the blur at infinity, px.
     pub sigma_px_at_infinity: [f32; 2],
-    /// 95 % interval of the focus, inverse depth.
+    /// The 95 % interval of the inverse depth in focus.
     pub focus_inverse_depth: [f32; 2],
-    /// How many tiles it rests on.
+    /// The number of tiles that the estimate rests on.
     pub samples: usize,
-    /// The std that fits each tile best alone.
+    /// The blur of each tile by itself, at its inverse depth.
     pub points: Vec<BlurPoint>,
 }
 
-/// The exposure at the maximum of a curve.
+/// The exposure fraction at the maximum of a curve.
 pub(super) fn most_likely_exposure(curve: &[f32]) -> f32 {
     (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b])).unwrap_or(0) as f32 * EXPOSURE_STEP
 }
 
-/// The 95 % interval of an exposure by the bootstrap alone, from the curves of (block of the image, part of the clip) and a floor (std).
+/// The 95 % interval of an exposure by the bootstrap alone, from (block of the image, part of the clip, curve) and a floor (std).
 pub(super) fn bootstrapped_exposure(
     estimate: f32,
     parts: &[(u32, usize, Vec<f32>)],
@@ -102,15 +103,16 @@ pub(super) fn bootstrapped_exposure(
     within_a_frame(estimate, interval(estimate, &replicas, floor))
 }
 
-/// No shutter is open for longer than a frame: what seems to be is as far below that as it may be below what it seems.
+/// An interval within [0, 1], since no shutter is open for longer than a frame interval: if the estimate exceeds 1, the interval is
+/// moved down by the excess.
 fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
     let beyond = (estimate - 1.0).max(0.0);
     interval.map(|v| (v - beyond).clamp(0.0, 1.0))
 }
 
-/// The 95 % interval of an exposure from the same curves, their sum, [`LumaNoise::coding_error`], and the [`typical_speed`] of the
-/// observations. It also holds exposures to which all of these together object by less than one of them may, and those of streaks that
-/// their texture hides.
+/// The 95 % interval of an exposure from the curves of [`bootstrapped_exposure`], their sum, [`LumaNoise::coding_error`], and the
+/// [`typical_speed`] of the observations. The interval also holds the exposures whose summed log-likelihood is less than [`CLIP`] below
+/// the maximum, which a single tile could explain, and the exposures of streaks that texture hides.
 pub(super) fn exposure_interval(
     estimate: f32,
     sum: &[f32],
@@ -128,28 +130,29 @@ pub(super) fn exposure_interval(
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }
 
-/// A streak adds to the variance that the texture has along it, so textures hide short streaks, and look like them: the least and the
-/// largest exposure that such ones may be.
+/// Widens an interval for streaks that texture hides or imitates: a streak adds to the variance that the texture has along it, so the
+/// squares of the lengths differ by the square of [`HIDDEN_STREAK`].
 fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     let hidden = (HIDDEN_STREAK / speed).powi(2);
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
 }
 
-/// The typical speed, px per frame interval, from the sum of the observations' [`ExposureObservation::speed`] and that of its squares: fast ones tell more.
+/// The typical speed of the observations, px per frame interval, from the sum of their [`ExposureObservation::speed`] and the sum of its
+/// squares. Fast observations count more, since they tell more.
 pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
     squares / sum
 }
 
-/// What a tile, or a pair of them, says of the exposure.
+/// The observation of the exposure by a tile, or by a pair of tiles.
 #[derive(Clone, Debug)]
 pub struct ExposureObservation {
-    /// The block of the image, < 25: observations of one err alike.
+    /// The block of the image, < 25; observations of one block err alike.
     pub block: u32,
     /// The number of the frame, from 0.
     pub frame: usize,
-    /// px per frame interval, of the frame.
+    /// The speed, px of the frame per frame interval.
     pub speed: f32,
-    /// What it objects to each of the [`EXPOSURES`], in nats, <= 0.
+    /// The clipped log-likelihood of each of the [`EXPOSURES`], in nats, <= 0.
     pub log_likelihood: Vec<f32>,
 }
 
@@ -157,7 +160,7 @@ pub struct ExposureObservation {
 /// [`coding_error`](super::noise::LumaNoise::coding_error).
 ///
 /// # Errors
-/// If an observation has another number of log_likelihood than [`EXPOSURES`].
+/// If an observation has another number of log-likelihoods than [`EXPOSURES`].
 pub fn exposure_of(
     observations: &[ExposureObservation],
     frames: usize,
@@ -165,7 +168,7 @@ pub fn exposure_of(
 ) -> Result<Estimate<ExposureFit>> {
     if observations.iter().any(|w| w.log_likelihood.len() != EXPOSURES) {
         return Err(Error::new(format!(
-            "an observation of the exposure must hold {EXPOSURES} log_likelihood"
+            "an observation of the exposure must hold {EXPOSURES} log-likelihoods"
         )));
     }
     if observations.len() < 6 {
@@ -200,7 +203,7 @@ pub fn exposure_of(
     let over_speeds = |f: &dyn Fn(f32) -> f32| observations.iter().map(|w| f(w.speed)).sum::<f32>();
     let speed = typical_speed(over_speeds(&|v| v), over_speeds(&|v| v * v));
     let [low, high] = exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed);
-    // Frames that contradict each other are not as sure as their sum: the typical frame's exposure must be covered too.
+    // Frames that contradict each other are less sure than their sum, so the interval must hold the typical frame's exposure too.
     let interval = interval_of_median(per_frame.iter().map(|f| f.1))
         .map(|of_frames| with_hidden_streak(of_frames, speed))
         .map_or([low, high], |[l, h]| [low.min(l), high.max(h)]);
@@ -227,22 +230,22 @@ pub fn exposure_of(
     }))
 }
 
-/// What a tile, or several of one block and depth, say of the blur there.
+/// The observation of the lens by a tile, or by several tiles of one block and depth.
 #[derive(Clone, Debug)]
 pub struct LensObservation {
-    /// Inverse depth of the place.
+    /// The inverse depth of the tiles.
     pub inverse_depth: f32,
-    /// Log-likelihood over the [`SIGMAS`] of the tables, relative to its maximum.
+    /// The log-likelihood over the [`SIGMAS`] stds of the tables, in nats, relative to its maximum.
     pub table: Vec<f32>,
-    /// How many tiles it is the sum of.
+    /// The number of tiles whose log-likelihoods are summed; not whole if older tiles count less.
     pub tiles: f32,
-    /// The block of the image, < 25: observations of one err alike.
+    /// The block of the image, < 25; observations of one block err alike.
     pub block: u32,
-    /// The part of the clip, < 8, likewise.
+    /// The part of the clip, < 8; observations of one part err alike.
     pub part: usize,
 }
 
-/// The thin lens that the observations agree on, its intervals from so many replicas of the bootstrap.
+/// The thin lens that the observations agree on, with intervals from `bootstraps` replicas of the bootstrap.
 ///
 /// # Errors
 /// If an observation has a table of another length than [`SIGMAS`].
@@ -260,7 +263,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         return Ok(Estimate::unknown(Reason::OneDepth, why));
     }
     let fine = FineTables::new(observations);
-    // A lens that fits nearly as well may fit best on other surfaces.
+    // A lens that fits nearly as well as the likeliest one may fit best if other surfaces count more, as in a replica.
     let mut candidates = defocus::best_lenses(range, |lens| fine.log_likelihood(lens, None));
     let (most, lens) = candidates[0];
     candidates.retain(|c| c.0 >= most - (CANDIDATE * most.abs()).max(CLIP));
@@ -270,7 +273,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         let best = candidates.iter().map(|c| defocus::refined_lens(c.1, 5e-3, range, of));
         best.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(lens, |b| b.1)
     });
-    // What matters is the blur where things are: if its own scatter is as large as itself, nothing is known.
+    // The lens is judged by its blur at the depths of the scene: if this blur scatters about as much as its size, the lens is unknown.
     let spread = |d: f32| {
         let s: Vec<f32> = replicas.iter().map(|l| l.sigma_px(d)).collect();
         std_of(&s)
@@ -293,14 +296,14 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         .iter()
         .map(|w| {
             let at = (0..SIGMAS).max_by(|&a, &b| w.table[a].total_cmp(&w.table[b])).unwrap_or(0);
-            // Sure if a blur that differs by half is excluded.
+            // A tile is sure of its blur if blur that is larger by half is excluded.
             let other = interpolate(&w.table, index_of_sigma(1.5 * sigma_of(at) + 0.3));
             let weight = 1.0 - other.exp().min(1.0);
             BlurPoint { inverse_depth: w.inverse_depth, sigma_px: sigma_of(at), weight }
         })
         .collect();
     let texture = TEXTURE_BLUR / lens.sigma_px_at_infinity().max(TEXTURE_BLUR);
-    // The blur of the scene's middle changes by this much when the focus is nearer by the factor e, over the blur at infinity.
+    // The change of the blur in the middle of the scene per change of the log of the focus, over the blur at infinity.
     let nearness = (mean(&|d| d.abs()) / lens.focus.max(1e-6)).max(0.1);
     Ok(Estimate::Known(LensFit {
         lens,
@@ -311,14 +314,14 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
     }))
 }
 
-/// What each observation counts, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of
-/// them alike: so a wall that fills half of the picture is not worth as much as all that is before it.
+/// The weight of each observation, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of
+/// them alike: so a wall that fills half of the picture counts less than everything before it.
 pub(super) fn surface_weights(observations: &[LensObservation]) -> Vec<f32> {
     let total: f32 = observations.iter().map(|w| w.tiles).sum();
     let reach = SAME_DEPTH * observations.iter().map(|w| w.inverse_depth.abs()).fold(0.0, f32::max);
     let mut order: Vec<&LensObservation> = observations.iter().collect();
     order.sort_by(|a, b| a.inverse_depth.total_cmp(&b.inverse_depth));
-    // Tiles up to each.
+    // The number of tiles before each observation, in the order of inverse depth.
     let mut tiles = vec![0.0];
     for w in &order {
         tiles.push(tiles[tiles.len() - 1] + w.tiles);
@@ -333,19 +336,19 @@ pub(super) fn surface_weights(observations: &[LensObservation]) -> Vec<f32> {
     weights.into_iter().map(|k| k / mean).collect()
 }
 
-/// 5 % and 95 % of the observations' inverse depths.
+/// The 5th and the 95th percentile of the observations' inverse depths.
 pub(super) fn lens_range(observations: &[LensObservation]) -> (f32, f32) {
     defocus::seen_range(observations.iter().map(|w| w.inverse_depth))
 }
 
-/// The tables of observations at steps so small that straight lines between them will do: they are asked of thousands of lenses.
+/// The tables of observations at steps so small that linear interpolation will do, since they are evaluated for thousands of lenses.
 pub(super) struct FineTables {
     inverse_depths: Vec<f32>,
     tables: Vec<f32>,
 }
 
 impl FineTables {
-    /// Steps in one of the observations' tables.
+    /// The number of fine steps for each step of the observations' tables.
     const STEPS: usize = 4;
     const LEN: usize = Self::STEPS * (SIGMAS - 1) + 2;
 
@@ -364,7 +367,7 @@ impl FineTables {
         }
     }
 
-    /// What the observations say of a lens, in nats, each with its weight, or 1.
+    /// The summed log-likelihood of a lens, in nats. `weights` are those of the observations; without them all are 1.
     pub fn log_likelihood(&self, lens: Lens, weights: Option<&[f32]>) -> f32 {
         let mut sum = 0.0;
         for (i, (&d, table)) in
@@ -379,14 +382,14 @@ impl FineTables {
     }
 }
 
-/// Weight of a block's tiles in one part of the clip in a replica of the bootstrap: exponential ones of mean 1 (Rubin 1981) of
-/// the block and of the part. What only one surface or one shot says thus counts as one observation.
+/// The weight of a block's tiles in one part of the clip in a replica of the bootstrap: the product of exponential weights of mean 1
+/// (Rubin 1981) of the block and of the part. So the evidence of one surface or one shot counts as one observation.
 fn resampled(replica: usize, block: u32, part: usize) -> f32 {
     let weight = |i: u64| -(1.0 - super::robust::uniform(replica as u64, i)).ln();
     weight(u64::from(block)) * weight((BLOCKS * BLOCKS + part) as u64)
 }
 
-/// 95 %: the replicas' scatter around the estimate and a floor, >= 0.
+/// The 95 % interval, >= 0, from the scatter of the replicas around the estimate and a floor (std).
 pub(super) fn interval(estimate: f32, replicas: &[f32], floor: f32) -> [f32; 2] {
     let mut sorted = replicas.to_vec();
     sorted.sort_by(f32::total_cmp);
@@ -395,7 +398,7 @@ pub(super) fn interval(estimate: f32, replicas: &[f32], floor: f32) -> [f32; 2] 
     [(estimate - side(estimate - at(0.025))).max(0.0), estimate + side(at(0.975) - estimate)]
 }
 
-/// 95 % interval of the median, by ranks; `None` of fewer than 8 values.
+/// The 95 % interval of the median, by ranks; `None` for fewer than 8 values.
 fn interval_of_median(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
     let mut v: Vec<f32> = values.collect();
     v.sort_by(f32::total_cmp);

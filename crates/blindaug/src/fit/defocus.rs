@@ -1,25 +1,25 @@
-//! Defocus over inverse depth from a frame and its version without defocus: the paper's per-pixel search and quadratic,
-//! and all pixels at once for a thin lens.
+//! The fit of defocus over inverse depth to a frame and its version without defocus: the paper's per-pixel search and quadratic,
+//! and a fit of a thin lens to all pixels at once.
 
 use super::robust::{Samples, places_of_contrast};
 use crate::model::ExposureFraction;
 use crate::{Flow, Plane, Raster, filter, par, synth};
 
-/// The blur of one place.
+/// The measured blur of one place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlurPoint {
-    /// Inverse depth of the place.
+    /// The inverse depth of the place.
     pub inverse_depth: f32,
-    /// The std that fits it best alone, px.
+    /// The std that fits the place best by itself, px.
     pub sigma_px: f32,
-    /// How much it says, 0 to 1.
+    /// The weight of the point, in [0, 1].
     pub weight: f32,
 }
 
-/// A thin lens as it is fitted: `sigma = slope |d - focus|`, px.
+/// A thin lens in the parameters of the fit: `sigma = slope |d - focus|`, px.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
-    /// px per unit of inverse depth, >= 0.
+    /// The change of the std per unit of inverse depth, px, >= 0.
     pub slope: f32,
     /// The inverse depth in focus, > 0.
     pub focus: f32,
@@ -32,42 +32,42 @@ impl Lens {
         self.slope * (d - self.focus).abs()
     }
 
-    /// The std at inverse depth 0, px.
+    /// The std of the blur at inverse depth 0, px.
     pub fn sigma_px_at_infinity(self) -> f32 {
         self.slope * self.focus
     }
 }
 
-/// 5 % and 95 % of the inverse depths.
+/// The 5th and the 95th percentile of the inverse depths.
 pub(super) fn seen_range(inverse_depths: impl Iterator<Item = f32>) -> (f32, f32) {
     let mut d: Vec<f32> = inverse_depths.collect();
     d.sort_by(f32::total_cmp);
     (d[d.len() / 20], d[d.len() * 19 / 20])
 }
 
-/// The lens that maximises an objective, for scenes in the range of inverse depths `(lo, hi)`.
+/// The lens that maximises an objective, for scenes in the `range` of inverse depths.
 pub(super) fn best_lens(range: (f32, f32), objective: impl Fn(Lens) -> f32 + Sync + Send) -> Lens {
     best_lenses(range, objective)[0].1
 }
 
-/// The least and the greatest focus that is told apart in scenes in the range of inverse depths `(lo, hi)`: beyond them blur hardly
-/// depends on depth, or is proportional to it.
+/// The least and the greatest focus that can be told apart in scenes in the `range` of inverse depths: with a greater focus blur hardly
+/// depends on depth, and with a smaller one blur is about proportional to inverse depth.
 fn extreme_foci(range: (f32, f32)) -> [f32; 2] {
     let [far, near] = seen_foci(range);
     [0.3 * far, 3.0 * near]
 }
 
-/// The least and the greatest of them among what is seen.
+/// The least and the greatest focus within the range of inverse depths that is seen.
 fn seen_foci((lo, hi): (f32, f32)) -> [f32; 2] {
     let hi = hi.max(1e-6);
     [lo.clamp(0.02 * hi, hi), hi]
 }
 
-/// No lens blurs what is seen by more, px: all stds beyond the tables' end look the same.
+/// The most blur, px, that a lens may have in the scene; all stds beyond the end of the tables look the same.
 const MOST_BLUR: f32 = 60.0;
 
-/// The lenses at which the objective has its highest maxima, and these, the best first: a grid over the focus and the largest blur
-/// in the scene, then [`refined_lens`]. A scene behind the focus may look much like one in front of it.
+/// The highest maxima of the objective with their lenses, the best first. They are found on a grid over the focus and the largest blur in
+/// the scene, then by [`refined_lens`]. There are several, since a scene behind the focus may look like one in front of it.
 pub(super) fn best_lenses(
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32 + Sync + Send,
@@ -77,7 +77,7 @@ pub(super) fn best_lenses(
     const BLURS: usize = 50;
     const MAXIMA: usize = 3;
     let ((lo, hi), [far, near], [least, greatest]) = (range, seen_foci(range), extreme_foci(range));
-    // Among what is seen so close that the blur of the strongest lens differs by less than 1 px from one to the next.
+    // Within the range that is seen, the blur of the strongest lens differs by less than 1 px between neighbouring foci.
     let within = (0..WITHIN).map(|i| far + (near - far) * i as f32 / (WITHIN - 1) as f32);
     let between = |from: f32, to: f32, i: usize| from * (to / from).powf(i as f32 / BEYOND as f32);
     let farther = (0..BEYOND).map(|i| between(least, far, i));
@@ -107,13 +107,14 @@ pub(super) fn best_lenses(
         }
     }
     if lenses.is_empty() {
-        // The objective says nothing of any.
+        // The objective prefers no lens.
         lenses.push((f32::MIN, Lens { slope: 0.0, focus: near }));
     }
     lenses
 }
 
-/// The maximum next to `start`, and its lens, by steps along the two coordinates that shrink to `finest`, relative, in scenes of that range.
+/// The maximum next to `start`, and its lens, for scenes in the `range` of inverse depths. The search steps along the coordinates, by
+/// relative steps that shrink to `finest`.
 pub(super) fn refined_lens(
     start: Lens,
     finest: f32,
@@ -126,7 +127,7 @@ pub(super) fn refined_lens(
     while step > finest {
         let mut improved = false;
         let Lens { slope, focus } = best.1;
-        // Turning the lens around the blur at infinity or keeping the focus: the two directions that scenes tell apart.
+        // Moves change the slope, the focus, or both at constant blur at infinity.
         let moves = [
             Lens { slope: slope * (1.0 + step), focus },
             Lens { slope: slope * (1.0 - step), focus },
@@ -152,29 +153,29 @@ pub(super) fn refined_lens(
     best
 }
 
-/// Stds of the stack of blurred images, px.
+/// The stds of the stack of blurred images, px.
 const STACK: [f32; 23] = [
     0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.25, 1.5, 1.75, 2.0, 2.35, 2.7, 3.1, 3.5, 4.0, 4.5, 5.0, 5.7, 6.5, 7.3,
     8.2, 9.1, 10.0,
 ];
 
-/// A lens from one frame, with the covariance of (slope, focus).
+/// The fit of a lens to one frame.
 #[derive(Clone, Debug)]
 pub struct LensFit {
-    /// The estimate.
+    /// The estimated lens.
     pub lens: Lens,
-    /// Covariance of (slope, focus), blocks of the image taken as independent.
+    /// The covariance of (slope, focus), with the blocks of the image taken as independent.
     pub covariance: [[f64; 2]; 2],
-    /// Pixels that it rests on.
+    /// The number of pixels that the estimate rests on.
     pub samples: usize,
-    /// The inverse depths that were seen, 5 and 95 %.
+    /// The 5th and the 95th percentile of the inverse depths that were seen.
     pub range: (f32, f32),
 }
 
-/// The thin lens for which `sharp`, blurred by its disks (and by the shutter, if something is known of it), is closest to
-/// `target`. Both are luma in the light that is blurred; `weight` is the inverse std of the target's noise.
+/// The thin lens for which `sharp`, blurred by the lens's disks (and by the shutter, if its flow and exposure are given), is closest to
+/// `target`. Both images are luma in the light that is blurred; `weight` is the inverse std of the target's noise.
 ///
-/// `None` if nothing has texture and depth. All images must have one size.
+/// The result is `None` if too few places have texture and depth. All images must have one size.
 pub fn fit_lens(
     target: &Plane,
     weight: &Plane,
@@ -183,7 +184,7 @@ pub fn fit_lens(
     shutter: Option<(&Flow, ExposureFraction)>,
 ) -> Option<LensFit> {
     let (w, h) = sharp.size();
-    // Places where depth is known and even: next to a step, what is there belongs to two depths.
+    // Depth must be known and even around a place, since next to a step of depth a blurred pixel shows things at two depths.
     let even = |x: usize, y: usize| {
         let d = inverse_depth.at(x, y);
         let near = |dx: isize, dy: isize| inverse_depth.at_clamped(x as isize + dx, y as isize + dy);
@@ -196,8 +197,8 @@ pub fn fit_lens(
     if places.len() < 200 {
         return None;
     }
-    // What each place would be at each std. Blur by the shutter and by the lens change places where motion and depth
-    // are even, so the shutter's is done once.
+    // The value of each place is predicted at each std. Where motion and depth are even, the order of the two blurs does not matter, so
+    // the shutter's is applied once, before the lens's.
     let still;
     let source = match shutter {
         Some((flow, exposure)) => {
@@ -210,7 +211,7 @@ pub fn fit_lens(
     };
     let predicted = synth::defocus::disk_values_at(source, &places, &STACK);
     let at = |sigma: f32, p: &[f32; STACK.len()]| {
-        // Between two levels, a blurred image changes in proportion to the variance.
+        // Between two stds of the stack, a blurred image changes in proportion to the variance.
         let k = STACK.partition_point(|&s| s <= sigma).clamp(1, STACK.len() - 1);
         let (a, b) = (STACK[k - 1] * STACK[k - 1], STACK[k] * STACK[k]);
         let t = ((sigma * sigma - a) / (b - a)).clamp(0.0, 1.0);
@@ -220,7 +221,7 @@ pub fn fit_lens(
     let samples = Samples::new(&places, |x, y| (target.at(x, y), weight.at(x, y)));
     let model = |lens: Lens, i: usize| at(lens.sigma_px(depth[i]), &predicted[i]);
     let range = seen_range(depth.iter().copied());
-    // First with a generous scale, then with the one that the residuals show.
+    // The first fit takes 1 as the scale of the residuals, the later ones estimate it.
     let mut lens = best_lens(range, |l| samples.every(8).score(1.0, |i| model(l, i)));
     for _ in 0..2 {
         let scale = samples.scale(|i| model(lens, i));
@@ -244,24 +245,24 @@ pub fn searched_stds() -> impl ExactSizeIterator<Item = f32> {
     (0..STEPS + 1).map(|step| 10.0 * f32::from(step) / f32::from(STEPS))
 }
 
-/// Distance of the pixels that [`pooled_search`] looks at, px.
+/// The distance between the pixels at which [`pooled_search`] measures blur, px.
 pub const SEARCH_STRIDE: usize = 4;
-/// Half the side of the square around such a pixel over which its errors are summed, px, without the pixel itself.
+/// The distance, in px, from such a pixel to the edge of the square over which its errors are summed: the side is twice this, plus 1.
 pub const SEARCH_REACH: usize = 4;
 
-/// What the search found at a pixel.
+/// The result of the search at a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Searched {
-    /// Inverse depth there; NaN where there is no reading.
+    /// The inverse depth of the pixel; NaN where there is no reading.
     pub inverse_depth: f32,
     /// The std of the least error, px.
     pub sigma_px: f32,
-    /// The least and the greatest of the stds' summed squared errors.
+    /// The least and the greatest summed squared error over all stds.
     pub errors: [f32; 2],
 }
 
-/// The paper's search: per pixel, the std in [0, 10] px (100 steps) whose blur of `sharp` is closest to `target`, the
-/// error pooled over 9x9 px, at every 4th pixel; flat regions are left out.
+/// The paper's search: at every 4th pixel, the std in [0, 10] px (100 steps) for which the blurred `sharp` is closest to `target`, with the
+/// error summed over 9x9 px; flat regions are left out.
 pub fn pooled_search(target: &Plane, sharp: &Plane, inverse_depth: &Plane) -> Vec<BlurPoint> {
     let (w, h) = sharp.size();
     let (columns, rows) = (w / SEARCH_STRIDE, h / SEARCH_STRIDE);
@@ -281,7 +282,7 @@ pub fn pooled_search(target: &Plane, sharp: &Plane, inverse_depth: &Plane) -> Ve
         level = filter::gaussian_blur(&level, (sigma * sigma - before * before).sqrt());
         before = sigma;
         let error = Raster::from_fn(w, h, |x, y| (target.at(x, y) - level.at(x, y)).powi(2));
-        // Sums over 9 rows, then over 9 columns of those.
+        // Errors are summed over 9 rows, then over 9 columns.
         let pooled = par::map(rows, |r| {
             let mut column = vec![0.0f32; w];
             for y in window(r, h) {
@@ -301,7 +302,7 @@ pub fn pooled_search(target: &Plane, sharp: &Plane, inverse_depth: &Plane) -> Ve
     textured(&searched)
 }
 
-/// Those whose error depends on the std, as in the upper half of them, and whose depth is known.
+/// The points of the pixels with texture and known depth: those whose greatest error is over the median and over 3 times their least.
 pub fn textured(searched: &[Searched]) -> Vec<BlurPoint> {
     let mut contrast: Vec<f32> = searched.iter().map(|s| s.errors[1]).collect();
     contrast.sort_by(f32::total_cmp);
@@ -318,10 +319,10 @@ pub fn textured(searched: &[Searched]) -> Vec<BlurPoint> {
         .collect()
 }
 
-/// `a d^2 + b d + c` through points of local blur, by robust weighted least squares (the minimum that the paper's L-BFGS
-/// descends to, in closed form, repeated with Huber weights); coefficients and the range of inverse depths (5 to 95 %).
+/// The coefficients of `a d^2 + b d + c` through points of local blur, and the range of inverse depths (5 to 95 %). The fit is robust
+/// weighted least squares: the closed form of the minimum that the paper's L-BFGS descends to, repeated with Huber weights.
 ///
-/// `None` if there are too few points or they all have one depth.
+/// The result is `None` if there are too few points or all points have one depth.
 pub fn quadratic(points: &[BlurPoint]) -> Option<([f32; 3], (f32, f32))> {
     if points.len() < 8 {
         return None;
@@ -331,7 +332,7 @@ pub fn quadratic(points: &[BlurPoint]) -> Option<([f32; 3], (f32, f32))> {
     if half < 1e-6 {
         return None;
     }
-    // In t = (d - middle) / half, for its condition.
+    // The fit is in t = (d - middle) / half, which is better conditioned than d.
     let mut fit = [0.0f64; 3];
     for round in 0..8 {
         let (mut m, mut v) = ([[0.0f64; 3]; 3], [0.0f64; 3]);
@@ -355,7 +356,7 @@ pub fn quadratic(points: &[BlurPoint]) -> Option<([f32; 3], (f32, f32))> {
     Some(([a as f32, b as f32, c as f32], range))
 }
 
-/// Gaussian elimination with pivoting; `None` if singular.
+/// Solves `m x = v` by Gaussian elimination with pivoting; `None` if `m` is singular.
 fn solve3(mut m: [[f64; 3]; 3], mut v: [f64; 3]) -> Option<[f64; 3]> {
     for i in 0..3 {
         let pivot = (i..3).max_by(|&a, &b| m[a][i].abs().total_cmp(&m[b][i].abs()))?;
@@ -407,7 +408,7 @@ mod tests {
         assert!((found.slope - 5.0).abs() < 0.05 && (found.focus - 0.4).abs() < 0.01, "{found:?}");
     }
 
-    /// What is far from it says nothing, as tiles that object by all they may.
+    /// The clipped objective is even far from the true lens, like the sum of tiles that all object by the most they may.
     #[test]
     fn strong_lenses_are_found_wherever_they_are_in_focus() {
         let depths: Vec<f32> = (0..40).map(|i| 0.12 + 0.025 * i as f32).collect();
@@ -437,7 +438,7 @@ mod tests {
                     && (found.focus / lens.focus - 1.0).abs() < 0.01
             );
         }
-        // Blur that does not depend on depth, or is proportional to it, has no focus: the search ends somewhere.
+        // Blur that does not depend on depth, or is proportional to inverse depth, has no focus: the search must still end.
         for blur in [|_: f32| 2.0, |d: f32| 4.0 * d] {
             let loss = |l: Lens| {
                 -(1..10).map(|i| (l.sigma_px(0.1 * i as f32) - blur(0.1 * i as f32)).powi(2)).sum::<f32>()
@@ -446,7 +447,7 @@ mod tests {
                 assert!((0.02..3.0).contains(&lens.focus), "{lens:?}");
             }
         }
-        // Where nothing says anything, any lens will do, but there is one.
+        // If the objective prefers nothing, any lens will do, but there must be one.
         assert_eq!(best_lenses((0.1, 0.9), |_| 0.0).len(), 1);
         assert_eq!(best_lenses((0.1, 0.9), |_| f32::NAN).len(), 1);
     }

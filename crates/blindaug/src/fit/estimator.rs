@@ -1,4 +1,4 @@
-//! One camera model from the frames of a clip.
+//! The estimate of one camera model from the frames of a clip.
 
 use super::defocus::BlurPoint;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
@@ -20,49 +20,50 @@ use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Result, Transfer, analysis, filter};
 use std::ops::Range;
 
-/// Takes frames one after another and gives one camera model. Memory does not grow with the length of a clip: frames
+/// Takes frames one after another and gives one camera model. The memory used does not grow with the length of a clip, since frames
 /// are thinned out evenly once there are more than [`Estimator::MAX_FRAMES`].
 pub struct Estimator {
     options: EstimatorOptions,
     size: Option<(usize, usize)>,
-    /// Frames given so far, and the distance of those that are used.
+    /// The number of frames given so far.
     given: usize,
+    /// The distance between the frames that are used.
     stride: usize,
     frames: Vec<FrameEvidence>,
     follower: Follower,
-    /// Why the depth of the last frame that has none could not be told from parallax.
+    /// The reason why parallax gave no depth for the last frame whose depth is unknown.
     why_no_depth: Unknown,
     depth_kind: Option<DepthKind>,
     depth_given: bool,
     last_depth: Option<(usize, Plane)>,
     last_motion: Option<LastMotion>,
-    /// Frames of which too little is found again in their neighbour.
+    /// The number of frames of which too little is found again in their neighbour.
     unfollowed: usize,
-    /// The first frame of each shot.
+    /// The index of the first frame of each shot.
     shots: Vec<usize>,
     /// Whether the next frame belongs to another shot.
     cut_ahead: bool,
-    /// Whether images that were given are what a network made.
+    /// Whether a network made any of the given images.
     by_network: bool,
 }
 
-/// How the frame added last moves.
+/// The motion of the frame added last.
 struct LastMotion {
-    /// The frame's index among those given.
+    /// The frame's index among the given frames.
     index: usize,
     /// The flow to the next frame, px.
     flow: Flow,
-    /// The motion at its own time, px per frame.
+    /// The motion at the frame's own time, px per frame interval.
     motion: Flow,
 }
 
-/// The exposure fraction that each frame alone gives, by the frame's index among those added.
+/// The exposure fraction that each frame alone gives, with the frame's index among the added frames.
 type ExposurePerFrame = Vec<(usize, f32)>;
 
-/// An exposure, its curve, and that of each frame.
+/// An exposure, its curve, and the exposure fraction of each frame with the frame's index.
 type ExposureEvidence = (MotionBlurModel, Vec<[f32; 2]>, Vec<(usize, f32)>);
 
-/// What one frame told.
+/// The evidence of one frame.
 struct FrameEvidence {
     index: usize,
     shot: usize,
@@ -70,7 +71,7 @@ struct FrameEvidence {
     spatial: NoiseEvidence,
     denoised: NoiseEvidence,
     tiles: Vec<tiles::Tile>,
-    /// The pairs of its tiles with those of the frame before.
+    /// The pairs of this frame's tiles with those of the frame before.
     pairs: Vec<spectral::Pair>,
     removal: Vec<removal::Tile>,
     has_motion: bool,
@@ -82,7 +83,7 @@ struct FrameEvidence {
 }
 
 impl FrameEvidence {
-    /// The exposure fraction, the blur std at infinity (px) and the inverse depth in focus that were found; 0 where they were not.
+    /// The exposure fraction, the std of the blur at infinity (px) and the inverse depth in focus; 0 in place of each that was not found.
     fn numbers(&self) -> [f32; 3] {
         let lens = self.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
         [self.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
@@ -107,25 +108,28 @@ impl FrameEvidence {
     }
 }
 
-/// The shape of a real lens's blur: a Gaussian of the same std fits a disk only when it is a fifth too wide.
+/// The shape of a real lens's blur. A Gaussian would fit a disk only with a std that is a fifth too large.
 const BOKEH: Bokeh = Bokeh::Disk;
-/// Exposure and lens are compared with clean frames in turn until no number changes by more: lambda, px of blur, inverse depth.
+/// The largest change at which the alternating fits of exposure and lens to clean frames stop: of the exposure fraction, of the blur at
+/// infinity in px, and of the inverse depth in focus.
 const SETTLED: f32 = 1e-3;
-/// What the comparison with clean frames leaves out, as stds: of lambda, and relative of the lens's two numbers.
+/// The std of the exposure fraction that stands for errors of the comparison with clean frames.
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
+/// The relative std of the lens's numbers that stands for errors of the comparison with clean frames.
 const REMOVAL_LENS_FLOOR: f32 = 0.04;
-/// The same where a network made the clean frames: errors on scenes of their own, docs/lab-log.md.
+/// The std of the exposure fraction if a network made the clean frames: its errors on other scenes (docs/lab-log.md).
 const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
+/// The relative std of the lens's numbers if a network made the clean frames: its errors on other scenes (docs/lab-log.md).
 const NETWORK_LENS_FLOOR: f32 = 0.3;
 
 impl Estimator {
-    /// The most frames that are used at once.
+    /// The most frames of a clip that are used.
     pub const MAX_FRAMES: usize = 48;
 
-    /// About how many bytes one takes at most for so many frames of this size, beside the frames and what is given with them.
-    /// `moving`: whether their flow is to be estimated.
+    /// The most bytes, approximately, that an estimator takes for `frames` frames of this size, beside the frames and their given evidence.
+    /// `moving`: whether the flow of the frames is to be estimated.
     pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
-        /// Bytes of a pixel of a strip; of a frame, with motion and where blur is removed; and of what is kept of each frame. Measured.
+        /// The measured bytes for each pixel: of a strip, of the motion of a frame, of removal, and of the evidence kept of each frame.
         const OF_STRIP: u64 = 80;
         const MOTION: u64 = 60;
         const REMOVAL: u64 = 120;
@@ -133,7 +137,7 @@ impl Estimator {
         let flow = if moving && frames > 1 { analysis::flow::BYTES_PER_PIXEL } else { 0 };
         let motion = if frames > 1 { MOTION } else { 0 };
         let removal = if family == Family::Removal { REMOVAL } else { 0 };
-        // Flow is found before anything is removed.
+        // Flow is estimated before blur is removed, so only the larger of the two counts.
         let of_frame = motion + flow.max(removal) + KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
         of_frame * (width * height) as u64 + OF_STRIP * largest_strip(size)
     }
@@ -159,19 +163,19 @@ impl Estimator {
         }
     }
 
-    /// Says that the clip has about this many frames. Evenly spaced ones are then used from the start, which saves time.
+    /// Announces that the clip has about this many frames. Evenly spaced frames are then used from the start, which saves time.
     pub fn expecting(mut self, frames: usize) -> Self {
         self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
         self
     }
 
-    /// Whether the next frame given to [`Estimator::add`] will be looked at, or left out as one of too many: saves the
-    /// caller reading the evidence.
+    /// Whether the next frame given to [`Estimator::add`] will be used rather than thinned out. If not, the caller need not read the
+    /// frame's evidence.
     pub fn wants_next(&self) -> bool {
         self.given.is_multiple_of(self.stride)
     }
 
-    /// Adds a frame, in the order of time. Says whether it was used.
+    /// Adds the next frame in the order of time, and says whether the frame was used.
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
@@ -191,7 +195,7 @@ impl Estimator {
         if !index.is_multiple_of(self.stride) {
             return Ok(false);
         }
-        // What lies beyond a cut is no neighbour.
+        // A frame beyond a cut is no neighbour.
         let (next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
         let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
         let mut estimated = None;
@@ -204,7 +208,8 @@ impl Estimator {
             estimated = followed.flow.map(|flow| (flow, sign));
             parallax = followed.parallax;
         }
-        // To the neighbour that there is; and to the next frame, which the last frame's motion continues to.
+        // `to_neighbour` is the flow to the next frame or else the previous one. `to_next` is the flow to the next frame; if there is none,
+        // the motion from the previous frame is taken to continue.
         let to_neighbour = match (&estimated, evidence.flow) {
             (Some((f, _)), _) => Some(f.clone()),
             (None, Some(f)) if next.is_some() => Some(f.clone()),
@@ -220,13 +225,13 @@ impl Estimator {
             kept.temporal.add_pair(frame, other, flow)?;
         }
         kept.spatial.add_single(frame);
-        // The shutter is open around the frame's own time, not on the way to the next one.
+        // The shutter is open around the frame's own time, not on the way to the next frame.
         let last = self.last_motion.take().filter(|l| l.index + 1 == index);
         let motion = to_next.as_ref().map(|flow| match &last {
             Some(last) => motion_at_frame(flow, &last.flow),
             None => flow.clone(),
         });
-        // A motion that is taken to go on differs from none.
+        // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
         let measured = next.is_some() || evidence.flow.is_some();
         if self.options.family != Family::Removal {
             kept.tiles = tiles::tiles(frame, motion.as_ref(), depth.as_ref(), self.options.blur_space)?;
@@ -239,7 +244,7 @@ impl Estimator {
                 );
             }
         }
-        // For what no given image answers.
+        // Removal is needed for distortions that no given image shows.
         let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
         if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
             let moves = to_next.as_ref().zip(motion.as_ref());
@@ -256,7 +261,7 @@ impl Estimator {
         Ok(true)
     }
 
-    /// The inverse depth of a frame: as it is given, else from parallax, else unknown.
+    /// The inverse depth of a frame: the given one, else that from parallax, else `None`.
     fn depth_of(&mut self, evidence: &Evidence, mut parallax: Option<Parallax>) -> Result<Option<Plane>> {
         Ok(match evidence.inverse_depth {
             Some((d, kind)) => {
@@ -264,7 +269,7 @@ impl Estimator {
                 self.depth_given = true;
                 Some(d.clone())
             }
-            // A clip with given depth is not mixed with depth of another unit.
+            // Given depth of some frames is not mixed with depth from parallax, which is in another unit.
             None if self.depth_given => None,
             None => {
                 if let (None, Some(flow)) = (&parallax, evidence.flow) {
@@ -285,7 +290,7 @@ impl Estimator {
         })
     }
 
-    /// Keeps what a frame told; of too many frames every second one is dropped.
+    /// Keeps the evidence of a frame; if there are too many frames, every second one is dropped.
     fn keep(&mut self, frame: FrameEvidence) {
         self.frames.push(frame);
         if self.frames.len() > Self::MAX_FRAMES {
@@ -298,7 +303,8 @@ impl Estimator {
         }
     }
 
-    /// What removal needs of a frame without given clean ones. Its own noise will do: the whole clip's is known only at the end.
+    /// The tiles by which removal measures the blur of a frame without clean images. The noise is that of this frame alone, since the whole
+    /// clip's is known only at the end.
     fn removal_tiles(
         &self,
         observation: &FrameObservation,
@@ -316,7 +322,7 @@ impl Estimator {
         removal::tiles(&removal::denoise(&light, &neighbours, flow), Some(motion), depth)
     }
 
-    /// The paper's fits, of whatever clean frames there are.
+    /// The paper's fits, to all clean images that are given.
     fn compare_with_clean(
         &self,
         kept: &mut FrameEvidence,
@@ -330,8 +336,8 @@ impl Estimator {
         if [denoised, motion_deblurred, defocus_deblurred, clean].iter().all(|image| image.is_none()) {
             return Ok(());
         }
-        // Chain as in the paper: each step between the two images on either side of its removal, or else from the
-        // frame to the clean one, with the other distortion applied to it.
+        // The chain is that of the paper: each distortion is fitted between the images before and after its removal, or else between the
+        // frame and the clean frame with the other distortion applied.
         let target = light(evidence.denoised.unwrap_or(frame));
         let weight = self.noise_weight(frame);
         let clean = evidence.clean.map(light);
@@ -414,20 +420,20 @@ impl Estimator {
         Ok(if linear { Linear(image).to_encoded(transfer) } else { Encoded(image) })
     }
 
-    /// The inverse std of the frame's noise in the light that is blurred, up to a constant: noise is nearly even in
-    /// encoded values, so it grows with the transfer curve's inverse slope.
+    /// The inverse std of the frame's noise in the light that is blurred, up to a constant: noise is nearly the same at all encoded values,
+    /// so the std in light is in proportion to the inverse slope of the transfer curve.
     fn noise_weight(&self, frame: &Encoded) -> Plane {
         let linear = self.options.blur_space == BlurSpace::Linear;
         let smooth = filter::gaussian_blur(&frame.luma(), 1.5);
         smooth.map(|v| if linear { Transfer::Srgb.slope(Transfer::Srgb.decode(v.clamp(0.02, 1.0))) } else { 1.0 } * 100.0)
     }
 
-    /// The flow to the next frame that was used of the frame added last.
+    /// The flow to the next frame that was used for the frame added last, px; `None` if the frame was not used or its flow is unknown.
     pub fn flow(&self) -> Option<&Flow> {
         self.last_motion.as_ref().filter(|l| l.index + 1 == self.given).map(|l| &l.flow)
     }
 
-    /// The inverse depth that was used of the frame added last, and what it is in.
+    /// The inverse depth that was used for the frame added last, and its unit; `None` if the frame was not used or its depth is unknown.
     pub fn inverse_depth(&self) -> Option<(&Plane, DepthKind)> {
         let depth = self.last_depth.as_ref().filter(|d| d.0 + 1 == self.given);
         depth.map(|d| &d.1).zip(self.depth_kind)
@@ -463,12 +469,12 @@ impl Estimator {
             self.frames.iter().for_each(|f| all.merge(of(f)));
             all.fit()
         };
-        // Between frames nothing of the image's own structure is left, so that comes first; a clean frame next.
+        // The difference between frames holds nothing of the image's structure, so temporal noise comes first; clean frames come next.
         let temporal = || merged(Method::Temporal, &|f| &f.temporal);
         let denoised = || merged(Method::Removal, &|f| &f.denoised);
         let spatial = || merged(Method::Spatial, &|f| &f.spatial);
         let order: [&dyn Fn() -> NoiseFit; 3] = match self.options.family {
-            // A network's residual has some of the image in it, more than the flattest parts have.
+            // A network's residual holds more of the image than the flattest parts of a frame do.
             _ if self.by_network => [&temporal, &spatial, &denoised],
             Family::Removal => [&denoised, &temporal, &spatial],
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
@@ -534,13 +540,13 @@ impl Estimator {
         };
         model.motion_blur = Estimate::Known(known);
         diagnostics.exposure_curve = curve;
-        // Per frame: numbered as they were given.
+        // The tiles' frames are numbered among the moving frames, and get their index among the given frames here.
         diagnostics.exposure_per_frame =
             per_frame.into_iter().map(|(i, v)| (if by_tiles { moving[i].index } else { i }, v)).collect();
         Ok(())
     }
 
-    /// What each shot alone tells without clean frames, and each of its frames; nothing if there is no cut.
+    /// The exposure that each shot alone gives without clean frames, and that of each frame; both lists are empty if there is no cut.
     fn exposure_of_shots(
         &self,
         moving: &[&FrameEvidence],
@@ -554,7 +560,7 @@ impl Estimator {
         let shot = |(number, frames): (usize, Range<usize>)| {
             let own: Vec<&FrameEvidence> = moving.iter().filter(|f| f.shot == number).copied().collect();
             let motion_blur = match self.blind_exposure(&own, noise)? {
-                // One frame may err by more than it knows.
+                // The error of one frame may be larger than its interval.
                 Estimate::Known(_) if own.len() < 2 => {
                     Estimate::unknown(Reason::TooShort, "only one of its frames was looked at")
                 }
@@ -571,7 +577,7 @@ impl Estimator {
         Ok((shots, per_frame))
     }
 
-    /// The exposure that frames agree on, without clean ones.
+    /// The exposure that frames agree on, without clean frames.
     fn blind_exposure(
         &self,
         frames: &[&FrameEvidence],
@@ -584,13 +590,13 @@ impl Estimator {
         spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
     }
 
-    /// What answers for blur where no clean frames are given. Not the tighter interval of both: those of [`removal`] promise too
-    /// much (docs/lab-log.md), and it is slower.
+    /// The method that measures blur if no clean frames are given. It is not the one with the tighter interval, since the intervals of
+    /// [`removal`] are too narrow (docs/lab-log.md), and [`removal`] is slower.
     fn blind_method(&self) -> Method {
         if self.options.family == Family::Removal { Method::Removal } else { Method::Spectral }
     }
 
-    /// Weighted median over the frames that were compared with clean ones.
+    /// The weighted median of the exposure over the frames that were compared with clean frames; `None` if its interval is too wide.
     fn aggregate_exposure(&self) -> Option<ExposureEvidence> {
         let fits: Vec<(usize, &motion_blur::ExposureFit)> =
             self.frames.iter().filter_map(|f| f.exposure.as_ref().map(|e| (f.index, e))).collect();
@@ -621,7 +627,7 @@ impl Estimator {
             return Ok(());
         };
         let mut deep: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_depth).collect();
-        // Relative depth has a unit of its own in each shot, and shots of different shutters may be different cameras'.
+        // Relative depth has a unit of its own in each shot, and shots with different shutters may be from different cameras.
         let apart = depth_kind == DepthKind::Relative || contradiction(&diagnostics.shots).is_some();
         let shot = (apart && self.shots.len() > 1).then(|| {
             let frames = |shot: usize| deep.iter().filter(|f| f.shot == shot).count();
@@ -632,7 +638,7 @@ impl Estimator {
             deep.retain(|f| f.shot == shot);
             motion_blur = motion_blur.or_else(|| diagnostics.shots.get(shot)?.motion_blur.known());
         }
-        // Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
+        // An unknown exposure counts as 0, since nothing then shows that anything moves.
         let exposure = motion_blur.map_or(ExposureFraction(0.0), |m| m.exposure);
         let blind_method = self.blind_method();
         let blind = match blind_method {
@@ -688,6 +694,8 @@ impl Estimator {
         Ok(())
     }
 
+    /// The lens over the frames that were compared with clean frames, with the 95 % intervals of the std at infinity and of the inverse
+    /// depth in focus, and the number of samples; `None` if there is no such frame or the blur is too uncertain.
     fn aggregate_lens(&self) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
         let fits: Vec<&defocus::LensFit> = self.frames.iter().filter_map(|f| f.lens.as_ref()).collect();
         let of = |value: &dyn Fn(defocus::Lens) -> f32, variance: &dyn Fn(&defocus::LensFit) -> f64| {
@@ -705,7 +713,7 @@ impl Estimator {
         };
         let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity)?;
         let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1])?;
-        // The two are those of one frame: medians taken apart may together be a lens that no frame has.
+        // The lens is that of one frame, the nearest to both medians: the two medians together may be a lens that no frame has.
         let off = |f: &defocus::LensFit| {
             let share = |v: f32, of: f32| (v - of).abs() / of.max(1e-3);
             share(f.lens.sigma_px_at_infinity(), sigma) + share(f.lens.focus, focus)
@@ -723,10 +731,10 @@ fn blind_model(method: Method, fit: &agreement::ExposureFit) -> MotionBlurModel 
     MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
 }
 
-/// Why no one exposure is that of all shots, if two of them are sure that theirs differ.
+/// The reason why no single exposure fits all shots, if two shots are sure that their exposures differ.
 fn contradiction(shots: &[Shot]) -> Option<Unknown> {
     let known = || (1..).zip(shots).filter_map(|(n, s)| Some((n, s.motion_blur.known()?)));
-    // The largest of n deviations grows as sqrt(2 ln n); intervals are as they are for two.
+    // The largest of n deviations grows as sqrt(2 ln n), so intervals are widened in proportion for more than two shots.
     let spread = |n: usize| 1.0 + (2.0 * (n as f32).ln()).sqrt();
     let wider = (spread(known().count().max(2)) / spread(2)).max(1.0);
     let end = |m: &MotionBlurModel, i: usize| m.exposure.0 + wider * (m.interval[i] - m.exposure.0);

@@ -1,8 +1,8 @@
-//! From a frame and its neighbour to the motion and the depth in it, for [`super::Estimator`] and [`super::track::Tracker`] alike.
+//! Motion and depth in a frame, found with its neighbour, for both [`super::Estimator`] and [`super::track::Tracker`].
 //!
-//! The two differ in what they look at and when: the estimator at whole frames, with a cut told before it follows them; the tracker at
-//! reduced frames, with parallax in every third one, near the camera's last direction, and with a scale of depth that it drops as soon as
-//! too little is found again ([`Follower::follow`] takes both as parameters).
+//! The estimator looks at whole frames, and detects a cut before it follows them. The tracker looks at reduced frames, with parallax in
+//! every third frame, near the camera's last direction, and with a scale of depth that it drops as soon as too little is found again;
+//! the parameters of [`Follower::follow`] make these differences.
 
 use super::observation::FrameObservation;
 use crate::analysis::cuts::MIN_CONFIRMED;
@@ -18,34 +18,34 @@ pub(super) struct Follower {
     near_the_last: bool,
 }
 
-/// What was found between a frame and its neighbour.
+/// The flow and the depth that were found between a frame and its neighbour.
 pub(super) struct Followed {
-    /// Optical flow to the neighbour, px, NaN where the way back does not confirm it; `None` if too little of the frame is found again.
+    /// Optical flow to the neighbour, px, NaN where the backward flow contradicts it; `None` if too little of the frame is found again.
     pub flow: Option<Flow>,
     /// The share of the frame that is found again, in [0, 1].
     pub confirmed: f32,
-    /// What parallax says of depth, if it was looked for.
+    /// The depth by parallax, if parallax was looked for.
     pub parallax: Option<Parallax>,
 }
 
-/// When parallax is looked for.
+/// The conditions under which parallax is looked for.
 #[derive(Clone, Copy)]
 pub(super) struct WantsParallax {
-    /// The share of the frame that must be found again, in [0, 1].
+    /// The least share of the frame that must be found again, in [0, 1].
     pub confirmed: f32,
-    /// The number of frames until it is looked for again.
+    /// The number of frames until parallax is looked for again.
     pub stride: usize,
 }
 
 impl Follower {
-    /// `near_the_last`: the camera's direction is looked for near the last one only.
+    /// A follower that has seen nothing; `near_the_last`: whether the camera's direction is searched near the last direction only.
     pub fn new(near_the_last: bool) -> Self {
         let mut new = Self { flow: FlowEstimator::new(), parallax: ParallaxTracker::new(), near_the_last };
         new.forget_scale();
         new
     }
 
-    /// Forgets the scale of relative depth: what comes is in another unit.
+    /// Forgets the scale of relative depth, so that later depth is in another unit.
     pub fn forget_scale(&mut self) {
         let new = ParallaxTracker::new();
         self.parallax = if self.near_the_last { new.near_the_last() } else { new };
@@ -64,7 +64,7 @@ impl Follower {
     }
 }
 
-/// What parallax says of the depth of a frame whose flow was given.
+/// The depth by parallax of a frame whose flow was given.
 pub(super) fn parallax_of(flow: &Flow) -> Result<Parallax> {
     let unknown = flow.map(|f| !f[0].is_finite());
     inverse_depth_from_flow(flow, &unknown)
@@ -76,12 +76,13 @@ fn known_flow(pair: &FlowPair) -> Flow {
     Flow::from_fn(w, h, |x, y| if pair.occluded.at(x, y) { [f32::NAN; 2] } else { pair.forward.at(x, y) })
 }
 
-/// Why there is no depth where none was given.
+/// The reason why the depth is unknown if none was given and parallax gives none.
 pub(super) fn no_parallax(why: &Unknown) -> Unknown {
     Unknown::new(why.reason, format!("no depth was given, and parallax gives none: {why}"))
 }
 
-/// Fails if a frame or its evidence differs in size from the first frame, which `first` becomes, or is not finite.
+/// Fails if a frame or its evidence differs in size from the first frame, or if the frame is not finite. `first` is the size of the first
+/// frame, and is set by the first call.
 pub(super) fn check_sizes(first: &mut Option<(usize, usize)>, observation: &FrameObservation) -> Result<()> {
     let FrameObservation { frame, next, previous, evidence } = observation;
     let size = frame.0.size();

@@ -10,7 +10,7 @@ use wide::f32x4;
 /// The largest exposure fraction of the tables. It lies above 1, so that a maximum at 1 is seen from both sides.
 pub const MAX_LAMBDA: f32 = 1.25;
 
-/// The step of the tables over the exposure, as a length of streak in px; in exposure fractions it is kept between 0.05 and 0.125.
+/// The step of the tables over the exposure, as a length of streak in px of the tile, limited to the fractions in [`LAMBDA_STEPS`].
 pub const STREAK_STEP: f32 = 0.6;
 
 /// The power that motion leaves at the zeros of its ideal kernel, by the window's leakage and by motion within a tile.
@@ -22,7 +22,7 @@ const LENS_FLOOR: f32 = 1e-4;
 /// The number of the bootstrap's parts of a clip in time, each of which may be another shot.
 pub(super) const PARTS: usize = 8;
 
-/// The part of the clip that a frame of so many lies in.
+/// The part of a clip of `frames` frames that a frame lies in.
 pub(super) fn part_of(frame: usize, frames: usize) -> usize {
     frame * PARTS.min(frames) / frames.max(1)
 }
@@ -39,17 +39,17 @@ pub const EXPOSURE_STEP: f32 = 0.005;
 /// The number of defocus stds of the tables: in steps of 0.15 px up to 3 px, of 0.5 px up to 10 px, of 2 px up to 40 px.
 pub const SIGMAS: usize = 50;
 
-/// The number of those stds for which a tile's own likelihood is computed: up to 3.5 px of the tile. Larger blur leaves less in a
-/// spectrum than its window leaks from lower frequencies, so that a tile does not tell how large it is.
+/// The number of defocus stds for which a tile's own likelihood is computed: up to 3.5 px of the tile. Larger blur leaves less in a
+/// spectrum than its window leaks from lower frequencies, so that a tile does not tell the size of such blur.
 pub const TILE_SIGMAS: usize = 22;
 
-/// By how many nats a tile's log-likelihood falls for each px of blur beyond those stds.
+/// The number of nats by which a tile's log-likelihood falls for each px of blur beyond the stds that the tile tells.
 pub const LARGER_BLUR: f32 = 0.1;
 
 /// The prior of the spectral slope alpha: its mean and its std.
 pub const ALPHA: (f32, f32) = (2.4, 0.4);
 
-/// The number of slopes over which the likelihood is integrated.
+/// The number of spectral slopes over which the likelihood is integrated.
 pub const ALPHAS: usize = 6;
 
 /// The std of the Gaussian that stands for the pixel's own response, px.
@@ -62,35 +62,35 @@ pub const TEMPER: f32 = 0.15;
 /// The most nats by which a tile may find a value less likely than its likeliest one.
 pub const CLIP: f32 = 8.0;
 
-/// A tile whose least likely exposure is less likely than its likeliest by this many nats counts half, a less informative one less: tiles
-/// that hardly see any motion blur may all err to the same side.
+/// The number of nats between a tile's likeliest and least likely exposure at which the tile counts half. A less informative tile counts
+/// less, since tiles that hardly see any motion blur may all err to the same side.
 pub const INFORMATIVE: f32 = 24.0;
 
-/// The number of neighbouring frequencies that the window makes one. A log-likelihood is too large by this factor where it is weighed
-/// against the cost of a ring's amplitude.
+/// The number of neighbouring frequencies that the window merges into about one. A log-likelihood is too large by this factor when it is
+/// weighed against the cost of a ring's amplitude.
 pub const CORRELATED: f32 = 2.25;
 
 /// The prior precision of the log of a ring's amplitude, in units of the likelihood before it is tempered.
 pub const AMPLITUDE_PRECISION: f32 = 1.0;
 
-/// The prior stds of the scene's direction: of its log spectrum in cos 2 theta and in cos 4 theta, with theta the angle to the motion.
+/// The prior stds of the coefficients of cos 2 theta and cos 4 theta in the scene's log spectrum, with theta the angle to the motion.
 pub const DIRECTION: [f32; 2] = [1.4, 1.0];
 
-/// By how much a tile's noise may be off where the exposure is estimated.
+/// The errors of a tile's noise that are allowed for where the exposure is estimated.
 pub const EXPOSURE_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.2, unseen: 0.006 };
 
-/// By how much a tile's noise may be off where the lens is estimated. It is less than for the exposure, since a sharp lens leaves little
-/// room for noise that is stronger than it was measured.
+/// The errors of a tile's noise that are allowed for where the lens is estimated. They are smaller than for the exposure, since a sharp
+/// lens leaves little room for noise that is stronger than it was measured.
 pub const LENS_NOISE_ERROR: NoiseError = NoiseError { log_power: 0.1, unseen: 0.002 };
 
-/// The std, in px, of what a tile's texture adds to the apparent length of its streaks. It matters where little moves.
+/// The std, in px, of the length that a tile's texture adds to its apparent streaks. It matters where motion is slow.
 pub const STREAK_ERROR: f32 = 0.4;
 
-/// By how much a tile's noise may be off.
+/// The errors of a tile's noise that are allowed for.
 pub struct NoiseError {
     /// The std of the log of the noise's power.
     pub log_power: f32,
-    /// The std of luma, of full scale, of noise that was not measured.
+    /// The std, in luma of full scale 1, of noise that was not measured.
     pub unseen: f32,
 }
 
@@ -103,19 +103,22 @@ impl NoiseError {
 
 /// A tile with its noise, ready for the likelihood.
 pub(super) struct Prepared<'a> {
+    /// The tile.
     pub(super) tile: &'a Tile,
+    /// The index of the frame.
     pub(super) frame: usize,
-    /// Which part of the clip the frame lies in.
+    /// The part of the clip that the frame lies in.
     pub(super) part: usize,
-    /// Power and density of the noise at the bins, with what is [`hidden`].
+    /// The power of each bin, with the padding by [`hidden`] noise.
     power: Vec<f32>,
+    /// The density of the noise at each bin, with the same padding.
     noise: Vec<f32>,
-    /// Density of white noise of luma of std 1, over that of the tile's noise in the middle of the band.
+    /// The density of white noise whose luma has std 1, over the density of the tile's noise in the middle of the band.
     white_over_noise: f32,
 }
 
 impl<'a> Prepared<'a> {
-    /// `None` if the tile holds hardly more than noise.
+    /// A tile prepared for the likelihood; `None` if the tile holds hardly more than noise.
     pub(super) fn new(
         tile: &'a Tile,
         frame: usize,
@@ -140,22 +143,22 @@ impl<'a> Prepared<'a> {
         })
     }
 
-    /// Prior precision of the log of the noise's factor, in the units of the likelihood before it is tempered.
+    /// The prior precision of the log of the factor by which the noise may be off, in the units of the likelihood before it is tempered.
     pub(super) fn noise_precision(&self, error: &NoiseError) -> f32 {
         let log_unseen = (error.unseen * error.unseen * self.white_over_noise).ln_1p();
         (TEMPER * (error.log_power * error.log_power + log_unseen * log_unseen)).recip()
     }
 
-    /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of
-    /// `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n`; c2, c4 and e at their most likely values, the
-    /// amplitudes integrated over.
+    /// The log-likelihood over lambda in steps of `step`, 0 at its maximum, of
+    /// `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n`, with c2, c4 and e at their most likely
+    /// values and the amplitudes integrated over.
     fn over_lambda(&self, step: f32) -> Vec<f32> {
         let shutter = Shutter::new(self.tile);
         let mut scene = RingScene::new(self);
         let mut gain = vec![];
         relative((0..=(MAX_LAMBDA / step).round() as usize).map(|l| {
             shutter.gain(l as f32 * step, &mut gain);
-            // Starts near the solution except for the first value of a table.
+            // The scene is near its solution already, except for the first value of a table.
             for _ in 0..if l == 0 { 12 } else { 1 } {
                 scene.improve(&gain);
             }
@@ -163,13 +166,13 @@ impl<'a> Prepared<'a> {
         }))
     }
 
-    /// What the tile objects to the exposures of a curve, in nats, within [-CLIP, 0].
+    /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0].
     pub(super) fn clipped_log_likelihood(&self) -> Vec<f32> {
         let step = (STREAK_STEP / self.tile.speed).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
         let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
         let table = self.over_lambda(step);
         let width = STREAK_ERROR / self.tile.speed / EXPOSURE_STEP;
-        // A wide blur leaves nothing between so many steps.
+        // A wide blur leaves no detail within `stride` steps of the curve.
         let stride = ((0.25 * width) as usize).clamp(1, 8);
         let at = |i: usize| interpolate(&table, (i * stride) as f32 * EXPOSURE_STEP / step);
         let likelihood: Vec<f32> = (0..=(EXPOSURES - 1).div_ceil(stride)).map(|i| at(i).exp()).collect();
@@ -181,7 +184,7 @@ impl<'a> Prepared<'a> {
         curve.into_iter().map(|v| (v * most / (most + INFORMATIVE)).max(-CLIP)).collect()
     }
 
-    /// The same over the stds in px of the frame, as far as the tile tells them.
+    /// The log-likelihood over the [`SIGMAS`] stds in px of the frame, 0 at its maximum, with a slow fall beyond the [`TILE_SIGMAS`].
     pub(super) fn over_sigma_of_frame(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
         let table = self.over_sigma(lambda, sharpening);
         let largest = sigma_of(TILE_SIGMAS - 1);
@@ -191,8 +194,8 @@ impl<'a> Prepared<'a> {
         }))
     }
 
-    /// Log-likelihood over sigma, 0 at its maximum: one amplitude and the noise's factor at their most likely values, and the slope of the
-    /// spectrum integrated out.
+    /// The log-likelihood over the [`TILE_SIGMAS`] stds in px of the tile, 0 at its maximum, with the amplitude and the noise's factor at
+    /// their most likely values and the slope of the spectrum integrated out.
     fn over_sigma(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
         let bins = self.alike(lambda);
         let column = |f: &dyn Fn(&Alike) -> f32| lanes(bins.iter().map(f), 0.0);
@@ -228,13 +231,13 @@ impl<'a> Prepared<'a> {
         }))
     }
 
-    /// The bins at an exposure, neighbours of a ring that motion blur leaves alike taken together.
+    /// The bins at an exposure; neighbouring bins of a ring with similar gain of motion blur are merged.
     fn alike(&self, lambda: f32) -> Vec<Alike> {
         let mut gain = vec![];
         Shutter::new(self.tile).gain(lambda, &mut gain);
         let mut merged: Vec<Alike> = vec![];
         for (ring, lanes) in self.tile.rings().zip(self.tile.ring_lanes()) {
-            // The first of those taken together, by which the others are judged.
+            // `first` is the gain of the first of the merged bins, with which the others are compared.
             let mut first = 0.0f32;
             let shutters = gain[lanes].iter().flat_map(|v| v.to_array());
             for (at, (i, shutter)) in ring.zip(shutters).enumerate() {
@@ -253,12 +256,13 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// A bin, or several, at some exposure.
+/// A bin, or several merged bins, at an exposure.
 struct Alike {
     weight: f32,
     power: f32,
     modulus: f32,
     noise: f32,
+    /// The gain `|K_MB|^2` of motion blur.
     shutter: f32,
 }
 
@@ -276,7 +280,7 @@ impl Alike {
     }
 }
 
-/// Four at a time, the last of them filled up.
+/// Packs values four at a time; the last vector is filled up with `rest`.
 pub(super) fn lanes(values: impl Iterator<Item = f32>, rest: f32) -> Vec<f32x4> {
     let mut values = values.peekable();
     std::iter::from_fn(|| {
@@ -287,13 +291,13 @@ pub(super) fn lanes(values: impl Iterator<Item = f32>, rest: f32) -> Vec<f32x4> 
 }
 
 impl Tile {
-    /// The bins of each ring of like modulus.
+    /// The range of bins of each ring of like modulus.
     fn rings(&self) -> impl Iterator<Item = Range<usize>> + '_ {
         let ends = self.rings.iter().map(|&end| usize::from(end));
         [0].into_iter().chain(ends.clone()).zip(ends).map(|(a, b)| a..b)
     }
 
-    /// Where they lie in a [`Tile::column`].
+    /// The range of each ring in a [`Tile::column`].
     fn ring_lanes(&self) -> impl Iterator<Item = Range<usize>> + '_ {
         self.rings().scan(0, |at, ring| {
             let start = *at;
@@ -302,25 +306,28 @@ impl Tile {
         })
     }
 
-    /// Something of each bin, four at a time, the end of each ring filled up.
+    /// A value of each bin, four bins at a time; the last vector of each ring is filled up with `rest`.
     fn column(&self, f: impl Fn(usize) -> f32, rest: f32) -> Vec<f32x4> {
         self.rings().flat_map(|ring| lanes(ring.map(&f), rest)).collect()
     }
 }
 
-/// What motion blur does to a tile's bins, in the order of [`Tile::column`].
+/// The data for the gain of motion blur at a tile's bins, in the order of [`Tile::column`].
 struct Shutter {
+    /// The speed of the tile, px of the tile per frame interval.
     speed: f32,
+    /// The component of each bin along the motion, cycles per px.
     along: Vec<f32x4>,
-    /// By how much the scene is stronger at the two frequencies beside a bin's along the motion, from which power leaks into it.
+    /// The factors by which the scene is stronger at the two frequencies that leak into a bin, on both sides of it along the motion.
     leaks: [Vec<f32x4>; 2],
 }
 
-/// Where those lie, cycles per px: three points then have the variance of the Hann window's squared spectrum and of a bin's
-/// width, 1/3 + 1/12 squared cycles per tile.
+/// The distance, in cycles per px, of the two frequencies that leak into a bin: the three frequencies, with weights 1, 4 and 1, then have
+/// the variance of the Hann window's squared spectrum plus that of a bin's width, 1/3 + 1/12 squared cycles per tile.
 pub const LEAK: f32 = 1.118 / TILE as f32;
 
-/// How much stronger a scene is at a frequency that lies so far along the motion from one of this component and modulus.
+/// The factor by which a scene is stronger at a frequency that lies `by` cycles per px farther along the motion than the frequency with
+/// the component `along` and this modulus.
 pub(super) fn slope_gain(along: f32x4, modulus: f32x4, by: f32) -> f32x4 {
     let square = 1.0 + (2.0 * along + by) * by / (modulus * modulus);
     (square.max(f32x4::splat(0.1)).ln() * (-0.5 * ALPHA.0)).exp()
@@ -361,9 +368,9 @@ impl Shutter {
     }
 }
 
-/// Data for the amplitude a of `V = a gain + exp(e) noise`.
+/// The data for the fit of the amplitude a of `V = a gain + exp(e) noise`.
 struct Amplitude {
-    /// The precision of the prior of the log of the noise's factor.
+    /// The prior precision of e, the log of the noise's factor.
     precision: f32,
     weight: Vec<f32x4>,
     power: Vec<f32x4>,
@@ -371,14 +378,14 @@ struct Amplitude {
 }
 
 impl Amplitude {
-    /// Profiles ln a and the log of the noise's factor out: (the two, the log-likelihood -sum w (ln V + P / V) with the factor's prior).
+    /// The most likely ln a and e, and the log-likelihood -sum w (ln V + P / V) at these, with the prior of e.
     fn profiled(&self, gain: &[f32x4], start: Option<[f32; 2]>) -> ([f32; 2], f32) {
         let n = self.power.len();
         let (weight, power, noise, gain) =
             (&self.weight[..n], &self.power[..n], &self.noise[..n], &gain[..n]);
         let dot = |v: &[f32x4]| v.iter().zip(weight).map(|(v, w)| v * w).sum::<f32x4>().reduce_add();
         let [mut log_a, mut e] = start.unwrap_or_else(|| [(dot(power) / dot(gain)).max(1e-12).ln(), 0.0]);
-        // Fisher scoring; starts near the solution except for the first value of a table.
+        // Fisher scoring needs few steps, since it starts near the solution except for the first value of a table.
         let steps = if start.is_some() { 2 } else { 10 };
         let mut log_likelihood = 0.0;
         for step in 1..=steps {
@@ -396,7 +403,7 @@ impl Amplitude {
                 own_a += of_share * share;
                 mixed += of_share * rest;
                 own_e += weight[i] * rest * rest;
-                // ln V = -ln (1 / V), of which the last step alone makes use.
+                // ln V = -ln (1 / V). Only the last step needs the log-likelihood.
                 if step == steps {
                     ll += weight[i] * (inverse.ln() - ratio);
                 }
@@ -407,7 +414,7 @@ impl Amplitude {
             let left = own_e - mixed * mixed / own_a;
             let change_e = ((score_e - mixed * score_a / own_a) / left).clamp(-0.7, 0.7);
             let change_a = ((score_a - mixed * change_e) / own_a).clamp(-1.5, 1.5);
-            // As it will be after the step, if it is quadratic.
+            // The log-likelihood after the step is predicted as if it were quadratic.
             log_likelihood = ll.reduce_add() - 0.5 * self.precision * e * e
                 + 0.5 * (score_a * change_a + score_e * change_e);
             (log_a, e) = ((log_a + change_a).max(-27.0), e + change_e);
@@ -416,23 +423,25 @@ impl Amplitude {
     }
 }
 
-/// What a tile shows but for motion blur: an amplitude per ring, the spectrum's dependence on direction, and the noise.
+/// A tile's scene without motion blur: an amplitude per ring, the spectrum's dependence on direction, and the noise.
 struct RingScene {
+    /// The range of each ring in the vectors over bins.
     rings: Vec<Range<usize>>,
     weight: Vec<f32x4>,
     power: Vec<f32x4>,
     noise: Vec<f32x4>,
     /// cos 2 theta and cos 4 theta of the bins.
     harmonics: [Vec<f32x4>; 2],
-    /// Logarithms.
+    /// The log of each ring's amplitude.
     amplitudes: Vec<f32>,
-    /// c2, c4 and the log of the noise's factor, and their prior's precisions.
+    /// The nuisance parameters c2, c4 and e, the log of the noise's factor.
     nuisances: [f32; 3],
+    /// The prior precisions of the nuisance parameters.
     precisions: [f32; 3],
     eliminated: Vec<Eliminated>,
 }
 
-/// The score and the information of a ring's amplitude, and its information with the nuisances.
+/// The score and the information of a ring's log amplitude, and its mixed information with the nuisance parameters.
 #[derive(Clone, Copy)]
 struct Eliminated {
     score: f32,
@@ -473,9 +482,9 @@ impl RingScene {
         }
     }
 
-    /// One step of Fisher scoring in all unknowns at once; a ring's amplitude touches no other's, and is eliminated.
-    /// Gives the log-likelihood with the nuisances' prior that the step leads to, if it is quadratic, the amplitudes integrated over
-    /// (Laplace's approximation): where noise hides a blurred ring its amplitude is free, which maximising over it would not reward.
+    /// One step of Fisher scoring in all unknowns at once. The amplitudes are independent of each other, so they are eliminated first.
+    /// The result is the log-likelihood after the step, as if it were quadratic, with the nuisance parameters' prior and the amplitudes
+    /// integrated over (Laplace's approximation): if noise hides a blurred ring, its amplitude is free, which a maximum would not reward.
     fn improve(&mut self, shutter: &[f32x4]) -> f32 {
         let n = self.power.len();
         let (weight, power, noise, shutter) =
@@ -526,7 +535,7 @@ impl RingScene {
         }
         (0..3).for_each(|k| information[k][k] += self.precisions[k]);
         let prior: f32 = (0..3).map(|k| 0.5 * self.precisions[k] * self.nuisances[k].powi(2)).sum();
-        // Far from the solution a whole step may go too far.
+        // The step is limited, since a whole step far from the solution may go too far.
         let step = cholesky_solve(information, left).map(|s| s.clamp(-0.7, 0.7));
         let mut gain: f32 = (0..3).map(|k| 0.5 * score[k] * step[k]).sum();
         let mut log_information = 0.0;
@@ -559,6 +568,7 @@ fn cholesky_solve(m: [[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
     x
 }
 
+/// The tiles that `observation` selects, prepared for the likelihood, without those that hold hardly more than noise.
 pub(super) fn prepare<'a>(
     frames: &[&'a [Tile]],
     noise: &LumaNoise,
@@ -571,7 +581,7 @@ pub(super) fn prepare<'a>(
         .collect()
 }
 
-/// A curve's mean under a Gaussian of std `sigma` steps, as far as the curve goes.
+/// A curve blurred by a Gaussian of std `sigma` steps; at the ends the mean is over the part of the Gaussian inside the curve.
 pub(super) fn blurred(curve: &[f32], sigma: f32) -> Vec<f32> {
     let weight: Vec<f32> =
         (0..1 + (3.0 * sigma) as usize).map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp()).collect();
@@ -589,7 +599,7 @@ pub(super) fn blurred(curve: &[f32], sigma: f32) -> Vec<f32> {
         .collect()
 }
 
-/// Minus the maximum.
+/// The values minus their maximum.
 pub(super) fn relative(values: impl Iterator<Item = f32>) -> Vec<f32> {
     let mut v: Vec<f32> = values.collect();
     let max = v.iter().copied().fold(f32::MIN, f32::max);
@@ -597,7 +607,7 @@ pub(super) fn relative(values: impl Iterator<Item = f32>) -> Vec<f32> {
     v
 }
 
-/// Cubic (Catmull-Rom) interpolation of equidistant values; the ends continue in a straight line.
+/// Cubic (Catmull-Rom) interpolation of equidistant values, with straight extrapolation for the tangents at the ends.
 pub(super) fn interpolate(v: &[f32], at: f32) -> f32 {
     let i = (at as usize).min(v.len() - 2);
     let f = (at - i as f32).clamp(0.0, 1.0);
@@ -621,6 +631,7 @@ pub(super) fn sigma_of(index: usize) -> f32 {
     }
 }
 
+/// The index of the tables, with its fraction, that stands for a std in px: the inverse of [`sigma_of`].
 pub(super) fn index_of_sigma(sigma: f32) -> f32 {
     let index = if sigma <= 3.0 {
         sigma / 0.15
@@ -630,8 +641,8 @@ pub(super) fn index_of_sigma(sigma: f32) -> f32 {
     index.clamp(0.0, (SIGMAS - 1) as f32)
 }
 
-/// `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px, of a uniform disk of the std of index `s < TILE_SIGMAS` of the tables, averaged over
-/// the radii (+-20 %) that occur in a tile: in straight lines between multiples of 1/256 cycles per px.
+/// The gain `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px of a uniform disk whose std has index `s < TILE_SIGMAS` in the tables. It is
+/// averaged over the radii (+-20 %) that occur in a tile, and linear between multiples of 1/256 cycles per px.
 pub fn lens_gain(s: usize, modulus: f32) -> f32 {
     const STEPS: usize = 128;
     static GAINS: OnceLock<Box<[[f32; STEPS]; TILE_SIGMAS]>> = OnceLock::new();
@@ -640,7 +651,7 @@ pub fn lens_gain(s: usize, modulus: f32) -> f32 {
             std::array::from_fn(|i| {
                 let modulus = 0.5 * i as f32 / STEPS as f32;
                 let gain = |scale: f32| {
-                    // Radius 2 sigma: |2 J1(x) / x|^2, x = 2 pi R |w|.
+                    // A disk of radius R = 2 sigma has the gain |2 J1(x) / x|^2, x = 2 pi R |w|.
                     let x = std::f32::consts::TAU * 2.0 * sigma_of(s) * scale * modulus + 1e-4;
                     (2.0 * libm::j1f(x) / x).powi(2)
                 };

@@ -1,10 +1,10 @@
-//! From footage to a camera model.
+//! Estimation of a camera model from footage.
 //!
 //! [`Estimator`] takes frames one after another, with whatever evidence is at hand, and gives one [`crate::CameraModel`];
-//! [`track::Tracker`] gives one for each frame.
-//! Two families of estimators answer for blur: [`spectral`] looks at the frames' spectra; [`motion_blur`] and [`defocus`]
-//! compare with given clean frames (the paper's way), [`removal`] with sharp versions that it finds itself. [`Family::Auto`] takes, per
-//! distortion, the one with the tighter interval; what [`removal`] finds without clean frames it leaves out, as less accurate.
+//! [`track::Tracker`] gives one model for each frame.
+//! Two families of estimators measure blur: [`spectral`] looks at the frames' spectra; [`motion_blur`] and [`defocus`] compare
+//! with given clean frames (the paper's way), [`removal`] with sharp versions that it finds itself. [`Family::Auto`] takes, for each
+//! distortion, the family with the tighter interval; it does not use [`removal`] without clean frames, which is less accurate.
 
 mod agreement;
 pub mod defocus;

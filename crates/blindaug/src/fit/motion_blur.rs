@@ -1,28 +1,28 @@
-//! Exposure from a frame and its version without motion blur: the paper's search, made continuous.
+//! The fit of the exposure to a frame and its version without motion blur: the paper's search, made continuous.
 
 pub use super::robust::BLOCK;
 use super::robust::{Samples, places_of_contrast};
 use crate::model::ExposureFraction;
 use crate::{Flow, Plane, par};
 
-/// Exposure fractions that are tried, 0 to 1; between them, predictions are interpolated.
+/// The number of exposure fractions, evenly from 0 to 1, at which predictions are computed; between them, predictions are interpolated.
 pub const STEPS: usize = 21;
 
-/// An exposure from one frame.
+/// The fit of an exposure to one frame.
 #[derive(Clone, Debug)]
 pub struct ExposureFit {
-    /// The estimate.
+    /// The estimated exposure fraction.
     pub exposure: ExposureFraction,
-    /// Its variance, blocks of the image taken as independent.
+    /// The variance of the exposure fraction, with the blocks of the image taken as independent.
     pub variance: f64,
-    /// Pixels that it rests on.
+    /// The number of pixels that the estimate rests on.
     pub samples: usize,
-    /// (lambda, minus half the scaled squared error), 0 at the maximum.
+    /// The points (exposure fraction, minus Huber's loss of the scaled errors), 0 at the maximum.
     pub curve: Vec<[f32; 2]>,
 }
 
-/// The mean along the path of pixel (x, y), as [`crate::synth::motion_blur`] takes it, but with cubic taps: the bilinear
-/// ones of the synthesis blur by 1/6 px^2 themselves, which the estimate would take for a shorter exposure.
+/// The mean of an image along the path of pixel (x, y), the same as in [`crate::synth::motion_blur`], but with cubic taps: the bilinear
+/// taps of the synthesis add blur of variance 1/6 px^2, for which the estimated exposure would be too short.
 pub(super) fn mean_along(image: &Plane, x: usize, y: usize, [u, v]: [f32; 2], lambda: f32) -> f32 {
     let (dx, dy) = (lambda * u, lambda * v);
     let length = dx.hypot(dy);
@@ -40,14 +40,14 @@ pub(super) fn mean_along(image: &Plane, x: usize, y: usize, [u, v]: [f32; 2], la
 /// The exposure for which `sharp`, blurred along the flow, is closest to `target`. Both are luma in the light that is
 /// blurred; `weight` is the inverse std of the target's noise.
 ///
-/// `None` if nothing with texture moves. All images must have one size.
+/// The result is `None` if nothing with texture moves. All images must have one size.
 pub fn fit_exposure(target: &Plane, weight: &Plane, sharp: &Plane, flow: &Flow) -> Option<ExposureFit> {
     let (w, h) = sharp.size();
     let blurred = |x: usize, y: usize, lambda: f32| mean_along(sharp, x, y, flow.at(x, y), lambda);
     let moves = |x: usize, y: usize| {
         let [u, v] = flow.at(x, y);
         let speed = u.hypot(v);
-        // Next to an edge of the motion, what is there travels two ways.
+        // Next to an edge of the motion, a pixel shows things that move differently.
         let near = |dx: isize, dy: isize| flow.at_clamped(x as isize + dx, y as isize + dy);
         let around = [(-8, 0), (8, 0), (0, -8), (0, 8)];
         (1.0..100.0).contains(&speed)

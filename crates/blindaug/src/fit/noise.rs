@@ -1,7 +1,7 @@
-//! Noise std over luminance, per pyramid level and channel: from motion-compensated differences of frames, from the
-//! flattest parts of single frames, or from the residual of a denoiser.
+//! The estimate of the noise std over luminance, for each pyramid level and channel, from motion-compensated differences of frames, from
+//! the flattest parts of single frames, or from the residual of a denoiser.
 //!
-//! All three collect local variances of the Laplacian bands of a residual; [`NoiseEvidence::fit`] turns them into the
+//! All three methods collect local variances of the Laplacian bands of a residual; [`NoiseEvidence::fit`] turns these into the
 //! 24 numbers of the model, each with an interval.
 
 use crate::analysis::brightness::{brightening, undone};
@@ -14,86 +14,86 @@ use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
 
-/// Errors of a coder, as a std of luma, of which the user is told.
+/// The least errors of a coder, as a std of luma of full scale 1, of which the user is told.
 pub(super) const NOTABLE_CODING_ERROR: f32 = 0.01;
-/// Side of the blocks in which variances are taken, px of the full image, per level: small ones are more often free of
-/// structure, but the coarse levels need a few values.
+/// The side of the blocks in which variances are measured, px of the full image, for each level: small blocks are more often free of
+/// structure, but a block of a coarse level needs a few values.
 const BLOCK: [usize; NOISE_LEVELS] = [16, 16, 32, 32];
 
-/// Mean of the lower half of the variances of such blocks over their mean, for pure noise, per level: few values scatter
-/// widely. Measured by a test.
+/// The mean of the lower half of the blocks' variances over the mean of all, for pure noise, for each level. It is below 1 since
+/// variances of few values scatter widely. A test checks these numbers.
 const LOWER_HALF: [f32; NOISE_LEVELS] = [0.93, 0.84, 0.821, 0.658];
 
-/// Encoded values this near to 0 or to the clip level have lost a part of their noise.
+/// The distance from 0 or 1 within which encoded values count as clipped: they have lost a part of their noise.
 const CLIP_MARGIN: f32 = 0.02;
-/// A block may have this share of such pixels: where noise is strong, a few are in every dark block, and little of the variance is lost.
+/// The largest share of clipped pixels in a block: if noise is strong, every dark block has a few, which cost little of the variance.
 const MAY_CLIP: f32 = 0.04;
 
-/// Errors of H.264 at a quality that is just bearable, as a std of luma. Where a coder was at work, how good it was is not known, and to allow for
-/// more than there is costs little (docs/lab-log.md).
+/// The errors of H.264 at a quality that is just bearable, as a std of luma of full scale 1. The quality of a coder is not known, and to
+/// allow for larger errors than there are costs little (docs/lab-log.md).
 pub(super) const MAX_CODING_ERROR: f32 = 0.045;
 
-/// What a pixel costs a block that holds it.
+/// The flaw of a pixel; a block is left out if the sum of its pixels' flaws is too large.
 type Flaw = u8;
-/// One that clips: [`MAY_CLIP`].
+/// The flaw of a clipped pixel, of which a block may have a share of [`MAY_CLIP`].
 const CLIPPED: Flaw = 1;
-/// One that no block may have: more than the largest may have of the others.
+/// The flaw of a pixel that no block may have: it exceeds the largest sum that is allowed.
 const UNUSABLE: Flaw = u8::MAX;
 
 /// The variance of one band in one block (or window) of one residual.
 #[derive(Clone, Copy, Debug)]
 struct LocalVariance {
-    /// Mean luminance, Rec. 601 of encoded values.
+    /// The mean luminance, Rec. 601 of encoded values.
     y: f32,
-    /// R, G, B, and luma, for a residual of unit gain.
+    /// The variances of R, G, B and luma, divided by the gain of the residual.
     variance: [f32; 4],
-    /// Covariance of R, G and B with luma.
+    /// The covariance of R, G and B with luma, divided by the same gain.
     with_luma: [f32; 3],
-    /// How likely it holds more than noise; only its order counts.
+    /// A measure of structure beside noise in the block; only its order among blocks counts.
     structure: f32,
-    /// Luma's mean square in the next coarser band, where there is least noise beside what does not match.
+    /// The mean square of luma in the next coarser band, in which a mismatch stands out most from noise.
     coarser: f32,
-    /// How many values it is the variance of.
+    /// The number of values in the variance.
     count: f32,
 }
 
 /// A measured point of the noise curve, for plots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoisePoint {
-    /// Pyramid level, 0 the finest.
+    /// The pyramid level, 0 the finest.
     pub level: usize,
-    /// Luminance.
+    /// The luminance, Rec. 601 of encoded values.
     pub y: f32,
-    /// Std in R, G, B.
+    /// The std in R, G and B, encoded values in [0, 1].
     pub sigma: [f32; 3],
-    /// How many local variances it is the mean of.
+    /// The number of local variances whose mean the point is.
     pub samples: usize,
 }
 
-/// What a fit of noise gives.
+/// The result of a fit of noise.
 #[derive(Clone, Debug)]
 pub struct NoiseFit {
-    /// The model, or why there is none.
+    /// The model, or the reason why the noise is unknown.
     pub model: Estimate<NoiseModel>,
-    /// The noise of luma, for estimators that work on it.
+    /// The noise of luma, for estimators that work on luma; `None` if the noise is unknown.
     pub luma: Option<LumaNoise>,
     /// The measured points that the lines go through.
     pub points: Vec<NoisePoint>,
 }
 
-/// The noise of luma, for estimators that work on it.
+/// The noise of luma, for estimators that work on luma.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LumaNoise {
-    /// Its std in each level.
+    /// The std of luma's noise in each level.
     pub levels: [NoiseLine; NOISE_LEVELS],
-    /// Detail of a std of luma below this may be missing, or wrong, after a video coder; 0: there was none.
+    /// The std of luma below which detail may be missing or wrong after a video coder; 0 if there was no coder.
     pub coding_error: f32,
 }
 
-/// Std of noise of luma: slope * Y + intercept.
+/// The std of luma's noise in one level: `slope * Y + intercept`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NoiseLine {
-    /// Per unit of luminance.
+    /// The change of the std per unit of luminance Y.
     pub slope: f32,
     /// The std at Y = 0.
     pub intercept: f32,
@@ -103,20 +103,20 @@ pub struct NoiseLine {
 #[derive(Clone, Debug)]
 pub struct NoiseEvidence {
     method: Method,
-    /// Whether the variances are those of the paper's windows, to be taken as they are.
+    /// Whether the variances are those of the paper's windows, which are used without a choice or a correction.
     windowed: bool,
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
-    /// Histogram of the brightest channel's 8-bit value.
+    /// The histogram of the 8-bit value of each pixel's brightest channel.
     brightest: Box<[u64; 256]>,
-    /// Whether there is more than grey.
+    /// Whether any pixel is not grey.
     coloured: bool,
 }
 
-/// Side of the blocks that video coders copy, px.
+/// The side of the blocks that video coders copy, px.
 const COPIED: usize = 8;
 
-/// Blocks that are the same in both frames to the last bit: a coder that takes them for still copies them, noise and all, so
-/// they say nothing of it. Where all are the same there is no noise.
+/// Whether each block is the same in both frames to the last bit: a coder copies a block that seems still together with its noise, so the
+/// block says nothing of noise. If nearly all blocks are the same, they count as not copied, since there is then no noise.
 fn copied_blocks(frame: &Encoded, next: &Encoded, rows: Range<usize>) -> Raster<bool> {
     let (w, height) = (frame.0.width(), rows.len());
     let same = Raster::from_fn(w.div_ceil(COPIED), height.div_ceil(COPIED), |bx, by| {
@@ -127,7 +127,7 @@ fn copied_blocks(frame: &Encoded, next: &Encoded, rows: Range<usize>) -> Raster<
         })
     });
     let copied = same.data().iter().filter(|s| **s).count();
-    // Also of two frames that differ by a few blocks only: what differs is not a sample of what is there.
+    // This also holds for two frames that differ in a few blocks only, which are not a fair sample of the picture.
     if copied * 20 > same.data().len() * 19 { same.map(|_| false) } else { same }
 }
 
@@ -143,18 +143,18 @@ impl NoiseEvidence {
         }
     }
 
-    /// How many local variances there are.
+    /// The number of local variances.
     pub fn len(&self) -> usize {
         self.levels.iter().map(Vec::len).sum()
     }
 
-    /// Whether there are none.
+    /// Whether there are no local variances.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Adds what two successive frames tell: their difference along the flow is pure noise wherever the match is good.
-    /// What changes in brightness between them is undone.
+    /// Adds the evidence of two successive frames: their difference along the flow is pure noise wherever the match is good.
+    /// A change of brightness between the frames is undone.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -162,7 +162,7 @@ impl NoiseEvidence {
         self.add_pair_rows(frame, next, flow, 0..frame.0.height())
     }
 
-    /// [`NoiseEvidence::add_pair`] of some rows of `frame` only.
+    /// [`NoiseEvidence::add_pair`] for some rows of `frame` only.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -188,7 +188,7 @@ impl NoiseEvidence {
             let [tx, ty] = target(x, y);
             inside(tx, ty).then(|| [frame.0.at(x, top + y), next.0.bilinear(tx, ty)])
         });
-        // One pass, since the warped frame is never needed again.
+        // Warp and difference are one pass, since the warped frame is not needed again.
         let residual = |x: usize, y: usize| {
             let ([tx, ty], a) = (target(x, y), frame.0.at(x, top + y));
             if !inside(tx, ty) {
@@ -206,8 +206,8 @@ impl NoiseEvidence {
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
             if usable { flaw(frame.0.at(x, top + y)) } else { UNUSABLE }
         };
-        // The taps change the noise of the second frame, by how far the target lies from a pixel's centre. They are cubic, for
-        // linear ones leave as much of the texture in the coarse levels as there is noise.
+        // The taps change the noise of the second frame, depending on the distance of the target from a pixel's centre. The taps are cubic,
+        // since linear ones would leave as much texture as noise in the coarse levels.
         let gain = |x: usize, y: usize, level: usize| {
             let [tx, ty] = target(x, y);
             1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
@@ -216,7 +216,7 @@ impl NoiseEvidence {
         Ok(())
     }
 
-    /// Adds what one frame alone tells: where it is flat, its bands are noise.
+    /// Adds the evidence of one frame alone: its bands are noise where the frame is flat.
     pub fn add_single(&mut self, frame: &Encoded) {
         self.count_colours(frame.0.data());
         let residual = |x, y| {
@@ -226,7 +226,7 @@ impl NoiseEvidence {
         self.add_blocks(frame.0.size(), residual, |x, y| flaw(frame.0.at(x, y)), |_, _, _| 1.0);
     }
 
-    /// Adds the difference between a frame and a prediction of it without noise, where the prediction is good.
+    /// Adds the difference between a frame and a prediction of the frame without noise, where the prediction is good.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -249,7 +249,8 @@ impl NoiseEvidence {
         }
     }
 
-    /// `residual`: R, G, B, and the luma of the image without noise, as well as it is known.
+    /// Adds the variances of all blocks. `residual`: R, G and B of the residual, and luma of the image with as little noise as possible.
+    /// `gain`: the factor of the residual on the variance of noise, at a pixel and level.
     fn add_blocks(
         &mut self,
         size: (usize, usize),
@@ -273,7 +274,7 @@ impl NoiseEvidence {
         let (top, h) = (around.start, around.len());
         let residual = Raster::from_fn(w, h, |x, y| residual(x, top + y));
         let flaws = Raster::from_fn(w, h, |x, y| flaws(x, top + y));
-        // A single frame's bands are its structure, and only its gradient is left to judge by.
+        // The bands of a single frame hold its structure, so only the smoothed gradient tells structure from noise.
         let single = self.method == Method::Spatial;
         let gradient = single.then(|| squared_gradient(&residual.map(|v| v[3])));
         let (bands, _) = pyramid::laplacian(&residual, NOISE_LEVELS + 1);
@@ -282,7 +283,7 @@ impl NoiseEvidence {
             let (columns, rows) = (w / block, own.len() / block);
             let of_block = |i: usize| {
                 let (x0, y0) = (i % columns * block, own.start - top + i / columns * block);
-                // The coarser bands' filters reach outside; what is there counts as well.
+                // The filters of the coarser bands reach outside the block, so flaws near the block count as well.
                 let columns = x0.saturating_sub(4)..(x0 + block + 4).min(w);
                 let most = (MAY_CLIP * (block * block) as f32) as usize;
                 let mut flawed = 0;
@@ -292,7 +293,7 @@ impl NoiseEvidence {
                         return None;
                     }
                 }
-                // The flow is smooth: a few places tell the mean gain.
+                // A few places are enough for the mean gain, since the flow is smooth.
                 const APART: usize = 4;
                 let places = (block / APART).pow(2);
                 let gain = (0..places)
@@ -308,8 +309,8 @@ impl NoiseEvidence {
                     y: block_mean(&residual, (x0, y0), block)[3],
                     variance: own.residual.map(|v| v / gain),
                     with_luma: own.with_luma.map(|v| v / gain),
-                    // What does not match does so in the neighbouring bands too, whose noise is another. Where there is little
-                    // texture, there is little that could not match.
+                    // A mismatch shows in the neighbouring bands too, whose noise is independent. A block with little
+                    // texture can have little mismatch.
                     structure: match &gradient {
                         Some(gradient) => block_mean(gradient, (x0, y0), block),
                         None => {
@@ -325,7 +326,7 @@ impl NoiseEvidence {
         }
     }
 
-    /// Adds the residual of a denoised frame, as the paper does: local variance `E[x^2] - E[x]^2` under a 9x9 Gaussian
+    /// Adds the residual of a denoised frame, as the paper does: the local variance `E[x^2] - E[x]^2` under a 9x9 Gaussian
     /// (std 4 px, halved per level), sampled every 32 px (halved per level).
     ///
     /// # Errors
@@ -372,7 +373,7 @@ impl NoiseEvidence {
         Ok(())
     }
 
-    /// Adds what another collection of the same method holds.
+    /// Adds the evidence of another collection of the same method.
     pub fn merge(&mut self, other: &Self) {
         self.windowed |= other.windowed;
         self.coloured |= other.coloured;
@@ -400,7 +401,7 @@ impl NoiseEvidence {
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [NoiseLine::default(); NOISE_LEVELS];
         let finest = self.bins(0, [1.0; 3]);
-        // What does not match is common to all channels, and least of it is in the finest level.
+        // A mismatch is common to all channels, and the finest level holds least of it.
         let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
         let most_common = std::array::from_fn(|c| {
             finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0)
@@ -408,7 +409,7 @@ impl NoiseEvidence {
         for level in 0..NOISE_LEVELS {
             let mut bins = if level == 0 { finest.clone() } else { self.bins(level, most_common) };
             if self.method == Method::Spatial && level > 0 {
-                // In one frame structure cannot be told from coarse noise: no more than white noise has.
+                // In one frame structure cannot be told from coarse noise, so coarse noise is at most that of white noise.
                 let white = white_band_std();
                 let ratio = (white[level] / white[0]).powi(2);
                 let finest: [Line; 4] = std::array::from_fn(|c| line(&finest, c));
@@ -450,16 +451,16 @@ impl NoiseEvidence {
         });
         let coding_error = match self.method {
             Method::Temporal if self.coloured => coding_error(&finest, most_common),
-            // What is left of structure is common to all channels, and in grey footage all is.
+            // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
             Method::Temporal | Method::Spatial => coding_error(&finest, [0.0; 3]),
-            // A coder's errors are part of what differs from the clean frame.
+            // The difference from the clean frame includes a coder's errors, so no others are allowed for.
             _ => 0.0,
         };
         let luma = LumaNoise { levels: luma, coding_error };
         NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
     }
 
-    /// Log of the finest noise's std over that of a model; `None` of a few blocks.
+    /// The log of the std of the finest level's luma noise over that of a model; `None` if there are fewer than 8 blocks.
     pub(super) fn log_ratio(&self, model: &NoiseLine) -> Option<f32> {
         let mut blocks: Vec<&LocalVariance> = self.levels[0].iter().collect();
         if blocks.len() < 8 {
@@ -473,15 +474,16 @@ impl NoiseEvidence {
         )
     }
 
-    /// Mean variance over bins of luminance, of the blocks that are least likely to hold structure. `most_common`: [`Bin::common`] at most.
+    /// The mean variance, in bins of luminance, of the blocks that are least likely to hold structure. `most_common`: the limit of
+    /// [`Bin::common`].
     fn bins(&self, level: usize, most_common: [f32; 3]) -> Vec<Bin> {
         const BINS: usize = 16;
         let mut by_luminance: [Vec<&LocalVariance>; BINS] = Default::default();
         for v in &self.levels[level] {
             by_luminance[((v.y * BINS as f32) as usize).min(BINS - 1)].push(v);
         }
-        // The lower half of the blocks with the least structure is taken: what is not noise only ever adds. The windows of a
-        // denoiser's residual are taken as they are, as the paper does.
+        // Of the blocks with the least structure, the half with the lower variance is used, since anything but noise only adds
+        // variance. The windows of a denoiser's residual are all used, as in the paper.
         let (keep, fewest, lower_half) = match self.method {
             _ if self.windowed => (1.0, 8, false),
             Method::Spatial => (0.1, 8, true),
@@ -518,7 +520,7 @@ impl NoiseEvidence {
                 Some(Bin {
                     of,
                     y: mean(&|b| b.y),
-                    // Sorted by luma's variance, so that a channel's own is biased by as much as the two have in common.
+                    // The choice of blocks by luma's variance biases a channel as far as the channel correlates with luma.
                     variance: std::array::from_fn(|c| {
                         let common = common.get(c).unwrap_or(&1.0);
                         share * variance[c] * (1.0 + common * (correction - 1.0))
@@ -531,7 +533,7 @@ impl NoiseEvidence {
             .collect()
     }
 
-    /// The brightest encoded value that occurs, if values pile up there; else 1.
+    /// The brightest encoded value that occurs, if values accumulate there; else 1.
     fn clip_level(&self) -> f32 {
         let total: u64 = self.brightest.iter().sum();
         let Some(top) = (0..256).rev().find(|&i| self.brightest[i] as f64 > 1e-4 * total as f64) else {
@@ -544,18 +546,18 @@ impl NoiseEvidence {
     }
 }
 
-/// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: a coder leaves little
-/// noise, in some places none, and chroma has none of its own from pixel to pixel.
+/// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: after a coder there is
+/// little noise, in some places none, and chroma has no noise of its own from pixel to pixel.
 fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
-    /// White noise of the first std hardly survives the steps of 8 bits; noise of the second is a sensor's.
+    /// The range of stds of white noise in luma from noise that hardly survives the rounding to 8 bits to noise of a sensor.
     const SURVIVING: Range<f32> = 0.0008..0.0025;
-    /// The luminance below which a sensor has less noise, too.
+    /// The luminance below which a sensor has less noise even without a coder.
     const DARK: f32 = 0.25;
-    /// More than channels have in common by chance.
+    /// The largest squared correlation with luma, beyond a channel's share of luma, that channels have by chance.
     const IN_COMMON: f32 = 0.3;
     let squares = LUMA.map(|w| w * w);
     let total: f32 = squares.iter().sum();
-    // What red and blue have in common beyond their share of luma: green is most of it anyway.
+    // The correlation of red and blue beyond their share of luma is tested; green is most of luma anyway.
     let beyond = |c: usize| (common[c] - squares[c] / total) / (1.0 - squares[c] / total);
     if beyond(0).min(beyond(2)) > IN_COMMON {
         return MAX_CODING_ERROR;
@@ -569,7 +571,7 @@ fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
     MAX_CODING_ERROR * left * left
 }
 
-/// Fails if their sizes differ.
+/// Fails if the sizes of the two frames differ.
 fn check_prediction(frame: &Encoded, prediction: &Encoded) -> Result<()> {
     if prediction.0.size() != frame.0.size() {
         return Err(Error::new("the frame and its version without noise must have one size"));
@@ -577,7 +579,7 @@ fn check_prediction(frame: &Encoded, prediction: &Encoded) -> Result<()> {
     Ok(())
 }
 
-/// R, G, B and luma of `frame - prediction`.
+/// The R, G, B and luma of `frame - prediction`.
 fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
     check_prediction(frame, prediction)?;
     let (w, h) = frame.0.size();
@@ -588,31 +590,31 @@ fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
     }))
 }
 
-/// Which part of the variance of the chosen blocks of a bin is noise, where most others match so much worse at the next
-/// coarser level that the chosen ones cannot be expected to match well.
+/// The share of noise in the variance of the chosen blocks of a bin, in [0.25, 1]. It is below 1 if many other blocks match so much
+/// worse at the next coarser level that the chosen blocks cannot be expected to match well.
 ///
-/// A mismatch has a share of what it has in the coarser band in this one as well: the least that the others show.
+/// The variance of a mismatch in this band is a share of that in the coarser band, taken as about the least share in the other blocks.
 fn noise_share(level: usize, variance: f32, coarser: f32, others: &[&LocalVariance]) -> f32 {
-    // Mean squares of a few values differ by less where there is nothing but noise; the coarsest are of four values.
+    // Mean squares of pure noise differ by less than these factors; the coarsest are means of only four values.
     const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
     let mut ratios: Vec<f32> = others
         .iter()
         .filter(|b| b.coarser > APART[level] * coarser)
         .map(|b| b.variance[3] / b.coarser)
         .collect();
-    // The least of a few is no more than chance.
+    // The least of a few ratios would be chance.
     if ratios.len() < 20.max(others.len() / 5) {
         return 1.0;
     }
     ratios.sort_by(f32::total_cmp);
     let white = white_band_std();
-    // What there is of noise in the coarser band, at most, if noise is white.
+    // The variance of white noise in the coarser band over that in this band.
     let falls = if level + 1 < NOISE_LEVELS { (white[level + 1] / white[level]).powi(2) } else { 0.25 };
     let mismatch = ratios[ratios.len() / 10] * (coarser - falls * variance).max(0.0);
     (1.0 - mismatch / variance.max(1e-12)).clamp(0.25, 1.0)
 }
 
-/// Squared gradient of a smoothed image.
+/// The squared gradient of a smoothed image.
 fn squared_gradient(image: &Plane) -> Plane {
     let smooth = filter::gaussian_blur(image, 1.5);
     Plane::from_fn(image.width(), image.height(), |x, y| {
@@ -621,7 +623,7 @@ fn squared_gradient(image: &Plane) -> Plane {
     })
 }
 
-/// Mean over the square of this side at (x, y).
+/// The mean over the square of this side at (x, y).
 fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) -> P {
     let mut mean = P::default();
     for y in y..y + side {
@@ -632,17 +634,18 @@ fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) 
     mean
 }
 
-/// The powers of a band of [`NoiseEvidence::add_blocks`] over the square of the full image of this side at (x, y).
+/// The mean squares of a band of [`NoiseEvidence::add_blocks`] in a block.
 struct Powers {
-    /// Mean squares of R, G, B and luma of the residual.
+    /// The mean squares of R, G, B and luma of the residual.
     residual: [f32; 4],
-    /// Mean products of R, G and B with luma.
+    /// The mean products of R, G and B with luma.
     with_luma: [f32; 3],
-    /// Mean square of the image itself.
+    /// The mean square of the image itself.
     image: f32,
 }
 
 impl Powers {
+    /// The powers in the block at (x, y) of this side, both in px of the full image, of a band of this level.
     fn new(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> Self {
         let (x, y, side) = (x >> level, y >> level, side >> level);
         let (mut residual, mut with_luma, mut image) = ([0.0; 4], [0.0; 3], 0.0);
@@ -663,22 +666,27 @@ impl Powers {
     }
 }
 
+/// The mean of the chosen blocks in a bin of luminance.
 #[derive(Clone, Copy, Debug)]
 struct Bin {
-    /// Which of the luminances.
+    /// The index of the bin.
     of: usize,
+    /// The mean luminance of the blocks.
     y: f32,
+    /// The variances of R, G, B and luma.
     variance: [f32; 4],
-    /// Squared correlation of R, G and B with luma.
+    /// The squared correlation of R, G and B with luma.
     common: [f32; 3],
+    /// The number of values in all the blocks' variances.
     freedom: f32,
+    /// The number of blocks.
     blocks: usize,
 }
 
-/// What the bins of a coarse level would be at all luminances of the finest one, if the noise's spectrum were the same for all of them:
-/// the coarse level has few blocks.
+/// The bins of a coarse level that are expected at all luminances of the finest level's bins, if the spectrum of the noise is the same at
+/// all luminances. They are needed since the coarse level has few blocks.
 fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
-    /// The number of values that leave a std uncertain by 15 %, by which the spectrum may differ.
+    /// The number of values that leave a std uncertain by 15 %, by which the spectrum may differ between luminances.
     const FREEDOM: f32 = 22.0;
     let pairs: Vec<(&Bin, &Bin)> =
         bins.iter().filter_map(|b| Some((b, finest.iter().find(|f| f.of == b.of)?))).collect();
@@ -686,7 +694,7 @@ fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
     if total <= 0.0 {
         return vec![];
     }
-    // The finest level may hold nothing, of a camera that denoises.
+    // The finest level of a camera that denoises may hold no noise.
     let some = |b: &Bin, c: usize| b.variance[c].max(1e-12);
     let ratio: [f32; 4] = std::array::from_fn(|c| {
         let log = |(b, f): &(&Bin, &Bin)| (some(b, c) / some(f, c)).ln();
@@ -700,7 +708,7 @@ fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
     finest.iter().map(of).collect()
 }
 
-/// std = slope * Y + intercept, with the standard errors of the two.
+/// The line `std = slope * Y + intercept`, with the standard errors of slope and intercept.
 #[derive(Clone, Copy, Debug, Default)]
 struct Line {
     slope: f32,
@@ -715,9 +723,9 @@ impl Line {
     }
 }
 
-/// Robust weighted least squares of std on luminance; never negative at Y = 0.
+/// Robust weighted least squares of std on luminance; the line is never negative at Y = 0.
 ///
-/// What is not noise (structure, bad matches) only ever adds, so a bin loses weight by how far it lies above the line.
+/// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line.
 fn line(bins: &[Bin], channel: usize) -> Line {
     let std = |b: &Bin| f64::from(b.variance[channel].sqrt());
     let total: f32 = bins.iter().map(|b| b.freedom).sum();
@@ -725,8 +733,8 @@ fn line(bins: &[Bin], channel: usize) -> Line {
     let mut weights: Vec<f64> = bins
         .iter()
         .map(|b| {
-            // The std of a std is s / sqrt(2 n); a floor keeps a bin that happens to be still from owning the fit, and
-            // a cap keeps one crowded bin from outweighing the others, since the line itself is an approximation.
+            // The std of a std is s / sqrt(2 n). A floor of the variance keeps a bin with little noise by chance from dominating the
+            // fit, and a cap of n keeps one crowded bin from outweighing the others, since the line itself is an approximation.
             f64::from(b.freedom.min(4000.0))
                 / f64::from(b.variance[channel].max(0.1 * mean_variance).max(1e-10))
         })
@@ -740,7 +748,7 @@ fn line(bins: &[Bin], channel: usize) -> Line {
             return fit;
         }
         let (my, ms) = (sum(&|b| f64::from(b.y)) / sw, sum(&std) / sw);
-        // A weak pull towards a constant std: one bin alone says nothing about the slope.
+        // A weak pull towards a constant std is needed, since one bin alone says nothing about the slope.
         let pull = sw * 1e-4;
         let var_y = sum(&|b| (f64::from(b.y) - my).powi(2)) + pull;
         let mut slope = sum(&|b| (f64::from(b.y) - my) * (std(b) - ms)) / var_y;
@@ -750,7 +758,7 @@ fn line(bins: &[Bin], channel: usize) -> Line {
         }
         let at = |b: &Bin| (slope * f64::from(b.y) + intercept).max(0.0);
         let misfit = sum(&|b| (std(b) - at(b)).powi(2));
-        // Weights are inverse variances up to the line's own misfit, which the residual shows.
+        // Weights are inverse variances up to a scale that the residuals of the line show.
         let scale = (misfit / (bins.len() as f64 - 2.0).max(1.0)).max(0.5);
         fit = Line {
             slope: slope as f32,
@@ -782,14 +790,14 @@ fn window_weights(level: usize) -> [[f32; 9]; 9] {
     std::array::from_fn(|j| std::array::from_fn(|i| g[i] * g[j] / (sum * sum)))
 }
 
-/// By how much the square of the mean std under the window falls short of the variance, for white noise: the mean is
-/// taken from the same few values, and a root of few values is small. Measured by the test below.
+/// The square of the mean std under the window over the variance, for white noise. It is below 1 since the subtracted mean is that of the
+/// same few values, and since the mean of a root of few values is small. A test below checks the noise that follows.
 fn window_bias(level: usize) -> f32 {
     [0.988, 0.968, 0.847, 0.423][level]
 }
 
-/// Gain of cubic interpolation at the offset (fx, fy) on the variance of white noise in a band: along each axis
-/// `|H|^2 = sum of c_k cos k w`, c the autocorrelation of the four taps, averaged over the band.
+/// The gain of cubic interpolation at the offset (fx, fy) on the variance of white noise in a band: along each axis
+/// `|H|^2 = sum of c_k cos k w`, with c the autocorrelation of the four taps, averaged over the band.
 fn cubic_gain(fx: f32, fy: f32, level: usize) -> f32 {
     static MOMENTS: OnceLock<[[[f32; 4]; 4]; NOISE_LEVELS]> = OnceLock::new();
     let moments = &MOMENTS.get_or_init(|| std::array::from_fn(band_moments))[level];
@@ -802,7 +810,7 @@ fn cubic_gain(fx: f32, fy: f32, level: usize) -> f32 {
     (0..4).map(|i| y[i] * (0..4).map(|j| x[j] * moments[i][j]).sum::<f32>()).sum()
 }
 
-/// Means over a Laplacian band of white noise of `cos i wx cos j wy`.
+/// The means of `cos i wy cos j wx` over the spectrum of white noise in a Laplacian band.
 fn band_moments(level: usize) -> [[f32; 4]; 4] {
     const N: usize = 128;
     let low = |w: f64| (6.0 + 8.0 * w.cos() + 2.0 * (2.0 * w).cos()) / 16.0;
@@ -847,7 +855,7 @@ pub(super) mod tests {
         }))
     }
 
-    /// Largest relative error over levels, luminances and channels against white noise of this std.
+    /// The largest relative error over levels, luminances and channels against white noise of this std.
     fn worst(e: &NoiseEvidence, sigma: f32) -> f32 {
         let fit = e.fit();
         let model = fit.model.known().expect("there is evidence");
@@ -882,7 +890,7 @@ pub(super) mod tests {
             for rows in [32, 160, 704] {
                 assert!(found(&mut strips(size, rows * w)) == whole, "{rows} rows");
             }
-            // Negative control: without what is around them.
+            // Negative control: strips without the rows around them give other variances.
             let alone = |s: Strip| Strip { around: s.rows.clone(), rows: s.rows };
             assert!(found(&mut strips(size, 160 * w).map(alone)) != whole);
         }
@@ -923,7 +931,7 @@ pub(super) mod tests {
 
     #[test]
     fn light_that_changes_is_no_noise() {
-        // Texture of all sizes, and an exposure that grows from frame to frame.
+        // The frames have texture of all sizes, and their exposure grows from frame to frame.
         let wave = |x: usize, y: usize, f: f32| (f * x as f32).sin() * (1.1 * f * y as f32).sin();
         let worst_of = |light: &(dyn Fn(usize) -> f32 + Sync)| {
             let mut e = NoiseEvidence::new(Method::Temporal);
@@ -941,14 +949,14 @@ pub(super) mod tests {
             worst(&e, 0.01)
         };
         assert!(worst_of(&|_| 1.06) < 0.2, "{}", worst_of(&|_| 1.06));
-        // Negative control: what changes from left to right is not undone.
+        // Negative control: a brightness that changes from left to right is not undone.
         let sideways = |x: usize| 1.0 + 0.12 * (x as f32 / 40.0).sin();
         assert!(worst_of(&sideways) > 0.5, "{}", worst_of(&sideways));
     }
 
     #[test]
     fn noise_that_the_channels_share_is_given_back_too() {
-        // As chroma at half the resolution leaves it.
+        // Grey noise is like the noise that chroma at half the resolution leaves.
         let grey = |seed: u64| Encoded(noisy(512, 512, seed, 0.02).0.map(|p| [p[1]; 3]));
         let mut e = NoiseEvidence::new(Method::Temporal);
         for seed in 0..2 {
@@ -960,7 +968,7 @@ pub(super) mod tests {
             sum(&|b| b.with_luma[c]).powi(2) / (sum(&|b| b.variance[c]) * sum(&|b| b.variance[3]))
         };
         assert!((0..3).all(|c| common(&e, c) > 0.99));
-        // Negative control: channels that share nothing have in common with luma what they are of it.
+        // Negative control: the correlation of independent channels with luma is their share of luma.
         let mut e = NoiseEvidence::new(Method::Temporal);
         let (a, b) = (noisy(512, 512, 0, 0.02), noisy(512, 512, 10, 0.02));
         e.add_pair(&a, &b, &Flow::filled(512, 512, [0.0; 2])).unwrap();
@@ -1006,7 +1014,7 @@ pub(super) mod tests {
 
     #[test]
     fn what_moves_otherwise_is_left_out_though_it_is_smooth() {
-        // Half of the rows have texture that stays, over the others soft light flickers.
+        // Half of the rows have texture that stays the same; soft light flickers over the other rows.
         let wave = |x: usize, y: usize, f: f32| (f * x as f32).sin() * (1.1 * f * y as f32).sin();
         let mut e = NoiseEvidence::new(Method::Temporal);
         for seed in 0..2 {
@@ -1034,7 +1042,7 @@ pub(super) mod tests {
             count: 16.0,
         };
         let falls = (white_band_std()[2] / white_band_std()[1]).powi(2);
-        // Noise of variance 1 and a mismatch of half as much as in the coarser band.
+        // The blocks have noise of variance 1 and a mismatch of half the variance that it has in the coarser band.
         let mismatched: Vec<_> = (20..60).map(|m| block(1.0 + 0.5 * m as f32, falls + m as f32)).collect();
         let share = noise_share(1, 2.0, falls + 2.0, &mismatched.iter().collect::<Vec<_>>());
         assert!((share - 0.5).abs() < 0.1, "{share}");
@@ -1063,7 +1071,7 @@ pub(super) mod tests {
             e.add_pair(&frame(2 * i), &frame(2 * i + 1), &Flow::filled(512, 512, [0.0; 2])).unwrap();
         }
         let found = e.fit().model;
-        // The levels of the synthesis reach into each other.
+        // The levels of the synthesis overlap, so the truth is the power of the synthesised noise in each band.
         let (bands, _) = pyramid::laplacian(&noise(0), NOISE_LEVELS);
         for (found, band) in found.known().expect("there is evidence").lines().levels.iter().zip(&bands) {
             let power = band.data().iter().map(|v| v[1] * v[1]).sum::<f32>() / band.data().len() as f32;

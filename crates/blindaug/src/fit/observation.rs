@@ -1,4 +1,4 @@
-//! What goes into an estimator and what comes out.
+//! The input and the output of an estimator.
 
 use super::defocus::BlurPoint;
 use super::noise;
@@ -6,16 +6,15 @@ use crate::model::{BlurSpace, CameraModel, DepthKind, Estimate, MotionBlurModel}
 use crate::{Encoded, Flow, Plane};
 use std::ops::Range;
 
-/// Which family of estimators answers for blur.
+/// The family of estimators that measures blur.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Family {
-    /// Per distortion, the one whose interval is tighter: of the spectra and, where clean frames are given, of the comparison
-    /// with them.
+    /// For each distortion the family with the tighter interval: the spectra or, if clean frames are given, the comparison with these.
     #[default]
     Auto,
     /// The spectra of the frames.
     Spectral,
-    /// Comparison with clean frames where they are given, else with what [`super::removal`] makes of the frames.
+    /// Comparison with clean frames if they are given, else removal of blur from the frames alone ([`super::removal`]).
     Removal,
 }
 
@@ -32,81 +31,82 @@ pub enum Curve {
 /// The options of an [`super::Estimator`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EstimatorOptions {
-    /// Which family answers for blur.
+    /// The family of estimators that measures blur; [`Family::Auto`] by default.
     pub family: Family,
-    /// The curve of defocus over inverse depth.
+    /// The curve of defocus over inverse depth; a thin lens by default.
     pub curve: Curve,
-    /// Whether the shutter and the lens are taken to act on light or on encoded values.
+    /// The values that the shutter and the lens are taken to act on; light by default.
     pub blur_space: BlurSpace,
-    /// Frames per second, if known; only copied into the model.
+    /// Frames per second, if known, which are only copied into the model.
     pub fps: Option<f64>,
 }
 
-/// One frame with what is known of it. All rasters have the frame's size.
+/// One frame with its neighbours and its evidence. All rasters have the frame's size.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameObservation<'a> {
     /// The frame.
     pub frame: &'a Encoded,
-    /// The frame after it; without both neighbours there is no motion to see.
+    /// The frame after this one; a frame without any neighbour shows no motion.
     pub next: Option<&'a Encoded>,
-    /// The frame before it; used where there is no next one.
+    /// The frame before this one, whose flow is used if there is no next frame.
     pub previous: Option<&'a Encoded>,
-    /// What else is known.
+    /// The evidence beside the pixels.
     pub evidence: Evidence<'a>,
 }
 
-/// What may be known of a frame beside its pixels.
+/// Optional knowledge of a frame beside its pixels.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Evidence<'a> {
-    /// Optical flow to the next frame; estimated from the frames if not given.
+    /// Optical flow to the next frame, px; estimated from the frames if not given.
     pub flow: Option<&'a Flow>,
-    /// Inverse depth, NaN where there is no reading, and what it is measured in; estimated from parallax if not given.
+    /// Inverse depth, NaN where there is no reading, and its unit; estimated from parallax if not given.
     pub inverse_depth: Option<(&'a Plane, DepthKind)>,
-    /// The frame without noise, blurred as it is.
+    /// The frame without noise, but with its blur.
     pub denoised: Option<&'a Encoded>,
     /// The frame without noise and motion blur.
     pub motion_deblurred: Option<&'a Encoded>,
-    /// The frame without noise and defocus, its motion blur still there.
+    /// The frame without noise and defocus, but with its motion blur.
     pub defocus_deblurred: Option<&'a Encoded>,
     /// The frame without noise, motion blur and defocus.
     pub clean: Option<&'a Encoded>,
-    /// Whether these images are what a network made of the frame, not known: what it leaves of blur and noise widens the intervals.
+    /// Whether a network made these images from the frame; the intervals are then wider, to allow for the blur and noise that it leaves.
     pub by_network: bool,
 }
 
-/// What an estimator gives.
+/// The result of an estimator.
 #[derive(Clone, Debug)]
 pub struct Estimation {
     /// The model.
     pub model: CameraModel,
-    /// What it rests on.
+    /// The measurements that the model rests on.
     pub diagnostics: Diagnostics,
 }
 
-/// What an estimate rests on, for plots and messages.
+/// The measurements that an estimate rests on, for plots and messages.
 #[derive(Clone, Debug, Default)]
 pub struct Diagnostics {
-    /// Sentences for the user: what was chosen and why, what was left out.
+    /// Sentences for the user on what was chosen, why, and what was left out.
     pub notes: Vec<String>,
-    /// Measured points of the noise curves.
+    /// The measured points of the noise curves.
     pub noise_points: Vec<noise::NoisePoint>,
-    /// Log-likelihood (spectral) or minus the scaled error (removal) over the exposure fraction, 0 at its maximum.
+    /// The points (exposure fraction, log-likelihood) of a spectral estimate, or (exposure fraction, minus the scaled error) of one by
+    /// removal; 0 at the maximum.
     pub exposure_curve: Vec<[f32; 2]>,
-    /// Local blur over inverse depth.
+    /// The local blur over inverse depth.
     pub blur_points: Vec<BlurPoint>,
-    /// The exposure that each frame alone gives: (index of the frame among those added, exposure fraction).
+    /// The exposure that each frame alone gives: (index of the frame among the added frames, exposure fraction).
     pub exposure_per_frame: Vec<(usize, f32)>,
-    /// The shots, if there is a cut between the frames; else empty.
+    /// The shots if there is a cut between the frames, else an empty list.
     pub shots: Vec<Shot>,
-    /// Inverse depth of the last frame that has it, as it was used (NaN: unknown), and the frame's index.
+    /// The index of the last frame whose depth is known, and its inverse depth as it was used (NaN: unknown).
     pub inverse_depth: Option<(usize, Plane)>,
 }
 
 /// The frames between two cuts.
 #[derive(Clone, Debug)]
 pub struct Shot {
-    /// Their indices among those added.
+    /// The indices of the shot's frames among the added frames.
     pub frames: Range<usize>,
-    /// The exposure that they alone give.
+    /// The exposure that the shot's frames alone give.
     pub motion_blur: Estimate<MotionBlurModel>,
 }

@@ -1,17 +1,17 @@
-//! Blur from the frames alone, by removing it: a sharp version under a prior of sparse gradients is found for every
-//! candidate of blur, and the candidate that explains the frame best is taken.
+//! Estimation of blur by its removal from the frames alone: for every candidate of blur a sharp version is found under a prior of sparse
+//! gradients, and the candidate that explains the frame best is taken.
 //!
 //! 1. [`denoise`]: the frame is averaged with its neighbours, moved along the flow.
-//! 2. Profiles of tiles, along the motion and across it, are deconvolved as [`Line`]s: the mean across a line of what a disk
-//!    or a streak has blurred in the plane is blurred by the disk's or the streak's own profile, whatever is there. The
-//!    gradient of the sharp line is from a mixture of Gaussians, from much less than the noise to much more (Fergus et al.
-//!    2006), so that most of it is nothing and some of it are edges. A line is short enough to be exact where deconvolution of
-//!    images has to approximate: the posterior's covariance, the noise's and the unknown surroundings.
-//! 3. The error of re-synthesis alone would always choose no blur, as that explains everything. The *evidence* does not: what
-//!    the frame's probability is under a candidate, over all sharp lines (Levin et al., CVPR 2011).
+//! 2. Profiles of tiles, along the motion and across it, are deconvolved as [`Line`]s: if a disk or a streak has blurred a picture, the
+//!    mean of the picture across a line is blurred by the profile of the disk or the streak, whatever the picture shows. The
+//!    gradients of the sharp line have a mixture of Gaussians as their prior, with variances from much less than the noise's to much more
+//!    (Fergus et al. 2006): most gradients are about 0, and some are edges. A line is short enough for exact treatment of what
+//!    deconvolution of images has to approximate: the posterior's covariance, the noise's covariance and the unknown surroundings.
+//! 3. The error of re-synthesis alone would always favour no blur, which explains any frame. The *evidence* does not: it is the
+//!    frame's probability under a candidate, integrated over all sharp lines (Levin et al., CVPR 2011).
 //!
-//! The lens and the rest of the camera blur alike in all directions, motion only along it: the lines across the motion say
-//! how much of what is seen along it is not the shutter's.
+//! The lens and the rest of the camera blur alike in all directions, the shutter only along the motion: the lines across the motion
+//! show how much of the blur along the motion is not the shutter's.
 
 use super::agreement::{ExposureFit, LensFit, LensObservation};
 use super::likelihood::{EXPOSURE_STEP, EXPOSURES, SIGMAS, relative, sigma_of};
@@ -23,39 +23,46 @@ use crate::model::{BlurSpace, Estimate, ExposureFraction, Reason};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Plane, Raster, Result, Transfer, filter, par, raster};
 
-/// Defocus stds that are tried, px.
+/// The defocus stds that are tried, px.
 const DELTAS: [f32; 10] = [0.0, 0.35, 0.7, 1.05, 1.4, 1.9, 2.6, 3.6, 5.0, 7.0];
-/// Exposure fractions that are tried: 0 to 1.2.
+/// The number of exposure fractions that are tried, from 0 to 1.2.
 const LAMBDAS: usize = 13;
+/// The step between the exposure fractions that are tried.
 const LAMBDA_STEP: f32 = 0.1;
-/// Profiles of a tile in each direction, and how many px wide each is.
+/// The number of profiles of a tile in each direction.
 const PROFILES: usize = 4;
+/// The width, in px, of the band of a tile whose mean is a profile.
 const BAND: usize = 12;
-/// Std of what the model leaves out, over that of a profile.
+/// The std of the model's errors, over the std of a profile.
 const MISMATCH: f32 = 0.03;
-/// Tiles of a frame, those of most contrast, and frames that are looked at.
+/// The most tiles of a frame that are used: those of most contrast.
 const TILES_PER_FRAME: usize = 24;
+/// The most frames of a clip that are used.
 const MAX_FRAMES: usize = 8;
-/// Std of the Gaussian that stands for the pixel's own response, px.
+/// The std, in px, of the Gaussian that stands for the pixel's own response.
 const PIXEL_RESPONSE: f32 = 0.5;
-/// The gradient's mixture: how many Gaussians, the smallest variance over the noise's, and their ratio.
+/// The number of Gaussians in the prior of a gradient.
 const GAUSSIANS: usize = 7;
+/// The smallest variance of those Gaussians, over the noise's variance.
 const SMALLEST: f64 = 0.05;
+/// The ratio of each of those variances to the next smaller one.
 const RATIO: f64 = 8.0;
-/// Steps towards the best mixture of each gradient.
+/// The number of variational updates of the gradients' mixtures.
 const ROUNDS: usize = 6;
-/// Lines of a tile see the same things, and no scene is exactly what the prior says.
+/// The factor of a tile's log evidence. It is below 1 since the lines of a tile show the same things, and no scene follows the prior
+/// exactly.
 const TEMPER: f32 = 0.25;
 /// The most by which a tile's log-likelihood may fall below its maximum, nats.
 const CLIP: f32 = 8.0;
+/// The number of replicas of the bootstrap.
 const BOOTSTRAPS: usize = 120;
 
 /// The light of a frame and the variance of its noise.
 #[derive(Clone, Debug)]
 pub struct NoisyLight {
-    /// Light, or encoded values, weighted as luma is.
+    /// Light, or encoded values, with luma's weights of R, G and B.
     pub light: Plane,
-    /// Per pixel.
+    /// The variance of the noise at each pixel.
     pub variance: Plane,
 }
 
@@ -68,7 +75,7 @@ impl NoisyLight {
                 BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))),
                 BlurSpace::Encoded => 1.0,
             };
-            // No frame is better than its rounding to 8 bit.
+            // The least std is that of rounding to 8 bits.
             let std = ((noise.slope * y + noise.intercept) / white).max(0.29 / 255.0);
             (std / slope).powi(2)
         });
@@ -76,10 +83,10 @@ impl NoisyLight {
     }
 }
 
-/// Averages a frame with neighbours in time, each with how many frames later it is (-1: earlier), along the flow to the next
-/// frame: as far as they differ by no more than the noise (Buades et al. 2005, along the motion).
+/// Averages a frame with neighbours in time along the flow to the next frame, with weight where they differ by no more than the noise
+/// (Buades et al. 2005, along the motion). A neighbour comes with the number of frames by which it is later (-1: earlier).
 ///
-/// The result's variance says how much of the noise is left. All must have one size.
+/// The variance of the result is that of the noise that is left. All images must have one size.
 pub fn denoise(frame: &NoisyLight, neighbours: &[(Plane, f32)], flow: &Flow) -> NoisyLight {
     let (w, h) = frame.light.size();
     let mut weights = Plane::filled(w, h, 1.0);
@@ -91,13 +98,13 @@ pub fn denoise(frame: &NoisyLight, neighbours: &[(Plane, f32)], flow: &Flow) -> 
             [x as f32 + later * u, y as f32 + later * v]
         };
         let inside = |[x, y]: [f32; 2]| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
-        // The moved neighbour, and its noise after interpolation over what it was; unknown flow is outside.
+        // The moved neighbour, and the gain of interpolation on the variance of its noise; NaN outside the frame and where flow is unknown.
         let moved = Raster::from_fn(w, h, |x, y| {
             let [tx, ty] = target(x, y);
             let gain = |t: f32| raster::cubic_weights(t.fract()).iter().map(|w| w * w).sum::<f32>();
             if inside([tx, ty]) { [other.cubic(tx, ty), gain(tx) * gain(ty)] } else { [f32::NAN; 2] }
         });
-        // The squared difference over the noise's share of it, around each pixel.
+        // The squared difference over what the noise alone would give, averaged around each pixel.
         let ratio = Plane::from_fn(w, h, |x, y| {
             let [value, gain] = moved.at(x, y);
             let expected = (1.0 + gain) * frame.variance.at(x, y);
@@ -121,7 +128,7 @@ pub fn denoise(frame: &NoisyLight, neighbours: &[(Plane, f32)], flow: &Flow) -> 
     }
 }
 
-/// Differences between successive pixels along a straight line, and the variance of the pixels' noise.
+/// The differences between successive pixels of a profile, and the variance of the pixels' noise.
 #[derive(Clone, Debug)]
 pub struct Line {
     differences: Vec<f64>,
@@ -129,7 +136,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// The profile of these pixels, and of the variance of their noise.
+    /// The line of these pixels, given the variance of their noise.
     pub fn new(pixels: &[f32], variance: &[f32]) -> Self {
         Self {
             differences: pixels.windows(2).map(|p| f64::from(p[1] - p[0])).collect(),
@@ -137,22 +144,22 @@ impl Line {
         }
     }
 
-    /// The posterior mean of the sharp line's gradient given the kernel (of odd length, a pixel's step between its taps), and
-    /// the lower bound of the log evidence that it comes with.
+    /// The posterior mean of the sharp line's gradients given the kernel (of odd length, with taps one pixel apart), and a lower bound of
+    /// the kernel's log evidence.
     ///
-    /// Variational: the gradient and which Gaussian each of its values is from are taken as independent given the line.
-    // Long, since the steps of one iteration share all of its state.
+    /// The approximation is variational: given the line, the gradients are taken as independent of the Gaussians that they come from.
+    // The function is long, since the steps of one iteration share all of its state.
     pub fn deconvolved(&self, kernel: &[f64]) -> (Vec<f64>, f64) {
         let (n, taps) = (self.differences.len(), kernel.len());
-        // Gradients around the line are unknown too.
+        // The kernel reaches beyond the line, so gradients around the line are unknown too.
         let m = n + taps - 1;
         let noise = self.variance.iter().sum::<f64>() / self.variance.len() as f64;
         let variances: [f64; GAUSSIANS] = std::array::from_fn(|k| SMALLEST * noise * RATIO.powi(k as i32));
         let power = self.differences.iter().map(|d| d * d).sum::<f64>() / n as f64;
         let start = 1.0 / power.max(2.0 * noise);
         let mut precision = vec![start; m];
-        // Which Gaussian a gradient of this mean square is from: the mean of their precisions, what it adds to the bound, and
-        // each one's share.
+        // For a gradient of this mean square: the mean precision of the Gaussians that it may come from, its contribution to the bound, and
+        // the probability of each Gaussian.
         let from = |square: f64, prior: &[f64; GAUSSIANS]| {
             let log: [f64; GAUSSIANS] =
                 std::array::from_fn(|k| prior[k].ln() - 0.5 * (variances[k].ln() + square / variances[k]));
@@ -166,7 +173,7 @@ impl Line {
                 share.map(|s| s / total),
             )
         };
-        // How many of the line's gradients are from each: all alike at first.
+        // The share of the line's gradients that come from each Gaussian: equal at first.
         let mut weights = [1.0 / GAUSSIANS as f64; GAUSSIANS];
         let mut mixture_bound = 0.0;
         let mut mean = vec![0.0; m];
@@ -175,7 +182,7 @@ impl Line {
         let mut rows = vec![0.0; n * m];
         let mut bound = f64::MIN;
         for round in 0..=ROUNDS {
-            // Covariance of the differences, lower band: [j][j - l].
+            // The lower band of the covariance of the differences: [j][j - l].
             for j in 0..n {
                 for l in 0..band.min(j + 1) {
                     let shared =
@@ -188,7 +195,7 @@ impl Line {
                         };
                 }
             }
-            // Its Cholesky factor in place, and what it makes of the differences and, in `rows`, of the kernels.
+            // The Cholesky factor replaces the covariance. Forward substitution applies it to the differences and, in `rows`, to kernels.
             let mut solved = vec![0.0; n];
             let mut log_determinant = 0.0;
             for j in 0..n {
@@ -211,14 +218,14 @@ impl Line {
                 for k in first..j {
                     let factor = covariance[j * band + j - k];
                     v -= factor * solved[k];
-                    // Row k has nothing right of its own kernel.
+                    // Row k is 0 to the right of its own kernel.
                     row[..k + taps].iter_mut().zip(&done[k * m..]).for_each(|(r, d)| *r -= factor * d);
                 }
                 solved[j] = v / diagonal;
                 row[..j + taps].iter_mut().for_each(|r| *r /= diagonal);
             }
             bound = mixture_bound - 0.5 * (log_determinant + solved.iter().map(|v| v * v).sum::<f64>());
-            // The posterior of each gradient.
+            // The mean and the mean square of each gradient's posterior.
             let mut spread = vec![0.0; m];
             mean.fill(0.0);
             for (row, s) in rows.chunks(m).zip(&solved) {
@@ -237,7 +244,8 @@ impl Line {
             if round == ROUNDS {
                 break;
             }
-            // A gradient of which nothing is seen should add nothing, but a bound is not exact. A longer kernel has more of them.
+            // An unobserved gradient should not change the evidence, but it changes the bound, and a longer kernel has more such gradients.
+            // So the contribution of an unobserved gradient is subtracted from that of each gradient.
             let unseen = (0..ROUNDS).fold((start, 0.0), |(p, _), _| {
                 let (expected, bound, _) = from(1.0 / p, &weights);
                 (expected, bound)
@@ -256,10 +264,10 @@ impl Line {
     }
 }
 
-/// The taps of a streak of some length and a disk of some std, seen along a line across whose direction nothing changes, in
-/// pixels of that line; of odd length.
+/// The taps, one pixel apart, of the profile that a streak of length `streak` px and a disk of std `sigma` px have along the streak.
+/// The number of taps is odd.
 pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
-    // Closer together than the pixel's response is wide.
+    // The steps are smaller than the std of the pixel's response.
     let steps = |length: f32| (length / PIXEL_RESPONSE).ceil() as usize + 4;
     let (along, around) = (steps(streak), steps(2.0 * std::f32::consts::PI * sigma));
     let middle = |i: usize, n: usize| (i as f32 + 0.5) / n as f32;
@@ -267,7 +275,7 @@ pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
     let mut taps = vec![0.0f64; 2 * reach as usize + 1];
     for i in 0..along {
         for j in 0..around {
-            // Chords of the disk: x = R cos t, and as many of them per angle as sin^2 t.
+            // The disk's profile at x = R cos t, weighted by sin^2 t: the chord's length is proportional to sin t, and so is dx.
             let angle = std::f32::consts::PI * middle(j, around);
             let at = streak * (middle(i, along) - 0.5) + 2.0 * sigma * angle.cos();
             let weight = f64::from(angle.sin().powi(2));
@@ -282,15 +290,16 @@ pub fn kernel(streak: f32, sigma: f32) -> Vec<f64> {
     taps
 }
 
-/// What one tile of one frame tells.
+/// The profiles of one tile of one frame, with its motion and depth.
 #[derive(Clone, Debug)]
 pub struct Tile {
+    /// The block of the image that the tile lies in.
     block: u32,
-    /// px per frame interval; 0 without flow.
+    /// The speed of the tile, px per frame interval; 0 without flow, or if the tile is too slow to show a streak.
     speed: f32,
-    /// NaN if it is unknown or spans much.
+    /// The inverse depth of the tile; NaN if it is unknown or spans much.
     inverse_depth: f32,
-    /// Along the motion and across it; along x and y without motion.
+    /// The profiles along the motion and across it; along x and y without motion.
     directions: [Vec<Line>; 2],
 }
 
@@ -298,7 +307,7 @@ pub struct Tile {
 pub fn tiles(frame: &NoisyLight, flow: Option<&Flow>, inverse_depth: Option<&Plane>) -> Vec<Tile> {
     let (w, h) = frame.light.size();
     let corners = tiles::corners((w, h));
-    // Gradients' energy over the noise's.
+    // The contrast of a tile is the energy of its gradients over the noise's.
     let contrast = par::map(corners.len(), |i| {
         let (x0, y0) = corners[i];
         let mut sum = 0.0;
@@ -316,7 +325,7 @@ pub fn tiles(frame: &NoisyLight, flow: Option<&Flow>, inverse_depth: Option<&Pla
     let mut found: Vec<((usize, usize), Tile)> = vec![];
     for i in order {
         let (x0, y0) = corners[i];
-        // Overlapping tiles show the same.
+        // Overlapping tiles show the same, so only one of them is used.
         let overlaps = |(x, y): (usize, usize)| x.abs_diff(x0) < TILE && y.abs_diff(y0) < TILE;
         if found.iter().any(|f| overlaps(f.0)) {
             continue;
@@ -366,9 +375,9 @@ fn tile(
     Some(Tile { block: block_of((x0, y0), frame.light.size()), speed, inverse_depth, directions })
 }
 
-/// Profiles of a square of [`TILE`] px around a place, along a direction: each is the mean over a band of it. The mean across
-/// a line of what a disk has blurred in the plane is what the disk's chords have blurred on the line, whatever is there.
-/// `None` if they leave the frame.
+/// The profiles of a square of [`TILE`] px around a place, along a direction: each is the mean across a band of the square. If a disk has
+/// blurred the picture, such a mean is blurred by the disk's chords, whatever the picture shows.
+/// `None` if the square leaves the frame.
 fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option<Vec<Line>> {
     let (w, h) = frame.light.size();
     let length = direction[0].hypot(direction[1]);
@@ -392,7 +401,7 @@ fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option
         let pixels = mean_of(&|x, y| frame.light.cubic(x, y));
         let gain = |t: f32| raster::cubic_weights(t.fract()).iter().map(|w| w * w).sum::<f32>();
         let mut variance = mean_of(&|x, y| gain(x) * gain(y) * frame.variance.bilinear(x, y));
-        // What is not as in the model, in proportion to what there is to see.
+        // Errors of the model are in proportion to the contrast of the profile.
         let mean = pixels.iter().sum::<f32>() / TILE as f32;
         let power = pixels.iter().map(|p| (p - mean).powi(2)).sum::<f32>() / TILE as f32;
         variance.iter_mut().for_each(|v| *v = *v / BAND as f32 + MISMATCH.powi(2) * power);
@@ -402,20 +411,20 @@ fn profiles(frame: &NoisyLight, center: [f32; 2], direction: [f32; 2]) -> Option
 }
 
 impl Tile {
-    /// Log evidence of a blur, of the lines along the motion (0) or across it (1).
+    /// The log evidence of a blur, by the lines along the motion (0) or across it (1).
     fn evidence(&self, direction: usize, lambda: f32, delta: f32) -> f32 {
         let streak = if direction == 0 { lambda * self.speed } else { 0.0 };
         let kernel = kernel(streak, delta);
         self.directions[direction].iter().map(|l| l.deconvolved(&kernel).1 as f32).sum::<f32>() * TEMPER
     }
 
-    /// Over [`DELTAS`], of the lines across the motion.
+    /// The log evidence of each of [`DELTAS`] by the lines across the motion, 0 at its maximum.
     fn across(&self) -> Vec<f32> {
         relative(DELTAS.iter().map(|&d| self.evidence(1, 0.0, d)))
     }
 
-    /// What it objects to the exposures of a curve, in nats, within [-CLIP, 0]: what the lens and the texture blur is taken
-    /// from the lines across, as far as these are sure.
+    /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0]. The blur by the lens and the texture is one of
+    /// the stds that the lines across the motion find likely.
     fn clipped_log_likelihood(&self) -> Vec<f32> {
         let across = self.across();
         let likely = || (0..DELTAS.len()).filter(|&i| across[i] > -2.0);
@@ -432,7 +441,7 @@ impl Tile {
     }
 }
 
-/// Between the values of a table: from the parabola through three of them to that through the next three.
+/// Interpolates a table: the result changes from the parabola through three values to the parabola through the next three.
 fn between(positions: &[f32], values: &[f32], at: f32) -> f32 {
     let parabola = |i: usize| {
         let i = i.clamp(1, positions.len() - 2);
@@ -446,7 +455,7 @@ fn between(positions: &[f32], values: &[f32], at: f32) -> f32 {
     parabola(i - 1) + t * (parabola(i) - parabola(i - 1))
 }
 
-/// Evenly spaced frames, so that a long clip takes no longer, and the part of the clip that each lies in.
+/// The tiles of evenly spaced frames, at most [`MAX_FRAMES`], each with its frame's index and the part of the clip that the frame lies in.
 fn looked_at<'a>(frames: &[&'a [Tile]]) -> Vec<(usize, usize, &'a Tile)> {
     let step = frames.len().div_ceil(MAX_FRAMES).max(1);
     let chosen = frames.iter().enumerate().step_by(step);
@@ -477,7 +486,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
         .collect();
     let [low, high] =
         agreement::bootstrapped_exposure(estimate, &parts, BOOTSTRAPS, agreement::EXPOSURE_FLOOR);
-    // Tiles that contradict each other are not as sure as their sum: what the middle half of them say must be covered.
+    // Tiles that contradict each other are less sure than their sum, so the interval must hold the estimates of the middle half of them.
     let mut alone: Vec<f32> = curves.iter().map(|c| agreement::most_likely_exposure(c)).collect();
     alone.sort_by(f32::total_cmp);
     let (low, high) = (low.min(alone[alone.len() / 4]), high.max(alone[alone.len() * 3 / 4]).min(1.0));
@@ -504,7 +513,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
     })
 }
 
-/// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it).
+/// The thin lens that the tiles of all frames agree on, given the exposure (0 if it is unknown).
 ///
 /// # Errors
 /// The same as [`agreement::lens_of`].

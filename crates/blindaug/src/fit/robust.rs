@@ -1,9 +1,9 @@
-//! Statistics that several fits share: medians, robust scores of many samples, and where in a frame they are taken.
+//! Statistics that several fits share: medians, robust scores of many samples, and the choice of places for samples in a frame.
 
 use crate::par;
 
-/// Weighted median of (value, variance) over frames, and its 95 % interval: the scatter within and between frames, and a
-/// floor for what the model leaves out.
+/// The weighted median of (value, variance) over frames, and its 95 % interval, which holds the scatter within and between frames and
+/// a floor (std) for errors of the model. `None` if there is no finite value.
 pub(super) fn aggregate(values: &[(f32, f64)], floor: f32) -> Option<(f32, [f32; 2])> {
     let mut sorted: Vec<(f32, f64)> =
         values.iter().filter(|v| v.0.is_finite() && v.1.is_finite()).copied().collect();
@@ -31,7 +31,7 @@ pub(super) fn median(mut v: Vec<f32>) -> Option<f32> {
     Some(*v.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// A uniform number in [0, 1) that depends on nothing but the two (splitmix64, Steele et al. 2014).
+/// A uniform number in [0, 1) that depends only on `a` and `b` (splitmix64, Steele et al. 2014).
 pub(crate) fn uniform(a: u64, b: u64) -> f32 {
     let mut z = a.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(b.wrapping_mul(0xd1b5_4a32_d192_ed03));
     for k in [0xbf58_476d_1ce4_e5b9u64, 0x94d0_49bb_1331_11eb] {
@@ -40,7 +40,7 @@ pub(crate) fn uniform(a: u64, b: u64) -> f32 {
     ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
 }
 
-/// The place of most contrast (in stds of the noise) in each cell of a few px, among those that are eligible.
+/// The place of most contrast (in stds of the noise) in each cell of a few px, if that place is eligible.
 pub(super) fn places_of_contrast(
     width: usize,
     height: usize,
@@ -55,7 +55,7 @@ pub(super) fn places_of_contrast(
     }
     let cell = ((width * height) as f32 / MAX_PLACES).sqrt().ceil().max(2.0) as usize;
     let (columns, rows) = ((width - 2 * margin) / cell, (height - 2 * margin) / cell);
-    // Looking at every second pixel each way is enough to find one of contrast.
+    // Every second pixel each way is enough to find a place of high contrast.
     let found = par::map(rows * columns, |i| {
         let (x0, y0) = (margin + i % columns * cell, margin + i / columns * cell);
         let inside = (y0..y0 + cell).step_by(2).flat_map(|y| (x0..x0 + cell).step_by(2).map(move |x| (x, y)));
@@ -69,16 +69,18 @@ pub(super) fn places_of_contrast(
     found.into_iter().flatten().collect()
 }
 
-/// Side of the blocks of an image in which neighbouring places err alike, px.
+/// The side, in px, of the blocks of an image in which neighbouring places err alike.
 pub const BLOCK: usize = 48;
 
-/// Observed values at some places, to be explained by a model: the robust score and its curvature.
+/// Observed values at some places, with the robust score of a model of these values and its curvature.
 pub(super) struct Samples {
     /// The observed values.
     observed: Vec<f32>,
+    /// The inverse std of the noise of each value.
     weight: Vec<f32>,
-    /// The block of the image that each lies in: neighbours err alike.
+    /// The block of the image that each value lies in, since neighbours err alike.
     block: Vec<u32>,
+    /// Only one of every `step` values counts in scores.
     step: usize,
 }
 
@@ -93,7 +95,7 @@ impl Samples {
         }
     }
 
-    /// One of every `n`.
+    /// The same samples, of which scores use only one of every `n`.
     pub(super) fn every(&self, n: usize) -> Self {
         Self {
             observed: self.observed.clone(),
@@ -107,7 +109,7 @@ impl Samples {
         (self.observed[i] - model) * self.weight[i]
     }
 
-    /// Minus half the sum of Huber's function (quadratic to 1.5) of residual over scale.
+    /// Minus the sum of Huber's function (half the square up to 1.5, linear beyond) of residual over scale.
     pub(super) fn score(&self, scale: f32, model: impl Fn(usize) -> f32) -> f32 {
         let huber = |r: f32| {
             let r = r.abs() / scale;
@@ -116,15 +118,15 @@ impl Samples {
         -(0..self.observed.len()).step_by(self.step).map(|i| huber(self.residual(i, model(i)))).sum::<f32>()
     }
 
-    /// The residuals' std, robustly.
+    /// A robust std of the residuals.
     pub(super) fn scale(&self, model: impl Fn(usize) -> f32) -> f32 {
         let r =
             (0..self.observed.len()).step_by(self.step).map(|i| self.residual(i, model(i)).abs()).collect();
         1.4826 * median(r).unwrap_or(0.0).max(1e-4)
     }
 
-    /// Covariance of up to two parameters: `H^-1 (sum over blocks of g g') H^-1`, the sandwich that holds when neighbours
-    /// err alike. `derivative(i, k)` is that of the model by parameter k.
+    /// The covariance of up to two parameters by the sandwich estimator `H^-1 (sum over blocks of g g') H^-1`, which holds even if
+    /// neighbours err alike. `derivative(i, k)` is the derivative of the model at sample i by parameter k.
     pub(super) fn covariance(
         &self,
         scale: f32,
@@ -147,7 +149,7 @@ impl Samples {
         for g in gradients.values() {
             (0..2).for_each(|a| (0..2).for_each(|b| meat[a][b] += g[a] * g[b]));
         }
-        // A parameter without influence has no row.
+        // If the second parameter has no influence, only the first is solved for.
         let single = hessian[1][1] <= 0.0;
         let determinant = if single {
             hessian[0][0]

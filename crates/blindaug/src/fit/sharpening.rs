@@ -1,8 +1,8 @@
-//! The camera's sharpening, from its noise: a sensor's noise is white, and optics, demosaicing, denoising and coding can only
-//! take from its fine detail. Where that is stronger than white noise has it, an unsharp mask has put it there.
+//! The estimate of the camera's sharpening from its noise: a sensor's noise is white, and optics, demosaicing, denoising and coding can
+//! only weaken its fine detail. If the fine detail is stronger than that of white noise, an unsharp mask has amplified it.
 //!
-//! Overshoot at edges, the other trace that sharpening leaves, is not used: the edges of natural images have as much of
-//! their own (docs/lab-log.md).
+//! Overshoot at edges, the other trace that sharpening leaves, is not used, since the edges of natural images have as much overshoot
+//! without sharpening (docs/lab-log.md).
 
 use super::noise::{NoiseFit, NoisePoint};
 use super::robust::uniform;
@@ -11,15 +11,16 @@ use crate::synth::noise::white_band_std;
 use crate::{Plane, filter, pyramid};
 use std::sync::OnceLock;
 
-/// Std of the mask's Gaussian, px: taken to be this, since two numbers of the noise do not tell a second one.
+/// The assumed std of the mask's Gaussian, px, which the ratio of two levels of noise does not tell beside the amount.
 const RADIUS: f32 = 1.0;
-/// The relative std of the ratio of the two finest levels that stands for what the model leaves out of real noise.
+/// The relative std of the ratio of the two finest levels that stands for errors of the model of real noise.
 const FLOOR: f32 = 0.05;
-/// A weaker mask is not called one.
+/// The amount that the interval must exceed for the camera to count as one that sharpens.
 const MIN_AMOUNT: f32 = 0.15;
+/// The largest amount of the search.
 const MAX_AMOUNT: f32 = 8.0;
 
-/// What noise between frames says; unknown if it is not sure to have been sharpened.
+/// The sharpening that noise between frames shows; unknown if the noise may not have been sharpened.
 pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
     const MIDDLE: f32 = 0.5;
     let noise = match &fit.model {
@@ -29,13 +30,13 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
         }
     };
     if noise.method() == Method::Spatial {
-        // In one frame coarse noise is taken to be white, and so says nothing.
+        // In one frame coarse noise is taken to be white, so the ratio of levels tells nothing.
         let why = "it shows in noise between frames, and noise was measured in single frames";
         return Estimate::unknown(Reason::TooShort, why);
     }
     let white = white_band_std();
     let mean = |v: [f32; 3]| v.iter().sum::<f32>() / 3.0;
-    // Relative to white noise, with the relative variance that the scatter of its points around the line gives it.
+    // The std of a level over that of white noise, and its relative variance by the scatter of the level's points around the line.
     let level = |l: usize| {
         let off = |p: &NoisePoint| (mean(p.sigma) / mean(noise.std(l, p.y)).max(1e-6)).ln().powi(2);
         let of_points: Vec<f32> = fit.points.iter().filter(|p| p.level == l).map(off).collect();
@@ -59,7 +60,7 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
     })
 }
 
-/// The amount after which white noise has this ratio of the stds of its two finest levels, each relative to white noise's.
+/// The amount of a mask after which white noise has this ratio of the stds of its two finest levels, each over its std before.
 fn amount_of(ratio: f32) -> f32 {
     let (mut low, mut high) = (0.0, MAX_AMOUNT);
     for _ in 0..24 {
@@ -70,7 +71,7 @@ fn amount_of(ratio: f32) -> f32 {
     low
 }
 
-/// By how much the stds of the levels grow in white noise that is sharpened.
+/// The factors by which the stds of the levels of white noise grow when it is sharpened.
 fn band_gains(amount: f32) -> [f32; NOISE_LEVELS] {
     // For each level of noise x and of y = x - G x: the mean of x y and that of y y, both over the mean of x x.
     static MOMENTS: OnceLock<[[f32; 2]; NOISE_LEVELS]> = OnceLock::new();
@@ -92,7 +93,7 @@ mod tests {
     use super::*;
     use crate::model::{Estimate, NoiseLevel, NoiseLines, NoiseModel};
 
-    /// White noise of std 0.01 times some factor in each level, in points that scatter by 4 %.
+    /// White noise of std 0.01, times a factor in each level, in points that scatter by 4 %.
     fn noise(factors: [f32; NOISE_LEVELS], method: Method) -> NoiseFit {
         let std = |l: usize| 0.01 * white_band_std()[l] * factors[l];
         let levels = std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [std(l); 3] });

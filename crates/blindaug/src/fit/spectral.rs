@@ -1,20 +1,20 @@
-//! Blind fit of exposure and defocus: the Whittle likelihood of local spectra.
+//! Blind fit of exposure and defocus by the Whittle likelihood of local spectra.
 //!
 //! The windowed periodogram P of a tile is compared with `V = S |K_MB|^2 |K_DoF|^2 + n`: S is the spectrum of the sharp
 //! scene, `K_MB = sinc(lambda F.w)` the shutter, `K_DoF` the lens at the tile's depth, n the noise, which was measured
 //! before. Log-likelihood: `-sum(ln V + P / V)`.
 //!
-//! Motion blur acts along the flow, defocus alike in all directions, and that separates them:
-//! - **lambda**: `S |K_DoF|^2` is any function of the frequency's modulus, one amplitude per ring, integrated over: whatever
-//!   is isotropic (the lens, the slope of the scene's spectrum, the pixel's response, sharpening) has no say. It is also any
-//!   smooth function of the direction, the same in all rings, under a prior, so that boards or bars have none either: what
-//!   remains of motion blur is its zeros, which lie at a distance along the motion, not in a direction. Where a surface moves
+//! Motion blur acts along the flow, and defocus acts alike in all directions, which separates the two:
+//! - **lambda**: `S |K_DoF|^2` may be any function of the frequency's modulus, with one amplitude per ring, which is integrated over: so
+//!   isotropic effects (the lens, the slope of the scene's spectrum, the pixel's response, sharpening) have no influence. It may also be a
+//!   smooth function of the direction, the same in all rings, under a prior, so that boards or bars have no influence either: the
+//!   trace of motion blur that remains is its zeros, which lie at a distance along the motion, not in a direction. If a surface moves
 //!   differently in two frames, [`pairs()`] tells lambda whatever S is.
-//! - **lens**, given lambda: `S = a / |w|^alpha` times a small pixel response, a and the noise's exact power profiled out and alpha
-//!   integrated out under a prior of what natural images have.
+//! - **lens**, given lambda: `S = a / |w|^alpha` times a small pixel response, with a and the noise's exact power profiled out and alpha
+//!   integrated out under a prior from natural images.
 //!
 //! The global unknowns maximise the sum over the tiles of all frames, each tile's loss clipped against outliers.
-//! Intervals: bootstrap over blocks of the image and parts of the clip, and a floor for what the models leave out.
+//! The intervals are those of a bootstrap over blocks of the image and parts of the clip, with a floor for errors of the models.
 
 mod pairs;
 
@@ -33,7 +33,7 @@ use crate::model::{Estimate, ExposureFraction, SharpeningModel};
 use crate::{Result, par};
 pub use pairs::{Pair, pairs};
 
-/// The numbers of these fits, for those who do them elsewhere, as on a graphics device.
+/// The constants of these fits, for implementations of the fits elsewhere, for example on a graphics device.
 pub mod numbers {
     pub use super::super::likelihood::{
         ALPHA, ALPHAS, AMPLITUDE_PRECISION, CLIP, CORRELATED, DIRECTION, EXPOSURE_NOISE_ERROR, EXPOSURE_STEP,
@@ -43,10 +43,10 @@ pub mod numbers {
     pub use super::super::tiles::{BLOCKS, MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
 }
 
-/// So much of a coder's errors the lens is to be kept from: it needs the fine detail that lambda can do without.
+/// The share of a coder's errors by which tiles are noise-padded for the lens, which needs the fine detail that lambda can do without.
 pub const CODING_OF_LENS: f32 = 0.45;
 
-/// The tiles that move, as observations of the exposure.
+/// The observations of the exposure by the tiles that move.
 pub(super) fn exposure_observations(frames: &[&[Tile]], noise: &LumaNoise) -> Vec<ExposureObservation> {
     let moving: Vec<Prepared> =
         prepare(frames, noise, noise.coding_error, |t| t.of_exposure && t.speed >= SPEEDS.start);
@@ -62,7 +62,7 @@ pub(super) fn exposure_observations(frames: &[&[Tile]], noise: &LumaNoise) -> Ve
     })
 }
 
-/// The exposure that the tiles of all frames agree on, and the pairs of each frame with the one before.
+/// The exposure that the tiles of all frames, and the pairs of each frame with the frame before, agree on.
 ///
 /// # Errors
 /// The same as [`exposure_of`].
@@ -74,7 +74,7 @@ pub fn fit_exposure(
     let mut observations = exposure_observations(frames, noise);
     let of_tiles = exposure_of(&observations, frames.len(), noise.coding_error)?;
     let Estimate::Known(ExposureFit { samples, .. }) = of_tiles else { return Ok(of_tiles) };
-    // Pairs sharpen what tiles tell. Where those cannot tell, a few pairs may be sure of anything.
+    // Pairs only refine an exposure that tiles tell. If the tiles tell none, a few pairs may be sure of a wrong one.
     let pairs: Vec<(usize, &Pair)> =
         pairs.iter().enumerate().flat_map(|(f, pairs)| pairs.iter().map(move |p| (f, p))).collect();
     let of_pairs = par::map(pairs.len(), |i| {
@@ -89,8 +89,8 @@ pub fn fit_exposure(
     exposure_of(&observations, frames.len(), noise.coding_error)
 }
 
-/// The thin lens that the tiles of all frames agree on, given the exposure (0 if nothing is known of it) and the camera's
-/// sharpening, which hides blur.
+/// The thin lens that the tiles of all frames agree on, given the exposure (0 if it is unknown) and the camera's sharpening, which
+/// hides blur.
 ///
 /// # Errors
 /// The same as [`lens_of`].
@@ -103,7 +103,7 @@ pub fn fit_lens(
     lens_of(&lens_observations(frames, noise, exposure, sharpening), BOOTSTRAPS)
 }
 
-/// The tiles whose depth is known, as observations of the lens.
+/// The observations of the lens by the tiles whose depth is known.
 pub(super) fn lens_observations(
     frames: &[&[Tile]],
     noise: &LumaNoise,
@@ -149,7 +149,7 @@ mod tests {
         let noise = LumaNoise { levels, coding_error: 0.0 };
         for space in [BlurSpace::Linear, BlurSpace::Encoded] {
             let tiles = tiles(&frame, None, None, space).unwrap();
-            // Mean power over what is predicted, as a tile of this colour and as a grey one.
+            // The mean power over the predicted power, with the noise moments of a tile of this colour or of a grey tile.
             let over = |moments: &dyn Fn(&Tile) -> [f32; 3]| {
                 let (mut power, mut predicted) = (0.0, 0.0);
                 for tile in &tiles {
@@ -214,7 +214,7 @@ mod tests {
 
     #[test]
     fn a_soft_wall_does_not_outvote_all_that_stands_before_it() {
-        // Most tiles are of a far wall that looks blurred; what stands before it, down to the wall, is sharp.
+        // Most tiles show a far wall that looks blurred; the things before the wall, at all depths down to it, are sharp.
         let observation = |i: usize, inverse_depth: f32, blur: f32| LensObservation {
             inverse_depth,
             table: (0..SIGMAS).map(|s| (-4.0 * (sigma_of(s) - blur).powi(2)).max(-CLIP)).collect(),

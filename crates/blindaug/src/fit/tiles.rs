@@ -1,4 +1,4 @@
-//! Tiles of frames: where they lie, and their spectra.
+//! The tiles of frames: their places and their spectra.
 
 use super::noise::LumaNoise;
 use super::noise::NoiseLine;
@@ -18,22 +18,22 @@ pub const TILE: usize = 48;
 /// The number of resolutions at which a frame has tiles, each half the one before.
 pub const LEVELS: usize = 4;
 
-/// A frame has tiles at the third resolution and below only if it has this many px each way there.
+/// The least width and height, px, that a frame must have at its third or fourth resolution to have tiles at that resolution.
 const COARSE_SIDE: usize = 4 * TILE;
 
 /// The most tiles of a frame that are observations of the exposure; those of most contrast are taken.
 pub const EXPOSURE_TILES: usize = 400;
 
 /// The most tiles of each block of the image that are observations of the lens; those of most contrast are taken, block by block, since
-/// what has most contrast in the whole image is what is in focus. If a frame has more than [`EXPOSURE_TILES`], the fifth of least
-/// contrast is left out.
+/// the tiles of most contrast in the whole image are those in focus. If a frame has more than [`EXPOSURE_TILES`] tiles, the fifth of
+/// least contrast is left out.
 pub const LENS_TILES_PER_BLOCK: usize = 32;
 
-/// The frequencies that are looked at, cycles per px. Below is the window's leakage, above what resampling, demosaicing and denoising
-/// inside the camera have touched.
+/// The frequencies that are used, cycles per px. Lower frequencies hold the window's leakage, and higher ones are altered by resampling,
+/// demosaicing and denoising inside the camera.
 pub(super) const BAND: Range<f32> = 0.03..0.35;
 
-/// A frequency in the middle of those that are looked at, cycles per px, at which contrast is measured.
+/// A frequency in the middle of the band, cycles per px, that stands for the band where the strength of a tile's noise is needed.
 pub const MIDDLE: f32 = 0.25;
 
 /// The speeds at which a tile tells the exposure, px per frame interval. A slower tile shows no streak, and the flow of a faster one is
@@ -49,38 +49,44 @@ pub const BLOCKS: usize = 5;
 /// The number of the bootstrap's blocks.
 pub const BLOCK_COUNT: usize = BLOCKS * BLOCKS;
 
-/// What one tile of one frame tells.
+/// The spectrum of one tile of one frame, with its motion, depth and noise.
 #[derive(Clone, Debug)]
 pub struct Tile {
-    /// Which block of the image it lies in, the same in all frames.
+    /// The number of the image's block that the tile lies in, < [`BLOCK_COUNT`], the same in all frames.
     pub(super) block: u32,
-    /// px of the frame that make one of the tile's, in which all else is given.
+    /// The number of px of the frame, each way, that make one px of the tile. All other fields are in px of the tile.
     pub(super) scale: f32,
-    /// Median speed, px per frame interval; 0 without flow.
+    /// The median speed, px per frame interval; 0 without flow.
     pub(super) speed: f32,
-    /// Median inverse depth; NaN if it is unknown or spans much.
+    /// The median inverse depth; NaN if it is unknown or spans much.
     pub(super) inverse_depth: f32,
-    /// Means of g Y^2, g Y and g, g the [`noise_gain`]: what the noise of the tile follows from.
+    /// The means of g Y^2, g Y and g over the tile, with luminance Y and [`noise_gain`] g, from which the variance of its noise follows.
     pub(super) noise_moments: [f32; 3],
-    /// Whether it is an observation of the exposure, and of the lens.
+    /// Whether the tile is an observation of the exposure.
     pub(super) of_exposure: bool,
+    /// Whether the tile is an observation of the lens.
     pub(super) of_lens: bool,
+    /// The periodogram in bins, ring by ring.
     pub(super) bins: Vec<Bin>,
-    /// Ends of the rings of like modulus in `bins`.
+    /// The index in `bins` at which each ring of like modulus ends.
     pub(super) rings: Vec<u16>,
 }
 
 /// The mean periodogram of frequencies of like modulus and like component along the motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Bin {
+    /// The sum of the weights of the bin's frequencies.
     pub(super) weight: f32,
+    /// The mean of the periodogram over the bin.
     pub(super) power: f32,
+    /// The mean component along the motion, without its sign, cycles per px.
     pub(super) along: f32,
+    /// The mean modulus, cycles per px.
     pub(super) modulus: f32,
 }
 
-/// The tiles of a frame, given its motion in px per frame interval (NaN: unknown) and inverse depth (NaN: no reading), where known.
-/// The motion is best that at the frame's own time ([`motion_at_frame`](crate::analysis::flow::motion_at_frame)).
+/// The tiles of a frame, given its motion in px per frame interval (NaN: unknown) and its inverse depth (NaN: no reading), if known.
+/// The motion should be that at the frame's own time ([`motion_at_frame`](crate::analysis::flow::motion_at_frame)).
 ///
 /// # Errors
 /// If the sizes differ.
@@ -93,7 +99,7 @@ pub fn tiles(
     tiles_in_strips(frame, flow, inverse_depth, space, STRIP)
 }
 
-/// [`tiles`], found in strips of at most so many pixels.
+/// [`tiles`], found in strips of at most `most` pixels each.
 pub(super) fn tiles_in_strips(
     frame: &Encoded,
     flow: Option<&Flow>,
@@ -111,7 +117,7 @@ pub(super) fn tiles_in_strips(
         // A tile belongs to the strip in which its corner lies.
         let seen = rows.start..(rows.end + (TILE << (LEVELS - 1))).min(h);
         let mut light = Light::of_rows(frame, seen, space);
-        // Large blur leaves only frequencies that a tile of 48 px of the frame hardly tells apart.
+        // Coarser levels are needed since large blur leaves only frequencies that a tile of 48 px of the frame hardly resolves.
         for (level, size) in levels((w, h)).enumerate() {
             if level > 0 {
                 light = light.halved();
@@ -140,14 +146,14 @@ pub(super) fn tiles_in_strips(
     Ok(tiles.filter(|t| t.of_exposure || t.of_lens).collect())
 }
 
-/// The sizes at which a frame of that size has tiles, each half the one before.
+/// The sizes, px, at which a frame of w x h px has tiles, each half the one before.
 pub fn levels((w, h): (usize, usize)) -> impl Iterator<Item = (usize, usize)> {
     (0..LEVELS)
         .take_while(move |&level| level < 2 || w.min(h) >> level >= COARSE_SIDE)
         .map(move |level| (w >> level, h >> level))
 }
 
-/// The corners of a frame's tiles, row by row; of none if it is smaller than one.
+/// The corners of a frame's tiles, row by row; empty if the frame is smaller than a tile.
 pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
     if w < TILE || h < TILE {
         return vec![];
@@ -156,12 +162,12 @@ pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
     along(h).flat_map(|y| along(w).map(move |x| (x, y))).collect()
 }
 
-/// The block of the image that a tile lies in.
+/// The block of an image of w x h px that a tile with its corner at (x, y) lies in.
 pub(super) fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
     (y * BLOCKS / h * BLOCKS + x * BLOCKS / w) as u32
 }
 
-/// The tiles at some of the [`corners`] only: no light is computed but theirs.
+/// The tiles at some of the [`corners`] only, so that light is computed for these alone.
 pub(super) fn tiles_at(
     frame: &Encoded,
     corners: &[(usize, usize)],
@@ -179,12 +185,13 @@ pub(super) fn tiles_at(
     found.into_iter().flatten().collect()
 }
 
-/// What is seen of a frame: the light that is blurred, and at every second pixel of the frame each way what
-/// [`Tile::noise_moments`] are the means of.
+/// The light of a frame that is blurred, and the values whose means are [`Tile::noise_moments`].
 pub(super) struct Light {
+    /// The light, or encoded values, with luma's weights of R, G and B.
     pub(super) plane: Plane,
+    /// The values g Y^2, g Y and g at every second pixel of the frame each way.
     moments: Raster<[f32; 3]>,
-    /// px of the frame that make one of `plane`, each way.
+    /// The number of px of the frame, each way, that make one px of `plane`.
     scale: usize,
 }
 
@@ -213,7 +220,7 @@ impl Light {
         Self { plane, moments, scale: 1 }
     }
 
-    /// The moments of the noise of the tile there.
+    /// The [`Tile::noise_moments`] of the tile whose corner lies at (x0, y0) of `plane`.
     pub(super) fn noise_moments(&self, (x0, y0): (usize, usize)) -> [f32; 3] {
         let [x0, y0, side] = [x0, y0, TILE].map(|v| v * self.scale / 2);
         let mut sum = [0.0; 3];
@@ -238,14 +245,14 @@ impl Light {
     }
 }
 
-/// Variance of the noise of light, weighted as luma is, over that of luma, where the transfer curve has these slopes in R, G and B: for
-/// noise that is as strong in all three, and independent.
+/// The variance of the noise of light with luma's weights, over the variance of luma's noise, where the transfer curve has these slopes
+/// in R, G and B. The noise is taken to be independent and equally strong in all three.
 fn noise_gain(slopes: [f32; 3]) -> f32 {
     let weights = LUMA.map(|w| w * w);
     (0..3).map(|c| weights[c] / (slopes[c] * slopes[c])).sum::<f32>() / weights.iter().sum::<f32>()
 }
 
-/// The light of an encoded value, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
+/// The light of an encoded value, and the slope of the transfer curve at that value, by a table, which is ten times as fast as powers.
 fn decoded(encoded: f32) -> [f32; 2] {
     const STEPS: usize = 1024;
     static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
@@ -262,7 +269,8 @@ fn decoded(encoded: f32) -> [f32; 2] {
     [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
 }
 
-/// The tile at a corner, at the resolution of `light`, and where in that it is; `None` if its motion is not one.
+/// The tile at a corner in px of `light`'s resolution; `at` is the same corner within `light`. `None` if its parts move differently, too
+/// fast, or unknown.
 pub(super) fn tile(
     (light, at): (&Light, (usize, usize)),
     flow: Option<&Flow>,
@@ -284,7 +292,7 @@ pub(super) fn tile(
     Some(Tile { block, scale, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
 }
 
-/// Every second pixel, each way, of the tile at a corner at so many px of the raster to one of its own.
+/// The values of a raster at every second pixel, each way, of the tile at a corner, if `scale` px of the raster make one px of the tile.
 pub(super) fn samples<T: Copy + Send + Sync>(
     raster: &Raster<T>,
     (x0, y0): (usize, usize),
@@ -294,10 +302,11 @@ pub(super) fn samples<T: Copy + Send + Sync>(
     (y0..y0 + TILE).step_by(2).flat_map(row).copied()
 }
 
-/// How many those are.
+/// The number of a tile's pixels, every second one each way, at which flow and depth are read.
 pub const SAMPLES: usize = TILE * TILE / 4;
 
-/// Speed and motion of a tile, in its px, and its parts' mean deviation from it; `None` if they move differently, too fast, or unknown.
+/// The speed and the motion of a tile, and the mean deviation of its parts from that motion, in px of the tile; `None` if its parts
+/// move differently or too fast, or if their motion is unknown.
 pub(super) fn common_motion(
     flow: &Flow,
     corner: (usize, usize),
@@ -315,14 +324,14 @@ pub(super) fn common_motion(
     };
     let motion = [u, v];
     let speed = motion[0].hypot(motion[1]);
-    // Not hypot, which is slow.
+    // `hypot` would be slow here.
     let length = |x: f32, y: f32| (x * x + y * y).sqrt();
     let deviation =
         known.iter().map(|f| length(f[0] - motion[0], f[1] - motion[1])).sum::<f32>() / known.len() as f32;
     (deviation <= (0.15 * speed).max(0.5) && speed <= SPEEDS.end).then_some((speed, motion, deviation))
 }
 
-/// Inverse depth of a tile; `None` if it spans much of it, or is unknown.
+/// The median inverse depth of a tile; `None` if the tile spans much depth, or its depth is unknown.
 fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32> {
     let mut d: Vec<f32> = samples(map, corner, scale).filter(|d| d.is_finite()).collect();
     if d.len() < SAMPLES / 2 {
@@ -333,12 +342,12 @@ fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32
     (at(0.9) - at(0.1) <= 0.25 * at(0.5).abs()).then_some(at(0.5))
 }
 
-/// `|FFT(window (patch - mean))|^2 / TILE^2`, [wx][wy], as far as [`BAND`] goes in x.
+/// The periodogram `|FFT(window (patch - mean))|^2 / TILE^2`, [wx][wy], for the [`COLUMNS`] of wx up to the end of [`BAND`].
 fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, at: (usize, usize)) -> Vec<f32> {
     transform(fft, light, at).iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
 }
 
-/// `FFT(window (patch - mean))`, likewise.
+/// The spectrum `FFT(window (patch - mean))`, [wx][wy], for the same [`COLUMNS`].
 pub(super) fn transform(
     fft: &Arc<dyn Fft<f32>>,
     light: &Plane,
@@ -350,7 +359,7 @@ pub(super) fn transform(
     let sum: f32 =
         (0..TILE).map(|y| window[y] * row(y).iter().zip(window).map(|(v, w)| v * w).sum::<f32>()).sum();
     let mean = sum / weights;
-    // Two rows of real values make one of complex ones.
+    // Two rows of real values are transformed as one row of complex values.
     let mut pairs = Vec::with_capacity(TILE * TILE / 2);
     for y in (0..TILE).step_by(2) {
         let (a, b) = (row(y), row(y + 1));
@@ -372,25 +381,25 @@ pub(super) fn transform(
     columns
 }
 
-/// Frequencies in x of a tile's periodogram that are looked at.
+/// The number of frequencies in x of a tile's periodogram that are used.
 pub const COLUMNS: usize = (BAND.end * TILE as f32) as usize + 1;
 
 /// A frequency of a tile's periodogram, cycles per px of the tile.
 #[derive(Clone, Copy, Debug)]
 pub struct Frequency {
-    /// Where it lies in a periodogram: in column x, [`TILE`] values of y each.
+    /// The index in a periodogram, which holds [`TILE`] values for each column x.
     pub at: usize,
-    /// Across.
+    /// The horizontal component, cycles per px.
     pub x: f32,
-    /// Down.
+    /// The vertical component, cycles per px, positive down.
     pub y: f32,
-    /// The length of the vector of both, cycles per px.
+    /// The length of the vector of both components, cycles per px.
     pub modulus: f32,
-    /// The half plane stands for the whole; its first column stands for itself.
+    /// The weight, 1 or 0.5: a frequency stands for itself and its mirror image, but the first column holds the mirror images as well.
     pub(super) weight: f32,
 }
 
-/// The frequencies that are looked at.
+/// The frequencies of a tile's periodogram that are used, of modulus 0.03 to 0.35 cycles per px of the tile.
 pub fn frequencies() -> &'static [Frequency] {
     static FREQUENCIES: OnceLock<Vec<Frequency>> = OnceLock::new();
     FREQUENCIES.get_or_init(|| {
@@ -404,7 +413,7 @@ pub fn frequencies() -> &'static [Frequency] {
     })
 }
 
-/// The periodogram in bins as wide as the window's own resolution, and the ends of the rings of like modulus.
+/// The periodogram in bins as wide as the window's resolution, and the ends of the rings of like modulus.
 pub(super) fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Vec<Bin>, Vec<u16>) {
     let moves = speed >= SPEEDS.start;
     let along_bins = if moves { COLUMNS + 1 } else { 1 };
@@ -434,7 +443,8 @@ pub(super) fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Ve
     (kept, rings)
 }
 
-/// Density of the noise at a modulus in a tile of such [`Tile::noise_moments`] and scale, with [`hidden`] if a coder's errors are of such a std.
+/// The density of the noise over the modulus in a tile with these [`Tile::noise_moments`] and this scale, including the padding by
+/// [`hidden`] noise for a coder's errors of std `coding_error`.
 pub(super) fn noise_density(
     moments @ [squares, products, ones]: [f32; 3],
     scale: f32,
@@ -442,14 +452,14 @@ pub(super) fn noise_density(
     coding_error: f32,
 ) -> impl Fn(f32) -> f32 {
     let white = white_band_std();
-    // Spectral density of the noise in each level: that of the white noise which has the level's variance.
+    // The spectral density of the noise in each level is that of white noise with the variance of the level.
     let density: [f32; NOISE_LEVELS] = std::array::from_fn(|l| {
         let NoiseLine { slope, intercept } = noise.levels[l];
         let variance =
             slope * slope * squares + 2.0 * slope * intercept * products + intercept * intercept * ones;
         variance.max(0.0) / (white[l] * white[l])
     });
-    // A mean of so many pixels has that much less of it.
+    // A px of the tile is a mean of scale^2 px, by which the variance is divided.
     let mean = (scale * scale).recip();
     let hidden = hidden(moments, scale, coding_error);
     move |modulus| {
@@ -460,13 +470,13 @@ pub(super) fn noise_density(
     }
 }
 
-/// The density of the white noise that hides what a coder has taken from a tile and what it has put there. It is added to the tile's power
-/// and to its noise.
+/// The density of the white noise that hides a coder's errors in a tile. The noise-padded tile has this density added to both its power and
+/// its noise.
 pub(super) fn hidden(noise_moments: [f32; 3], scale: f32, coding_error: f32) -> f32 {
     coding_error * coding_error * noise_moments[2] / (scale * scale)
 }
 
-/// The window of a tile, each way: Hann's, of mean square 1.
+/// The window of a tile along each axis: a Hann window of mean square 1.
 pub fn hann() -> &'static [f32; TILE] {
     static WINDOW: OnceLock<[f32; TILE]> = OnceLock::new();
     WINDOW.get_or_init(|| {
@@ -477,7 +487,7 @@ pub fn hann() -> &'static [f32; TILE] {
     })
 }
 
-/// The light that is blurred, or encoded values: both weighted as luma is, whose noise is known.
+/// The light that is blurred, or encoded values, with luma's weights of R, G and B, since the noise of luma is known.
 pub(super) fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
     match space {
         BlurSpace::Linear => image.0.map(|p| luma(p.map(|v| Transfer::Srgb.decode(v)))),

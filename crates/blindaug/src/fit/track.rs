@@ -1,16 +1,16 @@
 //! A camera model for every frame, while the footage runs.
 //!
-//! [`Tracker`] weighs the evidence of new frames against that of old ones. Each parameter has a memory of its own: for the
-//! exposure the summed log-likelihood over lambda, per block of the image; for the lens that over the blur, per block and
-//! inverse depth; for the noise the local variances of the last frames. All are of constant size, and evidence is forgotten
-//! with time, so that a slow drift is followed.
+//! [`Tracker`] weighs the evidence of new frames against that of old frames. Each parameter has a memory of its own: for the
+//! exposure the summed log-likelihood over lambda, per block of the image; for the lens the summed log-likelihood over the blur, per
+//! block and inverse depth; for the noise the local variances of the last frames. All memories are of constant size, and evidence is
+//! forgotten with time, so that a slow drift is followed.
 //!
-//! **Changes** of shutter, focus or gain: when each of the last three frames that tell something finds what these three
-//! have in common much more likely than what the frames before them gave (a generalised likelihood ratio), what is older is
+//! **Changes** of shutter, focus or gain: if each of the last three frames with evidence finds the value that these three
+//! agree on much more likely than the value of the frames before them (a generalised likelihood ratio), the older evidence is
 //! dropped. One frame that errs is not enough.
 //!
-//! **Bridges**: a frame that says nothing of a parameter leaves its last value; the interval widens with the time since
-//! anything was seen of it, as that of a random walk does.
+//! **Bridges**: a frame that says nothing of a parameter leaves the parameter's last value; the interval widens with the time since the
+//! parameter was last estimated, like that of a random walk.
 
 use super::agreement::{ExposureObservation, FineTables, LensObservation};
 use super::defocus::{self, Lens};
@@ -31,43 +31,47 @@ use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
-/// A change is told by this many frames that agree.
+/// The number of last frames with evidence that must agree on a change.
 const AGREEING: usize = 3;
-/// How much more likely each of them must find the new value, in nats.
+/// The number of nats by which each of those frames must find the new value more likely than the old one.
 const SURE: f32 = 4.0;
-/// What is not called a change: of lambda, of the mean blur in px and relative to it, and of the noise's std, relative.
+/// The largest difference of exposure fractions that is not a change.
 const SAME_EXPOSURE: f32 = 0.1;
+/// The largest difference of mean blur that is not a change: in px, plus a share of the blur before.
 const SAME_BLUR: (f32, f32) = (0.25, 0.1);
-/// A new lens leaves at most this share of what the frames object to the old one: a few tiles always find one that suits them better.
+/// The largest share of the old lens's loss (minus its log-likelihood) that a new lens may have: some lens always suits a few tiles better.
 const LEFT_OF_LENS: f32 = 0.33;
+/// The largest absolute log of a ratio of noise stds that is not a change.
 const SAME_NOISE: f32 = 0.15;
-/// How much of its weight evidence keeps from one frame to the next.
+/// The share of its weight that evidence of the exposure keeps from one frame to the next.
 const KEPT_EXPOSURE: f32 = 0.93;
+/// The share of its weight that evidence of the lens keeps from one frame to the next.
 const KEPT_LENS: f32 = 0.98;
-/// The noise rests on this many frames.
+/// The number of frames that the noise is estimated from.
 const NOISE_FRAMES: usize = 24;
-/// What a value that is not seen may change by in a frame, as the std of a random walk: lambda; relative for the lens and the noise.
+/// The std, per frame, of the random walk of an exposure fraction that is not seen.
 const WALK_EXPOSURE: f32 = 0.01;
+/// The relative std, per frame, of the random walk of a lens that is not seen.
 const WALK_LENS: f32 = 0.02;
+/// The relative std, per frame, of the random walk of noise that is not seen.
 const WALK_NOISE: f32 = 0.01;
-/// The width of the curve over which the exposure is averaged, as a number of frames.
+/// The number of frames whose summed log-likelihood has the width over which the exposure is averaged.
 const MEAN_OF: f32 = 4.0;
-/// Replicas of the bootstraps: fewer than for a whole clip, since there is one for each frame.
+/// The number of replicas of a bootstrap: fewer than for a whole clip, since there is a bootstrap for each frame.
 const BOOTSTRAPS: usize = 24;
-/// The number of tiles that are looked at in a frame, about.
+/// The most tiles of a frame that are used.
 const TILES: usize = 60;
-/// Depth from parallax, and so the lens, is looked for in one of so many frames: it takes as long as all the rest.
+/// Depth from parallax, and with it the lens, is looked for in one of this many frames, since parallax takes as long as all the rest.
 const PARALLAX_STRIDE: usize = 3;
-/// The width, px, to which frames are halved before the flow is found.
+/// The largest width, px, of the halved frames in which the flow is found.
 const FLOW_WIDTH: usize = 256;
-/// Noise is measured in a part of the picture of about this many px.
+/// The approximate number of px of the part of a frame in which noise is measured.
 const NOISE_PART: usize = 64_000;
-/// Fewer confirmed matches than this, and relative depth starts anew with another scale.
+/// The share of confirmed matches below which relative depth starts anew with another scale.
 const SCALE_CONFIRMED: f32 = 0.6;
 
-/// Follows a camera's noise, exposure and defocus from frame to frame. Looks at the frames alone (the spectral family),
-/// with flow and depth given or estimated; clean frames are not used. Time and memory for a frame do not depend on how
-/// many there were.
+/// Follows a camera's noise, exposure, defocus and sharpening from frame to frame by the frames alone (the spectral family), with flow
+/// and depth given or estimated; clean frames are not used. Time and memory for a frame do not depend on the number of earlier frames.
 ///
 /// ```no_run
 /// # fn newest_frame() -> Option<blindaug::Encoded> { None }
@@ -88,11 +92,11 @@ pub struct Tracker {
     size: Option<(usize, usize)>,
     frames: usize,
     follower: Follower,
-    /// The flow of the last frame, to the next one where there was one.
+    /// The flow of the last frame.
     last_flow: LastFlow,
-    /// The memory of the one before it.
+    /// The buffer of the flow before the last one, for reuse.
     spare: Flow,
-    /// The last one that was found.
+    /// The last inverse depth that parallax gave.
     inverse_depth: Option<Plane>,
     noise: NoiseMemory,
     luma_noise: LumaNoise,
@@ -107,7 +111,7 @@ pub struct Tracker {
     changes: Changes,
 }
 
-/// The last estimates, as they were when something was seen of them.
+/// The last estimate of each parameter, from the last frame whose evidence gave one.
 #[derive(Default)]
 struct Known {
     noise: Option<NoiseModel>,
@@ -116,27 +120,27 @@ struct Known {
     lens: Option<DefocusModel>,
 }
 
-/// The flow of the last frame.
+/// The flow of the last frame, with its origin.
 #[derive(Default)]
 struct LastFlow {
     flow: Option<Flow>,
-    /// Whether it was found in the frames, not given.
+    /// Whether the flow was estimated from the frames rather than given.
     found: bool,
-    /// Whether it is to the next frame.
+    /// Whether the flow leads to the next frame rather than the previous one.
     to_next: bool,
 }
 
-/// What is known of motion and depth in a frame.
+/// The known motion and depth of a frame.
 struct Geometry<'a> {
-    /// The flow to the neighbour that there is, px.
+    /// The flow to the next frame, or to the previous one if there is no next frame, px.
     flow: Option<Cow<'a, Flow>>,
     inverse_depth: Option<Cow<'a, Plane>>,
 }
 
 impl Tracker {
-    /// About how many bytes one takes at most for frames of this size, beside the frames and what is given with them.
+    /// The most bytes, approximately, that a tracker takes for frames of this size, beside the frames and their given evidence.
     pub fn bytes((width, height): (usize, usize)) -> u64 {
-        /// Bytes of a pixel; measured.
+        /// The bytes for each pixel of a frame; measured.
         const OF_PIXEL: u64 = 50;
         OF_PIXEL * (width * height) as u64
     }
@@ -165,8 +169,8 @@ impl Tracker {
         }
     }
 
-    /// Looks at a frame, and gives the model that holds for it. A live camera's frame is pushed when the one after it has
-    /// come; [`FrameObservation::previous`] is used where there is no next one.
+    /// Looks at a frame, and gives the model that holds for this frame. A live camera's frame is pushed when the next frame has
+    /// arrived; [`FrameObservation::previous`] is used if there is no next frame.
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
@@ -187,7 +191,7 @@ impl Tracker {
         model.blur_space = self.blur_space;
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
         let to_next = next.is_some() || observation.evidence.flow.is_some();
-        // The shutter is open around the frame's own time, not on the way to the next one.
+        // The shutter is open around the frame's own time, not on the way to the next frame.
         let motion = match (&geometry.flow, &self.last_flow) {
             (Some(flow), LastFlow { flow: Some(last), to_next: true, .. }) if to_next => {
                 Some(Cow::Owned(motion_at_frame(flow, last)))
@@ -221,7 +225,7 @@ impl Tracker {
         Ok(self.model.insert(model))
     }
 
-    /// Forgets, if the last frame was the last one of its shot, what was known: another shot may be another camera's.
+    /// Forgets all evidence if the last frame was the last of its shot, since another shot may be another camera's.
     fn begin_shot(&mut self) {
         if std::mem::take(&mut self.cut_ahead) {
             self.exposure.forget();
@@ -231,9 +235,9 @@ impl Tracker {
         }
     }
 
-    /// Takes what was found elsewhere of a frame, as on a graphics device, instead of looking at it: what its tiles say of the exposure and
-    /// of the lens, and what their inverse depth is measured in. They must have been found with [`Tracker::luma_noise`] and the last model's
-    /// exposure and sharpening. The noise stays as it is until a frame is pushed again.
+    /// Takes the observations of a frame's exposure and lens that were found elsewhere, for example on a graphics device, and the unit of
+    /// their inverse depth, instead of the frame itself. The observations must have been found with [`Tracker::luma_noise`] and the last
+    /// model's exposure and sharpening. The noise stays as it is until a frame is pushed again.
     ///
     /// # Errors
     /// If no frame was pushed before, an observation is not one of [`spectral`], or depth is in another unit than before.
@@ -261,7 +265,7 @@ impl Tracker {
             || !lens.iter().all(sound_lens)
         {
             return Err(Error::new(format!(
-                "an observation must lie in one of {} blocks and hold {EXPOSURES} log_likelihood or {SIGMAS} log-likelihoods, finite and none of them above 0",
+                "an observation must lie in one of {} blocks and hold {EXPOSURES} log-likelihoods of the exposure or {SIGMAS} of the lens, finite and none of them above 0",
                 tiles::BLOCK_COUNT
             )));
         }
@@ -279,12 +283,12 @@ impl Tracker {
         Ok(self.model.insert(model))
     }
 
-    /// The noise of luma as it is known so far, per level; 0 before the first frame.
+    /// The noise of luma that is known so far; 0 before the first frame.
     pub fn luma_noise(&self) -> &LumaNoise {
         &self.luma_noise
     }
 
-    /// Where nothing says that the camera moves, nothing is blurred by motion as far as is known.
+    /// The last known exposure; 0 if none is known, since nothing then shows that anything moves.
     fn exposure(&self) -> ExposureFraction {
         self.known.exposure.map_or(ExposureFraction(0.0), |m| m.exposure)
     }
@@ -302,18 +306,18 @@ impl Tracker {
         self.model.as_ref()
     }
 
-    /// The last frame's flow to the next one (to the previous one where there was no next), px, NaN where it is unknown;
-    /// `None` where it was given, or not found.
+    /// The last frame's flow to the next frame (to the previous frame if there was no next one), px, NaN where it is unknown;
+    /// `None` if the flow was given, or could not be found.
     pub fn flow(&self) -> Option<&Flow> {
         self.last_flow.flow.as_ref().filter(|_| self.last_flow.found)
     }
 
-    /// The last relative inverse depth that parallax gave, in the models' unit of it; of one of the last frames.
+    /// The last relative inverse depth that parallax gave, for one of the last frames, in the unit of the models' lens.
     pub fn inverse_depth(&self) -> Option<&Plane> {
         self.inverse_depth.as_ref()
     }
 
-    /// Which parameters the last frame was found to have changed.
+    /// The distortions whose parameters were found to have changed in the last frame.
     pub fn changes(&self) -> Changes {
         self.changes
     }
@@ -348,7 +352,7 @@ impl Tracker {
                 self.follower.forget_scale();
                 self.inverse_depth = None;
                 if self.depth_kind == Some(DepthKind::Relative) {
-                    // In another unit from here on.
+                    // Relative depth is in another unit from here on.
                     self.lens.forget();
                 }
             }
@@ -381,7 +385,7 @@ impl Tracker {
     ) -> Result<Estimate<NoiseModel>> {
         let mut evidence = NoiseEvidence::new(Method::Temporal);
         if let Some((other, flow)) = neighbour {
-            // Strips in turn, as high as the coarsest blocks or a multiple.
+            // Strips of the frame are used in turn. Their height is a multiple of the side of the coarsest level's blocks.
             const STEP: usize = 32;
             let (w, h) = frame.0.size();
             let parts = (w * h).div_ceil(NOISE_PART).min((h / STEP).max(1));
@@ -392,7 +396,7 @@ impl Tracker {
         let jumped = self.noise.push(evidence, &self.luma_noise.levels[0]);
         self.changes.set(Distortion::Noise, jumped);
         if jumped {
-            // What was read of the blur since then was read with the wrong noise.
+            // The recent evidence of blur was found with the wrong noise.
             self.exposure.forget_recent();
             self.lens.forget_recent();
         }
@@ -414,7 +418,7 @@ impl Tracker {
             let fresh = sharpening::of_noise(&fit);
             let before = self.known.sharpening.as_ref().and_then(Estimate::known);
             let jumped = before.zip(fresh.known()).is_some_and(|(a, b)| {
-                // Intervals that have nothing in common.
+                // The amount has jumped if the intervals do not overlap.
                 a.interval[1] < b.interval[0] || b.interval[1] < a.interval[0]
             });
             self.changes.set(Distortion::Sharpening, jumped);
@@ -423,7 +427,8 @@ impl Tracker {
         Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
     }
 
-    /// Some of the frame's tiles, others each time: of those whose motion or depth is known, the ones of most contrast.
+    /// Some of the frame's tiles, different ones in successive frames: those of most contrast among the tiles that move fast enough or
+    /// have a known depth.
     fn tiles(&self, frame: &Encoded, flow: Option<&Flow>, depth: Option<&Plane>) -> Vec<tiles::Tile> {
         if flow.is_none() && depth.is_none() {
             return vec![];
@@ -476,7 +481,7 @@ impl Tracker {
             if exposure_changed(memory) {
                 memory.forget_old();
                 self.changes.set(Distortion::MotionBlur, true);
-                // What was read of the lens since then was read with the wrong exposure.
+                // The recent evidence of the lens was found with the wrong exposure.
                 self.lens.forget_recent();
             }
             let sum = memory.sum();
@@ -557,7 +562,7 @@ impl Tracker {
     }
 }
 
-/// The flow of frames that were halved to its size, at the frames' own size; in the memory of a flow of that size, if it is one.
+/// Enlarges the flow of halved frames to the frames' own size; the buffer of `into` is reused if it has that size.
 fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
     if small.size() == (width, height) {
         return small;
@@ -579,7 +584,7 @@ fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
     flow
 }
 
-/// A 95 % interval, `age` frames after anything was seen of the value, which since walks by `step` (std) a frame.
+/// Widens the 95 % interval of a value that was last estimated `age` frames ago and walks randomly by `step` (std) per frame.
 fn walked([low, high]: [f32; 2], value: f32, step: f32, age: usize) -> [f32; 2] {
     let reach = 1.96 * step * (age as f32).sqrt();
     [(value - (value - low).max(0.0).hypot(reach)).max(0.0), value + (high - value).max(0.0).hypot(reach)]
@@ -601,14 +606,17 @@ fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
     NoiseModel::Lines(noise)
 }
 
-/// Sums of evidence, in which older frames count less and less. The last few frames are kept apart.
+/// Sums of evidence, in which older frames count less and less. The last [`AGREEING`] frames are kept apart.
 struct Memory {
+    /// The faded sum of the evidence of all but the last frames.
     old: Vec<f32>,
+    /// The faded evidence of each of the last frames.
     recent: VecDeque<Vec<f32>>,
+    /// The share of its weight that evidence keeps from one frame to the next.
     kept: f32,
-    /// How many frames it holds, older ones counting less.
+    /// The number of frames in the memory, older frames counting less.
     weight: f32,
-    /// Frames since it was sure of something.
+    /// The number of frames since the last estimate.
     age: usize,
 }
 
@@ -617,11 +625,11 @@ impl Memory {
         Self { old: vec![0.0; len], recent: VecDeque::new(), kept, age: 0, weight: 0.0 }
     }
 
-    /// A frame has passed.
+    /// Lets a frame pass: all evidence fades.
     fn fade(&mut self) {
         self.age += 1;
         self.weight *= self.kept;
-        // What nobody adds to would fade into denormal numbers, which are slow.
+        // Sums that get no new evidence would fade into denormal numbers, which are slow.
         let fade = |v: &mut f32| *v = if v.abs() < 1e-12 { 0.0 } else { *v * self.kept };
         self.old.iter_mut().chain(self.recent.iter_mut().flatten()).for_each(fade);
     }
@@ -665,10 +673,11 @@ impl Memory {
 }
 
 const EXPOSURES: usize = likelihood::EXPOSURES;
-/// The exposure's evidence: a curve for each block, and then how many tiles there are, and the sums of their speeds and of those's squares.
+/// The length of the curves in the exposure's evidence, one for each block. The number of tiles, the sum of their speeds and the sum of
+/// the squared speeds follow them.
 const CURVES: usize = tiles::BLOCK_COUNT * EXPOSURES;
 
-/// The sum over the blocks.
+/// The sum of the blocks' curves.
 fn curve_of(evidence: &[f32]) -> Vec<f32> {
     let mut sum = vec![0.0; EXPOSURES];
     for curve in evidence[..CURVES].chunks(EXPOSURES) {
@@ -677,8 +686,8 @@ fn curve_of(evidence: &[f32]) -> Vec<f32> {
     sum
 }
 
-/// The mean over a curve as wide as that of [`MEAN_OF`] frames, if `frames` are in it: the maximum of a sum of clipped
-/// log_likelihood jumps between places that are almost as likely.
+/// The mean exposure under the likelihood of a curve that sums `frames` frames, made as wide as that of [`MEAN_OF`] frames: the maximum
+/// of a sum of clipped log-likelihoods would jump between places that are almost equally likely.
 fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
     let max = curve.iter().copied().fold(f32::MIN, f32::max);
     let sharpness = (MEAN_OF / frames).min(1.0);
@@ -691,7 +700,7 @@ fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
     sum / weights
 }
 
-/// Whether the last frames agree on another exposure than the frames before them.
+/// Whether the last frames agree on an exposure that differs from that of the frames before them.
 fn exposure_changed(memory: &Memory) -> bool {
     if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
         return false;
@@ -707,10 +716,10 @@ fn exposure_changed(memory: &Memory) -> bool {
 }
 
 const SIGMAS: usize = likelihood::SIGMAS;
-/// The lens's evidence: cells of a block of the image and a bin of inverse depth, each with its table, the sum of its tiles'
-/// inverse depths, and their number.
+/// The length of a cell of the lens's evidence. There is a cell for each block of the image and bin of inverse depth, with its table, the
+/// sum of its tiles' inverse depths, and the number of its tiles.
 const CELL: usize = SIGMAS + 2;
-/// Bins of inverse depth: 8 an octave, from 1/256 (and what is below) to 16.
+/// The number of bins of inverse depth: 8 per octave from 1/256 to 16; the first and the last bin also hold values outside this range.
 const DEPTHS: usize = 96;
 
 fn depth_bin(inverse_depth: f32) -> usize {
@@ -732,7 +741,7 @@ fn observations_of(evidence: &[f32]) -> Vec<LensObservation> {
         .collect()
 }
 
-/// Whether the last frames agree on another lens than the frames before them.
+/// Whether the last frames agree on a lens that differs from that of the frames before them.
 fn lens_changed(memory: &Memory) -> bool {
     if memory.recent.len() < AGREEING {
         return false;
@@ -762,18 +771,19 @@ fn lens_changed(memory: &Memory) -> bool {
         })
 }
 
-/// Local variances of the last frames that had some.
+/// The local variances of the last frames that gave evidence of noise.
 #[derive(Default)]
 struct NoiseMemory {
+    /// The evidence of up to [`NOISE_FRAMES`] frames.
     frames: VecDeque<NoiseEvidence>,
-    /// The log of the last frames' noise std over that of the model at the time.
+    /// The log of the noise std of each of the last frames over that of the model at the time.
     ratios: VecDeque<f32>,
-    /// Frames since there was evidence.
+    /// The number of frames since the last evidence.
     age: usize,
 }
 
 impl NoiseMemory {
-    /// Adds a frame's evidence; whether the noise has changed from what `model` says.
+    /// Adds a frame's evidence, and says whether the noise has changed from that of `model`.
     fn push(&mut self, evidence: NoiseEvidence, model: &NoiseLine) -> bool {
         self.age += 1;
         let Some(ratio) = evidence.log_ratio(model) else { return false };
@@ -790,7 +800,7 @@ impl NoiseMemory {
         let enough = self.frames.len() > AGREEING && self.ratios.len() == AGREEING;
         let changed = enough && (agree(1.0) || agree(-1.0));
         if changed {
-            // The first of them was compared with a frame from before the change, or after it.
+            // The first of the agreeing frames is dropped, since its neighbour may lie on the other side of the change.
             self.frames.drain(..self.frames.len() - (AGREEING - 1));
             self.ratios.clear();
         }
@@ -815,7 +825,7 @@ mod tests {
         let flow = enlarged(small.clone(), (158, 118), none());
         for (x, y) in [(0, 0), (4, 8), (77, 30), (150, 101)] {
             let [u, v] = flow.at(x, y);
-            // Four times the flow at a quarter of the place.
+            // The flow of a small frame at a quarter of the place is multiplied by four.
             assert!(
                 (u - 0.1 * x as f32).abs() < 1e-4 && (v - 4.0 + 0.02 * y as f32).abs() < 1e-4,
                 "{x} {y}: {u} {v}"

@@ -1,8 +1,8 @@
-//! What was filmed, and how a camera's numbers were found.
+//! The size and frame rate of the footage, and the methods by which a camera's numbers were found.
 
 use serde::{Deserialize, Serialize};
 
-/// How a part of the model was estimated.
+/// The method by which a part of the model was estimated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -14,7 +14,7 @@ pub enum Method {
     Spectral,
     /// Comparison with clean frames, given or restored.
     Removal,
-    /// Known beforehand, not estimated.
+    /// Not estimated: the value was known beforehand.
     Given,
 }
 
@@ -29,26 +29,26 @@ pub enum BlurSpace {
     Encoded,
 }
 
-/// What was filmed, for which the numbers in px and in fractions of a frame hold.
+/// The footage for which the model's numbers in px and in fractions of a frame interval hold.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Capture {
     /// Width in px.
     pub width: usize,
     /// Height in px.
     pub height: usize,
-    /// Frames per second; `None` where it is not known (an image sequence).
+    /// Frames per second; `None` if the rate is unknown, as of an image sequence.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fps: Option<f64>,
-    /// How many frames gave evidence.
+    /// The number of frames that gave evidence.
     pub frames_used: usize,
 }
 
-/// How far an estimation came that was stopped before the end of its clip.
+/// The progress of an estimation that was stopped before the end of its clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stopped {
-    /// How many frames it had looked at.
+    /// The number of frames that the estimation had looked at.
     pub after: usize,
-    /// How many frames the clip has; `None` where it does not say.
+    /// The number of frames of the clip; `None` if the clip does not say.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<usize>,
 }

@@ -9,31 +9,31 @@ use serde::{Deserialize, Serialize};
 pub enum DefocusCurve {
     /// `sigma_px_at_infinity * |1 - d / focus_inverse_depth|`.
     ThinLens {
-        /// Blur at d = 0, px.
+        /// The std of the blur at d = 0, px.
         sigma_px_at_infinity: f32,
         /// The inverse depth that is in focus, > 0.
         focus_inverse_depth: f32,
-        /// 95 % confidence intervals of the two.
+        /// The 95 % confidence intervals of both numbers.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         interval: Option<ThinLensInterval>,
     },
     /// `max(a d^2 + b d + c, 0)`, the paper's model, px; constant outside the range it was fitted on.
     Quadratic {
-        /// px per squared inverse depth.
+        /// The coefficient of d^2, px per squared inverse depth.
         a: f32,
-        /// px per inverse depth.
+        /// The coefficient of d, px per inverse depth.
         b: f32,
-        /// px.
+        /// The constant term, px.
         c: f32,
-        /// The inverse depths that were seen, low and high.
+        /// The lowest and the highest inverse depth that the curve was fitted on.
         inverse_depth_range: [f32; 2],
     },
 }
 
-/// 95 % confidence intervals, low and high.
+/// The 95 % confidence intervals of a thin lens, low and high.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThinLensInterval {
-    /// px.
+    /// The interval of the std at infinity, px.
     pub sigma_px_at_infinity: [f32; 2],
     /// The interval of the inverse depth in focus, in the model's own unit.
     pub focus_inverse_depth: [f32; 2],
@@ -45,16 +45,16 @@ pub struct DefocusModel {
     /// The curve.
     #[serde(flatten)]
     pub curve: DefocusCurve,
-    /// What its inverse depth is measured in.
+    /// The unit of the curve's inverse depth.
     pub depth_kind: DepthKind,
-    /// How it was estimated.
+    /// The method of the estimate.
     pub method: Method,
-    /// How many tiles (spectral) or places (removal) it rests on.
+    /// The number of tiles (spectral) or places (removal) that the estimate rests on.
     pub samples: u64,
 }
 
 impl DefocusModel {
-    /// One that is known beforehand.
+    /// A model of a curve that is known beforehand.
     pub fn given(curve: DefocusCurve, depth_kind: DepthKind) -> Self {
         Self { curve, depth_kind, method: Method::Given, samples: 0 }
     }
@@ -79,7 +79,7 @@ impl DefocusModel {
         }
     }
 
-    /// The inverse depths behind and before the focus at which the std reaches `sigma_px`; infinite where it does not.
+    /// The inverse depths behind and before the focus at which the std reaches `sigma_px`; infinite on a side where it never does.
     pub fn focus_range(&self, sigma_px: f32) -> [f32; 2] {
         let everything = [f32::NEG_INFINITY, f32::INFINITY];
         match self.curve {
@@ -91,7 +91,7 @@ impl DefocusModel {
                 }
             }
             DefocusCurve::Quadratic { inverse_depth_range: [lo, hi], .. } => {
-                // Beyond the range the std stays; inside, halve the way from where it is least to either end.
+                // Beyond the range the std is constant. Inside the range, bisection runs from the place of least std to either end.
                 let least = |a: f32, b: f32| if self.sigma_px(b) < self.sigma_px(a) { b } else { a };
                 let focus = (0..=64).map(|i| lo + (hi - lo) * i as f32 / 64.0).reduce(least).unwrap_or(lo);
                 if self.sigma_px(focus) >= sigma_px {
@@ -110,9 +110,9 @@ impl DefocusModel {
         }
     }
 
-    /// The same lens over metric inverse depth, if relative inverse depth is `scale / Z + offset`.
+    /// The same lens over metric inverse depth, given that relative inverse depth is `scale / Z + offset`.
     ///
-    /// A focus that lies beyond infinity, as an offset can make it, is put very far away.
+    /// A focus that the offset would move beyond infinity is placed at a very large distance instead.
     pub fn to_metric(mut self, scale: f32, offset: f32) -> Self {
         match &mut self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval } => {
@@ -149,7 +149,7 @@ impl DistortionModel for DefocusModel {
         self
     }
 
-    /// Lenses of another kind or unit cannot be mixed: then the nearer one.
+    /// Lenses of different kinds or units cannot be interpolated: the result is then the model that is nearer in t.
     fn between(&self, other: &Self, t: f32) -> Self {
         let nearer = if t < 0.5 { *self } else { *other };
         match (self.curve, other.curve) {
@@ -272,7 +272,7 @@ mod tests {
             let inside = behind.max(0.1).midpoint(before.min(0.9));
             assert!(model.sigma_px(inside) < 1.0, "{curve:?}: {inside}");
         }
-        // Never sharp, never blurred, and reached only where nothing was seen.
+        // These curves are blurred everywhere, sharp everywhere, or would reach 1 px only outside the range.
         for curve in [quadratic(0.0, 0.0, 2.0), quadratic(0.0, 0.0, 0.5), quadratic(0.0, 1.0, 0.05)] {
             assert_eq!(model(curve).focus_range(1.0), [f32::NEG_INFINITY, f32::INFINITY], "{curve:?}");
         }

@@ -1,46 +1,46 @@
-//! What the models of all distortions have in common.
+//! The interface that the models of all distortions share.
 
 use super::{Estimate, Method, Unknown};
 use crate::Result;
 
-/// A number of a camera, for whoever tells it: `inspect`, the report, a window, a page, Python.
+/// A number of a camera as it is shown to people by `inspect`, the report, a window, a page or Python.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parameter {
-    /// What it is called, in lower case.
+    /// The name of the number, in lower case.
     pub name: &'static str,
-    /// Its unit; empty where it has none.
+    /// The unit of the number; empty if there is none.
     pub unit: &'static str,
-    /// The estimate.
+    /// The estimate, in `unit`.
     pub value: f32,
-    /// Its 95 % confidence interval, low and high, where there is one.
+    /// The 95 % confidence interval of the number, low and high, if there is one.
     pub interval: Option<[f32; 2]>,
-    /// What it means, in one sentence.
+    /// The meaning of the number, in one sentence.
     pub meaning: &'static str,
 }
 
-/// What the model of each distortion can do.
+/// The operations that the model of each distortion supports.
 pub(super) trait DistortionModel {
-    /// The same for frames `s` times as wide.
+    /// The model for frames that are `s` times as wide.
     fn scaled(self, s: f32) -> Self
     where
         Self: Sized;
 
-    /// `self` at t = 0, `other` at t = 1, both of one camera.
+    /// Interpolates between two models of one camera: `self` at t = 0, `other` at t = 1.
     fn between(&self, other: &Self, t: f32) -> Self
     where
         Self: Sized;
 
-    /// Checks the range of every number.
+    /// Checks that every number of the model is in its range.
     fn validate(&self) -> Result<()>;
 
-    /// Its numbers, the most telling one first.
+    /// The numbers of the model, the most important one first.
     fn parameters(&self) -> Vec<Parameter>;
 
-    /// How it was estimated, and on how many samples that rests.
+    /// The method of the estimate, and the number of samples that it rests on.
     fn basis(&self) -> (Method, u64);
 }
 
-/// What is known, or why it is not.
+/// The model if it is known, else the reason why it is unknown.
 pub(super) fn known<T: DistortionModel>(
     estimate: &Estimate<T>,
 ) -> std::result::Result<&dyn DistortionModel, &Unknown> {
@@ -50,7 +50,7 @@ pub(super) fn known<T: DistortionModel>(
     }
 }
 
-/// `a` at t = 0, `b` at t = 1; if one of them is unknown, the other.
+/// Interpolates between two estimates: `a` at t = 0, `b` at t = 1. If one of them is unknown, the result is the other.
 pub(super) fn between<T: DistortionModel + Clone>(a: &Estimate<T>, b: &Estimate<T>, t: f32) -> Estimate<T> {
     match (a, b) {
         (Estimate::Known(a), Estimate::Known(b)) => Estimate::Known(a.between(b, t)),

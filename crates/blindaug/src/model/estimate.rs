@@ -8,16 +8,16 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwn
 pub enum Estimate<T> {
     /// The estimate.
     Known(T),
-    /// Why the footage cannot tell.
+    /// The reason why the footage cannot tell.
     Unknown(Unknown),
 }
 
-/// Why something is unknown.
+/// The reason why a part of the model is unknown.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unknown {
-    /// Why it is unknown, for programs.
+    /// The reason for programs.
     pub reason: Reason,
-    /// Why it is unknown, for people: one clause, without a full stop. If it was read from a file, it is one printable line ([`text::one_line`]).
+    /// The reason for people: one clause without a full stop. A sentence read from a file is one printable line ([`text::one_line`]).
     pub sentence: String,
 }
 
@@ -26,36 +26,36 @@ pub struct Unknown {
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
 pub enum Reason {
-    /// Nobody looked, or it was left out on purpose.
+    /// The estimate was not asked for, or was left out on purpose.
     NotEstimated,
     /// There are too few frames: one image has no motion, for instance.
     TooShort,
-    /// Nothing moves, or the camera only turns where parallax is needed.
+    /// Nothing moves, or parallax is needed and the camera only turns.
     NoMotion,
     /// Frames could not be followed to their neighbours: a cut lies between them, or too much changes.
     NotFollowed,
-    /// The scene moves by itself, where only the camera may.
+    /// The scene moves by itself, and the estimate needs a scene at rest.
     SceneMoves,
     /// No depth was given and none could be found.
     NoDepth,
-    /// Everything that could be measured lies at about one depth.
+    /// All places that could be measured lie at about one depth.
     OneDepth,
     /// The picture is too flat, too small or clipped.
     Flat,
     /// Shots, frames or parts of the picture contradict each other.
     Contradicting,
-    /// Values that are far apart fit about equally well.
+    /// Values that lie far apart fit about equally well.
     Uncertain,
-    /// The distortion was looked for and leaves no trace that is surely its own.
+    /// The distortion was looked for, and no trace was found that only this distortion leaves.
     NotSeen,
-    /// A reason that this version does not know, or a file gave none.
+    /// A file gave no reason, or one that this version does not know.
     #[default]
     #[serde(other)]
     Other,
 }
 
 impl Unknown {
-    /// A reason and its sentence.
+    /// An unknown part with a reason for programs and a sentence for people.
     pub fn new(reason: Reason, sentence: impl Into<String>) -> Self {
         Self { reason, sentence: sentence.into() }
     }
@@ -68,12 +68,12 @@ impl std::fmt::Display for Unknown {
 }
 
 impl<T> Estimate<T> {
-    /// Unknown for a reason.
+    /// An unknown estimate with its reason for programs and a sentence for people.
     pub fn unknown(reason: Reason, sentence: impl Into<String>) -> Self {
         Self::Unknown(Unknown::new(reason, sentence))
     }
 
-    /// What a function makes of the estimate; what is unknown stays so.
+    /// The estimate after a function was applied to its value; an unknown estimate stays unknown.
     pub fn map<U>(self, f: impl FnOnce(T) -> U) -> Estimate<U> {
         match self {
             Self::Known(t) => Estimate::Known(f(t)),
@@ -89,7 +89,7 @@ impl<T> Estimate<T> {
         }
     }
 
-    /// What is known, by value.
+    /// The estimate by value, if it is known.
     pub fn into_known(self) -> Option<T> {
         match self {
             Self::Known(t) => Some(t),
@@ -97,7 +97,7 @@ impl<T> Estimate<T> {
         }
     }
 
-    /// Why it is unknown, if it is.
+    /// The reason why the estimate is unknown; `None` if it is known.
     pub fn why_unknown(&self) -> Option<&Unknown> {
         match self {
             Self::Known(_) => None,
@@ -106,7 +106,7 @@ impl<T> Estimate<T> {
     }
 }
 
-/// How an unknown part stands in camera.json.
+/// An unknown part as it is written in camera.json.
 #[derive(Serialize, Deserialize)]
 struct UnknownInFile {
     unknown: String,
@@ -135,7 +135,7 @@ impl<T: Serialize> Serialize for Estimate<T> {
 
 impl<'de, T: DeserializeOwned> Deserialize<'de> for Estimate<T> {
     fn deserialize<D: Deserializer<'de>>(d: D) -> std::result::Result<Self, D::Error> {
-        // Not serde's `untagged`: its messages do not say which field is missing.
+        // Serde's `untagged` is not used, since its messages do not say which field is missing.
         let value = serde_json::Value::deserialize(d)?;
         let custom = |e: serde_json::Error| serde::de::Error::custom(e);
         Ok(if value.get("unknown").is_some() {

@@ -1,47 +1,47 @@
-//! What a model means, computed once for whoever tells it: `inspect`, the report, a window, a page, Python.
+//! Facts that follow from a model, computed here for all that show them: `inspect`, the report, a window, a page, Python.
 
 use super::{DefocusCurve, DefocusModel};
 
-/// Blur that starts to show: the std of the equivalent Gaussian, px.
+/// The least blur that is visible, as the std of the equivalent Gaussian in px.
 pub const VISIBLE_PX: f32 = 0.5;
 
-/// Blur below this std, px, is none: a curve that stays below it everywhere says nothing of a focus.
+/// Blur below this std, in px, counts as none: a curve that stays below this std everywhere says nothing of a focus.
 const NONE_PX: f32 = 0.01;
 
-/// What a lens brings into focus.
+/// The inverse depth that a lens brings into focus, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Focus {
     /// The inverse depth that is in focus.
     At(f32),
-    /// Nothing in the curve's range is in focus: blur shows everywhere, least at this inverse depth.
+    /// Nothing in the curve's range is in focus: blur is visible everywhere, and least at this inverse depth.
     LeastBlurred {
         /// The inverse depth of least blur.
         inverse_depth: f32,
-        /// The std of the blur there, px, at least [`VISIBLE_PX`].
+        /// The std of the blur at that inverse depth, px, at least [`VISIBLE_PX`].
         sigma_px: f32,
     },
     /// Nothing is blurred at any depth, so no depth is in focus more than another.
     Everywhere,
 }
 
-/// What follows from a defocus model, in its own inverse depth and px.
+/// Facts that follow from a defocus model, in the model's own unit of inverse depth and in px.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DefocusFacts {
-    /// What is in focus.
+    /// The inverse depth in focus, if there is one.
     pub focus: Focus,
     /// The 95 % interval of the inverse depth that is in focus; only a thin lens has one.
     pub focus_interval: Option<[f32; 2]>,
-    /// The std of the blur at inverse depth 0, px; only of a thin lens, since other curves are not known that far.
+    /// The std of the blur at inverse depth 0, px; only a thin lens has one, since other curves are not known that far.
     pub sigma_px_at_infinity: Option<f32>,
-    /// Its 95 % interval.
+    /// The 95 % interval of `sigma_px_at_infinity`.
     pub sigma_interval: Option<[f32; 2]>,
-    /// The ranges of inverse depth, far and near end, in which the std stays up to [`VISIBLE_PX`], from far to near. An end of 0 is
-    /// infinitely far, one of infinity touches the lens. None of them: blur shows everywhere.
+    /// The ranges of inverse depth, far and near end, in which the std is at most [`VISIBLE_PX`], from far to near. An end of 0 lies
+    /// infinitely far away, and an end of infinity touches the lens. The list is empty if blur is visible everywhere.
     pub sharp: Vec<[f32; 2]>,
 }
 
 impl DefocusModel {
-    /// What the model means.
+    /// The facts that follow from the model.
     pub fn facts(&self) -> DefocusFacts {
         match self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
@@ -59,12 +59,12 @@ impl DefocusModel {
 
     fn quadratic_facts(&self, [low, high]: [f32; 2]) -> DefocusFacts {
         const STEPS: u16 = 1000;
-        /// Stds that differ by less are the same, px.
+        /// Stds that differ by less than this, in px, count as the same.
         const SAME_PX: f32 = 1e-4;
         let places: Vec<f32> =
             (0..=STEPS).map(|i| low + (high - low) * f32::from(i) / f32::from(STEPS)).collect();
         let least = places.iter().map(|&d| self.sigma_px(d)).fold(f32::INFINITY, f32::min);
-        // Where a whole stretch is the sharpest, its middle.
+        // If a whole stretch is equally sharp, the focus is its middle.
         let sharpest: Vec<f32> =
             places.iter().copied().filter(|&d| self.sigma_px(d) <= least + SAME_PX).collect();
         let middle = sharpest.get(sharpest.len() / 2).copied().unwrap_or(low);
@@ -90,8 +90,8 @@ impl DefocusModel {
     }
 }
 
-/// The inverse depths between which a thin lens blurs by up to [`VISIBLE_PX`], from the std at infinity (px) and the inverse depth in
-/// focus.
+/// The inverse depths between which a thin lens blurs by at most [`VISIBLE_PX`], given its std at infinity (px) and its inverse depth
+/// in focus.
 pub fn thin_lens_sharp(sigma_px_at_infinity: f32, focus_inverse_depth: f32) -> [f32; 2] {
     let reach = VISIBLE_PX / sigma_px_at_infinity;
     if sigma_px_at_infinity > 0.0 {

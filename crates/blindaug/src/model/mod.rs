@@ -1,4 +1,4 @@
-//! The camera model: a small file that says how this camera distorts what it films.
+//! The camera model: a small file that describes how a camera distorts its pictures.
 
 mod capture;
 mod defocus;
@@ -28,25 +28,25 @@ use crate::{Error, Result, Transfer, text};
 use distortion::{DistortionModel, between, known};
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// A distortion that is estimated and applied. The order of [`Distortion::ALL`] is that in which a camera makes them, and in which
-/// everything here applies and reports them.
+/// A distortion that is estimated and applied. The order of [`Distortion::ALL`] is the order in which a camera makes distortions, and in
+/// which this crate applies and reports them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Distortion {
-    /// The lens blurs what is out of focus.
+    /// Defocus: the lens blurs everything that is out of focus.
     Defocus,
-    /// What moves while the shutter is open is smeared.
+    /// Motion blur: everything that moves while the shutter is open is smeared.
     MotionBlur,
-    /// The camera adds contrast at edges.
+    /// Sharpening: the camera adds contrast at edges.
     Sharpening,
-    /// The sensor's noise, as it is after the camera's sharpening.
+    /// Noise of the sensor, as it is after the camera's sharpening.
     Noise,
 }
 
 impl Distortion {
-    /// All, in the order in which a camera makes them.
+    /// All distortions, in the order in which a camera makes them.
     pub const ALL: [Self; 4] = [Self::Defocus, Self::MotionBlur, Self::Sharpening, Self::Noise];
 
-    /// Its name in messages.
+    /// The name of the distortion in messages.
     pub fn name(self) -> &'static str {
         match self {
             Self::Defocus => "defocus",
@@ -56,7 +56,7 @@ impl Distortion {
         }
     }
 
-    /// The part of the camera that makes it, as headings name it.
+    /// The part of the camera that makes the distortion, as headings name that part.
     pub fn part(self) -> &'static str {
         match self {
             Self::Defocus => "the lens",
@@ -67,14 +67,14 @@ impl Distortion {
     }
 }
 
-/// Everything that is known of a camera's noise, motion blur and defocus.
+/// Everything that is known of a camera's noise, motion blur, defocus and sharpening.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraModel {
     format: Format,
     version: Version,
-    /// What was filmed.
+    /// The footage that the model was estimated from.
     pub capture: Capture,
-    /// How far the estimation came if it was stopped before the end of the clip.
+    /// The progress of an estimation that was stopped before the end of the clip; `None` if it was not stopped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stopped: Option<Stopped>,
     /// The curve between the light that blur acts on and the frame's values.
@@ -82,13 +82,13 @@ pub struct CameraModel {
     /// The values that blur acts on.
     #[serde(default)]
     pub blur_space: BlurSpace,
-    /// Noise of the encoded frame.
+    /// The noise of the encoded frame.
     pub noise: Estimate<NoiseModel>,
-    /// Exposure.
+    /// The exposure.
     pub motion_blur: Estimate<MotionBlurModel>,
-    /// Defocus blur over inverse depth.
+    /// The defocus blur over inverse depth.
     pub defocus: Estimate<DefocusModel>,
-    /// The camera's own sharpening. A file without it says nothing of it.
+    /// The camera's own sharpening; unknown if the file has no such field.
     #[serde(default = "not_in_the_file")]
     pub sharpening: Estimate<SharpeningModel>,
 }
@@ -121,7 +121,7 @@ impl<'de> Deserialize<'de> for Version {
 }
 
 impl CameraModel {
-    /// A model in which nothing was estimated yet, or on purpose ([`Reason::NotEstimated`]): `why` says so to people.
+    /// A model in which every part is unknown since it was not estimated ([`Reason::NotEstimated`]); `why` tells people the reason.
     pub fn unknown(capture: Capture, why: &str) -> Self {
         let why = Unknown::new(Reason::NotEstimated, why);
         Self {
@@ -138,7 +138,7 @@ impl CameraModel {
         }
     }
 
-    /// The model of a distortion, or why there is none.
+    /// The model of a distortion, or the reason why it is unknown.
     fn known(&self, distortion: Distortion) -> std::result::Result<&dyn DistortionModel, &Unknown> {
         match distortion {
             Distortion::Defocus => known(&self.defocus),
@@ -148,7 +148,7 @@ impl CameraModel {
         }
     }
 
-    /// The distortions for frames `s` times as wide.
+    /// The model with its distortions scaled to frames that are `s` times as wide.
     fn scaled(self, s: f32) -> Self {
         Self {
             defocus: self.defocus.map(|m| m.scaled(s)),
@@ -159,7 +159,7 @@ impl CameraModel {
         }
     }
 
-    /// The model at t = 0, `other` at t = 1. What is unknown in one is the other's.
+    /// Interpolates between two models: `self` at t = 0, `other` at t = 1. A part that is unknown in one is taken from the other.
     fn between(&self, other: &Self, t: f32) -> Self {
         Self {
             defocus: between(&self.defocus, &other.defocus, t),
@@ -170,17 +170,17 @@ impl CameraModel {
         }
     }
 
-    /// Why a distortion is unknown, if it is.
+    /// The reason why a distortion is unknown; `None` if it is known.
     pub fn why_unknown(&self, distortion: Distortion) -> Option<&Unknown> {
         self.known(distortion).err()
     }
 
-    /// The numbers of a distortion, the most telling one first; none if it is unknown.
+    /// The numbers of a distortion, the most important one first; empty if the distortion is unknown.
     pub fn parameters(&self, distortion: Distortion) -> Vec<Parameter> {
         self.known(distortion).map_or(vec![], DistortionModel::parameters)
     }
 
-    /// How a distortion was estimated, and on how many samples that rests; `None` if it is unknown.
+    /// The method by which a distortion was estimated, and the number of samples; `None` if the distortion is unknown.
     pub fn basis(&self, distortion: Distortion) -> Option<(Method, u64)> {
         self.known(distortion).ok().map(DistortionModel::basis)
     }
@@ -188,11 +188,11 @@ impl CameraModel {
     /// Reads camera.json.
     ///
     /// # Errors
-    /// If the text is no JSON, of another format or version, lacks a field, or holds a number out of its range.
+    /// If the text is not JSON, is of another format or version, lacks a field, or holds a number out of its range.
     pub fn from_json(json: &str) -> Result<Self> {
         // Some editors put a byte order mark before the text.
         let json = json.strip_prefix('\u{feff}').unwrap_or(json);
-        // The head first, so that a newer file is called newer rather than malformed.
+        // The head is read first, so that a file of a newer version is called newer rather than malformed.
         #[derive(Deserialize)]
         struct Head {
             #[serde(rename = "format")]
@@ -216,7 +216,7 @@ impl CameraModel {
         text
     }
 
-    /// Checks every number's range.
+    /// Checks that every number is in its range.
     ///
     /// # Errors
     /// Names the first field that is out of its range.
@@ -227,10 +227,10 @@ impl CameraModel {
         Distortion::ALL.into_iter().filter_map(|d| self.known(d).ok()).try_for_each(|model| model.validate())
     }
 
-    /// Whether the model is for frames as wide as these.
+    /// Checks that the model is for frames of this width, px.
     ///
     /// # Errors
-    /// If it is for another width.
+    /// If the model is for another width.
     pub fn check_width(&self, width: usize) -> Result<()> {
         if self.capture.width == width {
             return Ok(());
@@ -241,9 +241,9 @@ impl CameraModel {
         )))
     }
 
-    /// The model for frames of another width: blur in px scales with it; noise and exposure stay.
+    /// The model for frames of another size: blur in px scales with the width, noise and exposure stay.
     ///
-    /// Noise is kept per pixel of the new size, as of a camera of the same sensor quality.
+    /// A pixel of the new size keeps the noise of one of the old size, as of a camera of the same sensor quality.
     pub fn scaled_to(&self, width: usize, height: usize) -> Self {
         let mut m = self.clone().scaled(width as f32 / self.capture.width as f32);
         m.capture.width = width;
@@ -256,12 +256,12 @@ fn check(holds: bool, sentence: &str) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::new(sentence)) }
 }
 
-/// `a` at t = 0, `b` at t = 1.
+/// Linear interpolation: `a` at t = 0, `b` at t = 1.
 fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + t * (b - a)
 }
 
-/// The same as [`lerp`], number by number.
+/// [`lerp`], number by number.
 fn lerp_all<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
     std::array::from_fn(|i| lerp(a[i], b[i], t))
 }

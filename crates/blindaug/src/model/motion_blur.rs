@@ -19,21 +19,21 @@ impl ExposureFraction {
     }
 }
 
-/// How long the shutter is open.
+/// The camera's exposure, as a fraction of the frame interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MotionBlurModel {
-    /// The estimate.
+    /// The estimated exposure fraction.
     pub exposure: ExposureFraction,
-    /// Its 95 % confidence interval.
+    /// The 95 % confidence interval of the exposure fraction, low and high.
     pub interval: [f32; 2],
-    /// How it was estimated.
+    /// The method of the estimate.
     pub method: Method,
-    /// How many tiles (spectral) or places (removal) it rests on.
+    /// The number of tiles (spectral) or places (removal) that the estimate rests on.
     pub samples: u64,
 }
 
 impl MotionBlurModel {
-    /// One that is known beforehand.
+    /// A model of an exposure that is known beforehand.
     pub fn given(exposure: ExposureFraction) -> Self {
         Self { exposure, interval: [exposure.0; 2], method: Method::Given, samples: 0 }
     }

@@ -3,15 +3,15 @@ use super::{Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
-/// Levels of the Laplacian pyramid in which noise is modelled, finest first. The low-pass left over carries none.
+/// The number of levels of the Laplacian pyramid in which noise is modelled, finest first. The remaining low-pass has no noise.
 pub const NOISE_LEVELS: usize = 4;
 
-/// Noise std in one pyramid level: slope * Y + intercept per channel (RGB), never negative.
+/// The noise std in one pyramid level: `slope * Y + intercept` per channel (RGB), never negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NoiseLevel {
-    /// Std per unit of luminance Y.
+    /// The change of the std per unit of luminance Y, in R, G and B.
     pub slope: [f32; 3],
-    /// Std at Y = 0.
+    /// The std at Y = 0, in R, G and B, as encoded values in [0, 1].
     pub intercept: [f32; 3],
 }
 
@@ -23,42 +23,42 @@ impl NoiseLevel {
     }
 }
 
-/// 95 % confidence intervals, low and high, of a level's numbers.
+/// The 95 % confidence intervals, low and high, of a level's numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NoiseInterval {
-    /// The intervals of the slopes.
+    /// The intervals of the slopes in R, G and B.
     pub slope: [[f32; 2]; 3],
-    /// The intervals of the intercepts.
+    /// The intervals of the intercepts in R, G and B.
     pub intercept: [[f32; 2]; 3],
 }
 
-/// The noise of encoded frames. Everything but its fit, its synthesis and its file goes through the methods, so that a further kind
-/// of noise is a variant here and in those three.
+/// The noise of encoded frames. All code but the fit, the synthesis and the file of noise uses only the methods of this type, so that
+/// another kind of noise needs a variant here and changes in those three places.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "NoiseLines", into = "NoiseLines")]
 pub enum NoiseModel {
-    /// The paper's: in each pyramid level and channel the std is a straight line over luminance.
+    /// The paper's model: in each pyramid level and channel the std is a straight line over luminance.
     Lines(NoiseLines),
 }
 
 /// Noise whose std is a straight line over luminance, per pyramid level and channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NoiseLines {
-    /// Finest level first.
+    /// The levels, finest first.
     pub levels: [NoiseLevel; NOISE_LEVELS],
-    /// 95 % intervals of the levels' numbers.
+    /// The 95 % intervals of the levels' numbers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub interval: Option<[NoiseInterval; NOISE_LEVELS]>,
-    /// Encoded value at and above which the sensor clips, so that there is no noise.
+    /// The encoded value at and above which the sensor clips, so that there is no noise.
     pub clip: f32,
-    /// How it was estimated.
+    /// The method of the estimate.
     pub method: Method,
-    /// How many local stds it rests on.
+    /// The number of local stds that the estimate rests on.
     pub samples: u64,
 }
 
-/// Covariance of the levels of noise of std 1 in each level, brought to full resolution: the bands of a Laplacian pyramid overlap, so
-/// that their variances do not just add. Measured on 512 x 512 px of white noise (a test in `synth::noise` repeats it).
+/// The covariance between the levels of noise that has std 1 in each level, at full resolution: the bands of a Laplacian pyramid
+/// overlap, so their variances do not just add. Measured on 512 x 512 px of white noise; a test in `synth::noise` measures it again.
 pub(crate) const BAND_COVARIANCE: [[f32; NOISE_LEVELS]; NOISE_LEVELS] = [
     [0.99978894, 0.15481946, 0.02422532, 0.0031789874],
     [0.15481946, 0.3967273, 0.1953662, 0.042550743],
@@ -72,7 +72,7 @@ impl From<NoiseLines> for NoiseModel {
     }
 }
 
-/// camera.json always has the lines.
+/// The conversion for camera.json, which always holds straight lines.
 impl From<NoiseModel> for NoiseLines {
     fn from(model: NoiseModel) -> Self {
         match model {
@@ -82,12 +82,12 @@ impl From<NoiseModel> for NoiseLines {
 }
 
 impl NoiseModel {
-    /// Straight lines that are known beforehand.
+    /// A model of straight lines that are known beforehand.
     pub fn given(levels: [NoiseLevel; NOISE_LEVELS], clip: f32) -> Self {
         Self::Lines(NoiseLines { levels, interval: None, clip, method: Method::Given, samples: 0 })
     }
 
-    /// The paper's straight lines: the noise itself, or what comes nearest to it.
+    /// The noise as the paper's straight lines, or the straight lines that are nearest to the noise.
     pub fn lines(&self) -> &NoiseLines {
         match self {
             Self::Lines(lines) => lines,
@@ -102,8 +102,8 @@ impl NoiseModel {
         }
     }
 
-    /// Half the 95 % interval of [`NoiseModel::std`] in one channel; 0 where there is none. The errors of a line's slope and intercept
-    /// are taken as independent; since they are in fact opposed, this is on the wide side.
+    /// Half the width of the 95 % interval of [`NoiseModel::std`] in one channel; 0 if there is no interval. The errors of slope and
+    /// intercept are taken as independent, which makes the interval too wide, since they are in fact negatively correlated.
     pub fn half_width(&self, level: usize, channel: usize, y: f32) -> f32 {
         let Self::Lines(NoiseLines { interval: Some(interval), .. }) = self else { return 0.0 };
         let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
@@ -112,27 +112,27 @@ impl NoiseModel {
         if half.is_finite() { half } else { 0.0 }
     }
 
-    /// The std of R, G and B over content of this even luminance, all levels together.
+    /// The std of R, G and B over a flat area of this luminance, all levels together.
     pub fn total_std(&self, y: f32) -> [f32; 3] {
         let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| self.std(level, y));
         total_of_levels(&std)
     }
 
-    /// Encoded value at and above which the sensor clips, so that there is no noise.
+    /// The encoded value at and above which the sensor clips, so that there is no noise.
     pub fn clip(&self) -> f32 {
         match self {
             Self::Lines(lines) => lines.clip,
         }
     }
 
-    /// How it was estimated.
+    /// The method of the estimate.
     pub fn method(&self) -> Method {
         match self {
             Self::Lines(lines) => lines.method,
         }
     }
 
-    /// How many local stds it rests on.
+    /// The number of local stds that the estimate rests on.
     pub fn samples(&self) -> u64 {
         match self {
             Self::Lines(lines) => lines.samples,
@@ -141,7 +141,7 @@ impl NoiseModel {
 }
 
 impl DistortionModel for NoiseModel {
-    /// Noise is that of a pixel, of whatever size.
+    /// The noise of a pixel does not depend on the frame's size.
     fn scaled(self, _: f32) -> Self {
         self
     }
@@ -173,7 +173,7 @@ impl DistortionModel for NoiseModel {
     }
 }
 
-/// The std of R, G and B of noise over even content whose levels have these stds.
+/// The std of R, G and B of noise over a flat area, given the std of each level.
 pub fn total_of_levels(std: &[[f32; 3]; NOISE_LEVELS]) -> [f32; 3] {
     std::array::from_fn(|c| {
         let pairs = (0..NOISE_LEVELS).flat_map(|i| (0..NOISE_LEVELS).map(move |j| (i, j)));

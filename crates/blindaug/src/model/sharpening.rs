@@ -3,29 +3,29 @@ use super::{Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
-/// What the camera adds to contrast at edges after the picture was taken, as an unsharp mask of encoded values v:
-/// `v + amount (v - G v)`, G a Gaussian of std `radius_px`. Noise as it is modelled has been through it already.
+/// The camera's sharpening, which adds contrast at edges after the picture was taken, as an unsharp mask of encoded values v:
+/// `v + amount (v - G v)`, G a Gaussian of std `radius_px`. The modelled noise is the noise after this sharpening.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SharpeningModel {
-    /// The estimate, > 0.
+    /// The estimated amount of the mask, >= 0, without a unit.
     pub amount: f32,
-    /// Std of the Gaussian, px.
+    /// The std of the mask's Gaussian, px.
     pub radius_px: f32,
-    /// 95 % confidence interval of the amount.
+    /// The 95 % confidence interval of the amount, low and high.
     pub interval: [f32; 2],
-    /// How it was estimated.
+    /// The method of the estimate.
     pub method: Method,
-    /// How many local stds of noise it rests on.
+    /// The number of local stds of noise that the estimate rests on.
     pub samples: u64,
 }
 
 impl SharpeningModel {
-    /// One that is known beforehand.
+    /// A model of a mask that is known beforehand.
     pub fn given(amount: f32, radius_px: f32) -> Self {
         Self { amount, radius_px, interval: [amount; 2], method: Method::Given, samples: 0 }
     }
 
-    /// By how much an amplitude at this frequency, cycles per px, is multiplied.
+    /// The factor by which the mask multiplies an amplitude at this frequency, given in cycles per px.
     pub fn gain(&self, frequency: f32) -> f32 {
         let x = std::f32::consts::TAU * self.radius_px * frequency;
         1.0 + self.amount * (1.0 - (-0.5 * x * x).exp())

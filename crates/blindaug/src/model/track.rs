@@ -4,12 +4,12 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-/// Which distortions of a camera jumped from one frame to the next.
+/// The distortions of a camera that jumped from one frame to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Changes([bool; Distortion::ALL.len()]);
 
 impl Changes {
-    /// Whether there is none.
+    /// Whether no distortion jumped.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -19,12 +19,12 @@ impl Changes {
         self.0[distortion as usize]
     }
 
-    /// Says whether the parameters of a distortion jumped.
+    /// Records whether the parameters of a distortion jumped.
     pub fn set(&mut self, distortion: Distortion, jumped: bool) {
         self.0[distortion as usize] = jumped;
     }
 
-    /// The names of the files' fields: those of the numbers that jumped.
+    /// The name of a distortion's field in files: that of the number that jumps.
     fn key(distortion: Distortion) -> &'static str {
         match distortion {
             Distortion::MotionBlur => "exposure",
@@ -33,7 +33,7 @@ impl Changes {
     }
 }
 
-/// `{"exposure": true}`: what jumped, by name.
+/// A map of the names of what jumped, such as `{"exposure": true}`.
 impl Serialize for Changes {
     fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
         let jumped = Distortion::ALL.into_iter().filter(|&d| self.of(d));
@@ -51,16 +51,16 @@ impl<'de> Deserialize<'de> for Changes {
 /// The camera of one frame of a [`CameraTrack`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackedCamera {
-    /// The frame's number.
+    /// The number of the frame.
     pub frame: u64,
-    /// What was found to have changed just before.
+    /// The distortions that were found to have changed just before this frame.
     pub changed: Changes,
-    /// The camera, as far as this frame and those before it tell.
+    /// The camera, as far as this frame and earlier frames tell.
     pub camera: CameraModel,
 }
 
 impl TrackedCamera {
-    /// A line of a file of per-frame models, without its end: the camera's JSON with `frame` and `changed`.
+    /// A line of a file of per-frame models, without the line feed: the camera's JSON with `frame` and `changed`.
     pub fn to_json_line(&self) -> String {
         #[derive(Serialize)]
         struct Line<'a> {
@@ -90,7 +90,7 @@ impl TrackedCamera {
     }
 }
 
-/// A camera over time: a model for each of some frames, or one for all.
+/// A camera over time: a model for each of some frames, or one model for all frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraTrack {
     /// The models in the order of their frames, at least one.
@@ -108,7 +108,7 @@ impl CameraTrack {
     /// Reads one camera.json, or JSON lines with the number of a frame each.
     ///
     /// # Errors
-    /// The same as [`CameraModel::from_json`], with the number of the line; if the frames' numbers do not rise.
+    /// The same as [`CameraModel::from_json`], with the number of the line; also if the numbers of the frames do not rise.
     pub fn from_json(json: &str) -> Result<Self> {
         // Some editors put a byte order mark before the text.
         let json = json.strip_prefix('\u{feff}').unwrap_or(json);
@@ -130,10 +130,10 @@ impl CameraTrack {
         Ok(Self { frames })
     }
 
-    /// The cameras of frames, in the order of their numbers.
+    /// A track of the cameras of some frames, which must be in the order of their numbers.
     ///
     /// # Errors
-    /// If there is none, or the frames' numbers do not rise.
+    /// If there is no camera, or the numbers of the frames do not rise.
     pub fn from_frames(frames: Vec<TrackedCamera>) -> Result<Self> {
         if frames.is_empty() || !frames.is_sorted_by(|a, b| a.frame < b.frame) {
             return Err(Error::new(
@@ -143,13 +143,13 @@ impl CameraTrack {
         Ok(Self { frames })
     }
 
-    /// The cameras, in the order of their frames; one that holds for all frames has number 0.
+    /// The cameras in the order of their frames; a camera that holds for all frames has frame number 0.
     pub fn frames(&self) -> &[TrackedCamera] {
         &self.frames
     }
 
-    /// The camera of a frame: interpolated linearly between the frames around it that have one, the nearest before the
-    /// first and after the last.
+    /// The camera of a frame: interpolated linearly between the two frames around it that have a camera; before the first of these and
+    /// after the last, the nearest camera.
     pub fn at(&self, frame: u64) -> Cow<'_, CameraModel> {
         let after = self.frames.partition_point(|f| f.frame < frame);
         let Some(next) = self.frames.get(after) else {
@@ -163,13 +163,13 @@ impl CameraTrack {
         Cow::Owned(last.camera.between(&next.camera, t))
     }
 
-    /// Every camera changed by a function.
+    /// The track with a function applied to every camera.
     pub fn map(mut self, f: impl Fn(CameraModel) -> CameraModel) -> Self {
         self.frames = self.frames.into_iter().map(|t| TrackedCamera { camera: f(t.camera), ..t }).collect();
         self
     }
 
-    /// Why a distortion is known in no frame; `None` if it is known in one.
+    /// The reason why a distortion is known in no frame; `None` if it is known in at least one.
     pub fn why_unknown(&self, distortion: Distortion) -> Option<&Unknown> {
         self.frames.iter().map(|f| f.camera.why_unknown(distortion)).reduce(|a, b| a.and(b)).flatten()
     }
@@ -218,7 +218,7 @@ mod tests {
         let near = |a: f32, b: f32| (a - b).abs() < 1e-5;
         let (exposure, sigma, noise) = at(25);
         assert!(near(exposure.unwrap(), 0.4) && near(sigma, 1.2) && near(noise, 0.6), "{:?}", at(25));
-        // Unknown on one side: the other's.
+        // Where one of the two frames has no exposure, the other frame's counts.
         assert_eq!(at(15).0, Some(0.2));
         assert_eq!((at(0), at(10).0), (at(10), None));
         assert_eq!(at(99), at(30));

@@ -1,25 +1,25 @@
-//! What inverse depth is measured in, and how relative inverse depth relates to metres.
+//! The units of inverse depth, and the relation of relative inverse depth to metres.
 
 use super::{CameraModel, CameraTrack, DefocusModel};
 use crate::Plane;
 use serde::{Deserialize, Serialize};
 
-/// What the inverse depths of a defocus model, or of a depth map, are measured in.
+/// The unit of the inverse depths of a defocus model or of a depth map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthKind {
-    /// 1 / m along the view axis.
+    /// Inverse depth along the view axis, in 1/m.
     Metric,
-    /// Relative inverse depth: its scale and offset are unknown, larger is nearer.
+    /// Relative inverse depth without a unit: its scale and offset are unknown; larger is nearer.
     Relative,
 }
 
 /// Relates relative inverse depth d to the depth Z in metres: d = scale / Z + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneScale {
-    /// The relative inverse depth of what is 1 m away, less the offset; > 0.
+    /// The relative inverse depth of a point 1 m away, less the offset; > 0.
     pub scale: f32,
-    /// The relative inverse depth of what is infinitely far.
+    /// The relative inverse depth of a point at infinity.
     pub offset: f32,
 }
 
@@ -31,7 +31,7 @@ impl SceneScale {
         relative
     }
 
-    /// A lens over inverse depth in 1/m from one over relative inverse depth; a lens in metres stays as it is.
+    /// Converts a lens over relative inverse depth to one over inverse depth in 1/m; a lens that is metric already stays as it is.
     pub fn lens_to_metric(self, lens: DefocusModel) -> DefocusModel {
         match lens.depth_kind {
             DepthKind::Metric => lens,
@@ -49,7 +49,7 @@ impl CameraModel {
 }
 
 impl CameraTrack {
-    /// What the lens's inverse depth is measured in, in the first frame in which it is known.
+    /// The unit of the lens's inverse depth in the first frame whose lens is known; `None` if no frame's is.
     pub fn depth_kind(&self) -> Option<DepthKind> {
         self.frames().iter().find_map(|f| f.camera.defocus.known()).map(|lens| lens.depth_kind)
     }

@@ -9,7 +9,7 @@ use blindaug::{Encoded, Flow, Linear, Plane, Raster, Transfer};
 pub const LAYERS: [f32; 3] = [0.3, 0.55, 1.0];
 const SPEED: f32 = 12.0;
 
-/// What the camera does in a frame.
+/// The parameters of the camera in a frame.
 #[derive(Clone, Copy)]
 pub struct Camera {
     pub exposure: f32,
@@ -19,11 +19,11 @@ pub struct Camera {
     pub moves: bool,
 }
 
-/// One that all tests start from.
+/// The camera that all tests start from.
 pub const CAMERA: Camera =
     Camera { exposure: 0.5, sigma_at_infinity: 2.0, focus: 0.9, noise: 0.01, moves: true };
 
-/// A number in [0, 1) that depends on nothing but the two.
+/// A number in [0, 1) that depends only on `seed` and `i`.
 fn uniform(seed: u64, i: u64) -> f32 {
     let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ i.wrapping_mul(0xd1b5_4a32_d192_ed03);
     for k in [0xbf58_476d_1ce4_e5b9u64, 0x94d0_49bb_1331_11eb] {
@@ -32,7 +32,7 @@ fn uniform(seed: u64, i: u64) -> f32 {
     ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32
 }
 
-/// Linear RGB and coverage, at twice the frame's resolution, periodic.
+/// A periodic image of leaves in linear RGB with coverage, at twice the frame's resolution.
 fn leaves(side: usize, seed: u64, sparse: bool) -> Raster<[f32; 4]> {
     let mut image = Raster::filled(side, side, [0.0f32; 4]);
     // The first disc that covers a pixel is the one in front.
@@ -40,7 +40,7 @@ fn leaves(side: usize, seed: u64, sparse: bool) -> Raster<[f32; 4]> {
     for i in 0..discs {
         let u = |k: u64| uniform(seed, 16 * i + k);
         let (smallest, largest) = if sparse { (50.0f32, 80.0f32) } else { (3.0, 160.0) };
-        // The inverse of the distribution of density r^-3.
+        // The radius is drawn by the inverse of the cumulative distribution of density r^-3.
         let r = (smallest.powi(-2) - u(0) * (smallest.powi(-2) - largest.powi(-2))).powf(-0.5);
         let (cx, cy) = (u(1) * side as f32, u(2) * side as f32);
         let level = 0.08 + 0.8 * u(3);
@@ -63,17 +63,17 @@ fn leaves(side: usize, seed: u64, sparse: bool) -> Raster<[f32; 4]> {
     image
 }
 
-/// What is filmed.
+/// The scene that is filmed.
 pub struct Scene {
     size: (usize, usize),
     /// The side of the textures, px.
     side: usize,
     layers: [Raster<[f32; 4]>; 3],
-    /// Where nothing is in the nearer layers.
+    /// The masks of the nearer layers, which have holes where the coverage is 0.
     holes: [Raster<[f32; 4]>; 3],
 }
 
-/// A frame, and the truth of it, which benchmarks do not look at.
+/// A frame with its true flow and inverse depth, which benchmarks do not use.
 #[allow(dead_code)]
 pub struct Shot {
     pub frame: Encoded,
@@ -92,7 +92,7 @@ impl Scene {
         }
     }
 
-    /// The scene after the camera has moved by `way` frames.
+    /// The frame of the scene after the camera has moved for `way` frames.
     pub fn seen(&self, way: usize, camera: &Camera, seed: u64) -> Shot {
         let (w, h) = self.size;
         let start = |layer: usize| (2.0 * SPEED * LAYERS[layer]).round() as usize * way;
@@ -128,7 +128,7 @@ impl Scene {
         Shot { frame: Encoded(frame), flow, inverse_depth }
     }
 
-    /// The clip of a camera over time.
+    /// A clip of the scene by a camera whose parameters depend on time.
     pub fn clip(&self, frames: usize, camera: impl Fn(usize) -> Camera) -> Vec<Shot> {
         let mut way = 0;
         (0..frames)

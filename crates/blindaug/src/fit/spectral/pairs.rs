@@ -1,8 +1,8 @@
-//! What two frames that show a surface say of the exposure, whatever its texture.
+//! The exposure from two frames that show the same surface, whatever its texture.
 //!
-//! A surface has one sharp spectrum S. Frames in which it moves by `F1` and `F2` show `S K(lambda F1.w)` and `S K(lambda F2.w)`, so where
+//! A surface has one sharp spectrum S. Frames in which it moves by `F1` and `F2` show `S K(lambda F1.w)` and `S K(lambda F2.w)`. If
 //! the motions differ, in length or direction, a wrong lambda leaves a difference between the frames that no S explains.
-//! Where they do not differ, such a pair of tiles says nothing, and [`super::Tile`] has to rely on what textures are like.
+//! If the motions do not differ, such a pair of tiles says nothing, and [`super::Tile`] has to rely on a prior of textures.
 
 use super::super::likelihood::{
     CLIP, EXPOSURE_STEP, EXPOSURES, LEAK, MAX_LAMBDA, STREAK_STEP, TEMPER, interpolate, lanes, relative,
@@ -20,42 +20,47 @@ use rustfft::{Fft, FftPlanner};
 use std::sync::Arc;
 use wide::f32x4;
 
-/// The most pairs of two frames that are kept: those of most contrast.
+/// The most pairs of tiles of two frames that are kept: those of most contrast.
 const PAIRS_PER_FRAME: usize = 60;
-/// Motions that differ by less, px, say nothing that the flow's errors could not.
+/// The least difference of a pair's motions, px of the tile; smaller differences may be errors of the flow.
 const MIN_DIFFERENCE: f32 = 0.3;
-/// Steps of the tables within this range of exposure fractions.
+/// The least and the largest step of the tables over the exposure fraction.
 const LAMBDA_STEPS: std::ops::Range<f32> = 0.04..0.1;
-/// Within a tile the motion may deviate by this much, px (mean), or the frames do not show the same.
+/// The largest mean deviation of the motion within a tile, px of the tile, beyond which the two frames do not show the same surface.
 const MAX_DEVIATION: f32 = 0.5;
-/// By how much the frames may be out of register, px (std): the likeliest of these.
+/// The stds, px, of the misregistration of the two frames that are tried; the likelier one counts.
 const MISMATCHES: [f32; 2] = [0.05, 0.2];
-/// The share of the power that may differ at any frequency, by changes of light.
+/// The share of the power that changes of light may alter at any frequency.
 const CHANGE: f32 = 1e-3;
-/// Log-likelihoods whose size, in nats, is at most this do not count.
+/// The number of nats by which a pair's log-likelihood is raised before it is cut off at 0, so that weak preferences do not count.
 const TOLERANCE: f32 = 1.0;
 
-/// A tile of one frame and the same surface's in the next.
+/// A tile of one frame and the tile of the next frame that shows the same surface.
 #[derive(Clone, Debug)]
 pub struct Pair {
-    /// The block of the image, in the later frame.
+    /// The block of the image that the tile of the later frame lies in.
     pub(super) block: u32,
-    /// px of the frame that make one of the tiles'.
+    /// The number of px of the frame, each way, that make one px of the tiles.
     pub(super) scale: f32,
+    /// The motion of the surface in both frames, px of the tiles per frame interval.
     motions: [[f32; 2]; 2],
+    /// The [`super::Tile::noise_moments`] of the first tile.
     noise_moments: [f32; 3],
-    /// Power of the first tile plus that of the second, and minus it; the real part of their cross spectrum, in register.
+    /// The power of the first tile plus that of the second, at each of the [`frequencies`].
     sum: Vec<f32>,
+    /// The power of the first tile minus that of the second.
     difference: Vec<f32>,
+    /// The real part of the cross spectrum of the tiles, after alignment.
     cross: Vec<f32>,
-    /// Half the sum, smoothed: what is expected there.
+    /// The expected power of one tile: half of `sum`, smoothed over neighbouring frequencies.
     expected: Vec<f32>,
 }
 
-/// Where a pair is, and how its surface moves in both frames.
+/// The places of a pair's tiles and the motions of its surface in both frames.
 struct Place {
+    /// The corners of the tiles, px of the tiles' resolution.
     corners: [(usize, usize); 2],
-    /// What is left of the way from one to the other, which is in whole pixels.
+    /// The rest of the surface's displacement beyond the whole pixels between the corners.
     rest: [f32; 2],
     motions: [[f32; 2]; 2],
     contrast: f32,
@@ -63,7 +68,8 @@ struct Place {
     scale: usize,
 }
 
-/// The pairs of two successive frames, given the flow from the first to the second and each one's motion at its own time (NaN: unknown).
+/// The pairs of two successive frames, given the flow from the first to the second and the motion of each frame at its own time (NaN:
+/// unknown).
 pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: BlurSpace) -> Vec<Pair> {
     let mut places = places(frames[0], flow, motions, 1);
     places.extend(self::places(frames[0], flow, motions, 2));
@@ -73,10 +79,10 @@ pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Blu
     par::map(places.len(), |i| pair(&fft, frames, &places[i], space))
 }
 
-/// The places of a frame that are `scale` px of it to one of a tile's.
+/// The places of pairs, if `scale` px of the frame make one px of a tile.
 fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
     let size @ (w, h) = (flow.width() / scale, flow.height() / scale);
-    // A checkerboard: each costs as much as several of [`super::Tile`], and all of them tell hardly more.
+    // Only the corners of a checkerboard are used: a pair costs as much as several of [`super::Tile`], and all pairs tell hardly more.
     let mut corners = corners(size);
     corners.retain(|(x, y)| (x + y) % TILE == 0);
     let found = par::map(corners.len(), |i| {
@@ -155,7 +161,8 @@ fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Bl
     }
 }
 
-/// `K` at three frequencies, of which a bin of the window gathers the power: beside it on both sides, and its own.
+/// The shutter's kernel `K` at the three frequencies whose power a frequency of the windowed spectrum gathers: its own and one on both
+/// sides.
 struct Gathered {
     along: Vec<f32x4>,
     beside: f32,
@@ -181,7 +188,7 @@ impl Gathered {
 }
 
 impl Pair {
-    /// px per frame interval, of the frame.
+    /// The greater of the pair's speeds, px of the frame per frame interval.
     pub(super) fn speed(&self) -> f32 {
         self.scale * self.longest()
     }
@@ -190,7 +197,7 @@ impl Pair {
         self.motions.map(|m| m[0].hypot(m[1])).into_iter().fold(0.0, f32::max)
     }
 
-    /// What the pair objects to the exposures of a curve, in nats, within [-CLIP, 0]; `None` if it holds hardly more than noise.
+    /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0]; `None` if the pair is hardly more than noise.
     pub(super) fn clipped_log_likelihood(&self, noise: &LumaNoise) -> Option<Vec<f32>> {
         let hidden = hidden(self.noise_moments, self.scale, noise.coding_error);
         let density = noise_density(self.noise_moments, self.scale, noise, noise.coding_error);
@@ -205,13 +212,13 @@ impl Pair {
         Some(relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect())
     }
 
-    /// Log-likelihood over lambda in steps of so much, 0 at its maximum, of what is at right angles to `S (K1, K2)` in
-    /// the two frames' amplitudes, S being anything. The window gathers frequencies at which K differs, which leaves some of S there.
+    /// The log-likelihood over lambda in steps of `step`, 0 at its maximum. It is that of the component of the two frames' amplitudes at
+    /// right angles to `S (K1, K2)`, which is free of any S but for a rest, since the window gathers frequencies at which K differs.
     fn over_lambda(&self, step: f32, noise: &[f32], hidden: f32) -> Vec<f32> {
         let column = |v: &[f32]| lanes(v.iter().copied(), 0.0);
         let (sum, difference, cross) = (column(&self.sum), column(&self.difference), column(&self.cross));
         let weight = lanes(frequencies().iter().map(|q| q.weight), 0.0);
-        // After a coder only what stands out of what is hidden: what is weaker was predicted from the other frame.
+        // After a coder only power above the noise padding counts as signal, since weaker detail was predicted from the other frame.
         let signal = lanes(self.expected.iter().zip(noise).map(|(p, n)| (p - n).max(0.0)), 0.0);
         let unlike = MISMATCHES.map(|shift| {
             let of = |((q, p), n): ((&super::Frequency, &f32), &f32)| {
@@ -240,7 +247,7 @@ impl Pair {
                     own2 += share[i] * k2[s] * k2[s];
                     both += share[i] * k1[s] * k2[s];
                 }
-                // The covariance of the two amplitudes: along its minor axis S has hardly any power.
+                // S has hardly any power along the minor axis of the covariance of the two amplitudes.
                 let (mean, half) = (0.5 * (own1 + own2), 0.5 * (own1 - own2));
                 let root = (half * half + both * both).sqrt().max(f32x4::splat(1e-9));
                 let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
