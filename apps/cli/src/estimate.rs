@@ -3,7 +3,7 @@
 use blindaug::{
     Plane,
     fit::{Curve, Estimation, EstimatorOptions, Family},
-    model::{BlurSpace, CameraModel, DepthKind, Stopped},
+    model::{BlurSpace, CameraModel, DepthKind, NoiseKind, Stopped},
 };
 use blindaug_cli::console::{self, CONSOLE, Failure, Result, failure, note};
 use blindaug_io::{
@@ -64,6 +64,9 @@ pub struct Estimate {
     /// The values that shutter and lens act on: light, as real ones do, or encoded values, as in the paper
     #[arg(long, value_enum, default_value = "linear")]
     blur_in: BlurIn,
+    /// The noise model: curves over the picture's colour with what channels and frames share, or the paper's straight lines over luminance
+    #[arg(long, value_enum, default_value = "curves")]
+    noise_model: NoiseModelArg,
     /// Follow the camera: a model for each frame, as JSON lines, instead of one for all
     #[arg(long, conflicts_with_all = ["clean", "evidence"])]
     track: bool,
@@ -116,6 +119,12 @@ enum MethodArg {
 enum CurveArg {
     ThinLens,
     Quadratic,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum NoiseModelArg {
+    Curves,
+    Lines,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -216,6 +225,7 @@ fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
     let (footage, source) = args.footage()?;
     let job = track::Job {
         blur_space: options.blur_space,
+        noise_kind: options.noise_kind,
         fps: options.fps,
         keep_samples: args.report.is_some(),
         operators: Some(&mut networks),
@@ -290,6 +300,10 @@ impl Estimate {
             blur_space: match self.blur_in {
                 BlurIn::Linear => BlurSpace::Linear,
                 BlurIn::Encoded => BlurSpace::Encoded,
+            },
+            noise_kind: match self.noise_model {
+                NoiseModelArg::Curves => NoiseKind::Curves,
+                NoiseModelArg::Lines => NoiseKind::Lines,
             },
             fps: self.fps,
         }

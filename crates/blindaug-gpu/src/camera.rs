@@ -4,8 +4,9 @@ use crate::layout::wgsl_struct;
 use crate::quality::Quality;
 use blindaug::Result;
 use blindaug::composite::CompositeOptions;
-use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, NOISE_LEVELS};
+use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, KNOTS, NOISE_KNOTS, NOISE_LEVELS, NoiseModel};
 use blindaug::synth::Blur;
+use blindaug::synth::noise::{MOST_TERMS, temporal_weights};
 
 /// The range of all inverse depths, 1/m. It is finite, since shaders need not know infinity.
 const EVERYTHING: [f32; 2] = [f32::MIN, f32::MAX];
@@ -23,12 +24,22 @@ wgsl_struct! {
         pub(crate) depth_map: [f32; 2],
         /// The path while the shutter is open, px, of a unit of the velocity texture: px per frame interval times the exposure fraction.
         path_scale: [f32; 2],
-        /// Unused.
-        padding: [u32; 2],
+        /// 1 if the noise follows curves over the picture's colour, 0 if it follows straight lines over luminance.
+        noise_curves: u32,
+        /// The number of frames whose white noise is summed for the noise of a frame.
+        noise_terms: u32,
         /// The slopes of the noise std of each pyramid level, slope * luma + intercept, for R, G and B; the fourth number is unused.
         slope: [[f32; 4]; NOISE_LEVELS],
         /// The intercepts of the noise std of each pyramid level, for R, G and B; the fourth number is unused.
         intercept: [[f32; 4]; NOISE_LEVELS],
+        /// The encoded values at which the curves of the noise's variance have their points.
+        knots: [[f32; 4]; NOISE_KNOTS / 4],
+        /// The points of the curves, in the order of `blindaug::model::CurveLevel::variance`, levels first.
+        variance: [[f32; 4]; 9 * NOISE_LEVELS * NOISE_KNOTS / 4],
+        /// The rows of the matrices by which three independent noises become those of R, G and B, three rows for each level.
+        mixing: [[f32; 4]; 3 * NOISE_LEVELS],
+        /// The weights of the white noise of the frame, the frame before it and so on.
+        noise_weights: [[f32; 4]; MOST_TERMS / 4],
         /// The encoded value at which the sensor clips.
         clip: f32,
         /// 1 if there is noise to add.
@@ -102,11 +113,29 @@ impl Camera {
         if let Some(noise) = model.noise.known().filter(|_| !options.no_noise) {
             uniforms.noise = 1;
             uniforms.clip = noise.clip();
-            let rgb = |[r, g, b]: [f32; 3]| [r, g, b, 0.0];
-            uniforms.slope = noise.lines().levels.map(|l| rgb(l.slope));
-            uniforms.intercept = noise.lines().levels.map(|l| rgb(l.intercept));
+            uniforms.set_noise(noise);
         }
         Ok(uniforms)
+    }
+
+    fn set_noise(&mut self, noise: &NoiseModel) {
+        let rgb = |[r, g, b]: [f32; 3]| [r, g, b, 0.0];
+        self.slope = noise.lines().levels.map(|l| rgb(l.slope));
+        self.intercept = noise.lines().levels.map(|l| rgb(l.intercept));
+        for (row, c) in self.mixing.iter_mut().zip((0..3).cycle()) {
+            row[c] = 1.0;
+        }
+        let weights = temporal_weights(noise.temporal_correlation());
+        self.noise_terms = weights.len() as u32;
+        self.noise_weights.as_flattened_mut()[..weights.len()].copy_from_slice(&weights);
+        if let Some(curves) = noise.curves() {
+            self.noise_curves = 1;
+            self.knots.as_flattened_mut().copy_from_slice(&KNOTS);
+            let points = curves.levels.iter().flat_map(|l| l.variance.as_flattened().as_flattened());
+            self.variance.as_flattened_mut().iter_mut().zip(points).for_each(|(to, v)| *to = *v);
+            let rows = curves.levels.iter().flat_map(|l| l.mixing);
+            self.mixing.iter_mut().zip(rows).for_each(|(to, row)| *to = rgb(row));
+        }
     }
 
     /// Whether the lens may put anything out of focus.

@@ -52,8 +52,43 @@ fn smoothed(at: vec2<f32>, eye: u32) -> vec3<f32> {
     return sum;
 }
 
-fn model_std(level: u32, y: f32) -> vec3<f32> {
-    return max(camera.slope[level].rgb * y + camera.intercept[level].rgb, vec3(0.0));
+// Point `i` of all curves of the noise's variance, in a row.
+fn curve_point(i: u32) -> f32 {
+    return camera.variance[i / 4u][i % 4u];
+}
+
+// The std of the noise of a level over content of this encoded colour.
+fn model_std(level: u32, colour: vec3<f32>) -> vec3<f32> {
+    if camera.noise_curves == 0u {
+        return max(camera.slope[level].rgb * luma(colour) + camera.intercept[level].rgb, vec3(0.0));
+    }
+    var variance = vec3(0.0);
+    for (var k = 0u; k < 3u; k++) {
+        let v = clamp(colour[k], 0.0, 1.0);
+        // The point below the value, and the share of the way to the next one.
+        var below = 0u;
+        for (var i = 1u; i < NOISE_KNOTS - 1u; i++) {
+            below += u32(v >= camera.knots[i / 4u][i % 4u]);
+        }
+        let from = camera.knots[below / 4u][below % 4u];
+        let to = camera.knots[(below + 1u) / 4u][(below + 1u) % 4u];
+        let share = (v - from) / (to - from);
+        for (var c = 0u; c < 3u; c++) {
+            let at = ((3u * level + c) * 3u + k) * NOISE_KNOTS + below;
+            variance[c] += mix(curve_point(at), curve_point(at + 1u), share);
+        }
+    }
+    return sqrt(max(variance, vec3(0.0)));
+}
+
+// Noise of std 1 of a level: three independent noises become those of R, G and B.
+fn mixed(level: u32, unit: vec3<f32>) -> vec3<f32> {
+    let row = 3u * level;
+    return vec3(
+        dot(camera.mixing[row].rgb, unit),
+        dot(camera.mixing[row + 1u].rgb, unit),
+        dot(camera.mixing[row + 2u].rgb, unit),
+    );
 }
 
 // The least share of the background's light at which the background's noise counts.
@@ -70,7 +105,6 @@ fn missing_noise(
     kept: f32,
 ) -> vec3<f32> {
     var gain = vec3(0.0);
-    var background_luma = 0.0;
     var noise_free = clean;
     if kept > LEAST_KEPT {
         gain = vec3(kept);
@@ -78,18 +112,22 @@ fn missing_noise(
             gain *= encoding_slope(decode(clean)) / encoding_slope(decode(smooth_background));
         }
         gain = select(clamp(gain, vec3(0.0), vec3(1.5)), vec3(0.0), smooth_background >= vec3(camera.clip));
-        background_luma = luma(smooth_background);
         // The visible share of the background brings its noise along, which is subtracted here.
         noise_free -= gain * (background - smooth_background);
     }
-    let y = luma(noise_free);
     var sigma: array<vec3<f32>, NOISE_LEVELS>;
     for (var level = 0u; level < NOISE_LEVELS; level++) {
-        let want = model_std(level, y);
-        let there = gain * model_std(level, background_luma);
+        let want = model_std(level, noise_free);
+        let there = gain * model_std(level, smooth_background);
         sigma[level] = sqrt(max(want * want - there * there, vec3(0.0)));
     }
-    return noise(tile, pixel, camera.key ^ vec2(eye * 0x9e3779b9u), sigma);
+    var sum = vec3(0.0);
+    for (var age = 0u; age < camera.noise_terms; age++) {
+        // The noise of earlier frames is that of their numbers.
+        let key = vec2(camera.key.x, camera.key.y - age) ^ vec2(eye * 0x9e3779b9u);
+        sum += camera.noise_weights[age / 4u][age % 4u] * noise(tile, pixel, key, sigma);
+    }
+    return sum;
 }
 
 fn to_target(v: vec3<f32>) -> vec4<f32> {

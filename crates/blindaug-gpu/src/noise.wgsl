@@ -12,7 +12,7 @@ fn cell_texel(cell: vec2<i32>, at: vec2<i32>, key: vec2<u32>, tile: texture_2d_a
     return textureLoad(tile, (at + offset) & vec2(i32(NOISE_TILE) - 1), layer, 0);
 }
 
-// The noise at a pixel: the sum of all levels, each channel of a level times its `sigma`.
+// The noise at a pixel: the sum of all levels, each mixed as the model's channels are correlated and multiplied by its `sigma`.
 fn noise(tile: texture_2d_array<f32>, pixel: vec2<u32>, key: vec2<u32>, sigma: array<vec3<f32>, NOISE_LEVELS>) -> vec3<f32> {
     // The grid of cells lies elsewhere in each frame.
     let shift = pcg4d(vec4(key, key.yx)).xy % vec2(u32(CELL));
@@ -30,7 +30,9 @@ fn noise(tile: texture_2d_array<f32>, pixel: vec2<u32>, key: vec2<u32>, sigma: a
             let a = cell_texel(source, at, key, tile, 0);
             let b = cell_texel(source, at, key, tile, 1);
             let c = cell_texel(source, at, key, tile, 2);
-            sum += weight * (sigma[0] * a.rgb + sigma[1] * b.rgb + sigma[2] * c.rgb + sigma[3] * vec3(a.w, b.w, c.w));
+            let fine = sigma[0] * mixed(0u, a.rgb) + sigma[1] * mixed(1u, b.rgb);
+            let coarse = sigma[2] * mixed(2u, c.rgb) + sigma[3] * mixed(3u, vec3(a.w, b.w, c.w));
+            sum += weight * (fine + coarse);
             squares += weight * weight;
         }
     }

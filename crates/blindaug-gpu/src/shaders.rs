@@ -5,7 +5,7 @@ use crate::layout::{Layout, structs};
 use crate::prelude::{colours, constants};
 use crate::quality::{DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES};
 use crate::uniforms::{MaskPass, TILE, TileLevel};
-use blindaug::model::NOISE_LEVELS;
+use blindaug::model::{NOISE_KNOTS, NOISE_LEVELS};
 use blindaug::synth;
 use std::sync::LazyLock;
 
@@ -16,6 +16,7 @@ const STRUCTS: [Layout; 4] = [Camera::LAYOUT, DefocusQuality::LAYOUT, MaskPass::
 fn compositor() -> String {
     let constants = constants(&[
         ("NOISE_LEVELS", &NOISE_LEVELS),
+        ("NOISE_KNOTS", &NOISE_KNOTS),
         ("MAX_SIGMA_PX", &synth::defocus::MAX_SIGMA_PX),
         ("SEEN", &synth::SEEN),
         ("OPAQUE", &synth::OPAQUE),

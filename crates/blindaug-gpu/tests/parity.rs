@@ -2,8 +2,8 @@
 
 use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::model::{
-    BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
-    NOISE_LEVELS, NoiseLevel, NoiseModel, SharpeningModel,
+    BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, KNOTS,
+    MotionBlurModel, NOISE_LEVELS, NoiseCurves, NoiseLevel, NoiseModel, SharpeningModel,
 };
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
@@ -620,10 +620,61 @@ fn noise_has_the_reference_s_std_in_each_level() {
     assert!(white.data().as_flattened().iter().all(|v| (v - 0.97).abs() < ROUNDING));
 }
 
+/// Noise that grows with red, and whose channels and frames are correlated.
+fn with_curves(mut camera: CameraModel, scale: f32, shared: f32, temporal_correlation: f32) -> CameraModel {
+    let level = |l: usize| {
+        let std = [0.02, 0.008, 0.005, 0.003][l] * scale;
+        let curve = |k: usize| KNOTS.map(|v| std * std * (0.2 + if k == 0 { 2.0 * v } else { 0.0 }));
+        let own = (1.0 - shared * shared).sqrt();
+        CurveLevel {
+            variance: [std::array::from_fn(curve); 3],
+            mixing: [[1.0, 0.0, 0.0], [shared, own, 0.0], [shared, 0.0, own]],
+        }
+    };
+    let lines = with_noise(camera.clone(), 1.0).noise.known().unwrap().lines().clone();
+    camera.noise = Estimate::Known(NoiseModel::Curves(Box::new(NoiseCurves {
+        lines,
+        levels: std::array::from_fn(level),
+        temporal_correlation,
+    })));
+    camera
+}
+
+/// The correlation of R and G.
+fn shared_by_channels(image: &Raster<[f32; 3]>) -> f32 {
+    let n = image.data().len() as f32;
+    let mean: [f32; 3] = std::array::from_fn(|c| image.data().iter().map(|v| v[c]).sum::<f32>() / n);
+    let sum =
+        |a: usize, b: usize| image.data().iter().map(|v| (v[a] - mean[a]) * (v[b] - mean[b])).sum::<f32>();
+    sum(0, 1) / (sum(0, 0) * sum(1, 1)).sqrt()
+}
+
+#[test]
+fn noise_by_curves_is_that_of_the_reference_in_strength_colour_and_time() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (512, 384);
+    let frame = frame(w, h);
+    let layer = grey(w, h, 0.4, 1.0);
+    let model = with_curves(camera(w, h), 1.0, 0.8, 0.5);
+    let options = CompositeOptions::default();
+    let (gpu, cpu) = (on_gpu(&frame, &layer, &model, &options), on_cpu(&frame, &layer, &model, &options));
+    let got = band_difference(&band_stds(&gpu), &band_stds(&cpu));
+    let colours = (shared_by_channels(&gpu) - shared_by_channels(&cpu)).abs();
+    println!("{got} from the reference, channels {colours}");
+    assert!(got < NOISE_TOLERANCE && colours < 0.03, "{got} {colours}");
+    // Negative controls: stronger noise, and channels that share nothing.
+    let wrong = on_gpu(&frame, &layer, &with_curves(camera(w, h), 1.1, 0.8, 0.5), &options);
+    assert!(band_difference(&band_stds(&wrong), &band_stds(&cpu)) > NOISE_TOLERANCE);
+    let wrong = on_gpu(&frame, &layer, &with_curves(camera(w, h), 1.0, 0.0, 0.5), &options);
+    assert!((shared_by_channels(&wrong) - shared_by_channels(&cpu)).abs() > 0.3);
+}
+
 /// A frame of middle grey as a camera films it, in 8 bit.
 fn filmed_grey(model: &CameraModel, w: usize, h: usize) -> Encoded {
     let Estimate::Known(noise) = &model.noise else { unreachable!() };
-    let noise = synth::noise::noise(noise, &Plane::filled(w, h, 0.5), 9, 1);
+    let noise = synth::noise::noise(noise, &blindaug::Raster::filled(w, h, [0.5; 3]), 9, 1);
     Encoded(noise.map(|n| n.map(|n| ((0.5 + n).clamp(0.0, 1.0) * 255.0).round() / 255.0)))
 }
 

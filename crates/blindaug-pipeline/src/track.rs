@@ -11,7 +11,7 @@ use crate::{
 use blindaug::{
     Sample,
     fit::{FrameObservation, track::Tracker},
-    model::{BlurSpace, CameraTrack, TrackedCamera},
+    model::{BlurSpace, CameraTrack, NoiseKind, TrackedCamera},
 };
 
 /// The options of tracking a clip.
@@ -19,6 +19,8 @@ use blindaug::{
 pub struct Job<'a> {
     /// The values that blur acts on: light or encoded values.
     pub blur_space: BlurSpace,
+    /// The kind of noise model.
+    pub noise_kind: NoiseKind,
     /// Frames per second; `None`: the clip's.
     pub fps: Option<f64>,
     /// Whether a few frames are kept for a report.
@@ -44,6 +46,7 @@ pub struct Tracked {
 struct Following<'a> {
     clip: &'a dyn Clip,
     tracker: Tracker,
+    noise_kind: NoiseKind,
     each: &'a mut dyn FnMut(&TrackedCamera) -> Result<()>,
     /// The models so far; all but the last one were handed on.
     cameras: Vec<TrackedCamera>,
@@ -61,7 +64,8 @@ impl Viewer for Following<'_> {
         observation: &FrameObservation,
         _: Option<&mut dyn EvidenceSink>,
     ) -> Result<()> {
-        let camera = self.tracker.push(observation).map_err(|e| of_frame(self.clip, number, e))?.clone();
+        let mut camera = self.tracker.push(observation).map_err(|e| of_frame(self.clip, number, e))?.clone();
+        self.noise_kind.reduce(&mut camera.noise);
         if let Some(last) = self.cameras.last() {
             (self.each)(last)?;
         }
@@ -80,13 +84,13 @@ pub fn track(
     observer: &dyn Observer,
     each: &mut dyn FnMut(&TrackedCamera) -> Result<()>,
 ) -> Result<Tracked> {
-    let Job { blur_space, fps, keep_samples, operators } = job;
+    let Job { blur_space, noise_kind, fps, keep_samples, operators } = job;
     let clip = &*footage.clip;
     let reach = operators.as_ref().map_or(0, |o| o.reach());
     check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
     let tracker = Tracker::new(blur_space, fps.or(clip.fps()));
     let samples = Samples::new(clip, keep_samples);
-    let mut following = Following { clip, tracker, each, cameras: Vec::new(), samples };
+    let mut following = Following { clip, tracker, noise_kind, each, cameras: Vec::new(), samples };
     let Seen { first, last, stopped, .. } =
         show(footage, operators, None, "tracking", &mut following, observer)?;
     let Following { each, mut cameras, samples, .. } = following;

@@ -145,7 +145,7 @@ pub fn resynthesised(
 }
 
 fn with_noise(image: &Encoded, model: &NoiseModel, number: u64) -> Encoded {
-    let grain = noise::noise(model, &image.luma(), 1, number);
+    let grain = noise::noise(model, &image.0, 1, number);
     let mut out = image.clone();
     for (v, n) in out.0.data_mut().as_flattened_mut().iter_mut().zip(grain.data().as_flattened()) {
         // Where the sensor clips there is no noise, and elsewhere noise does not reach beyond that level.
@@ -266,7 +266,7 @@ fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Opt
     let planes: [[f32; 3]; 3] = std::array::from_fn(|c| plane_fit(&real.map(|p| p[c])));
     let shading = Raster::from_fn(PATCH, PATCH, |x, y| planes.map(|p| at_plane(p, x, y)));
     let shading = Encoded(shading);
-    let grain = noise::noise(model, &shading.luma(), 1, sample.number);
+    let grain = noise::noise(model, &shading.0, 1, sample.number);
     let residual = Raster::from_fn(PATCH, PATCH, |x, y| {
         let (v, s) = (real.at(x, y), shading.0.at(x, y));
         std::array::from_fn::<f32, 3, _>(|c| v[c] - s[c])

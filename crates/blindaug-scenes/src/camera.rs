@@ -60,7 +60,7 @@ impl Camera {
                 let options = synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed };
                 let clean =
                     synth::distort_frame(sharp, &model, Some(inverse_depth), Some(motion), &options, time)?;
-                let noise = model.noise.known().map(|m| noise::noise(m, &clean.luma(), seed, time));
+                let noise = model.noise.known().map(|m| noise::noise(m, &clean.0, seed, time));
                 let noisy = match noise {
                     Some(n) => Encoded(Raster::from_fn(clean.0.width(), clean.0.height(), |x, y| {
                         let (v, n) = (clean.0.at(x, y), n.at(x, y));

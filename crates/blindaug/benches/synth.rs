@@ -59,8 +59,7 @@ fn bench(c: &mut Criterion) {
         }
     }
     let model = camera();
-    let luma = Encoded(frame.clone()).luma();
-    group.bench_function("noise", |b| b.iter(|| model.noise.known().map(|m| noise(m, &luma, 1, 1))));
+    group.bench_function("noise", |b| b.iter(|| model.noise.known().map(|m| noise(m, &frame, 1, 1))));
 
     // All distortions are applied to a whole frame of a wall with things in front of it.
     let sharp = Linear(frame.clone());

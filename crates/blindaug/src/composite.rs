@@ -13,7 +13,7 @@
 
 use crate::model::{CameraModel, NoiseModel, SharpeningModel};
 use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
-use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, luma, pyramid};
+use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, pyramid};
 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
@@ -477,20 +477,21 @@ fn missing_noise(
         let gain = |c: usize| (k * space.slope(v[c]) / space.slope(s[c])).clamp(0.0, 1.5);
         std::array::from_fn::<f32, 3, _>(|c| if s[c] >= model.clip() { 0.0 } else { gain(c) })
     });
-    let mut frame_luma = smooth.map(luma);
-    let mut luma = Plane::from_fn(w, h, |x, y| {
+    let mut content = Raster::from_fn(w, h, |x, y| {
         let (f, s, v, g) = (frame.at(x, y), smooth.at(x, y), clean.at(x, y), gain.at(x, y));
-        luma(std::array::from_fn(|c| v[c] - g[c] * (f[c] - s[c])))
+        std::array::from_fn(|c| v[c] - g[c] * (f[c] - s[c]))
     });
+    let mut smooth = smooth;
     let mut kept_variance = gain.map(|g| g.map(|g| g * g));
-    noise::modulated(noise::unit_bands(w, h, seed, number), |level| {
+    noise::modulated(noise::bands(model, (w, h), seed, number), |level| {
         if level > 0 {
-            luma = pyramid::downsample(&luma);
-            frame_luma = pyramid::downsample(&frame_luma);
+            content = pyramid::downsample(&content);
+            smooth = pyramid::downsample(&smooth);
             kept_variance = pyramid::downsample(&kept_variance);
         }
-        Raster::from_fn(luma.width(), luma.height(), |x, y| {
-            let (want, there) = (model.std(level, luma.at(x, y)), model.std(level, frame_luma.at(x, y)));
+        Raster::from_fn(content.width(), content.height(), |x, y| {
+            let want = model.std_over(level, content.at(x, y));
+            let there = model.std_over(level, smooth.at(x, y));
             let kept = kept_variance.at(x, y);
             std::array::from_fn(|c| (want[c] * want[c] - kept[c] * there[c] * there[c]).max(0.0).sqrt())
         })
@@ -792,7 +793,7 @@ mod tests {
         let t = Transfer::Srgb;
         // A frame of 0.6 with the camera's own noise.
         let noisy = |number: u64| {
-            let n = noise::noise(model.noise.known().unwrap(), &Plane::filled(W, H, 0.6), 99, number);
+            let n = noise::noise(model.noise.known().unwrap(), &Raster::filled(W, H, [0.6; 3]), 99, number);
             Encoded(n.map(|n| n.map(|v| v + 0.6)))
         };
         for alpha in [0.1, 0.3, 0.5, 0.8, 1.0] {

@@ -140,7 +140,7 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
 
 /// The correlation of a model's synthesised noise with the image's gradient.
 fn structure(noise: &NoiseModel, clean: &Encoded) -> f32 {
-    correlation(&synth::noise::noise(noise, &clean.luma(), 1, 0), clean)
+    correlation(&synth::noise::noise(noise, &clean.0, 1, 0), clean)
 }
 
 /// The correlation of the noise's size, relative to its mean at the same luminance, with the size of the image's gradient.

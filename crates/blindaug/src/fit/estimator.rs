@@ -2,7 +2,7 @@
 
 use super::defocus::BlurPoint;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
-use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
+use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit, is_still};
 use super::observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
@@ -223,6 +223,12 @@ impl Estimator {
         let mut kept = FrameEvidence::new(index, self.shots.len() - 1, to_next.is_some(), depth.is_some());
         if let (Some(flow), Some((other, _))) = (&to_neighbour, neighbour) {
             kept.temporal.add_pair(frame, other, flow)?;
+            let rows = 0..frame.0.height();
+            let was_still =
+                self.last_motion.as_ref().is_some_and(|l| l.index + 1 == index && is_still(&l.flow, &rows));
+            if let (true, Some(before), Some(next)) = (was_still && is_still(flow, &rows), previous, next) {
+                kept.temporal.add_successive([before, frame, next]);
+            }
         }
         kept.spatial.add_single(frame);
         // The shutter is open around the frame's own time, not on the way to the next frame.
@@ -393,7 +399,7 @@ impl Estimator {
             (Some(denoised), _) => kept.denoised.add_denoised(frame, denoised)?,
             (None, Some(clean)) => {
                 let blurred = self.reblurred(clean, kept, motion, depth)?;
-                kept.denoised.add_residual(frame, &blurred)?;
+                kept.denoised.add_residual(frame, &blurred, clean)?;
             }
             _ => {}
         }
@@ -501,6 +507,7 @@ impl Estimator {
         }
         diagnostics.noise_points = fit.points;
         model.noise = fit.model;
+        self.options.noise_kind.reduce(&mut model.noise);
         fit.luma.unwrap_or_default()
     }
 

@@ -4,9 +4,10 @@
 //! All three methods collect local variances of the Laplacian bands of a residual; [`NoiseEvidence::fit`] turns these into the
 //! 24 numbers of the model, each with an interval.
 
+use super::noise_curves::{self, Block, Colours, Spectrum};
 use crate::analysis::brightness::{brightening, undone};
 use crate::model::{
-    Estimate, Method, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
+    Estimate, Method, NOISE_LEVELS, NoiseCurves, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
 };
 use crate::raster::cubic_weights;
 use crate::strips::{STRIP, Strip, strips};
@@ -55,6 +56,32 @@ struct LocalVariance {
     coarser: f32,
     /// The number of values in the variance.
     count: f32,
+    /// The encoded colours in the block.
+    colours: Colours,
+    /// The covariances RG, RB and GB, divided by the same gain.
+    between: [f32; 3],
+    /// The mean product of neighbouring values of the band in R, G and B; only of single frames.
+    neighbours: [f32; 3],
+    /// The power of the picture's own texture, of which the residual may hold a share: [`noise_curves::Block::texture`].
+    texture: f32,
+    /// Whether the residual is known to hold nothing but noise.
+    pure: bool,
+    /// Whether so many pixels clip that a part of the noise is lost.
+    clipped: bool,
+}
+
+/// A residual from which local variances are taken, pixel by pixel.
+struct Residual<V, C, F, G> {
+    /// R, G and B of the residual, and the image whose band shows the texture of which the residual may hold a share.
+    values: V,
+    /// The encoded colour of the image, with as little noise as possible.
+    colour: C,
+    /// The flaw of a pixel.
+    flaws: F,
+    /// The factor of the residual on the variance of noise, at a pixel and level.
+    gain: G,
+    /// Whether the residual is known to hold nothing but noise.
+    pure: bool,
 }
 
 /// A measured point of the noise curve, for plots.
@@ -110,6 +137,8 @@ pub struct NoiseEvidence {
     brightest: Box<[u64; 256]>,
     /// Whether any pixel is not grey.
     coloured: bool,
+    /// The correlations of noise between successive frames that were measured.
+    successive: Vec<f32>,
 }
 
 /// The side of the blocks that video coders copy, px.
@@ -140,6 +169,7 @@ impl NoiseEvidence {
             levels: Default::default(),
             brightest: Box::new([0; 256]),
             coloured: false,
+            successive: vec![],
         }
     }
 
@@ -180,8 +210,10 @@ impl NoiseEvidence {
         let (top, height) = (rows.start, rows.len());
         self.count_colours(&frame.0.data()[w * top..w * rows.end]);
         let inside = |x: f32, y: f32| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
+        // Where nothing moves, each pixel is compared with itself: nothing is interpolated, and nothing can mismatch.
+        let still = is_still(flow, &rows);
         let target = |x: usize, y: usize| {
-            let [u, v] = flow.at(x, top + y);
+            let [u, v] = if still { [0.0; 2] } else { flow.at(x, top + y) };
             [x as f32 + u, (top + y) as f32 + v]
         };
         let brighter = brightening((w, height), |x, y| {
@@ -189,7 +221,7 @@ impl NoiseEvidence {
             inside(tx, ty).then(|| [frame.0.at(x, top + y), next.0.bilinear(tx, ty)])
         });
         // Warp and difference are one pass, since the warped frame is not needed again.
-        let residual = |x: usize, y: usize| {
+        let values = |x: usize, y: usize| {
             let ([tx, ty], a) = (target(x, y), frame.0.at(x, top + y));
             if !inside(tx, ty) {
                 return [0.0, 0.0, 0.0, luma(a)];
@@ -212,32 +244,49 @@ impl NoiseEvidence {
             let [tx, ty] = target(x, y);
             1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
-        self.add_blocks((w, height), residual, flaws, gain);
+        let colour = |x: usize, y: usize| frame.0.at(x, top + y);
+        self.add_blocks((w, height), &Residual { values, colour, flaws, gain, pure: still });
         Ok(())
     }
 
-    /// Adds the evidence of one frame alone: its bands are noise where the frame is flat.
+    /// Adds the evidence of a single frame: where the frame is flat, its bands are noise.
     pub fn add_single(&mut self, frame: &Encoded) {
         self.count_colours(frame.0.data());
-        let residual = |x, y| {
+        let values = |x, y| {
             let p = frame.0.at(x, y);
             [p[0], p[1], p[2], luma(p)]
         };
-        self.add_blocks(frame.0.size(), residual, |x, y| flaw(frame.0.at(x, y)), |_, _, _| 1.0);
+        let residual = Residual {
+            values,
+            colour: |x, y| frame.0.at(x, y),
+            flaws: |x, y| flaw(frame.0.at(x, y)),
+            gain: |_, _, _| 1.0,
+            pure: false,
+        };
+        self.add_blocks(frame.0.size(), &residual);
     }
 
-    /// Adds the difference between a frame and a prediction of the frame without noise, where the prediction is good.
+    /// Adds the difference between a frame and a prediction of the frame without noise. `sharp` is the clean frame that the prediction
+    /// blurs: the blur may be wrong by a share of the difference of the two.
     ///
     /// # Errors
     /// If the sizes differ.
-    pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded) -> Result<()> {
+    pub fn add_residual(&mut self, frame: &Encoded, predicted: &Encoded, sharp: &Encoded) -> Result<()> {
         check_prediction(frame, predicted)?;
-        let residual = |x, y| {
+        check_prediction(frame, sharp)?;
+        let values = |x, y| {
             let (a, b) = (frame.0.at(x, y), predicted.0.at(x, y));
-            [a[0] - b[0], a[1] - b[1], a[2] - b[2], luma(b)]
+            [a[0] - b[0], a[1] - b[1], a[2] - b[2], luma(b) - luma(sharp.0.at(x, y))]
         };
         self.count_colours(frame.0.data());
-        self.add_blocks(frame.0.size(), residual, |x, y| flaw(frame.0.at(x, y)), |_, _, _| 1.0);
+        let residual = Residual {
+            values,
+            colour: |x, y| predicted.0.at(x, y),
+            flaws: |x, y| flaw(frame.0.at(x, y)),
+            gain: |_, _, _| 1.0,
+            pure: predicted == sharp,
+        };
+        self.add_blocks(frame.0.size(), &residual);
         Ok(())
     }
 
@@ -249,31 +298,33 @@ impl NoiseEvidence {
         }
     }
 
-    /// Adds the variances of all blocks. `residual`: R, G and B of the residual, and luma of the image with as little noise as possible.
-    /// `gain`: the factor of the residual on the variance of noise, at a pixel and level.
-    fn add_blocks(
-        &mut self,
-        size: (usize, usize),
-        residual: impl Fn(usize, usize) -> [f32; 4] + Sync + Send,
-        flaws: impl Fn(usize, usize) -> Flaw + Sync + Send,
-        gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
-    ) {
+    /// Adds the variances of all blocks.
+    fn add_blocks<V, C, F, G>(&mut self, size: (usize, usize), residual: &Residual<V, C, F, G>)
+    where
+        V: Fn(usize, usize) -> [f32; 4] + Sync + Send,
+        C: Fn(usize, usize) -> [f32; 3] + Sync + Send,
+        F: Fn(usize, usize) -> Flaw + Sync + Send,
+        G: Fn(usize, usize, usize) -> f32 + Sync + Send,
+    {
         for strip in strips(size, STRIP) {
-            self.add_blocks_of(&strip, size.0, &residual, &flaws, &gain);
+            self.add_blocks_of(&strip, size.0, residual);
         }
     }
 
-    fn add_blocks_of(
+    fn add_blocks_of<V, C, F, G>(
         &mut self,
         Strip { rows: own, around }: &Strip,
         w: usize,
-        residual: impl Fn(usize, usize) -> [f32; 4] + Sync + Send,
-        flaws: impl Fn(usize, usize) -> Flaw + Sync + Send,
-        gain: impl Fn(usize, usize, usize) -> f32 + Sync + Send,
-    ) {
+        of: &Residual<V, C, F, G>,
+    ) where
+        V: Fn(usize, usize) -> [f32; 4] + Sync + Send,
+        C: Fn(usize, usize) -> [f32; 3] + Sync + Send,
+        F: Fn(usize, usize) -> Flaw + Sync + Send,
+        G: Fn(usize, usize, usize) -> f32 + Sync + Send,
+    {
         let (top, h) = (around.start, around.len());
-        let residual = Raster::from_fn(w, h, |x, y| residual(x, top + y));
-        let flaws = Raster::from_fn(w, h, |x, y| flaws(x, top + y));
+        let residual = Raster::from_fn(w, h, |x, y| (of.values)(x, top + y));
+        let flaws = Raster::from_fn(w, h, |x, y| (of.flaws)(x, top + y));
         // The bands of a single frame hold its structure, so only the smoothed gradient tells structure from noise.
         let single = self.method == Method::Spatial;
         let gradient = single.then(|| squared_gradient(&residual.map(|v| v[3])));
@@ -283,31 +334,25 @@ impl NoiseEvidence {
             let (columns, rows) = (w / block, own.len() / block);
             let of_block = |i: usize| {
                 let (x0, y0) = (i % columns * block, own.start - top + i / columns * block);
-                // The filters of the coarser bands reach outside the block, so flaws near the block count as well.
-                let columns = x0.saturating_sub(4)..(x0 + block + 4).min(w);
-                let most = (MAY_CLIP * (block * block) as f32) as usize;
-                let mut flawed = 0;
-                for y in y0.saturating_sub(4)..(y0 + block + 4).min(h) {
-                    flawed += flaws.row(y)[columns.clone()].iter().map(|&f| usize::from(f)).sum::<usize>();
-                    if flawed > most {
-                        return None;
-                    }
+                let clipped = clipped_block(&flaws, (x0, y0), block)?;
+                if clipped && !of.pure {
+                    return None;
                 }
                 // A few places are enough for the mean gain, since the flow is smooth.
-                const APART: usize = 4;
-                let places = (block / APART).pow(2);
-                let gain = (0..places)
-                    .map(|i| i * APART)
-                    .map(|i| gain(x0 + i % block, top + y0 + i / block * APART, level))
-                    .sum::<f32>()
-                    / places as f32;
+                let gain = places(block).map(|(x, y)| (of.gain)(x0 + x, top + y0 + y, level)).sum::<f32>()
+                    / places(block).count() as f32;
                 let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
                 let own = powers(level);
                 let luma_at = |l: usize| powers(l).residual[3] / gain;
                 let coarser = luma_at(level + 1);
+                let variance = own.residual.map(|v| v / gain);
+                // Eight places each way are enough for the colours of a block.
+                let places =
+                    || (0..block * block).step_by(block / 8).filter(move |i| i / block % (block / 8) == 0);
+                let pixels = || places().map(|i| (of.colour)(x0 + i % block, top + y0 + i / block));
                 Some(LocalVariance {
-                    y: block_mean(&residual, (x0, y0), block)[3],
-                    variance: own.residual.map(|v| v / gain),
+                    y: pixels().map(luma).sum::<f32>() / pixels().count() as f32,
+                    variance,
                     with_luma: own.with_luma.map(|v| v / gain),
                     // A mismatch shows in the neighbouring bands too, whose noise is independent. A block with little
                     // texture can have little mismatch.
@@ -320,6 +365,13 @@ impl NoiseEvidence {
                     },
                     coarser,
                     count: ((block >> level) * (block >> level)) as f32,
+                    colours: Colours::of(pixels()),
+                    between: own.between.map(|v| v / gain),
+                    neighbours: if single { own.neighbours } else { [0.0; 3] },
+                    // About half of the noise's variance is left in the mean of two frames.
+                    texture: if of.pure { 0.0 } else { (own.image - 0.6 * variance[3]).max(0.0) },
+                    pure: of.pure,
+                    clipped,
                 })
             };
             found.extend(par::map(columns * rows, of_block).into_iter().flatten());
@@ -365,6 +417,12 @@ impl NoiseEvidence {
                         structure: 0.0,
                         coarser: 0.0,
                         count: 16.0,
+                        colours: Colours::default(),
+                        between: [0.0; 3],
+                        neighbours: [0.0; 3],
+                        texture: 0.0,
+                        pure: false,
+                        clipped: false,
                     });
                 }
             }
@@ -377,6 +435,7 @@ impl NoiseEvidence {
     pub fn merge(&mut self, other: &Self) {
         self.windowed |= other.windowed;
         self.coloured |= other.coloured;
+        self.successive.extend_from_slice(&other.successive);
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
             a.extend_from_slice(b);
         }
@@ -387,7 +446,7 @@ impl NoiseEvidence {
 
     /// The model that the collected variances give.
     pub fn fit(&self) -> NoiseFit {
-        if self.levels[0].len() < 8 {
+        if self.levels[0].iter().filter(|b| !b.clipped).count() < 8 {
             let (reason, why) = match self.method {
                 Method::Temporal => {
                     (Reason::NotFollowed, "no part of the frames could be followed from one to the next")
@@ -396,37 +455,43 @@ impl NoiseEvidence {
             };
             return NoiseFit { model: Estimate::unknown(reason, why), luma: None, points: vec![] };
         }
+        let pure = self.is_pure();
+        let single = self.single_spectrum();
+        let white = white_band_std();
         let mut points = vec![];
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [NoiseLine::default(); NOISE_LEVELS];
-        let finest = self.bins(0, [1.0; 3]);
+        let finest = self.bins(0, [1.0; 3], false);
         // A mismatch is common to all channels, and the finest level holds least of it.
         let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
         let most_common = std::array::from_fn(|c| {
             finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0)
         });
         for level in 0..NOISE_LEVELS {
-            let mut bins = if level == 0 { finest.clone() } else { self.bins(level, most_common) };
+            let mut bins = if level == 0 { finest.clone() } else { self.bins(level, most_common, false) };
+            let measured = bins.clone();
             if self.method == Method::Spatial && level > 0 {
-                // In one frame structure cannot be told from coarse noise, so coarse noise is at most that of white noise.
-                let white = white_band_std();
-                let ratio = (white[level] / white[0]).powi(2);
-                let finest: [Line; 4] = std::array::from_fn(|c| line(&finest, c));
-                for b in &mut bins {
-                    for (variance, finest) in b.variance.iter_mut().zip(&finest) {
-                        *variance = variance.min(finest.at(b.y).powi(2) * ratio);
-                    }
-                }
+                // For estimators that look at luma, coarse noise is at most that of white noise: to take structure for noise would blind them.
+                at_most(&mut bins, &finest, (white[level] / white[0]).powi(2));
             }
             let expected = if level == 0 || self.windowed { vec![] } else { by_spectrum(&bins, &finest) };
             let of_line: Vec<Bin> = bins.iter().copied().chain(expected).collect();
-            for c in 0..4 {
+            let l = line(&of_line, 3);
+            luma[level] = NoiseLine { slope: l.slope, intercept: l.intercept };
+            // Where a residual holds nothing but noise, a choice of quiet blocks would only make the noise too weak.
+            let of_line = if pure {
+                bins = self.bins(level, [1.0; 3], true);
+                bins.clone()
+            } else if self.method == Method::Spatial && level > 0 {
+                bins = measured;
+                at_most(&mut bins, &finest, single.ratios[level].powi(2));
+                bins.clone()
+            } else {
+                of_line
+            };
+            for c in 0..3 {
                 let l = line(&of_line, c);
-                if c == 3 {
-                    luma[level] = NoiseLine { slope: l.slope, intercept: l.intercept };
-                    continue;
-                }
                 levels[level].slope[c] = l.slope;
                 levels[level].intercept[c] = l.intercept;
                 interval[level].slope[c] = [l.slope - 1.96 * l.slope_error, l.slope + 1.96 * l.slope_error];
@@ -442,13 +507,21 @@ impl NoiseEvidence {
                 samples: b.blocks,
             }));
         }
-        let model = NoiseModel::Lines(NoiseLines {
+        let lines = NoiseLines {
             levels,
             interval: Some(interval),
             clip: self.clip_level(),
             method: self.method,
             samples: self.len() as u64,
-        });
+        };
+        let prior = (self.method == Method::Spatial).then_some(&single);
+        let model = match noise_curves::fit(&self.blocks(pure), lines.clone(), pure, prior) {
+            Some(curves) => NoiseModel::Curves(Box::new(NoiseCurves {
+                temporal_correlation: if pure { self.temporal_correlation() } else { 0.0 },
+                ..curves
+            })),
+            None => NoiseModel::Lines(lines),
+        };
         let coding_error = match self.method {
             Method::Temporal if self.coloured => coding_error(&finest, most_common),
             // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
@@ -460,9 +533,112 @@ impl NoiseEvidence {
         NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
     }
 
+    /// The spectrum that noise of single frames is taken to have. Coarse noise cannot be told from structure there, but whether a sensor with
+    /// a colour filter array made the noise can: interpolation makes neighbouring pixels alike, in all channels, where the picture is flat.
+    fn single_spectrum(&self) -> Spectrum {
+        /// The correlations of neighbouring values of the finest level of white noise as it is found in flat parts, and of a camera's noise.
+        const NEIGHBOURS: Range<f32> = 0.05..0.3;
+        let (mut products, mut squares) = ([0.0; 3], [0.0; 3]);
+        let chosen = |blocks| self.chosen(0, blocks, [1.0; 3], false);
+        for Chosen { blocks, .. } in self.by_luminance(0).into_iter().filter_map(chosen) {
+            for b in blocks {
+                // Each block counts alike, whatever its luminance.
+                let scale = 1.0 / b.variance[3].max(1e-10);
+                products.add_scaled(b.neighbours, scale);
+                squares.add_scaled([b.variance[0], b.variance[1], b.variance[2]], scale);
+            }
+        }
+        let least = (0..3).map(|c| products[c] / squares[c].max(1e-10)).fold(1.0, f32::min);
+        let share = (least - NEIGHBOURS.start) / (NEIGHBOURS.end - NEIGHBOURS.start);
+        Spectrum::between_white_and_camera(share.clamp(0.0, 1.0))
+    }
+
+    /// Whether most blocks are of residuals that are known to hold nothing but noise.
+    fn is_pure(&self) -> bool {
+        2 * self.levels[0].iter().filter(|b| b.pure).count() > self.levels[0].len()
+    }
+
+    /// The blocks through which curves are laid: all of those that are known to hold nothing but noise, or all that were followed from
+    /// frame to frame, or the flattest ones of single frames. None for the windows of a denoiser's residual, which the paper's lines describe.
+    fn blocks(&self, pure: bool) -> [Vec<Block>; NOISE_LEVELS] {
+        let block = |b: &LocalVariance, correction: [f32; 3]| Block {
+            colours: b.colours,
+            covariance: std::array::from_fn(|i| match i {
+                0..3 => b.variance[i] * correction[i],
+                _ => b.between[i - 3] * (correction[PAIRS[i - 3].0] * correction[PAIRS[i - 3].1]).sqrt(),
+            }),
+            texture: b.texture,
+            count: b.count,
+        };
+        let hidden = if pure { 1.0 / (1.0 - self.temporal_correlation()) } else { 1.0 };
+        std::array::from_fn(|level| match self.method {
+            _ if self.windowed => vec![],
+            Method::Spatial => self
+                .by_luminance(level)
+                .into_iter()
+                .filter_map(|blocks| self.chosen(level, blocks, [1.0; 3], false))
+                .flat_map(|chosen| {
+                    let quiet = |b: &&LocalVariance| Block {
+                        texture: 0.0,
+                        ..block(b, [0, 1, 2].map(|c| chosen.correction[c]))
+                    };
+                    chosen.blocks.iter().map(quiet).collect::<Vec<_>>()
+                })
+                .collect(),
+            _ => {
+                self.levels[level].iter().filter(|b| b.pure == pure).map(|b| block(b, [hidden; 3])).collect()
+            }
+        })
+    }
+
+    /// Adds the correlation of noise between successive frames, from three frames between which nothing moves.
+    ///
+    /// For noise n whose correlation falls off as powers of r, the covariance of the differences n1 - n0 and n2 - n1 is -(1 - r) / 2 of their
+    /// variance.
+    pub(super) fn add_successive(&mut self, [before, frame, next]: [&Encoded; 3]) {
+        const SIDE: usize = 16;
+        let (w, h) = frame.0.size();
+        let columns = w / SIDE;
+        let sums_of = |i: usize| {
+            let (x0, y0) = (i % columns * SIDE, i / columns * SIDE);
+            let (mut sum, mut squares, mut product) = ([0.0f32; 2], 0.0f32, 0.0f32);
+            for y in y0..y0 + SIDE {
+                for x in x0..x0 + SIDE {
+                    let values = [before, frame, next].map(|f| f.0.at(x, y));
+                    if values.iter().any(|v| clips(*v)) {
+                        return None;
+                    }
+                    let [a, b, c] = values.map(luma);
+                    let (d, e) = (b - a, c - b);
+                    sum = [sum[0] + d, sum[1] + e];
+                    squares += 0.5 * (d * d + e * e);
+                    product += d * e;
+                }
+            }
+            // A brightness that changes is no noise.
+            let n = (SIDE * SIDE) as f32;
+            squares -= 0.5 * (sum[0] * sum[0] + sum[1] * sum[1]) / n;
+            Some((squares, product - sum[0] * sum[1] / n))
+        };
+        let blocks: Vec<(f32, f32)> = par::map(columns * (h / SIDE), sums_of).into_iter().flatten().collect();
+        let Some(middle) = super::robust::median(blocks.iter().map(|b| b.0).collect()) else { return };
+        // What moves after all differs far more than noise does.
+        let noise = blocks.iter().filter(|b| b.0 <= 4.0 * middle);
+        let (squares, products) = noise.fold((0.0, 0.0), |(s, p), b| (s + b.0, p + b.1));
+        if squares > 0.0 {
+            self.successive.push(1.0 + 2.0 * products / squares);
+        }
+    }
+
+    /// The correlation of noise between successive frames, 0 to [`MOST_CORRELATED`]; 0 where it was not measured.
+    fn temporal_correlation(&self) -> f32 {
+        let measured = super::robust::median(self.successive.clone());
+        measured.map_or(0.0, |r| r.clamp(0.0, MOST_CORRELATED))
+    }
+
     /// The log of the std of the finest level's luma noise over that of a model; `None` if there are fewer than 8 blocks.
     pub(super) fn log_ratio(&self, model: &NoiseLine) -> Option<f32> {
-        let mut blocks: Vec<&LocalVariance> = self.levels[0].iter().collect();
+        let mut blocks: Vec<&LocalVariance> = self.levels[0].iter().filter(|b| !b.clipped).collect();
         if blocks.len() < 8 {
             return None;
         }
@@ -474,63 +650,78 @@ impl NoiseEvidence {
         )
     }
 
-    /// The mean variance, in bins of luminance, of the blocks that are least likely to hold structure. `most_common`: the limit of
-    /// [`Bin::common`].
-    fn bins(&self, level: usize, most_common: [f32; 3]) -> Vec<Bin> {
-        const BINS: usize = 16;
-        let mut by_luminance: [Vec<&LocalVariance>; BINS] = Default::default();
-        for v in &self.levels[level] {
-            by_luminance[((v.y * BINS as f32) as usize).min(BINS - 1)].push(v);
+    /// The blocks in which no more than a few pixels clip, by luminance.
+    fn by_luminance(&self, level: usize) -> [Vec<&LocalVariance>; LUMINANCES] {
+        let mut bins: [Vec<&LocalVariance>; LUMINANCES] = Default::default();
+        for v in self.levels[level].iter().filter(|b| !b.clipped) {
+            bins[((v.y * LUMINANCES as f32) as usize).min(LUMINANCES - 1)].push(v);
         }
+        bins
+    }
+
+    /// Of blocks of like luminance those that are least likely to hold structure, or all; `None` if there are too few. `most_common`: the
+    /// limit of [`Bin::common`].
+    fn chosen<'a>(
+        &self,
+        level: usize,
+        mut blocks: Vec<&'a LocalVariance>,
+        most_common: [f32; 3],
+        all: bool,
+    ) -> Option<Chosen<'a>> {
         // Of the blocks with the least structure, the half with the lower variance is used, since anything but noise only adds
         // variance. The windows of a denoiser's residual are all used, as in the paper.
         let (keep, fewest, lower_half) = match self.method {
-            _ if self.windowed => (1.0, 8, false),
+            _ if self.windowed || all => (1.0, 8, false),
             Method::Spatial => (0.1, 8, true),
             _ => (0.05, 12, true),
         };
-        by_luminance
-            .into_iter()
-            .enumerate()
-            .filter_map(|(of, mut blocks)| {
-                blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
-                let n = ((blocks.len() as f32 * keep) as usize).max(fewest).min(blocks.len());
-                let others = blocks.split_off(n);
-                if n < 4 {
-                    return None;
-                }
-                let coarser = blocks.iter().map(|b| b.coarser).sum::<f32>() / n as f32;
-                let mut correction = 1.0;
-                if lower_half {
-                    blocks.sort_by(|a, b| a.variance[3].total_cmp(&b.variance[3]));
-                    blocks.truncate(n / 2);
-                    correction = 1.0 / LOWER_HALF[level];
-                }
-                let n = blocks.len() as f32;
-                let mean = |f: &dyn Fn(&LocalVariance) -> f32| blocks.iter().map(|b| f(b)).sum::<f32>() / n;
-                let share = match self.method {
-                    Method::Spatial => 1.0,
-                    _ => noise_share(level, mean(&|b| b.variance[3]) * correction, coarser, &others),
-                };
-                let variance: [f32; 4] = std::array::from_fn(|c| mean(&|b| b.variance[c]));
-                let common = std::array::from_fn(|c| {
-                    let both = mean(&|b| b.with_luma[c]).powi(2);
-                    (both / (variance[c] * variance[3]).max(1e-20)).min(most_common[c])
-                });
-                Some(Bin {
-                    of,
-                    y: mean(&|b| b.y),
-                    // The choice of blocks by luma's variance biases a channel as far as the channel correlates with luma.
-                    variance: std::array::from_fn(|c| {
-                        let common = common.get(c).unwrap_or(&1.0);
-                        share * variance[c] * (1.0 + common * (correction - 1.0))
-                    }),
-                    common,
-                    freedom: blocks.iter().map(|b| b.count).sum(),
-                    blocks: blocks.len(),
-                })
+        blocks.sort_by(|a, b| a.structure.total_cmp(&b.structure));
+        let n = ((blocks.len() as f32 * keep) as usize).max(fewest).min(blocks.len());
+        let others = blocks.split_off(n);
+        if n < 4 {
+            return None;
+        }
+        let coarser = blocks.iter().map(|b| b.coarser).sum::<f32>() / n as f32;
+        let mut correction = 1.0;
+        if lower_half {
+            blocks.sort_by(|a, b| a.variance[3].total_cmp(&b.variance[3]));
+            blocks.truncate(n / 2);
+            correction = 1.0 / LOWER_HALF[level];
+        }
+        let mean = |f: &dyn Fn(&LocalVariance) -> f32| {
+            blocks.iter().map(|b| f(b)).sum::<f32>() / blocks.len() as f32
+        };
+        let share = match self.method {
+            Method::Spatial => 1.0,
+            _ if all => 1.0,
+            _ => noise_share(level, mean(&|b| b.variance[3]) * correction, coarser, &others),
+        };
+        let common = std::array::from_fn(|c| {
+            let both = mean(&|b| b.with_luma[c]).powi(2);
+            (both / (mean(&|b| b.variance[c]) * mean(&|b| b.variance[3])).max(1e-20)).min(most_common[c])
+        });
+        // The choice of blocks by luma's variance biases a channel as far as the channel correlates with luma.
+        let correction =
+            std::array::from_fn(|c| share * (1.0 + common.get(c).unwrap_or(&1.0) * (correction - 1.0)));
+        Some(Chosen { blocks, common, correction })
+    }
+
+    /// The mean variance, in bins of luminance, of the [`NoiseEvidence::chosen`] blocks.
+    fn bins(&self, level: usize, most_common: [f32; 3], all: bool) -> Vec<Bin> {
+        let of = |(of, blocks)| {
+            let Chosen { blocks, common, correction } = self.chosen(level, blocks, most_common, all)?;
+            let n = blocks.len() as f32;
+            let mean = |f: &dyn Fn(&LocalVariance) -> f32| blocks.iter().map(|b| f(b)).sum::<f32>() / n;
+            Some(Bin {
+                of,
+                y: mean(&|b| b.y),
+                variance: std::array::from_fn(|c| mean(&|b| b.variance[c]) * correction[c]),
+                common,
+                freedom: blocks.iter().map(|b| b.count).sum(),
+                blocks: blocks.len(),
             })
-            .collect()
+        };
+        self.by_luminance(level).into_iter().enumerate().filter_map(of).collect()
     }
 
     /// The brightest encoded value that occurs, if values accumulate there; else 1.
@@ -634,12 +825,59 @@ fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) 
     mean
 }
 
+/// The largest correlation between successive frames that is believed: beyond it, next to nothing of the noise shows in a difference.
+const MOST_CORRELATED: f32 = 0.9;
+
+/// The pairs of channels, in the order in which their covariances are kept.
+const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+/// A few places of a block of this side, px from its corner.
+fn places(side: usize) -> impl Iterator<Item = (usize, usize)> {
+    const APART: usize = 4;
+    (0..side).step_by(APART).flat_map(move |y| (0..side).step_by(APART).map(move |x| (x, y)))
+}
+
+/// Whether so many pixels of a block clip that a part of the noise is lost; `None` if a pixel is unusable. The filters of the coarser bands
+/// reach outside the block, so flaws near the block count as well.
+fn clipped_block(flaws: &Raster<Flaw>, (x0, y0): (usize, usize), side: usize) -> Option<bool> {
+    let most = (MAY_CLIP * (side * side) as f32) as usize;
+    let columns = x0.saturating_sub(4)..(x0 + side + 4).min(flaws.width());
+    let mut clipped = 0;
+    for y in y0.saturating_sub(4)..(y0 + side + 4).min(flaws.height()) {
+        for &flaw in &flaws.row(y)[columns.clone()] {
+            if flaw == UNUSABLE {
+                return None;
+            }
+            clipped += usize::from(flaw == CLIPPED);
+        }
+    }
+    Some(clipped > most)
+}
+
+/// Whether nothing moves between two frames in these rows: the flow is about zero nearly everywhere, and has no direction in common.
+pub(super) fn is_still(flow: &Flow, rows: &Range<usize>) -> bool {
+    /// The most of the median motion along an axis, px, and of the motion of a pixel that counts as still, px: a flow that was found among
+    /// noise is not exactly zero.
+    const MOST: (f32, f32) = (0.03, 0.3);
+    let known = || rows.clone().flat_map(|y| flow.row(y)).filter(|f| f[0].is_finite() && f[1].is_finite());
+    let all = known().count();
+    let slow = known().filter(|[u, v]| u.abs().max(v.abs()) <= MOST.1).count();
+    let median = |axis: usize| super::robust::median(known().step_by(7).map(|f| f[axis]).collect());
+    all > 0
+        && slow * 20 >= all * 19
+        && [0, 1].into_iter().all(|axis| median(axis).is_some_and(|m| m.abs() <= MOST.0))
+}
+
 /// The mean squares of a band of [`NoiseEvidence::add_blocks`] in a block.
 struct Powers {
     /// The mean squares of R, G, B and luma of the residual.
     residual: [f32; 4],
     /// The mean products of R, G and B with luma.
     with_luma: [f32; 3],
+    /// The mean products RG, RB and GB of the residual.
+    between: [f32; 3],
+    /// The mean products of the residual with its right and its lower neighbour, for R, G and B.
+    neighbours: [f32; 3],
     /// The mean square of the image itself.
     image: f32,
 }
@@ -648,12 +886,18 @@ impl Powers {
     /// The powers in the block at (x, y) of this side, both in px of the full image, of a band of this level.
     fn new(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> Self {
         let (x, y, side) = (x >> level, y >> level, side >> level);
-        let (mut residual, mut with_luma, mut image) = ([0.0; 4], [0.0; 3], 0.0);
+        let (mut residual, mut with_luma, mut between, mut neighbours) =
+            ([0.0; 4], [0.0; 3], [0.0; 3], [0.0; 3]);
+        let mut image = 0.0;
         for row in y..y + side {
-            for v in &band.row(row)[x..x + side] {
+            let below = band.row((row + 1).min(band.height() - 1));
+            for (i, v) in band.row(row)[x..x + side].iter().enumerate() {
+                let (right, below) = (band.at((x + i + 1).min(band.width() - 1), row), below[x + i]);
+                (0..3).for_each(|c| neighbours[c] += 0.5 * v[c] * (right[c] + below[c]));
                 let d = [v[0], v[1], v[2], luma([v[0], v[1], v[2]])];
                 (0..4).for_each(|c| residual[c] += d[c] * d[c]);
                 (0..3).for_each(|c| with_luma[c] += d[c] * d[3]);
+                (0..3).for_each(|i| between[i] += d[PAIRS[i].0] * d[PAIRS[i].1]);
                 image += v[3] * v[3];
             }
         }
@@ -661,9 +905,33 @@ impl Powers {
         Self {
             residual: residual.map(|s| s / count),
             with_luma: with_luma.map(|s| s / count),
+            between: between.map(|s| s / count),
+            neighbours: neighbours.map(|s| s / count),
             image: image / count,
         }
     }
+}
+
+/// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance.
+fn at_most(bins: &mut [Bin], finest: &[Bin], share: f32) {
+    let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c));
+    for b in bins {
+        for (variance, finest) in b.variance.iter_mut().zip(&finest) {
+            *variance = variance.min(finest.at(b.y).powi(2) * share);
+        }
+    }
+}
+
+/// The number of bins of luminance.
+const LUMINANCES: usize = 16;
+
+/// Blocks of like luminance that are least likely to hold structure.
+struct Chosen<'a> {
+    blocks: Vec<&'a LocalVariance>,
+    /// [`Bin::common`].
+    common: [f32; 3],
+    /// The factors by which the variances of R, G, B and luma in these blocks fall short of, or exceed, the noise's.
+    correction: [f32; 4],
 }
 
 /// The mean of the chosen blocks in a bin of luminance.
@@ -873,16 +1141,17 @@ pub(super) mod tests {
     fn strips_give_the_variances_of_the_whole_frame() {
         let size @ (w, h) = (150, 717);
         let frame = noisy(w, h, 3, 0.05);
-        let residual = |x, y| {
+        let values = |x, y| {
             let p = frame.0.at(x, y);
             [p[0], p[1], p[2], luma(p)]
         };
         let flaws = |x, y| if x < 20 && y % 300 < 9 { UNUSABLE } else { flaw(frame.0.at(x, y)) };
         let gain = |x: usize, y: usize, level: usize| 1.0 + 0.01 * (x % 7 + y % 11 + level) as f32;
+        let residual = Residual { values, colour: |x, y| frame.0.at(x, y), flaws, gain, pure: false };
         for method in [Method::Temporal, Method::Spatial] {
             let found = |strips: &mut dyn Iterator<Item = Strip>| {
                 let mut evidence = NoiseEvidence::new(method);
-                strips.for_each(|s| evidence.add_blocks_of(&s, w, residual, flaws, gain));
+                strips.for_each(|s| evidence.add_blocks_of(&s, w, &residual));
                 assert!(evidence.levels.iter().all(|l| l.len() > 20));
                 format!("{:?}", evidence.levels)
             };
@@ -1040,6 +1309,12 @@ pub(super) mod tests {
             structure: 0.0,
             coarser,
             count: 16.0,
+            colours: Colours::default(),
+            between: [0.0; 3],
+            neighbours: [0.0; 3],
+            texture: 0.0,
+            pure: false,
+            clipped: false,
         };
         let falls = (white_band_std()[2] / white_band_std()[1]).powi(2);
         // The blocks have noise of variance 1 and a mismatch of half the variance that it has in the coarser band.
@@ -1058,7 +1333,7 @@ pub(super) mod tests {
             std::array::from_fn(|l| NoiseLevel { slope: [0.0; 3], intercept: [levels[l] * white[l]; 3] });
         let model = NoiseModel::given(levels, 1.0);
         let clean = noisy(512, 512, 0, 0.0);
-        let noise = |i: u64| crate::synth::noise::noise(&model, &clean.luma(), 5, i);
+        let noise = |i: u64| crate::synth::noise::noise(&model, &clean.0, 5, i);
         let frame = |i: u64| {
             let noise = noise(i);
             Encoded(Raster::from_fn(512, 512, |x, y| {
@@ -1078,6 +1353,122 @@ pub(super) mod tests {
             let ratio = found.sigma(0.45)[1] / power.sqrt();
             assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
         }
+    }
+
+    /// A picture of all luminances, in three hues.
+    fn colourful() -> Encoded {
+        Encoded(Raster::from_fn(512, 384, |x, y| {
+            let v = 0.15 + 0.7 * x as f32 / 512.0;
+            let hue = [[1.0, 0.9, 0.4], [0.4, 1.0, 0.6], [0.5, 0.5, 1.0]][y / 128];
+            hue.map(|h| h * v)
+        }))
+    }
+
+    /// Noise as a camera makes it: coarser than white, mostly shared by the channels, and stronger where the picture is red.
+    fn camera_noise(clean: &Encoded, seed: u64) -> Raster<[f32; 3]> {
+        let (w, h) = clean.0.size();
+        let own = white(w, h, seed);
+        let coarse = filter::gaussian_blur(&white(w, h, seed + 1000), 1.2);
+        Raster::from_fn(w, h, |x, y| {
+            let (o, s, v) = (own.at(x, y), coarse.at(x, y), clean.0.at(x, y));
+            let shared = 0.7 * o[1] + 2.0 * s[1];
+            std::array::from_fn(|c| 0.01 * (0.5 + v[0]) * (shared + 0.3 * o[c] + 0.8 * s[c]))
+        })
+    }
+
+    fn sum(clean: &Encoded, noise: &Raster<[f32; 3]>) -> Encoded {
+        let (w, h) = clean.0.size();
+        Encoded(Raster::from_fn(w, h, |x, y| {
+            let (v, n) = (clean.0.at(x, y), noise.at(x, y));
+            std::array::from_fn(|c| v[c] + n[c])
+        }))
+    }
+
+    /// The std of G in six parts of each level, and the correlation of R and G in each level.
+    fn look(noise: &Raster<[f32; 3]>) -> ([[f32; 6]; NOISE_LEVELS], [f32; NOISE_LEVELS]) {
+        let (bands, _) = pyramid::laplacian(noise, NOISE_LEVELS);
+        let parts = |l: usize| {
+            let (w, h) = (bands[l].width() / 2, bands[l].height() / 3);
+            std::array::from_fn(|i| {
+                let part = bands[l].crop(i % 2 * w, i / 2 * h, w, h);
+                (part.data().iter().map(|v| v[1] * v[1]).sum::<f32>() / (w * h) as f32).sqrt()
+            })
+        };
+        let correlation = |l: usize| {
+            let sum = |a: usize, b: usize| bands[l].data().iter().map(|v| v[a] * v[b]).sum::<f32>();
+            sum(0, 1) / (sum(0, 0) * sum(1, 1)).sqrt()
+        };
+        (std::array::from_fn(parts), std::array::from_fn(correlation))
+    }
+
+    #[test]
+    fn a_camera_s_noise_is_made_again_as_strong_as_coarse_and_as_grey() {
+        let clean = colourful();
+        let mut e = NoiseEvidence::new(Method::Removal);
+        for seed in 0..3 {
+            e.add_residual(&sum(&clean, &camera_noise(&clean, seed)), &clean, &clean).unwrap();
+        }
+        let found = e.fit().model;
+        let model = found.known().expect("there is evidence");
+        let (stds, correlations) = look(&camera_noise(&clean, 77));
+        let off = |model: &NoiseModel| {
+            let (got, shared) = look(&crate::synth::noise::noise(model, &clean.0, 3, 0));
+            let ratio = |(got, want): (&f32, &f32)| (got / want - 1.0).abs();
+            let worst = got.as_flattened().iter().zip(stds.as_flattened()).map(ratio).fold(0.0, f32::max);
+            let apart = shared.iter().zip(&correlations).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            (worst, apart)
+        };
+        let (worst, apart) = off(model);
+        assert!(worst < 0.2 && apart < 0.1, "{worst} {apart}");
+        // Negative control: straight lines know neither colour nor what the channels share, and lose coarse noise.
+        let (worst, apart) = off(&NoiseModel::Lines(model.lines().clone()));
+        assert!(worst > 0.3 && apart > 0.4, "{worst} {apart}");
+    }
+
+    #[test]
+    fn noise_that_stays_for_some_frames_is_found_and_made_again() {
+        let clean = colourful();
+        let made = |correlation: f32| {
+            let mut last = camera_noise(&clean, 100);
+            let frames: Vec<Encoded> = (0..6)
+                .map(|t| {
+                    let new = camera_noise(&clean, 101 + t);
+                    let mixed = |x, y| {
+                        let (a, b): ([f32; 3], [f32; 3]) = (last.at(x, y), new.at(x, y));
+                        std::array::from_fn(|c| {
+                            correlation * a[c] + (1.0 - correlation * correlation).sqrt() * b[c]
+                        })
+                    };
+                    last = Raster::from_fn(512, 384, mixed);
+                    sum(&clean, &last)
+                })
+                .collect();
+            let mut e = NoiseEvidence::new(Method::Temporal);
+            for pair in frames.windows(2) {
+                e.add_pair(&pair[0], &pair[1], &Flow::filled(512, 384, [0.0; 2])).unwrap();
+            }
+            for three in frames.windows(3) {
+                e.add_successive([&three[0], &three[1], &three[2]]);
+            }
+            e.fit().model.known().expect("there is evidence").clone()
+        };
+        let strong = |model: &NoiseModel| look(&crate::synth::noise::noise(model, &clean.0, 1, 5)).0[0][3];
+        let shared = |model: &NoiseModel| {
+            let [a, b] = [7, 8].map(|t| crate::synth::noise::noise(model, &clean.0, 1, t));
+            let sum = |a: &Raster<[f32; 3]>, b: &Raster<[f32; 3]>| {
+                a.data().iter().zip(b.data()).map(|(a, b)| a[1] * b[1]).sum::<f32>()
+            };
+            sum(&a, &b) / (sum(&a, &a) * sum(&b, &b)).sqrt()
+        };
+        let want = look(&camera_noise(&clean, 77)).0[0][3];
+        let stays = made(0.6);
+        assert!((stays.temporal_correlation() - 0.6).abs() < 0.08, "{}", stays.temporal_correlation());
+        assert!((shared(&stays) - 0.6).abs() < 0.1, "{}", shared(&stays));
+        assert!((strong(&stays) / want - 1.0).abs() < 0.15, "{} {want}", strong(&stays));
+        // Negative control: the noise of independent frames is not found to stay.
+        let boils = made(0.0);
+        assert!(boils.temporal_correlation() < 0.1 && shared(&boils) < 0.1);
+        assert!((strong(&boils) / want - 1.0).abs() < 0.15, "{} {want}", strong(&boils));
     }
 
     #[test]

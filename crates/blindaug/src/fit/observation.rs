@@ -2,7 +2,7 @@
 
 use super::defocus::BlurPoint;
 use super::noise;
-use crate::model::{BlurSpace, CameraModel, DepthKind, Estimate, MotionBlurModel};
+use crate::model::{BlurSpace, CameraModel, DepthKind, Estimate, MotionBlurModel, NoiseKind};
 use crate::{Encoded, Flow, Plane};
 use std::ops::Range;
 
@@ -37,6 +37,8 @@ pub struct EstimatorOptions {
     pub curve: Curve,
     /// The values that the shutter and the lens are taken to act on; light by default.
     pub blur_space: BlurSpace,
+    /// The kind of noise model; curves by default.
+    pub noise_kind: NoiseKind,
     /// Frames per second, if known, which are only copied into the model.
     pub fps: Option<f64>,
 }

@@ -591,7 +591,8 @@ fn walked([low, high]: [f32; 2], value: f32, step: f32, age: usize) -> [f32; 2] 
 }
 
 fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
-    let NoiseModel::Lines(mut noise) = noise.clone();
+    let mut walked_noise = noise.clone();
+    let noise = walked_noise.lines_mut();
     for (level, interval) in noise.levels.iter().zip(noise.interval.iter_mut().flatten()) {
         for c in 0..3 {
             let step = WALK_NOISE * level.intercept[c];
@@ -603,7 +604,7 @@ fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
                 [level.slope[c] - side(level.slope[c] - low), level.slope[c] + side(high - level.slope[c])];
         }
     }
-    NoiseModel::Lines(noise)
+    walked_noise
 }
 
 /// Sums of evidence, in which older frames count less and less. The last [`AGREEING`] frames are kept apart.

@@ -7,6 +7,7 @@ mod estimate;
 mod facts;
 mod motion_blur;
 mod noise;
+mod noise_curves;
 mod sharpening;
 mod track;
 mod units;
@@ -19,7 +20,10 @@ pub use facts::{DefocusFacts, Focus, VISIBLE_PX, thin_lens_sharp};
 pub use motion_blur::{ExposureFraction, MotionBlurModel};
 #[cfg(test)]
 pub(crate) use noise::BAND_COVARIANCE;
-pub use noise::{NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, total_of_levels};
+pub use noise::{
+    NOISE_LEVELS, NoiseInterval, NoiseKind, NoiseLevel, NoiseLines, NoiseModel, total_of_levels,
+};
+pub use noise_curves::{CurveLevel, KNOTS, NOISE_KNOTS, NoiseCurves, place};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
 pub use units::{DepthKind, SceneScale};

@@ -1,6 +1,7 @@
 use super::distortion::DistortionModel;
-use super::{Method, Parameter, check, lerp, lerp_all};
-use crate::Result;
+use super::noise_curves::NoiseCurves;
+use super::{Estimate, Method, Parameter, check, lerp, lerp_all};
+use crate::{Result, luma};
 use serde::{Deserialize, Serialize};
 
 /// The number of levels of the Laplacian pyramid in which noise is modelled, finest first. The remaining low-pass has no noise.
@@ -35,10 +36,40 @@ pub struct NoiseInterval {
 /// The noise of encoded frames. All code but the fit, the synthesis and the file of noise uses only the methods of this type, so that
 /// another kind of noise needs a variant here and changes in those three places.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(from = "NoiseLines", into = "NoiseLines")]
+#[serde(from = "NoiseFile", into = "NoiseFile")]
 pub enum NoiseModel {
     /// The paper's model: in each pyramid level and channel the std is a straight line over luminance.
     Lines(NoiseLines),
+    /// The variance is a sum of curves over the picture's colour, and channels and successive frames are correlated.
+    Curves(Box<NoiseCurves>),
+}
+
+/// The kind of noise model that an estimate gives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NoiseKind {
+    /// [`NoiseModel::Curves`] where the footage tells them.
+    #[default]
+    Curves,
+    /// [`NoiseModel::Lines`], the paper's 24 numbers.
+    Lines,
+}
+
+impl NoiseKind {
+    /// Reduces a noise to this kind.
+    pub fn reduce(self, noise: &mut Estimate<NoiseModel>) {
+        if let (Self::Lines, Estimate::Known(known)) = (self, noise) {
+            *known = NoiseModel::Lines(known.lines().clone());
+        }
+    }
+}
+
+/// The noise as camera.json holds it: always the straight lines, and the curves beside them where they are known.
+#[derive(Clone, Serialize, Deserialize)]
+struct NoiseFile {
+    #[serde(flatten)]
+    lines: NoiseLines,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    curves: Option<Box<NoiseCurves>>,
 }
 
 /// Noise whose std is a straight line over luminance, per pyramid level and channel.
@@ -72,11 +103,20 @@ impl From<NoiseLines> for NoiseModel {
     }
 }
 
-/// The conversion for camera.json, which always holds straight lines.
-impl From<NoiseModel> for NoiseLines {
+impl From<NoiseModel> for NoiseFile {
     fn from(model: NoiseModel) -> Self {
         match model {
-            NoiseModel::Lines(lines) => lines,
+            NoiseModel::Lines(lines) => Self { lines, curves: None },
+            NoiseModel::Curves(curves) => Self { lines: curves.lines.clone(), curves: Some(curves) },
+        }
+    }
+}
+
+impl From<NoiseFile> for NoiseModel {
+    fn from(NoiseFile { lines, curves }: NoiseFile) -> Self {
+        match curves {
+            Some(curves) => Self::Curves(Box::new(NoiseCurves { lines, ..*curves })),
+            None => Self::Lines(lines),
         }
     }
 }
@@ -91,21 +131,50 @@ impl NoiseModel {
     pub fn lines(&self) -> &NoiseLines {
         match self {
             Self::Lines(lines) => lines,
+            Self::Curves(curves) => &curves.lines,
         }
     }
 
-    /// The std of R, G and B in a pyramid level (0: the finest) at luminance `y` (Rec. 601 Y of encoded values), >= 0.
+    /// [`NoiseModel::lines`], to be changed.
+    pub(crate) fn lines_mut(&mut self) -> &mut NoiseLines {
+        match self {
+            Self::Lines(lines) => lines,
+            Self::Curves(curves) => &mut curves.lines,
+        }
+    }
+
+    /// The curves, if this is their model.
+    pub fn curves(&self) -> Option<&NoiseCurves> {
+        match self {
+            Self::Lines(_) => None,
+            Self::Curves(curves) => Some(curves),
+        }
+    }
+
+    /// The std of R, G and B in a pyramid level (0: the finest) at luminance `y` (Rec. 601 Y of encoded values) by the straight lines, >= 0.
     #[inline]
     pub fn std(&self, level: usize, y: f32) -> [f32; 3] {
+        self.lines().levels[level].sigma(y)
+    }
+
+    /// The std of R, G and B in a pyramid level (0: the finest) over content of this encoded colour, >= 0.
+    #[inline]
+    pub fn std_over(&self, level: usize, colour: [f32; 3]) -> [f32; 3] {
         match self {
-            Self::Lines(lines) => lines.levels[level].sigma(y),
+            Self::Lines(lines) => lines.levels[level].sigma(luma(colour)),
+            Self::Curves(curves) => curves.levels[level].std(colour),
         }
+    }
+
+    /// The correlation of the noise of a frame with that of the frame before it, 0 to less than 1.
+    pub fn temporal_correlation(&self) -> f32 {
+        self.curves().map_or(0.0, |c| c.temporal_correlation)
     }
 
     /// Half the width of the 95 % interval of [`NoiseModel::std`] in one channel; 0 if there is no interval. The errors of slope and
     /// intercept are taken as independent, which makes the interval too wide, since they are in fact negatively correlated.
     pub fn half_width(&self, level: usize, channel: usize, y: f32) -> f32 {
-        let Self::Lines(NoiseLines { interval: Some(interval), .. }) = self else { return 0.0 };
+        let Some(interval) = &self.lines().interval else { return 0.0 };
         let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
         let NoiseInterval { slope, intercept } = interval[level];
         let half = half(intercept[channel]).hypot(y * half(slope[channel]));
@@ -120,23 +189,17 @@ impl NoiseModel {
 
     /// The encoded value at and above which the sensor clips, so that there is no noise.
     pub fn clip(&self) -> f32 {
-        match self {
-            Self::Lines(lines) => lines.clip,
-        }
+        self.lines().clip
     }
 
     /// The method of the estimate.
     pub fn method(&self) -> Method {
-        match self {
-            Self::Lines(lines) => lines.method,
-        }
+        self.lines().method
     }
 
     /// The number of local stds that the estimate rests on.
     pub fn samples(&self) -> u64 {
-        match self {
-            Self::Lines(lines) => lines.samples,
-        }
+        self.lines().samples
     }
 }
 
@@ -147,14 +210,19 @@ impl DistortionModel for NoiseModel {
     }
 
     fn between(&self, other: &Self, t: f32) -> Self {
-        let (Self::Lines(a), Self::Lines(b)) = (self, other);
-        Self::Lines(a.between(b, t))
+        let lines = self.lines().between(other.lines(), t);
+        match (self, other) {
+            (Self::Curves(a), Self::Curves(b)) => Self::Curves(Box::new(a.between(b, t, lines))),
+            // Between curves and straight lines there is no mixture: the nearer one counts.
+            (Self::Curves(curves), _) if t < 0.5 => Self::Curves(curves.clone()),
+            (_, Self::Curves(curves)) if t >= 0.5 => Self::Curves(curves.clone()),
+            _ => Self::Lines(lines),
+        }
     }
 
     fn validate(&self) -> Result<()> {
-        match self {
-            Self::Lines(lines) => lines.validate(),
-        }
+        self.lines().validate()?;
+        self.curves().map_or(Ok(()), NoiseCurves::validate)
     }
 
     fn parameters(&self) -> Vec<Parameter> {

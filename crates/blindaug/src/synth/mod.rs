@@ -9,7 +9,7 @@ use crate::model::{
     BlurSpace, CameraModel, DefocusModel, DepthKind, ExposureFraction, NoiseModel, SharpeningModel,
 };
 use crate::strips::{STRIP, Strip, grown, kept, largest_strip, strips};
-use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, Transfer, luma, pyramid};
+use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, Transfer, pyramid};
 use defocus::Bokeh;
 use std::ops::Range;
 
@@ -236,7 +236,7 @@ impl<'a> DistortedFrame<'a> {
         let seen = if self.noise.is_some() { around } else { rows };
         let clean = self.clean(seen);
         let noise =
-            self.noise.map(|m| noise::noise_of_rows(m, clean.map(luma), seen.start, self.seed, self.number));
+            self.noise.map(|m| noise::noise_of_rows(m, clean.clone(), seen.start, self.seed, self.number));
         let above = rows.start - seen.start;
         Raster::from_fn(self.size.0, rows.len(), |x, y| {
             let at = |image: &Raster<[f32; 3]>| image.at(x, above + y);

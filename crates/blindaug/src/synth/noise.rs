@@ -7,28 +7,73 @@ use std::sync::OnceLock;
 /// The band-pass levels of a noise of local std 1, finest first.
 pub type NoiseBands = [Raster<[f32; 3]>; NOISE_LEVELS];
 
-/// Noise of mean 0 for content of this luma (Y of the noise-free encoded content); add it to the encoded frame.
+/// Noise of mean 0 for this noise-free, display-encoded content; add it to the content.
 ///
-/// The noise is the same for the same `seed` and `frame` with any number of threads, and independent between frames and between
-/// seeds. Clipping is left to the caller: see [`NoiseModel::clip`].
-pub fn noise(model: &NoiseModel, luma: &Plane, seed: u64, frame: u64) -> Raster<[f32; 3]> {
-    noise_of_rows(model, luma.clone(), 0, seed, frame)
+/// The noise is the same for the same `seed` and `frame` with any number of threads, and independent between seeds. Between frames it is
+/// independent but for [`NoiseModel::temporal_correlation`]. Clipping is left to the caller: see [`NoiseModel::clip`].
+pub fn noise(model: &NoiseModel, content: &Raster<[f32; 3]>, seed: u64, frame: u64) -> Raster<[f32; 3]> {
+    noise_of_rows(model, content.clone(), 0, seed, frame)
 }
 
-/// The rows of [`noise`] from `top` on, given their luma; rows near the first and the last one differ from those of the whole image.
+/// The rows of [`noise`] from `top` on, given their content; rows near the first and the last one differ from those of the whole image.
 pub(super) fn noise_of_rows(
     model: &NoiseModel,
-    mut luma: Plane,
+    mut content: Raster<[f32; 3]>,
     top: usize,
     seed: u64,
     frame: u64,
 ) -> Raster<[f32; 3]> {
-    modulated(unit_bands_of(&white_noise(luma.size(), top, seed, frame)), |level| {
+    modulated(bands_of_rows(model, content.size(), top, seed, frame), |level| {
         if level > 0 {
-            luma = pyramid::downsample(&luma);
+            content = pyramid::downsample(&content);
         }
-        luma.map(|y| model.std(level, y))
+        content.map(|colour| model.std_over(level, colour))
     })
+}
+
+/// The levels of the noise of a model over content at which its std is 1: the channels are as correlated as the model's, and so are
+/// successive frames.
+pub fn bands(model: &NoiseModel, size: (usize, usize), seed: u64, frame: u64) -> NoiseBands {
+    bands_of_rows(model, size, 0, seed, frame)
+}
+
+fn bands_of_rows(model: &NoiseModel, size: (usize, usize), top: usize, seed: u64, frame: u64) -> NoiseBands {
+    let mut weights = temporal_weights(model.temporal_correlation()).into_iter();
+    let first = weights.next().unwrap_or(1.0);
+    let mut white = white_noise(size, top, seed, frame);
+    if first != 1.0 {
+        white.data_mut().as_flattened_mut().iter_mut().for_each(|v| *v *= first);
+        for (age, weight) in (1..).zip(weights) {
+            let older = white_noise(size, top, seed, frame.wrapping_sub(age));
+            for (v, o) in white.data_mut().as_flattened_mut().iter_mut().zip(older.data().as_flattened()) {
+                *v += weight * o;
+            }
+        }
+    }
+    let mut bands = unit_bands_of(&white);
+    if let Some(curves) = model.curves() {
+        for (band, level) in bands.iter_mut().zip(&curves.levels) {
+            band.data_mut().iter_mut().for_each(|v| *v = level.mixed(*v));
+        }
+    }
+    bands
+}
+
+/// The most frames whose white noise is summed for a frame's noise.
+pub const MOST_TERMS: usize = 12;
+
+/// The weights of the white noises of this frame, the one before it, and so on, whose sum is noise of std 1 that is correlated by this much
+/// from frame to frame: a first-order autoregressive process, cut off where its weights are small. A frame's noise thus depends on its
+/// number alone, and ranges of frames can be made in any order.
+pub fn temporal_weights(correlation: f32) -> Vec<f32> {
+    const LEAST: f32 = 0.03;
+    let correlation = correlation.clamp(0.0, 0.99);
+    let powers: Vec<f32> = std::iter::successors(Some(1.0), |w| Some(w * correlation))
+        .take(MOST_TERMS)
+        .take_while(|&w| w >= LEAST)
+        .collect();
+    let norm = powers.iter().map(|w| w * w).sum::<f32>().sqrt();
+    powers.into_iter().map(|w| w / norm).collect()
 }
 
 /// The noise whose level `l` is the unit band times the std map `std(l)`; the maps are requested from the finest level on.
@@ -241,7 +286,7 @@ mod tests {
 
     #[test]
     fn a_white_model_gives_white_noise_of_the_right_std_at_each_luminance() {
-        let luma = Plane::from_fn(512, 384, |x, _| if x < 256 { 0.2 } else { 0.9 });
+        let luma = Raster::from_fn(512, 384, |x, _| [if x < 256 { 0.2f32 } else { 0.9 }; 3]);
         let n = noise(&white_model([0.05, 0.0, 0.1], [0.01, 0.02, 0.0]), &luma, 11, 0);
         for (x0, y) in [(16, 0.2f32), (272, 0.9)] {
             let part = n.crop(x0, 0, 224, 384);
@@ -296,7 +341,7 @@ mod tests {
             intercept: [0.01, 0.02, 0.0],
         }));
         for y in [0.1, 0.7] {
-            let made = noise(&model, &Plane::filled(512, 512, y), 3, 0).crop(32, 32, 448, 448);
+            let made = noise(&model, &Raster::filled(512, 512, [y; 3]), 3, 0).crop(32, 32, 448, 448);
             for (c, want) in model.total_std(y).into_iter().enumerate() {
                 let (_, got) = statistics(&made, c);
                 assert!((got as f32 / want - 1.0).abs() < 0.03, "{got} {want}");
@@ -310,7 +355,7 @@ mod tests {
 
     #[test]
     fn it_depends_on_seed_and_frame_and_on_nothing_else() {
-        let luma = Plane::from_fn(120, 90, |x, y| ((x + y) % 50) as f32 / 50.0);
+        let luma = Raster::from_fn(120, 90, |x, y| [((x + y) % 50) as f32 / 50.0; 3]);
         let m = white_model([0.05; 3], [0.01; 3]);
         let one = noise(&m, &luma, 3, 4);
         assert_eq!(one, noise(&m, &luma, 3, 4));
@@ -346,7 +391,7 @@ mod tests {
     #[test]
     fn no_noise_in_the_model_gives_none_and_any_size_ends() {
         for (w, h) in [(0, 0), (1, 1), (1, 40), (3, 2), (65, 33)] {
-            let luma = Plane::filled(w, h, 0.5);
+            let luma = Raster::filled(w, h, [0.5; 3]);
             assert!(
                 noise(&white_model([0.0; 3], [0.0; 3]), &luma, 1, 1).data().iter().all(|v| *v == [0.0; 3])
             );

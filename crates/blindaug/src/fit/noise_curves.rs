@@ -1,0 +1,508 @@
+//! From local covariances of noise to [`NoiseCurves`]: curves over the picture's colour by non-negative least squares, and the mixture of
+//! independent noises that gives the channels their correlation.
+
+use crate::model::{CurveLevel, NOISE_KNOTS, NOISE_LEVELS, NoiseCurves, NoiseLines, place};
+
+/// The number of points of the three curves of one channel.
+const POINTS: usize = 3 * NOISE_KNOTS;
+
+/// The unknowns of one channel's fit: the points of its curves, and the share of the picture's texture that a residual between moving
+/// frames holds because the frames do not match to the last fraction of a px.
+const UNKNOWNS: usize = POINTS + 1;
+
+/// The encoded colours in a block: for each channel, the share of each of a curve's points in the mean of the curve over the block, of 255. A
+/// block at an edge has noise of both sides, which its mean colour would not tell.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Colours([[u8; NOISE_KNOTS]; 3]);
+
+impl Colours {
+    /// The colours of the pixels.
+    pub fn of(pixels: impl Iterator<Item = [f32; 3]>) -> Self {
+        let mut shares = [[0.0f32; NOISE_KNOTS]; 3];
+        let mut count = 0.0f32;
+        for pixel in pixels {
+            count += 1.0;
+            for (shares, v) in shares.iter_mut().zip(pixel) {
+                let (i, t) = place(v);
+                shares[i] += 1.0 - t;
+                shares[i + 1] += t;
+            }
+        }
+        Self(shares.map(|shares| shares.map(|s| (255.0 * s / count.max(1.0)).round() as u8)))
+    }
+
+    /// The shares, which may sum to a little more or less than 1 by rounding.
+    fn shares(&self) -> impl Iterator<Item = f64> + '_ {
+        self.0.as_flattened().iter().map(|&s| f64::from(s) / 255.0)
+    }
+
+    /// The mean variances of R, G and B over the block.
+    fn variance(&self, level: &CurveLevel) -> [f32; 3] {
+        level.variance.map(|curves| {
+            curves.as_flattened().iter().zip(self.shares()).map(|(v, s)| v * s as f32).sum::<f32>()
+        })
+    }
+}
+
+/// The covariance of one band in one block of one residual.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Block {
+    /// The encoded colours in the block.
+    pub colours: Colours,
+    /// The variances of R, G and B, and the covariances RG, RB and GB, for a residual of unit gain.
+    pub covariance: [f32; 6],
+    /// The power of the picture's own texture in the same band beyond its noise, which a residual between moving frames may hold a share
+    /// of; 0 if the residual is known to hold noise alone.
+    pub texture: f32,
+    /// The number of values.
+    pub count: f32,
+}
+
+/// What noise has in its coarse levels, over what it has in the finest one.
+pub(super) struct Spectrum {
+    /// The std of each level over that of the finest one.
+    pub ratios: [f32; NOISE_LEVELS],
+    /// The correlation of the channels in each level, as a share of their correlation in the finest one plus a constant.
+    correlations: [(f64, f64); NOISE_LEVELS],
+}
+
+impl Spectrum {
+    /// The spectrum of white noise (share 0), of the noise of cameras with a colour filter array (share 1), or between the two. Demosaicing and
+    /// removal of noise take from fine grain, and of colour more than of brightness: coarse noise is stronger than white noise has it, and its
+    /// channels have little in common. Means over the cameras that were looked at, docs/lab-log.md.
+    pub fn between_white_and_camera(share: f32) -> Self {
+        const CAMERA: [f32; NOISE_LEVELS] = [1.0, 0.51, 0.32, 0.2];
+        const CORRELATIONS: [(f64, f64); NOISE_LEVELS] = [(1.0, 0.0), (0.65, 0.0), (0.2, -0.1), (0.0, -0.15)];
+        let white = crate::synth::noise::white_band_std();
+        let share64 = f64::from(share);
+        Self {
+            ratios: std::array::from_fn(|l| {
+                let white: f32 = white[l] / white[0];
+                white * (CAMERA[l] / white).powf(share)
+            }),
+            correlations: CORRELATIONS.map(|(k, c)| (1.0 + share64 * (k - 1.0), share64 * c)),
+        }
+    }
+}
+
+/// The curves through the blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but noise.
+/// `prior`: the coarse levels follow from the finest one by this spectrum, where their blocks show more.
+pub(super) fn fit(
+    levels: &[Vec<Block>; NOISE_LEVELS],
+    lines: NoiseLines,
+    pure: bool,
+    prior: Option<&Spectrum>,
+) -> Option<NoiseCurves> {
+    if levels.iter().any(|blocks| blocks.len() < 8) {
+        return None;
+    }
+    let mut fitted = [CurveLevel::default(); NOISE_LEVELS];
+    let mut covariances = [[[0.0; 3]; 3]; NOISE_LEVELS];
+    let mut typical = [[0.0f64; 3]; NOISE_LEVELS];
+    for (l, blocks) in levels.iter().enumerate() {
+        if let (Some(spectrum), 1..) = (prior, l) {
+            let finest = fitted[0].variance;
+            fitted[l].variance = limited(&finest, blocks, spectrum.ratios[l].powi(2));
+            typical[l] = typical_covariance(&levels[0], &fitted[l]).0;
+            let (k, constant) = spectrum.correlations[l];
+            covariances[l] = std::array::from_fn(|a| {
+                std::array::from_fn(|b| {
+                    let finest = covariances[0][a][b] / (typical[0][a] * typical[0][b]);
+                    let correlation = if a == b { 1.0 } else { (k * finest + constant).clamp(-0.45, 0.98) };
+                    correlation * typical[l][a] * typical[l][b]
+                })
+            });
+            continue;
+        }
+        for c in 0..3 {
+            let points = curves_of(blocks, c, pure);
+            for (curve, points) in fitted[l].variance[c].iter_mut().zip(points.chunks_exact(NOISE_KNOTS)) {
+                curve.copy_from_slice(points);
+            }
+        }
+        (typical[l], covariances[l]) = typical_covariance(blocks, &fitted[l]);
+    }
+    let mixing = mixing(&covariances)?;
+    for l in 0..NOISE_LEVELS {
+        fitted[l].mixing = std::array::from_fn(|c| {
+            mixing[l][c].map(|m| (m / typical[l][c].max(1e-9)).clamp(-16.0, 16.0) as f32)
+        });
+    }
+    Some(NoiseCurves { lines, levels: fitted, temporal_correlation: 0.0 })
+}
+
+/// The finest level's curves times `share`, or times what the blocks show if that is less.
+fn limited(
+    finest: &[[[f32; NOISE_KNOTS]; 3]; 3],
+    blocks: &[Block],
+    share: f32,
+) -> [[[f32; NOISE_KNOTS]; 3]; 3] {
+    let level = CurveLevel { variance: *finest, ..Default::default() };
+    let mut shown = [0.0f32; 3];
+    let mut expected = [1e-12f32; 3];
+    for b in blocks {
+        let variance = b.colours.variance(&level);
+        // Each block counts alike, whatever its colour.
+        let scale = 1.0 / variance.iter().sum::<f32>().max(1e-10);
+        for c in 0..3 {
+            shown[c] += scale * b.covariance[c];
+            expected[c] += scale * variance[c];
+        }
+    }
+    std::array::from_fn(|c| {
+        let share = share.min(shown[c] / expected[c]);
+        finest[c].map(|curve| curve.map(|v| share * v))
+    })
+}
+
+/// The points of the three curves whose sum is the variance of channel `c`: weighted non-negative least squares, with weights from the
+/// variance that the curves themselves predict.
+fn curves_of(blocks: &[Block], c: usize, pure: bool) -> [f32; POINTS] {
+    /// A curve's successive points are pulled together by this share of the mean weight of a point, so that points without blocks follow
+    /// their neighbours.
+    const SMOOTH: f64 = 2e-3;
+    /// The texture in a residual may differ from block to block by more than the noise does; a block whose variance is above the prediction
+    /// by this many of its standard errors counts half.
+    const OUTLIER: f64 = 4.0;
+    let mean = blocks.iter().map(|b| f64::from(b.covariance[c])).sum::<f64>() / blocks.len() as f64;
+    let mean = mean.max(1e-12);
+    let mut x = [mean / 3.0; UNKNOWNS];
+    x[POINTS] = 0.0;
+    for _ in 0..6 {
+        let mut normal = [[0.0f64; UNKNOWNS]; UNKNOWNS];
+        let mut right = [0.0f64; UNKNOWNS];
+        for b in some(blocks) {
+            let row = row_of(b);
+            let all = predicted_row(&row, &x);
+            let variance = f64::from(b.covariance[c]);
+            let error = all.max(0.02 * mean) * (2.0 / f64::from(b.count)).sqrt();
+            let mut weight = (mean / error).powi(2);
+            if !pure {
+                weight /= 1.0 + ((variance - all).max(0.0) / (OUTLIER * error)).powi(2);
+            }
+            for (i, &a) in row.iter().enumerate().filter(|(_, a)| **a != 0.0) {
+                right[i] += weight * a * variance;
+                normal[i].iter_mut().zip(&row).for_each(|(n, b)| *n += weight * a * b);
+            }
+        }
+        let weight = SMOOTH * (0..POINTS).map(|i| normal[i][i]).sum::<f64>() / POINTS as f64;
+        for i in (0..POINTS).filter(|i| (i + 1) % NOISE_KNOTS != 0) {
+            for (a, b, sign) in [(i, i, 1.0), (i + 1, i + 1, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0)] {
+                normal[a][b] += sign * weight;
+            }
+        }
+        x = non_negative(&normal, &right, x);
+    }
+    // The weights favour quiet blocks, but noise alone has its whole power.
+    let scale = if pure {
+        some(blocks).map(|b| f64::from(b.covariance[c])).sum::<f64>()
+            / some(blocks).map(|b| predicted_row(&row_of(b), &x)).sum::<f64>().max(1e-12)
+    } else {
+        1.0
+    };
+    std::array::from_fn(|i| (scale.clamp(0.5, 2.0) * x[i]) as f32)
+}
+
+/// At most this many blocks of a level, evenly spread over all: more tell hardly more, and take time.
+fn some(blocks: &[Block]) -> impl Iterator<Item = &Block> {
+    const MOST: usize = 6000;
+    blocks.iter().step_by(blocks.len().div_ceil(MOST).max(1))
+}
+
+/// The coefficients of a block: the shares of the points, and its texture.
+fn row_of(b: &Block) -> [f64; UNKNOWNS] {
+    let mut row = [f64::from(b.texture); UNKNOWNS];
+    row.iter_mut().zip(b.colours.shares()).for_each(|(r, s)| *r = s);
+    row
+}
+
+/// The vector without negative entries that minimises x A x / 2 - b x, by coordinate descent from `x`.
+fn non_negative(
+    a: &[[f64; UNKNOWNS]; UNKNOWNS],
+    b: &[f64; UNKNOWNS],
+    mut x: [f64; UNKNOWNS],
+) -> [f64; UNKNOWNS] {
+    for _ in 0..200 {
+        for i in 0..UNKNOWNS {
+            if a[i][i] > 0.0 {
+                let gradient = predicted_row(&a[i], &x) - b[i];
+                x[i] = (x[i] - gradient / a[i][i]).max(0.0);
+            }
+        }
+    }
+    x
+}
+
+fn predicted_row(a: &[f64; UNKNOWNS], x: &[f64; UNKNOWNS]) -> f64 {
+    a.iter().zip(x).map(|(a, x)| a * x).sum()
+}
+
+/// The typical std of each channel over the blocks, and the covariance of the channels where each has that std.
+fn typical_covariance(blocks: &[Block], level: &CurveLevel) -> ([f64; 3], [[f64; 3]; 3]) {
+    let mut sums = [0.0f64; 6];
+    let mut variances = [0.0f64; 3];
+    for b in blocks {
+        let variance = b.colours.variance(level).map(f64::from);
+        // Texture that does not match is common to all channels, so the blocks count less that hold more of it than noise.
+        let mean = variances_mean(&variance).max(1e-12);
+        let weight = f64::from(b.count) / (mean + f64::from(b.texture));
+        for (sum, v) in variances.iter_mut().zip(variance) {
+            *sum += v / blocks.len() as f64;
+        }
+        for (sum, v) in sums.iter_mut().zip(b.covariance) {
+            *sum += weight * f64::from(v);
+        }
+    }
+    let std = variances.map(|v| v.max(1e-14).sqrt());
+    let correlation =
+        |i: usize, a: usize, b: usize| (sums[i] / (sums[a] * sums[b]).max(1e-30).sqrt()).clamp(-0.98, 0.98);
+    let [rg, rb, gb] = [correlation(3, 0, 1), correlation(4, 0, 2), correlation(5, 1, 2)];
+    let correlations = [[1.0, rg, rb], [rg, 1.0, gb], [rb, gb, 1.0]];
+    (std, std::array::from_fn(|a| std::array::from_fn(|b| correlations[a][b] * std[a] * std[b])))
+}
+
+fn variances_mean(v: &[f64; 3]) -> f64 {
+    v.iter().sum::<f64>() / 3.0
+}
+
+/// The unknowns of the mixing of all levels: a lower triangle each.
+const TRIANGLES: usize = 6 * NOISE_LEVELS;
+
+/// The lower triangle of a symmetric or triangular matrix, by rows.
+const TRIANGLE: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
+
+/// `REANALYSED[k][i][j]`: the mean product, in level k of the pyramid of an image, of what levels i and j contributed to the image where both
+/// are those of one white noise, each with std 1. The levels of a Laplacian pyramid reach into each other. Measured on 2048 x 2048 px of
+/// white noise; a test repeats it.
+const REANALYSED: [[[f64; NOISE_LEVELS]; NOISE_LEVELS]; NOISE_LEVELS] = [
+    [
+        [0.95569, 0.07481, 0.00234, 0.00003],
+        [0.07481, 0.10794, 0.01281, 0.00034],
+        [0.00234, 0.01281, 0.01031, 0.00102],
+        [0.00003, 0.00034, 0.00102, 0.00073],
+    ],
+    [
+        [0.02454, 0.04320, 0.00754, 0.00027],
+        [0.04320, 0.14402, 0.05464, 0.00329],
+        [0.00754, 0.05464, 0.06507, 0.01099],
+        [0.00027, 0.00329, 0.01099, 0.00880],
+    ],
+    [
+        [0.00070, 0.00459, 0.00518, 0.00092],
+        [0.00459, 0.03569, 0.05119, 0.01191],
+        [0.00518, 0.05119, 0.11839, 0.05079],
+        [0.00092, 0.01191, 0.05079, 0.05855],
+    ],
+    [
+        [0.00001, 0.00017, 0.00063, 0.00066],
+        [0.00017, 0.00212, 0.00831, 0.00922],
+        [0.00063, 0.00831, 0.03796, 0.05233],
+        [0.00066, 0.00922, 0.05233, 0.11285],
+    ],
+];
+
+/// The triangular matrices that mix the independent noises of each level so that the levels of the result have these covariances: Levenberg and
+/// Marquardt's iteration from the covariances' Cholesky factors. `None` if a covariance is not one.
+fn mixing(covariances: &[[[f64; 3]; 3]; NOISE_LEVELS]) -> Option<[[[f64; 3]; 3]; NOISE_LEVELS]> {
+    let scale: [f64; NOISE_LEVELS] =
+        std::array::from_fn(|l| (0..3).map(|c| covariances[l][c][c]).sum::<f64>() / 3.0);
+    if scale.iter().any(|s| !s.is_finite() || *s <= 0.0) {
+        return None;
+    }
+    let matrices = |x: &[f64; TRIANGLES]| -> [[[f64; 3]; 3]; NOISE_LEVELS] {
+        std::array::from_fn(|l| {
+            let mut m = [[0.0; 3]; 3];
+            TRIANGLE.iter().zip(&x[6 * l..]).for_each(|(&(a, b), v)| m[a][b] = *v);
+            m
+        })
+    };
+    let residuals = |x: &[f64; TRIANGLES]| -> [f64; TRIANGLES] {
+        let made = reanalysed(&matrices(x));
+        std::array::from_fn(|i| {
+            let (l, (a, b)) = (i / 6, TRIANGLE[i % 6]);
+            (made[l][a][b] - covariances[l][a][b]) / scale[l]
+        })
+    };
+    let mut x = [0.0; TRIANGLES];
+    for l in 0..NOISE_LEVELS {
+        let factor = cholesky(&covariances[l])?;
+        TRIANGLE.iter().zip(&mut x[6 * l..]).for_each(|(&(a, b), v)| *v = factor[a][b]);
+    }
+    let squares = |r: &[f64; TRIANGLES]| r.iter().map(|v| v * v).sum::<f64>();
+    let mut now = residuals(&x);
+    let mut damping = 1e-3;
+    for _ in 0..60 {
+        let mut columns = [[0.0; TRIANGLES]; TRIANGLES];
+        for (i, column) in columns.iter_mut().enumerate() {
+            let step = 1e-5 * scale[i / 6].sqrt();
+            let mut moved = x;
+            moved[i] += step;
+            let there = residuals(&moved);
+            *column = std::array::from_fn(|r| (there[r] - now[r]) / step);
+        }
+        let product =
+            |a: &[f64; TRIANGLES], b: &[f64; TRIANGLES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut normal: [[f64; TRIANGLES]; TRIANGLES] =
+            std::array::from_fn(|i| std::array::from_fn(|j| product(&columns[i], &columns[j])));
+        let right: [f64; TRIANGLES] = std::array::from_fn(|i| -product(&columns[i], &now));
+        (0..TRIANGLES).for_each(|i| normal[i][i] *= 1.0 + damping);
+        let Some(step) = solved(normal, right) else { break };
+        let next: [f64; TRIANGLES] = std::array::from_fn(|i| x[i] + step[i]);
+        let there = residuals(&next);
+        if squares(&there) < squares(&now) {
+            (x, now, damping) = (next, there, damping * 0.3);
+        } else {
+            damping *= 10.0;
+        }
+        if squares(&now) < 1e-10 || damping > 1e8 {
+            break;
+        }
+    }
+    Some(matrices(&x))
+}
+
+/// The covariances of the levels of a noise whose levels were mixed by these matrices.
+fn reanalysed(mixing: &[[[f64; 3]; 3]; NOISE_LEVELS]) -> [[[f64; 3]; 3]; NOISE_LEVELS] {
+    let mut made = [[[0.0; 3]; 3]; NOISE_LEVELS];
+    for (made, gains) in made.iter_mut().zip(&REANALYSED) {
+        for (mi, gains) in mixing.iter().zip(gains) {
+            for (mj, gain) in mixing.iter().zip(gains) {
+                for (a, row) in made.iter_mut().enumerate() {
+                    for (b, v) in row.iter_mut().enumerate() {
+                        *v += gain * (0..3).map(|k| mi[a][k] * mj[b][k]).sum::<f64>();
+                    }
+                }
+            }
+        }
+    }
+    made
+}
+
+/// The lower triangular factor of a covariance; `None` if it is not positive.
+fn cholesky<const N: usize>(a: &[[f64; N]; N]) -> Option<[[f64; N]; N]> {
+    let mut factor = [[0.0; N]; N];
+    for i in 0..N {
+        for j in 0..=i {
+            let rest = a[i][j] - (0..j).map(|k| factor[i][k] * factor[j][k]).sum::<f64>();
+            factor[i][j] = if i != j {
+                rest / factor[j][j]
+            } else if rest > 0.0 {
+                rest.sqrt()
+            } else {
+                // A correlation that is too strong by rounding or by chance leaves next to nothing of its own.
+                (1e-6 * a[i][i]).max(f64::MIN_POSITIVE).sqrt()
+            };
+        }
+    }
+    factor.iter().flatten().all(|v| v.is_finite()).then_some(factor)
+}
+
+/// The solution of A x = b for a positive matrix.
+fn solved<const N: usize>(a: [[f64; N]; N], b: [f64; N]) -> Option<[f64; N]> {
+    let factor = cholesky(&a)?;
+    let mut x = b;
+    for i in 0..N {
+        x[i] = (x[i] - (0..i).map(|k| factor[i][k] * x[k]).sum::<f64>()) / factor[i][i];
+    }
+    for i in (0..N).rev() {
+        x[i] = (x[i] - (i + 1..N).map(|k| factor[k][i] * x[k]).sum::<f64>()) / factor[i][i];
+    }
+    x.iter().all(|v| v.is_finite()).then_some(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synth::noise::{unit_bands, white_band_std};
+    use crate::{Raster, pyramid};
+
+    /// The level `level` of an image of `side` px, enlarged to the image.
+    fn enlarged(band: &Raster<[f32; 3]>, level: usize, side: usize) -> Raster<[f32; 3]> {
+        (0..level).rev().fold(band.clone(), |b, l| pyramid::upsample(&b, side >> l, side >> l))
+    }
+
+    #[test]
+    fn the_reach_of_the_levels_into_each_other_is_the_measured_one() {
+        const SIDE: usize = 2048;
+        let bands = unit_bands(SIDE, SIDE, 3, 0);
+        let again: Vec<Vec<Raster<[f32; 3]>>> = bands
+            .iter()
+            .enumerate()
+            .map(|(l, b)| pyramid::laplacian(&enlarged(b, l, SIDE), NOISE_LEVELS).0)
+            .collect();
+        for k in 0..NOISE_LEVELS {
+            for i in 0..NOISE_LEVELS {
+                for j in 0..NOISE_LEVELS {
+                    let (a, b) = (again[i][k].data().as_flattened(), again[j][k].data().as_flattened());
+                    let mean = a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum::<f64>() / a.len() as f64;
+                    println!("{k} {i} {j} {mean:.6}");
+                    assert!(
+                        (mean - REANALYSED[k][i][j]).abs() < 0.004 + 0.02 * mean.abs(),
+                        "{k} {i} {j}: {mean}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn white_noise_is_mixed_as_it_is_and_correlated_noise_as_asked() {
+        let white = white_band_std().map(f64::from);
+        let diagonal =
+            |l: usize| std::array::from_fn(|a| std::array::from_fn(|b| f64::from(a == b) * white[l].powi(2)));
+        let mixed = mixing(&std::array::from_fn(diagonal)).unwrap();
+        for (l, m) in mixed.iter().enumerate() {
+            assert!((m[1][1] / white[l] - 1.0).abs() < 0.08 && m[1][0].abs() < 0.03 * white[l], "{l}: {m:?}");
+        }
+        // A camera's noise: coarser than white, channels that share much of the finest level and little of the coarsest.
+        let covariance = |l: usize| {
+            let (std, shared) = ([2.6, 1.5, 1.0, 0.75][l], [0.9, 0.6, 0.1, -0.2][l]);
+            std::array::from_fn(|a| std::array::from_fn(|b| std * std * if a == b { 1.0 } else { shared }))
+        };
+        let want: [[[f64; 3]; 3]; NOISE_LEVELS] = std::array::from_fn(covariance);
+        let error = |m: &[[[f64; 3]; 3]; NOISE_LEVELS]| {
+            let made = reanalysed(m);
+            (0..NOISE_LEVELS)
+                .flat_map(|l| TRIANGLE.map(|(a, b)| ((made[l][a][b] - want[l][a][b]) / want[l][0][0]).abs()))
+                .fold(0.0, f64::max)
+        };
+        assert!(error(&mixing(&want).unwrap()) < 0.02);
+        // Negative control: the levels mixed by their own covariances alone.
+        assert!(error(&std::array::from_fn(|l| cholesky(&want[l]).unwrap())) > 0.2);
+    }
+
+    #[test]
+    fn curves_follow_the_colour_and_leave_out_what_does_not_match() {
+        let truth = |[r, g, b]: [f32; 3]| 1e-4 * (0.2 + 0.5 * g + 0.9 * r * r + 0.1 * b);
+        let uniform = |i: usize, k: u64| crate::fit::uniform(k, i as u64);
+        let block = |i: usize, mismatch: f32| {
+            let colour = [uniform(i, 1), uniform(i, 2), uniform(i, 3)];
+            let texture = if mismatch > 0.0 { 0.01 * uniform(i, 4).powi(3) } else { 0.0 };
+            let chance = 1.0 + 0.3 * (uniform(i, 5) + uniform(i, 6) - 1.0);
+            let v = chance * truth(colour) + mismatch * texture * (0.5 + uniform(i, 7));
+            Block {
+                colours: Colours::of(std::iter::once(colour)),
+                covariance: [v, v, v, 0.5 * v, 0.0, 0.0],
+                texture,
+                count: 64.0,
+            }
+        };
+        let worst = |mismatch: f32, told: bool| {
+            let blocks: Vec<Block> = (0..3000)
+                .map(|i| block(i, mismatch))
+                .map(|b| if told { b } else { Block { texture: 0.0, ..b } })
+                .collect();
+            let points = curves_of(&blocks, 0, !told && mismatch == 0.0);
+            let mut level = CurveLevel::default();
+            level.variance[0].as_flattened_mut().copy_from_slice(&points);
+            [[0.2; 3], [0.5; 3], [0.8; 3], [0.8, 0.3, 0.2], [0.2, 0.4, 0.8]]
+                .map(|v| (level.std(v)[0].powi(2) / truth(v) - 1.0).abs())
+                .into_iter()
+                .fold(0.0, f32::max)
+        };
+        assert!(worst(0.0, true) < 0.1, "{}", worst(0.0, true));
+        assert!(worst(0.02, true) < 0.15, "{}", worst(0.02, true));
+        // Negative control: the texture is taken for noise.
+        assert!(worst(0.02, false) > 0.2, "{}", worst(0.02, false));
+    }
+}
