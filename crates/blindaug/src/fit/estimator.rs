@@ -108,6 +108,8 @@ impl FrameEvidence {
     }
 }
 
+/// The least correlation of noise between successive frames of which the user is told.
+const NOTABLE_CORRELATION: f32 = 0.1;
 /// The shape of a real lens's blur. A Gaussian would fit a disk only with a std that is a fifth too large.
 const BOKEH: Bokeh = Bokeh::Disk;
 /// The largest change at which the alternating fits of exposure and lens to clean frames stop: of the exposure fraction, of the blur at
@@ -488,7 +490,7 @@ impl Estimator {
         let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
         if fit.model.known().is_some_and(|m| m.method() == Method::Spatial) {
             diagnostics.notes.push(
-                "noise was measured in single frames: coarse noise cannot be told from structure there and is taken to be white"
+                "noise was measured in single frames: coarse noise cannot be told from structure there; how it goes with fine noise is taken from cameras, or from white noise where neighbouring pixels are independent"
                     .into(),
             );
         }
@@ -503,6 +505,14 @@ impl Estimator {
         if let Estimate::Known(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
             diagnostics.notes.push(format!(
                 "the camera sharpens: fine noise is stronger than white noise, as after an unsharp mask of {amount:.1} ({low:.1} to {high:.1})"
+            ));
+        }
+        if let Estimate::Known(noise) = &fit.model
+            && noise.temporal_correlation() >= NOTABLE_CORRELATION
+        {
+            diagnostics.notes.push(format!(
+                "noise stays from frame to frame: its correlation between successive frames is {:.2}, as a coder's copying or a denoiser over time leaves it",
+                noise.temporal_correlation()
             ));
         }
         diagnostics.noise_points = fit.points;
