@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result,
-    footage::{Clip, Footage},
+    footage::{Clip, Footage, READ_AHEAD},
     observer::Observer,
     operators::{EvidenceSink, Operators},
     window::{Seen, Viewer, show},
@@ -44,7 +44,7 @@ pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, 
     const SAMPLE: u64 = 36;
     let clip = &*footage.clip;
     let (width, height) = clip.size();
-    let frames = clip.len_hint().unwrap_or(usize::MAX).clamp(1, 2 * reach.max(1) + 1);
+    let frames = clip.len_hint().unwrap_or(usize::MAX).clamp(1, 2 * reach.max(1) + 1 + READ_AHEAD);
     let frames = frames + footage.removed().iter().filter(|f| f.is_some()).count();
     let per_pixel = FRAME * frames as u64
         + if footage.depth.is_some() { 4 } else { 0 }

@@ -9,18 +9,21 @@ use crate::analysis::cuts::MIN_CONFIRMED;
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::{FlowEstimator, FlowPair};
 use crate::model::Unknown;
-use crate::{Error, Flow, Plane, Raster, Result};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Raster, Result, par, pyramid};
 
-/// Finds flow between frames, and depth from its parallax.
+/// Finds flow between frames, and depth from its parallax. Both are found in frames of reduced size, and are then given at the frames' own.
 pub(super) struct Follower {
     flow: FlowEstimator,
     parallax: ParallaxTracker,
     near_the_last: bool,
+    /// Frames are halved until they are at most so wide, px.
+    width: usize,
 }
 
 /// The flow and the depth that were found between a frame and its neighbour.
 pub(super) struct Followed {
-    /// Optical flow to the neighbour, px, NaN where the backward flow contradicts it; `None` if too little of the frame is found again.
+    /// Optical flow to the neighbour, px of the frame, NaN where the backward flow contradicts it; `None` if too little of the frame is
+    /// found again.
     pub flow: Option<Flow>,
     /// The share of the frame that is found again, in [0, 1].
     pub confirmed: f32,
@@ -38,9 +41,11 @@ pub(super) struct WantsParallax {
 }
 
 impl Follower {
-    /// A follower that has seen nothing; `near_the_last`: whether the camera's direction is searched near the last direction only.
-    pub fn new(near_the_last: bool) -> Self {
-        let mut new = Self { flow: FlowEstimator::new(), parallax: ParallaxTracker::new(), near_the_last };
+    /// A follower that has seen nothing; `near_the_last`: whether the camera's direction is searched near the last direction only; `width`:
+    /// the width, px, to which frames are halved.
+    pub fn new(width: usize, near_the_last: bool) -> Self {
+        let mut new =
+            Self { flow: FlowEstimator::new(), parallax: ParallaxTracker::new(), near_the_last, width };
         new.forget_scale();
         new
     }
@@ -51,15 +56,28 @@ impl Follower {
         self.parallax = if self.near_the_last { new.near_the_last() } else { new };
     }
 
-    /// Follows a frame (luma) to its neighbour.
-    pub fn follow(&mut self, from: &Plane, to: &Plane, wants: Option<WantsParallax>) -> Result<Followed> {
-        let pair = self.flow.flow_with_occlusion(from, to)?;
+    /// Follows a frame to its neighbour. `spare` is a flow whose memory may be used again.
+    pub fn follow(
+        &mut self,
+        frame: &Encoded,
+        other: &Encoded,
+        wants: Option<WantsParallax>,
+        spare: Flow,
+    ) -> Result<Followed> {
+        let size = frame.0.size();
+        let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > self.width);
+        let pair = self.flow.flow_with_occlusion(&small(frame), &small(other))?;
         let confirmed = pair.confirmed();
-        let flow = (confirmed >= MIN_CONFIRMED).then(|| known_flow(&pair));
-        let parallax = match wants.filter(|w| confirmed >= w.confirmed) {
+        let mut parallax = match wants.filter(|w| confirmed >= w.confirmed) {
             Some(WantsParallax { stride, .. }) => Some(self.parallax.push(&pair, stride)?),
             None => None,
         };
+        if let Some(Parallax::Known(depth)) = &mut parallax {
+            if depth.inverse_depth.size() != size {
+                depth.inverse_depth = repeated(&depth.inverse_depth, size);
+            }
+        }
+        let flow = (confirmed >= MIN_CONFIRMED).then(|| enlarged(known_flow(&pair), size, spare));
         Ok(Followed { flow, confirmed, parallax })
     }
 }
@@ -102,10 +120,45 @@ pub(super) fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Fram
             )));
         }
     }
-    if frame.0.data().iter().flatten().any(|v| !v.is_finite()) {
+    // Some at a time, without leaving early among them, which is several times as fast.
+    let bad = |some: &[[f32; 3]]| some.iter().flatten().fold(false, |bad, v| bad | !v.is_finite());
+    if frame.0.data().chunks(1024).any(bad) {
         return Err(Error::new(
             "the frame holds values that are not finite numbers: export it again without NaN or infinity",
         ));
     }
     Ok(())
+}
+
+/// By which power of 2 a raster of a frame of `size` was reduced to this width.
+fn factor_of(width: usize, size: (usize, usize)) -> usize {
+    size.0.div_ceil(width).next_power_of_two()
+}
+
+/// The depth of a frame that was halved to its size, at the frame's own size.
+fn repeated(small: &Plane, size: (usize, usize)) -> Plane {
+    let factor = factor_of(small.width(), size);
+    Plane::from_fn(size.0, size.1, |x, y| small.at(x / factor, y / factor))
+}
+
+/// The flow of frames that were halved to its size, at the frames' own size; in the memory of a flow of that size, if it is one.
+fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
+    if small.size() == (width, height) {
+        return small;
+    }
+    let factor = factor_of(small.width(), (width, height));
+    let share = |i: usize| (i % factor) as f32 / factor as f32;
+    let mut flow = if into.size() == (width, height) { into } else { Flow::filled(width, height, [0.0; 2]) };
+    par::for_each_row(flow.data_mut(), width, |y, out| {
+        let (above, below) = (small.row(y / factor), small.row((y / factor + 1).min(small.height() - 1)));
+        let between = |i: usize| Pixel::lerp(above[i], below[i], share(y)).map(|v| factor as f32 * v);
+        let line: Vec<[f32; 2]> = (0..small.width()).map(between).collect();
+        for (i, out) in out.chunks_mut(factor).enumerate() {
+            let (left, right) = (line[i], line[(i + 1).min(line.len() - 1)]);
+            for (x, out) in out.iter_mut().enumerate() {
+                *out = Pixel::lerp(left, right, share(x));
+            }
+        }
+    });
+    flow
 }
