@@ -49,7 +49,9 @@ pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, 
     let per_pixel = FRAME * frames as u64
         + if footage.depth.is_some() { 4 } else { 0 }
         + if footage.flow.is_some() { 8 } else { 0 }
-        + if keep_samples { SAMPLE * frames.min(SAMPLES) as u64 } else { 0 };
+        + if keep_samples { SAMPLE * frames.min(SAMPLES) as u64 } else { 0 }
+        // The flow of a sample is found at its own size.
+        + if keep_samples && footage.flow.is_none() { analysis::flow::BYTES_PER_PIXEL } else { 0 };
     let what = format!("estimation from frames of {width} x {height} pixels");
     clip.check_memory(&what, per_pixel * (width * height) as u64 + work)
 }

@@ -154,12 +154,18 @@ impl Estimator {
         const MOTION: u64 = 60;
         const REMOVAL: u64 = 120;
         const KEPT: u64 = 1;
-        let flow = if moving && frames > 1 { analysis::flow::BYTES_PER_PIXEL } else { 0 };
+        let pixels = (width * height) as u64;
         let motion = if frames > 1 { MOTION } else { 0 };
-        let removal = if family == Family::Removal { REMOVAL } else { 0 };
+        let flow = if moving && frames > 1 {
+            let halvings = (0..).find(|k| width.div_ceil(1 << k) <= Self::FLOW_WIDTH).unwrap_or(0);
+            analysis::flow::BYTES_PER_PIXEL * (pixels >> (2 * halvings))
+        } else {
+            0
+        };
+        let removal = if family == Family::Removal { REMOVAL * pixels } else { 0 };
+        let kept = KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
         // Flow is estimated before blur is removed, so only the larger of the two counts.
-        let of_frame = motion + flow.max(removal) + KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
-        of_frame * (width * height) as u64 + OF_STRIP * largest_strip(size)
+        (motion + kept) * pixels + flow.max(removal) + OF_STRIP * largest_strip(size)
     }
 
     /// An estimator that has seen nothing yet.

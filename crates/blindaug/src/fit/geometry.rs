@@ -67,6 +67,10 @@ impl Follower {
         let size = frame.0.size();
         let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > self.width);
         let pair = self.flow.flow_with_occlusion(&small(frame), &small(other))?;
+        // The tracker, which searches near the last direction, keeps to the limit of whole px: it reduces its frames far more.
+        if !self.near_the_last {
+            self.parallax.of_reduced(factor_of(pair.forward.width(), size));
+        }
         let confirmed = pair.confirmed();
         let mut parallax = match wants.filter(|w| confirmed >= w.confirmed) {
             Some(WantsParallax { stride, .. }) => Some(self.parallax.push(&pair, stride)?),

@@ -270,8 +270,12 @@ impl Light {
         let (plane, moments) = match space {
             BlurSpace::Encoded => (frame.map_rows(rows, luma), moments(&|_| 1.0)),
             BlurSpace::Linear => {
-                let plane = frame.map_rows(rows, |p| luma(p.map(|v| decoded(v)[0])));
-                (plane, moments(&|p| noise_gain(p.map(|v| decoded(v.max(0.02))[1]))))
+                let decoder = Decoder::new();
+                let plane = frame.map_rows(rows, |[r, g, b]| {
+                    luma([decoder.look_up(r, 0), decoder.look_up(g, 0), decoder.look_up(b, 0)])
+                });
+                let slope = |v: f32| decoder.look_up(v.max(0.02), 1);
+                (plane, moments(&|[r, g, b]| noise_gain([slope(r), slope(g), slope(b)])))
             }
         };
         Self { plane, moments, scale: 1 }
@@ -309,22 +313,36 @@ fn noise_gain(slopes: [f32; 3]) -> f32 {
     (0..3).map(|c| weights[c] / (slopes[c] * slopes[c])).sum::<f32>() / weights.iter().sum::<f32>()
 }
 
-/// The light of an encoded value, and the slope of the transfer curve at that value, by a table, which is ten times as fast as powers.
-fn decoded(encoded: f32) -> [f32; 2] {
-    const STEPS: usize = 1024;
-    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
-    let exact = |v: f32| {
-        let light = Transfer::Srgb.decode(v);
-        [light, Transfer::Srgb.slope(light)]
-    };
-    if !(0.0..1.0).contains(&encoded) {
-        return exact(encoded);
+/// The light of encoded values, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
+struct Decoder(&'static [[f32; 2]]);
+
+impl Decoder {
+    fn new() -> Self {
+        static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+        Self(TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect()))
     }
-    let table = TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect());
-    let at = encoded * STEPS as f32;
-    let i = at as usize;
-    let t = at - i as f32;
-    [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
+
+    /// The light (0) or the slope (1) at an encoded value.
+    #[inline(always)]
+    fn look_up(&self, encoded: f32, of: usize) -> f32 {
+        if !(0.0..1.0).contains(&encoded) {
+            return exact(encoded)[of];
+        }
+        let at = encoded * STEPS as f32;
+        let i = at as usize;
+        let t = at - i as f32;
+        let (low, high) = (self.0[i][of], self.0[i + 1][of]);
+        low + t * (high - low)
+    }
+}
+
+/// Steps of the [`Decoder`]'s table.
+const STEPS: usize = 1024;
+
+#[cold]
+fn exact(encoded: f32) -> [f32; 2] {
+    let light = Transfer::Srgb.decode(encoded);
+    [light, Transfer::Srgb.slope(light)]
 }
 
 /// The tile at a corner in px of `light`'s resolution; `at` is the same corner within `light`. `None` if its parts move differently, too
