@@ -114,7 +114,7 @@ pub struct ParallaxTracker {
     heading: Option<[f64; 3]>,
     /// Whether the next direction is searched only near `heading`.
     stays_near: bool,
-    /// By which factor the images were reduced; 0 and 1: not at all.
+    /// The factor by which the images were reduced; 0 or 1 if they were not.
     reduced: usize,
 }
 
@@ -131,8 +131,8 @@ impl ParallaxTracker {
         self
     }
 
-    /// The images of the pairs to come are reduced by this factor, each px of them a mean, so that flow is found there to fractions of their
-    /// px: parallax is relied on down to half as many px of them as of others.
+    /// Announces that the next images are reduced by this factor. A pixel of theirs is a mean, whose flow is more exact in px of its own, so
+    /// that parallax of half as many px is relied on.
     pub(crate) fn of_reduced(&mut self, factor: usize) {
         self.reduced = factor;
     }

@@ -11,12 +11,12 @@ use crate::analysis::flow::{FlowEstimator, FlowPair};
 use crate::model::Unknown;
 use crate::{Encoded, Error, Flow, Pixel, Plane, Raster, Result, par, pyramid};
 
-/// Finds flow between frames, and depth from its parallax. Both are found in frames of reduced size, and are then given at the frames' own.
+/// Finds flow between frames, and depth from its parallax. Both are found in frames of reduced size, and are then enlarged.
 pub(super) struct Follower {
     flow: FlowEstimator,
     parallax: ParallaxTracker,
     near_the_last: bool,
-    /// Frames are halved until they are at most so wide, px.
+    /// The width, px, to which frames are halved.
     width: usize,
 }
 
@@ -56,7 +56,7 @@ impl Follower {
         self.parallax = if self.near_the_last { new.near_the_last() } else { new };
     }
 
-    /// Follows a frame to its neighbour. `spare` is a flow whose memory may be used again.
+    /// Follows a frame to its neighbour. `spare` is a flow whose buffer may be reused.
     pub fn follow(
         &mut self,
         frame: &Encoded,
@@ -76,10 +76,10 @@ impl Follower {
             Some(WantsParallax { stride, .. }) => Some(self.parallax.push(&pair, stride)?),
             None => None,
         };
-        if let Some(Parallax::Known(depth)) = &mut parallax {
-            if depth.inverse_depth.size() != size {
-                depth.inverse_depth = repeated(&depth.inverse_depth, size);
-            }
+        if let Some(Parallax::Known(depth)) = &mut parallax
+            && depth.inverse_depth.size() != size
+        {
+            depth.inverse_depth = repeated(&depth.inverse_depth, size);
         }
         let flow = (confirmed >= MIN_CONFIRMED).then(|| enlarged(known_flow(&pair), size, spare));
         Ok(Followed { flow, confirmed, parallax })
@@ -124,7 +124,7 @@ pub(super) fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Fram
             )));
         }
     }
-    // Some at a time, without leaving early among them, which is several times as fast.
+    // A chunk is always read to its end, so that the compiler may vectorise it.
     let bad = |some: &[[f32; 3]]| some.iter().flatten().fold(false, |bad, v| bad | !v.is_finite());
     if frame.0.data().chunks(1024).any(bad) {
         return Err(Error::new(
@@ -134,18 +134,18 @@ pub(super) fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Fram
     Ok(())
 }
 
-/// By which power of 2 a raster of a frame of `size` was reduced to this width.
+/// The power of 2 by which a raster of a frame of this size was reduced to this width.
 fn factor_of(width: usize, size: (usize, usize)) -> usize {
     size.0.div_ceil(width).next_power_of_two()
 }
 
-/// The depth of a frame that was halved to its size, at the frame's own size.
+/// Enlarges the depth of halved frames to the frames' own size by repetition.
 fn repeated(small: &Plane, size: (usize, usize)) -> Plane {
     let factor = factor_of(small.width(), size);
     Plane::from_fn(size.0, size.1, |x, y| small.at(x / factor, y / factor))
 }
 
-/// The flow of frames that were halved to its size, at the frames' own size; in the memory of a flow of that size, if it is one.
+/// Enlarges the flow of halved frames to the frames' own size; the buffer of `into` is reused if it has that size.
 fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
     if small.size() == (width, height) {
         return small;
