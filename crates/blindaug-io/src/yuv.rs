@@ -139,15 +139,18 @@ fn widen(chroma: &[f32], shift: u32, centred: bool, out: &mut [f32]) {
         return;
     }
     let last = chroma.len() - 1;
-    for (i, pair) in out.chunks_mut(2).enumerate() {
+    let pair = |i: usize| {
         let (before, here, after) = (chroma[i.saturating_sub(1)], chroma[i], chroma[(i + 1).min(last)]);
-        let values = if centred {
+        if centred {
             [0.75 * here + 0.25 * before, 0.75 * here + 0.25 * after]
         } else {
             [here, 0.5 * (here + after)]
-        };
-        pair.copy_from_slice(&values[..pair.len()]);
-    }
+        }
+    };
+    let (pairs, rest) = out.as_chunks_mut::<2>();
+    let whole = pairs.len();
+    pairs.iter_mut().enumerate().for_each(|(i, out)| *out = pair(i));
+    rest.iter_mut().for_each(|out| *out = pair(whole)[0]);
 }
 
 /// The frame turned clockwise by `quarter_turns` times 90 degrees.

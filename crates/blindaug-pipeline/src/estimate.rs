@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result,
-    footage::{Clip, Footage},
+    footage::{Clip, Footage, READ_AHEAD},
     observer::Observer,
     operators::{EvidenceSink, Operators},
     window::{Seen, Viewer, show},
@@ -44,12 +44,14 @@ pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, 
     const SAMPLE: u64 = 36;
     let clip = &*footage.clip;
     let (width, height) = clip.size();
-    let frames = clip.len_hint().unwrap_or(usize::MAX).clamp(1, 2 * reach.max(1) + 1);
+    let frames = clip.len_hint().unwrap_or(usize::MAX).clamp(1, 2 * reach.max(1) + 1 + READ_AHEAD);
     let frames = frames + footage.removed().iter().filter(|f| f.is_some()).count();
     let per_pixel = FRAME * frames as u64
         + if footage.depth.is_some() { 4 } else { 0 }
         + if footage.flow.is_some() { 8 } else { 0 }
-        + if keep_samples { SAMPLE * frames.min(SAMPLES) as u64 } else { 0 };
+        + if keep_samples { SAMPLE * frames.min(SAMPLES) as u64 } else { 0 }
+        // The flow of a sample is found at its own size.
+        + if keep_samples && footage.flow.is_none() { analysis::flow::BYTES_PER_PIXEL } else { 0 };
     let what = format!("estimation from frames of {width} x {height} pixels");
     clip.check_memory(&what, per_pixel * (width * height) as u64 + work)
 }

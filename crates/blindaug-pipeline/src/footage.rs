@@ -57,6 +57,32 @@ pub(crate) fn all_frames(clip: &dyn Clip) -> Frames<'_> {
     clip.frames_if(Box::new(|_| true))
 }
 
+/// How many frames beside those that are looked at are in memory while a clip is read ahead: one waits, one is being read.
+pub(crate) const READ_AHEAD: usize = 2;
+
+/// What `look` makes of all frames of a clip, which are read ahead in a thread of their own.
+#[cfg(feature = "threads")]
+pub(crate) fn read_ahead<R>(clip: &dyn Clip, look: impl FnOnce(Frames) -> R) -> R {
+    std::thread::scope(|scope| {
+        let (sender, frames) = std::sync::mpsc::sync_channel(READ_AHEAD - 1);
+        let reader = scope.spawn(move || {
+            // Nobody takes any more once `look` has ended.
+            all_frames(clip).try_for_each(|frame| sender.send(frame)).ok();
+        });
+        let seen = look(Box::new(frames.into_iter()));
+        if let Err(panic) = reader.join() {
+            std::panic::resume_unwind(panic);
+        }
+        seen
+    })
+}
+
+/// What `look` makes of all frames of a clip.
+#[cfg(not(feature = "threads"))]
+pub(crate) fn read_ahead<R>(clip: &dyn Clip, look: impl FnOnce(Frames) -> R) -> R {
+    look(all_frames(clip))
+}
+
 /// Data that accompany the frames of a clip, such as depth or flow, by the frames' numbers.
 pub trait Side<T>: Sync {
     /// The name of the data in messages.
@@ -233,5 +259,63 @@ impl Footage {
     /// Whether there are frames from which something was removed.
     pub fn has_removed(&self) -> bool {
         self.removed().iter().any(|f| f.is_some())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::Raster;
+
+    /// A clip whose frame of this number panics.
+    struct Panics(MemoryClip, u64);
+
+    impl Clip for Panics {
+        fn name(&self) -> String {
+            self.0.name()
+        }
+
+        fn size(&self) -> (usize, usize) {
+            self.0.size()
+        }
+
+        fn fps(&self) -> Option<f64> {
+            None
+        }
+
+        fn len_hint(&self) -> Option<usize> {
+            None
+        }
+
+        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+            Box::new(self.0.frames_if(wanted).inspect(|frame| {
+                assert!(frame.as_ref().is_ok_and(|f| f.number != self.1), "the frame that panics");
+            }))
+        }
+    }
+
+    #[test]
+    fn a_clip_that_is_read_ahead_gives_its_frames_in_order_and_its_panics() {
+        let frames = (0..9).map(|i| Encoded(Raster::filled(2, 2, [0.1 * i as f32; 3]))).collect();
+        let clip = MemoryClip { frames, fps: None };
+        let numbers = |clip: &dyn Clip, most: usize| {
+            read_ahead(clip, |frames| {
+                frames
+                    .take(most)
+                    .map(|f| f.unwrap())
+                    .map(|f| (f.number, f.image.0.at(0, 0)[0]))
+                    .collect::<Vec<_>>()
+            })
+        };
+        let all: Vec<_> = (1..=9).map(|n| (n, 0.1 * (n - 1) as f32)).collect();
+        assert_eq!(numbers(&clip, usize::MAX), all);
+        // Whoever has seen enough is not kept waiting.
+        assert_eq!(numbers(&clip, 3), all[..3]);
+        let panics = Panics(clip, 5);
+        let seen = std::panic::catch_unwind(|| numbers(&panics, usize::MAX));
+        let why = seen.expect_err("frame 5 panics");
+        assert_eq!(why.downcast_ref(), Some(&"the frame that panics"));
+        // Negative control: a frame that is not read does no harm.
+        assert_eq!(numbers(&panics, 2), all[..2]);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::{
     Result,
-    footage::{BoxedSide, Clip, Footage, Side, all_frames, check_match},
+    footage::{BoxedSide, Clip, Footage, Frames, Side, check_match, read_ahead},
     observer::{Observer, Steps},
     operators::{EvidenceSink, Operators},
 };
@@ -141,16 +141,29 @@ impl Given {
 /// Shows the viewer a clip's frames with their evidence.
 pub(crate) fn show(
     footage: &Footage,
-    mut operators: Option<&mut dyn Operators>,
-    mut save: Option<&mut dyn EvidenceSink>,
+    operators: Option<&mut dyn Operators>,
+    save: Option<&mut dyn EvidenceSink>,
     what: &'static str,
     viewer: &mut impl Viewer,
     observer: &dyn Observer,
 ) -> Result<Seen> {
+    let sides = Sides::new(footage)?;
+    let steps = Steps::begin(observer, what, footage.clip.len_hint());
+    read_ahead(&*footage.clip, |frames| show_frames(frames, sides, operators, save, steps, viewer, observer))
+}
+
+/// [`show`] of these frames, with what belongs to them.
+fn show_frames(
+    mut frames: Frames,
+    mut sides: Sides,
+    mut operators: Option<&mut dyn Operators>,
+    mut save: Option<&mut dyn EvidenceSink>,
+    steps: Steps,
+    viewer: &mut impl Viewer,
+    observer: &dyn Observer,
+) -> Result<Seen> {
+    let footage = sides.footage;
     let clip = &*footage.clip;
-    let mut sides = Sides::new(footage)?;
-    let steps = Steps::begin(observer, what, clip.len_hint());
-    let mut frames = all_frames(clip);
     let mut window: VecDeque<Frame> = VecDeque::new();
     let reach = operators.as_ref().map_or(0, |o| o.reach()).max(1);
     let mut at = 0;

@@ -19,15 +19,30 @@ pub(crate) struct Strip {
 }
 
 /// The strips of an image of `width` x `height` px, from the top; a single one if the image has at most `most` pixels.
-pub(crate) fn strips((width, height): (usize, usize), most: usize) -> impl Iterator<Item = Strip> {
-    let rows = if width * height <= most { height } else { (most / width / GRID).max(1) * GRID };
-    (0..height).step_by(rows.max(1)).map(move |top| {
-        let rows = top..(top + rows).min(height);
+pub(crate) fn strips(size: (usize, usize), most: usize) -> impl Iterator<Item = Strip> {
+    strips_of(0..size.1, size, most)
+}
+
+/// The strips of some rows of an image, which begin on the pyramids' grid; one if they have at most `most` pixels.
+pub(crate) fn strips_of(
+    of: Range<usize>,
+    (width, height): (usize, usize),
+    most: usize,
+) -> impl Iterator<Item = Strip> {
+    let rows = if width * of.len() <= most { of.len() } else { (most / width / GRID).max(1) * GRID };
+    of.clone().step_by(rows.max(1)).map(move |top| {
+        let rows = top..(top + rows).min(of.end);
         Strip { around: grown(&rows, HALO, height), rows }
     })
 }
 
-/// The number of pixels of an image's largest strip, with the rows around it.
+/// The rows that are looked at in turn `i` of `turns`, which together are all rows once. They begin on the pyramids' grid.
+pub(crate) fn rows_in_turn(i: usize, turns: usize, height: usize) -> Range<usize> {
+    let edge = |k: usize| if k == turns { height } else { k * (height / GRID) / turns * GRID };
+    edge(i % turns)..edge(i % turns + 1)
+}
+
+/// Pixels of the largest strip of an image with what is around it.
 pub(crate) fn largest_strip(size: (usize, usize)) -> u64 {
     strips(size, STRIP).map(|s| (s.around.len() * size.0) as u64).max().unwrap_or(0)
 }
@@ -65,5 +80,19 @@ mod tests {
             assert_eq!(next, size.1);
         }
         assert_eq!(strips((5, 0), 9).count(), 0);
+    }
+
+    #[test]
+    fn turns_cover_every_row_once_and_begin_on_the_grid() {
+        for (turns, height) in [(1, 1080), (4, 1080), (8, 2160), (5, 167), (3, 20)] {
+            let mut next = 0;
+            for turn in 0..turns {
+                let rows = rows_in_turn(turn, turns, height);
+                assert_eq!(rows, rows_in_turn(turn + turns, turns, height));
+                assert!(rows.start == next && rows.start.is_multiple_of(GRID), "{turns} {height} {rows:?}");
+                next = rows.end;
+            }
+            assert_eq!(next, height);
+        }
     }
 }

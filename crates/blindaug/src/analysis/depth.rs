@@ -95,7 +95,7 @@ pub struct RelativeDepth {
 /// # Errors
 /// If `flow` and `occluded` differ in size, or have no pixels.
 pub fn inverse_depth_from_flow(flow: &Flow, occluded: &Raster<bool>) -> Result<Parallax> {
-    Ok(match unscaled(flow, occluded, None)? {
+    Ok(match unscaled(flow, occluded, PARALLAX_PX, None)? {
         Err(reason) => Parallax::Unknown(reason),
         Ok(mut depth) => {
             let scale = 1.0 / largest(&depth.inverse_depth);
@@ -114,6 +114,8 @@ pub struct ParallaxTracker {
     heading: Option<[f64; 3]>,
     /// Whether the next direction is searched only near `heading`.
     stays_near: bool,
+    /// The factor by which the images were reduced; 0 or 1 if they were not.
+    reduced: usize,
 }
 
 impl ParallaxTracker {
@@ -129,6 +131,12 @@ impl ParallaxTracker {
         self
     }
 
+    /// Announces that the next images are reduced by this factor. A pixel of theirs is a mean, whose flow is more exact in px of its own, so
+    /// that parallax of half as many px is relied on.
+    pub(crate) fn of_reduced(&mut self, factor: usize) {
+        self.reduced = factor;
+    }
+
     /// Relative inverse depth of the first frame of a pair.
     ///
     /// The next pair begins `ahead` frames after this one; if `ahead` is more than 1, the motion between the two frames is taken to
@@ -139,7 +147,8 @@ impl ParallaxTracker {
     /// The same as [`inverse_depth_from_flow`].
     pub fn push(&mut self, pair: &FlowPair, ahead: usize) -> Result<Parallax> {
         let near = self.heading.take().filter(|_| self.stays_near);
-        let fresh = unscaled(&pair.forward, &pair.occluded, near)?;
+        let least = PARALLAX_PX / self.reduced.clamp(1, 2) as f64;
+        let fresh = unscaled(&pair.forward, &pair.occluded, least, near)?;
         self.heading = fresh.as_ref().ok().map(|depth| depth.translation.map(f64::from));
         if self.last.as_ref().is_some_and(|last| last.size() != pair.forward.size())
             || pair.confirmed() < MATCHED
@@ -528,10 +537,11 @@ fn camera_motion(
 }
 
 /// Inverse depth in units of the camera's motion, whose direction may be searched only `near` a given one, or the reason why the depth
-/// is unknown.
+/// is unknown. `least`: the smallest median parallax that is relied on, px.
 fn unscaled(
     flow: &Flow,
     occluded: &Raster<bool>,
+    least: f64,
     near: Option<[f64; 3]>,
 ) -> Result<std::result::Result<RelativeDepth, Unknown>> {
     let (w, h) = flow.size();
@@ -544,13 +554,14 @@ fn unscaled(
     if w == 0 || h == 0 {
         return Err(Error::new(format!("a flow of {w} x {h} pixels says nothing of depth")));
     }
-    Ok(par::within(|| depth_of(flow, occluded, near)))
+    Ok(par::within(|| depth_of(flow, occluded, least, near)))
 }
 
 // The function is long, since it is a list of conditions, each with the reason why the depth is unknown if the condition fails.
 fn depth_of(
     flow: &Flow,
     occluded: &Raster<bool>,
+    least: f64,
     near: Option<[f64; 3]>,
 ) -> std::result::Result<RelativeDepth, Unknown> {
     let (w, h) = flow.size();
@@ -593,7 +604,7 @@ fn depth_of(
         ));
     }
     let parallax = f * parallax_beside_turn(&flat);
-    if parallax < PARALLAX_PX {
+    if parallax < least {
         return Err(Unknown::new(
             Reason::NoMotion,
             format!("the camera hardly does more than turn: {parallax:.2} px of parallax between the frames"),

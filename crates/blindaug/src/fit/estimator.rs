@@ -18,6 +18,7 @@ use crate::model::{
 use crate::strips::largest_strip;
 use crate::synth::{self, defocus::Bokeh};
 use crate::{Encoded, Error, Flow, Linear, Plane, Result, Transfer, analysis, filter};
+use std::borrow::Cow;
 use std::ops::Range;
 
 /// Takes frames one after another and gives one camera model. The memory used does not grow with the length of a clip, since frames
@@ -25,6 +26,8 @@ use std::ops::Range;
 pub struct Estimator {
     options: EstimatorOptions,
     size: Option<(usize, usize)>,
+    /// The number of frames that are expected; 0 if it is unknown.
+    expected: usize,
     /// The number of frames given so far.
     given: usize,
     /// The distance between the frames that are used.
@@ -53,8 +56,15 @@ struct LastMotion {
     index: usize,
     /// The flow to the next frame, px.
     flow: Flow,
+    /// The motion at the frame's own time, px per frame interval, if it is not the flow.
+    at_frame: Option<Flow>,
+}
+
+impl LastMotion {
     /// The motion at the frame's own time, px per frame interval.
-    motion: Flow,
+    fn motion(&self) -> &Flow {
+        self.at_frame.as_ref().unwrap_or(&self.flow)
+    }
 }
 
 /// The exposure fraction that each frame alone gives, with the frame's index among the added frames.
@@ -124,9 +134,19 @@ const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
 /// The relative std of the lens's numbers if a network made the clean frames: its errors on other scenes (docs/lab-log.md).
 const NETWORK_LENS_FLOOR: f32 = 0.3;
 
+/// Noise of frames of more px than this is measured in a part of each frame.
+const NOISE_WHOLE: usize = 1 << 20;
+/// The fewest rows of such a part: as many again around it are computed with it.
+const NOISE_ROWS: usize = 256;
+/// In how many frames each part is measured at least.
+const NOISE_SEEN: usize = 4;
+
 impl Estimator {
     /// The most frames of a clip that are used.
     pub const MAX_FRAMES: usize = 48;
+
+    /// The width, px, to which frames are halved before their flow is found.
+    const FLOW_WIDTH: usize = 960;
 
     /// The most bytes, approximately, that an estimator takes for `frames` frames of this size, beside the frames and their given evidence.
     /// `moving`: whether the flow of the frames is to be estimated.
@@ -136,12 +156,18 @@ impl Estimator {
         const MOTION: u64 = 60;
         const REMOVAL: u64 = 120;
         const KEPT: u64 = 1;
-        let flow = if moving && frames > 1 { analysis::flow::BYTES_PER_PIXEL } else { 0 };
+        let pixels = (width * height) as u64;
         let motion = if frames > 1 { MOTION } else { 0 };
-        let removal = if family == Family::Removal { REMOVAL } else { 0 };
+        let flow = if moving && frames > 1 {
+            let halvings = (0..).find(|k| width.div_ceil(1 << k) <= Self::FLOW_WIDTH).unwrap_or(0);
+            analysis::flow::BYTES_PER_PIXEL * (pixels >> (2 * halvings))
+        } else {
+            0
+        };
+        let removal = if family == Family::Removal { REMOVAL * pixels } else { 0 };
+        let kept = KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
         // Flow is estimated before blur is removed, so only the larger of the two counts.
-        let of_frame = motion + flow.max(removal) + KEPT * frames.clamp(1, Self::MAX_FRAMES) as u64;
-        of_frame * (width * height) as u64 + OF_STRIP * largest_strip(size)
+        (motion + kept) * pixels + flow.max(removal) + OF_STRIP * largest_strip(size)
     }
 
     /// An estimator that has seen nothing yet.
@@ -149,10 +175,11 @@ impl Estimator {
         Self {
             options,
             size: None,
+            expected: 0,
             given: 0,
             stride: 1,
             frames: vec![],
-            follower: Follower::new(false),
+            follower: Follower::new(Self::FLOW_WIDTH, false),
             why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given and there is only one frame"),
             depth_kind: None,
             depth_given: false,
@@ -167,6 +194,7 @@ impl Estimator {
 
     /// Announces that the clip has about this many frames. Evenly spaced frames are then used from the start, which saves time.
     pub fn expecting(mut self, frames: usize) -> Self {
+        self.expected = frames;
         self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
         self
     }
@@ -200,31 +228,22 @@ impl Estimator {
         // A frame beyond a cut is no neighbour.
         let (next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
         let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
-        let mut estimated = None;
         let mut parallax = None;
-        if let (None, Some((other, sign))) = (evidence.flow, neighbour) {
+        let mut flow = evidence.flow.map(Cow::Borrowed);
+        if let (None, Some((other, _))) = (&flow, neighbour) {
             let wants = WantsParallax { confirmed: MIN_CONFIRMED, stride: self.stride };
             let wants = evidence.inverse_depth.is_none().then_some(wants);
-            let followed = self.follower.follow(&frame.luma(), &other.luma(), wants)?;
+            let followed = self.follower.follow(frame, other, wants, Flow::filled(0, 0, [0.0; 2]))?;
             self.unfollowed += usize::from(followed.flow.is_none());
-            estimated = followed.flow.map(|flow| (flow, sign));
+            flow = followed.flow.map(Cow::Owned);
             parallax = followed.parallax;
         }
-        // `to_neighbour` is the flow to the next frame or else the previous one. `to_next` is the flow to the next frame; if there is none,
-        // the motion from the previous frame is taken to continue.
-        let to_neighbour = match (&estimated, evidence.flow) {
-            (Some((f, _)), _) => Some(f.clone()),
-            (None, Some(f)) if next.is_some() => Some(f.clone()),
-            _ => None,
-        };
-        let to_next = match estimated {
-            Some((f, sign)) => Some(f.map(|v| v.map(|c| c * sign))),
-            None => evidence.flow.cloned(),
-        };
         let depth = self.depth_of(&evidence, parallax)?;
-        let mut kept = FrameEvidence::new(index, self.shots.len() - 1, to_next.is_some(), depth.is_some());
-        if let (Some(flow), Some((other, _))) = (&to_neighbour, neighbour) {
-            kept.temporal.add_pair(frame, other, flow)?;
+        let mut kept = FrameEvidence::new(index, self.shots.len() - 1, flow.is_some(), depth.is_some());
+        // Given flow leads to the next frame.
+        let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
+        if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
+            kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(index))?;
             let rows = 0..frame.0.height();
             let was_still =
                 self.last_motion.as_ref().is_some_and(|l| l.index + 1 == index && is_still(&l.flow, &rows));
@@ -232,41 +251,52 @@ impl Estimator {
                 kept.temporal.add_successive([before, frame, next]);
             }
         }
-        kept.spatial.add_single(frame);
+        if !kept.temporal.is_enough() {
+            kept.spatial.add_single(frame);
+        }
+        // The flow to the next frame; if there is none, the motion from the previous frame is taken to continue.
+        let to_next = match neighbour {
+            Some((_, -1.0)) if evidence.flow.is_none() => flow.map(|f| Cow::Owned(f.map(|v| v.map(|c| -c)))),
+            _ => flow,
+        };
         // The shutter is open around the frame's own time, not on the way to the next frame.
         let last = self.last_motion.take().filter(|l| l.index + 1 == index);
-        let motion = to_next.as_ref().map(|flow| match &last {
-            Some(last) => motion_at_frame(flow, &last.flow),
-            None => flow.clone(),
-        });
+        let at_frame =
+            to_next.as_ref().zip(last.as_ref()).map(|(flow, last)| motion_at_frame(flow, &last.flow));
+        let motion = at_frame.as_ref().or(to_next.as_deref());
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
         let measured = next.is_some() || evidence.flow.is_some();
         if self.options.family != Family::Removal {
-            kept.tiles = tiles::tiles(frame, motion.as_ref(), depth.as_ref(), self.options.blur_space)?;
-            if let (true, Some(before), Some(last), Some(own)) = (measured, previous, &last, &motion) {
-                kept.pairs = spectral::pairs(
-                    [before, frame],
-                    &last.flow,
-                    [&last.motion, own],
-                    self.options.blur_space,
-                );
+            kept.tiles = tiles::tiles(frame, motion, depth.as_ref(), self.options.blur_space)?;
+            if let (true, Some(before), Some(last), Some(own)) = (measured, previous, &last, motion) {
+                let motions = [last.motion(), own];
+                kept.pairs = spectral::pairs([before, frame], &last.flow, motions, self.options.blur_space);
             }
         }
         // Removal is needed for distortions that no given image shows.
         let deblurred = evidence.motion_deblurred.is_some() && evidence.defocus_deblurred.is_some();
         if self.options.family == Family::Removal && evidence.clean.is_none() && !deblurred {
-            let moves = to_next.as_ref().zip(motion.as_ref());
+            let moves = to_next.as_deref().zip(motion);
             let within_shot = FrameObservation { next, previous, ..*observation };
             kept.removal = self.removal_tiles(&within_shot, &kept, moves, depth.as_ref());
         }
         if self.options.family != Family::Spectral {
-            self.compare_with_clean(&mut kept, frame, &evidence, motion.as_ref(), depth.as_ref())?;
+            self.compare_with_clean(&mut kept, frame, &evidence, motion, depth.as_ref())?;
         }
         self.last_depth = depth.map(|d| (index, d)).or(self.last_depth.take());
         self.last_motion =
-            to_next.zip(motion).filter(|_| measured).map(|(flow, motion)| LastMotion { index, flow, motion });
+            to_next.filter(|_| measured).map(|flow| LastMotion { index, flow: flow.into_owned(), at_frame });
         self.keep(kept);
         Ok(true)
+    }
+
+    /// Which of how many parts of a frame's rows its noise is measured in: all of a frame of at most [`NOISE_WHOLE`] px, of a larger one a
+    /// part, another in each frame that is looked at, if there are enough of them that each part is seen [`NOISE_SEEN`] times.
+    fn noise_turn(&self, index: usize) -> (usize, usize) {
+        let (width, height) = self.size.unwrap_or_default();
+        let turns = (height / NOISE_ROWS).min(self.expected / self.stride / NOISE_SEEN);
+        let turns = if width * height > NOISE_WHOLE { turns.max(1) } else { 1 };
+        (index / self.stride % turns, turns)
     }
 
     /// The inverse depth of a frame: the given one, else that from parallax, else `None`.

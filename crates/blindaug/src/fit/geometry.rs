@@ -9,18 +9,21 @@ use crate::analysis::cuts::MIN_CONFIRMED;
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::{FlowEstimator, FlowPair};
 use crate::model::Unknown;
-use crate::{Error, Flow, Plane, Raster, Result};
+use crate::{Encoded, Error, Flow, Pixel, Plane, Raster, Result, par, pyramid};
 
-/// Finds flow between frames, and depth from its parallax.
+/// Finds flow between frames, and depth from its parallax. Both are found in frames of reduced size, and are then enlarged.
 pub(super) struct Follower {
     flow: FlowEstimator,
     parallax: ParallaxTracker,
     near_the_last: bool,
+    /// The width, px, to which frames are halved.
+    width: usize,
 }
 
 /// The flow and the depth that were found between a frame and its neighbour.
 pub(super) struct Followed {
-    /// Optical flow to the neighbour, px, NaN where the backward flow contradicts it; `None` if too little of the frame is found again.
+    /// Optical flow to the neighbour, px of the frame, NaN where the backward flow contradicts it; `None` if too little of the frame is
+    /// found again.
     pub flow: Option<Flow>,
     /// The share of the frame that is found again, in [0, 1].
     pub confirmed: f32,
@@ -38,9 +41,11 @@ pub(super) struct WantsParallax {
 }
 
 impl Follower {
-    /// A follower that has seen nothing; `near_the_last`: whether the camera's direction is searched near the last direction only.
-    pub fn new(near_the_last: bool) -> Self {
-        let mut new = Self { flow: FlowEstimator::new(), parallax: ParallaxTracker::new(), near_the_last };
+    /// A follower that has seen nothing; `near_the_last`: whether the camera's direction is searched near the last direction only; `width`:
+    /// the width, px, to which frames are halved.
+    pub fn new(width: usize, near_the_last: bool) -> Self {
+        let mut new =
+            Self { flow: FlowEstimator::new(), parallax: ParallaxTracker::new(), near_the_last, width };
         new.forget_scale();
         new
     }
@@ -51,15 +56,32 @@ impl Follower {
         self.parallax = if self.near_the_last { new.near_the_last() } else { new };
     }
 
-    /// Follows a frame (luma) to its neighbour.
-    pub fn follow(&mut self, from: &Plane, to: &Plane, wants: Option<WantsParallax>) -> Result<Followed> {
-        let pair = self.flow.flow_with_occlusion(from, to)?;
+    /// Follows a frame to its neighbour. `spare` is a flow whose buffer may be reused.
+    pub fn follow(
+        &mut self,
+        frame: &Encoded,
+        other: &Encoded,
+        wants: Option<WantsParallax>,
+        spare: Flow,
+    ) -> Result<Followed> {
+        let size = frame.0.size();
+        let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > self.width);
+        let pair = self.flow.flow_with_occlusion(&small(frame), &small(other))?;
+        // The tracker, which searches near the last direction, keeps to the limit of whole px: it reduces its frames far more.
+        if !self.near_the_last {
+            self.parallax.of_reduced(factor_of(pair.forward.width(), size));
+        }
         let confirmed = pair.confirmed();
-        let flow = (confirmed >= MIN_CONFIRMED).then(|| known_flow(&pair));
-        let parallax = match wants.filter(|w| confirmed >= w.confirmed) {
+        let mut parallax = match wants.filter(|w| confirmed >= w.confirmed) {
             Some(WantsParallax { stride, .. }) => Some(self.parallax.push(&pair, stride)?),
             None => None,
         };
+        if let Some(Parallax::Known(depth)) = &mut parallax
+            && depth.inverse_depth.size() != size
+        {
+            depth.inverse_depth = repeated(&depth.inverse_depth, size);
+        }
+        let flow = (confirmed >= MIN_CONFIRMED).then(|| enlarged(known_flow(&pair), size, spare));
         Ok(Followed { flow, confirmed, parallax })
     }
 }
@@ -102,10 +124,67 @@ pub(super) fn check_sizes(first: &mut Option<(usize, usize)>, observation: &Fram
             )));
         }
     }
-    if frame.0.data().iter().flatten().any(|v| !v.is_finite()) {
+    // A chunk is always read to its end, so that the compiler may vectorise it.
+    let bad = |some: &[[f32; 3]]| some.iter().flatten().fold(false, |bad, v| bad | !v.is_finite());
+    if frame.0.data().chunks(1024).any(bad) {
         return Err(Error::new(
             "the frame holds values that are not finite numbers: export it again without NaN or infinity",
         ));
     }
     Ok(())
+}
+
+/// The power of 2 by which a raster of a frame of this size was reduced to this width.
+fn factor_of(width: usize, size: (usize, usize)) -> usize {
+    size.0.div_ceil(width).next_power_of_two()
+}
+
+/// Enlarges the depth of halved frames to the frames' own size by repetition.
+fn repeated(small: &Plane, size: (usize, usize)) -> Plane {
+    let factor = factor_of(small.width(), size);
+    Plane::from_fn(size.0, size.1, |x, y| small.at(x / factor, y / factor))
+}
+
+/// Enlarges the flow of halved frames to the frames' own size; the buffer of `into` is reused if it has that size.
+fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
+    if small.size() == (width, height) {
+        return small;
+    }
+    let factor = factor_of(small.width(), (width, height));
+    let share = |i: usize| (i % factor) as f32 / factor as f32;
+    let mut flow = if into.size() == (width, height) { into } else { Flow::filled(width, height, [0.0; 2]) };
+    par::for_each_row(flow.data_mut(), width, |y, out| {
+        let (above, below) = (small.row(y / factor), small.row((y / factor + 1).min(small.height() - 1)));
+        let between = |i: usize| Pixel::lerp(above[i], below[i], share(y)).map(|v| factor as f32 * v);
+        let line: Vec<[f32; 2]> = (0..small.width()).map(between).collect();
+        for (i, out) in out.chunks_mut(factor).enumerate() {
+            let (left, right) = (line[i], line[(i + 1).min(line.len() - 1)]);
+            for (x, out) in out.iter_mut().enumerate() {
+                *out = Pixel::lerp(left, right, share(x));
+            }
+        }
+    });
+    flow
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_enlarged_flow_is_that_of_the_frames_themselves() {
+        let small = Flow::from_fn(40, 30, |x, y| [0.1 * x as f32, 1.0 - 0.02 * y as f32]);
+        let none = || Flow::filled(0, 0, [0.0; 2]);
+        let flow = enlarged(small.clone(), (158, 118), none());
+        for (x, y) in [(0, 0), (4, 8), (77, 30), (150, 101)] {
+            let [u, v] = flow.at(x, y);
+            // The flow of a small frame at a quarter of the place is multiplied by four.
+            assert!(
+                (u - 0.1 * x as f32).abs() < 1e-4 && (v - 4.0 + 0.02 * y as f32).abs() < 1e-4,
+                "{x} {y}: {u} {v}"
+            );
+        }
+        assert_eq!(enlarged(small.clone(), (158, 118), Flow::filled(158, 118, [9.0; 2])), flow);
+        assert_eq!(enlarged(small.clone(), (40, 30), none()), small);
+    }
 }

@@ -10,7 +10,7 @@ use crate::model::{
     Estimate, Method, NOISE_LEVELS, NoiseCurves, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
 };
 use crate::raster::cubic_weights;
-use crate::strips::{STRIP, Strip, strips};
+use crate::strips::{STRIP, Strip, rows_in_turn, strips_of};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
@@ -183,16 +183,36 @@ impl NoiseEvidence {
         self.len() == 0
     }
 
+    /// Whether a model can be fitted.
+    pub(super) fn is_enough(&self) -> bool {
+        self.levels[0].iter().filter(|b| !b.clipped).count() >= 8
+    }
+
     /// Adds the evidence of two successive frames: their difference along the flow is pure noise wherever the match is good.
     /// A change of brightness between the frames is undone.
     ///
     /// # Errors
     /// If the sizes differ.
     pub fn add_pair(&mut self, frame: &Encoded, next: &Encoded, flow: &Flow) -> Result<()> {
-        self.add_pair_rows(frame, next, flow, 0..frame.0.height())
+        self.add_pair_in_turn(frame, next, flow, (0, 1))
     }
 
-    /// [`NoiseEvidence::add_pair`] for some rows of `frame` only.
+    /// [`NoiseEvidence::add_pair`] for the blocks in turn `i` of `turns` only ([`rows_in_turn`]).
+    ///
+    /// # Errors
+    /// If the sizes differ.
+    pub(super) fn add_pair_in_turn(
+        &mut self,
+        frame: &Encoded,
+        next: &Encoded,
+        flow: &Flow,
+        (i, turns): (usize, usize),
+    ) -> Result<()> {
+        let height = frame.0.height();
+        self.add_pair_of(frame, next, flow, 0..height, rows_in_turn(i, turns, height))
+    }
+
+    /// [`NoiseEvidence::add_pair`] for some rows of `frame` as if it had no others.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -202,6 +222,19 @@ impl NoiseEvidence {
         next: &Encoded,
         flow: &Flow,
         rows: Range<usize>,
+    ) -> Result<()> {
+        let all = 0..rows.len();
+        self.add_pair_of(frame, next, flow, rows, all)
+    }
+
+    /// What the blocks of two successive frames tell, of those that begin in `own`, which are some of `rows`, counted from the first.
+    fn add_pair_of(
+        &mut self,
+        frame: &Encoded,
+        next: &Encoded,
+        flow: &Flow,
+        rows: Range<usize>,
+        own: Range<usize>,
     ) -> Result<()> {
         let (w, h) = frame.0.size();
         if next.0.size() != (w, h) || flow.size() != (w, h) {
@@ -245,7 +278,7 @@ impl NoiseEvidence {
             1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
         };
         let colour = |x: usize, y: usize| frame.0.at(x, top + y);
-        self.add_blocks((w, height), &Residual { values, colour, flaws, gain, pure: still });
+        self.add_blocks((w, height), own, &Residual { values, colour, flaws, gain, pure: still });
         Ok(())
     }
 
@@ -263,7 +296,7 @@ impl NoiseEvidence {
             gain: |_, _, _| 1.0,
             pure: false,
         };
-        self.add_blocks(frame.0.size(), &residual);
+        self.add_blocks(frame.0.size(), 0..frame.0.height(), &residual);
     }
 
     /// Adds the difference between a frame and a prediction of the frame without noise. `sharp` is the clean frame that the prediction
@@ -286,7 +319,7 @@ impl NoiseEvidence {
             gain: |_, _, _| 1.0,
             pure: predicted == sharp,
         };
-        self.add_blocks(frame.0.size(), &residual);
+        self.add_blocks(frame.0.size(), 0..frame.0.height(), &residual);
         Ok(())
     }
 
@@ -298,15 +331,19 @@ impl NoiseEvidence {
         }
     }
 
-    /// Adds the variances of all blocks.
-    fn add_blocks<V, C, F, G>(&mut self, size: (usize, usize), residual: &Residual<V, C, F, G>)
-    where
+    /// Adds the variances of the blocks of the rows `own`.
+    fn add_blocks<V, C, F, G>(
+        &mut self,
+        size: (usize, usize),
+        own: Range<usize>,
+        residual: &Residual<V, C, F, G>,
+    ) where
         V: Fn(usize, usize) -> [f32; 4] + Sync + Send,
         C: Fn(usize, usize) -> [f32; 3] + Sync + Send,
         F: Fn(usize, usize) -> Flaw + Sync + Send,
         G: Fn(usize, usize, usize) -> f32 + Sync + Send,
     {
-        for strip in strips(size, STRIP) {
+        for strip in strips_of(own, size, STRIP) {
             self.add_blocks_of(&strip, size.0, residual);
         }
     }
@@ -446,7 +483,7 @@ impl NoiseEvidence {
 
     /// The model that the collected variances give.
     pub fn fit(&self) -> NoiseFit {
-        if self.levels[0].iter().filter(|b| !b.clipped).count() < 8 {
+        if !self.is_enough() {
             let (reason, why) = match self.method {
                 Method::Temporal => {
                     (Reason::NotFollowed, "no part of the frames could be followed from one to the next")
@@ -1101,6 +1138,7 @@ fn band_moments(level: usize) -> [[f32; 4]; 4] {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::strips::strips;
 
     /// White normal noise (a sum of twelve uniforms), made without the project's own synthesis.
     pub fn white(width: usize, height: usize, seed: u64) -> Raster<[f32; 3]> {
@@ -1163,6 +1201,31 @@ pub(super) mod tests {
             let alone = |s: Strip| Strip { around: s.rows.clone(), rows: s.rows };
             assert!(found(&mut strips(size, 160 * w).map(alone)) != whole);
         }
+    }
+
+    #[test]
+    fn turns_together_give_the_variances_of_the_whole_frame() {
+        const TURNS: usize = 3;
+        let (w, h) = (150, 700);
+        let [frame, next] = [5, 6].map(|seed| noisy(w, h, seed, 0.05));
+        let flow = Flow::filled(w, h, [0.3, -1.2]);
+        let found = |add: &dyn Fn(&mut NoiseEvidence)| {
+            let mut evidence = NoiseEvidence::new(Method::Temporal);
+            add(&mut evidence);
+            assert!(evidence.levels.iter().all(|l| l.len() > 20));
+            format!("{:?}", evidence.levels)
+        };
+        let whole = found(&|e| e.add_pair(&frame, &next, &flow).unwrap());
+        let in_turns = found(&|e| {
+            (0..TURNS).for_each(|i| e.add_pair_in_turn(&frame, &next, &flow, (i, TURNS)).unwrap());
+        });
+        assert!(in_turns == whole);
+        // Negative control: parts without what is around them.
+        let in_parts = found(&|e| {
+            let parts = (0..TURNS).map(|i| rows_in_turn(i, TURNS, h));
+            parts.for_each(|rows| e.add_pair_rows(&frame, &next, &flow, rows).unwrap());
+        });
+        assert!(in_parts != whole);
     }
 
     #[test]

@@ -33,6 +33,10 @@ pub const LENS_TILES_PER_BLOCK: usize = 32;
 /// demosaicing and denoising inside the camera.
 pub(super) const BAND: Range<f32> = 0.03..0.35;
 
+/// The most tiles of each block of the image, at each resolution, whose spectra are computed: those in which neighbouring pixels differ
+/// most. No block of a frame of 1024 x 768 px has more.
+const SEARCHED_PER_BLOCK: usize = 56;
+
 /// A frequency in the middle of the band, cycles per px, that stands for the band where the strength of a tile's noise is needed.
 pub const MIDDLE: f32 = 0.25;
 
@@ -112,6 +116,10 @@ pub(super) fn tiles_in_strips(
         return Err(Error::new("flow and depth must have the frame's size"));
     }
     let fft = FftPlanner::new().plan_fft_forward(TILE);
+    let searched: Vec<Vec<(usize, usize)>> = levels((w, h))
+        .enumerate()
+        .map(|(level, size)| searched_corners(frame, size, 1 << level, space))
+        .collect();
     let mut found: [Vec<Tile>; LEVELS] = Default::default();
     for Strip { rows, .. } in strips((w, h), most) {
         // A tile belongs to the strip in which its corner lies.
@@ -122,7 +130,7 @@ pub(super) fn tiles_in_strips(
             if level > 0 {
                 light = light.halved();
             }
-            let mut corners = corners(size);
+            let mut corners = searched[level].clone();
             corners.retain(|(_, y)| rows.contains(&(y << level)));
             let tiles = par::map(corners.len(), |i| {
                 let corner @ (x, y) = corners[i];
@@ -160,6 +168,55 @@ pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
     }
     let along = |size: usize| (0..=size - TILE).step_by(TILE / 2);
     along(h).flat_map(|y| along(w).map(move |x| (x, y))).collect()
+}
+
+/// The [`corners`] of a frame that has `size` px at a resolution of `scale` px of its own to one, without those of least contrast in blocks of
+/// many.
+fn searched_corners(
+    frame: &Encoded,
+    size: (usize, usize),
+    scale: usize,
+    space: BlurSpace,
+) -> Vec<(usize, usize)> {
+    let mut of_block = vec![vec![]; BLOCK_COUNT];
+    let all = corners(size);
+    for (i, corner) in all.iter().enumerate() {
+        of_block[block_of(*corner, size) as usize].push(i);
+    }
+    let contrast = |i: usize| match space {
+        // The square is nearly the light.
+        BlurSpace::Linear => contrast(frame, all[i], scale, |v| v * v),
+        BlurSpace::Encoded => contrast(frame, all[i], scale, |v| v),
+    };
+    let chosen = par::map(BLOCK_COUNT, |block| {
+        let places = &of_block[block];
+        if places.len() <= SEARCHED_PER_BLOCK {
+            return places.clone();
+        }
+        let mut ranked: Vec<(f32, usize)> = places.iter().map(|&i| (contrast(i), i)).collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        ranked.into_iter().take(SEARCHED_PER_BLOCK).map(|(_, i)| i).collect()
+    });
+    let mut chosen: Vec<usize> = chosen.into_iter().flatten().collect();
+    chosen.sort_unstable();
+    chosen.into_iter().map(|i| all[i]).collect()
+}
+
+/// How much neighbouring pixels of a tile differ in green, of which `of` is taken: a sum of squares.
+pub(super) fn contrast(
+    frame: &Encoded,
+    (x0, y0): (usize, usize),
+    scale: usize,
+    of: impl Fn(f32) -> f32,
+) -> f32 {
+    let step = 4 * scale;
+    let [columns, rows] = [x0, y0].map(|v| scale * v..scale * (v + TILE) - step);
+    let square = |v: f32| v * v;
+    let green = |x: usize, y: usize| of(frame.0.at(x, y)[1]);
+    let places = rows.step_by(step).flat_map(|y| columns.clone().step_by(step).map(move |x| (x, y)));
+    places
+        .map(|(x, y)| square(green(x + step, y) - green(x, y)) + square(green(x, y + step) - green(x, y)))
+        .sum()
 }
 
 /// The block of an image of w x h px that a tile with its corner at (x, y) lies in.
@@ -213,8 +270,12 @@ impl Light {
         let (plane, moments) = match space {
             BlurSpace::Encoded => (frame.map_rows(rows, luma), moments(&|_| 1.0)),
             BlurSpace::Linear => {
-                let plane = frame.map_rows(rows, |p| luma(p.map(|v| decoded(v)[0])));
-                (plane, moments(&|p| noise_gain(p.map(|v| decoded(v.max(0.02))[1]))))
+                let decoder = Decoder::new();
+                let plane = frame.map_rows(rows, |[r, g, b]| {
+                    luma([decoder.look_up(r, 0), decoder.look_up(g, 0), decoder.look_up(b, 0)])
+                });
+                let slope = |v: f32| decoder.look_up(v.max(0.02), 1);
+                (plane, moments(&|[r, g, b]| noise_gain([slope(r), slope(g), slope(b)])))
             }
         };
         Self { plane, moments, scale: 1 }
@@ -252,21 +313,36 @@ fn noise_gain(slopes: [f32; 3]) -> f32 {
     (0..3).map(|c| weights[c] / (slopes[c] * slopes[c])).sum::<f32>() / weights.iter().sum::<f32>()
 }
 
-/// The light of an encoded value, and the slope of the transfer curve at that value, by a table, which is ten times as fast as powers.
-fn decoded(encoded: f32) -> [f32; 2] {
-    const STEPS: usize = 1024;
-    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
-    let exact = |v: f32| {
-        let light = Transfer::Srgb.decode(v);
-        [light, Transfer::Srgb.slope(light)]
-    };
-    if !(0.0..1.0).contains(&encoded) {
-        return exact(encoded);
+/// The light of encoded values, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
+struct Decoder(&'static [[f32; 2]]);
+
+impl Decoder {
+    fn new() -> Self {
+        static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+        Self(TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect()))
     }
-    let table = TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect());
-    let at = encoded * STEPS as f32;
-    let (i, t) = (at as usize, at.fract());
-    [0, 1].map(|k| table[i][k] + t * (table[i + 1][k] - table[i][k]))
+
+    /// The light (0) or the slope (1) at an encoded value.
+    #[inline(always)]
+    fn look_up(&self, encoded: f32, of: usize) -> f32 {
+        if !(0.0..1.0).contains(&encoded) {
+            return exact(encoded)[of];
+        }
+        let at = encoded * STEPS as f32;
+        let i = at as usize;
+        let t = at - i as f32;
+        let (low, high) = (self.0[i][of], self.0[i + 1][of]);
+        low + t * (high - low)
+    }
+}
+
+/// Steps of the [`Decoder`]'s table.
+const STEPS: usize = 1024;
+
+#[cold]
+fn exact(encoded: f32) -> [f32; 2] {
+    let light = Transfer::Srgb.decode(encoded);
+    [light, Transfer::Srgb.slope(light)]
 }
 
 /// The tile at a corner in px of `light`'s resolution; `at` is the same corner within `light`. `None` if its parts move differently, too
@@ -492,5 +568,39 @@ pub(super) fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
     match space {
         BlurSpace::Linear => image.0.map(|p| luma(p.map(|v| Transfer::Srgb.decode(v)))),
         BlurSpace::Encoded => image.luma(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_many_tiles_those_of_most_contrast_are_searched_in_each_block() {
+        let searched = |size @ (w, h): (usize, usize), scale: usize| {
+            let noise = crate::fit::noise::tests::white(w, h, 2);
+            // Contrast grows to the right.
+            let frame = Encoded(Raster::from_fn(w, h, |x, y| {
+                noise.at(x, y).map(|n| 0.5 + 0.1 * n * (x as f32 / w as f32))
+            }));
+            let size = (size.0 / scale, size.1 / scale);
+            let all = corners(size);
+            let searched = searched_corners(&frame, size, scale, BlurSpace::Encoded);
+            let of_block =
+                |of: &[(usize, usize)], b: u32| of.iter().filter(|c| block_of(**c, size) == b).count();
+            for b in 0..BLOCK_COUNT as u32 {
+                assert_eq!(of_block(&searched, b), of_block(&all, b).min(SEARCHED_PER_BLOCK));
+            }
+            assert!(searched.is_sorted_by_key(|&(x, y)| (y, x)));
+            let mean = |of: &[(usize, usize)]| of.iter().map(|c| c.0).sum::<usize>() as f32 / of.len() as f32;
+            (searched.len(), all.len(), mean(&searched) - mean(&all))
+        };
+        let (few, all, moved) = searched((1920, 1080), 1);
+        assert!(few < all / 2 && moved > 40.0, "{few} of {all}, {moved} px to the right");
+        // Negative control: small frames, and large ones at half the resolution, have few enough.
+        for (size, scale) in [((960, 540), 1), ((1024, 768), 1), ((1920, 1080), 2)] {
+            let (searched, all, moved) = searched(size, scale);
+            assert!(searched == all && moved == 0.0, "{size:?}: {searched} of {all}");
+        }
     }
 }

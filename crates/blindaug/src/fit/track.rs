@@ -27,7 +27,7 @@ use crate::model::{
     ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, ThinLensInterval,
     Unknown,
 };
-use crate::{Encoded, Error, Flow, Pixel, Plane, Result, par, pyramid};
+use crate::{Encoded, Error, Flow, Plane, Result, par};
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
@@ -152,7 +152,7 @@ impl Tracker {
             fps,
             size: None,
             frames: 0,
-            follower: Follower::new(true),
+            follower: Follower::new(FLOW_WIDTH, true),
             last_flow: LastFlow::default(),
             spare: Flow::filled(0, 0, [0.0; 2]),
             inverse_depth: None,
@@ -335,16 +335,11 @@ impl Tracker {
                 parallax = Some(parallax_of(flow)?);
             }
         } else if let Some(other) = next.or(previous) {
-            let size = frame.0.size();
-            let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > FLOW_WIDTH);
-            let (from, to) = (small(frame), small(other));
             let wants = WantsParallax { confirmed: SCALE_CONFIRMED, stride: PARALLAX_STRIDE };
-            let followed = self.follower.follow(&from, &to, wants_parallax.then_some(wants))?;
+            let spare = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
+            let followed = self.follower.follow(frame, other, wants_parallax.then_some(wants), spare)?;
             match followed.flow {
-                Some(flow) => {
-                    let into = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
-                    geometry.flow = Some(Cow::Owned(enlarged(flow, size, into)));
-                }
+                Some(flow) => geometry.flow = Some(Cow::Owned(flow)),
                 None => self.cut_ahead = next.is_some_and(|next| look_different(frame, next)),
             }
             parallax = followed.parallax;
@@ -355,10 +350,6 @@ impl Tracker {
                     // Relative depth is in another unit from here on.
                     self.lens.forget();
                 }
-            }
-            if let Some(Parallax::Known(depth)) = &mut parallax {
-                let (small, factor) = (&depth.inverse_depth, size.0.div_ceil(from.width()));
-                depth.inverse_depth = Plane::from_fn(size.0, size.1, |x, y| small.at(x / factor, y / factor));
             }
         }
         if let Some((given, kind)) = evidence.inverse_depth {
@@ -441,18 +432,7 @@ impl Tracker {
                 .map(|f| f.at(middle.0, middle.1))
                 .is_some_and(|[u, v]| u.hypot(v) >= tiles::SPEEDS.start);
             let placed = depth.is_some_and(|d| d.at(middle.0, middle.1).is_finite());
-            let square = |v: f32| v * v;
-            let green = |x: usize, y: usize| frame.0.at(x, y)[1];
-            let sum = |rows: std::ops::Range<usize>| {
-                let places =
-                    rows.step_by(4).flat_map(|y| (x0..x0 + tiles::TILE - 4).step_by(4).map(move |x| (x, y)));
-                places
-                    .map(|(x, y)| {
-                        square(green(x + 4, y) - green(x, y)) + square(green(x, y + 4) - green(x, y))
-                    })
-                    .sum::<f32>()
-            };
-            if moves || placed { sum(y0..y0 + tiles::TILE - 4) } else { -1.0 }
+            if moves || placed { tiles::contrast(frame, (x0, y0), 1, |v| v) } else { -1.0 }
         };
         let mut tried: Vec<_> = all
             .iter()
@@ -560,28 +540,6 @@ impl Tracker {
         }
         Ok(Estimate::Known(known))
     }
-}
-
-/// Enlarges the flow of halved frames to the frames' own size; the buffer of `into` is reused if it has that size.
-fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
-    if small.size() == (width, height) {
-        return small;
-    }
-    let factor = width.div_ceil(small.width()).next_power_of_two();
-    let share = |i: usize| (i % factor) as f32 / factor as f32;
-    let mut flow = if into.size() == (width, height) { into } else { Flow::filled(width, height, [0.0; 2]) };
-    par::for_each_row(flow.data_mut(), width, |y, out| {
-        let (above, below) = (small.row(y / factor), small.row((y / factor + 1).min(small.height() - 1)));
-        let between = |i: usize| Pixel::lerp(above[i], below[i], share(y)).map(|v| factor as f32 * v);
-        let line: Vec<[f32; 2]> = (0..small.width()).map(between).collect();
-        for (i, out) in out.chunks_mut(factor).enumerate() {
-            let (left, right) = (line[i], line[(i + 1).min(line.len() - 1)]);
-            for (x, out) in out.iter_mut().enumerate() {
-                *out = Pixel::lerp(left, right, share(x));
-            }
-        }
-    });
-    flow
 }
 
 /// Widens the 95 % interval of a value that was last estimated `age` frames ago and walks randomly by `step` (std) per frame.
@@ -818,23 +776,6 @@ impl NoiseMemory {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn an_enlarged_flow_is_that_of_the_frames_themselves() {
-        let small = Flow::from_fn(40, 30, |x, y| [0.1 * x as f32, 1.0 - 0.02 * y as f32]);
-        let none = || Flow::filled(0, 0, [0.0; 2]);
-        let flow = enlarged(small.clone(), (158, 118), none());
-        for (x, y) in [(0, 0), (4, 8), (77, 30), (150, 101)] {
-            let [u, v] = flow.at(x, y);
-            // The flow of a small frame at a quarter of the place is multiplied by four.
-            assert!(
-                (u - 0.1 * x as f32).abs() < 1e-4 && (v - 4.0 + 0.02 * y as f32).abs() < 1e-4,
-                "{x} {y}: {u} {v}"
-            );
-        }
-        assert_eq!(enlarged(small.clone(), (158, 118), Flow::filled(158, 118, [9.0; 2])), flow);
-        assert_eq!(enlarged(small.clone(), (40, 30), none()), small);
-    }
 
     #[test]
     fn an_interval_widens_with_the_root_of_time() {
