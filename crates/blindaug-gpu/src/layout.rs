@@ -120,10 +120,17 @@ macro_rules! wgsl_struct {
     ) => {
         $(#[$meta])*
         #[repr(C)]
-        #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+        #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
         #[allow(dead_code, reason = "what only shaders write and read counts here by its size")]
         $vis struct $name {
             $($(#[$field_meta])* $field_vis $field: $type,)*
+        }
+
+        // All numbers are 0. Arrays of more than 32 elements have no default of their own.
+        impl Default for $name {
+            fn default() -> Self {
+                bytemuck::Zeroable::zeroed()
+            }
         }
 
         impl $name {

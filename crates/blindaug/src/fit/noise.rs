@@ -577,7 +577,7 @@ impl NoiseEvidence {
         const NEIGHBOURS: Range<f32> = 0.05..0.3;
         let (mut products, mut squares) = ([0.0; 3], [0.0; 3]);
         let chosen = |blocks| self.chosen(0, blocks, [1.0; 3], false);
-        for Chosen { blocks, .. } in self.by_luminance(0).into_iter().filter_map(chosen) {
+        for Chosen { blocks, .. } in self.by_luminance(0, false).into_iter().filter_map(chosen) {
             for b in blocks {
                 // Each block counts alike, whatever its luminance.
                 let scale = 1.0 / b.variance[3].max(1e-10);
@@ -588,6 +588,20 @@ impl NoiseEvidence {
         let least = (0..3).map(|c| products[c] / squares[c].max(1e-10)).fold(1.0, f32::min);
         let share = (least - NEIGHBOURS.start) / (NEIGHBOURS.end - NEIGHBOURS.start);
         Spectrum::between_white_and_camera(share.clamp(0.0, 1.0))
+    }
+
+    /// The blocks of a level that are known to hold nothing but noise. Where nothing moves between two frames, light may still flicker and small
+    /// things may move; that shows in the next coarser band, in which noise is weaker.
+    fn pure_blocks(&self, level: usize) -> Vec<&LocalVariance> {
+        let blocks = || self.levels[level].iter().filter(|b| b.pure);
+        if self.method != Method::Temporal {
+            return blocks().collect();
+        }
+        let ratio = |b: &LocalVariance| b.coarser / b.variance[3].max(1e-12);
+        let mut ratios: Vec<f32> = blocks().map(ratio).collect();
+        ratios.sort_by(f32::total_cmp);
+        let usual = ratios.get(ratios.len() / 4).copied().unwrap_or(0.0).max(1e-3);
+        blocks().filter(|b| ratio(b) <= APART[level] * usual).collect()
     }
 
     /// Whether most blocks are of residuals that are known to hold nothing but noise.
@@ -611,7 +625,7 @@ impl NoiseEvidence {
         std::array::from_fn(|level| match self.method {
             _ if self.windowed => vec![],
             Method::Spatial => self
-                .by_luminance(level)
+                .by_luminance(level, false)
                 .into_iter()
                 .filter_map(|blocks| self.chosen(level, blocks, [1.0; 3], false))
                 .flat_map(|chosen| {
@@ -622,9 +636,8 @@ impl NoiseEvidence {
                     chosen.blocks.iter().map(quiet).collect::<Vec<_>>()
                 })
                 .collect(),
-            _ => {
-                self.levels[level].iter().filter(|b| b.pure == pure).map(|b| block(b, [hidden; 3])).collect()
-            }
+            _ if pure => self.pure_blocks(level).into_iter().map(|b| block(b, [hidden; 3])).collect(),
+            _ => self.levels[level].iter().filter(|b| !b.pure).map(|b| block(b, [1.0; 3])).collect(),
         })
     }
 
@@ -688,9 +701,10 @@ impl NoiseEvidence {
     }
 
     /// The blocks in which no more than a few pixels clip, by luminance.
-    fn by_luminance(&self, level: usize) -> [Vec<&LocalVariance>; LUMINANCES] {
+    fn by_luminance(&self, level: usize, pure: bool) -> [Vec<&LocalVariance>; LUMINANCES] {
         let mut bins: [Vec<&LocalVariance>; LUMINANCES] = Default::default();
-        for v in self.levels[level].iter().filter(|b| !b.clipped) {
+        let blocks = if pure { self.pure_blocks(level) } else { self.levels[level].iter().collect() };
+        for v in blocks.into_iter().filter(|b| !b.clipped) {
             bins[((v.y * LUMINANCES as f32) as usize).min(LUMINANCES - 1)].push(v);
         }
         bins
@@ -758,7 +772,7 @@ impl NoiseEvidence {
                 blocks: blocks.len(),
             })
         };
-        self.by_luminance(level).into_iter().enumerate().filter_map(of).collect()
+        self.by_luminance(level, all).into_iter().enumerate().filter_map(of).collect()
     }
 
     /// The brightest encoded value that occurs, if values accumulate there; else 1.
@@ -823,8 +837,6 @@ fn residual(frame: &Encoded, prediction: &Encoded) -> Result<Raster<[f32; 4]>> {
 ///
 /// The variance of a mismatch in this band is a share of that in the coarser band, taken as about the least share in the other blocks.
 fn noise_share(level: usize, variance: f32, coarser: f32, others: &[&LocalVariance]) -> f32 {
-    // Mean squares of pure noise differ by less than these factors; the coarsest are means of only four values.
-    const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
     let mut ratios: Vec<f32> = others
         .iter()
         .filter(|b| b.coarser > APART[level] * coarser)
@@ -862,6 +874,9 @@ fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) 
     mean
 }
 
+/// Mean squares of pure noise in the next coarser band differ by less than these factors; the coarsest are means of only four values.
+const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
+
 /// The largest correlation between successive frames that is believed: beyond it, next to nothing of the noise shows in a difference.
 const MOST_CORRELATED: f32 = 0.9;
 
@@ -870,8 +885,8 @@ const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
 /// A few places of a block of this side, px from its corner.
 fn places(side: usize) -> impl Iterator<Item = (usize, usize)> {
-    const APART: usize = 4;
-    (0..side).step_by(APART).flat_map(move |y| (0..side).step_by(APART).map(move |x| (x, y)))
+    const STEP: usize = 4;
+    (0..side).step_by(STEP).flat_map(move |y| (0..side).step_by(STEP).map(move |x| (x, y)))
 }
 
 /// Whether so many pixels of a block clip that a part of the noise is lost; `None` if a pixel is unusable. The filters of the coarser bands
