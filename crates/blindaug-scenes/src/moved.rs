@@ -4,7 +4,8 @@
 //! averaged have an exposure that is known but for the video's own.
 
 use crate::measure::{Value, median};
-use blindaug::{Encoded, Linear, Raster, Transfer};
+use blindaug::analysis::cuts::cut_between;
+use blindaug::{Encoded, Linear, Raster, Result, Transfer};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use rand_distr::{Distribution, Normal};
 use serde::{Deserialize, Serialize};
@@ -172,20 +173,17 @@ fn in_steps(v: f32) -> f32 {
 }
 
 /// The mean in light of successive frames.
-pub struct Averaged {
+struct Averaged {
     sum: Raster<[f32; 3]>,
     frames: usize,
 }
 
 impl Averaged {
-    /// Begins with a frame.
-    pub fn new(frame: &Encoded) -> Self {
-        Self { sum: frame.to_linear(Transfer::Srgb).0, frames: 1 }
+    fn new(light: Raster<[f32; 3]>) -> Self {
+        Self { sum: light, frames: 1 }
     }
 
-    /// Adds the next frame, which has the same size.
-    pub fn add(&mut self, frame: &Encoded) {
-        let Linear(light) = frame.to_linear(Transfer::Srgb);
+    fn add(&mut self, light: &Raster<[f32; 3]>) {
         for (sum, p) in self.sum.data_mut().iter_mut().zip(light.data()) {
             (0..3).for_each(|k| sum[k] += p[k]);
         }
@@ -193,10 +191,73 @@ impl Averaged {
     }
 
     /// The frame that they make, of 8 bit.
-    pub fn frame(&self) -> Encoded {
+    fn frame(&self) -> Encoded {
         let count = self.frames as f32;
         let Encoded(frame) = Linear(self.sum.map(|p| p.map(|v| v / count))).to_encoded(Transfer::Srgb);
         Encoded(frame.map(|p| p.map(in_steps)))
+    }
+}
+
+/// How many frames of a video are averaged, of how many.
+pub const AVERAGED: [(usize, usize); 8] = [(1, 4), (2, 4), (3, 4), (4, 4), (2, 8), (4, 8), (6, 8), (8, 8)];
+
+/// The fewest and the most frames that are made of a piece of a video.
+const FRAMES_OF_FILM: std::ops::RangeInclusive<usize> = 5..=6;
+
+/// Frames that were averaged.
+pub struct Film {
+    /// The number of the first frame of the video.
+    pub first: usize,
+    /// How many frames each is the mean of.
+    pub averaged: usize,
+    /// Of how many.
+    pub of: usize,
+    /// The frames.
+    pub frames: Vec<Encoded>,
+}
+
+/// Averages the successive frames of a video, piece by piece, in all the ways of [`AVERAGED`].
+#[derive(Default)]
+pub struct FilmMaker {
+    given: usize,
+    first: usize,
+    means: Vec<Vec<Averaged>>,
+    last: Option<Encoded>,
+}
+
+impl FilmMaker {
+    /// Takes the next frame, and gives what a piece has become that ends before it: none lies over a cut.
+    ///
+    /// # Errors
+    /// If the frame has another size than the last one.
+    pub fn push(&mut self, frame: &Encoded) -> Result<Vec<Film>> {
+        let longest = AVERAGED.iter().map(|a| a.1).max().unwrap_or(1) * FRAMES_OF_FILM.end();
+        let frame = reduced(frame.to_linear(Transfer::Srgb)).to_encoded(Transfer::Srgb);
+        let cut = self.last.as_ref().map_or(Ok(false), |last| cut_between(last, &frame))?;
+        let films = if cut || self.given - self.first == longest { self.finish() } else { vec![] };
+        self.means.resize_with(AVERAGED.len(), Vec::new);
+        let at = self.given - self.first;
+        let light = frame.to_linear(Transfer::Srgb).0;
+        for ((n, of), means) in AVERAGED.iter().zip(&mut self.means) {
+            match means.last_mut() {
+                _ if at / of >= *FRAMES_OF_FILM.end() || at % of >= *n => {}
+                Some(mean) if at % of > 0 => mean.add(&light),
+                _ => means.push(Averaged::new(light.clone())),
+            }
+        }
+        self.given += 1;
+        self.last = Some(frame);
+        Ok(films)
+    }
+
+    /// What has become of the frames since the last piece; another one begins.
+    pub fn finish(&mut self) -> Vec<Film> {
+        let first = std::mem::replace(&mut self.first, self.given);
+        let films = AVERAGED.iter().zip(std::mem::take(&mut self.means)).map(|(&(averaged, of), means)| {
+            let whole = means.iter().filter(|m| m.frames == averaged);
+            Film { first, averaged, of, frames: whole.map(Averaged::frame).collect() }
+        });
+        films.filter(|f| FRAMES_OF_FILM.contains(&f.frames.len())).collect()
     }
 }
 
@@ -254,7 +315,8 @@ pub fn table(all: &[Found]) -> String {
         let mean = |v: &mut dyn Iterator<Item = f32>| {
             if known == 0 { "-".into() } else { format!("{:.3}", v.sum::<f32>() / known as f32) }
         };
-        let width = mean(&mut of.iter().filter_map(|f| Some(f.exposure?.interval[1] - f.exposure?.interval[0])));
+        let width =
+            mean(&mut of.iter().filter_map(|f| Some(f.exposure?.interval[1] - f.exposure?.interval[0])));
         let middle = median(errors.clone()).map_or("-".into(), |v| format!("{v:.3}"));
         let worst = of.iter().max_by(|a, b| a.error().unwrap_or(-1.0).total_cmp(&b.error().unwrap_or(-1.0)));
         let worst = worst.and_then(|f| f.error()).map_or("-".into(), |v| format!("{v:.3}"));
@@ -274,6 +336,8 @@ pub fn table(all: &[Found]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::{Exposure, Scene};
+    use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 
     /// A photograph of one bright point.
     fn point() -> Linear {
@@ -290,11 +354,12 @@ mod tests {
                 for (t, frame) in frames.iter().enumerate() {
                     let half = 0.5 * exposure * INSTANTS as f32;
                     let middle = t * INSTANTS + INSTANTS / 2;
-                    let ends =
-                        [-half, half].map(|d| course.places[(middle as f32 + d).max(0.0) as usize - usize::from(d > 0.0)]);
+                    let ends = [-half, half]
+                        .map(|d| course.places[(middle as f32 + d).max(0.0) as usize - usize::from(d > 0.0)]);
                     let lit = frame.0.data().iter().enumerate().filter(|(_, p)| p[1] > 0.0);
-                    let places: Vec<[f32; 2]> =
-                        lit.map(|(i, _)| [(i % frame.0.width()) as f32, (i / frame.0.width()) as f32]).collect();
+                    let places: Vec<[f32; 2]> = lit
+                        .map(|(i, _)| [(i % frame.0.width()) as f32, (i / frame.0.width()) as f32])
+                        .collect();
                     let longest = places
                         .iter()
                         .flat_map(|a| places.iter().map(|b| (a[0] - b[0]).hypot(a[1] - b[1])))
@@ -323,6 +388,31 @@ mod tests {
         assert!(steady < 0.12 && shaking > 0.3, "{steady} {shaking}");
     }
 
+    /// The exposure of a photograph that is moved by a hand, blind.
+    fn estimated(hand: Hand, exposure: f32) -> Value {
+        let photo = Scene::new(3, (640, 512)).picture(0.0, Exposure::default(), 0);
+        let filming = Filming { exposure, frames: 6, noise: 0.006, seed: 5 };
+        let frames = film(&photo, &Course::new(hand, 6, 5), &filming).expect("it is large enough");
+        let mut estimator = Estimator::new(EstimatorOptions::default());
+        for (i, frame) in frames.iter().enumerate() {
+            let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
+            let observation = FrameObservation { frame, next, previous, evidence: Evidence::default() };
+            estimator.add(&observation).unwrap();
+        }
+        let model = estimator.estimate().unwrap().model.motion_blur;
+        let model = model.known().expect("it moves, and has texture");
+        Value { estimate: model.exposure.0, interval: model.interval }
+    }
+
+    #[test]
+    fn a_shaking_hand_leaves_the_exposure_less_sure_but_covered() {
+        let width = |v: &Value| v.interval[1] - v.interval[0];
+        let [steady, shaking] = [Hand::Steady, Hand::Shaking].map(|hand| estimated(hand, 0.5));
+        assert!(steady.covers(0.5) && shaking.covers(0.5), "{steady:?} {shaking:?}");
+        assert!((steady.estimate - 0.5).abs() < 0.06 && width(&steady) < 0.25, "{steady:?}");
+        assert!(width(&shaking) > 1.3 * width(&steady), "{steady:?} {shaking:?}");
+    }
+
     #[test]
     fn small_photographs_make_no_frames() {
         let course = Course::new(Hand::Steady, 4, 7);
@@ -332,12 +422,32 @@ mod tests {
     }
 
     #[test]
-    fn averaged_frames_are_the_mean_of_light() {
-        let frame = |v: f32| Encoded(Raster::filled(2, 2, [v; 3]));
-        let mut averaged = Averaged::new(&frame(0.0));
-        averaged.add(&frame(1.0));
-        let mean = averaged.frame().0.at(1, 1)[0];
-        assert!((mean - 0.735).abs() < 0.003, "{mean}");
+    fn averaged_frames_are_the_mean_of_light_and_none_lies_over_a_cut() {
+        let frame = |i: usize| {
+            Encoded(Raster::from_fn(64, 48, |x, y| match (i < 30, i % 2) {
+                // Two shots: bars, and a checkerboard, that flicker.
+                (true, flicker) => [if x / 8 % 2 == 0 { 1.0 } else { 0.2 * flicker as f32 }; 3],
+                (false, flicker) => {
+                    [if (x / 8 + y / 8) % 2 == 0 { 0.1 } else { 0.7 + 0.1 * flicker as f32 }; 3]
+                }
+            }))
+        };
+        let mut maker = FilmMaker::default();
+        let mut films = vec![];
+        for i in 0..60 {
+            films.extend(maker.push(&frame(i)).unwrap());
+        }
+        films.extend(maker.finish());
+        let of = |n: usize, of: usize| films.iter().filter(move |f| (f.averaged, f.of) == (n, of));
+        assert_eq!(of(2, 4).map(|f| (f.first, f.frames.len())).collect::<Vec<_>>(), [(0, 6), (30, 6)]);
+        // Eight times five frames are more than a shot has.
+        assert_eq!(of(8, 8).count(), 0);
+        // The mean of 0 and 0.2 in light, as a value that is encoded; that of the values would be 0.1.
+        let mean = of(2, 4).next().expect("the first shot").frames[0].0.at(9, 9)[0];
+        let light = 0.5 * Transfer::Srgb.decode(0.2);
+        assert!((mean - Transfer::Srgb.encode(light)).abs() < 0.003 && (mean - 0.1).abs() > 0.02, "{mean}");
+        let single = of(1, 4).next().expect("the first shot").frames[0].0.at(9, 9)[0];
+        assert!(single.abs() < 0.003, "{single}");
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! Real pixels whose exposure is known: photographs that are moved, and frames of a video that are averaged.
 
-use blindaug::analysis::cuts::cut_between;
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::{Encoded, Transfer};
 use blindaug_cli::console::{self, Progress, Result, failure, note};
 use blindaug_io::{FrameRange, FrameSource, Inputs, read_frame, write_atomically};
 use blindaug_scenes::measure::Value;
-use blindaug_scenes::moved::{Averaged, Course, Filming, Found, Hand, film, of_averaged, reduced, table};
+use blindaug_scenes::moved::{
+    Course, Film, FilmMaker, Filming, Found, Hand, film, of_averaged, reduced, table,
+};
 use std::path::{Path, PathBuf};
 
 /// Frames of each case.
@@ -15,11 +16,8 @@ const FRAMES: usize = 6;
 /// The exposure fractions of moved photographs; each photograph is filmed with every second one, by both hands.
 const EXPOSURES: [f32; 8] = [0.5, 0.15, 0.75, 0.25, 1.0, 0.35, 0.9, 0.6];
 
-/// How many frames are averaged, of how many.
-const AVERAGED: [(usize, usize); 8] = [(1, 4), (2, 4), (3, 4), (4, 4), (2, 8), (4, 8), (6, 8), (8, 8)];
-
-/// The places of a video at which frames are averaged, evenly spread.
-const PLACES: usize = 6;
+/// The most cases of a video, which are those of its beginning.
+const CASES_OF_FILM: usize = 160;
 
 /// The std of the noise of moved photographs, of encoded values.
 const NOISE: f32 = 0.006;
@@ -108,63 +106,32 @@ fn of_photos(folder: &Path) -> Result<Vec<Found>> {
 }
 
 fn of_film(clip: &Path) -> Result<Vec<Found>> {
-    let whole = FrameSource::open(clip, FrameRange::default())?;
-    let most = AVERAGED.iter().map(|a| a.1).max().unwrap_or(1) * FRAMES;
-    let count = match whole.len_hint() {
-        Some(count) => count,
-        None => whole.frames().filter_map(|f| f.ok()).count(),
-    };
-    if count < most {
-        return Err(failure(clip, format_args!("it has {count} frames, and {most} are needed")));
-    }
-    let places = PLACES.min(count / most);
-    let mut progress = Progress::counting("averaging", "places", Some(places));
+    let source = FrameSource::open(clip, FrameRange::default())?;
+    let mut progress = Progress::counting("averaging", "frames", source.len_hint());
+    let mut maker = FilmMaker::default();
     let mut all = vec![];
-    for place in 0..places {
+    let of = |film: &Film| {
+        let Film { first, averaged, of, frames } = film;
+        let name = format!("{averaged} of every {of} from frame {first}");
+        found(name, format!("{averaged} of every {of}"), of_averaged(*averaged, *of), frames, clip)
+    };
+    for frame in source.frames() {
         progress.step();
-        if console::interrupted() {
+        for film in maker.push(&frame?.image).map_err(|e| failure(clip, e))? {
+            all.push(of(&film)?);
+        }
+        if console::interrupted() || all.len() >= CASES_OF_FILM {
             break;
         }
-        let first = (count - most) * place / places.max(2).saturating_sub(1).max(1);
-        let first = first.min(count - most) as u64;
-        let range = FrameRange { first: Some(first), last: Some(first + most as u64 - 1) };
-        let source = FrameSource::open(clip, range)?;
-        let mut averaged: Vec<Vec<Averaged>> = AVERAGED.iter().map(|_| vec![]).collect();
-        let mut last: Option<Encoded> = None;
-        let mut cut = false;
-        for (i, frame) in source.frames().enumerate() {
-            let frame = halved(frame?.image);
-            if let Some(last) = &last {
-                cut |= cut_between(last, &frame).map_err(|e| failure(clip, e))?;
-            }
-            for ((n, of), averaged) in AVERAGED.iter().zip(&mut averaged) {
-                match averaged.last_mut() {
-                    _ if i / of >= FRAMES || i % of >= *n => {}
-                    Some(sum) if i % of > 0 => sum.add(&frame),
-                    _ => averaged.push(Averaged::new(&frame)),
-                }
-            }
-            last = Some(frame);
-        }
-        if cut {
-            continue;
-        }
-        for ((n, of), averaged) in AVERAGED.iter().zip(&averaged) {
-            let frames: Vec<Encoded> = averaged.iter().map(Averaged::frame).collect();
-            let name = format!("{n} of every {of} from frame {first}");
-            all.push(found(name, format!("{n} of every {of}"), of_averaged(*n, *of), &frames, clip)?);
-        }
+    }
+    if all.len() < CASES_OF_FILM {
+        all.extend(maker.finish().iter().map(of).collect::<Result<Vec<Found>>>()?);
     }
     drop(progress);
     if all.is_empty() {
-        return Err(failure(clip, format_args!("it has cuts wherever {most} frames were looked at")));
+        return Err(failure(clip, "it has no 24 frames without a cut"));
     }
     Ok(all)
-}
-
-/// A frame halved until it is no larger than those of [`blindaug_scenes::moved::film`].
-fn halved(frame: Encoded) -> Encoded {
-    reduced(frame.to_linear(Transfer::Srgb)).to_encoded(Transfer::Srgb)
 }
 
 /// The exposure of frames, nothing given, beside the truth.
