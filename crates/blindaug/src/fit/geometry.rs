@@ -96,8 +96,8 @@ pub(super) fn parallax_of(flow: &Flow) -> Result<Parallax> {
 /// The side of the squares, px, of which is told whether they stand still.
 const STILL_SIDE: usize = 12;
 
-/// A square stands still if it differs from the same place of the other frame by less than this share (squared) of what it differs by from
-/// where the flow leads. Half of the flow's way and more of a texture match neither.
+/// A square stands still if the sum of squares by which it differs from the same place of the other frame is less than this share of that by
+/// which it differs from where the flow leads.
 const STILL: f32 = 0.5;
 
 /// The forward flow, NaN where the backward flow does not confirm it, and 0 where the picture stands still: flow is smooth, so what moves
@@ -110,11 +110,12 @@ fn known_flow(pair: &FlowPair, from: &Plane, to: &Plane) -> Flow {
         for (x, y) in
             (y0..(y0 + STILL_SIDE).min(h)).flat_map(|y| (x0..(x0 + STILL_SIDE).min(w)).map(move |x| (x, y)))
         {
-            let [u, v] = pair.forward.at(x, y);
-            let own = from.at(x, y);
-            moved += (to.bilinear(x as f32 + u, y as f32 + v) - own).powi(2);
-            stayed += (to.at(x, y) - own).powi(2);
-            ways += u * u + v * v;
+            let ([u, v], residual) = (pair.forward.at(x, y), pair.residual.at(x, y));
+            if residual.is_finite() {
+                moved += residual * residual;
+                stayed += (to.at(x, y) - from.at(x, y)).powi(2);
+                ways += u * u + v * v;
+            }
         }
         ways >= (STILL_SIDE * STILL_SIDE) as f32 && stayed < STILL * moved
     });
@@ -224,12 +225,20 @@ mod tests {
         let to = Plane::from_fn(72, 48, |x, y| texture.at(if x < 36 { x + 5 } else { x + 8 }, y));
         let occluded = Raster::from_fn(72, 48, |x, _| x < 4);
         let forward = Flow::filled(72, 48, [3.0, 0.0]);
-        let pair = FlowPair { backward: forward.map(|v| v.map(|c| -c)), forward, occluded };
+        let residual =
+            |from: &Plane, to: &Plane| {
+                Plane::from_fn(72, 48, |x, y| {
+                    if x < 69 { (to.at(x + 3, y) - from.at(x, y)).abs() } else { f32::NAN }
+                })
+            };
+        let backward = forward.map(|v| v.map(|c| -c));
+        let mut pair = FlowPair { backward, forward, occluded, residual: residual(&from, &to) };
         let flow = known_flow(&pair, &from, &to);
         assert!(flow.at(1, 20)[0].is_nan());
         assert_eq!((flow.at(20, 20), flow.at(60, 20)), ([3.0, 0.0], [0.0; 2]));
         // Where nothing tells, as in a flat part, the flow stays.
         let flat = Plane::filled(72, 48, 0.5);
+        pair.residual = residual(&flat, &flat);
         assert_eq!(known_flow(&pair, &flat, &flat).at(60, 20), [3.0, 0.0]);
     }
 }
