@@ -2,6 +2,7 @@
 
 mod clips;
 mod page;
+mod real;
 mod run;
 mod still;
 
@@ -46,6 +47,13 @@ pub struct Validate {
     /// Measure only noise, on this real clip of a camera that stood still: the median over time is the truth
     #[arg(long, value_name = "CLIP", conflicts_with_all = ["scenes", "frames", "coded", "clips", "quick"])]
     still: Option<PathBuf>,
+    /// Only the exposure, of these photographs: each is moved along steady and shaking paths while the shutter is open; a folder of images
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["scenes", "frames", "coded", "clips", "quick", "still", "network", "overwrite"])]
+    photos: Option<PathBuf>,
+    /// Only the exposure, of this real video: n of every N successive frames averaged in light make one frame of exposure n/N, or
+    /// somewhat less, down to (n - 1)/N, as the video's own exposure is unknown
+    #[arg(long, value_name = "CLIP", conflicts_with_all = ["scenes", "frames", "coded", "clips", "quick", "still", "network", "overwrite"])]
+    film: Option<PathBuf>,
     /// Only the clips, no scenes
     #[arg(long, requires = "clips", conflicts_with = "coded")]
     only_clips: bool,
@@ -111,6 +119,9 @@ struct Outcome {
 
 /// Runs the command.
 pub fn run(args: &Validate) -> Result<()> {
+    if args.photos.is_some() || args.film.is_some() {
+        return real::run(args.photos.as_deref(), args.film.as_deref(), &args.output);
+    }
     let mut networks = Networks::named(&args.network, true, CONSOLE)?;
     if let Some(clip) = &args.still {
         return console::print(&still::measure(clip, &mut networks)?);

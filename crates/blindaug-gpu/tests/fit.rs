@@ -407,8 +407,13 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
                     .expect("of this fit");
             }
         }
-        let outside =
-            spectral::ExposureObservation { block: 25, frame: 0, speed: 3.0, log_likelihood: vec![0.0; 251] };
+        let outside = spectral::ExposureObservation {
+            block: 25,
+            frame: 0,
+            speed: 3.0,
+            speed_error: 0.0,
+            log_likelihood: vec![0.0; 251],
+        };
         assert!(tracker.push_observations(&[outside], &[], DepthKind::Metric).is_err());
         let model = tracker.model().expect("four frames");
         (model.motion_blur.known().map(|m| m.exposure.0), model.defocus.known().is_some())

@@ -20,4 +20,5 @@
 
 pub mod camera;
 pub mod measure;
+pub mod moved;
 pub mod scene;

@@ -367,6 +367,7 @@ fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::Exposur
         block: i % 25,
         frame: 0,
         speed: 20.0,
+        speed_error: 0.0,
         log_likelihood: log_likelihood.clone(),
     };
     (0..tiles).map(observation).collect()
@@ -423,4 +424,26 @@ fn what_texture_hides_of_slow_streaks_is_allowed_for_once_in_clips_of_any_length
     assert!((low - 0.335).abs() < 0.02 && (high - 0.626).abs() < 0.02, "{low} {high}");
     let [low_of_many, high_of_many] = of(20);
     assert!((low_of_many - low).abs() < 0.02 && (high_of_many - high).abs() < 0.02, "{:?}", of(20));
+}
+
+#[test]
+fn frames_whose_speed_may_be_off_are_as_sure_as_their_mean() {
+    // Six frames, each sure of its own streaks, which are longer or shorter than the mean motion makes them.
+    let seen = |swing: f32, speed_error: f32| {
+        let frames = [-1.0, 0.6, 0.2, -0.5, 1.0, -0.3].map(|v: f32| 0.6 * (1.0 + swing * v));
+        let observations = (0..).zip(frames).flat_map(|(frame, exposure)| {
+            let of_frame = agreeing_tiles(50, exposure, 8.0).into_iter();
+            of_frame.map(move |w| spectral::ExposureObservation { frame, speed_error, ..w })
+        });
+        let observations: Vec<_> = observations.collect();
+        spectral::exposure_of(&observations, 6, 0.0).unwrap().into_known().unwrap()
+    };
+    let width = |[low, high]: [f32; 2]| high - low;
+    let covers = |[low, high]: [f32; 2]| low < 0.6 && 0.6 < high;
+    let (even, uneven) = (seen(0.0, 0.0), seen(0.3, 0.25));
+    assert!(covers(even.interval) && width(even.interval) < 0.16, "{:?}", even.interval);
+    assert!(covers(uneven.interval) && width(uneven.interval) > 0.2, "{:?}", uneven.interval);
+    // Frames that agree are less sure too if their speed may be off, and frames that contradict each other if nothing else tells it.
+    assert!(width(seen(0.0, 0.25).interval) > 1.5 * width(even.interval));
+    assert!(width(seen(0.5, 0.0).interval) > 1.5 * width(even.interval), "{:?}", seen(0.5, 0.0).interval);
 }

@@ -93,6 +93,8 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
         // The rows by networks take most of the time, and nothing below looks at them.
         network: vec!["none".into()],
         still: None,
+        photos: None,
+        film: None,
     };
     run(&args(false)).unwrap();
     let read = || -> Vec<Outcome> {

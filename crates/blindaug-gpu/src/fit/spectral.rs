@@ -280,7 +280,13 @@ impl TileEvidence {
             for observation in exposure.chunks_exact(EXPOSURE_OBSERVATION).filter(|w| w[0] > 0.0) {
                 let (block, speed, log_likelihood) =
                     (observation[1] as u32, observation[2], observation[HEAD..].to_vec());
-                out.exposure.push(ExposureObservation { block, frame: 0, speed, log_likelihood });
+                out.exposure.push(ExposureObservation {
+                    block,
+                    frame: 0,
+                    speed,
+                    speed_error: 0.0,
+                    log_likelihood,
+                });
             }
             for observation in lens.chunks_exact(LENS_OBSERVATION).filter(|w| w[0] > 0.0) {
                 let (block, inverse_depth, table) =

@@ -7,8 +7,10 @@ use super::likelihood::{
 };
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
+use super::uneven::over_speeds;
 use crate::model::{Estimate, ExposureFraction, Reason};
 use crate::{Error, Result, par};
+use std::collections::BTreeMap;
 
 /// The exposure fraction above which an exposure is unknown: no shutter is open for so long, so something else looks like streaks. The
 /// estimate for a shutter that is open all the time may be 1.05.
@@ -79,6 +81,15 @@ pub struct LensFit {
     pub points: Vec<BlurPoint>,
 }
 
+impl LensFit {
+    /// Takes the intervals of a fit that may be as right into its own.
+    pub(super) fn widen(&mut self, other: &Self) {
+        let hull = |own: &mut [f32; 2], other: [f32; 2]| *own = [own[0].min(other[0]), own[1].max(other[1])];
+        hull(&mut self.sigma_px_at_infinity, other.sigma_px_at_infinity);
+        hull(&mut self.focus_inverse_depth, other.focus_inverse_depth);
+    }
+}
+
 /// The exposure fraction at the maximum of a curve.
 pub(super) fn most_likely_exposure(curve: &[f32]) -> f32 {
     (0..curve.len()).max_by(|&a, &b| curve[a].total_cmp(&curve[b])).unwrap_or(0) as f32 * EXPOSURE_STEP
@@ -123,11 +134,15 @@ pub(super) fn exposure_interval(
 ) -> [f32; 2] {
     let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
     let [low, high] = bootstrapped_exposure(estimate, parts, bootstraps, floor);
-    let least = sum.iter().copied().fold(f32::MIN, f32::max) - CLIP;
-    let likely = || (0..EXPOSURES).filter(|&i| sum[i] >= least).map(|i| i as f32 * EXPOSURE_STEP);
-    let [lowest, highest] =
-        within_a_frame(estimate, [likely().fold(f32::MAX, f32::min), likely().fold(0.0, f32::max)]);
+    let [lowest, highest] = likely(estimate, sum, CLIP);
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
+}
+
+/// The least and the largest exposure that a curve finds less likely than the likeliest one by at most so many nats.
+fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
+    let least = sum.iter().copied().fold(f32::MIN, f32::max) - nats;
+    let likely = || (0..EXPOSURES).filter(|&i| sum[i] >= least).map(|i| i as f32 * EXPOSURE_STEP);
+    within_a_frame(estimate, [likely().fold(f32::MAX, f32::min), likely().fold(0.0, f32::max)])
 }
 
 /// Widens an interval for streaks that texture hides or imitates: a streak adds to the variance that the texture has along it, so the
@@ -152,6 +167,9 @@ pub struct ExposureObservation {
     pub frame: usize,
     /// The speed, px of the frame per frame interval.
     pub speed: f32,
+    /// The relative std of what the speed while the shutter was open may differ from that, in common with all observations of the frame;
+    /// 0 where motion is even.
+    pub speed_error: f32,
     /// The clipped log-likelihood of each of the [`EXPOSURES`], in nats, <= 0.
     pub log_likelihood: Vec<f32>,
 }
@@ -183,8 +201,13 @@ pub fn exposure_of(
         sum
     };
     let best = most_likely_exposure;
-    let sum = summed(&|_| true);
-    let estimate = best(&sum);
+    let uneven = Uneven::of(observations, frames);
+    let sum = uneven.as_ref().map_or_else(|| summed(&|_| true), |u| u.sum(None));
+    let estimate = match &uneven {
+        None => best(&sum),
+        // What seems longer than a frame was faster than its flow says.
+        Some(_) => best(&sum[..=(1.0 / EXPOSURE_STEP).round() as usize]),
+    };
     if estimate > LONGEST {
         let why = format!(
             "what moves looks as if the shutter were open for longer than a frame interval ({estimate:.2}), which none is: its texture may run along its motion, or compression has smoothed it"
@@ -200,23 +223,33 @@ pub fn exposure_of(
         .filter(|&f| observations.iter().filter(|w| w.frame == f).count() >= 6)
         .map(|f| (f, best(&summed(&|w| w.frame == f)).min(1.0)))
         .collect();
-    let over_speeds = |f: &dyn Fn(f32) -> f32| observations.iter().map(|w| f(w.speed)).sum::<f32>();
-    let speed = typical_speed(over_speeds(&|v| v), over_speeds(&|v| v * v));
-    let [low, high] = exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed);
+    let of_speeds = |f: &dyn Fn(f32) -> f32| observations.iter().map(|w| f(w.speed)).sum::<f32>();
+    let speed = typical_speed(of_speeds(&|v| v), of_speeds(&|v| v * v));
+    let [low, high] = match &uneven {
+        None => exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed),
+        Some(uneven) => uneven.interval(estimate, &sum, coding_error, speed),
+    };
     // Frames that contradict each other are less sure than their sum, so the interval must hold the typical frame's exposure too.
     let interval = interval_of_median(per_frame.iter().map(|f| f.1))
         .map(|of_frames| with_hidden_streak(of_frames, speed))
         .map_or([low, high], |[l, h]| [low.min(l), high.max(h)]);
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
         let contradicting = high - low <= MAX_UNCERTAINTY;
-        let why = if contradicting {
+        let uneven = uneven.is_some_and(|u| u.seen);
+        let why = if uneven {
+            "the motion is uneven, as under a shaking hand, so its speed while the shutter was open is known too badly to tell"
+        } else if contradicting {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"
         } else if coding_error >= NOTABLE_CODING_ERROR {
             "too little in the frames moves, or too little of it stands out of what compression has taken, to tell"
         } else {
             "too little in the frames moves, or what moves has too little texture, to tell"
         };
-        let reason = if contradicting { Reason::Contradicting } else { Reason::Uncertain };
+        let reason = match (uneven, contradicting) {
+            (true, _) => Reason::UnevenMotion,
+            (false, true) => Reason::Contradicting,
+            (false, false) => Reason::Uncertain,
+        };
         let why = format!("{why}: exposures from {:.2} to {:.2} all fit", interval[0], interval[1]);
         return Ok(Estimate::unknown(reason, why));
     }
@@ -228,6 +261,92 @@ pub fn exposure_of(
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - max]).collect(),
         per_frame,
     }))
+}
+
+/// The most nats by which frames of even motion, on average, find the exposure that they agree on less likely than their own.
+const EVEN_FRAMES: f32 = 24.0;
+
+/// The stds of the speed, relative, that frames may have beyond what their flow shows.
+const UNSEEN_SPEED_ERRORS: [f32; 9] = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5];
+
+/// The nats by which the frames of uneven motion together may find an exposure of the interval less likely than the likeliest one.
+const UNEVEN_CLIP: f32 = 4.0;
+
+/// Replicas of the bootstrap where motion is uneven.
+const UNEVEN_BOOTSTRAPS: usize = 40;
+
+/// What frames say whose motion is uneven: the speed of all tiles of one is off by the same share.
+struct Uneven {
+    /// The curves of (frame, its part of the clip, block of the image).
+    curves: Vec<(usize, usize, u32, Vec<f32>)>,
+    /// The relative std of each frame's speed.
+    errors: Vec<f32>,
+    /// Whether flow shows it, not only frames that contradict each other.
+    seen: bool,
+}
+
+impl Uneven {
+    /// `None` if motion is even: flow shows no swings, and the frames agree.
+    fn of(observations: &[ExposureObservation], frames: usize) -> Option<Self> {
+        let mut curves: BTreeMap<(usize, u32), Vec<f32>> = BTreeMap::new();
+        let mut errors = vec![(0.0, 0.0f32); frames];
+        for w in observations {
+            let curve = curves.entry((w.frame, w.block)).or_insert_with(|| vec![0.0; EXPOSURES]);
+            curve.iter_mut().zip(&w.log_likelihood).for_each(|(s, v)| *s += v);
+            let (sum, count) = &mut errors[w.frame];
+            (*sum, *count) = (*sum + w.speed_error, *count + 1.0);
+        }
+        let curves = curves.into_iter().map(|((f, b), curve)| (f, part_of(f, frames), b, curve)).collect();
+        let seen: Vec<f32> = errors.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect();
+        let mut uneven = Self { curves, errors: vec![], seen: seen.iter().any(|&e| e > 0.0) };
+        for unseen in UNSEEN_SPEED_ERRORS {
+            uneven.errors = seen.iter().map(|e| e.hypot(unseen)).collect();
+            if uneven.contradiction() <= EVEN_FRAMES {
+                break;
+            }
+        }
+        uneven.errors.iter().any(|&e| e > 0.0).then_some(uneven)
+    }
+
+    /// What each frame says, if its blocks count so much.
+    fn of_frames(&self, replica: Option<usize>) -> Vec<(usize, Vec<f32>)> {
+        let mut frames: Vec<(usize, usize, Vec<f32>)> = vec![];
+        for (frame, part, block, curve) in &self.curves {
+            let weight = replica.map_or(1.0, |r| block_weight(r, *block));
+            if frames.last().is_none_or(|f| f.0 != *frame) {
+                frames.push((*frame, *part, vec![0.0; EXPOSURES]));
+            }
+            if let Some((.., sum)) = frames.last_mut() {
+                sum.iter_mut().zip(curve).for_each(|(s, v)| *s += weight * v);
+            }
+        }
+        frames.into_iter().map(|(f, part, curve)| (part, over_speeds(&curve, self.errors[f]))).collect()
+    }
+
+    fn sum(&self, replica: Option<usize>) -> Vec<f32> {
+        let mut sum = vec![0.0f32; EXPOSURES];
+        for (part, curve) in self.of_frames(replica) {
+            let weight = replica.map_or(1.0, |r| part_weight(r, part));
+            sum.iter_mut().zip(&curve).for_each(|(s, v)| *s += weight * v);
+        }
+        sum
+    }
+
+    /// By how many nats the frames, on average, find the exposure that they agree on less likely than their own.
+    fn contradiction(&self) -> f32 {
+        let frames = self.of_frames(None);
+        let agreed = (most_likely_exposure(&self.sum(None)) / EXPOSURE_STEP).round() as usize;
+        let loss = |curve: &[f32]| curve.iter().copied().fold(f32::MIN, f32::max) - curve[agreed];
+        frames.iter().map(|(_, curve)| loss(curve)).sum::<f32>() / frames.len().max(1) as f32
+    }
+
+    fn interval(&self, estimate: f32, sum: &[f32], coding_error: f32, speed: f32) -> [f32; 2] {
+        let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
+        let replicas = par::map(UNEVEN_BOOTSTRAPS, |r| most_likely_exposure(&self.sum(Some(r))));
+        let [low, high] = within_a_frame(estimate, interval(estimate, &replicas, floor));
+        let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
+        with_hidden_streak([low.min(lowest), high.max(highest)], speed)
+    }
 }
 
 /// The observation of the lens by a tile, or by several tiles of one block and depth.
@@ -385,8 +504,15 @@ impl FineTables {
 /// The weight of a block's tiles in one part of the clip in a replica of the bootstrap: the product of exponential weights of mean 1
 /// (Rubin 1981) of the block and of the part. So the evidence of one surface or one shot counts as one observation.
 fn resampled(replica: usize, block: u32, part: usize) -> f32 {
-    let weight = |i: u64| -(1.0 - super::robust::uniform(replica as u64, i)).ln();
-    weight(u64::from(block)) * weight((BLOCKS * BLOCKS + part) as u64)
+    block_weight(replica, block) * part_weight(replica, part)
+}
+
+fn block_weight(replica: usize, block: u32) -> f32 {
+    -(1.0 - super::robust::uniform(replica as u64, u64::from(block))).ln()
+}
+
+fn part_weight(replica: usize, part: usize) -> f32 {
+    -(1.0 - super::robust::uniform(replica as u64, (BLOCKS * BLOCKS + part) as u64)).ln()
 }
 
 /// The 95 % interval, >= 0, from the scatter of the replicas around the estimate and a floor (std).

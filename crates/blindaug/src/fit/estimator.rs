@@ -7,7 +7,7 @@ use super::observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
 use super::robust::{aggregate, median};
-use super::{agreement, defocus, motion_blur, removal, sharpening, spectral, tiles};
+use super::{agreement, defocus, motion_blur, removal, sharpening, spectral, tiles, uneven};
 use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
@@ -85,6 +85,8 @@ struct FrameEvidence {
     pairs: Vec<spectral::Pair>,
     removal: Vec<removal::Tile>,
     has_motion: bool,
+    /// [`uneven::change_of`] it; `None` where it is not known.
+    change: Option<f32>,
     has_depth: bool,
     exposure: Option<motion_blur::ExposureFit>,
     lens: Option<defocus::LensFit>,
@@ -110,6 +112,7 @@ impl FrameEvidence {
             pairs: vec![],
             removal: vec![],
             has_motion,
+            change: None,
             has_depth,
             exposure: None,
             lens: None,
@@ -261,14 +264,26 @@ impl Estimator {
         };
         // The shutter is open around the frame's own time, not on the way to the next frame.
         let last = self.last_motion.take().filter(|l| l.index + 1 == index);
-        let at_frame =
+        let mut at_frame =
             to_next.as_ref().zip(last.as_ref()).map(|(flow, last)| motion_at_frame(flow, &last.flow));
-        let motion = at_frame.as_ref().or(to_next.as_deref());
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
         let measured = next.is_some() || evidence.flow.is_some();
+        let mut speed_error = 0.0;
+        if let (Some(to_next), true) =
+            (&to_next, self.options.family != Family::Removal && evidence.flow.is_none())
+        {
+            let motion = at_frame.as_ref().unwrap_or(to_next);
+            let turned;
+            (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), motion);
+            at_frame = turned.or(at_frame);
+        }
+        let motion = at_frame.as_ref().or(to_next.as_deref());
         if self.options.family != Family::Removal {
             kept.tiles = tiles::tiles(frame, motion, depth.as_ref(), self.options.blur_space)?;
-            if let (true, Some(before), Some(last), Some(own)) = (measured, previous, &last, motion) {
+            kept.tiles.iter_mut().for_each(|t| t.speed_error = speed_error);
+            if let (true, Some(before), Some(last), Some(own)) =
+                (measured && speed_error == 0.0, previous, &last, motion)
+            {
                 let motions = [last.motion(), own];
                 kept.pairs = spectral::pairs([before, frame], &last.flow, motions, self.options.blur_space);
             }
@@ -288,6 +303,38 @@ impl Estimator {
             to_next.filter(|_| measured).map(|flow| LastMotion { index, flow: flow.into_owned(), at_frame });
         self.keep(kept);
         Ok(true)
+    }
+
+    /// Finds out whether the motion of a frame is uneven. If so, it is turned to the direction of the frame's streaks, and that is given with the
+    /// relative std of its speed. `to_next` is the flow to the next frame, if there is one.
+    fn uneven(
+        &mut self,
+        kept: &mut FrameEvidence,
+        frame: &Encoded,
+        to_next: Option<&Flow>,
+        motion: &Flow,
+    ) -> (f32, Option<Flow>) {
+        kept.change = to_next.and_then(|to_next| uneven::change_of(to_next, motion));
+        let near = |f: &&mut FrameEvidence| f.shot == kept.shot && f.index + uneven::NEAR >= kept.index;
+        let mut largest = kept.change;
+        for before in self.frames.iter_mut().rev().take_while(near) {
+            largest = [largest, before.change].into_iter().flatten().reduce(f32::max);
+            // What swings between any two of them swings in all of them, but not always at their own times.
+            let Some(change) = kept.change else { continue };
+            let error = uneven::speed_error(change, before.change.is_none());
+            if error > 0.0 {
+                before.tiles.iter_mut().for_each(|t| t.speed_error = t.speed_error.max(error));
+                before.pairs.clear();
+            }
+        }
+        let Some(change) = largest else { return (0.0, None) };
+        let error = uneven::speed_error(change, kept.change.is_none());
+        let turned = (error > 0.0).then(|| {
+            let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
+            let angle = uneven::turn(frame, motion, change, &noise, self.options.blur_space);
+            uneven::turned_by(motion, angle)
+        });
+        (error, turned)
     }
 
     /// Which of how many parts of a frame's rows its noise is measured in: all of a frame of at most [`NOISE_WHOLE`] px, of a larger one a
@@ -685,12 +732,13 @@ impl Estimator {
             deep.retain(|f| f.shot == shot);
             motion_blur = motion_blur.or_else(|| diagnostics.shots.get(shot)?.motion_blur.known());
         }
-        // An unknown exposure counts as 0, since nothing then shows that anything moves.
-        let exposure = motion_blur.map_or(ExposureFraction(0.0), |m| m.exposure);
         let blind_method = self.blind_method();
         let blind = match blind_method {
-            Method::Removal => removal::fit_lens(&removal_tiles(&deep), exposure)?,
-            _ => spectral::fit_lens(&spectral_tiles(&deep), noise, exposure, model.sharpening.known())?,
+            Method::Removal => {
+                let exposure = motion_blur.map_or(ExposureFraction(0.0), |m| m.exposure);
+                removal::fit_lens(&removal_tiles(&deep), exposure)?
+            }
+            _ => self.blind_lens(&spectral_tiles(&deep), noise, motion_blur, model.sharpening.known())?,
         };
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];
@@ -739,6 +787,57 @@ impl Estimator {
         diagnostics.blur_points = points;
         model.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method, samples: samples as u64 });
         Ok(())
+    }
+
+    /// The lens that the spectra agree on, for all exposures that may be. Where nothing is known of the exposure, only what hardly moves tells
+    /// the lens: a streak of unknown length looks like a lens's blur.
+    fn blind_lens(
+        &self,
+        frames: &[&[tiles::Tile]],
+        noise: &LumaNoise,
+        motion_blur: Option<&MotionBlurModel>,
+        sharpening: Option<&SharpeningModel>,
+    ) -> Result<Estimate<agreement::LensFit>> {
+        let Some(motion_blur) = motion_blur else {
+            let slow: Vec<Vec<tiles::Tile>> = frames
+                .iter()
+                .map(|tiles| tiles.iter().filter(|t| t.speed * t.scale < spectral::STILL).cloned().collect())
+                .collect();
+            let slow: Vec<&[tiles::Tile]> = slow.iter().map(Vec::as_slice).collect();
+            let fit = spectral::fit_lens(&slow, noise, ExposureFraction(0.0), sharpening)?;
+            let moving =
+                frames.iter().any(|tiles| tiles.iter().any(|t| t.speed * t.scale >= spectral::STILL));
+            return Ok(match fit {
+                Estimate::Unknown(why) if moving => Estimate::unknown(
+                    Reason::Uncertain,
+                    format!(
+                        "the exposure is unknown, and its streaks may be taken for the lens's blur; of what does not move: {why}"
+                    ),
+                ),
+                fit => fit,
+            });
+        };
+        let fit = spectral::fit_lens(frames, noise, motion_blur.exposure, sharpening)?;
+        let Estimate::Known(mut known) = fit else { return Ok(fit) };
+        let speeds: Vec<f32> = frames.iter().copied().flatten().map(|t| t.speed * t.scale).collect();
+        let typical = median(speeds).unwrap_or(0.0);
+        for end in motion_blur.interval {
+            if (end - motion_blur.exposure.0).abs() * typical < spectral::SURE_STREAK {
+                continue;
+            }
+            match spectral::fit_lens(frames, noise, ExposureFraction(end), sharpening)? {
+                Estimate::Known(other) => known.widen(&other),
+                unknown => return Ok(unknown),
+            }
+        }
+        let [low, high] = known.sigma_px_at_infinity;
+        if high - low > 2.0 * known.lens.sigma_px_at_infinity().max(0.5) {
+            let why = format!(
+                "the exposure is known too badly to tell its streaks from the lens's blur: {low:.1} to {high:.1} px all fit"
+            );
+            return Ok(Estimate::unknown(Reason::Uncertain, why));
+        }
+        Ok(Estimate::Known(known))
     }
 
     /// The lens over the frames that were compared with clean frames, with the 95 % intervals of the std at infinity and of the inverse

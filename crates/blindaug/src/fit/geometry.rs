@@ -66,7 +66,8 @@ impl Follower {
     ) -> Result<Followed> {
         let size = frame.0.size();
         let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > self.width);
-        let pair = self.flow.flow_with_occlusion(&small(frame), &small(other))?;
+        let (from, to) = (small(frame), small(other));
+        let pair = self.flow.flow_with_occlusion(&from, &to)?;
         // The tracker, which searches near the last direction, keeps to the limit of whole px: it reduces its frames far more.
         if !self.near_the_last {
             self.parallax.of_reduced(factor_of(pair.forward.width(), size));
@@ -81,7 +82,7 @@ impl Follower {
         {
             depth.inverse_depth = repeated(&depth.inverse_depth, size);
         }
-        let flow = (confirmed >= MIN_CONFIRMED).then(|| enlarged(known_flow(&pair), size, spare));
+        let flow = (confirmed >= MIN_CONFIRMED).then(|| enlarged(known_flow(&pair, &from, &to), size, spare));
         Ok(Followed { flow, confirmed, parallax })
     }
 }
@@ -92,10 +93,37 @@ pub(super) fn parallax_of(flow: &Flow) -> Result<Parallax> {
     inverse_depth_from_flow(flow, &unknown)
 }
 
-/// The forward flow, NaN where the backward flow does not confirm it.
-fn known_flow(pair: &FlowPair) -> Flow {
+/// The side of the squares, px, of which is told whether they stand still.
+const STILL_SIDE: usize = 12;
+
+/// A square stands still if the sum of squares by which it differs from the same place of the other frame is less than this share of that by
+/// which it differs from where the flow leads.
+const STILL: f32 = 0.5;
+
+/// The forward flow, NaN where the backward flow does not confirm it, and 0 where the picture stands still: flow is smooth, so what moves
+/// takes what is beside it along.
+fn known_flow(pair: &FlowPair, from: &Plane, to: &Plane) -> Flow {
     let (w, h) = pair.forward.size();
-    Flow::from_fn(w, h, |x, y| if pair.occluded.at(x, y) { [f32::NAN; 2] } else { pair.forward.at(x, y) })
+    let still = Raster::from_fn(w.div_ceil(STILL_SIDE), h.div_ceil(STILL_SIDE), |i, j| {
+        let (x0, y0) = (i * STILL_SIDE, j * STILL_SIDE);
+        let (mut moved, mut stayed, mut ways) = (0.0, 0.0, 0.0);
+        for (x, y) in
+            (y0..(y0 + STILL_SIDE).min(h)).flat_map(|y| (x0..(x0 + STILL_SIDE).min(w)).map(move |x| (x, y)))
+        {
+            let ([u, v], residual) = (pair.forward.at(x, y), pair.residual.at(x, y));
+            if residual.is_finite() {
+                moved += residual * residual;
+                stayed += (to.at(x, y) - from.at(x, y)).powi(2);
+                ways += u * u + v * v;
+            }
+        }
+        ways >= (STILL_SIDE * STILL_SIDE) as f32 && stayed < STILL * moved
+    });
+    Flow::from_fn(w, h, |x, y| match pair.occluded.at(x, y) {
+        true => [f32::NAN; 2],
+        false if still.at(x / STILL_SIDE, y / STILL_SIDE) => [0.0; 2],
+        false => pair.forward.at(x, y),
+    })
 }
 
 /// The reason why the depth is unknown if none was given and parallax gives none.
@@ -170,6 +198,7 @@ fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::noise::tests::white;
 
     #[test]
     fn an_enlarged_flow_is_that_of_the_frames_themselves() {
@@ -186,5 +215,30 @@ mod tests {
         }
         assert_eq!(enlarged(small.clone(), (158, 118), Flow::filled(158, 118, [9.0; 2])), flow);
         assert_eq!(enlarged(small.clone(), (40, 30), none()), small);
+    }
+
+    #[test]
+    fn what_stands_still_beside_something_that_moves_has_no_motion() {
+        // The left half moves by 3 px, the right half stands still, and the flow takes all along.
+        let texture = white(96, 48, 1).map(|n| 0.5 + 0.1 * n[1]);
+        let from = Plane::from_fn(72, 48, |x, y| texture.at(x + 8, y));
+        let to = Plane::from_fn(72, 48, |x, y| texture.at(if x < 36 { x + 5 } else { x + 8 }, y));
+        let occluded = Raster::from_fn(72, 48, |x, _| x < 4);
+        let forward = Flow::filled(72, 48, [3.0, 0.0]);
+        let residual =
+            |from: &Plane, to: &Plane| {
+                Plane::from_fn(72, 48, |x, y| {
+                    if x < 69 { (to.at(x + 3, y) - from.at(x, y)).abs() } else { f32::NAN }
+                })
+            };
+        let backward = forward.map(|v| v.map(|c| -c));
+        let mut pair = FlowPair { backward, forward, occluded, residual: residual(&from, &to) };
+        let flow = known_flow(&pair, &from, &to);
+        assert!(flow.at(1, 20)[0].is_nan());
+        assert_eq!((flow.at(20, 20), flow.at(60, 20)), ([3.0, 0.0], [0.0; 2]));
+        // Where nothing tells, as in a flat part, the flow stays.
+        let flat = Plane::filled(72, 48, 0.5);
+        pair.residual = residual(&flat, &flat);
+        assert_eq!(known_flow(&pair, &flat, &flat).at(60, 20), [3.0, 0.0]);
     }
 }

@@ -153,17 +153,23 @@ impl<'a> Prepared<'a> {
     /// `V = amplitude of the ring * exp(c2 cos 2 theta + c4 cos 4 theta) |K_MB|^2 + exp(e) n`, with c2, c4 and e at their most likely
     /// values and the amplitudes integrated over.
     fn over_lambda(&self, step: f32) -> Vec<f32> {
+        relative(self.absolute_over_lambda(step).into_iter())
+    }
+
+    /// The same, not relative to the maximum: comparable between directions that the tile's motion may have.
+    pub(super) fn absolute_over_lambda(&self, step: f32) -> Vec<f32> {
         let shutter = Shutter::new(self.tile);
         let mut scene = RingScene::new(self);
         let mut gain = vec![];
-        relative((0..=(MAX_LAMBDA / step).round() as usize).map(|l| {
+        let at = |l: usize| {
             shutter.gain(l as f32 * step, &mut gain);
             // The scene is near its solution already, except for the first value of a table.
             for _ in 0..if l == 0 { 12 } else { 1 } {
                 scene.improve(&gain);
             }
             scene.improve(&gain) * TEMPER
-        }))
+        };
+        (0..=(MAX_LAMBDA / step).round() as usize).map(at).collect()
     }
 
     /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0].

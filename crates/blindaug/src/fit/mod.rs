@@ -21,6 +21,7 @@ mod sharpening;
 pub mod spectral;
 mod tiles;
 pub mod track;
+mod uneven;
 
 pub use defocus::BlurPoint;
 pub use estimator::Estimator;

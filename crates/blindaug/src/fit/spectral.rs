@@ -46,6 +46,12 @@ pub mod numbers {
 /// The share of a coder's errors by which tiles are noise-padded for the lens, which needs the fine detail that lambda can do without.
 pub const CODING_OF_LENS: f32 = 0.45;
 
+/// The speed, px per frame interval, below which no shutter leaves blur that could be taken for a lens's.
+pub(super) const STILL: f32 = 0.75;
+
+/// The error of a typical streak's length, px, from which on the lens is fitted for all exposures that may be.
+pub(super) const SURE_STREAK: f32 = 0.6;
+
 /// The observations of the exposure by the tiles that move.
 pub(super) fn exposure_observations(frames: &[&[Tile]], noise: &LumaNoise) -> Vec<ExposureObservation> {
     let moving: Vec<Prepared> =
@@ -57,6 +63,7 @@ pub(super) fn exposure_observations(frames: &[&[Tile]], noise: &LumaNoise) -> Ve
             block: tile.block,
             frame,
             speed,
+            speed_error: tile.speed_error,
             log_likelihood: moving[i].clipped_log_likelihood(),
         }
     })
@@ -80,7 +87,13 @@ pub fn fit_exposure(
     let of_pairs = par::map(pairs.len(), |i| {
         let (frame, pair) = pairs[i];
         let log_likelihood = pair.clipped_log_likelihood(noise)?;
-        Some(ExposureObservation { block: pair.block, frame, speed: pair.speed(), log_likelihood })
+        Some(ExposureObservation {
+            block: pair.block,
+            frame,
+            speed: pair.speed(),
+            speed_error: 0.0,
+            log_likelihood,
+        })
     });
     observations.extend(of_pairs.into_iter().flatten());
     if observations.len() == samples {

@@ -62,6 +62,8 @@ pub struct Tile {
     pub(super) scale: f32,
     /// The median speed, px per frame interval; 0 without flow.
     pub(super) speed: f32,
+    /// The relative std of what the speed at the frame's own time may differ from that.
+    pub(super) speed_error: f32,
     /// The median inverse depth; NaN if it is unknown or spans much.
     pub(super) inverse_depth: f32,
     /// The means of g Y^2, g Y and g over the tile, with luminance Y and [`noise_gain`] g, from which the variance of its noise follows.
@@ -365,7 +367,52 @@ pub(super) fn tile(
     let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
     let (of_exposure, of_lens) = (true, true);
     let scale = light.scale as f32;
-    Some(Tile { block, scale, speed, inverse_depth, noise_moments, of_exposure, of_lens, bins, rings })
+    let speed_error = 0.0;
+    Some(Tile {
+        block,
+        scale,
+        speed,
+        speed_error,
+        inverse_depth,
+        noise_moments,
+        of_exposure,
+        of_lens,
+        bins,
+        rings,
+    })
+}
+
+/// The moving tiles at some of the [`corners`], each with its motion turned by each of these angles, in radians.
+pub(super) fn turned_tiles(
+    frame: &Encoded,
+    corners: &[(usize, usize)],
+    motion: &Flow,
+    angles: &[f32],
+    space: BlurSpace,
+) -> Vec<Vec<Tile>> {
+    let fft = FftPlanner::new().plan_fft_forward(TILE);
+    let found = par::map(corners.len(), |i| {
+        let corner @ (x, y) = corners[i];
+        let (speed, motion, _) = common_motion(motion, corner, 1)?;
+        if speed < SPEEDS.start {
+            return None;
+        }
+        let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
+        let tile = tile((&light, (0, 0)), None, None, corner, block_of(corner, frame.0.size()), &fft)?;
+        let power = periodogram(&fft, &light.plane, (0, 0));
+        let turned = angles.iter().map(|angle| {
+            let (bins, rings) = spectrum(&power, turned(motion, *angle), speed);
+            Tile { speed, bins, rings, ..tile.clone() }
+        });
+        Some(turned.collect())
+    });
+    found.into_iter().flatten().collect()
+}
+
+/// A motion turned by an angle in radians.
+pub(super) fn turned([u, v]: [f32; 2], angle: f32) -> [f32; 2] {
+    let (sin, cos) = angle.sin_cos();
+    [u * cos - v * sin, u * sin + v * cos]
 }
 
 /// The values of a raster at every second pixel, each way, of the tile at a corner, if `scale` px of the raster make one px of the tile.

@@ -198,7 +198,7 @@ impl Tracker {
             }
             (flow, _) => flow.as_deref().map(Cow::Borrowed),
         };
-        let tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
+        let mut tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
         drop(motion);
         let found = spectral::exposure_observations(&[&tiles], &self.luma_noise);
         model.motion_blur = self.follow_exposure(&found);
@@ -209,6 +209,10 @@ impl Tracker {
             )
         });
         let (exposure, sharpening) = (self.exposure(), model.sharpening.known());
+        if self.known.exposure.is_none() {
+            // Streaks of unknown length look like a lens's blur.
+            tiles.retain(|t| t.speed * t.scale < spectral::STILL);
+        }
         let found = spectral::lens_observations(&[&tiles], &self.luma_noise, exposure, sharpening);
         model.defocus = self.follow_lens(&found)?;
         let found = matches!(geometry.flow, Some(Cow::Owned(_)));

@@ -44,6 +44,8 @@ pub enum Reason {
     Flat,
     /// Shots, frames or parts of the picture contradict each other.
     Contradicting,
+    /// What moves changes its speed or direction within few frames, as under a shaking hand.
+    UnevenMotion,
     /// Values that lie far apart fit about equally well.
     Uncertain,
     /// The distortion was looked for, and no trace was found that only this distortion leaves.

@@ -1,0 +1,159 @@
+//! Real pixels whose exposure is known: photographs that are moved, and frames of a video that are averaged.
+
+use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
+use blindaug::{Encoded, Transfer};
+use blindaug_cli::console::{self, Progress, Result, failure, note};
+use blindaug_io::{FrameRange, FrameSource, Inputs, read_frame, write_atomically};
+use blindaug_scenes::measure::Value;
+use blindaug_scenes::moved::{
+    Course, Film, FilmMaker, Filming, Found, Hand, film, of_averaged, reduced, table,
+};
+use std::path::{Path, PathBuf};
+
+/// Frames of each case.
+const FRAMES: usize = 6;
+
+/// The exposure fractions of moved photographs; each photograph is filmed with every second one, by both hands.
+const EXPOSURES: [f32; 8] = [0.5, 0.15, 0.75, 0.25, 1.0, 0.35, 0.9, 0.6];
+
+/// The most cases of a video, which are those of its beginning.
+const CASES_OF_FILM: usize = 160;
+
+/// The std of the noise of moved photographs, of encoded values.
+const NOISE: f32 = 0.006;
+
+/// Measures the exposure of moved photographs, of averaged frames of a video, or of both, prints a table and writes it and all cases.
+///
+/// # Errors
+/// If nothing can be read, or the results cannot be written.
+pub fn run(photos: Option<&Path>, film: Option<&Path>, output: &Path) -> Result<()> {
+    let inputs = Inputs::of(photos.iter().chain(film.iter()));
+    inputs.check_output_folder(output, |_| true)?;
+    blindaug_io::make_folder(output)?;
+    let mut all = vec![];
+    if let Some(folder) = photos {
+        all.extend(of_photos(folder)?);
+    }
+    if let Some(clip) = film {
+        all.extend(of_film(clip)?);
+    }
+    let text = table(&all);
+    let json = serde_json::to_string_pretty(&all).expect("what was found is plain data");
+    for (name, text) in [("real.json", &json), ("real.md", &text)] {
+        write_atomically(output.join(name), |partial| std::fs::write(partial, text))?;
+    }
+    console::print(&text)?;
+    if film.is_some() {
+        note(
+            "of averaged frames, the exposure is n/N only if the video's own shutter is open all the time; every exposure from (n - 1)/N, for one that is hardly open, to n/N counts as true",
+        );
+    }
+    note(format_args!("written: {}", output.join("real.json").display()));
+    Ok(())
+}
+
+/// The images of a folder that can be read, in the order of their names.
+fn images(folder: &Path) -> Result<Vec<PathBuf>> {
+    let listed =
+        std::fs::read_dir(folder).map_err(|e| failure(folder, format_args!("it cannot be listed ({e})")))?;
+    let mut paths: Vec<PathBuf> =
+        listed.filter_map(|e| Some(e.ok()?.path())).filter(|p| p.is_file()).collect();
+    paths.sort();
+    Ok(paths)
+}
+
+fn of_photos(folder: &Path) -> Result<Vec<Found>> {
+    let paths = images(folder)?;
+    let mut progress = Progress::counting("photographs", "files", Some(paths.len()));
+    let mut all = vec![];
+    let (mut seed, mut left_out) = (0, 0);
+    for path in &paths {
+        progress.step();
+        if console::interrupted() {
+            break;
+        }
+        let Ok(photo) = read_frame(path) else {
+            left_out += 1;
+            continue;
+        };
+        let photo = reduced(photo.to_linear(Transfer::Srgb));
+        let mut filmed = 0;
+        for hand in [Hand::Steady, Hand::Shaking] {
+            for i in 0..EXPOSURES.len() / 2 {
+                seed += 1;
+                let exposure = EXPOSURES[(2 * i + all.len() / EXPOSURES.len()) % EXPOSURES.len()];
+                let filming = Filming { exposure, frames: FRAMES, noise: NOISE, seed };
+                let Some(frames) = film(&photo, &Course::new(hand, FRAMES, seed), &filming) else { continue };
+                filmed += 1;
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                let group = match hand {
+                    Hand::Steady => "photographs, moved steadily",
+                    Hand::Shaking => "photographs, moved by a shaking hand",
+                };
+                all.push(found(format!("{name} {exposure}"), group.into(), [exposure; 2], &frames, path)?);
+            }
+        }
+        left_out += usize::from(filmed == 0);
+    }
+    drop(progress);
+    if left_out > 0 {
+        note(format_args!("{left_out} of {} files are no images, or too small to be moved", paths.len()));
+    }
+    if all.is_empty() {
+        return Err(failure(folder, "there is no photograph of at least 400 x 300 px here"));
+    }
+    Ok(all)
+}
+
+fn of_film(clip: &Path) -> Result<Vec<Found>> {
+    let source = FrameSource::open(clip, FrameRange::default())?;
+    let mut progress = Progress::counting("averaging", "frames", source.len_hint());
+    let mut maker = FilmMaker::default();
+    let mut all = vec![];
+    let of = |film: &Film| {
+        let Film { first, averaged, of, frames } = film;
+        let name = format!("{averaged} of every {of} from frame {first}");
+        found(name, format!("{averaged} of every {of}"), of_averaged(*averaged, *of), frames, clip)
+    };
+    for frame in source.frames() {
+        progress.step();
+        for film in maker.push(&frame?.image).map_err(|e| failure(clip, e))? {
+            all.push(of(&film)?);
+        }
+        if console::interrupted() || all.len() >= CASES_OF_FILM {
+            break;
+        }
+    }
+    if all.len() < CASES_OF_FILM {
+        all.extend(maker.finish().iter().map(of).collect::<Result<Vec<Found>>>()?);
+    }
+    drop(progress);
+    if all.is_empty() {
+        return Err(failure(clip, "it has no 24 frames without a cut"));
+    }
+    Ok(all)
+}
+
+/// The exposure of frames, nothing given, beside the truth.
+fn found(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path: &Path) -> Result<Found> {
+    let mut estimator = Estimator::new(EstimatorOptions::default());
+    for (i, frame) in frames.iter().enumerate() {
+        let observation = FrameObservation {
+            frame,
+            next: frames.get(i + 1),
+            previous: i.checked_sub(1).map(|i| &frames[i]),
+            evidence: Evidence::default(),
+        };
+        estimator.add(&observation).map_err(|e| failure(path, e))?;
+    }
+    let estimation = estimator.estimate().map_err(|e| failure(path, e))?;
+    let exposure = &estimation.model.motion_blur;
+    Ok(Found {
+        name,
+        group,
+        truth,
+        exposure: exposure.known().map(|m| Value { estimate: m.exposure.0, interval: m.interval }),
+        per_frame: estimation.diagnostics.exposure_per_frame.iter().map(|f| f.1).collect(),
+        unknown: exposure.why_unknown().map(ToString::to_string),
+    })
+}
