@@ -2,7 +2,7 @@
 
 use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::model::{
-    BlurSpace, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, KNOTS,
+    BlurSpace, Capture, CurveLevel, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, KNOTS,
     MotionBlurModel, NOISE_LEVELS, NoiseCurves, NoiseLevel, NoiseModel, SharpeningModel,
 };
 use blindaug::pyramid;

@@ -241,7 +241,7 @@ impl FilmMaker {
         for ((n, of), means) in AVERAGED.iter().zip(&mut self.means) {
             match means.last_mut() {
                 _ if at / of >= *FRAMES_OF_FILM.end() || at % of >= *n => {}
-                Some(mean) if at % of > 0 => mean.add(&light),
+                Some(mean) if !at.is_multiple_of(*of) => mean.add(&light),
                 _ => means.push(Averaged::new(light.clone())),
             }
         }

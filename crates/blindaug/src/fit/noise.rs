@@ -384,8 +384,11 @@ impl NoiseEvidence {
                 let coarser = luma_at(level + 1);
                 let variance = own.residual.map(|v| v / gain);
                 // Eight places each way are enough for the colours of a block.
-                let places =
-                    || (0..block * block).step_by(block / 8).filter(move |i| i / block % (block / 8) == 0);
+                let places = || {
+                    (0..block * block)
+                        .step_by(block / 8)
+                        .filter(move |i| (i / block).is_multiple_of(block / 8))
+                };
                 let pixels = || places().map(|i| (of.colour)(x0 + i % block, top + y0 + i / block));
                 Some(LocalVariance {
                     y: pixels().map(luma).sum::<f32>() / pixels().count() as f32,

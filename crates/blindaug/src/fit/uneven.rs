@@ -114,9 +114,10 @@ pub(super) fn over_speeds(curve: &[f32], error: f32) -> Vec<f32> {
         let std = (error * exposure).max(narrowest);
         let (mut sum, mut total) = (0.0, 0.0);
         let reach = (4.0 * std / EXPOSURE_STEP) as usize + 1;
-        for j in i.saturating_sub(reach)..(i + reach + 1).min(EXPOSURES) {
+        let first = i.saturating_sub(reach);
+        for (j, near) in (first..).zip(&likelihood[first..(i + reach + 1).min(EXPOSURES)]) {
             let w = (-0.5 * ((j as f32 - i as f32) * EXPOSURE_STEP / std).powi(2)).exp();
-            sum += w * likelihood[j];
+            sum += w * near;
             total += w;
         }
         most + (sum / total).max(f32::MIN_POSITIVE).ln()

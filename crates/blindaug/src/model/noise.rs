@@ -37,6 +37,10 @@ pub struct NoiseInterval {
 /// another kind of noise needs a variant here and changes in those three places.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "NoiseFile", into = "NoiseFile")]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there are few models, and the lines are the usual ones of exports and tests"
+)]
 pub enum NoiseModel {
     /// The paper's model: in each pyramid level and channel the std is a straight line over luminance.
     Lines(NoiseLines),
