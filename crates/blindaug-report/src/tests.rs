@@ -109,7 +109,7 @@ fn diagnostics(model: &CameraModel) -> Diagnostics {
 /// A frame of flat parts and of edges, with noise.
 fn frame(w: usize, h: usize) -> Encoded {
     let clean = clean_frame(w, h);
-    let grain = noise(&noise_model(), &clean.luma(), 7, 7);
+    let grain = noise(&noise_model(), &clean.0, 7, 7);
     Encoded(Raster::from_fn(w, h, |x, y| std::array::from_fn(|c| clean.0.at(x, y)[c] + grain.at(x, y)[c])))
 }
 

@@ -54,6 +54,7 @@ fn flow_at_half_the_size_gives_the_exposure_and_the_noise_that_flow_of_the_whole
     // The negative control: flow in px of the reduced frames, as if nobody had enlarged it.
     let wrong: Vec<Flow> = whole.iter().map(|f| f.map(|v| v.map(|c| 0.5 * c))).collect();
     let wrong = estimated(&clip, Some(&wrong));
-    assert!(!((exposure(&wrong) - b).abs() <= 0.1), "{}", exposure(&wrong));
-    assert!(!((noise(&wrong) / noise(&given) - 1.0).abs() <= 0.1), "{}", noise(&wrong));
+    // The wrong flow may also make an estimate unknown, which is NaN here.
+    assert!((exposure(&wrong) - b).abs() > 0.1 || exposure(&wrong).is_nan(), "{}", exposure(&wrong));
+    assert!((noise(&wrong) / noise(&given) - 1.0).abs() > 0.1 || noise(&wrong).is_nan(), "{}", noise(&wrong));
 }
