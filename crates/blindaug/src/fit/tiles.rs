@@ -172,8 +172,8 @@ pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
     along(h).flat_map(|y| along(w).map(move |x| (x, y))).collect()
 }
 
-/// The [`corners`] of a frame that has `size` px at a resolution of `scale` px of its own to one, without those of least contrast in blocks of
-/// many.
+/// The [`corners`] of a frame at the resolution of `size`, at which `scale` px of the frame make one. In blocks of many tiles, those of
+/// least contrast are left out.
 fn searched_corners(
     frame: &Encoded,
     size: (usize, usize),
