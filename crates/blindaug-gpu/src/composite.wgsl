@@ -70,9 +70,9 @@ fn model_std(level: u32, colour: vec3<f32>) -> vec3<f32> {
         for (var i = 1u; i < NOISE_KNOTS - 1u; i++) {
             below += u32(v >= camera.knots[i / 4u][i % 4u]);
         }
-        let from = camera.knots[below / 4u][below % 4u];
-        let to = camera.knots[(below + 1u) / 4u][(below + 1u) % 4u];
-        let share = (v - from) / (to - from);
+        let low = camera.knots[below / 4u][below % 4u];
+        let high = camera.knots[(below + 1u) / 4u][(below + 1u) % 4u];
+        let share = (v - low) / (high - low);
         for (var c = 0u; c < 3u; c++) {
             let at = ((3u * level + c) * 3u + k) * NOISE_KNOTS + below;
             variance[c] += mix(curve_point(at), curve_point(at + 1u), share);

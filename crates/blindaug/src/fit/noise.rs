@@ -600,16 +600,21 @@ impl NoiseEvidence {
         if self.method != Method::Temporal {
             return blocks().collect();
         }
-        let ratio = |b: &LocalVariance| b.coarser / b.variance[3].max(1e-12);
-        let mut ratios: Vec<f32> = blocks().map(ratio).collect();
-        ratios.sort_by(f32::total_cmp);
-        let usual = ratios.get(ratios.len() / 4).copied().unwrap_or(0.0).max(1e-3);
-        blocks().filter(|b| ratio(b) <= APART[level] * usual).collect()
+        let mut usual: [Vec<f32>; LUMINANCES] = Default::default();
+        blocks().for_each(|b| usual[luminance_bin(b.y)].push(b.coarser));
+        let usual = usual.map(|mut v| {
+            v.sort_by(f32::total_cmp);
+            v.get(v.len() / 4).copied().unwrap_or(0.0).max(1e-8)
+        });
+        blocks().filter(|b| b.coarser <= APART[level] * usual[luminance_bin(b.y)]).collect()
     }
 
     /// Whether most blocks are of residuals that are known to hold nothing but noise.
     fn is_pure(&self) -> bool {
-        2 * self.levels[0].iter().filter(|b| b.pure).count() > self.levels[0].len()
+        /// The least share of blocks in which nothing flickers or moves.
+        const CALM: f32 = 0.85;
+        let pure = self.levels[1].iter().filter(|b| b.pure).count();
+        2 * pure > self.levels[1].len() && self.pure_blocks(1).len() as f32 >= CALM * pure as f32
     }
 
     /// The blocks through which curves are laid: all of those that are known to hold nothing but noise, or all that were followed from
@@ -640,7 +645,7 @@ impl NoiseEvidence {
                 })
                 .collect(),
             _ if pure => self.pure_blocks(level).into_iter().map(|b| block(b, [hidden; 3])).collect(),
-            _ => self.levels[level].iter().filter(|b| !b.pure).map(|b| block(b, [1.0; 3])).collect(),
+            _ => self.levels[level].iter().filter(|b| !b.clipped).map(|b| block(b, [1.0; 3])).collect(),
         })
     }
 
@@ -708,7 +713,7 @@ impl NoiseEvidence {
         let mut bins: [Vec<&LocalVariance>; LUMINANCES] = Default::default();
         let blocks = if pure { self.pure_blocks(level) } else { self.levels[level].iter().collect() };
         for v in blocks.into_iter().filter(|b| !b.clipped) {
-            bins[((v.y * LUMINANCES as f32) as usize).min(LUMINANCES - 1)].push(v);
+            bins[luminance_bin(v.y)].push(v);
         }
         bins
     }
@@ -979,6 +984,11 @@ fn at_most(bins: &mut [Bin], finest: &[Bin], share: f32) {
 
 /// The number of bins of luminance.
 const LUMINANCES: usize = 16;
+
+/// The index of the bin of a luminance.
+fn luminance_bin(y: f32) -> usize {
+    ((y * LUMINANCES as f32) as usize).min(LUMINANCES - 1)
+}
 
 /// Blocks of like luminance that are least likely to hold structure.
 struct Chosen<'a> {
