@@ -148,9 +148,10 @@ fn frames_that_move_differently_tell_the_exposure_of_a_texture_that_looks_blurre
         };
         let ((alone, _), (both, [low, high])) = (found(false), found(true));
         println!("{lambda}: {alone}; {both} [{low}, {high}]");
-        // Motion that changes so much is uneven: its direction is looked for in the streaks, and such texture has streaks of its own. The
-        // estimate may be too long, as that without pairs is, but its interval holds the exposure.
-        assert!((low..=high).contains(&lambda), "{both} [{low}, {high}] for {lambda}");
+        assert!(
+            (both - lambda).abs() < 0.04 && (low..=high).contains(&lambda),
+            "{both} [{low}, {high}] for {lambda}"
+        );
         assert!((alone - lambda).abs() > 0.05, "{alone} for {lambda}");
     }
 }

@@ -266,6 +266,9 @@ pub fn exposure_of(
 /// The most nats by which frames of even motion, on average, find the exposure that they agree on less likely than their own.
 const EVEN_FRAMES: f32 = 24.0;
 
+/// The fewest frames whose contradiction shows that motion swings.
+const SWING: usize = 3;
+
 /// The stds of the speed, relative, that frames may have beyond what their flow shows.
 const UNSEEN_SPEED_ERRORS: [f32; 9] = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5];
 
@@ -298,8 +301,14 @@ impl Uneven {
         }
         let curves = curves.into_iter().map(|((f, b), curve)| (f, part_of(f, frames), b, curve)).collect();
         let seen: Vec<f32> = errors.into_iter().map(|(sum, count)| sum / count.max(1.0)).collect();
+        let mut observed: Vec<usize> = observations.iter().map(|w| w.frame).collect();
+        observed.sort_unstable();
+        observed.dedup();
+        // Two frames that contradict each other are no swing: a texture that looks like a streak does so in one of them.
+        let unseen_errors =
+            if observed.len() < SWING { &UNSEEN_SPEED_ERRORS[..1] } else { &UNSEEN_SPEED_ERRORS };
         let mut uneven = Self { curves, errors: vec![], seen: seen.iter().any(|&e| e > 0.0) };
-        for unseen in UNSEEN_SPEED_ERRORS {
+        for &unseen in unseen_errors {
             uneven.errors = seen.iter().map(|e| e.hypot(unseen)).collect();
             if uneven.contradiction() <= EVEN_FRAMES {
                 break;
