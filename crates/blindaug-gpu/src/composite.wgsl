@@ -57,25 +57,42 @@ fn curve_point(i: u32) -> f32 {
     return camera.variance[i / 4u][i % 4u];
 }
 
-// The std of the noise of a level over content of this encoded colour.
-fn model_std(level: u32, colour: vec3<f32>) -> vec3<f32> {
+// Where a colour lies on the curves of the noise's variance: for each channel the point below its value, and the share of the way to the
+// next point.
+struct OnCurves {
+    below: vec3<u32>,
+    share: vec3<f32>,
+}
+
+fn on_curves(colour: vec3<f32>) -> OnCurves {
+    var found: OnCurves;
     if camera.noise_curves == 0u {
-        return max(camera.slope[level].rgb * luma(colour) + camera.intercept[level].rgb, vec3(0.0));
+        return found;
     }
-    var variance = vec3(0.0);
     for (var k = 0u; k < 3u; k++) {
         let v = clamp(colour[k], 0.0, 1.0);
-        // The point below the value, and the share of the way to the next one.
         var below = 0u;
         for (var i = 1u; i < NOISE_KNOTS - 1u; i++) {
             below += u32(v >= camera.knots[i / 4u][i % 4u]);
         }
         let low = camera.knots[below / 4u][below % 4u];
         let high = camera.knots[(below + 1u) / 4u][(below + 1u) % 4u];
-        let share = (v - low) / (high - low);
+        found.below[k] = below;
+        found.share[k] = (v - low) / (high - low);
+    }
+    return found;
+}
+
+// The std of the noise of a level over content of this encoded colour, which lies `at` on the curves.
+fn model_std(level: u32, colour: vec3<f32>, at: OnCurves) -> vec3<f32> {
+    if camera.noise_curves == 0u {
+        return max(camera.slope[level].rgb * luma(colour) + camera.intercept[level].rgb, vec3(0.0));
+    }
+    var variance = vec3(0.0);
+    for (var k = 0u; k < 3u; k++) {
         for (var c = 0u; c < 3u; c++) {
-            let at = ((3u * level + c) * 3u + k) * NOISE_KNOTS + below;
-            variance[c] += mix(curve_point(at), curve_point(at + 1u), share);
+            let i = ((3u * level + c) * 3u + k) * NOISE_KNOTS + at.below[k];
+            variance[c] += mix(curve_point(i), curve_point(i + 1u), at.share[k]);
         }
     }
     return sqrt(max(variance, vec3(0.0)));
@@ -115,10 +132,12 @@ fn missing_noise(
         // The visible share of the background brings its noise along, which is subtracted here.
         noise_free -= gain * (background - smooth_background);
     }
+    let of_result = on_curves(noise_free);
+    let of_background = on_curves(smooth_background);
     var sigma: array<vec3<f32>, NOISE_LEVELS>;
     for (var level = 0u; level < NOISE_LEVELS; level++) {
-        let want = model_std(level, noise_free);
-        let there = gain * model_std(level, smooth_background);
+        let want = model_std(level, noise_free, of_result);
+        let there = gain * model_std(level, smooth_background, of_background);
         sigma[level] = sqrt(max(want * want - there * there, vec3(0.0)));
     }
     var sum = vec3(0.0);

@@ -2,7 +2,7 @@
 
 use super::defocus::BlurPoint;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
-use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit, is_still};
+use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
 use super::observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
@@ -58,6 +58,8 @@ struct LastMotion {
     flow: Flow,
     /// The motion at the frame's own time, px per frame interval, if it is not the flow.
     at_frame: Option<Flow>,
+    /// Whether nothing moves between the frame and its neighbour.
+    still: bool,
 }
 
 impl LastMotion {
@@ -244,13 +246,12 @@ impl Estimator {
         let depth = self.depth_of(&evidence, parallax)?;
         let mut kept = FrameEvidence::new(index, self.shots.len() - 1, flow.is_some(), depth.is_some());
         // Given flow leads to the next frame.
+        let mut still = false;
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
         if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
-            kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(index))?;
-            let rows = 0..frame.0.height();
-            let was_still =
-                self.last_motion.as_ref().is_some_and(|l| l.index + 1 == index && is_still(&l.flow, &rows));
-            if let (true, Some(before), Some(next)) = (was_still && is_still(flow, &rows), previous, next) {
+            still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(index))?;
+            let was_still = self.last_motion.as_ref().is_some_and(|l| l.index + 1 == index && l.still);
+            if let (true, Some(before), Some(next)) = (still && was_still, previous, next) {
                 kept.temporal.add_successive([before, frame, next]);
             }
         }
@@ -299,8 +300,12 @@ impl Estimator {
             self.compare_with_clean(&mut kept, frame, &evidence, motion, depth.as_ref())?;
         }
         self.last_depth = depth.map(|d| (index, d)).or(self.last_depth.take());
-        self.last_motion =
-            to_next.filter(|_| measured).map(|flow| LastMotion { index, flow: flow.into_owned(), at_frame });
+        self.last_motion = to_next.filter(|_| measured).map(|flow| LastMotion {
+            index,
+            flow: flow.into_owned(),
+            at_frame,
+            still,
+        });
         self.keep(kept);
         Ok(true)
     }

@@ -60,7 +60,7 @@ struct LocalVariance {
     colours: Colours,
     /// The covariances RG, RB and GB, divided by the same gain.
     between: [f32; 3],
-    /// The mean product of neighbouring values of the band in R, G and B; only of single frames.
+    /// The mean product of neighbouring values of the band in R, G and B; only of the finest level of single frames.
     neighbours: [f32; 3],
     /// The power of the picture's own texture, of which the residual may hold a share: [`noise_curves::Block::texture`].
     texture: f32,
@@ -194,10 +194,10 @@ impl NoiseEvidence {
     /// # Errors
     /// If the sizes differ.
     pub fn add_pair(&mut self, frame: &Encoded, next: &Encoded, flow: &Flow) -> Result<()> {
-        self.add_pair_in_turn(frame, next, flow, (0, 1))
+        self.add_pair_in_turn(frame, next, flow, (0, 1)).map(|_| ())
     }
 
-    /// [`NoiseEvidence::add_pair`] for the blocks in turn `i` of `turns` only ([`rows_in_turn`]).
+    /// [`NoiseEvidence::add_pair`] for the blocks in turn `i` of `turns` only ([`rows_in_turn`]); says whether nothing moves between the frames.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -207,7 +207,7 @@ impl NoiseEvidence {
         next: &Encoded,
         flow: &Flow,
         (i, turns): (usize, usize),
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let height = frame.0.height();
         self.add_pair_of(frame, next, flow, 0..height, rows_in_turn(i, turns, height))
     }
@@ -224,10 +224,11 @@ impl NoiseEvidence {
         rows: Range<usize>,
     ) -> Result<()> {
         let all = 0..rows.len();
-        self.add_pair_of(frame, next, flow, rows, all)
+        self.add_pair_of(frame, next, flow, rows, all).map(|_| ())
     }
 
-    /// What the blocks of two successive frames tell, of those that begin in `own`, which are some of `rows`, counted from the first.
+    /// What the blocks of two successive frames tell, of those that begin in `own`, which are some of `rows`, counted from the first. Says
+    /// whether nothing moves between the frames.
     fn add_pair_of(
         &mut self,
         frame: &Encoded,
@@ -235,7 +236,7 @@ impl NoiseEvidence {
         flow: &Flow,
         rows: Range<usize>,
         own: Range<usize>,
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let (w, h) = frame.0.size();
         if next.0.size() != (w, h) || flow.size() != (w, h) {
             return Err(Error::new("the two frames and the flow between them must have one size"));
@@ -279,7 +280,7 @@ impl NoiseEvidence {
         };
         let colour = |x: usize, y: usize| frame.0.at(x, top + y);
         self.add_blocks((w, height), own, &Residual { values, colour, flaws, gain, pure: still });
-        Ok(())
+        Ok(still)
     }
 
     /// Adds the evidence of a single frame: where the frame is flat, its bands are noise.
@@ -376,20 +377,15 @@ impl NoiseEvidence {
                     return None;
                 }
                 // A few places are enough for the mean gain, since the flow is smooth.
-                let gain = places(block).map(|(x, y)| (of.gain)(x0 + x, top + y0 + y, level)).sum::<f32>()
-                    / places(block).count() as f32;
+                let gain = places(block, 4).map(|(x, y)| (of.gain)(x0 + x, top + y0 + y, level)).sum::<f32>()
+                    / places(block, 4).count() as f32;
                 let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
                 let own = powers(level);
                 let luma_at = |l: usize| powers(l).residual[3] / gain;
                 let coarser = luma_at(level + 1);
                 let variance = own.residual.map(|v| v / gain);
                 // Eight places each way are enough for the colours of a block.
-                let places = || {
-                    (0..block * block)
-                        .step_by(block / 8)
-                        .filter(move |i| (i / block).is_multiple_of(block / 8))
-                };
-                let pixels = || places().map(|i| (of.colour)(x0 + i % block, top + y0 + i / block));
+                let pixels = || places(block, block / 8).map(|(x, y)| (of.colour)(x0 + x, top + y0 + y));
                 Some(LocalVariance {
                     y: pixels().map(luma).sum::<f32>() / pixels().count() as f32,
                     variance,
@@ -407,7 +403,11 @@ impl NoiseEvidence {
                     count: ((block >> level) * (block >> level)) as f32,
                     colours: Colours::of(pixels()),
                     between: own.between.map(|v| v / gain),
-                    neighbours: if single { own.neighbours } else { [0.0; 3] },
+                    neighbours: if single && level == 0 {
+                        products_of_neighbours(&bands[0], (x0, y0), block)
+                    } else {
+                        [0.0; 3]
+                    },
                     // About half of the noise's variance is left in the mean of two frames.
                     texture: if of.pure { 0.0 } else { (own.image - 0.6 * variance[3]).max(0.0) },
                     pure: of.pure,
@@ -891,10 +891,9 @@ const MOST_CORRELATED: f32 = 0.9;
 /// The pairs of channels, in the order in which their covariances are kept.
 const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
-/// A few places of a block of this side, px from its corner.
-fn places(side: usize) -> impl Iterator<Item = (usize, usize)> {
-    const STEP: usize = 4;
-    (0..side).step_by(STEP).flat_map(move |y| (0..side).step_by(STEP).map(move |x| (x, y)))
+/// The places of a block of this side that are `step` apart, px from its corner.
+fn places(side: usize, step: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..side).step_by(step).flat_map(move |y| (0..side).step_by(step).map(move |x| (x, y)))
 }
 
 /// Whether so many pixels of a block clip that a part of the noise is lost; `None` if a pixel is unusable. The filters of the coarser bands
@@ -915,7 +914,7 @@ fn clipped_block(flaws: &Raster<Flaw>, (x0, y0): (usize, usize), side: usize) ->
 }
 
 /// Whether nothing moves between two frames in these rows: the flow is about zero nearly everywhere, and has no direction in common.
-pub(super) fn is_still(flow: &Flow, rows: &Range<usize>) -> bool {
+fn is_still(flow: &Flow, rows: &Range<usize>) -> bool {
     /// The most of the median motion along an axis, px, and of the motion of a pixel that counts as still, px: a flow that was found among
     /// noise is not exactly zero.
     const MOST: (f32, f32) = (0.03, 0.3);
@@ -936,8 +935,6 @@ struct Powers {
     with_luma: [f32; 3],
     /// The mean products RG, RB and GB of the residual.
     between: [f32; 3],
-    /// The mean products of the residual with its right and its lower neighbour, for R, G and B.
-    neighbours: [f32; 3],
     /// The mean square of the image itself.
     image: f32,
 }
@@ -946,14 +943,9 @@ impl Powers {
     /// The powers in the block at (x, y) of this side, both in px of the full image, of a band of this level.
     fn new(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> Self {
         let (x, y, side) = (x >> level, y >> level, side >> level);
-        let (mut residual, mut with_luma, mut between, mut neighbours) =
-            ([0.0; 4], [0.0; 3], [0.0; 3], [0.0; 3]);
-        let mut image = 0.0;
+        let (mut residual, mut with_luma, mut between, mut image) = ([0.0; 4], [0.0; 3], [0.0; 3], 0.0);
         for row in y..y + side {
-            let below = band.row((row + 1).min(band.height() - 1));
-            for (i, v) in band.row(row)[x..x + side].iter().enumerate() {
-                let (right, below) = (band.at((x + i + 1).min(band.width() - 1), row), below[x + i]);
-                (0..3).for_each(|c| neighbours[c] += 0.5 * v[c] * (right[c] + below[c]));
+            for v in &band.row(row)[x..x + side] {
                 let d = [v[0], v[1], v[2], luma([v[0], v[1], v[2]])];
                 (0..4).for_each(|c| residual[c] += d[c] * d[c]);
                 (0..3).for_each(|c| with_luma[c] += d[c] * d[3]);
@@ -966,10 +958,20 @@ impl Powers {
             residual: residual.map(|s| s / count),
             with_luma: with_luma.map(|s| s / count),
             between: between.map(|s| s / count),
-            neighbours: neighbours.map(|s| s / count),
             image: image / count,
         }
     }
+}
+
+/// The mean products of the finest band's values with their right and their lower neighbours, for R, G and B, in the square at (x, y).
+fn products_of_neighbours(band: &Raster<[f32; 4]>, (x0, y0): (usize, usize), side: usize) -> [f32; 3] {
+    let mut products = [0.0; 3];
+    for (x, y) in places(side, 1).map(|(x, y)| (x0 + x, y0 + y)) {
+        let (v, right) = (band.at(x, y), band.at((x + 1).min(band.width() - 1), y));
+        let below = band.at(x, (y + 1).min(band.height() - 1));
+        (0..3).for_each(|c| products[c] += 0.5 * v[c] * (right[c] + below[c]));
+    }
+    products.map(|s| s / (side * side) as f32)
 }
 
 /// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance.
@@ -1245,7 +1247,9 @@ pub(super) mod tests {
         };
         let whole = found(&|e| e.add_pair(&frame, &next, &flow).unwrap());
         let in_turns = found(&|e| {
-            (0..TURNS).for_each(|i| e.add_pair_in_turn(&frame, &next, &flow, (i, TURNS)).unwrap());
+            for i in 0..TURNS {
+                e.add_pair_in_turn(&frame, &next, &flow, (i, TURNS)).unwrap();
+            }
         });
         assert!(in_turns == whole);
         // Negative control: parts without what is around them.
