@@ -629,7 +629,7 @@ impl NoiseEvidence {
             texture: b.texture,
             count: b.count,
         };
-        let hidden = if pure { 1.0 / (1.0 - self.temporal_correlation()) } else { 1.0 };
+        let hidden = self.hidden(pure);
         std::array::from_fn(|level| match self.method {
             _ if self.windowed => vec![],
             Method::Spatial => self
@@ -686,6 +686,11 @@ impl NoiseEvidence {
         if squares > 0.0 {
             self.successive.push(1.0 + 2.0 * products / squares);
         }
+    }
+
+    /// The factor by which noise exceeds what a difference of frames shows of it: what successive frames share does not show.
+    fn hidden(&self, pure: bool) -> f32 {
+        if pure { 1.0 / (1.0 - self.temporal_correlation()) } else { 1.0 }
     }
 
     /// The correlation of noise between successive frames, 0 to [`MOST_CORRELATED`]; 0 where it was not measured.
@@ -774,7 +779,9 @@ impl NoiseEvidence {
             Some(Bin {
                 of,
                 y: mean(&|b| b.y),
-                variance: std::array::from_fn(|c| mean(&|b| b.variance[c]) * correction[c]),
+                variance: std::array::from_fn(|c| {
+                    mean(&|b| b.variance[c]) * correction[c] * self.hidden(all)
+                }),
                 common,
                 freedom: blocks.iter().map(|b| b.count).sum(),
                 blocks: blocks.len(),
@@ -1562,6 +1569,9 @@ pub(super) mod tests {
         assert!((strong(&stays) / want - 1.0).abs() < 0.15, "{} {want}", strong(&stays));
         // Negative control: the noise of independent frames is not found to stay.
         let boils = made(0.0);
+        // The straight lines have the whole noise as well; a difference of frames that share it shows 0.63 of its std.
+        let ratio = stays.std(0, 0.4)[1] / boils.std(0, 0.4)[1];
+        assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
         assert!(boils.temporal_correlation() < 0.1 && shared(&boils) < 0.1);
         assert!((strong(&boils) / want - 1.0).abs() < 0.15, "{} {want}", strong(&boils));
     }
