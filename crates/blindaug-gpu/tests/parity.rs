@@ -640,8 +640,8 @@ fn with_curves(mut camera: CameraModel, scale: f32, shared: f32, temporal_correl
     camera
 }
 
-/// The largest relative difference of the std of a level where channels share most of their noise: both noises are random, their coarsest levels
-/// have few values, and three channels that are alike scatter together. Measured: 0.06.
+/// The largest relative difference of the std of a level where channels share most of their noise: both noises are random, their coarsest
+/// levels have few values, and three channels that are alike scatter together. Measured: 0.06.
 const SHARED_NOISE_TOLERANCE: f32 = 0.1;
 
 /// The correlation of R and G.

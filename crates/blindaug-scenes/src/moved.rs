@@ -41,16 +41,16 @@ pub struct Course {
     places: Vec<[f32; 2]>,
 }
 
-/// The instants of a frame interval at which a course is known.
+/// The number of instants in a frame interval at which a course is known.
 const INSTANTS: usize = 128;
 
 /// The largest frames that are made, px.
 const LARGEST: (usize, usize) = (512, 384);
-/// The smallest frames that say anything, px.
+/// The smallest frames in which the exposure can be measured, px.
 const SMALLEST: (usize, usize) = (224, 160);
 
 impl Course {
-    /// The course that a seed stands for, over so many frames, the first of which is exposed around the time 0.
+    /// The course of this seed over a number of frames; the first frame is exposed around the time 0.
     pub fn new(hand: Hand, frames: usize, seed: u64) -> Self {
         let mut rng = StdRng::seed_from_u64(seed);
         let mean_speed: f32 = rng.random_range(4.0..11.0);
@@ -76,7 +76,8 @@ impl Course {
         Self { places: places.collect() }
     }
 
-    /// The whole px by which the photograph is moved while frame `t` is exposed, of which its light is the mean.
+    /// The displacements of the photograph, whole px, at the instants while frame `t` is exposed. The light of the frame is the mean over
+    /// them.
     fn views(&self, t: usize, exposure: f32) -> Vec<[i32; 2]> {
         let count = ((exposure * INSTANTS as f32).round() as usize).max(1);
         let middle = t * INSTANTS + INSTANTS / 2;
@@ -98,16 +99,16 @@ impl Course {
 pub struct Filming {
     /// Exposure fraction, in (0, 1].
     pub exposure: f32,
-    /// How many frames there are.
+    /// The number of frames.
     pub frames: usize,
-    /// Std of the white noise of encoded values.
+    /// The std of the white noise of encoded values, in [0, 1].
     pub noise: f32,
-    /// What the noise follows from.
+    /// The seed of the noise.
     pub seed: u64,
 }
 
-/// The photograph, halved until it has no more px than a video's frames need: what a lens and a coder left of the finest detail of a
-/// large photograph would look like blur.
+/// The photograph, halved until it is less than three times as large as the frames. The finest detail of a large photograph is soft from
+/// its lens and its coder, which would look like blur.
 pub fn reduced(mut photo: Linear) -> Linear {
     while photo.0.width() >= 3 * LARGEST.0 && photo.0.height() >= 3 * LARGEST.1 {
         let of = &photo.0;
@@ -120,7 +121,7 @@ pub fn reduced(mut photo: Linear) -> Linear {
     photo
 }
 
-/// Frames of a photograph that moves along a course, of 8 bit; `None` if it is too small for that.
+/// Frames of 8 bit of a photograph that moves along a course; `None` if the photograph is too small for the course.
 pub fn film(Linear(photo): &Linear, course: &Course, filming: &Filming) -> Option<Vec<Encoded>> {
     let reach = course.reach();
     let side = |c: usize, photo: usize, smallest: usize, largest: usize| {
@@ -129,7 +130,7 @@ pub fn film(Linear(photo): &Linear, course: &Course, filming: &Filming) -> Optio
     };
     let w = side(0, photo.width(), SMALLEST.0, LARGEST.0)?;
     let h = side(1, photo.height(), SMALLEST.1, LARGEST.1)?;
-    // What is left over on both sides is the same.
+    // The margins of the photograph beyond the course are alike on both sides.
     let corner = |c: usize, photo: usize, side: usize| {
         let spare = photo - side - (reach[c][1] - reach[c][0]) as usize;
         reach[c][1] + (spare / 2) as i32
@@ -167,7 +168,7 @@ pub fn film(Linear(photo): &Linear, course: &Course, filming: &Filming) -> Optio
     Some((0..filming.frames).map(frame).collect())
 }
 
-/// A value as 8 bits hold it.
+/// An encoded value rounded to a step of 8 bit.
 fn in_steps(v: f32) -> f32 {
     (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
@@ -190,7 +191,7 @@ impl Averaged {
         self.frames += 1;
     }
 
-    /// The frame that they make, of 8 bit.
+    /// The mean as an encoded frame of 8 bit.
     fn frame(&self) -> Encoded {
         let count = self.frames as f32;
         let Encoded(frame) = Linear(self.sum.map(|p| p.map(|v| v / count))).to_encoded(Transfer::Srgb);
@@ -198,21 +199,21 @@ impl Averaged {
     }
 }
 
-/// How many frames of a video are averaged, of how many.
+/// The pairs (n, N) of averaging: the first n of every N successive frames of a video are averaged.
 pub const AVERAGED: [(usize, usize); 8] = [(1, 4), (2, 4), (3, 4), (4, 4), (2, 8), (4, 8), (6, 8), (8, 8)];
 
-/// The fewest and the most frames that are made of a piece of a video.
+/// The fewest and the most averaged frames of a piece of a video.
 const FRAMES_OF_FILM: std::ops::RangeInclusive<usize> = 5..=6;
 
-/// Frames that were averaged.
+/// Averaged frames of a piece of a video.
 pub struct Film {
     /// The number of the first frame of the video.
     pub first: usize,
-    /// How many frames each is the mean of.
+    /// The number n of frames that each averaged frame is the mean of.
     pub averaged: usize,
-    /// Of how many.
+    /// The number N of frames of the video from one averaged frame to the next.
     pub of: usize,
-    /// The frames.
+    /// The averaged frames.
     pub frames: Vec<Encoded>,
 }
 
@@ -226,7 +227,7 @@ pub struct FilmMaker {
 }
 
 impl FilmMaker {
-    /// Takes the next frame, and gives what a piece has become that ends before it: none lies over a cut.
+    /// Takes the next frame of the video. If a piece ends before this frame, its averaged frames are returned; no piece contains a cut.
     ///
     /// # Errors
     /// If the frame has another size than the last one.
@@ -250,7 +251,7 @@ impl FilmMaker {
         Ok(films)
     }
 
-    /// What has become of the frames since the last piece; another one begins.
+    /// The averaged frames of the current piece; a new piece begins.
     pub fn finish(&mut self) -> Vec<Film> {
         let first = std::mem::replace(&mut self.first, self.given);
         let films = AVERAGED.iter().zip(std::mem::take(&mut self.means)).map(|(&(averaged, of), means)| {
@@ -266,20 +267,20 @@ pub fn of_averaged(averaged: usize, of: usize) -> [f32; 2] {
     [averaged - 1, averaged].map(|n| n as f32 / of as f32)
 }
 
-/// What was found of an exposure that is known.
+/// An estimated exposure beside the true one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Found {
-    /// What was filmed.
+    /// The name of the case.
     pub name: String,
-    /// What it is one of in the table.
+    /// The group of cases that share a line of the table.
     pub group: String,
     /// The least and the largest exposure fraction that it may truly have.
     pub truth: [f32; 2],
     /// The estimate, if there is one.
     pub exposure: Option<Value>,
-    /// What each frame alone gave.
+    /// The exposure fraction by each frame alone.
     pub per_frame: Vec<f32>,
-    /// Why the exposure is unknown.
+    /// The reason why the exposure is unknown, if it is.
     pub unknown: Option<String>,
 }
 
@@ -297,7 +298,7 @@ impl Found {
     }
 }
 
-/// A table of what was found, a line for each group, in the order in which these come.
+/// A table of errors and coverage in Markdown with a line for each group, in the order of the first case of each group.
 pub fn table(all: &[Found]) -> String {
     let mut groups: Vec<&str> = vec![];
     for found in all {

@@ -10,13 +10,13 @@ use blindaug_scenes::moved::{
 };
 use std::path::{Path, PathBuf};
 
-/// Frames of each case.
+/// The number of frames of each case.
 const FRAMES: usize = 6;
 
 /// The exposure fractions of moved photographs; each photograph is filmed with every second one, by both hands.
 const EXPOSURES: [f32; 8] = [0.5, 0.15, 0.75, 0.25, 1.0, 0.35, 0.9, 0.6];
 
-/// The most cases of a video, which are those of its beginning.
+/// The most cases of a video; the cases come from its beginning.
 const CASES_OF_FILM: usize = 160;
 
 /// The std of the noise of moved photographs, of encoded values.
@@ -134,7 +134,7 @@ fn of_film(clip: &Path) -> Result<Vec<Found>> {
     Ok(all)
 }
 
-/// The exposure of frames, nothing given, beside the truth.
+/// The exposure that is estimated from the frames alone, beside the true one.
 fn found(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path: &Path) -> Result<Found> {
     let mut estimator = Estimator::new(EstimatorOptions::default());
     for (i, frame) in frames.iter().enumerate() {

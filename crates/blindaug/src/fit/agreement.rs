@@ -179,6 +179,7 @@ pub struct ExposureObservation {
 ///
 /// # Errors
 /// If an observation has another number of log-likelihoods than [`EXPOSURES`].
+// Long, since each reason for which the exposure is unknown is checked in turn.
 pub fn exposure_of(
     observations: &[ExposureObservation],
     frames: usize,
@@ -278,13 +279,13 @@ const UNEVEN_CLIP: f32 = 4.0;
 /// Replicas of the bootstrap where motion is uneven.
 const UNEVEN_BOOTSTRAPS: usize = 40;
 
-/// What frames say whose motion is uneven: the speed of all tiles of one is off by the same share.
+/// The log-likelihoods of frames whose motion is uneven: the speeds of all tiles of a frame are off by the same factor.
 struct Uneven {
-    /// The curves of (frame, its part of the clip, block of the image).
+    /// The log-likelihood over the exposure of each block of each frame: (frame, part of the clip, block of the image, curve).
     curves: Vec<(usize, usize, u32, Vec<f32>)>,
     /// The relative std of each frame's speed.
     errors: Vec<f32>,
-    /// Whether flow shows it, not only frames that contradict each other.
+    /// Whether the flow shows the uneven motion; if not, only the contradiction of the frames does.
     seen: bool,
 }
 
@@ -317,7 +318,7 @@ impl Uneven {
         uneven.errors.iter().any(|&e| e > 0.0).then_some(uneven)
     }
 
-    /// What each frame says, if its blocks count so much.
+    /// The part of the clip and the curve of each frame, with the blocks weighted as in this replica of the bootstrap; `None`: all alike.
     fn of_frames(&self, replica: Option<usize>) -> Vec<(usize, Vec<f32>)> {
         let mut frames: Vec<(usize, usize, Vec<f32>)> = vec![];
         for (frame, part, block, curve) in &self.curves {

@@ -214,6 +214,7 @@ impl Estimator {
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
+    // Long, since each kind of evidence of a frame builds on the motion that was found before.
     pub fn add(&mut self, observation: &FrameObservation) -> Result<bool> {
         let FrameObservation { frame, next, previous, evidence } = *observation;
         check_sizes(&mut self.size, observation)?;
@@ -310,8 +311,8 @@ impl Estimator {
         Ok(true)
     }
 
-    /// Finds out whether the motion of a frame is uneven. If so, it is turned to the direction of the frame's streaks, and that is given with the
-    /// relative std of its speed. `to_next` is the flow to the next frame, if there is one.
+    /// Finds out whether the motion of a frame is uneven. If so, it is turned to the direction of the frame's streaks, and that is given
+    /// with the relative std of its speed. `to_next` is the flow to the next frame, if there is one.
     fn uneven(
         &mut self,
         kept: &mut FrameEvidence,
@@ -794,8 +795,8 @@ impl Estimator {
         Ok(())
     }
 
-    /// The lens that the spectra agree on, for all exposures that may be. Where nothing is known of the exposure, only what hardly moves tells
-    /// the lens: a streak of unknown length looks like a lens's blur.
+    /// The lens that the spectra agree on, for all exposures that may be. Where nothing is known of the exposure, only what hardly moves
+    /// tells the lens: a streak of unknown length looks like a lens's blur.
     fn blind_lens(
         &self,
         frames: &[&[tiles::Tile]],

@@ -96,8 +96,8 @@ pub(super) fn parallax_of(flow: &Flow) -> Result<Parallax> {
 /// The side of the squares, px, of which is told whether they stand still.
 const STILL_SIDE: usize = 12;
 
-/// A square stands still if the sum of squares by which it differs from the same place of the other frame is less than this share of that by
-/// which it differs from where the flow leads.
+/// A square stands still if the sum of squares by which it differs from the same place of the other frame is less than this share of that
+/// by which it differs from where the flow leads.
 const STILL: f32 = 0.5;
 
 /// The forward flow, NaN where the backward flow does not confirm it, and 0 where the picture stands still: flow is smooth, so what moves

@@ -197,7 +197,8 @@ impl NoiseEvidence {
         self.add_pair_in_turn(frame, next, flow, (0, 1)).map(|_| ())
     }
 
-    /// [`NoiseEvidence::add_pair`] for the blocks in turn `i` of `turns` only ([`rows_in_turn`]); says whether nothing moves between the frames.
+    /// [`NoiseEvidence::add_pair`] for the blocks in turn `i` of `turns` only ([`rows_in_turn`]); says whether nothing moves between the
+    /// frames.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -485,6 +486,7 @@ impl NoiseEvidence {
     }
 
     /// The model that the collected variances give.
+    // Long, since the lines of all levels lean on the finest one's bins, and the curves and the coder's errors on both.
     pub fn fit(&self) -> NoiseFit {
         if !self.is_enough() {
             let (reason, why) = match self.method {
@@ -512,7 +514,8 @@ impl NoiseEvidence {
             let mut bins = if level == 0 { finest.clone() } else { self.bins(level, most_common, false) };
             let measured = bins.clone();
             if self.method == Method::Spatial && level > 0 {
-                // For estimators that look at luma, coarse noise is at most that of white noise: to take structure for noise would blind them.
+                // For estimators that look at luma, coarse noise is at most that of white noise: to take structure for noise would blind
+                // them.
                 at_most(&mut bins, &finest, (white[level] / white[0]).powi(2));
             }
             let expected = if level == 0 || self.windowed { vec![] } else { by_spectrum(&bins, &finest) };
@@ -573,10 +576,12 @@ impl NoiseEvidence {
         NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
     }
 
-    /// The spectrum that noise of single frames is taken to have. Coarse noise cannot be told from structure there, but whether a sensor with
-    /// a colour filter array made the noise can: interpolation makes neighbouring pixels alike, in all channels, where the picture is flat.
+    /// The spectrum that noise of single frames is taken to have. Coarse noise cannot be told from structure there, but whether a sensor
+    /// with a colour filter array made the noise can: interpolation makes neighbouring pixels alike, in all channels, where the picture is
+    /// flat.
     fn single_spectrum(&self) -> Spectrum {
-        /// The correlations of neighbouring values of the finest level of white noise as it is found in flat parts, and of a camera's noise.
+        /// The correlations of neighbouring values of the finest level of white noise as it is found in flat parts, and of a camera's
+        /// noise.
         const NEIGHBOURS: Range<f32> = 0.05..0.3;
         let (mut products, mut squares) = ([0.0; 3], [0.0; 3]);
         let chosen = |blocks| self.chosen(0, blocks, [1.0; 3], false);
@@ -593,8 +598,8 @@ impl NoiseEvidence {
         Spectrum::between_white_and_camera(share.clamp(0.0, 1.0))
     }
 
-    /// The blocks of a level that are known to hold nothing but noise. Where nothing moves between two frames, light may still flicker and small
-    /// things may move; that shows in the next coarser band, in which noise is weaker.
+    /// The blocks of a level that are known to hold nothing but noise. Where nothing moves between two frames, light may still flicker and
+    /// small things may move; that shows in the next coarser band, in which noise is weaker.
     fn pure_blocks(&self, level: usize) -> Vec<&LocalVariance> {
         let blocks = || self.levels[level].iter().filter(|b| b.pure);
         if self.method != Method::Temporal {
@@ -618,7 +623,8 @@ impl NoiseEvidence {
     }
 
     /// The blocks through which curves are laid: all of those that are known to hold nothing but noise, or all that were followed from
-    /// frame to frame, or the flattest ones of single frames. None for the windows of a denoiser's residual, which the paper's lines describe.
+    /// frame to frame, or the flattest ones of single frames. None for the windows of a denoiser's residual, which the paper's lines
+    /// describe.
     fn blocks(&self, pure: bool) -> [Vec<Block>; NOISE_LEVELS] {
         let block = |b: &LocalVariance, correction: [f32; 3]| Block {
             colours: b.colours,
@@ -651,8 +657,8 @@ impl NoiseEvidence {
 
     /// Adds the correlation of noise between successive frames, from three frames between which nothing moves.
     ///
-    /// For noise n whose correlation falls off as powers of r, the covariance of the differences n1 - n0 and n2 - n1 is -(1 - r) / 2 of their
-    /// variance.
+    /// For noise n whose correlation falls off as powers of r, the covariance of the differences n1 - n0 and n2 - n1 is -(1 - r) / 2 of
+    /// their variance.
     pub(super) fn add_successive(&mut self, [before, frame, next]: [&Encoded; 3]) {
         const SIDE: usize = 16;
         let (w, h) = frame.0.size();

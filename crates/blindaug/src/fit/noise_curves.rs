@@ -10,8 +10,8 @@ const POINTS: usize = 3 * NOISE_KNOTS;
 /// frames holds because the frames do not match to the last fraction of a px.
 const UNKNOWNS: usize = POINTS + 1;
 
-/// The encoded colours in a block: for each channel, the share of each of a curve's points in the mean of the curve over the block, of 255. A
-/// block at an edge has noise of both sides, which its mean colour would not tell.
+/// The encoded colours in a block: for each channel, the share of each of a curve's points in the mean of the curve over the block, of
+/// 255. A block at an edge has noise of both sides, which its mean colour would not tell.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Colours([[u8; NOISE_KNOTS]; 3]);
 
@@ -67,9 +67,9 @@ pub(super) struct Spectrum {
 }
 
 impl Spectrum {
-    /// The spectrum of white noise (share 0), of the noise of cameras with a colour filter array (share 1), or between the two. Demosaicing and
-    /// removal of noise take from fine grain, and of colour more than of brightness: coarse noise is stronger than white noise has it, and its
-    /// channels have little in common. Means over the cameras that were looked at, docs/lab-log.md.
+    /// The spectrum of white noise (share 0), of the noise of cameras with a colour filter array (share 1), or between the two.
+    /// Demosaicing and removal of noise take from fine grain, and of colour more than of brightness: coarse noise is stronger than white
+    /// noise has it, and its channels have little in common. Means over the cameras that were looked at, docs/lab-log.md.
     pub fn between_white_and_camera(share: f32) -> Self {
         const CAMERA: [f32; NOISE_LEVELS] = [1.0, 0.51, 0.32, 0.2];
         const CORRELATIONS: [(f64, f64); NOISE_LEVELS] = [(1.0, 0.0), (0.65, 0.0), (0.2, -0.1), (0.0, -0.15)];
@@ -85,8 +85,8 @@ impl Spectrum {
     }
 }
 
-/// The curves through the blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but noise.
-/// `prior`: the coarse levels follow from the finest one by this spectrum, where their blocks show more.
+/// The curves through the blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but
+/// noise. `prior`: the coarse levels follow from the finest one by this spectrum, where their blocks show more.
 pub(super) fn fit(
     levels: &[Vec<Block>; NOISE_LEVELS],
     lines: NoiseLines,
@@ -271,9 +271,9 @@ const TRIANGLES: usize = 6 * NOISE_LEVELS;
 /// The lower triangle of a symmetric or triangular matrix, by rows.
 const TRIANGLE: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
 
-/// `REANALYSED[k][i][j]`: the mean product, in level k of the pyramid of an image, of what levels i and j contributed to the image where both
-/// are those of one white noise, each with std 1. The levels of a Laplacian pyramid reach into each other. Measured on 2048 x 2048 px of
-/// white noise; a test repeats it.
+/// `REANALYSED[k][i][j]`: the mean product, in level k of the pyramid of an image, of what levels i and j contributed to the image where
+/// both are those of one white noise, each with std 1. The levels of a Laplacian pyramid reach into each other. Measured on 2048 x 2048 px
+/// of white noise; a test repeats it.
 const REANALYSED: [[[f64; NOISE_LEVELS]; NOISE_LEVELS]; NOISE_LEVELS] = [
     [
         [0.95569, 0.07481, 0.00234, 0.00003],
@@ -301,8 +301,8 @@ const REANALYSED: [[[f64; NOISE_LEVELS]; NOISE_LEVELS]; NOISE_LEVELS] = [
     ],
 ];
 
-/// The triangular matrices that mix the independent noises of each level so that the levels of the result have these covariances: Levenberg and
-/// Marquardt's iteration from the covariances' Cholesky factors. `None` if a covariance is not one.
+/// The triangular matrices that mix the independent noises of each level so that the levels of the result have these covariances:
+/// Levenberg and Marquardt's iteration from the covariances' Cholesky factors. `None` if a covariance is not one.
 fn mixing(covariances: &[[[f64; 3]; 3]; NOISE_LEVELS]) -> Option<[[[f64; 3]; 3]; NOISE_LEVELS]> {
     let scale: [f64; NOISE_LEVELS] =
         std::array::from_fn(|l| (0..3).map(|c| covariances[l][c][c]).sum::<f64>() / 3.0);

@@ -19,20 +19,20 @@ use crate::{Encoded, Flow, par};
 /// steady cameras have less.
 const EVEN: f32 = 0.2;
 
-/// So many frames before and after one, what moves unevenly does so in that frame too.
+/// The number of frames before and after a frame whose uneven motion makes the motion of that frame count as uneven.
 pub(super) const NEAR: usize = 2;
 
 /// The relative std of the speed at a frame's own time, over the change of motion.
 const SPEED_ERROR: f32 = 0.42;
 
-/// The same at a shot's ends, where the change of motion is known on one side only, over that inside.
+/// The factor of [`SPEED_ERROR`] at the ends of a shot, where the change of motion is known on one side only.
 const AT_ENDS: f32 = 1.5;
 
 /// The angles, in radians, by which the motion of an uneven frame may be turned from what the flow says.
 const ANGLES: [f32; 9] = [0.0, -0.15, 0.15, -0.3, 0.3, -0.45, 0.45, -0.6, 0.6];
 
-/// The change of what moves from one frame interval to the next, over the mean of both: a median over the pixels of which both are known.
-/// `to_next` is the flow to the next frame, `motion` that at the frame's own time.
+/// The change of the motion from one frame interval to the next over the mean speed of both: the median over the pixels whose motion is
+/// known in both. `to_next` is the flow to the next frame, `motion` that at the frame's own time.
 pub(super) fn change_of(to_next: &Flow, motion: &Flow) -> Option<f32> {
     const STEP: usize = 8;
     let (w, h) = motion.size();
@@ -49,7 +49,7 @@ pub(super) fn change_of(to_next: &Flow, motion: &Flow) -> Option<f32> {
     if changes.len() < 2 * TILE / STEP { None } else { median(changes) }
 }
 
-/// The relative std of the speed at a frame's own time, of which the motion changes by such a share; 0 if that is even.
+/// The relative std of the speed at a frame's own time if the motion changes by the share `change`; 0 if the motion is even.
 pub(super) fn speed_error(change: f32, at_end: bool) -> f32 {
     let error = SPEED_ERROR * change * if at_end { AT_ENDS } else { 1.0 };
     if change > EVEN { error } else { 0.0 }
@@ -58,17 +58,17 @@ pub(super) fn speed_error(change: f32, at_end: bool) -> f32 {
 /// The std, in radians, of the direction at a frame's own time, over the change of motion.
 const DIRECTION_ERROR: f32 = 0.4;
 
-/// The number of nats, summed over the tiles of a frame, that count as one: they err alike.
+/// The number of nats of the sum over the tiles of a frame that count as one, since the tiles err alike.
 const ALIKE: f32 = 40.0;
 
-/// The angle, in radians, by which a frame's motion is turned from this one, which changes by such a share: the likeliest one over what a part
-/// of its tiles say of direction and length of their streaks.
+/// The likeliest angle, in radians, between the motion while the shutter was open and `motion`, by the direction and the length of the
+/// streaks in a part of the frame's tiles. `change` is the share by which the motion changes.
 pub(super) fn turn(frame: &Encoded, motion: &Flow, change: f32, noise: &LumaNoise, space: BlurSpace) -> f32 {
     let mut corners = corners(frame.0.size());
-    // A checkerboard: they overlap by half, and all of them tell hardly more.
+    // Every second tile is left out, as on a checkerboard: tiles overlap by half, so the others tell hardly more.
     corners.retain(|(x, y)| (x + y) % TILE == 0);
     let tiles = turned_tiles(frame, &corners, motion, &ANGLES, space);
-    // Nats over angles and streaks' lengths in exposures, of each tile.
+    // A table for each tile: its log-likelihood in nats over the angle and over the length of the streaks.
     const LENGTHS: usize = 32;
     let tables = par::map(tiles.len(), |i| {
         let turned = tiles[i].iter().map(|tile| {
@@ -100,7 +100,8 @@ pub(super) fn turned_by(motion: &Flow, angle: f32) -> Flow {
     motion.map(|v| turned(v, angle))
 }
 
-/// What a frame's tiles together say of the exposure, in nats, where all their speeds may be off by this relative std.
+/// The log-likelihood over the exposure of all tiles of a frame, in nats, if their speeds are off by a common factor with the relative std
+/// `error`.
 pub(super) fn over_speeds(curve: &[f32], error: f32) -> Vec<f32> {
     if error <= 0.0 {
         return curve.to_vec();
