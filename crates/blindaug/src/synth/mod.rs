@@ -235,8 +235,7 @@ impl<'a> DistortedFrame<'a> {
     fn filmed(&self, Strip { rows, around }: &Strip) -> Raster<[f32; 3]> {
         let seen = if self.noise.is_some() { around } else { rows };
         let clean = self.clean(seen);
-        let noise =
-            self.noise.map(|m| noise::noise_of_rows(m, clean.clone(), seen.start, self.seed, self.number));
+        let noise = self.noise.map(|m| noise::noise_of_rows(m, &clean, seen.start, self.seed, self.number));
         let above = rows.start - seen.start;
         Raster::from_fn(self.size.0, rows.len(), |x, y| {
             let at = |image: &Raster<[f32; 3]>| image.at(x, above + y);

@@ -1,7 +1,7 @@
 //! Noise: white normal noise, shaped level by level of a Laplacian pyramid (the paper, after Walton et al. 2021).
 
 use crate::model::{NOISE_LEVELS, NoiseModel};
-use crate::{Plane, Raster, filter, pyramid};
+use crate::{Plane, Raster, filter, par, pyramid};
 use std::sync::OnceLock;
 
 /// The band-pass levels of a noise of local std 1, finest first.
@@ -12,23 +12,34 @@ pub type NoiseBands = [Raster<[f32; 3]>; NOISE_LEVELS];
 /// The noise is the same for the same `seed` and `frame` with any number of threads, and independent between seeds. Between frames it is
 /// independent but for [`NoiseModel::temporal_correlation`]. Clipping is left to the caller: see [`NoiseModel::clip`].
 pub fn noise(model: &NoiseModel, content: &Raster<[f32; 3]>, seed: u64, frame: u64) -> Raster<[f32; 3]> {
-    noise_of_rows(model, content.clone(), 0, seed, frame)
+    noise_of_rows(model, content, 0, seed, frame)
 }
 
 /// The rows of [`noise`] from `top` on, given their content; rows near the first and the last one differ from those of the whole image.
 pub(super) fn noise_of_rows(
     model: &NoiseModel,
-    mut content: Raster<[f32; 3]>,
+    content: &Raster<[f32; 3]>,
     top: usize,
     seed: u64,
     frame: u64,
 ) -> Raster<[f32; 3]> {
-    modulated(bands_of_rows(model, content.size(), top, seed, frame), |level| {
+    let mut bands = bands_of_rows(model, content.size(), top, seed, frame);
+    // The bands are scaled in place, and the content is not copied: a strip of a large frame is about 60 MB.
+    let mut smaller = None;
+    for (level, band) in bands.iter_mut().enumerate() {
         if level > 0 {
-            content = pyramid::downsample(&content);
+            smaller = Some(pyramid::downsample(smaller.as_ref().unwrap_or(content)));
         }
-        content.map(|colour| model.std_over(level, colour))
-    })
+        let content = smaller.as_ref().unwrap_or(content);
+        let width = band.width();
+        par::for_each_row(band.data_mut(), width, |y, row| {
+            for (v, &colour) in row.iter_mut().zip(content.row(y)) {
+                let std = model.std_over(level, colour);
+                *v = std::array::from_fn(|c| v[c] * std[c]);
+            }
+        });
+    }
+    collapsed(bands)
 }
 
 /// The levels of the noise of a model over content at which its std is 1: the channels are as correlated as the model's, and so are
@@ -50,7 +61,7 @@ fn bands_of_rows(model: &NoiseModel, size: (usize, usize), top: usize, seed: u64
             }
         }
     }
-    let mut bands = unit_bands_of(&white);
+    let mut bands = unit_bands_of(white);
     if let Some(curves) = model.curves() {
         for (band, level) in bands.iter_mut().zip(&curves.levels) {
             band.data_mut().iter_mut().for_each(|v| *v = level.mixed(*v));
@@ -87,6 +98,11 @@ pub fn modulated(mut bands: NoiseBands, mut std: impl FnMut(usize) -> Raster<[f3
             *b *= s;
         }
     }
+    collapsed(bands)
+}
+
+/// The sum of the levels at full resolution; the remaining low-pass is 0.
+fn collapsed(bands: NoiseBands) -> Raster<[f32; 3]> {
     let (w, h) = bands[NOISE_LEVELS - 1].size();
     pyramid::collapse(bands.into(), Raster::filled(w.div_ceil(2), h.div_ceil(2), [0.0; 3]))
 }
@@ -104,7 +120,7 @@ pub fn tileable_bands(side: usize, seed: u64) -> NoiseBands {
     let wrapped = |i: usize| (i + side - MARGIN % side) % side;
     let around = side + 2 * MARGIN;
     let white = Raster::from_fn(around, around, |x, y| tile.at(wrapped(x), wrapped(y)));
-    let bands = unit_bands_of(&white);
+    let bands = unit_bands_of(white);
     std::array::from_fn(|level| {
         let enlarged = |band: Raster<[f32; 3]>, finer: &Raster<[f32; 3]>| {
             pyramid::upsample(&band, finer.width(), finer.height())
@@ -123,11 +139,12 @@ pub const LEAST_STD: f32 = 0.2;
 
 /// The Laplacian pyramid of white normal noise, each level divided by its own local std.
 pub fn unit_bands(width: usize, height: usize, seed: u64, frame: u64) -> NoiseBands {
-    unit_bands_of(&white_noise((width, height), 0, seed, frame))
+    unit_bands_of(white_noise((width, height), 0, seed, frame))
 }
 
-fn unit_bands_of(white: &Raster<[f32; 3]>) -> NoiseBands {
-    let (bands, _) = pyramid::laplacian(white, NOISE_LEVELS);
+fn unit_bands_of(white: Raster<[f32; 3]>) -> NoiseBands {
+    let (bands, _) = pyramid::laplacian(&white, NOISE_LEVELS);
+    drop(white);
     let mut bands = bands.into_iter();
     let usual_std = white_band_std();
     std::array::from_fn(|level| {
