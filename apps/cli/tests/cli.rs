@@ -6,6 +6,7 @@ mod networks;
 
 use blindaug::{
     CameraModel,
+    export::Target,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
         NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera,
@@ -500,21 +501,8 @@ fn a_camera_is_exported_to_standard_output_to_a_file_and_to_all_tools() {
     write_camera(dir.path().join("camera.json"), &camera(64, 48, DepthKind::Metric)).unwrap();
     let list = succeeds(dir.path(), "export --list");
     let help = succeeds(dir.path(), "help export");
-    let targets = [
-        "unity-urp",
-        "unity-hdrp",
-        "unreal",
-        "godot",
-        "bevy",
-        "blender",
-        "three",
-        "filament",
-        "nuke",
-        "av1-grain",
-        "texture",
-    ];
-    for target in targets {
-        assert!(list.contains(&format!("{target}\n")) && help.contains(target), "{target}");
+    for target in Target::ALL {
+        assert!(list.contains(&format!("{target}\n")) && help.contains(target.name()), "{target}");
         let output = run(dir.path(), &format!("export camera.json --to {target}"));
         assert!(output.status.success() && !output.stdout.is_empty(), "{target}: {}", text(&output.stderr));
         assert!(text(&output.stderr).contains("note: "), "{target} says nothing of what is lost");
@@ -534,8 +522,8 @@ fn a_camera_is_exported_to_standard_output_to_a_file_and_to_all_tools() {
     assert_eq!(read_frame(dir.path().join("blindaug_grain.png")).unwrap().0.size(), (512, 512));
 
     succeeds(dir.path(), "export camera.json --to all -o tools");
-    for target in targets {
-        assert!(dir.path().join("tools").join(target).read_dir().unwrap().count() > 0, "{target}");
+    for target in Target::ALL {
+        assert!(dir.path().join("tools").join(target.name()).read_dir().unwrap().count() > 0, "{target}");
     }
     succeeds(dir.path(), "export camera.json --to nuke -o tools");
     assert!(dir.path().join("tools/blindaug_camera.nk").is_file(), "a folder gets the tool's own names");

@@ -85,8 +85,7 @@ pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn
         }
     }
     let track = track.map(|m| m.scaled_to(width, height));
-    // Sharpening that was not found in the footage needs no warning.
-    for distortion in Distortion::ALL.into_iter().filter(|&d| d != Distortion::Sharpening) {
+    for distortion in Distortion::ALL.into_iter().filter(|d| d.in_every_camera()) {
         if let Some(why) = track.why_unknown(distortion) {
             observer.warning(&format!("{} is unknown and not applied: {why}", distortion.name()));
         }

@@ -29,12 +29,20 @@ pub fn table(track: &CameraTrack) -> String {
         Some(DepthKind::Metric) => "in focus at, m",
         _ => "in focus at, relative",
     };
-    let row = |cells: [&str; 6]| {
+    let own_columns = [Distortion::Defocus, Distortion::MotionBlur, Distortion::Noise];
+    let others: Vec<Distortion> = Distortion::ALL
+        .into_iter()
+        .filter(|d| !own_columns.contains(d) && frames.iter().any(|f| f.camera.basis(*d).is_some()))
+        .collect();
+    let row = |cells: [&str; 6], others: &[String]| {
         let [frame, exposure, sigma, focus, noise, changed] = cells;
-        let line = format!("{frame:>7}  {exposure:<18}  {sigma:<15}  {focus:<21}  {noise:<12}  {changed}");
+        let others: String = others.iter().map(|cell| format!("{cell:<18}  ")).collect();
+        let line =
+            format!("{frame:>7}  {exposure:<18}  {sigma:<15}  {focus:<21}  {noise:<12}  {others}{changed}");
         format!("{}\n", line.trim_end())
     };
-    text += &row(["frame", "exposure", "px at infinity", lens, "noise, /255", "changed"]);
+    let names: Vec<String> = others.iter().map(|d| d.name().into()).collect();
+    text += &row(["frame", "exposure", "px at infinity", lens, "noise, /255", "changed"], &names);
     let step = (frames.len() - 1).div_ceil(ROWS - 1).max(1);
     let shown =
         (0..).zip(frames).filter(|(i, f)| i % step == 0 || *i == frames.len() - 1 || !f.changed.is_empty());
@@ -49,14 +57,17 @@ pub fn table(track: &CameraTrack) -> String {
         let noise = f.camera.noise.known().map(|n| 255.0 * n.total_std(0.5)[1]);
         let changed: Vec<&str> =
             Distortion::ALL.into_iter().filter(|d| f.changed.of(*d)).map(changed_name).collect();
-        text += &row([
+        let other = |&d: &Distortion| f.camera.parameters(d).first().map_or_else(unknown, first_number);
+        let others: Vec<String> = others.iter().map(other).collect();
+        let cells = [
             &f.frame.to_string(),
             &exposure,
             &number(facts.as_ref().and_then(|d| d.sigma_px_at_infinity)),
             &number(focus),
             &number(noise),
             &changed.join(", "),
-        ]);
+        ];
+        text += &row(cells.map(String::as_str), &others);
     }
     text += "\nIntervals are 95 %; noise is the std of green at luminance 0.5, in steps of 8 bit.\n";
     text
@@ -190,11 +201,14 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
     writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
 }
 
-/// Writes the parameters of a distortion that has no text of its own; nothing if they are unknown.
+/// Writes the parameters of a distortion that has no text of its own; nothing if it is unknown and not every camera has it.
 fn other_words(text: &mut String, model: &CameraModel, distortion: Distortion) -> std::fmt::Result {
-    let Some((method, samples)) = model.basis(distortion) else { return Ok(()) };
     let name = distortion.name();
     let mut head = name[..1].to_uppercase() + &name[1..];
+    if let Some(why) = model.why_unknown(distortion).filter(|_| distortion.in_every_camera()) {
+        writeln!(text, "{head:<10} unknown: {why}")?;
+    }
+    let Some((method, samples)) = model.basis(distortion) else { return Ok(()) };
     for Parameter { name, unit, value, interval: i, .. } in model.parameters(distortion) {
         let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
         let known_to = i.map_or(String::new(), |i| format!(" ({})", interval(i)));
@@ -225,13 +239,15 @@ pub fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
                 ("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}"))
             })),
             other => {
-                let value = |p: Parameter| with_interval(p.value, p.interval.unwrap_or([p.value; 2]));
-                let first = camera.parameters(other).into_iter().next();
-                rows.extend(first.map(|p| (other.name(), value(p))));
+                rows.extend(camera.parameters(other).first().map(|p| (other.name(), first_number(p))));
             }
         }
     }
     rows
+}
+
+fn first_number(p: &Parameter) -> String {
+    with_interval(p.value, p.interval.unwrap_or([p.value; 2]))
 }
 
 fn lens_rows(lens: &DefocusModel) -> Vec<(&'static str, String)> {
@@ -274,9 +290,10 @@ pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     if let Some(stopped) = &model.stopped {
         value["stopped"] = json!(stopped);
     }
-    // The other distortions that are known are written as in camera.json.
+    // The other distortions are written as in camera.json.
     let file = json!(model);
-    for distortion in Distortion::ALL.into_iter().filter(|&d| model.why_unknown(d).is_none()) {
+    let written = |d: &Distortion| d.in_every_camera() || model.why_unknown(*d).is_none();
+    for distortion in Distortion::ALL.into_iter().filter(written) {
         let key = distortion.name().replace(' ', "_");
         if value.get(&key).is_none() {
             value[&key] = file[&key].clone();

@@ -123,7 +123,7 @@ fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
             let (p, size, most) = (v("\n center"), v("\n size"), v("\n max_size"));
             Box::new(move |z| 0.5 * (size * (1.0 - p / z).abs()).min(most))
         }
-        Target::Av1Grain | Target::Texture => panic!("{target} has no blur"),
+        _ => panic!("{target} has no blur"),
     }
 }
 

@@ -154,11 +154,25 @@ impl Camera {
         }
         let model = model.scaled_to(width, height);
         let mut left = vec![];
-        // No tool sharpens as cameras do, so that there is nothing to leave at its default.
-        for distortion in Distortion::ALL.into_iter().filter(|&d| d != Distortion::Sharpening) {
-            if let Some(why) = model.why_unknown(distortion) {
-                let effect = effect(distortion);
-                left.push(format!("{effect} is left at the tool's default, since it is unknown: {why}"));
+        for distortion in Distortion::ALL {
+            let exported = match distortion {
+                Distortion::Defocus | Distortion::MotionBlur | Distortion::Noise => true,
+                // No tool sharpens as cameras do.
+                _ => false,
+            };
+            match (model.why_unknown(distortion), model.parameters(distortion).first()) {
+                (Some(why), _) if exported => {
+                    let effect = effect(distortion);
+                    left.push(format!("{effect} is left at the tool's default, since it is unknown: {why}"));
+                }
+                (None, Some(p)) if !exported => left.push(format!(
+                    "the camera's own {} ({} {:.2}{}) is not exported",
+                    distortion.name(),
+                    p.name,
+                    p.value,
+                    if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) },
+                )),
+                _ => {}
             }
         }
         let mut defocus = model.defocus.known().copied();
@@ -183,9 +197,6 @@ impl Camera {
                 "blur was fitted in encoded values; in linear light, as tools blur, highlights come out brighter"
                     .into(),
             );
-        }
-        if let Some(s) = model.sharpening.known() {
-            left.push(format!("the camera's own sharpening (amount {:.2}) is not exported", s.amount));
         }
         Ok(Self {
             width,

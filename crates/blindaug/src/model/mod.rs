@@ -69,6 +69,15 @@ impl Distortion {
             Self::Noise => "the sensor",
         }
     }
+
+    /// Whether every camera has this distortion, more or less of it: then the user is told when it is unknown. Of the others, an unknown one
+    /// counts as absent.
+    pub fn in_every_camera(self) -> bool {
+        match self {
+            Self::Defocus | Self::MotionBlur | Self::Noise => true,
+            Self::Sharpening => false,
+        }
+    }
 }
 
 /// Everything that is known of a camera's noise, motion blur, defocus and sharpening.
@@ -154,23 +163,37 @@ impl CameraModel {
 
     /// The model with its distortions scaled to frames that are `s` times as wide.
     fn scaled(self, s: f32) -> Self {
+        // No field is left to `..self`, so that a distortion that is added cannot be forgotten here.
+        let Self { format, version, capture, stopped, transfer, blur_space, .. } = self;
         Self {
+            format,
+            version,
+            capture,
+            stopped,
+            transfer,
+            blur_space,
             defocus: self.defocus.map(|m| m.scaled(s)),
             motion_blur: self.motion_blur.map(|m| m.scaled(s)),
             sharpening: self.sharpening.map(|m| m.scaled(s)),
             noise: self.noise.map(|m| m.scaled(s)),
-            ..self
         }
     }
 
     /// Interpolates between two models: `self` at t = 0, `other` at t = 1. A part that is unknown in one is taken from the other.
     fn between(&self, other: &Self, t: f32) -> Self {
+        let Self { format, version, capture, stopped, transfer, blur_space, .. } =
+            *if t < 0.5 { self } else { other };
         Self {
+            format,
+            version,
+            capture,
+            stopped,
+            transfer,
+            blur_space,
             defocus: between(&self.defocus, &other.defocus, t),
             motion_blur: between(&self.motion_blur, &other.motion_blur, t),
             sharpening: between(&self.sharpening, &other.sharpening, t),
             noise: between(&self.noise, &other.noise, t),
-            ..if t < 0.5 { self.clone() } else { other.clone() }
         }
     }
 
