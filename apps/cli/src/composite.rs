@@ -10,10 +10,11 @@ use blindaug_cli::{
 use blindaug_io::{Error, FrameRange, Inputs, SideFolder, read_camera_track};
 use blindaug_pipeline::{
     Made, Output,
-    composite::{self, DepthMaps, Rendered, Scene, fitted_to, in_metres, naive},
+    composite::{self, DepthMaps, Rendered, Scene, UnknownExposure, fitted_to, in_metres, naive},
     footage::check_match,
 };
 use blindaug_report::words::count;
+use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 
 /// Composite a rendered object into footage so that it looks filmed by the same camera
@@ -110,8 +111,28 @@ struct Look {
     /// Relates a model in relative inverse depth d to metres: d = S / Z + O
     #[arg(long, value_name = "S[,O]", value_parser = scene_scale)]
     scene_scale: Option<SceneScale>,
+    /// What to apply of an exposure that is unknown
+    #[arg(long, value_enum, default_value = "leave")]
+    unknown: UnknownArg,
     #[command(flatten)]
     style: Style,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum UnknownArg {
+    /// Nothing: no motion blur
+    Leave,
+    /// The middle of the exposures that fit
+    Middle,
+}
+
+impl Look {
+    fn unknown_exposure(&self) -> UnknownExposure {
+        match self.unknown {
+            UnknownArg::Leave => UnknownExposure::Left,
+            UnknownArg::Middle => UnknownExposure::Middle,
+        }
+    }
 }
 
 /// Parses S or S,O.
@@ -160,7 +181,8 @@ pub fn run(args: &Composite) -> Result<()> {
     scene.check()?;
     let track = match &args.camera {
         Some(path) if !args.naive => {
-            let track = fitted_to(read_camera_track(path)?, &shown(path), &*scene.footage, CONSOLE);
+            let unknown = args.look.unknown_exposure();
+            let track = fitted_to(read_camera_track(path)?, &shown(path), &*scene.footage, unknown, CONSOLE);
             in_metres(track, &shown(path), scale)?
         }
         _ => naive(size).into(),
@@ -183,7 +205,8 @@ pub fn run_apply(args: &Apply) -> Result<()> {
     };
     check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
     check_match(&clip, flow.as_ref().map(|f| f as _))?;
-    let track = fitted_to(read_camera_track(&args.camera)?, &shown(&args.camera), &clip, CONSOLE);
+    let (track, unknown) = (read_camera_track(&args.camera)?, args.look.unknown_exposure());
+    let track = fitted_to(track, &shown(&args.camera), &clip, unknown, CONSOLE);
     let CompositeOptions { no_noise, bokeh, seed, .. } = args.look.style.options();
     let options = SynthesisOptions { bokeh, no_noise, seed };
     let (size, fps) = (clip.size(), clip.fps());

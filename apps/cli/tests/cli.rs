@@ -9,7 +9,7 @@ use blindaug::{
     export::Target,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera,
+        NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera, Unknown,
     },
 };
 use blindaug_io::{read_frame, write_camera};
@@ -493,6 +493,47 @@ fn a_model_in_relative_depth_needs_a_scale() {
             .fold(0.0, f32::max);
     assert!(differ < 1.5 / 255.0, "{differ}");
     succeeds(d, &arguments("relative.json", "n", "--naive"));
+}
+
+#[test]
+fn an_unknown_exposure_is_left_or_its_middle_applied() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let known = camera(272, 272, DepthKind::Metric);
+    assert_eq!(known.motion_blur.known().unwrap().exposure.0, 0.5);
+    write_camera(d.join("known.json"), &known).unwrap();
+    let unknown = |fits: Option<[f32; 2]>| {
+        let why = Unknown { fits, ..Unknown::new(Reason::Uncertain, "too little moves") };
+        let mut camera = known.clone();
+        camera.motion_blur = Estimate::Unknown(why);
+        camera
+    };
+    write_camera(d.join("fits.json"), &unknown(Some([0.3, 0.7]))).unwrap();
+    write_camera(d.join("nothing.json"), &unknown(None)).unwrap();
+    let composite = |camera: &str, out: &str, more: &str| {
+        let arguments =
+            format!("composite {} --camera {camera} -o {out} --frames 3..3 {more}", demo_arguments());
+        let output = run(d, &arguments);
+        let said = text(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        (read_frame(d.join(out).join("0003.png")).unwrap(), said)
+    };
+    let (blurred, _) = composite("known.json", "a", "");
+    let (middle, said) = composite("fits.json", "b", "--unknown middle");
+    assert!(said.contains("0.50 is applied, the middle of 0.30 to 0.70"), "{said}");
+    assert_eq!(middle, blurred);
+    let (left, said) = composite("fits.json", "c", "");
+    assert!(said.contains("motion blur is unknown and not applied"), "{said}");
+    assert_ne!(left, blurred);
+    let (nothing, said) = composite("nothing.json", "e", "--unknown middle");
+    assert!(said.contains("does not tell which exposures fit"), "{said}");
+    assert_eq!(nothing, left);
+    // A range that is none is refused.
+    let text = std::fs::read_to_string(d.join("fits.json")).unwrap();
+    assert!(text.contains("0.7"));
+    std::fs::write(d.join("wrong.json"), text.replace("0.7", "7.0")).unwrap();
+    let said = fails(d, "inspect wrong.json");
+    assert!(said.contains("wrong.json: ") && said.contains("motion_blur.fits"), "{said}");
 }
 
 #[test]

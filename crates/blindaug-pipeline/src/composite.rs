@@ -10,7 +10,7 @@ use crate::{
 use blindaug::{
     CameraModel, Encoded, Flow, Frame, Linear, Plane, Transfer,
     composite::{self, CompositeOptions, Plate, VirtualLayer},
-    model::{CameraTrack, Capture, DepthKind, Distortion, Estimate, Reason, SceneScale},
+    model::{CameraTrack, Capture, DepthKind, Distortion, Estimate, MotionBlurModel, Reason, SceneScale},
     synth::{self, SynthesisOptions, distorted_strips},
 };
 use std::collections::BTreeSet;
@@ -69,8 +69,24 @@ pub fn in_metres(track: CameraTrack, name: &str, scale: Option<SceneScale>) -> R
     }
 }
 
+/// What is applied of an exposure that is unknown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UnknownExposure {
+    /// No motion blur is applied.
+    #[default]
+    Left,
+    /// The middle of the exposures that fit is applied, where the footage tells which fit ([`MotionBlurModel::middle`]).
+    Middle,
+}
+
 /// Scales the models to a clip's frames, and tells the observer which distortions are not applied. Messages call the models `name`.
-pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn Observer) -> CameraTrack {
+pub fn fitted_to(
+    track: CameraTrack,
+    name: &str,
+    clip: &dyn Clip,
+    unknown: UnknownExposure,
+    observer: &dyn Observer,
+) -> CameraTrack {
     let (width, height) = clip.size();
     let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
     if (w, h) != (width, height) {
@@ -84,13 +100,42 @@ pub fn fitted_to(track: CameraTrack, name: &str, clip: &dyn Clip, observer: &dyn
             );
         }
     }
-    let track = track.map(|m| m.scaled_to(width, height));
+    let mut track = track.map(|m| m.scaled_to(width, height));
+    if unknown == UnknownExposure::Middle {
+        track = with_middle_exposure(track, observer);
+    }
     for distortion in Distortion::ALL.into_iter().filter(|d| d.in_every_camera()) {
         if let Some(why) = track.why_unknown(distortion) {
             observer.warning(&format!("{} is unknown and not applied: {why}", distortion.name()));
         }
     }
     track
+}
+
+/// The models with the middle of the exposures that fit in place of an unknown exposure.
+fn with_middle_exposure(track: CameraTrack, observer: &dyn Observer) -> CameraTrack {
+    let of = |camera: &CameraModel| camera.motion_blur.why_unknown().and_then(MotionBlurModel::middle);
+    let frames = track.frames();
+    let taken: Vec<MotionBlurModel> = frames.iter().filter_map(|f| of(&f.camera)).collect();
+    let unknown = frames.iter().filter(|f| f.camera.motion_blur.known().is_none()).count();
+    match taken.as_slice() {
+        [] if unknown > 0 => observer.warning("the footage does not tell which exposures fit, so that they have no middle"),
+        [one] if frames.len() == 1 => observer.note(&format!(
+            "the exposure is unknown; {:.2} is applied, the middle of {:.2} to {:.2}, which all fit",
+            one.exposure.0, one.interval[0], one.interval[1]
+        )),
+        [] => {}
+        some => observer.note(&format!(
+            "in {} of {unknown} frames with an unknown exposure, the middle of the exposures that fit is applied",
+            some.len()
+        )),
+    }
+    track.map(|mut m| {
+        if let Some(middle) = of(&m) {
+            m.motion_blur = Estimate::Known(middle);
+        }
+        m
+    })
 }
 
 /// Warns once of each effect of missing data.

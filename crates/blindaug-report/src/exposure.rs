@@ -20,7 +20,13 @@ pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics
                     (parameter_table(&shutter_parameters(m, model.capture.fps)))
                     (basis(m.samples, blur_samples(m.method), m.method))
                 }
-                Estimate::Unknown(why) => (unknown(Distortion::MotionBlur, why)),
+                Estimate::Unknown(why) => {
+                    (unknown(Distortion::MotionBlur, why))
+                    @if let Some(m) = MotionBlurModel::middle(why) { p.soft {
+                        "A composite that shall have motion blur nevertheless can take the middle of the exposures that fit, "
+                        (number(m.exposure.0.into())) " of the frame interval."
+                    } }
+                },
             }
             @match curve {
                 Some(plot) => figure { (plot) figcaption {

@@ -8,7 +8,7 @@ use super::likelihood::{
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
 use super::uneven::over_speeds;
-use crate::model::{Estimate, ExposureFraction, Reason};
+use crate::model::{Estimate, ExposureFraction, Reason, Unknown};
 use crate::{Error, Result, par};
 use std::collections::BTreeMap;
 
@@ -252,7 +252,8 @@ pub fn exposure_of(
             (false, false) => Reason::Uncertain,
         };
         let why = format!("{why}: exposures from {:.2} to {:.2} all fit", interval[0], interval[1]);
-        return Ok(Estimate::unknown(reason, why));
+        let fits = interval.map(|v| v.clamp(0.0, 1.0));
+        return Ok(Estimate::Unknown(Unknown::new(reason, why).with_fits(fits)));
     }
     let max = sum.iter().copied().fold(f32::MIN, f32::max);
     Ok(Estimate::Known(ExposureFit {

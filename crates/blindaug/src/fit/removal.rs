@@ -19,7 +19,7 @@ use super::noise::NoiseLine;
 use super::robust::median;
 use super::tiles::{SPEEDS, TILE, block_of};
 use super::{agreement, tiles};
-use crate::model::{BlurSpace, Estimate, ExposureFraction, Reason};
+use crate::model::{BlurSpace, Estimate, ExposureFraction, Reason, Unknown};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Plane, Raster, Result, Transfer, filter, par, raster};
 
@@ -493,7 +493,8 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
     if high - low > agreement::MAX_UNCERTAINTY {
         let why =
             format!("too little in the frames moves to tell: exposures from {low:.2} to {high:.2} all fit");
-        return Estimate::unknown(Reason::Uncertain, why);
+        let fits = [low.max(0.0), high];
+        return Estimate::Unknown(Unknown::new(Reason::Uncertain, why).with_fits(fits));
     }
     let per_frame = (0..frames.len())
         .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= 6)

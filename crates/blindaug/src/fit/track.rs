@@ -453,6 +453,7 @@ impl Tracker {
     fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
         let memory = &mut self.exposure;
         memory.fade();
+        let mut fits = None;
         if !found.is_empty() {
             let mut evidence = vec![0.0; memory.old.len()];
             let (curves, moments) = evidence.split_at_mut(CURVES);
@@ -482,6 +483,9 @@ impl Tracker {
             let interval =
                 agreement::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
             let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
+            if tiles >= 6.0 && possible {
+                fits = Some(interval.map(|v| v.clamp(0.0, 1.0)));
+            }
             if tiles >= 6.0 && possible && interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY {
                 memory.age = 0;
                 self.known.exposure = Some(MotionBlurModel {
@@ -494,7 +498,7 @@ impl Tracker {
         }
         let Some(known) = self.known.exposure else {
             let why = "in this shot so far, too little has moved, or what moved has too little texture";
-            return Estimate::unknown(Reason::NoMotion, why);
+            return Estimate::Unknown(Unknown { fits, ..Unknown::new(Reason::NoMotion, why) });
         };
         let [low, high] = walked(known.interval, known.exposure.0, WALK_EXPOSURE, memory.age);
         Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known })

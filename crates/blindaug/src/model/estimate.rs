@@ -13,12 +13,15 @@ pub enum Estimate<T> {
 }
 
 /// The reason why a part of the model is unknown.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Unknown {
     /// The reason for programs.
     pub reason: Reason,
     /// The reason for people: one clause without a full stop. A sentence read from a file is one printable line ([`text::one_line`]).
     pub sentence: String,
+    /// The lowest and the highest value of the distortion's most important number that fit the footage, in that number's unit; `None` if the
+    /// footage does not even tell that.
+    pub fits: Option<[f32; 2]>,
 }
 
 /// The kinds of reasons for which something is unknown.
@@ -59,7 +62,12 @@ pub enum Reason {
 impl Unknown {
     /// An unknown part with a reason for programs and a sentence for people.
     pub fn new(reason: Reason, sentence: impl Into<String>) -> Self {
-        Self { reason, sentence: sentence.into() }
+        Self { reason, sentence: sentence.into(), fits: None }
+    }
+
+    /// The same, with the range of values that fit.
+    pub fn with_fits(self, fits: [f32; 2]) -> Self {
+        Self { fits: Some(fits), ..self }
     }
 }
 
@@ -114,6 +122,8 @@ struct UnknownInFile {
     unknown: String,
     #[serde(default, skip_serializing_if = "is_other")]
     reason: Reason,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fits: Option<[f32; 2]>,
 }
 
 fn is_other(reason: &Reason) -> bool {
@@ -122,7 +132,7 @@ fn is_other(reason: &Reason) -> bool {
 
 impl Serialize for Unknown {
     fn serialize<S: Serializer>(&self, s: S) -> std::result::Result<S::Ok, S::Error> {
-        UnknownInFile { unknown: self.sentence.clone(), reason: self.reason }.serialize(s)
+        UnknownInFile { unknown: self.sentence.clone(), reason: self.reason, fits: self.fits }.serialize(s)
     }
 }
 
@@ -141,8 +151,8 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for Estimate<T> {
         let value = serde_json::Value::deserialize(d)?;
         let custom = |e: serde_json::Error| serde::de::Error::custom(e);
         Ok(if value.get("unknown").is_some() {
-            let UnknownInFile { unknown, reason } = serde_json::from_value(value).map_err(custom)?;
-            Self::unknown(reason, text::one_line(&unknown))
+            let UnknownInFile { unknown, reason, fits } = serde_json::from_value(value).map_err(custom)?;
+            Self::Unknown(Unknown { reason, sentence: text::one_line(&unknown), fits })
         } else {
             Self::Known(serde_json::from_value(value).map_err(custom)?)
         })
@@ -166,5 +176,9 @@ mod tests {
             assert_eq!(serde_json::to_string(&read).unwrap(), r#"{"unknown":"x"}"#);
         }
         assert_eq!(serde_json::from_str::<Number>("1.5").unwrap(), Estimate::Known(1.5));
+        let between = Number::Unknown(Unknown::new(Reason::Uncertain, "x").with_fits([0.25, 0.75]));
+        let text = serde_json::to_string(&between).unwrap();
+        assert_eq!(text, r#"{"unknown":"x","reason":"uncertain","fits":[0.25,0.75]}"#);
+        assert_eq!(serde_json::from_str::<Number>(&text).unwrap(), between);
     }
 }

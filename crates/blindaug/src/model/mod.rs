@@ -251,6 +251,11 @@ impl CameraModel {
         let Capture { width, height, fps, .. } = self.capture;
         check(width > 0 && height > 0, "capture.width and capture.height must be at least 1 px")?;
         check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
+        let fits = self.motion_blur.why_unknown().and_then(|why| why.fits);
+        check(
+            fits.is_none_or(|[low, high]| 0.0 <= low && low <= high && high <= 1.0),
+            "motion_blur.fits must be two rising numbers from 0 to 1",
+        )?;
         Distortion::ALL.into_iter().filter_map(|d| self.known(d).ok()).try_for_each(|model| model.validate())
     }
 

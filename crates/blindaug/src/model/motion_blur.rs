@@ -1,5 +1,5 @@
 use super::distortion::DistortionModel;
-use super::{Method, Parameter, check, lerp, lerp_all};
+use super::{Method, Parameter, Unknown, check, lerp, lerp_all};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -36,6 +36,13 @@ impl MotionBlurModel {
     /// A model of an exposure that is known beforehand.
     pub fn given(exposure: ExposureFraction) -> Self {
         Self { exposure, interval: [exposure.0; 2], method: Method::Given, samples: 0 }
+    }
+
+    /// The middle of the exposures that fit, where the exposure is unknown: a composite without motion blur looks pasted on, one whose
+    /// motion blur is somewhat off does not. `None` where the footage does not tell which exposures fit.
+    pub fn middle(why: &Unknown) -> Option<Self> {
+        let interval @ [low, high] = why.fits?;
+        Some(Self { interval, ..Self::given(ExposureFraction(0.5 * (low + high))) })
     }
 }
 
