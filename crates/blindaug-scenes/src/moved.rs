@@ -4,7 +4,7 @@
 //! averaged have an exposure that is known but for the video's own.
 
 use crate::measure::{Value, median};
-use blindaug::analysis::cuts::cut_between;
+use blindaug::analysis::{cuts::cut_between, flow::FlowEstimator};
 use blindaug::{Encoded, Linear, Raster, Result, Transfer};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use rand_distr::{Distribution, Normal};
@@ -205,6 +205,16 @@ pub const AVERAGED: [(usize, usize); 8] = [(1, 4), (2, 4), (3, 4), (4, 4), (2, 8
 /// The fewest and the most averaged frames of a piece of a video.
 const FRAMES_OF_FILM: std::ops::RangeInclusive<usize> = 5..=6;
 
+/// The speed, px from one frame of the video to the next, above which averaged frames show ghosts beside each other rather than a streak:
+/// copies that are s px apart repeat a streak's spectrum at 1/s cycles per px, and up to 0.35 cycles per px are looked at.
+pub const GHOSTS_PX: f32 = 2.0;
+
+/// The number of frames from one of which the speed is measured to the next.
+const SPEED_EVERY: usize = 5;
+
+/// The slowest that counts as moving, px from one frame of the video to the next.
+const MOVES_PX: f32 = 0.3;
+
 /// Averaged frames of a piece of a video.
 pub struct Film {
     /// The number of the first frame of the video.
@@ -224,6 +234,10 @@ pub struct FilmMaker {
     first: usize,
     means: Vec<Vec<Averaged>>,
     last: Option<Encoded>,
+    /// The speeds in the current piece, px a frame, each exceeded by a tenth of what moves.
+    speeds: Vec<f32>,
+    flow: FlowEstimator,
+    too_fast: usize,
 }
 
 impl FilmMaker {
@@ -236,6 +250,17 @@ impl FilmMaker {
         let frame = reduced(frame.to_linear(Transfer::Srgb)).to_encoded(Transfer::Srgb);
         let cut = self.last.as_ref().map_or(Ok(false), |last| cut_between(last, &frame))?;
         let films = if cut || self.given - self.first == longest { self.finish() } else { vec![] };
+        if let Some(last) = &self.last
+            && !cut
+            && self.given % SPEED_EVERY == 1
+        {
+            let pair = self.flow.flow_with_occlusion(&last.luma(), &frame.luma())?;
+            let known = pair.forward.data().iter().zip(pair.occluded.data()).filter(|(_, hidden)| !**hidden);
+            let mut moving: Vec<f32> =
+                known.map(|([u, v], _)| u.hypot(*v)).filter(|s| *s > MOVES_PX).collect();
+            moving.sort_by(f32::total_cmp);
+            self.speeds.extend(moving.get(moving.len() * 9 / 10));
+        }
         self.means.resize_with(AVERAGED.len(), Vec::new);
         let at = self.given - self.first;
         let light = frame.to_linear(Transfer::Srgb).0;
@@ -251,9 +276,20 @@ impl FilmMaker {
         Ok(films)
     }
 
-    /// The averaged frames of the current piece; a new piece begins.
+    /// The number of pieces that were left out, since what moves in them is too fast ([`GHOSTS_PX`]).
+    pub fn too_fast(&self) -> usize {
+        self.too_fast
+    }
+
+    /// The averaged frames of the current piece, none if what moves in it is too fast ([`GHOSTS_PX`]); a new piece begins.
     pub fn finish(&mut self) -> Vec<Film> {
         let first = std::mem::replace(&mut self.first, self.given);
+        let speed = median(std::mem::take(&mut self.speeds));
+        if speed.is_some_and(|speed| speed > GHOSTS_PX) {
+            self.means.clear();
+            self.too_fast += 1;
+            return vec![];
+        }
         let films = AVERAGED.iter().zip(std::mem::take(&mut self.means)).map(|(&(averaged, of), means)| {
             let whole = means.iter().filter(|m| m.frames == averaged);
             Film { first, averaged, of, frames: whole.map(Averaged::frame).collect() }
@@ -449,6 +485,24 @@ mod tests {
         assert!((mean - Transfer::Srgb.encode(light)).abs() < 0.003 && (mean - 0.1).abs() > 0.02, "{mean}");
         let single = of(1, 4).next().expect("the first shot").frames[0].0.at(9, 9)[0];
         assert!(single.abs() < 0.003, "{single}");
+    }
+
+    #[test]
+    fn a_video_that_would_make_ghosts_is_left_out() {
+        let films = |px_a_frame: usize| {
+            let mut maker = FilmMaker::default();
+            for t in 0..24 {
+                let texture = |x: usize, y: usize| {
+                    let (x, y) = ((x + px_a_frame * t) as f32, y as f32);
+                    0.5 + 0.2 * (0.3 * x + 0.1 * y).sin() + 0.2 * (0.11 * x - 0.25 * y).cos()
+                };
+                let frame = Encoded(Raster::from_fn(160, 120, |x, y| [texture(x, y); 3]));
+                assert!(maker.push(&frame).unwrap().is_empty());
+            }
+            (maker.finish().len(), maker.too_fast())
+        };
+        // Of eight ways of averaging, four have at least five frames.
+        assert_eq!([1, 5].map(films), [(4, 0), (0, 1)]);
     }
 
     #[test]

@@ -4,9 +4,10 @@ use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::{Encoded, Transfer};
 use blindaug_cli::console::{self, Progress, Result, failure, note};
 use blindaug_io::{FrameRange, FrameSource, Inputs, read_frame, write_atomically};
+use blindaug_report::words::count;
 use blindaug_scenes::measure::Value;
 use blindaug_scenes::moved::{
-    Course, Film, FilmMaker, Filming, Found, Hand, film, of_averaged, reduced, table,
+    Course, Film, FilmMaker, Filming, Found, GHOSTS_PX, Hand, film, of_averaged, reduced, table,
 };
 use std::path::{Path, PathBuf};
 
@@ -128,8 +129,23 @@ fn of_film(clip: &Path) -> Result<Vec<Found>> {
         all.extend(maker.finish().iter().map(of).collect::<Result<Vec<Found>>>()?);
     }
     drop(progress);
+    let too_fast = maker.too_fast();
+    if all.is_empty() && too_fast > 0 {
+        return Err(failure(
+            clip,
+            format_args!(
+                "what moves does so by more than {GHOSTS_PX} px a frame, and averaged frames would show ghosts rather than streaks; give a video of slower motion or of more frames a second"
+            ),
+        ));
+    }
     if all.is_empty() {
         return Err(failure(clip, "it has no 24 frames without a cut"));
+    }
+    if too_fast > 0 {
+        note(format_args!(
+            "{} left out: what moves does so by more than {GHOSTS_PX} px a frame, and averaged frames would show ghosts rather than streaks",
+            count(too_fast as u64, "piece")
+        ));
     }
     Ok(all)
 }
