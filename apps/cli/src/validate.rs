@@ -34,7 +34,7 @@ pub struct Validate {
     /// Scenes; each is filmed with every setting by two cameras, the project's synthesis and one of physics
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=1000))]
     scenes: u64,
-    /// Frames of each scene; ten of ten scenes, with each of 60 settings, take about three hours on two cores
+    /// Frames of each scene; ten of ten scenes, with each of 63 settings, take about three hours on two cores
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=1000))]
     frames: u64,
     /// Also code the frames of the camera of physics as H.264 video with this constant rate factor (0 to 51; 18 is good, 28 is bad); may be
@@ -85,6 +85,8 @@ enum Experiment {
     Noise,
     /// All three distortions.
     All,
+    /// Three exposures with a pinhole camera that a shaking hand holds.
+    Shaking,
     /// A rendered clip.
     Clip,
 }
@@ -220,6 +222,10 @@ fn own_cases(args: &Validate) -> Vec<Case> {
     }));
     let (scenes, frames, size) =
         if args.quick { (1, 4, QUICK_SIZE) } else { (args.scenes, args.frames, SIZE) };
+    settings.extend((0..3).map(|i| {
+        let exposure = [0.25, 0.5, 0.9][i];
+        (Experiment::Shaking, i, of(exposure, None, noise((4 * i + 1) % 10), readout(i)))
+    }));
     if args.quick {
         settings.retain(|(e, i, _)| *i == if *e == Experiment::MotionBlur { 4 } else { 1 });
     }
@@ -233,11 +239,16 @@ fn own_cases(args: &Validate) -> Vec<Case> {
                 if coded.is_some() && *experiment == Experiment::Noise {
                     continue;
                 }
+                // The synthesis blurs along straight paths.
+                if camera == Camera::Synthesis && *experiment == Experiment::Shaking {
+                    continue;
+                }
                 let what = match experiment {
                     Experiment::MotionBlur => "motion-blur",
                     Experiment::Defocus => "defocus",
                     Experiment::Noise => "noise",
                     Experiment::All | Experiment::Clip => "all",
+                    Experiment::Shaking => "shaking",
                 };
                 let by = if camera == Camera::Physics { "physics" } else { "synthesis" };
                 cases.push(Case {
@@ -274,9 +285,10 @@ fn clip_case(condition: &Condition, networks: &[String]) -> Case {
     }
 }
 
-/// The sharp frames of the scene that was filmed last: these frames are the same for all settings.
+/// The sharp frames of the scene that was filmed last: these frames are the same for all settings. The scene has its number, and is seen
+/// by a camera that shakes or not.
 #[derive(Default)]
-struct SharpScene(Option<(u64, Filming)>);
+struct SharpScene(Option<((u64, bool), Filming)>);
 
 /// A scene, its sharp frames and the evidence that can be given with them.
 struct Filming {
@@ -288,8 +300,10 @@ struct Filming {
 
 impl SharpScene {
     fn get(&mut self, case: &Case) -> &mut Filming {
-        if self.0.as_ref().is_none_or(|s| s.0 != case.scene) {
-            let scene = Scene::new(case.scene, case.size);
+        let key = (case.scene, case.experiment == Experiment::Shaking);
+        if self.0.as_ref().is_none_or(|s| s.0 != key) {
+            let steady = Scene::new(case.scene, case.size);
+            let scene = if key.1 { steady.shaken(case.scene) } else { steady };
             let times = || 0..case.frames;
             let footage = Footage {
                 frames: vec![],
@@ -302,7 +316,7 @@ impl SharpScene {
                 noise: None,
             };
             let motion = times().map(|t| scene.motion(t as f32)).collect();
-            self.0 = Some((case.scene, Filming { scene, footage, motion }));
+            self.0 = Some((key, Filming { scene, footage, motion }));
         }
         &mut self.0.as_mut().expect("it was just made").1
     }

@@ -61,6 +61,12 @@ pub(crate) fn noise_section(
                 None => {}
             }
             @if let Some(m) = model.noise.known() {
+                @if let Some(curves) = m.curves() { p.soft {
+                    @let [rg, rb, gb] = curves.levels[0].correlation();
+                    "The channels share the finest grain: its correlation is " (number(rg.into())) " of red and green, " (number(rb.into()))
+                    " of red and blue, " (number(gb.into())) " of green and blue (0: coloured grain, 1: grey grain). Its correlation with the frame before is "
+                    (number(curves.temporal_correlation.into())) " (0: grain boils, 1: grain stays in place)."
+                } }
                 (patches(samples, track))
                 h3 { "The numbers of the model" }
                 p { "Std = slope × Y + intercept per band and channel, in 8-bit steps, with 95 % intervals." }

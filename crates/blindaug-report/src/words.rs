@@ -119,6 +119,18 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
         "           none from the encoded value {} up, where the sensor clips",
         short(noise.clip().into())
     )?;
+    if let Some(curves) = noise.curves() {
+        let [rg, rb, gb] = curves.levels[0].correlation();
+        writeln!(
+            text,
+            "           its finest grain is shared by the channels: correlation {rg:.2} of R and G, {rb:.2} of R and B, {gb:.2} of G and B"
+        )?;
+        writeln!(
+            text,
+            "           its correlation with that of the frame before: {:.2}",
+            curves.temporal_correlation
+        )?;
+    }
     writeln!(text, "           {}", origin(noise.method(), noise.samples(), "local measurements"))
 }
 
@@ -268,7 +280,8 @@ pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
     let noise = match &model.noise {
         Estimate::Known(n) => {
             let std = LUMINANCES.map(|y| json!({ "luminance": y, "std": n.total_std(y) }));
-            json!({ "std_of_encoded_rgb": std, "clip": n.clip(), "method": n.method(), "samples": n.samples() })
+            let correlation = n.curves().map(|c| json!({ "of_channels_rg_rb_gb": c.levels.map(|l| l.correlation()), "of_frames": c.temporal_correlation }));
+            json!({ "std_of_encoded_rgb": std, "correlation": correlation, "clip": n.clip(), "method": n.method(), "samples": n.samples() })
         }
         Estimate::Unknown(why) => json!(why),
     };

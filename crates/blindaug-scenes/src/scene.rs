@@ -58,9 +58,15 @@ pub struct Scene {
     textures: Vec<Texture>,
     /// The camera's path: two radii in m, a phase in radians, and radians per frame.
     path: [f32; 4],
+    /// The phases, in radians, of the swings of a hand that shakes, for each of [`SWINGS`] sideways and up; `None`: nothing shakes.
+    shake: Option<[[f32; 2]; SWINGS.len()]>,
     /// Width and height of the picture, px.
     size: (usize, usize),
 }
+
+/// The swings of a hand that shakes: their periods in frames, which are 4 and 9 Hz at 30 frames a second, and how far they turn the
+/// camera, as shares of the picture's width. The largest speeds are 3.4 and 2.3 px a frame in a picture 512 px wide.
+const SWINGS: [(f32, f32); 2] = [(30.0 / 4.0, 4.0 / 512.0), (30.0 / 9.0, 1.2 / 512.0)];
 
 /// The position and the orientation of the camera.
 #[derive(Clone, Copy)]
@@ -85,7 +91,7 @@ impl Scene {
     pub fn new(number: u64, size: (usize, usize)) -> Self {
         let mut rng = StdRng::seed_from_u64(number);
         let textures = (0..5).map(|kind| Texture::new(kind, &mut rng)).collect();
-        let mut scene = Self { surfaces: vec![], textures, path: [0.0; 4], size };
+        let mut scene = Self { surfaces: vec![], textures, path: [0.0; 4], shake: None, size };
         // Walls and floor, then things in front of them.
         let (far, floor) = (rng.random_range(6.0..9.0), 1.3);
         let (right, down) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
@@ -117,6 +123,26 @@ impl Scene {
         scene
     }
 
+    /// The scene with its camera held by a hand that shakes; the seed gives the phases of its swings.
+    pub fn shaken(mut self, seed: u64) -> Self {
+        let mut rng = StdRng::seed_from_u64(seed);
+        self.shake = Some(SWINGS.map(|_| [rng.random_range(0.0..TAU), rng.random_range(0.0..TAU)]));
+        self
+    }
+
+    /// The angles, in radians, by which the hand turns the camera at time `t`: sideways and up.
+    fn shake(&self, t: f32) -> [f32; 2] {
+        let Some(phases) = self.shake else { return [0.0; 2] };
+        std::array::from_fn(|axis| {
+            let swings = SWINGS.iter().zip(phases);
+            swings
+                .map(|((period, reach), phase)| {
+                    reach * self.size.0 as f32 / self.focal() * (TAU * t / period + phase[axis]).sin()
+                })
+                .sum()
+        })
+    }
+
     fn rectangle(&mut self, corner: V3, a: V3, b: V3, size: [f32; 2], texture: usize, density: f32) {
         let normal = cross(a, b);
         // One light comes from above on the left, another from everywhere.
@@ -134,8 +160,9 @@ impl Scene {
         let angle = phase + speed * t;
         let position = [wide * angle.cos(), high * angle.sin(), 0.12 * (0.7 * angle).sin()];
         // The camera turns against its motion, as if it looked at something, but not by as much.
-        let (ys, yc) = (-0.06 * (angle + 0.4).cos() - 0.03 * (1.7 * angle).sin()).sin_cos();
-        let (ps, pc) = (0.03 * (0.9 * angle).sin()).sin_cos();
+        let [sideways, up] = self.shake(t);
+        let (ys, yc) = (-0.06 * (angle + 0.4).cos() - 0.03 * (1.7 * angle).sin() + sideways).sin_cos();
+        let (ps, pc) = (0.03 * (0.9 * angle).sin() + up).sin_cos();
         let axes = [[yc, 0.0, -ys], [ps * ys, pc, ps * yc], [pc * ys, -ps, pc * yc]];
         Pose { position, axes }
     }

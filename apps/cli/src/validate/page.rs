@@ -34,18 +34,25 @@ fn number(v: Option<f32>, digits: usize) -> String {
 fn rows(outcomes: &[Outcome]) -> Vec<Row> {
     let coded: BTreeSet<u8> = outcomes.iter().filter_map(|o| o.case.coded).collect();
     let coded =
-        coded.into_iter().map(|c| (format!("physics, H.264 crf {c}"), Some(Camera::Physics), Some(c)));
+        coded.into_iter().map(|c| (format!("physics, H.264 crf {c}"), Some(Camera::Physics), Some(c), false));
     let groups = [
-        ("synthesis".to_owned(), Some(Camera::Synthesis), None),
-        ("physics".to_owned(), Some(Camera::Physics), None),
+        ("synthesis".to_owned(), Some(Camera::Synthesis), None, false),
+        ("physics".to_owned(), Some(Camera::Physics), None, false),
     ];
-    let clips = ("rendered clips".to_owned(), None, None);
+    let shaking = outcomes.iter().filter(|o| o.case.experiment == Experiment::Shaking);
+    let shaking: BTreeSet<Option<u8>> = shaking.map(|o| o.case.coded).collect();
+    let shaking = shaking.into_iter().map(|coded| {
+        let how = coded.map_or(String::new(), |c| format!(", H.264 crf {c}"));
+        (format!("physics, shaking hand{how}"), Some(Camera::Physics), coded, true)
+    });
+    let clips = ("rendered clips".to_owned(), None, None, false);
     let mut rows = vec![];
-    for (name, camera, coded) in groups.into_iter().chain(coded).chain([clips]) {
+    for (name, camera, coded, shaking) in groups.into_iter().chain(coded).chain(shaking).chain([clips]) {
         for given in Given::ALL {
             let of = outcomes
                 .iter()
                 .filter(|o| o.case.camera == camera && o.case.coded == coded)
+                .filter(|o| (o.case.experiment == Experiment::Shaking) == shaking)
                 .flat_map(|o| o.measured.iter().filter(|m| m.given == given).map(move |m| (o, m)));
             if of.clone().next().is_none() {
                 continue;
@@ -83,7 +90,9 @@ fn rows(outcomes: &[Outcome]) -> Vec<Row> {
 
 /// The mean errors of lambda: of all frames together, and of a typical single frame.
 fn against_single(outcomes: &[Outcome]) -> Option<[f32; 2]> {
-    let blind = |o: &&Outcome| o.case.experiment != Experiment::Clip && o.case.coded.is_none();
+    let blind = |o: &&Outcome| {
+        !matches!(o.case.experiment, Experiment::Clip | Experiment::Shaking) && o.case.coded.is_none()
+    };
     let s = Summary::of(
         outcomes
             .iter()

@@ -237,7 +237,23 @@ impl DistortionModel for NoiseModel {
             interval: None,
             meaning: "The std of the grain of all sizes in encoded values, over an even grey of luminance 0.5.",
         };
-        ["std in R", "std in G", "std in B"].into_iter().zip(self.total_std(0.5)).map(channel).collect()
+        let mut all: Vec<Parameter> =
+            ["std in R", "std in G", "std in B"].into_iter().zip(self.total_std(0.5)).map(channel).collect();
+        if let Some(curves) = self.curves() {
+            let correlation =
+                |name, value, meaning| Parameter { name, unit: "", value, interval: None, meaning };
+            all.push(correlation(
+                "correlation of channels",
+                curves.levels[0].correlation().iter().sum::<f32>() / 3.0,
+                "How alike the finest grain is in red, green and blue, their mean: at 0 grain is coloured, at 1 it is grey.",
+            ));
+            all.push(correlation(
+                "correlation of frames",
+                curves.temporal_correlation,
+                "How much of a frame's grain is that of the frame before it, in place: at 0 grain boils.",
+            ));
+        }
+        all
     }
 
     fn basis(&self) -> (Method, u64) {

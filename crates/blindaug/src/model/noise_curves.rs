@@ -71,6 +71,17 @@ impl CurveLevel {
         })
     }
 
+    /// The correlation of the noises of R and G, of R and B, and of G and B, each from -1 to 1.
+    pub fn correlation(&self) -> [f32; 3] {
+        let product = |a: usize, b: usize| -> f32 {
+            self.mixing[a].iter().zip(self.mixing[b]).map(|(x, y)| x * y).sum()
+        };
+        [(0, 1), (0, 2), (1, 2)].map(|(a, b)| {
+            let norm = (product(a, a) * product(b, b)).sqrt();
+            if norm > 0.0 { (product(a, b) / norm).clamp(-1.0, 1.0) } else { 0.0 }
+        })
+    }
+
     /// The mixture of three independent noises.
     #[inline]
     pub fn mixed(&self, unit: [f32; 3]) -> [f32; 3] {
@@ -109,5 +120,21 @@ impl NoiseCurves {
             (0.0..1.0).contains(&self.temporal_correlation),
             "noise.curves' temporal_correlation must be from 0 to less than 1",
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_correlation_is_that_of_the_mixed_noises() {
+        let level = |mixing| CurveLevel { mixing, ..CurveLevel::default() };
+        assert_eq!(CurveLevel::default().correlation(), [0.0; 3]);
+        let own = level([[0.9, 0.0, 0.0], [0.0, 1.1, 0.0], [0.0, 0.0, 1.0]]);
+        assert_eq!(own.correlation(), [0.0; 3]);
+        // G is R's noise, B has 0.6 of it and 0.8 of its own.
+        let [rg, rb, gb] = level([[2.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.6, 0.0, 0.8]]).correlation();
+        assert!((rg - 1.0).abs() < 1e-6 && (rb - 0.6).abs() < 1e-6 && (gb - 0.6).abs() < 1e-6);
     }
 }
