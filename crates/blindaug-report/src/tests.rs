@@ -2,9 +2,10 @@ use super::*;
 use blindaug::Raster;
 use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
-    Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, ExposureFraction, Method,
-    MotionBlurModel, NOISE_LEVELS, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
-    SharpeningModel, ThinLensInterval, TrackedCamera, total_of_levels,
+    Capture, Changes, CurveLevel, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate,
+    ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseCurves, NoiseInterval, NoiseLevel,
+    NoiseLines, NoiseModel, Reason, SharpeningModel, ThinLensInterval, TrackedCamera, Unknown,
+    total_of_levels,
 };
 use blindaug::synth::noise::noise;
 use blindaug::{Plane, Sample};
@@ -304,6 +305,43 @@ fn what_is_unknown_is_said() {
     let html = written(&input(vec![full_sample(120, 120)]));
     check(&html);
     assert!(html.contains("without defocus, motion blur, noise"));
+}
+
+#[test]
+fn the_middle_of_what_fits_and_shared_noise_are_told() {
+    let mut model = known_model(64, 48);
+    model.motion_blur =
+        Estimate::Unknown(Unknown::new(Reason::Uncertain, "too little moves").with_fits([0.2, 0.7]));
+    // G and B have R's noise.
+    let level = CurveLevel { mixing: [[1.0, 0.0, 0.0]; 3], ..CurveLevel::default() };
+    model.noise = Estimate::Known(NoiseModel::Curves(Box::new(NoiseCurves {
+        lines: noise_model().lines().clone(),
+        levels: [level; NOISE_LEVELS],
+        temporal_correlation: 0.25,
+    })));
+    let page_of = |model: &CameraModel| {
+        let diagnostics = Diagnostics::default();
+        let title = String::new();
+        written(&ReportInput {
+            title,
+            model,
+            diagnostics: &diagnostics,
+            samples: vec![],
+            comparison: vec![],
+            pictures: vec![],
+        })
+    };
+    let told = ["the exposures that fit, 0.450 of the frame interval", "with the frame before is 0.250"];
+    let html = page_of(&model);
+    check(&html);
+    assert!(told.iter().all(|t| html.contains(t)), "{html}");
+    let words = words::words(&model, &[]);
+    assert!(words.contains("1.00 of R and G") && words.contains("frame before: 0.25"), "{words}");
+    // Negative control: neither is told where it is not known.
+    model.motion_blur = Estimate::unknown(Reason::Uncertain, "too little moves");
+    model.noise = Estimate::Known(noise_model());
+    let html = page_of(&model);
+    assert!(!told.iter().any(|t| html.contains(t)), "{html}");
 }
 
 #[test]
