@@ -49,6 +49,9 @@ const KEPT_EXPOSURE: f32 = 0.93;
 const KEPT_LENS: f32 = 0.98;
 /// The number of frames that the noise is estimated from.
 const NOISE_FRAMES: usize = 24;
+/// The share of a frame's new estimate of the noise in what is told, unless the noise has jumped: the estimates of successive frames look at
+/// different parts of the picture, and noise that differs from frame to frame would be seen to flicker.
+const NEW_NOISE: f32 = 0.2;
 /// The std, per frame, of the random walk of an exposure fraction that is not seen.
 const WALK_EXPOSURE: f32 = 0.01;
 /// The relative std, per frame, of the random walk of a lens that is not seen.
@@ -408,8 +411,12 @@ impl Tracker {
                 None => fit.model,
             });
         };
+        let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
-            self.known.noise = Some(fresh.clone());
+            if let Some(before) = self.known.noise.as_ref().filter(|_| !jumped) {
+                told = before.towards(fresh, NEW_NOISE);
+            }
+            self.known.noise = Some(told.clone());
             let fresh = sharpening::of_noise(&fit);
             let before = self.known.sharpening.as_ref().and_then(Estimate::known);
             let jumped = before.zip(fresh.known()).is_some_and(|(a, b)| {
@@ -419,7 +426,7 @@ impl Tracker {
             self.changes.set(Distortion::Sharpening, jumped);
             self.known.sharpening = Some(fresh);
         }
-        Ok(Estimate::Known(walked_noise(fresh, self.noise.age)))
+        Ok(Estimate::Known(walked_noise(&told, self.noise.age)))
     }
 
     /// Some of the frame's tiles, different ones in successive frames: those of most contrast among the tiles that move fast enough or
