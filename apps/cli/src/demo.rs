@@ -113,15 +113,12 @@ impl Truth {
     /// The frame with white noise of the true strength.
     fn with_noise(&self, frame: &Encoded) -> Encoded {
         let (width, height) = frame.0.size();
-        let mut luma = frame.luma();
+        let luma = frame.luma();
+        let smaller = pyramid::halvings(&luma, NOISE_LEVELS - 1);
         let bands = noise::white_band_std();
-        let mut level = 0;
-        let noise = noise::modulated(noise::unit_bands(width, height, 1, SHOWN), |l| {
-            while level < l {
-                luma = pyramid::downsample(&luma);
-                level += 1;
-            }
-            luma.map(|y| [bands[l.min(NOISE_LEVELS - 1)] * self.noise_std(y); 3])
+        let noise = noise::modulated(noise::unit_bands(width, height, 1, SHOWN), |level, x, y| {
+            let luma = if level == 0 { &luma } else { &smaller[level - 1] };
+            [bands[level] * self.noise_std(luma.at(x, y)); 3]
         });
         Encoded(Raster::from_fn(width, height, |x, y| {
             let (a, b) = (frame.0.at(x, y), noise.at(x, y));

@@ -158,7 +158,7 @@ pub(crate) fn section(model: &CameraModel, distortion: Distortion) -> Markup {
 }
 
 fn row(p: &Parameter) -> Row {
-    let unit = if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) };
+    let unit = p.unit_after_value();
     Row {
         name: capitalised(p.name),
         value: number(p.value.into()) + &unit,

@@ -221,10 +221,10 @@ fn other_words(text: &mut String, model: &CameraModel, distortion: Distortion) -
         writeln!(text, "{head:<10} unknown: {why}")?;
     }
     let Some((method, samples)) = model.basis(distortion) else { return Ok(()) };
-    for Parameter { name, unit, value, interval: i, .. } in model.parameters(distortion) {
-        let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-        let known_to = i.map_or(String::new(), |i| format!(" ({})", interval(i)));
-        writeln!(text, "{head:<10} {name} {}{unit}{known_to}", short(value.into()))?;
+    for p in model.parameters(distortion) {
+        let known_to = p.interval.map_or(String::new(), |i| format!(" ({})", interval(i)));
+        let value = short(p.value.into()) + &p.unit_after_value();
+        writeln!(text, "{head:<10} {} {value}{known_to}", p.name)?;
         head.clear();
     }
     writeln!(text, "           {}", origin(method, samples, "samples"))

@@ -50,9 +50,7 @@ fn bench(c: &mut Criterion) {
     let frame = |p: &Plane, seed: u64| {
         let noise = synth::noise::unit_bands(N, N, seed, 0);
         let white = synth::noise::white_band_std();
-        let noise = synth::noise::modulated(noise, |l| {
-            Raster::filled(N.div_ceil(1 << l), N.div_ceil(1 << l), [0.01 * white[l]; 3])
-        });
+        let noise = synth::noise::modulated(noise, |l, _, _| [0.01 * white[l]; 3]);
         Encoded(Raster::from_fn(N, N, |x, y| noise.at(x, y).map(|n| p.at(x, y) + n)))
     };
     let (noisy, next) = (frame(&moved, 1), frame(&moved, 2));

@@ -11,7 +11,7 @@
 //! (The difference to the frame itself, sharpened, would leave a ghost of the background's detail on the object.) Finally, the
 //! noise that is missing is added.
 
-use crate::model::{CameraModel, NoiseModel, SharpeningModel};
+use crate::model::{CameraModel, NOISE_LEVELS, NoiseModel, SharpeningModel};
 use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
 use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, pyramid};
 
@@ -477,24 +477,20 @@ fn missing_noise(
         let gain = |c: usize| (k * space.slope(v[c]) / space.slope(s[c])).clamp(0.0, 1.5);
         std::array::from_fn::<f32, 3, _>(|c| if s[c] >= model.clip() { 0.0 } else { gain(c) })
     });
-    let mut content = Raster::from_fn(w, h, |x, y| {
+    let content = Raster::from_fn(w, h, |x, y| {
         let (f, s, v, g) = (frame.at(x, y), smooth.at(x, y), clean.at(x, y), gain.at(x, y));
         std::array::from_fn(|c| v[c] - g[c] * (f[c] - s[c]))
     });
-    let mut smooth = smooth;
-    let mut kept_variance = gain.map(|g| g.map(|g| g * g));
-    noise::modulated(noise::bands(model, (w, h), seed, number), |level| {
-        if level > 0 {
-            content = pyramid::downsample(&content);
-            smooth = pyramid::downsample(&smooth);
-            kept_variance = pyramid::downsample(&kept_variance);
-        }
-        Raster::from_fn(content.width(), content.height(), |x, y| {
-            let want = model.std_over(level, content.at(x, y));
-            let there = model.std_over(level, smooth.at(x, y));
-            let kept = kept_variance.at(x, y);
-            std::array::from_fn(|c| (want[c] * want[c] - kept[c] * there[c] * there[c]).max(0.0).sqrt())
-        })
+    let kept_variance = gain.map(|g| g.map(|g| g * g));
+    let levels = [content, smooth, kept_variance].map(|finest| {
+        let mut levels = pyramid::halvings(&finest, NOISE_LEVELS - 1);
+        levels.insert(0, finest);
+        levels
+    });
+    noise::modulated(noise::bands(model, (w, h), seed, number), |level, x, y| {
+        let [content, smooth, kept] = [0, 1, 2].map(|i: usize| levels[i][level].at(x, y));
+        let (want, there) = (model.std_over(level, content), model.std_over(level, smooth));
+        std::array::from_fn(|c| (want[c] * want[c] - kept[c] * there[c] * there[c]).max(0.0).sqrt())
     })
 }
 

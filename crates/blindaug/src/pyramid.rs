@@ -31,6 +31,15 @@ fn downsample_with<P: Pixel, Q: Pixel>(src: &Raster<P>, f: impl Fn(P) -> Q + Syn
     half
 }
 
+/// The image at half, a quarter, .. of its size: `n` times [`downsample`], largest first.
+pub fn halvings<P: Pixel>(src: &Raster<P>, n: usize) -> Vec<Raster<P>> {
+    let mut halvings: Vec<Raster<P>> = Vec::with_capacity(n);
+    while halvings.len() < n {
+        halvings.push(downsample(halvings.last().unwrap_or(src)));
+    }
+    halvings
+}
+
 /// Luma of encoded values, halved while its width and height are too large.
 pub(crate) fn halved_luma(image: &Raster<[f32; 3]>, too_large: impl Fn(usize, usize) -> bool) -> Plane {
     let mut halved =

@@ -42,9 +42,7 @@ fn clip(seed: u64, exposure: f32, noise: f32) -> Vec<Encoded> {
     let white = |seed: u64, strength: f32| {
         let std = synth::noise::white_band_std().map(|s| s * strength);
         let bands = synth::noise::unit_bands(w, h, seed, 0);
-        synth::noise::modulated(bands, |l| {
-            Raster::filled(w.div_ceil(1 << l), h.div_ceil(1 << l), [std[l]; 3])
-        })
+        synth::noise::modulated(bands, |l, _, _| [std[l]; 3])
     };
     let octaves: Vec<(f32, Plane)> = (0..6)
         .map(|i| {

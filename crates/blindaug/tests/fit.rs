@@ -13,8 +13,7 @@ const N: usize = 320;
 fn white(n: usize, seed: u64) -> Plane {
     let unit = synth::noise::unit_bands(n, n, seed, 0);
     let std = synth::noise::white_band_std();
-    synth::noise::modulated(unit, |l| Raster::filled(n.div_ceil(1 << l), n.div_ceil(1 << l), [std[l]; 3]))
-        .map(|v| v[0])
+    synth::noise::modulated(unit, |l, _, _| [std[l]; 3]).map(|v| v[0])
 }
 
 /// A texture whose spectrum falls like a natural image's, stretched along x by the factor `stretch`.

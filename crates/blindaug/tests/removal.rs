@@ -5,16 +5,13 @@ mod leaves;
 use blindaug::fit::removal::{Line, NoisyLight, denoise, kernel};
 use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
 use blindaug::model::{DefocusCurve, DepthKind, Method};
-use blindaug::{Flow, Plane, Raster, synth};
+use blindaug::{Flow, Plane, synth};
 use leaves::{CAMERA, Camera, Scene};
 
 /// White noise of std 1 that depends on the seed.
 fn white(w: usize, h: usize, seed: u64) -> Plane {
     let std = synth::noise::white_band_std();
-    synth::noise::modulated(synth::noise::unit_bands(w, h, seed, 0), |l| {
-        Raster::filled(w.div_ceil(1 << l), h.div_ceil(1 << l), [std[l]; 3])
-    })
-    .map(|v| v[0])
+    synth::noise::modulated(synth::noise::unit_bands(w, h, seed, 0), |l, _, _| [std[l]; 3]).map(|v| v[0])
 }
 
 /// The mean square over the middle of an image.

@@ -130,22 +130,18 @@ fn of_film(clip: &Path) -> Result<Vec<Found>> {
     }
     drop(progress);
     let too_fast = maker.too_fast();
+    let ghosts = format!(
+        "what moves does so by more than {GHOSTS_PX} px a frame, and averaged frames would show ghosts rather than streaks"
+    );
     if all.is_empty() && too_fast > 0 {
-        return Err(failure(
-            clip,
-            format_args!(
-                "what moves does so by more than {GHOSTS_PX} px a frame, and averaged frames would show ghosts rather than streaks; give a video of slower motion or of more frames a second"
-            ),
-        ));
+        let else_do = "give a video of slower motion or of more frames a second";
+        return Err(failure(clip, format_args!("{ghosts}; {else_do}")));
     }
     if all.is_empty() {
         return Err(failure(clip, "it has no 24 frames without a cut"));
     }
     if too_fast > 0 {
-        note(format_args!(
-            "{} left out: what moves does so by more than {GHOSTS_PX} px a frame, and averaged frames would show ghosts rather than streaks",
-            count(too_fast as u64, "piece")
-        ));
+        note(format_args!("{} left out: {ghosts}", count(too_fast as u64, "piece")));
     }
     Ok(all)
 }

@@ -170,7 +170,7 @@ impl Camera {
                     distortion.name(),
                     p.name,
                     p.value,
-                    if p.unit.is_empty() { String::new() } else { format!(" {}", p.unit) },
+                    p.unit_after_value(),
                 )),
                 _ => {}
             }

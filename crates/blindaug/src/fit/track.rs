@@ -23,9 +23,9 @@ use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{
-    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate,
-    ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, ThinLensInterval,
-    Unknown,
+    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion,
+    DistortionModel, Estimate, ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason,
+    SharpeningModel, ThinLensInterval, Unknown,
 };
 use crate::{Encoded, Error, Flow, Plane, Result, par};
 use std::borrow::Cow;
@@ -414,7 +414,7 @@ impl Tracker {
         let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
             if let Some(before) = self.known.noise.as_ref().filter(|_| !jumped) {
-                told = before.towards(fresh, NEW_NOISE);
+                told = before.between(fresh, NEW_NOISE);
             }
             self.known.noise = Some(told.clone());
             let fresh = sharpening::of_noise(&fit);

@@ -18,8 +18,15 @@ pub struct Parameter {
     pub meaning: &'static str,
 }
 
+impl Parameter {
+    /// The unit as it follows the value: after a space, or nothing if there is none.
+    pub fn unit_after_value(&self) -> String {
+        if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) }
+    }
+}
+
 /// The operations that the model of each distortion supports.
-pub(super) trait DistortionModel {
+pub(crate) trait DistortionModel {
     /// The model for frames that are `s` times as wide.
     fn scaled(self, s: f32) -> Self
     where

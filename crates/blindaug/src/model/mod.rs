@@ -29,7 +29,8 @@ pub use track::{CameraTrack, Changes, TrackedCamera};
 pub use units::{DepthKind, SceneScale};
 
 use crate::{Error, Result, Transfer, text};
-use distortion::{DistortionModel, between, known};
+pub(crate) use distortion::DistortionModel;
+use distortion::{between, known};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// A distortion that is estimated and applied. The order of [`Distortion::ALL`] is the order in which a camera makes distortions, and in
@@ -162,39 +163,32 @@ impl CameraModel {
     }
 
     /// The model with its distortions scaled to frames that are `s` times as wide.
-    fn scaled(self, s: f32) -> Self {
-        // No field is left to `..self`, so that a distortion that is added cannot be forgotten here.
-        let Self { format, version, capture, stopped, transfer, blur_space, .. } = self;
-        Self {
-            format,
-            version,
-            capture,
-            stopped,
-            transfer,
-            blur_space,
-            defocus: self.defocus.map(|m| m.scaled(s)),
-            motion_blur: self.motion_blur.map(|m| m.scaled(s)),
-            sharpening: self.sharpening.map(|m| m.scaled(s)),
-            noise: self.noise.map(|m| m.scaled(s)),
+    fn scaled(mut self, s: f32) -> Self {
+        // The compiler asks here for a distortion that is added.
+        for distortion in Distortion::ALL {
+            match distortion {
+                Distortion::Defocus => self.defocus = self.defocus.map(|m| m.scaled(s)),
+                Distortion::MotionBlur => self.motion_blur = self.motion_blur.map(|m| m.scaled(s)),
+                Distortion::Sharpening => self.sharpening = self.sharpening.map(|m| m.scaled(s)),
+                Distortion::Noise => self.noise = self.noise.map(|m| m.scaled(s)),
+            }
         }
+        self
     }
 
     /// Interpolates between two models: `self` at t = 0, `other` at t = 1. A part that is unknown in one is taken from the other.
     fn between(&self, other: &Self, t: f32) -> Self {
-        let Self { format, version, capture, stopped, transfer, blur_space, .. } =
-            *if t < 0.5 { self } else { other };
-        Self {
-            format,
-            version,
-            capture,
-            stopped,
-            transfer,
-            blur_space,
-            defocus: between(&self.defocus, &other.defocus, t),
-            motion_blur: between(&self.motion_blur, &other.motion_blur, t),
-            sharpening: between(&self.sharpening, &other.sharpening, t),
-            noise: between(&self.noise, &other.noise, t),
+        let (a, b) = (self, other);
+        let mut m = if t < 0.5 { a.clone() } else { b.clone() };
+        for distortion in Distortion::ALL {
+            match distortion {
+                Distortion::Defocus => m.defocus = between(&a.defocus, &b.defocus, t),
+                Distortion::MotionBlur => m.motion_blur = between(&a.motion_blur, &b.motion_blur, t),
+                Distortion::Sharpening => m.sharpening = between(&a.sharpening, &b.sharpening, t),
+                Distortion::Noise => m.noise = between(&a.noise, &b.noise, t),
+            }
         }
+        m
     }
 
     /// The reason why a distortion is unknown; `None` if it is known.

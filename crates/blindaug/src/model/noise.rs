@@ -175,11 +175,6 @@ impl NoiseModel {
         self.curves().map_or(0.0, |c| c.temporal_correlation)
     }
 
-    /// The model that lies the share `t` of the way from this one to `other`.
-    pub(crate) fn towards(&self, other: &Self, t: f32) -> Self {
-        self.between(other, t)
-    }
-
     /// Half the width of the 95 % interval of [`NoiseModel::std`] in one channel; 0 if there is no interval. The errors of slope and
     /// intercept are taken as independent, which makes the interval too wide, since they are in fact negatively correlated.
     pub fn half_width(&self, level: usize, channel: usize, y: f32) -> f32 {

@@ -422,10 +422,7 @@ const FILL_OCTAVES: usize = 7;
 /// A blurred part (R, G, B, A, alpha of the nearer parts), divided by the share of each kernel that sees it; where that share is
 /// below [`SEEN`], smaller and smaller images of the sharp part fill in the rest.
 fn seen(blurred: &Raster<[f32; 5]>, sharp: &Raster<[f32; 5]>) -> Raster<[f32; 4]> {
-    let mut octaves = vec![pyramid::downsample(sharp)];
-    while octaves.len() < FILL_OCTAVES {
-        octaves.push(pyramid::downsample(&octaves[octaves.len() - 1]));
-    }
+    let octaves = pyramid::halvings(sharp, FILL_OCTAVES);
     Raster::from_fn(blurred.width(), blurred.height(), |x, y| {
         let (mut sum, mut known) = ([0.0f32; 4], 0.0);
         let mut add = |v: [f32; 5]| {

@@ -23,23 +23,12 @@ pub(super) fn noise_of_rows(
     seed: u64,
     frame: u64,
 ) -> Raster<[f32; 3]> {
-    let mut bands = bands_of_rows(model, content.size(), top, seed, frame);
-    // The bands are scaled in place, and the content is not copied: a strip of a large frame is about 60 MB.
-    let mut smaller = None;
-    for (level, band) in bands.iter_mut().enumerate() {
-        if level > 0 {
-            smaller = Some(pyramid::downsample(smaller.as_ref().unwrap_or(content)));
-        }
-        let content = smaller.as_ref().unwrap_or(content);
-        let width = band.width();
-        par::for_each_row(band.data_mut(), width, |y, row| {
-            for (v, &colour) in row.iter_mut().zip(content.row(y)) {
-                let std = model.std_over(level, colour);
-                *v = std::array::from_fn(|c| v[c] * std[c]);
-            }
-        });
-    }
-    collapsed(bands)
+    // Neither content nor std is copied at full resolution: of a strip of a large frame, that is about 60 MB each.
+    let smaller = pyramid::halvings(content, NOISE_LEVELS - 1);
+    modulated(bands_of_rows(model, content.size(), top, seed, frame), |level, x, y| {
+        let content = if level == 0 { content } else { &smaller[level - 1] };
+        model.std_over(level, content.at(x, y))
+    })
 }
 
 /// The levels of the noise of a model over content at which its std is 1: the channels are as correlated as the model's, and so are
@@ -87,22 +76,21 @@ pub fn temporal_weights(correlation: f32) -> Vec<f32> {
     powers.into_iter().map(|w| w / norm).collect()
 }
 
-/// The noise whose level `l` is the unit band times the std map `std(l)`; the maps are requested from the finest level on.
-///
-/// A map must have its band's size, that of the image after `l` times `pyramid::downsample`. The remaining low-pass is 0.
-pub fn modulated(mut bands: NoiseBands, mut std: impl FnMut(usize) -> Raster<[f32; 3]>) -> Raster<[f32; 3]> {
+/// The noise whose level `l` is the unit band times the std `std(l, x, y)` at the level's pixel (x, y); the remaining low-pass is 0. A level
+/// has the size of the image after `l` times [`pyramid::downsample`].
+pub fn modulated(
+    mut bands: NoiseBands,
+    std: impl Fn(usize, usize, usize) -> [f32; 3] + Sync,
+) -> Raster<[f32; 3]> {
     for (level, band) in bands.iter_mut().enumerate() {
-        let std = std(level);
-        assert_eq!(std.size(), band.size(), "the std map of level {level} must have the level's size");
-        for (b, s) in band.data_mut().as_flattened_mut().iter_mut().zip(std.data().as_flattened()) {
-            *b *= s;
-        }
+        let width = band.width();
+        par::for_each_row(band.data_mut(), width, |y, row| {
+            for (x, v) in row.iter_mut().enumerate() {
+                let std = std(level, x, y);
+                *v = [v[0] * std[0], v[1] * std[1], v[2] * std[2]];
+            }
+        });
     }
-    collapsed(bands)
-}
-
-/// The sum of the levels at full resolution; the remaining low-pass is 0.
-fn collapsed(bands: NoiseBands) -> Raster<[f32; 3]> {
     let (w, h) = bands[NOISE_LEVELS - 1].size();
     pyramid::collapse(bands.into(), Raster::filled(w.div_ceil(2), h.div_ceil(2), [0.0; 3]))
 }

@@ -118,8 +118,8 @@ impl Scene {
             synth::motion_blur::motion_blur(&defocused, &flow, ExposureFraction(camera.exposure)).unwrap();
         let encoded = Linear(blurred).to_encoded(Transfer::Srgb);
         let white = synth::noise::white_band_std();
-        let noise = synth::noise::modulated(synth::noise::unit_bands(w, h, seed, 0), |l| {
-            Raster::filled(w.div_ceil(1 << l), h.div_ceil(1 << l), [camera.noise * white[l]; 3])
+        let noise = synth::noise::modulated(synth::noise::unit_bands(w, h, seed, 0), |l, _, _| {
+            [camera.noise * white[l]; 3]
         });
         let frame = Raster::from_fn(w, h, |x, y| {
             let (v, n) = (encoded.0.at(x, y), noise.at(x, y));
