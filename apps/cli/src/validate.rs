@@ -231,10 +231,11 @@ fn own_cases(args: &Validate) -> Vec<Case> {
     }
     let mut cases = vec![];
     for scene in 1..=scenes {
-        let cameras = [(Camera::Synthesis, None), (Camera::Physics, None)];
-        let coded = args.coded.iter().map(|&crf| (Camera::Physics, Some(crf)));
-        for (camera, coded) in cameras.into_iter().chain(coded) {
-            for (experiment, i, setting) in &settings {
+        for (experiment, i, setting) in &settings {
+            let cameras = [(Camera::Synthesis, None), (Camera::Physics, None)];
+            // What was filmed is coded next, so that nothing is filmed twice.
+            let coded = args.coded.iter().map(|&crf| (Camera::Physics, Some(crf)));
+            for (camera, coded) in cameras.into_iter().chain(coded) {
                 // A coder takes away the noise that this experiment measures.
                 if coded.is_some() && *experiment == Experiment::Noise {
                     continue;
@@ -296,6 +297,32 @@ struct Filming {
     footage: Footage,
     /// The motion of each frame at its own time.
     motion: Vec<Flow>,
+    /// The camera and the setting that filmed last, their frames and the noise of these.
+    filmed: Option<((Camera, Setting), Vec<Encoded>, NoiseTruth)>,
+}
+
+impl Filming {
+    /// Films the scene, unless that was done last, and puts the frames and the truth into the footage.
+    fn film(&mut self, camera: Camera, setting: Setting, seed: u64) -> blindaug::Result<()> {
+        let by = (camera, setting);
+        if self.filmed.as_ref().is_none_or(|f| f.0 != by) {
+            let mut noise = NoiseTruth::default();
+            let mut frames = vec![];
+            for (t, clean) in self.footage.clean.iter().enumerate() {
+                let evidence =
+                    (&clean.to_linear(Transfer::Srgb), &self.footage.inverse_depth[t], &self.motion[t]);
+                let filmed = camera.film(&self.scene, t as u64, evidence, &setting, seed)?;
+                noise.add(&filmed.frame, &filmed.without_noise);
+                frames.push(filmed.frame);
+            }
+            self.filmed = Some((by, frames, noise));
+        }
+        let (_, frames, noise) = self.filmed.as_ref().expect("it was just filmed");
+        self.footage.truth = Truth { exposure: setting.exposure, lens: setting.lens };
+        self.footage.frames.clone_from(frames);
+        self.footage.noise = Some(noise.clone());
+        Ok(())
+    }
 }
 
 impl SharpScene {
@@ -316,7 +343,7 @@ impl SharpScene {
                 noise: None,
             };
             let motion = times().map(|t| scene.motion(t as f32)).collect();
-            self.0 = Some((key, Filming { scene, footage, motion }));
+            self.0 = Some((key, Filming { scene, footage, motion, filmed: None }));
         }
         &mut self.0.as_mut().expect("it was just made").1
     }
@@ -331,17 +358,9 @@ fn measure_own(
     let (Some(camera), Some(setting)) = (case.camera, case.setting) else {
         return Err(failure(pictures, "a case without a camera"));
     };
-    let Filming { scene, footage, motion } = sharp.get(case);
-    footage.truth = Truth { exposure: setting.exposure, lens: setting.lens };
-    let truth = footage.noise.insert(NoiseTruth::default());
-    footage.frames.clear();
-    for (t, clean) in footage.clean.iter().enumerate() {
-        let evidence = (&clean.to_linear(Transfer::Srgb), &footage.inverse_depth[t], &motion[t]);
-        let filmed =
-            camera.film(scene, t as u64, evidence, &setting, case.scene).map_err(|e| failure(pictures, e))?;
-        truth.add(&filmed.frame, &filmed.without_noise);
-        footage.frames.push(filmed.frame);
-    }
+    let filming = sharp.get(case);
+    filming.film(camera, setting, case.scene).map_err(|e| failure(pictures, e))?;
+    let footage = &mut filming.footage;
     if let Some(crf) = case.coded {
         footage.frames = coded(&footage.frames, crf, &pictures.join(format!("{}.mp4", case.name)))?;
         // The coder has changed the noise, so the sensor's noise is no longer the truth.
