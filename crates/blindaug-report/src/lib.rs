@@ -29,6 +29,7 @@ mod pictures;
 pub mod plots;
 mod samples;
 mod track;
+mod two_sample;
 pub mod words;
 
 use blindaug::fit::Diagnostics;

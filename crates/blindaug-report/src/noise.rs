@@ -134,7 +134,8 @@ pub(crate) fn patches(samples: &[Sample], track: &CameraTrack) -> Markup {
         } @else {
             p {
                 "The flattest parts of the frames, each beside noise of the model for the same brightness, four times as large. Shading is taken "
-                "out of both and contrast is raised alike: grain, colour and strength should look the same. What is left of the scene's own texture is in the real patch only."
+                "out of both and contrast is raised alike: grain, colour and strength should look the same. What is left of the scene's own texture is in the real patch only. "
+                "Below each pair stands what a two-sample test finds, of strength and colour in the two finest octaves."
             }
             div.patches { @for p in &patches { figure {
                 div.two {
@@ -147,6 +148,9 @@ pub(crate) fn patches(samples: &[Sample], track: &CameraTrack) -> Markup {
                     (swatch(rgb(p.colour))) br;
                     "std of luminance " (steps(p.sigma[0])) " and " (steps(p.sigma[1])) " of 255" br;
                     "contrast × " (number(p.gain.into()))
+                    br;
+                    @if p.test.told_apart() { "differs (p = " (format!("{:.3}", p.test.p)) "): " (p.test.most) }
+                    @else { "no difference found (p = " (format!("{:.2}", p.test.p)) ")" }
                     @if !p.flat { br; "no part is flat: this one has texture of the scene" }
                 }
             } } }

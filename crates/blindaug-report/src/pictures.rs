@@ -1,5 +1,6 @@
 //! The pictures of a report, as PNG in data URIs.
 
+use crate::two_sample::{TwoSample, two_sample};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use blindaug::Sample;
 use blindaug::model::{BlurSpace, CameraTrack, DepthKind, Estimate, NoiseModel};
@@ -212,6 +213,8 @@ pub struct NoisePatch {
     pub flat: bool,
     /// The factor by which contrast was raised.
     pub gain: f32,
+    /// Whether a test tells the real noise from the model's.
+    pub test: TwoSample,
 }
 
 /// The flattest patches among dark, middle and bright parts of the frames, as far as flat ones exist; without any, the flattest
@@ -263,14 +266,12 @@ fn roughness(patch: &Raster<[f32; 3]>) -> f32 {
 
 fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Option<NoisePatch> {
     let real = sample.frame.0.crop(x0, y0, PATCH, PATCH);
-    let planes: [[f32; 3]; 3] = std::array::from_fn(|c| plane_fit(&real.map(|p| p[c])));
+    let planes = planes_of(&real);
     let shading = Raster::from_fn(PATCH, PATCH, |x, y| planes.map(|p| at_plane(p, x, y)));
     let shading = Encoded(shading);
     let grain = noise::noise(model, &shading.0, 1, sample.number);
-    let residual = Raster::from_fn(PATCH, PATCH, |x, y| {
-        let (v, s) = (real.at(x, y), shading.0.at(x, y));
-        std::array::from_fn::<f32, 3, _>(|c| v[c] - s[c])
-    });
+    let residual = without_plane(&real);
+    let test = two_sample(model, &residual, &shading.0, without_plane);
     let std = |r: &Raster<[f32; 3]>| deviation(&r.map(luma));
     let sigma = [std(&residual), std(&grain)];
     let gain = (0.1 / sigma[0].max(sigma[1]).max(1e-4)).clamp(1.0, 24.0);
@@ -285,6 +286,21 @@ fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Opt
         sigma,
         flat: true,
         gain,
+        test,
+    })
+}
+
+/// The best planes of a patch's channels.
+fn planes_of(patch: &Raster<[f32; 3]>) -> [[f32; 3]; 3] {
+    std::array::from_fn(|c| plane_fit(&patch.map(|p| p[c])))
+}
+
+/// A patch without its shading.
+fn without_plane(patch: &Raster<[f32; 3]>) -> Raster<[f32; 3]> {
+    let planes = planes_of(patch);
+    Raster::from_fn(PATCH, PATCH, |x, y| {
+        let v = patch.at(x, y);
+        std::array::from_fn(|c| v[c] - at_plane(planes[c], x, y))
     })
 }
 
