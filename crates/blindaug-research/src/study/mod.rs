@@ -1,0 +1,10 @@
+//! The user study of the paper: its answers and what they say.
+//!
+//! Two tasks, each a question with the answers yes and no. *Identification*: "Is there a virtual object in this image?", where no is the
+//! better answer for a method. *Consistency*: "Is blur on the virtual object consistent with the background?", where yes is.
+
+mod analysis;
+mod answers;
+
+pub use analysis::{Analysis, MethodResult, TaskResult, analyse};
+pub use answers::{Answer, Answers, REAL, Task, read_answers};
