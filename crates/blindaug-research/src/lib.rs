@@ -1,4 +1,11 @@
-//! The experiments of the Blind Augmentation paper, those that it could not do, and the kit of its user study.
+//! The experiments of the Blind Augmentation paper and those it could not do, and the kit of its user study.
+//!
+//! Results are [`table`]s and [`figure`]s, each written once and shown in every format; a [`run`] keeps what is done and writes the page;
+//! [`statistics`] has the tests and the intervals.
 
+pub mod figure;
+mod pdf;
+pub mod run;
 pub mod statistics;
 pub mod study;
+pub mod table;
