@@ -8,6 +8,7 @@ mod export;
 mod inspect;
 mod live;
 mod models;
+mod study;
 mod validate;
 
 use blindaug_cli::{arguments::memory_size, console};
@@ -40,6 +41,7 @@ enum Command {
     Inspect(inspect::Inspect),
     Export(export::Export),
     Validate(validate::Validate),
+    Study(study::Study),
     Models(models::Models),
     Live(live::Live),
 }
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),
+        Command::Study(args) => study::run(args),
         Command::Models(args) => models::run(args),
         Command::Live(args) => live::run(args, cli.memory),
     };

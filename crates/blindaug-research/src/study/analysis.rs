@@ -4,9 +4,10 @@ use super::answers::{Answer, REAL, Task};
 use crate::statistics::{Proportion, Resampled, bootstrap, trials_for_power, two_proportion_test};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The level and the power of the next study.
-const LEVEL: f64 = 0.05;
-const POWER: f64 = 0.8;
+/// The level of the next study's tests.
+pub const LEVEL: f64 = 0.05;
+/// The power of the next study.
+pub const POWER: f64 = 0.8;
 
 /// The results of both tasks.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +52,7 @@ pub struct Comparison {
     /// The share of the reference minus that of the method, with the spread over participants, whose answers are not independent;
     /// `None` for fewer than two participants.
     pub difference: Option<Resampled>,
-    /// The number of participants that the next study needs to find this difference (level 0.05, power 0.8), if each answers as many
+    /// The number of participants that the next study needs to find this difference (at [`LEVEL`] with [`POWER`]), if each answers as many
     /// questions as in this one; `None` if there is no difference.
     pub participants_needed: Option<u64>,
 }

@@ -4,7 +4,7 @@ use blindaug_io::{Error, Result, one_line, read_text};
 use serde::{Deserialize, Serialize};
 use std::{
     collections::{BTreeMap, BTreeSet, btree_map::Entry},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 /// The name that stands in place of a method where the object is really there, in trials that catch participants who guess.
@@ -73,13 +73,49 @@ pub struct Answers {
     pub notes: Vec<String>,
 }
 
-/// Reads answers: a CSV file with the columns `participant`, `task`, `scene`, `method` and `answer` (yes or no), in any order; other
+/// Reads answers from CSV files with the columns `participant`, `task`, `scene`, `method` and `answer` (yes or no), in any order; other
 /// columns are left alone. A row that says again what another says is left out, with a note.
 ///
 /// # Errors
-/// If the file cannot be read, a column is missing, a row has an impossible value, or two rows contradict each other. The sentence names
+/// If a file cannot be read, a column is missing, a row has an impossible value, or two rows contradict each other. The sentence names
 /// the line.
-pub fn read_answers(path: &Path) -> Result<Answers> {
+pub fn read_answers(paths: &[PathBuf]) -> Result<Answers> {
+    let mut known: BTreeMap<[String; 4], (bool, String)> = BTreeMap::new();
+    let mut answers = Answers::default();
+    let mut repeated = 0;
+    for path in paths {
+        for (answer, line) in read_file(path)? {
+            let at = format!("line {line} of {}", Error::shown_path(path));
+            let key = [&answer.participant, answer.task.name(), &answer.scene, &answer.method];
+            match known.entry(key.map(String::from)) {
+                Entry::Vacant(place) => {
+                    place.insert((answer.yes, at));
+                    answers.all.push(answer);
+                }
+                Entry::Occupied(place) if place.get().0 == answer.yes => repeated += 1,
+                Entry::Occupied(place) => {
+                    return Err(Error::new(
+                        path,
+                        format!(
+                            "line {line} and {} give different answers of one participant to one question; remove the wrong one",
+                            place.get().1
+                        ),
+                    ));
+                }
+            }
+        }
+    }
+    match repeated {
+        0 => {}
+        1 => answers.notes.push("1 row repeats another and was left out".into()),
+        _ => answers.notes.push(format!("{repeated} rows repeat others and were left out")),
+    }
+    answers.notes.extend(missing(&answers.all));
+    Ok(answers)
+}
+
+/// The answers of a file, each with its line.
+fn read_file(path: &Path) -> Result<Vec<(Answer, u64)>> {
     let text = read_text(path, MAX_ANSWERS)?;
     let error = |sentence: String| Error::new(path, sentence);
     let mut reader = csv::ReaderBuilder::new()
@@ -94,9 +130,7 @@ pub fn read_answers(path: &Path) -> Result<Answers> {
     };
     let columns =
         [column("participant")?, column("task")?, column("scene")?, column("method")?, column("answer")?];
-    let mut known: BTreeMap<[String; 4], (bool, u64)> = BTreeMap::new();
-    let mut answers = Answers::default();
-    let mut repeated = 0;
+    let mut answers = vec![];
     for record in reader.records() {
         let record = record.map_err(|e| {
             let line = e.position().map_or(0, csv::Position::line);
@@ -123,27 +157,11 @@ pub fn read_answers(path: &Path) -> Result<Answers> {
             "no" => false,
             _ => return Err(wrong("answer", &answer, "yes or no")),
         };
-        match known.entry([participant.clone(), task.name().into(), scene.clone(), method.clone()]) {
-            Entry::Vacant(place) => {
-                place.insert((yes, line));
-                answers.all.push(Answer { participant, task, scene, method, yes });
-            }
-            Entry::Occupied(place) if place.get().0 == yes => repeated += 1,
-            Entry::Occupied(place) => {
-                return Err(error(format!(
-                    "lines {} and {line} give different answers of one participant to one question; remove the wrong one",
-                    place.get().1
-                )));
-            }
-        }
+        answers.push((Answer { participant, task, scene, method, yes }, line));
     }
-    if answers.all.is_empty() {
+    if answers.is_empty() {
         return Err(error("has no answers".into()));
     }
-    if repeated > 0 {
-        answers.notes.push(format!("{repeated} rows repeat others and were left out"));
-    }
-    answers.notes.extend(missing(&answers.all));
     Ok(answers)
 }
 
@@ -177,7 +195,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("answers.csv");
         std::fs::write(&path, text).unwrap();
-        read_answers(&path)
+        read_answers(&[path])
     }
 
     #[test]
@@ -202,7 +220,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!(a.all.len(), 3);
-        assert!(a.notes[0].contains("1 rows repeat"), "{:?}", a.notes);
+        assert!(a.notes[0].contains("1 row repeats"), "{:?}", a.notes);
         assert!(a.notes[1].contains("1 of 2 participants") && a.notes[1].contains("1 answers are missing"));
     }
 
@@ -210,7 +228,7 @@ mod tests {
     fn what_cannot_be_is_named_with_its_line() {
         let head = "participant,task,scene,method,answer\n";
         for (rows, want) in [
-            ("p1,identification,1,ours,no\np1,identification,1,ours,yes\n", "lines 2 and 3"),
+            ("p1,identification,1,ours,no\np1,identification,1,ours,yes\n", "line 3 and line 2 of "),
             ("p1,identification,1,ours,perhaps\n", "line 2: the answer is \"perhaps\""),
             ("p1,liking,1,ours,yes\n", "line 2: the task is \"liking\""),
             ("p1,identification,1,,yes\n", "line 2: the method is missing"),

@@ -5,6 +5,8 @@
 
 mod analysis;
 mod answers;
+mod findings;
 
-pub use analysis::{Analysis, MethodResult, TaskResult, analyse};
+pub use analysis::{Analysis, Comparison, MethodResult, TaskResult, analyse};
 pub use answers::{Answer, Answers, REAL, Task, read_answers};
+pub use findings::findings;
