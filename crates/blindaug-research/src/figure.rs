@@ -56,6 +56,8 @@ pub struct Series {
     pub name: String,
     /// The way it is drawn.
     pub style: Style,
+    /// The number of its colour; series that belong together share one.
+    pub colour: usize,
     /// The marks; those that are not finite are left out.
     pub marks: Vec<Mark>,
 }
@@ -180,7 +182,7 @@ impl Figure {
         let text = |h, v| ("sans-serif", FONT).into_font().color(&INK).pos(Pos::new(h, v));
         let colour = |i: usize| match self.series[i].style {
             Style::Reference => RGBColor(0x77, 0x77, 0x77),
-            _ => COLOURS[i % COLOURS.len()],
+            _ => COLOURS[self.series[i].colour % COLOURS.len()],
         };
         for (i, (x, y)) in self.legend() {
             match self.series[i].style {
@@ -289,10 +291,11 @@ mod tests {
             x: Axis::over("true exposure fraction", [0.0, 1.0]),
             y: Axis::new("estimated"),
             series: vec![
-                Series { name: "ours <blind>".into(), style: Style::Points, marks },
+                Series { name: "ours <blind>".into(), style: Style::Points, colour: 0, marks },
                 Series {
                     name: "truth".into(),
                     style: Style::Reference,
+                    colour: 0,
                     marks: vec![Mark::new(0.0, 0.0), Mark::new(1.0, 1.0)],
                 },
             ],

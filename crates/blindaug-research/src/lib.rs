@@ -9,3 +9,4 @@ pub mod run;
 pub mod statistics;
 pub mod study;
 pub mod table;
+pub mod validation;

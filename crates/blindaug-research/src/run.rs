@@ -83,23 +83,8 @@ pub struct Run<'a> {
     provenance: Provenance,
     overwrite: bool,
     observer: &'a dyn Observer,
-    /// The number of cases that had been done by an earlier run.
-    already: Cell<usize>,
-}
-
-/// Why a run did not end.
-#[derive(Debug)]
-pub enum Stopped {
-    /// The observer asked for it.
-    Asked,
-    /// A file cannot be read or written.
-    File(Error),
-}
-
-impl From<Error> for Stopped {
-    fn from(e: Error) -> Self {
-        Self::File(e)
-    }
+    /// The numbers of cases: done by an earlier run, done, and all.
+    counts: Cell<[usize; 3]>,
 }
 
 /// The stored form of a case.
@@ -123,7 +108,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self> {
         make_folder(folder)?;
         remove_leftovers_in(folder, |_| true);
-        Ok(Self { folder: folder.into(), provenance, overwrite, observer, already: Cell::new(0) })
+        Ok(Self { folder: folder.into(), provenance, overwrite, observer, counts: Cell::new([0; 3]) })
     }
 
     /// The seed.
@@ -147,36 +132,48 @@ impl<'a> Run<'a> {
         self.observer
     }
 
-    /// The number of cases that had been done by an earlier run.
-    pub fn already(&self) -> usize {
-        self.already.get()
+    /// The numbers of cases so far: done by an earlier run, done, and all. If not all are done, the observer has stopped the run.
+    pub fn counts(&self) -> [usize; 3] {
+        self.counts.get()
     }
 
-    /// The outcomes of the cases of an experiment, in their order. Each case has a name, which is that of its file. An outcome of the
-    /// same case and version that lies there is taken as it is; the others are made and stored.
+    /// Whether the observer has stopped the run.
+    pub fn is_stopped(&self) -> bool {
+        let [_, done, all] = self.counts();
+        done < all
+    }
+
+    /// The cases of an experiment with their outcomes, in their order; fewer if the observer stops the run. Each case has a name, which is
+    /// that of its file. An outcome of the same case and version that lies there is taken as it is; the others are made and stored.
     ///
     /// # Errors
-    /// If the observer stops the run, a case fails, or an outcome cannot be written.
+    /// If a case fails, or an outcome cannot be written.
     pub fn cases<C: Serialize + DeserializeOwned + PartialEq, O: Serialize + DeserializeOwned>(
         &self,
         experiment: &'static str,
         cases: Vec<(String, C)>,
         mut outcome: impl FnMut(&C) -> Result<O>,
-    ) -> std::result::Result<Vec<(C, O)>, Stopped> {
+    ) -> Result<Vec<(C, O)>> {
         let folder = self.folder(&format!("{experiment}/cases"))?;
-        let steps = Steps::begin(self.observer, experiment, cases.len());
+        let steps = Steps::begin(self.observer, experiment, "cases", Some(cases.len()));
         let mut all = vec![];
+        let count = |which: usize, n: usize| {
+            let mut counts = self.counts.get();
+            counts[which] += n;
+            self.counts.set(counts);
+        };
+        count(2, cases.len());
         for (name, case) in cases {
             let path = folder.join(format!("{name}.json"));
             let known = if self.overwrite { None } else { self.stored(&path, &case) };
             let made = match known {
                 Some(made) => {
-                    self.already.set(self.already.get() + 1);
+                    count(0, 1);
                     made
                 }
                 None => {
                     if self.observer.stops() {
-                        return Err(Stopped::Asked);
+                        break;
                     }
                     let made = outcome(&case)?;
                     let stored =
@@ -185,7 +182,8 @@ impl<'a> Run<'a> {
                     made
                 }
             };
-            steps.0.step();
+            steps.step();
+            count(1, 1);
             all.push((case, made));
         }
         Ok(all)
@@ -230,7 +228,7 @@ impl<'a> Run<'a> {
 
     fn page(&self, title: &str, findings: &[Findings]) -> Result<Markup> {
         let p = &self.provenance;
-        let sections = findings.iter().map(|f| self.section(f)).collect::<Result<Vec<_>>>()?;
+        let sections = findings.iter().map(|f| self.section(f, title)).collect::<Result<Vec<_>>>()?;
         let body = html! {
             @if findings.len() > 1 {
                 nav { ul { @for f in findings { li { a href=(format!("#{}", f.name)) { (f.title) } } } } }
@@ -241,7 +239,7 @@ impl<'a> Run<'a> {
         Ok(page_with(title, &about, &body, &format!("Made by: {}", p.command)))
     }
 
-    fn section(&self, f: &Findings) -> Result<Markup> {
+    fn section(&self, f: &Findings, title: &str) -> Result<Markup> {
         let folder = self.folder.join(&f.name);
         let file = |name: &Path, what: &str| {
             html! { a href=(format!("{}/{}", f.name, name.display())) { (what) } }
@@ -274,7 +272,7 @@ impl<'a> Run<'a> {
             pictures.push(html! { h3 { (row.title) } div.row.small { @for p in shown { (p) } } });
         }
         Ok(html! { section id=(f.name) {
-            h2 { (f.title) }
+            @if f.title != title { h2 { (f.title) } }
             @for text in &f.text { p { (text) } }
             @for table in &f.tables {
                 (table.html())
@@ -297,12 +295,21 @@ struct Results<'a> {
 }
 
 /// Tells the observer that a loop has ended when this is dropped, also after an error.
-struct Steps<'a>(&'a dyn Observer);
+pub(crate) struct Steps<'a>(&'a dyn Observer);
 
 impl<'a> Steps<'a> {
-    fn begin(observer: &'a dyn Observer, what: &'static str, total: usize) -> Self {
-        observer.begin(what, "cases", Some(total));
+    pub(crate) fn begin(
+        observer: &'a dyn Observer,
+        what: &'static str,
+        unit: &'static str,
+        total: Option<usize>,
+    ) -> Self {
+        observer.begin(what, unit, total);
         Self(observer)
+    }
+
+    pub(crate) fn step(&self) {
+        self.0.step();
     }
 }
 
@@ -330,12 +337,7 @@ mod tests {
     }
 
     /// The outcomes of three cases, whose squares they are, and the number of those that were made.
-    fn squares(
-        folder: &Path,
-        version: &str,
-        overwrite: bool,
-        observer: &dyn Observer,
-    ) -> (Option<Vec<u32>>, usize) {
+    fn squares(folder: &Path, version: &str, overwrite: bool, observer: &dyn Observer) -> (Vec<u32>, usize) {
         let run = Run::new(folder, provenance(version), overwrite, observer).unwrap();
         let made = Cell::new(0);
         let cases = (1..=3).map(|i| (format!("case{i}"), i)).collect();
@@ -343,7 +345,7 @@ mod tests {
             made.set(made.get() + 1);
             Ok(i * i)
         });
-        (outcomes.ok().map(|all| all.into_iter().map(|o| o.1).collect()), made.get())
+        (outcomes.unwrap().into_iter().map(|o| o.1).collect(), made.get())
     }
 
     #[test]
@@ -359,11 +361,11 @@ mod tests {
             }
         }
         let dir = tempfile::tempdir().unwrap();
-        assert_eq!(squares(dir.path(), "1", false, &Once(Cell::new(0))), (None, 1));
+        assert_eq!(squares(dir.path(), "1", false, &Once(Cell::new(0))), (vec![1], 1));
         // A file that was damaged is made anew.
         std::fs::write(dir.path().join("squares/cases/case1.json"), "{").unwrap();
-        assert_eq!(squares(dir.path(), "1", false, &Silent), (Some(vec![1, 4, 9]), 3));
-        assert_eq!(squares(dir.path(), "1", false, &Silent), (Some(vec![1, 4, 9]), 0));
+        assert_eq!(squares(dir.path(), "1", false, &Silent), (vec![1, 4, 9], 3));
+        assert_eq!(squares(dir.path(), "1", false, &Silent), (vec![1, 4, 9], 0));
         // Another version may give other numbers.
         assert_eq!(squares(dir.path(), "2", false, &Silent).1, 3);
         assert_eq!(squares(dir.path(), "2", true, &Silent).1, 3);

@@ -144,7 +144,7 @@ impl Table {
             div.wide { table {
                 thead { tr { @for h in &self.head { th scope="col" { (h) } } } }
                 tbody { @for row in &self.rows { tr { @for (i, cell) in row.iter().enumerate() {
-                    @if self.is_text(i) { td { (cell.shown()) } } @else { td.number { (cell.shown()) } }
+                    @if self.is_text(i) { td.name[cell.shown().len() < 30] { (cell.shown()) } } @else { td.number { (cell.shown()) } }
                 } } } }
             } }
         }

@@ -160,7 +160,7 @@ fn figure(analysis: &Analysis) -> Figure {
                 interval: m.share.map(|s| s.interval.map(|v| 100.0 * v)),
             })
         });
-        Series { name: title(t.task).into(), style: Style::Points, marks: marks.collect() }
+        Series { name: title(t.task).into(), style: Style::Points, colour: i, marks: marks.collect() }
     });
     Figure {
         name: "shares".into(),

@@ -3,8 +3,7 @@
 use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation};
 use blindaug::model::DepthKind;
 use blindaug::{Encoded, Result};
-use blindaug_cli::console::CONSOLE;
-use blindaug_pipeline::{Networks, Operators};
+use blindaug_pipeline::{Networks, Observer, Operators};
 use blindaug_scenes::measure::{self, Footage, Given, Measured};
 use std::time::Instant;
 
@@ -21,14 +20,24 @@ pub fn given_with(networks: &Networks) -> Vec<Given> {
 ///
 /// # Errors
 /// Sound footage gives no error.
-pub fn measure(footage: &Footage, given: Given, networks: &mut Networks) -> Result<(Measured, Estimation)> {
+pub fn measure(
+    footage: &Footage,
+    given: Given,
+    networks: &mut Networks,
+    observer: &dyn Observer,
+) -> Result<(Measured, Estimation)> {
     let start = Instant::now();
-    let estimation = estimate(footage, given, networks)?;
+    let estimation = estimate(footage, given, networks, observer)?;
     let seconds = start.elapsed().as_secs_f32();
     Ok((measure::measure(footage, given, &estimation, seconds), estimation))
 }
 
-fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<Estimation> {
+fn estimate(
+    footage: &Footage,
+    given: Given,
+    networks: &mut Networks,
+    observer: &dyn Observer,
+) -> Result<Estimation> {
     let everything = given == Given::Everything;
     let by_networks = given.by_networks();
     let by_removal = everything || by_networks || given == Given::DepthAndFlowByRemoval;
@@ -52,7 +61,7 @@ fn estimate(footage: &Footage, given: Given, networks: &mut Networks) -> Result<
             clean: everything.then(|| &footage.clean[i]),
             ..Evidence::default()
         };
-        let evidence = if by_networks { networks.evidence(&numbered, i, given, CONSOLE) } else { given };
+        let evidence = if by_networks { networks.evidence(&numbered, i, given, observer) } else { given };
         estimator.add(&FrameObservation {
             frame,
             next: footage.frames.get(i + 1),

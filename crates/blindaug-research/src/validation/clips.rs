@@ -4,9 +4,8 @@ use blindaug::composite::{self, Plate, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
-use blindaug::text::one_line;
 use blindaug::{CameraModel, Encoded, Transfer};
-use blindaug_cli::console::{Failure, Result, failure};
+use blindaug_io::{Error, Result, one_line};
 use blindaug_scenes::measure::{Footage, NoiseTruth, Truth};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -42,7 +41,7 @@ pub struct Fidelity {
 /// If there is no condition, or a `truth.json` cannot be read.
 pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
     let listed =
-        std::fs::read_dir(folder).map_err(|e| failure(folder, format_args!("it cannot be listed ({e})")))?;
+        std::fs::read_dir(folder).map_err(|e| Error::new(folder, format!("it cannot be listed ({e})")))?;
     let mut clips: Vec<PathBuf> =
         listed.filter_map(|e| Some(e.ok()?.path())).filter(|p| p.join("truth.json").is_file()).collect();
     clips.sort();
@@ -52,7 +51,7 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
         let text = blindaug_io::read_text(&path, MAX_TRUTH)?;
         let json: serde_json::Map<String, serde_json::Value> =
             serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| {
-                failure(&path, format_args!("is not the truth of a clip: {}", one_line(&e.to_string())))
+                Error::new(&path, format!("is not the truth of a clip: {}", one_line(&e.to_string())))
             })?;
         for (name, truth) in json {
             // The name becomes that of a folder that is read and of a file that is written.
@@ -62,9 +61,9 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
                 || one_line(&name) != name
             {
                 let name = one_line(&name);
-                return Err(failure(
+                return Err(Error::new(
                     &path,
-                    format_args!("\"{name}\" must be the plain name of a folder beside it"),
+                    format!("\"{name}\" must be the plain name of a folder beside it"),
                 ));
             }
             let number = |v: &serde_json::Value| v.as_f64().map(|v| v as f32);
@@ -84,7 +83,7 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
         }
     }
     if all.is_empty() {
-        return Err(failure(
+        return Err(Error::new(
             folder,
             "there is no clip here: each needs a folder with truth.json, clean/ and a folder per condition that truth.json names",
         ));
@@ -108,7 +107,7 @@ impl Condition {
     }
 
     fn frame(&self, of: &str, number: u64) -> Result<Encoded> {
-        Ok(blindaug_io::read_frame(self.clip.join(format!("{of}/{number:04}.png")))?)
+        blindaug_io::read_frame(self.clip.join(format!("{of}/{number:04}.png")))
     }
 
     /// Reads the frames and the truth of the condition.
@@ -138,9 +137,9 @@ impl Condition {
             clean: numbers.iter().map(|&n| self.frame("clean", n)).collect::<Result<_>>()?,
             inverse_depth: numbers
                 .iter()
-                .map(|n| Ok(blindaug_io::read_inverse_depth(geometry(n), Default::default())?))
+                .map(|n| blindaug_io::read_inverse_depth(geometry(n), Default::default()))
                 .collect::<Result<_>>()?,
-            flow: numbers.iter().map(|n| Ok(blindaug_io::read_flow(geometry(n))?)).collect::<Result<_>>()?,
+            flow: numbers.iter().map(|n| blindaug_io::read_flow(geometry(n))).collect::<Result<_>>()?,
             frames,
             truth: self.truth,
             noise,
@@ -168,7 +167,7 @@ impl Condition {
             let layer = blindaug_io::read_virtual_layer(self.clip.join(format!("virtual/{n:04}.exr")))?;
             let layer =
                 VirtualLayer { color: layer.color, inverse_depth: layer.inverse_depth, flow: layer.flow };
-            let linear = |of: &str| Ok::<_, Failure>(self.frame(of, n)?.to_linear(Transfer::Srgb));
+            let linear = |of: &str| Ok::<_, Error>(self.frame(of, n)?.to_linear(Transfer::Srgb));
             let (local_with, local) = (linear("clean_with")?, linear("clean")?);
             let (frame, truth) = (self.frame(&plain, n)?, self.frame(&with, n)?);
             let geometry = self.clip.join(format!("clean/{n:04}.exr"));
@@ -188,7 +187,7 @@ impl Condition {
                     composite::CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
                 let made = composite::composite(&plate, &layer, model, &options);
                 let made = made.and_then(|made| psnr(&made, &truth, Some(&area)));
-                *sum += made.map_err(|e| failure(&self.clip, e))? / numbers.len() as f64;
+                *sum += made.map_err(|e| Error::new(&self.clip, e.to_string()))? / numbers.len() as f64;
             }
         }
         let [naive, estimated, oracle] = sums;

@@ -4,10 +4,9 @@ use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::model::{Estimate, NOISE_LEVELS, NoiseModel};
 use blindaug::synth;
 use blindaug::{Encoded, Plane, Raster, filter};
-use blindaug_cli::console::{CONSOLE, Result, failure};
-use blindaug_io::{FrameRange, FrameSource};
+use blindaug_io::{Error, FrameRange, FrameSource, Result};
 use blindaug_nets::Removed;
-use blindaug_pipeline::Networks;
+use blindaug_pipeline::{Networks, Observer};
 use blindaug_scenes::measure::{NoiseTruth, median, noise_errors};
 use std::fmt::Write;
 use std::path::Path;
@@ -24,7 +23,7 @@ const STILL: f32 = 4.0;
 /// # Errors
 /// If the clip cannot be read, is too short, or little in it stands still.
 // This function is long, since it is one experiment whose parts share all measurements.
-pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
+pub fn measure(path: &Path, networks: &mut Networks, observer: &dyn Observer) -> Result<String> {
     let source = FrameSource::open(path, FrameRange::default())?;
     let count = source.len_hint().unwrap_or(10 * CLEAN_FROM);
     let stride = (count / CLEAN_FROM).max(1);
@@ -43,7 +42,7 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
     }
     if spread.len() < ESTIMATED_FROM {
         let wanted = format!("a still clip needs {ESTIMATED_FROM} frames or more, and has {}", spread.len());
-        return Err(failure(path, wanted));
+        return Err(Error::new(path, wanted));
     }
     let (w, h) = spread[0].0.size();
     let middle = |x: usize, y: usize, of: &dyn Fn([f32; 3], usize) -> f32| -> [f32; 3] {
@@ -73,9 +72,9 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
         truth.add_where(frame, &clean, &still);
     }
     if share < 0.5 {
-        return Err(failure(
+        return Err(Error::new(
             path,
-            format_args!(
+            format!(
                 "only {:.0} % of the picture stands still: take a clip of a camera on a tripod",
                 100.0 * share
             ),
@@ -91,16 +90,16 @@ pub fn measure(path: &Path, networks: &mut Networks) -> Result<String> {
         let frames = if single { 1 } else { first.len() };
         for (i, frame) in first.iter().enumerate().take(frames) {
             let none = Removed::default();
-            let removed = if by_networks { networks.run(&numbered, i, CONSOLE) } else { &none };
+            let removed = if by_networks { networks.run(&numbered, i, observer) } else { &none };
             let next = first.get(i + 1).filter(|_| !single);
             let previous = i.checked_sub(1).map(|i| &first[i]);
             // The denoised frame is given as if no network had made it, since an estimate leaves a network's residual out.
             let evidence = Evidence { denoised: removed.denoised.as_deref(), ..Evidence::default() };
             estimator
                 .add(&FrameObservation { frame, next, previous, evidence })
-                .map_err(|e| failure(path, e))?;
+                .map_err(|e| Error::new(path, e.to_string()))?;
         }
-        let model = estimator.estimate().map_err(|e| failure(path, e))?.model;
+        let model = estimator.estimate().map_err(|e| Error::new(path, e.to_string()))?.model;
         let Estimate::Known(noise) = &model.noise else {
             let why = model.noise.why_unknown().map_or("", |why| &why.sentence);
             let _ = writeln!(text, "  {what}: unknown ({why})");

@@ -1,5 +1,8 @@
 use super::*;
+use crate::run::Provenance;
+use blindaug_pipeline::Silent;
 use blindaug_scenes::measure::Lens;
+use std::path::PathBuf;
 
 /// The shared clips; `None`, with a message, if they are missing.
 fn shared_clips() -> Option<PathBuf> {
@@ -22,7 +25,7 @@ fn measured(given: Given, which: impl Fn(&str) -> bool) -> Option<Vec<(Truth, Me
             .filter(|c| which(&c.name))
             .map(|c| {
                 let footage = c.read().unwrap();
-                (footage.truth, measure(&footage, given, &mut Networks::default()).unwrap().0)
+                (footage.truth, measure(&footage, given, &mut Networks::default(), &Silent).unwrap().0)
             })
             .collect(),
     )
@@ -42,7 +45,8 @@ fn mean_errors(given: Given) -> Option<(f32, f32)> {
         .map(|(_, m)| m.lens.as_ref().expect("depth is given").error_px)
         .collect();
     assert!(exposures.len() > 3 && blurs.len() > 3);
-    let errors = (mean(&exposures)?, mean(&blurs)?);
+    let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
+    let errors = (mean(&exposures), mean(&blurs));
     println!("lambda {:.4}, delta {:.4} px", errors.0, errors.1);
     Some(errors)
 }
@@ -66,7 +70,7 @@ fn the_estimated_camera_beats_the_naive_composite() {
     let Some(folder) = shared_clips() else { return };
     for condition in clips::conditions(&folder).unwrap().iter().filter(|c| c.name == "full_without") {
         let (_, estimation) =
-            measure(&condition.read().unwrap(), Given::Depth, &mut Networks::default()).unwrap();
+            measure(&condition.read().unwrap(), Given::Depth, &mut Networks::default(), &Silent).unwrap();
         let f = condition.fidelity(&estimation.model).unwrap().expect("there is an object");
         println!("{}: {f:?}", condition.title());
         assert!(f.estimated > f.naive + 5.0 && f.oracle > 38.0, "{}: {f:?}", condition.title());
@@ -81,28 +85,25 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
     if !ffmpeg {
         eprintln!("SKIPPED: no ffmpeg program, so nothing goes through a video coder");
     }
-    let args = |overwrite| Validate {
-        output: out.clone(),
+    let job = Job {
         scenes: 1,
         frames: 4,
-        coded: if ffmpeg { vec![20] } else { vec![] },
-        clips: None,
-        only_clips: false,
         quick: true,
-        overwrite,
-        // The rows by networks take most of the time, and nothing below looks at them.
-        network: vec!["none".into()],
-        still: None,
-        photos: None,
-        film: None,
+        coded: if ffmpeg { vec![20] } else { vec![] },
+        paper_alone: false,
+        given: Given::ALL.into(),
+        clips: vec![],
+        networks: vec!["none".into()],
     };
-    run(&args(false)).unwrap();
-    let read = || -> Vec<Outcome> {
-        serde_json::from_str(&std::fs::read_to_string(out.join("validate.json")).unwrap()).unwrap()
+    let measured = || {
+        let provenance = Provenance { command: "test".into(), ..Provenance::here(0) };
+        let this = Run::new(&out, provenance, false, &Silent).unwrap();
+        let outcomes = run(&this, &job, &mut Networks::default()).unwrap();
+        let page = this.write("validate", "Validation", &[findings(&outcomes)]).unwrap();
+        (outcomes, std::fs::read_to_string(page).unwrap())
     };
-    let outcomes = read();
-    assert_eq!(outcomes.len(), own_cases(&args(false)).len());
-    let html = std::fs::read_to_string(out.join("index.html")).unwrap();
+    let (outcomes, html) = measured();
+    assert_eq!(outcomes.len(), own_cases(&job, &[]).len());
     assert!(html.contains("physics") && html.contains("data:image/png"));
     assert_eq!(html.contains("H.264 crf 20"), ffmpeg);
 
@@ -137,15 +138,14 @@ fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
     }
 
     // A stored case is not measured again, and a missing one is.
-    let path = |name: &str| out.join(format!("cases/{name}.json"));
-    let (kept, lost) = (&outcomes[0].case.name, &outcomes[1].case.name);
-    let mut marked = outcomes[0].clone();
-    marked.measured[0].seconds = 12345.0;
-    std::fs::write(path(kept), serde_json::to_string(&marked).unwrap()).unwrap();
-    std::fs::remove_file(path(lost)).unwrap();
-    run(&args(false)).unwrap();
-    let again = read();
+    let path = |o: &Outcome| out.join(format!("{NAME}/cases/{}.json", o.case.name));
+    let kept = std::fs::read_to_string(path(&outcomes[0])).unwrap();
+    let mut stored: serde_json::Value = serde_json::from_str(&kept).unwrap();
+    stored["outcome"]["measured"][0]["seconds"] = 12345.0.into();
+    std::fs::write(path(&outcomes[0]), stored.to_string()).unwrap();
+    std::fs::remove_file(path(&outcomes[1])).unwrap();
+    let (again, _) = measured();
     assert_eq!(again[0].measured[0].seconds, 12345.0);
-    assert!(path(lost).is_file());
+    assert!(path(&outcomes[1]).is_file());
     assert_eq!(again[1].measured[0].exposure, outcomes[1].measured[0].exposure);
 }

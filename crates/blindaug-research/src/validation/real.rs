@@ -1,13 +1,14 @@
 //! Real pixels whose exposure is known: photographs that are moved, and frames of a video that are averaged.
 
+use crate::run::Steps;
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::{Encoded, Transfer};
-use blindaug_cli::console::{self, Progress, Result, failure, note};
-use blindaug_io::{FrameRange, FrameSource, Inputs, read_frame, write_atomically};
+use blindaug_io::{Error, FrameRange, FrameSource, Result, read_frame};
+use blindaug_pipeline::Observer;
 use blindaug_report::words::count;
 use blindaug_scenes::measure::Value;
 use blindaug_scenes::moved::{
-    Course, Film, FilmMaker, Filming, Found, GHOSTS_PX, Hand, film, of_averaged, reduced, table,
+    Course, Film, FilmMaker, Filming, Found, GHOSTS_PX, Hand, film, of_averaged, reduced,
 };
 use std::path::{Path, PathBuf};
 
@@ -23,54 +24,28 @@ const CASES_OF_FILM: usize = 160;
 /// The std of the noise of moved photographs, of encoded values.
 const NOISE: f32 = 0.006;
 
-/// Measures the exposure of moved photographs, of averaged frames of a video, or of both, prints a table and writes it and all cases.
-///
-/// # Errors
-/// If nothing can be read, or the results cannot be written.
-pub fn run(photos: Option<&Path>, film: Option<&Path>, output: &Path) -> Result<()> {
-    let inputs = Inputs::of(photos.iter().chain(film.iter()));
-    inputs.check_output_folder(output, |_| true)?;
-    blindaug_io::make_folder(output)?;
-    let mut all = vec![];
-    if let Some(folder) = photos {
-        all.extend(of_photos(folder)?);
-    }
-    if let Some(clip) = film {
-        all.extend(of_film(clip)?);
-    }
-    let text = table(&all);
-    let json = serde_json::to_string_pretty(&all).expect("what was found is plain data");
-    for (name, text) in [("real.json", &json), ("real.md", &text)] {
-        write_atomically(output.join(name), |partial| std::fs::write(partial, text))?;
-    }
-    console::print(&text)?;
-    if film.is_some() {
-        note(
-            "of averaged frames, the exposure is n/N only if the video's own shutter is open all the time; every exposure from (n - 1)/N, for one that is hardly open, to n/N counts as true",
-        );
-    }
-    note(format_args!("written: {}", output.join("real.json").display()));
-    Ok(())
-}
-
 /// The images of a folder that can be read, in the order of their names.
 fn images(folder: &Path) -> Result<Vec<PathBuf>> {
     let listed =
-        std::fs::read_dir(folder).map_err(|e| failure(folder, format_args!("it cannot be listed ({e})")))?;
+        std::fs::read_dir(folder).map_err(|e| Error::new(folder, format!("it cannot be listed ({e})")))?;
     let mut paths: Vec<PathBuf> =
         listed.filter_map(|e| Some(e.ok()?.path())).filter(|p| p.is_file()).collect();
     paths.sort();
     Ok(paths)
 }
 
-fn of_photos(folder: &Path) -> Result<Vec<Found>> {
+/// The exposures of moved photographs: the images of a folder.
+///
+/// # Errors
+/// If the folder has no photograph that is large enough.
+pub fn of_photos(folder: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
     let paths = images(folder)?;
-    let mut progress = Progress::counting("photographs", "files", Some(paths.len()));
+    let progress = Steps::begin(observer, "photographs", "files", Some(paths.len()));
     let mut all = vec![];
     let (mut seed, mut left_out) = (0, 0);
     for path in &paths {
         progress.step();
-        if console::interrupted() {
+        if observer.stops() {
             break;
         }
         let Ok(photo) = read_frame(path) else {
@@ -98,17 +73,22 @@ fn of_photos(folder: &Path) -> Result<Vec<Found>> {
     }
     drop(progress);
     if left_out > 0 {
-        note(format_args!("{left_out} of {} files are no images, or too small to be moved", paths.len()));
+        observer
+            .note(&format!("{left_out} of {} files are no images, or too small to be moved", paths.len()));
     }
     if all.is_empty() {
-        return Err(failure(folder, "there is no photograph of at least 400 x 300 px here"));
+        return Err(Error::new(folder, "there is no photograph of at least 400 x 300 px here"));
     }
     Ok(all)
 }
 
-fn of_film(clip: &Path) -> Result<Vec<Found>> {
+/// The exposures of averaged frames of a video.
+///
+/// # Errors
+/// If the clip cannot be read, or no part of it can be used.
+pub fn of_film(clip: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
     let source = FrameSource::open(clip, FrameRange::default())?;
-    let mut progress = Progress::counting("averaging", "frames", source.len_hint());
+    let progress = Steps::begin(observer, "averaging", "frames", source.len_hint());
     let mut maker = FilmMaker::default();
     let mut all = vec![];
     let of = |film: &Film| {
@@ -118,10 +98,10 @@ fn of_film(clip: &Path) -> Result<Vec<Found>> {
     };
     for frame in source.frames() {
         progress.step();
-        for film in maker.push(&frame?.image).map_err(|e| failure(clip, e))? {
+        for film in maker.push(&frame?.image).map_err(|e| Error::new(clip, e.to_string()))? {
             all.push(of(&film)?);
         }
-        if console::interrupted() || all.len() >= CASES_OF_FILM {
+        if observer.stops() || all.len() >= CASES_OF_FILM {
             break;
         }
     }
@@ -135,13 +115,13 @@ fn of_film(clip: &Path) -> Result<Vec<Found>> {
     );
     if all.is_empty() && too_fast > 0 {
         let else_do = "give a video of slower motion or of more frames a second";
-        return Err(failure(clip, format_args!("{ghosts}; {else_do}")));
+        return Err(Error::new(clip, format!("{ghosts}; {else_do}")));
     }
     if all.is_empty() {
-        return Err(failure(clip, "it has no 24 frames without a cut"));
+        return Err(Error::new(clip, "it has no 24 frames without a cut"));
     }
     if too_fast > 0 {
-        note(format_args!("{} left out: {ghosts}", count(too_fast as u64, "piece")));
+        observer.note(&format!("{} left out: {ghosts}", count(too_fast as u64, "piece")));
     }
     Ok(all)
 }
@@ -156,9 +136,9 @@ fn found(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path:
             previous: i.checked_sub(1).map(|i| &frames[i]),
             evidence: Evidence::default(),
         };
-        estimator.add(&observation).map_err(|e| failure(path, e))?;
+        estimator.add(&observation).map_err(|e| Error::new(path, e.to_string()))?;
     }
-    let estimation = estimator.estimate().map_err(|e| failure(path, e))?;
+    let estimation = estimator.estimate().map_err(|e| Error::new(path, e.to_string()))?;
     let exposure = &estimation.model.motion_blur;
     Ok(Found {
         name,
