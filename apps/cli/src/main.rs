@@ -8,6 +8,7 @@ mod export;
 mod inspect;
 mod live;
 mod models;
+mod reproduce;
 mod study;
 mod validate;
 
@@ -41,6 +42,7 @@ enum Command {
     Inspect(inspect::Inspect),
     Export(export::Export),
     Validate(validate::Validate),
+    Reproduce(reproduce::Reproduce),
     Study(study::Study),
     Models(models::Models),
     Live(live::Live),
@@ -64,6 +66,7 @@ fn main() -> ExitCode {
         Command::Inspect(args) => inspect::run(args),
         Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),
+        Command::Reproduce(args) => reproduce::run(args),
         Command::Study(args) => study::run(args),
         Command::Models(args) => models::run(args),
         Command::Live(args) => live::run(args, cli.memory),

@@ -7,15 +7,16 @@ mod findings;
 pub mod real;
 pub mod still;
 
+use crate::filming::Filming;
 use crate::run::Run;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
-use blindaug::{Encoded, Flow, Transfer};
+use blindaug::{Encoded, Transfer};
 use blindaug_io::{Error, FrameRange, FrameSource, Result, VideoWriter, write_png};
 use blindaug_pipeline::{Networks, Observer};
 use blindaug_scenes::camera::{Camera, Setting};
-use blindaug_scenes::measure::{Footage, Given, Measured, NoiseTruth, Truth};
-use blindaug_scenes::scene::{Exposure, Scene};
+use blindaug_scenes::measure::{Footage, Given, Measured, Truth};
+use blindaug_scenes::scene::Scene;
 use clips::{Condition, Fidelity};
 pub use estimate::{given_with, measure};
 pub use findings::findings;
@@ -239,44 +240,9 @@ fn clip_case(condition: &Condition, networks: &[String], given: &[Given]) -> Cas
     }
 }
 
-/// The sharp frames of the scene that was filmed last: these frames are the same for all settings. The scene has its number, and is seen
-/// by a camera that shakes or not.
+/// The scene that was filmed last: its sharp frames are the same for all settings. The key is the scene's number and whether a hand shakes.
 #[derive(Default)]
 struct SharpScene(Option<((u64, bool), Filming)>);
-
-/// A scene, its sharp frames and the evidence that can be given with them.
-struct Filming {
-    scene: Scene,
-    footage: Footage,
-    /// The motion of each frame at its own time.
-    motion: Vec<Flow>,
-    /// The camera and the setting that filmed last, their frames and the noise of these.
-    filmed: Option<((Camera, Setting), Vec<Encoded>, NoiseTruth)>,
-}
-
-impl Filming {
-    /// Films the scene, unless that was done last, and puts the frames and the truth into the footage.
-    fn film(&mut self, camera: Camera, setting: Setting, seed: u64) -> blindaug::Result<()> {
-        let by = (camera, setting);
-        if self.filmed.as_ref().is_none_or(|f| f.0 != by) {
-            let mut noise = NoiseTruth::default();
-            let mut frames = vec![];
-            for (t, clean) in self.footage.clean.iter().enumerate() {
-                let evidence =
-                    (&clean.to_linear(Transfer::Srgb), &self.footage.inverse_depth[t], &self.motion[t]);
-                let filmed = camera.film(&self.scene, t as u64, evidence, &setting, seed)?;
-                noise.add(&filmed.frame, &filmed.without_noise);
-                frames.push(filmed.frame);
-            }
-            self.filmed = Some((by, frames, noise));
-        }
-        let (_, frames, noise) = self.filmed.as_ref().expect("it was just filmed");
-        self.footage.truth = Truth { exposure: setting.exposure, lens: setting.lens };
-        self.footage.frames.clone_from(frames);
-        self.footage.noise = Some(noise.clone());
-        Ok(())
-    }
-}
 
 impl SharpScene {
     fn get(&mut self, case: &Case) -> &mut Filming {
@@ -284,19 +250,7 @@ impl SharpScene {
         if self.0.as_ref().is_none_or(|s| s.0 != key) {
             let steady = Scene::new(case.scene, case.size);
             let scene = if key.1 { steady.shaken(case.scene) } else { steady };
-            let times = || 0..case.frames;
-            let footage = Footage {
-                frames: vec![],
-                clean: times()
-                    .map(|t| scene.picture(t as f32, Exposure::default(), 0).to_encoded(Transfer::Srgb))
-                    .collect(),
-                inverse_depth: times().map(|t| scene.inverse_depth(t as f32)).collect(),
-                flow: times().map(|t| scene.flow(t as f32)).collect(),
-                truth: Truth { exposure: 0.0, lens: None },
-                noise: None,
-            };
-            let motion = times().map(|t| scene.motion(t as f32)).collect();
-            self.0 = Some((key, Filming { scene, footage, motion, filmed: None }));
+            self.0 = Some((key, Filming::new(scene, case.frames)));
         }
         &mut self.0.as_mut().expect("it was just made").1
     }
