@@ -484,6 +484,31 @@ pub struct VideoWriter {
     row: Vec<u8>,
 }
 
+/// How a video is coded. Both ways keep chroma at half the resolution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VideoCoding {
+    /// H.264 with a constant rate factor of x264: 0 (nothing is lost) to 51 (the worst).
+    H264 {
+        /// The constant rate factor.
+        crf: u8,
+    },
+    /// Motion JPEG, each frame by itself as webcams do, with ffmpeg's quantiser scale: 2 (the best) to 31 (the worst).
+    Mjpeg {
+        /// The quantiser scale.
+        scale: u8,
+    },
+}
+
+impl VideoCoding {
+    fn arguments(self) -> Vec<String> {
+        let words = match self {
+            Self::H264 { crf } => format!("-c:v libx264 -crf {crf} -pix_fmt yuv420p -color_range tv"),
+            Self::Mjpeg { scale } => format!("-c:v mjpeg -q:v {scale} -pix_fmt yuvj420p -color_range pc"),
+        };
+        words.split(' ').map(String::from).collect()
+    }
+}
+
 impl VideoWriter {
     /// Whether a path has the extension of a video that can be written.
     pub fn is_video(path: impl AsRef<Path>) -> bool {
@@ -496,27 +521,31 @@ impl VideoWriter {
     /// # Errors
     /// If there is no ffmpeg program, or the frame rate is no positive number.
     pub fn create(path: impl AsRef<Path>, size: (usize, usize), fps: f64) -> Result<Self> {
-        Self::create_with(find(), path.as_ref(), size, fps, Self::CRF)
+        Self::create_with(find(), path.as_ref(), size, fps, Self::FINE)
     }
 
-    /// Starts a video as [`VideoWriter::create`] does, but with this constant rate factor of x264: 0 (nothing is lost) to 51 (the
-    /// worst).
+    /// Starts a video as [`VideoWriter::create`] does, but coded like this.
     ///
     /// # Errors
     /// The same as [`VideoWriter::create`].
-    pub fn create_coarse(path: impl AsRef<Path>, size: (usize, usize), fps: f64, crf: u8) -> Result<Self> {
-        Self::create_with(find(), path.as_ref(), size, fps, crf)
+    pub fn create_coded(
+        path: impl AsRef<Path>,
+        size: (usize, usize),
+        fps: f64,
+        coding: VideoCoding,
+    ) -> Result<Self> {
+        Self::create_with(find(), path.as_ref(), size, fps, coding)
     }
 
-    /// The default constant rate factor, at which hardly any difference can be seen.
-    const CRF: u8 = 12;
+    /// The default coding, at which hardly any difference can be seen.
+    const FINE: VideoCoding = VideoCoding::H264 { crf: 12 };
 
     fn create_with(
         program: Option<OsString>,
         path: &Path,
         size: (usize, usize),
         fps: f64,
-        crf: u8,
+        coding: VideoCoding,
     ) -> Result<Self> {
         if !(fps.is_finite() && fps > 0.0) {
             return Err(Error::new(path, format!("a video needs a positive frame rate, not {fps}")));
@@ -544,7 +573,7 @@ impl VideoWriter {
                 "-vf",
                 "scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix=bt709",
             ])
-            .args(["-c:v", "libx264", "-crf", &crf.to_string(), "-pix_fmt", "yuv420p", "-color_range", "tv"])
+            .args(coding.arguments())
             .args(["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"])
             .args(["-movflags", "+faststart"])
             .arg(file_url(file.path()))
@@ -648,7 +677,7 @@ mod tests {
             assert!(made.unwrap().success());
             let path = dir.path().join(name);
             let mut writer =
-                VideoWriter::create_with(Some(program.into()), &path, (SIZE, SIZE), 25.0, VideoWriter::CRF)?;
+                VideoWriter::create_with(Some(program.into()), &path, (SIZE, SIZE), 25.0, VideoWriter::FINE)?;
             let value = |x, y| ((x * 73_856_093) ^ (y * 19_349_663)) as f32 % 251.0 / 251.0;
             let frame = blindaug::Raster::from_fn(SIZE, SIZE, |x: usize, y: usize| [value(x, y); 3]);
             (0..4).try_for_each(|_| writer.write(&Encoded(frame.clone())))?;
@@ -754,7 +783,7 @@ mod tests {
     fn a_video_cannot_be_written_without_ffmpeg() {
         let create = |program: Option<&str>, fps| {
             let path = std::env::temp_dir().join("blindaug_not_written.mp4");
-            VideoWriter::create_with(program.map(Into::into), &path, (4, 4), fps, VideoWriter::CRF)
+            VideoWriter::create_with(program.map(Into::into), &path, (4, 4), fps, VideoWriter::FINE)
                 .err()
                 .unwrap()
                 .to_string()

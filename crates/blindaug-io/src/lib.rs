@@ -49,7 +49,7 @@ pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result, guarded, one_line};
 pub use evidence::{EvidenceWriter, PaperScene};
 pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
-pub use ffmpeg::VideoWriter;
+pub use ffmpeg::{VideoCoding, VideoWriter};
 pub use files::{Inputs, open_file, read_file, read_text, same_file};
 pub use flow::{read_flow, write_flo};
 pub use image::{PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture};

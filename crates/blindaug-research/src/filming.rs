@@ -1,9 +1,11 @@
 //! Scenes of known truth filmed with one setting after another.
 
 use blindaug::{Encoded, Flow, Result, Transfer};
+use blindaug_io::{FrameRange, FrameSource, VideoCoding, VideoWriter};
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::measure::{Footage, NoiseTruth, Truth};
 use blindaug_scenes::scene::{Exposure, Scene};
+use std::path::Path;
 
 /// A scene, its sharp frames and the evidence that can be given with them.
 pub(crate) struct Filming {
@@ -54,5 +56,57 @@ impl Filming {
         self.footage.frames.clone_from(frames);
         self.footage.noise = Some(noise.clone());
         Ok(())
+    }
+}
+
+/// The frames after coding as a video, which stays at `path`.
+///
+/// # Errors
+/// If there is no ffmpeg program or the file cannot be written.
+pub(crate) fn coded(
+    frames: &[Encoded],
+    coding: VideoCoding,
+    path: &Path,
+) -> blindaug_io::Result<Vec<Encoded>> {
+    const FPS: f64 = 25.0;
+    let Some(first) = frames.first() else { return Ok(vec![]) };
+    let mut video = VideoWriter::create_coded(path, first.0.size(), FPS, coding)?;
+    frames.iter().try_for_each(|f| video.write(f))?;
+    video.finish()?;
+    let source = FrameSource::open(path, FrameRange::default())?;
+    source.frames().map(|f| Ok(f?.image)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::{Raster, metrics::psnr};
+
+    #[test]
+    fn coders_change_frames_as_much_as_they_are_told_to() {
+        if std::process::Command::new("ffmpeg").arg("-version").output().is_err() {
+            eprintln!("SKIPPED: no ffmpeg program, so nothing goes through a video coder");
+            return;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let frame = |t: usize| {
+            let value = |x: usize, y: usize| {
+                0.3 + 0.4 * ((x + 2 * t) as f32 * 0.31).sin().abs() * (y as f32 * 0.17).cos().abs()
+            };
+            Encoded(Raster::from_fn(96, 64, |x, y| [value(x, y), 0.8 * value(y, x), 0.5]))
+        };
+        let frames: Vec<Encoded> = (0..3).map(frame).collect();
+        let like = |coding, name: &str| {
+            let made = coded(&frames, coding, &folder.path().join(name)).unwrap();
+            assert_eq!(made.len(), frames.len());
+            psnr(&made[1], &frames[1], None).unwrap()
+        };
+        for (fine, coarse, ending) in [
+            (VideoCoding::H264 { crf: 10 }, VideoCoding::H264 { crf: 40 }, "mp4"),
+            (VideoCoding::Mjpeg { scale: 2 }, VideoCoding::Mjpeg { scale: 31 }, "avi"),
+        ] {
+            let (a, b) = (like(fine, &format!("a.{ending}")), like(coarse, &format!("b.{ending}")));
+            assert!(a > 30.0 && a > b + 3.0, "{fine:?}: {a}, {coarse:?}: {b}");
+        }
     }
 }

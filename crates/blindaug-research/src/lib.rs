@@ -5,6 +5,7 @@
 //! [`statistics`] has the tests and the intervals.
 
 pub mod experiments;
+pub mod fidelity;
 pub mod figure;
 mod filming;
 mod pdf;

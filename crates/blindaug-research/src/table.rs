@@ -57,6 +57,7 @@ impl Cell {
             Self::Empty => "\u{2013}".into(),
             Self::Text(text) => text.clone(),
             Self::Number(v, digits) => fixed(*v, *digits),
+            Self::Spread(m, digits) if m.n == 1 => format!("{} (n 1)", fixed(m.mean, *digits)),
             Self::Spread(m, digits) => {
                 format!("{} ± {} (n {})", fixed(m.mean, *digits), fixed(m.std, *digits), m.n)
             }

@@ -7,12 +7,12 @@ mod findings;
 pub mod real;
 pub mod still;
 
-use crate::filming::Filming;
+use crate::filming::{Filming, coded};
 use crate::run::Run;
 use blindaug::fit::Estimation;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Transfer};
-use blindaug_io::{Error, FrameRange, FrameSource, Result, VideoWriter, write_png};
+use blindaug_io::{Error, Result, VideoCoding, write_png};
 use blindaug_pipeline::{Networks, Observer};
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::measure::{Footage, Given, Measured, Truth};
@@ -270,7 +270,8 @@ fn measure_own(
     filming.film(camera, setting, case.scene).map_err(|e| Error::new(pictures, e.to_string()))?;
     let footage = &mut filming.footage;
     if let Some(crf) = case.coded {
-        footage.frames = coded(&footage.frames, crf, &pictures.join(format!("{}.mp4", case.name)))?;
+        footage.frames =
+            coded(&footage.frames, VideoCoding::H264 { crf }, &pictures.join(format!("{}.mp4", case.name)))?;
         // The coder has changed the noise, so the sensor's noise is no longer the truth.
         footage.noise = None;
     }
@@ -288,17 +289,6 @@ fn measure_own(
         }
     }
     Ok(Outcome { measured, ..outcome })
-}
-
-/// The frames after H.264 coding. The video stays at `path`.
-fn coded(frames: &[Encoded], crf: u8, path: &Path) -> Result<Vec<Encoded>> {
-    const FPS: f64 = 25.0;
-    let Some(first) = frames.first() else { return Ok(vec![]) };
-    let mut video = VideoWriter::create_coarse(path, first.0.size(), FPS, crf)?;
-    frames.iter().try_for_each(|f| video.write(f))?;
-    video.finish()?;
-    let source = FrameSource::open(path, FrameRange::default())?;
-    source.frames().map(|f| Ok(f?.image)).collect()
 }
 
 /// Writes the frame, the clean frame as the estimated camera would film it, and their difference.
