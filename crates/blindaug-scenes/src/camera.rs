@@ -31,6 +31,10 @@ pub struct Setting {
     pub noise: f32,
     /// The share of the noise that does not depend on the light, in [0, 1]: of the std for the synthesis, of the variance for physics.
     pub readout: f32,
+    /// The time from the first row to the last one of a rolling shutter, as [`Exposure::readout`]; the synthesis, which has no such
+    /// distortion, takes all rows at once.
+    #[serde(default)]
+    pub rolling_shutter: f32,
 }
 
 /// A filmed frame and what it would be without noise.
@@ -71,13 +75,17 @@ impl Camera {
                 (clean, noisy)
             }
             Self::Physics => {
-                let exposure = Exposure { fraction: setting.exposure, lens: setting.lens };
+                let exposure = Exposure {
+                    fraction: setting.exposure,
+                    lens: setting.lens,
+                    readout: setting.rolling_shutter,
+                };
                 // The frame is the mean of two pictures, whose own noise is part of the frame's. One of them stands for the frame
                 // without noise, as the frame differs from it by as much as from a picture of infinitely many views.
                 let views = |seed| scene.picture(time as f32, exposure, seed);
                 let (light, without_noise) = match exposure {
                     // An instant through a pinhole is the sharp frame, which is given.
-                    Exposure { fraction: 0.0, lens: None } => (sharp.clone(), sharp.clone()),
+                    Exposure { fraction: 0.0, lens: None, readout: 0.0 } => (sharp.clone(), sharp.clone()),
                     Exposure { lens: None, .. } => {
                         let light = views(0);
                         (light.clone(), light)

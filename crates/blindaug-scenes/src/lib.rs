@@ -10,7 +10,7 @@
 //! let scene = Scene::new(3, (64, 48));
 //! let sharp = scene.picture(0.0, Exposure::default(), 1);
 //! // A lens that blurs what is far away by a std of 4 px, focused at 1 m.
-//! let blurred = scene.picture(0.0, Exposure { fraction: 0.0, lens: Some((4.0, 1.0)) }, 1);
+//! let blurred = scene.picture(0.0, Exposure { lens: Some((4.0, 1.0)), ..Exposure::default() }, 1);
 //! let contrast = |image: &blindaug::Linear| {
 //!     let row = image.0.row(10);
 //!     row.windows(2).map(|w| (w[1][1] - w[0][1]).abs()).sum::<f32>()
@@ -22,3 +22,4 @@ pub mod camera;
 pub mod measure;
 pub mod moved;
 pub mod scene;
+pub mod thing;

@@ -1,31 +1,40 @@
-//! Scenes whose truth is known: textured planes seen by a moving camera, cast ray by ray.
+//! Scenes whose truth is known: textured planes seen by a moving camera, cast ray by ray, and [`Thing`]s added to them.
 //!
 //! A picture is the mean of many pinhole views, spread over the pixel, the lens and the time that the shutter is open
-//! (Cook, Porter & Carpenter 1984). With one point in the lens and one in time it is the sharp frame.
+//! (Cook, Porter & Carpenter 1984). With one point in the lens and one in time it is the sharp frame. Rows may be read one after the other,
+//! as by a rolling shutter.
+//!
+//! A thing that is added with [`Scene::with`] is filmed with the rest; [`Scene::layer`] renders it alone, as a game engine does, so that
+//! its composite over the picture without it can be compared with the picture in which it really is.
 
-use blindaug::{Flow, Linear, Plane, Raster};
+use crate::thing::{LAMP, Marker, Path, Thing, lit};
+use blindaug::composite::VirtualLayer;
+use blindaug::{Flow, Linear, Plane, Premultiplied, Raster};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use std::f32::consts::TAU;
+use std::sync::Arc;
 
-type V3 = [f32; 3];
+/// A point or a direction in space: x to the right, y down, z forward, m.
+pub type V3 = [f32; 3];
 
-fn add(a: V3, b: V3) -> V3 {
+pub(crate) fn add(a: V3, b: V3) -> V3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-fn scaled(a: V3, k: f32) -> V3 {
+pub(crate) fn scaled(a: V3, k: f32) -> V3 {
     a.map(|v| v * k)
 }
 
-fn dot(a: V3, b: V3) -> f32 {
+pub(crate) fn dot(a: V3, b: V3) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: V3, b: V3) -> V3 {
+pub(crate) fn cross(a: V3, b: V3) -> V3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// A rectangle with a texture.
+#[derive(Clone)]
 struct Surface {
     corner: V3,
     /// Unit vectors along the sides.
@@ -39,10 +48,12 @@ struct Surface {
 }
 
 /// A texture that repeats, and its successive halvings, finest first.
-struct Texture(Vec<Raster<[f32; 3]>>);
+pub(crate) struct Texture(Vec<Raster<[f32; 3]>>);
 
 /// The side of a texture's finest level, px.
 const TEXTURE: usize = 1024;
+/// The least number of views that a pixel uses.
+const FEWEST: usize = 24;
 /// The number of all views of a picture through a lens, divided by the number that one pixel uses.
 const POOL: usize = 64;
 /// The least number of views that a pixel uses through a lens.
@@ -51,11 +62,35 @@ const OF_LENS: usize = 128;
 /// rays. Its std is the distance between the rays of a frame, which has two pictures of n rays: sqrt(pi radius^2 / (2 n)). The std
 /// of the lens blur is half its radius.
 const SMOOTHED: f32 = 4.0 * std::f32::consts::PI / (2 * OF_LENS) as f32;
+/// The least std by which textures are smoothed, px.
+const FINEST: f32 = 0.2;
+/// The number of rows whose views are made at once if each row has its own.
+const BAND: usize = 16;
 
-/// A room with things in it, and the path of a camera through it.
+/// The kinds of textures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureKind {
+    /// Disks of all sizes that cover each other, which have the statistics of photographs (Lee, Mumford & Huang 2001).
+    LargeLeaves,
+    /// Smaller disks that cover each other.
+    SmallLeaves,
+    /// Courses of bricks.
+    Bricks,
+    /// The grain of wood.
+    Wood,
+    /// A rough surface.
+    Rough,
+}
+
+/// A room with things in it, and the path of a camera through it. Clones share the textures.
+#[derive(Clone)]
 pub struct Scene {
     surfaces: Vec<Surface>,
-    textures: Vec<Texture>,
+    textures: Arc<[Texture]>,
+    /// The things that were added.
+    things: Vec<Thing>,
+    /// Whether the camera stays where it is at time 0.
+    still: bool,
     /// The camera's path: two radii in m, a phase in radians, and radians per frame.
     path: [f32; 4],
     /// The phases, in radians, of the swings of a hand that shakes, for each of [`SWINGS`] sideways and up; `None`: nothing shakes.
@@ -68,12 +103,89 @@ pub struct Scene {
 /// camera, as shares of the picture's width. The largest speeds are 3.4 and 2.3 px a frame in a picture 512 px wide.
 const SWINGS: [(f32, f32); 2] = [(30.0 / 4.0, 4.0 / 512.0), (30.0 / 9.0, 1.2 / 512.0)];
 
-/// The position and the orientation of the camera.
+/// The position and the orientation of the camera or of a thing.
 #[derive(Clone, Copy)]
-struct Pose {
-    position: V3,
+pub(crate) struct Pose {
+    pub(crate) position: V3,
     /// Unit vectors to the right, down and forward.
-    axes: [V3; 3],
+    pub(crate) axes: [V3; 3],
+}
+
+impl Pose {
+    /// A point of space in the axes of the pose.
+    pub(crate) fn local(&self, point: V3) -> V3 {
+        self.axes.map(|axis| dot(add(point, scaled(self.position, -1.0)), axis))
+    }
+
+    /// A direction that is given in the axes of the pose.
+    pub(crate) fn turned(&self, [x, y, z]: V3) -> V3 {
+        add(add(scaled(self.axes[0], x), scaled(self.axes[1], y)), scaled(self.axes[2], z))
+    }
+
+    /// The point of space that is given in the axes of the pose.
+    fn point(&self, local: V3) -> V3 {
+        add(self.position, self.turned(local))
+    }
+}
+
+/// The poses of everything that moves, at one time.
+struct Instant {
+    camera: Pose,
+    /// The poses of the things that were added, in their order.
+    things: Vec<Pose>,
+}
+
+/// What a ray meets first.
+struct Hit<'a> {
+    /// The depth along the view axis, m.
+    depth: f32,
+    on: On<'a>,
+}
+
+/// The place that a ray meets.
+#[derive(Clone, Copy)]
+enum On<'a> {
+    /// A place on one of the scene's own surfaces, m along its sides.
+    Surface(&'a Surface, [f32; 2]),
+    /// A place on the thing of this number, in the thing's own axes.
+    Thing(usize, V3),
+}
+
+/// A point that can be seen.
+#[derive(Clone, Copy)]
+enum Point {
+    /// A point that does not move.
+    Still(V3),
+    /// A point of the thing of this number, in the thing's own axes.
+    OfThing(usize, V3),
+}
+
+/// A thing rendered alone: sharp, anti-aliased, lit as in the scene, and not cut out where the scene's things are in front of it.
+#[derive(Clone, Debug)]
+pub struct Layer {
+    /// Premultiplied colour, in linear light.
+    pub color: Premultiplied,
+    /// Inverse depth of the thing, 1/m, NaN where there is none.
+    pub inverse_depth: Plane,
+    /// Motion of the thing, px per frame interval, centred on the time; 0 where there is none.
+    pub motion: Flow,
+}
+
+impl From<Layer> for VirtualLayer {
+    fn from(layer: Layer) -> Self {
+        Self { color: layer.color, inverse_depth: Some(layer.inverse_depth), flow: Some(layer.motion) }
+    }
+}
+
+/// A point of the rim of a marker's disk, in the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RimPoint {
+    /// The place, px from the middle of the first pixel.
+    pub place: [f32; 2],
+    /// The unit vector at right angles to the rim, away from the disk.
+    pub normal: [f32; 2],
+    /// Whether the point is inside the picture and nothing hides it.
+    pub visible: bool,
 }
 
 /// The shutter and the lens of a frame.
@@ -84,6 +196,9 @@ pub struct Exposure {
     /// The lens `(sigma_px_at_infinity, focus_m)`, whose blur has the std `sigma_px_at_infinity |1 - focus_m / Z|` in px; `None` is
     /// a pinhole.
     pub lens: Option<(f32, f32)>,
+    /// The time from the first row to the last one as a share of the frame interval, in [0, 1], of a rolling shutter: row y of h is
+    /// taken at t + readout (y / (h - 1) - 1/2). At 0, all rows are taken at once.
+    pub readout: f32,
 }
 
 impl Scene {
@@ -91,7 +206,15 @@ impl Scene {
     pub fn new(number: u64, size: (usize, usize)) -> Self {
         let mut rng = StdRng::seed_from_u64(number);
         let textures = (0..5).map(|kind| Texture::new(kind, &mut rng)).collect();
-        let mut scene = Self { surfaces: vec![], textures, path: [0.0; 4], shake: None, size };
+        let mut scene = Self {
+            surfaces: vec![],
+            textures,
+            things: vec![],
+            still: false,
+            path: [0.0; 4],
+            shake: None,
+            size,
+        };
         // Walls and floor, then things in front of them.
         let (far, floor) = (rng.random_range(6.0..9.0), 1.3);
         let (right, down) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
@@ -130,6 +253,96 @@ impl Scene {
         self
     }
 
+    /// The scene with a camera that does not move: it stays where it is at time 0.
+    pub fn still_camera(self) -> Self {
+        Self { still: true, ..self }
+    }
+
+    /// The scene with one more thing in it.
+    pub fn with(mut self, thing: Thing) -> Self {
+        self.things.push(thing);
+        self
+    }
+
+    /// The scene with a marker in it.
+    pub fn with_marker(self, marker: Marker) -> Self {
+        self.with(marker.into())
+    }
+
+    /// A still marker whose board faces the camera at time `t` and is wholly visible, as near to the middle of the picture as possible;
+    /// `None` if a board of that size is hidden in part wherever it is put in that depth. Its disk has this radius in px.
+    pub fn visible_marker(
+        &self,
+        t: f32,
+        depth_m: f32,
+        radius_px: f32,
+        white_on_black: bool,
+    ) -> Option<Marker> {
+        // Half of the board's side, with a margin for what is between the points that are looked at.
+        let half = 0.5 * Marker::BOARD * radius_px + 2.0;
+        let now = self.instant(t);
+        let free = |[x, y]: [f32; 2]| {
+            const STEPS: usize = 12;
+            (0..=STEPS * STEPS + 2 * STEPS).all(|i| {
+                let at = |i: usize| half * (2.0 * i as f32 / STEPS as f32 - 1.0);
+                let place = [x + at(i % (STEPS + 1)), y + at(i / (STEPS + 1))];
+                let direction = self.direction(&now.camera, place[0], place[1], [0.0; 2]);
+                self.inside(place) && self.hit(&now, direction).is_none_or(|h| h.depth > 1.02 * depth_m)
+            })
+        };
+        let middle = [self.size.0, self.size.1].map(|n| 0.5 * (n as f32 - 1.0));
+        let from_middle = |p: [f32; 2]| (p[0] - middle[0]).hypot(p[1] - middle[1]);
+        let step = (0.25 * half).max(1.0);
+        let columns = (middle[0] / step) as i32;
+        let rows = (middle[1] / step) as i32;
+        let mut places: Vec<[f32; 2]> = (-rows..=rows)
+            .flat_map(|j| (-columns..=columns).map(move |i| [i as f32 * step, j as f32 * step]))
+            .map(|d| [middle[0] + d[0], middle[1] + d[1]])
+            .collect();
+        places.sort_by(|a, b| from_middle(*a).total_cmp(&from_middle(*b)));
+        let place = places.into_iter().find(|p| free(*p))?;
+        let direction = self.direction(&now.camera, place[0], place[1], [0.0; 2]);
+        Some(Marker {
+            centre: add(now.camera.position, scaled(direction, depth_m)),
+            axes: [now.camera.axes[0], now.camera.axes[1]],
+            radius_m: radius_px * depth_m / self.focal(),
+            white_on_black,
+            path: Path::Still,
+        })
+    }
+
+    /// Points of the rim of a marker's disk at time `t`, evenly spaced around the disk. The marker is one that was added to the scene.
+    pub fn rim(&self, marker: &Marker, t: f32, points: usize) -> Vec<RimPoint> {
+        let (now, pose) = (self.instant(t), marker.pose(t));
+        (0..points)
+            .map(|i| {
+                let (s, c) = (TAU * i as f32 / points as f32).sin_cos();
+                let [point, along] =
+                    [pose.point([marker.radius_m * c, marker.radius_m * s, 0.0]), pose.turned([-s, c, 0.0])];
+                let seen = now.camera.local(point);
+                let place = self.place(&now, Point::Still(point));
+                let centre = self.place(&now, Point::Still(pose.position));
+                // The derivative of the projection along the rim, whose length does not matter.
+                let d = now.camera.axes.map(|axis| dot(along, axis));
+                let [u, v] = [0, 1].map(|i| d[i] * seen[2] - seen[i] * d[2]);
+                let length = u.hypot(v).max(f32::MIN_POSITIVE);
+                let normal = [v / length, -u / length];
+                let outward = normal[0] * (place[0] - centre[0]) + normal[1] * (place[1] - centre[1]);
+                let direction = scaled(add(point, scaled(now.camera.position, -1.0)), 1.0 / seen[2]);
+                let visible = seen[2] > 0.05
+                    && self.inside(place)
+                    && self.hit(&now, direction).is_none_or(|h| h.depth > seen[2] * (1.0 - 1e-3));
+                RimPoint { place, normal: normal.map(|n| if outward < 0.0 { -n } else { n }), visible }
+            })
+            .collect()
+    }
+
+    /// Whether a place in px is inside the picture.
+    fn inside(&self, [x, y]: [f32; 2]) -> bool {
+        let within = |v: f32, n: usize| (-0.5..=n as f32 - 0.5).contains(&v);
+        within(x, self.size.0) && within(y, self.size.1)
+    }
+
     /// The angles, in radians, by which the hand turns the camera at time `t`: sideways and up.
     fn shake(&self, t: f32) -> [f32; 2] {
         let Some(phases) = self.shake else { return [0.0; 2] };
@@ -145,8 +358,7 @@ impl Scene {
 
     fn rectangle(&mut self, corner: V3, a: V3, b: V3, size: [f32; 2], texture: usize, density: f32) {
         let normal = cross(a, b);
-        // One light comes from above on the left, another from everywhere.
-        let light = 0.55 + 0.45 * dot(normal, [-0.45, -0.6, -0.66]).abs();
+        let light = lit(dot(normal, LAMP).abs());
         self.surfaces.push(Surface { corner, sides: [a, b], size, normal, texture, density, light });
     }
 
@@ -155,7 +367,13 @@ impl Scene {
         0.95 * self.size.0 as f32
     }
 
+    fn instant(&self, t: f32) -> Instant {
+        Instant { camera: self.pose(t), things: self.things.iter().map(|thing| thing.pose(t)).collect() }
+    }
+
+    /// The pose of the camera.
     fn pose(&self, t: f32) -> Pose {
+        let t = if self.still { 0.0 } else { t };
         let [wide, high, phase, speed] = self.path;
         let angle = phase + speed * t;
         let position = [wide * angle.cos(), high * angle.sin(), 0.12 * (0.7 * angle).sin()];
@@ -177,8 +395,9 @@ impl Scene {
         [(x - 0.5 * (w - 1.0)) / self.focal(), (y - 0.5 * (h - 1.0)) / self.focal()]
     }
 
-    /// The nearest surface, its depth along the view axis in m, and the place on the surface in m.
-    fn hit(&self, from: V3, direction: V3) -> Option<(&Surface, f32, [f32; 2])> {
+    /// What a ray from the camera meets first.
+    fn hit(&self, now: &Instant, direction: V3) -> Option<Hit<'_>> {
+        let from = now.camera.position;
         let mut nearest: Option<(&Surface, f32, [f32; 2])> = None;
         for s in &self.surfaces {
             let relative = add(s.corner, scaled(from, -1.0));
@@ -192,52 +411,125 @@ impl Scene {
                 nearest = Some((s, t, place));
             }
         }
+        let mut nearest = nearest.map(|(s, depth, place)| Hit { depth, on: On::Surface(s, place) });
+        for (i, (thing, pose)) in self.things.iter().zip(&now.things).enumerate() {
+            let beyond = nearest.as_ref().map_or(f32::INFINITY, |h| h.depth);
+            if let Some((depth, place)) = thing.hit(pose, from, direction, beyond) {
+                nearest = Some(Hit { depth, on: On::Thing(i, place) });
+            }
+        }
         nearest
     }
 
     /// The light of a ray. `apart` gives the distance of a pixel's rays where they meet a surface, px, at the surface's inverse depth.
-    /// The texture is smoothed by a box of twice that distance and by linear interpolation, which together have the std `apart`.
-    fn light(&self, from: V3, direction: V3, apart: impl Fn(f32) -> f32) -> V3 {
+    /// The texture is smoothed by a box of twice that distance and by linear interpolation, which together have the std `apart`;
+    /// that is at least [`FINEST`], as a pixel has few rays.
+    fn light(&self, now: &Instant, direction: V3, apart: impl Fn(f32) -> f32) -> V3 {
         const SKY: V3 = [0.5, 0.55, 0.6];
-        let Some((s, t, place)) = self.hit(from, direction) else { return SKY };
-        let level = (t * s.density / self.focal() * 2.0 * apart(1.0 / t)).log2();
-        let value = self.textures[s.texture].at(place.map(|p| p * s.density), level);
-        scaled(value, s.light)
+        let Some(hit) = self.hit(now, direction) else { return SKY };
+        match hit.on {
+            On::Surface(s, place) => {
+                let level = self.level(hit.depth, s.density, &apart);
+                let value = self.textures[s.texture].at(place.map(|p| p * s.density), level);
+                scaled(value, s.light)
+            }
+            On::Thing(i, place) => self.light_of(&self.things[i], &now.things[i], place, hit.depth, &apart),
+        }
+    }
+
+    /// The light of a place on a thing, seen in this depth.
+    fn light_of(&self, thing: &Thing, pose: &Pose, place: V3, depth: f32, apart: impl Fn(f32) -> f32) -> V3 {
+        let soft = apart(1.0 / depth) * depth / self.focal();
+        // The texture is as fine for the distance as those of the scene's own things.
+        let density = |rest: f32| 2.2 * self.focal() / rest.max(0.1);
+        thing.light(pose, place, density, |density| self.level(depth, density, &apart), soft)
+    }
+
+    /// The level of a texture of `density` texels per m.
+    fn level(&self, depth: f32, density: f32, apart: impl Fn(f32) -> f32) -> f32 {
+        (depth * density / self.focal() * 2.0 * apart(1.0 / depth).max(FINEST)).log2()
     }
 
     /// The picture that is taken at time `t` (in frames). Through a lens each pixel has its own views, as in a path tracer: their limited
     /// number leaves white noise, which differs between seeds. The same views for all pixels would leave gaps that look like sharp texture.
     pub fn picture(&self, t: f32, exposure: Exposure, seed: u64) -> Linear {
-        let views = self.views(t, exposure);
-        let each = if exposure.lens.is_some() { views.len() / POOL } else { views.len() };
+        let (width, height) = self.size;
+        let along = self.along(t, exposure);
+        // At once, all rows have the same views; one after the other, each row has its own, of its own time.
+        let (band, pool) = if exposure.readout == 0.0 { (height, POOL) } else { (BAND, POOL / 4) };
         let apart = |d: f32| {
             let radius = exposure.lens.map_or(0.0, |(sigma, focus)| 2.0 * sigma * (1.0 - focus * d));
-            (SMOOTHED.sqrt() * 0.5 * radius.abs()).max(0.2)
+            SMOOTHED.sqrt() * 0.5 * radius.abs()
         };
-        Linear(Raster::from_fn(self.size.0, self.size.1, |x, y| {
-            let first = if each == views.len() { 0 } else { hash(seed, (y * self.size.0 + x) as u64) };
-            let first = (first % views.len() as u64) as usize;
-            let mut sum = [0.0; 3];
-            for v in views.iter().cycle().skip(first).take(each) {
-                let direction = self.direction(&v.pose, x as f32 + v.pixel[0], y as f32 + v.pixel[1], v.tilt);
-                sum = add(sum, self.light(v.pose.position, direction, apart));
+        let mut pixels = Vec::with_capacity(width * height);
+        for top in (0..height).step_by(band.max(1)) {
+            let rows = band.min(height - top);
+            let views: Vec<Vec<View>> = if exposure.readout == 0.0 {
+                vec![self.views(t, exposure, along, pool)]
+            } else {
+                let late = |y: usize| y as f32 / (height.max(2) - 1) as f32 - 0.5;
+                let of_row = |y| self.views(t + exposure.readout * late(y), exposure, along, pool);
+                (top..top + rows).map(of_row).collect()
+            };
+            let part = Raster::from_fn(width, rows, |x, row| {
+                let (views, y) = (&views[row % views.len()], top + row);
+                let each = if exposure.lens.is_some() { views.len() / pool } else { views.len() };
+                let first = if each == views.len() { 0 } else { hash(seed, (y * width + x) as u64) };
+                let first = (first % views.len() as u64) as usize;
+                let mut sum = [0.0; 3];
+                for v in views.iter().cycle().skip(first).take(each) {
+                    let place = [x as f32 + v.pixel[0], y as f32 + v.pixel[1]];
+                    let direction = self.direction(&v.instant.camera, place[0], place[1], v.tilt);
+                    sum = add(sum, self.light(&v.instant, direction, apart));
+                }
+                scaled(sum, 1.0 / each as f32)
+            });
+            pixels.extend_from_slice(part.data());
+        }
+        Linear(Raster::from_vec(width, height, pixels).expect("as many as pixels"))
+    }
+
+    /// A thing rendered alone at time `t`: through a pinhole, in an instant. It may be one that is in the scene or one that is not.
+    pub fn layer(&self, thing: &Thing, t: f32) -> Layer {
+        let exposure = Exposure::default();
+        let views = self.views(t, exposure, FEWEST, POOL);
+        let [now, before, after] =
+            [0.0, -0.5, 0.5].map(|d| Instant { camera: self.pose(t + d), things: vec![thing.pose(t + d)] });
+        // Colour, alpha, inverse depth and motion of each pixel, each the mean over the rays that meet the thing.
+        let pixels = Raster::from_fn(self.size.0, self.size.1, |x, y| {
+            let mut sum = [0.0f32; 7];
+            for v in &views {
+                let direction =
+                    self.direction(&now.camera, x as f32 + v.pixel[0], y as f32 + v.pixel[1], [0.0; 2]);
+                let hit = thing.hit(&now.things[0], now.camera.position, direction, f32::INFINITY);
+                let Some((depth, place)) = hit else { continue };
+                let [r, g, b] = self.light_of(thing, &now.things[0], place, depth, |_| 0.0);
+                let [from, to] = [&before, &after].map(|i| self.place(i, Point::OfThing(0, place)));
+                let of_ray = [r, g, b, 1.0 / depth, to[0] - from[0], to[1] - from[1], 1.0];
+                sum = std::array::from_fn(|i| sum[i] + of_ray[i]);
             }
-            scaled(sum, 1.0 / each as f32)
-        }))
+            sum
+        });
+        let share = 1.0 / views.len() as f32;
+        Layer {
+            color: Premultiplied(pixels.map(|[r, g, b, .., n]| [r, g, b, n].map(|v| v * share))),
+            inverse_depth: pixels.map(|[.., d, _, _, n]| if n > 0.0 { d / n } else { f32::NAN }),
+            motion: pixels.map(|[.., u, v, n]| if n > 0.0 { [u / n, v / n] } else { [0.0; 2] }),
+        }
     }
 
     /// Inverse depth in 1/m at the middle of the pixels, 0 where there is no surface.
     pub fn inverse_depth(&self, t: f32) -> Plane {
-        let pose = self.pose(t);
+        let now = self.instant(t);
         Raster::from_fn(self.size.0, self.size.1, |x, y| {
-            let direction = self.direction(&pose, x as f32, y as f32, [0.0; 2]);
-            self.hit(pose.position, direction).map_or(0.0, |h| 1.0 / h.1)
+            let direction = self.direction(&now.camera, x as f32, y as f32, [0.0; 2]);
+            self.hit(&now, direction).map_or(0.0, |h| 1.0 / h.depth)
         })
     }
 
     /// Optical flow from time `t` to `t + 1`.
     pub fn flow(&self, t: f32) -> Flow {
-        let next = self.pose(t + 1.0);
+        let next = self.instant(t + 1.0);
         self.of_points(t, |x, y, point| {
             let [u, v] = self.place(&next, point);
             [u - x as f32, v - y as f32]
@@ -247,7 +539,7 @@ impl Scene {
     /// Motion at time `t`, px per frame interval: the path of each point seen then, from half an interval before to half an
     /// interval after `t`.
     pub fn motion(&self, t: f32) -> Flow {
-        let [before, after] = [-0.5, 0.5].map(|d| self.pose(t + d));
+        let [before, after] = [-0.5, 0.5].map(|d| self.instant(t + d));
         self.of_points(t, |_, _, point| {
             let (a, b) = (self.place(&before, point), self.place(&after, point));
             [b[0] - a[0], b[1] - a[1]]
@@ -255,26 +547,32 @@ impl Scene {
     }
 
     /// A flow whose value at each pixel follows from the pixel and the point that is seen there at time `t`.
-    fn of_points(&self, t: f32, of: impl Fn(usize, usize, [f32; 3]) -> [f32; 2] + Sync) -> Flow {
-        let pose = self.pose(t);
+    fn of_points(&self, t: f32, of: impl Fn(usize, usize, Point) -> [f32; 2] + Sync) -> Flow {
+        let now = self.instant(t);
         Raster::from_fn(self.size.0, self.size.1, |x, y| {
-            let direction = self.direction(&pose, x as f32, y as f32, [0.0; 2]);
-            let z = self.hit(pose.position, direction).map_or(1e4, |h| h.1);
-            of(x, y, add(pose.position, scaled(direction, z)))
+            let direction = self.direction(&now.camera, x as f32, y as f32, [0.0; 2]);
+            let still = |z: f32| Point::Still(add(now.camera.position, scaled(direction, z)));
+            let point = match self.hit(&now, direction) {
+                None => still(1e4),
+                Some(Hit { on: On::Thing(i, place), .. }) => Point::OfThing(i, place),
+                Some(Hit { depth, .. }) => still(depth),
+            };
+            of(x, y, point)
         })
     }
 
-    /// The place in the picture, px, at which a camera sees a point.
-    fn place(&self, pose: &Pose, point: [f32; 3]) -> [f32; 2] {
-        let seen = pose.axes.map(|axis| dot(add(point, scaled(pose.position, -1.0)), axis));
+    /// The place in the picture, px, at which the camera sees a point.
+    fn place(&self, at: &Instant, point: Point) -> [f32; 2] {
+        let seen = at.camera.local(match point {
+            Point::Still(point) => point,
+            Point::OfThing(i, place) => at.things[i].point(place),
+        });
         let place = |i: usize, n: usize| self.focal() * seen[i] / seen[2] + 0.5 * (n as f32 - 1.0);
         [place(0, self.size.0), place(1, self.size.1)]
     }
 
-    /// The views of a picture: along a streak enough for neighbours to lie less than a pixel apart; through a lens [`POOL`] times
-    /// as many as a pixel uses.
-    fn views(&self, t: f32, exposure: Exposure) -> Vec<View> {
-        const FEWEST: usize = 24;
+    /// The number of views that a pixel of a picture uses: along a streak enough for neighbours to lie less than a pixel apart.
+    fn along(&self, t: f32, exposure: Exposure) -> usize {
         let along = if exposure.fraction > 0.0 {
             let flow = self.flow(t);
             let fastest = flow.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0f32, f32::max);
@@ -282,8 +580,12 @@ impl Scene {
         } else {
             0.0
         };
-        let along = ((1.2 * along).ceil() as usize).max(FEWEST);
-        let n = if exposure.lens.is_some() { POOL * OF_LENS.max(along) } else { along };
+        ((1.2 * along).ceil() as usize).max(FEWEST)
+    }
+
+    /// The views of a picture; through a lens `pool` times as many as a pixel uses.
+    fn views(&self, t: f32, exposure: Exposure, along: usize, pool: usize) -> Vec<View> {
+        let n = if exposure.lens.is_some() { pool * OF_LENS.max(along) } else { along };
         let view = |i: usize| {
             // This sequence fills a cube evenly (Roberts 2018), and so does any run of it.
             let [time, px, py, radius, angle] =
@@ -297,14 +599,15 @@ impl Scene {
                 let r = 2.0 * sigma * ((1.0 - SMOOTHED) * radius).sqrt() / self.focal();
                 [r * (TAU * angle).cos(), r * (TAU * angle).sin()]
             });
-            let mut pose = self.pose(t + in_time * exposure.fraction);
+            let mut instant = self.instant(t + in_time * exposure.fraction);
             if let Some((_, focus)) = exposure.lens {
                 // All rays of a pixel meet in the plane in focus.
+                let pose = &mut instant.camera;
                 for (axis, tilt) in pose.axes.into_iter().zip(tilt) {
                     pose.position = add(pose.position, scaled(axis, focus * tilt));
                 }
             }
-            View { pose, pixel: [px - 0.5, py - 0.5], tilt }
+            View { instant, pixel: [px - 0.5, py - 0.5], tilt }
         };
         (0..n).map(view).collect()
     }
@@ -320,7 +623,7 @@ fn hash(a: u64, b: u64) -> u64 {
 
 /// One of the pinhole views whose mean is a picture.
 struct View {
-    pose: Pose,
+    instant: Instant,
     /// The place within the pixel, px from its middle.
     pixel: [f32; 2],
     /// The change of the rays' slopes that makes them meet in the plane in focus.
@@ -328,9 +631,8 @@ struct View {
 }
 
 impl Texture {
-    /// The texture of a kind: 0 and 1 are large and small dead leaves, which have the statistics of photographs (Lee, Mumford &
-    /// Huang 2001), 2 is bricks, 3 wood, 4 a rough surface.
-    fn new(kind: usize, rng: &mut StdRng) -> Self {
+    /// The texture of a kind, a [`TextureKind`] as a number.
+    pub(crate) fn new(kind: usize, rng: &mut StdRng) -> Self {
         let finest = match kind {
             0 => leaves(rng, 2.5..160.0, 0.05),
             1 => leaves(rng, 1.5..30.0, 0.12),
@@ -352,7 +654,7 @@ impl Texture {
     }
 
     /// The colour at a place in texels of the texture after `level` halvings.
-    fn at(&self, place: [f32; 2], level: f32) -> V3 {
+    pub(crate) fn at(&self, place: [f32; 2], level: f32) -> V3 {
         let level = level.clamp(0.0, (self.0.len() - 1) as f32);
         let (low, f) = (level as usize, level.fract());
         let a = self.within(low, place);
@@ -506,7 +808,7 @@ mod tests {
         let scene = Scene::new(5, (160, 120));
         let (sigma, focus) = (2.0, 2.0);
         let sharp = scene.picture(0.0, Exposure::default(), 0);
-        let filmed = scene.picture(0.0, Exposure { fraction: 0.0, lens: Some((sigma, focus)) }, 0);
+        let filmed = scene.picture(0.0, Exposure { lens: Some((sigma, focus)), ..Exposure::default() }, 0);
         let depth = scene.inverse_depth(0.0);
         let std = depth.map(|d| sigma * (1.0 - focus * d).abs());
         let model =
@@ -522,7 +824,7 @@ mod tests {
     #[test]
     fn what_a_lens_s_few_views_leave_is_weak_white_noise() {
         let scene = Scene::new(5, (160, 120));
-        let through = |lens, seed| scene.picture(0.0, Exposure { fraction: 0.5, lens }, seed).0;
+        let through = |lens, seed| scene.picture(0.0, Exposure { fraction: 0.5, lens, readout: 0.0 }, seed).0;
         let lens = Some((6.0, 1.2));
         let (a, b) = (through(lens, 0), through(lens, 1));
         let apart = Raster::from_fn(160, 120, |x, y| a.at(x, y)[1] - b.at(x, y)[1]);
@@ -544,7 +846,7 @@ mod tests {
     fn the_shutter_blurs_along_the_flow() {
         let scene = Scene::new(7, (256, 192));
         let sharp = scene.picture(4.0, Exposure::default(), 0);
-        let filmed = scene.picture(4.0, Exposure { fraction: 0.8, lens: None }, 0);
+        let filmed = scene.picture(4.0, Exposure { fraction: 0.8, ..Exposure::default() }, 0);
         let flow = scene.flow(4.0);
         let error = |e: f32| {
             let exposure = blindaug::model::ExposureFraction(e);

@@ -76,7 +76,8 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
 
 fn timed(case: &Case, seed: u64) -> blindaug::Result<Vec<Timed>> {
     const SIZE: (usize, usize) = (512, 512);
-    let setting = Setting { exposure: 0.5, lens: Some((3.0, 1.6)), noise: 0.01, readout: 0.2 };
+    let setting =
+        Setting { exposure: 0.5, lens: Some((3.0, 1.6)), noise: 0.01, readout: 0.2, rolling_shutter: 0.0 };
     let frames = 6;
     let mut filming = Filming::new(Scene::new(seed, SIZE), frames);
     filming.film(Camera::Physics, setting, seed)?;

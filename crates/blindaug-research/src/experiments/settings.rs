@@ -50,7 +50,13 @@ impl What {
     /// The names and the settings of the three levels. A lens of the f-number N blurs infinity by a std of `APERTURE / N` px.
     fn levels(self) -> [(String, Setting); 3] {
         const APERTURE: f32 = 14.0;
-        let normal = Setting { exposure: 0.4, lens: Some((APERTURE / 5.6, 1.6)), noise: 0.01, readout: 0.2 };
+        let normal = Setting {
+            exposure: 0.4,
+            lens: Some((APERTURE / 5.6, 1.6)),
+            noise: 0.01,
+            readout: 0.2,
+            rolling_shutter: 0.0,
+        };
         match self {
             // A longer exposure counts more photons, so that the picture of the same brightness has less noise.
             Self::Exposure => [0.2f32, 0.4, 0.8].map(|exposure| {

@@ -150,7 +150,8 @@ fn own_cases(job: &Job, given: &[Given]) -> Vec<Case> {
     const LENSES: [(f32, f32); 5] = [(1.5, 1.5), (3.0, 2.0), (1.0, 4.0), (6.0, 1.2), (8.5, 0.9)];
     let noise = |i: usize| 0.002 * 25f32.powf(i as f32 / 9.0);
     let readout = |i: usize| 0.15 + 0.07 * i as f32;
-    let of = |exposure, lens, noise, readout| Setting { exposure, lens, noise, readout };
+    let of =
+        |exposure, lens, noise, readout| Setting { exposure, lens, noise, readout, rolling_shutter: 0.0 };
     let mut settings: Vec<(Experiment, usize, Setting)> = vec![];
     // The strengths of the noise are in another order than the exposures and the lenses.
     settings.extend((0..10).map(|i| {
