@@ -10,6 +10,8 @@ pub mod figure;
 mod filming;
 mod pdf;
 pub mod run;
+mod sceneries;
+mod shot;
 pub mod statistics;
 pub mod study;
 pub mod table;

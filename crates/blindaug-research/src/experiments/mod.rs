@@ -1,5 +1,6 @@
 //! The experiments of `blindaug reproduce`, one module each: cases, measurements, findings.
 
+mod cameras;
 mod runtime;
 mod settings;
 
@@ -14,6 +15,8 @@ use blindaug_scenes::measure::Given;
 pub enum Experiment {
     /// Recovered against true parameters, over levels of exposure, noise, focus and aperture.
     Settings,
+    /// The model of each of four cameras on the footage of each.
+    Cameras,
     /// The paper's validation.
     Validation,
     /// How long everything takes.
@@ -22,12 +25,13 @@ pub enum Experiment {
 
 impl Experiment {
     /// All experiments, in the order of the paper.
-    pub const ALL: [Self; 3] = [Self::Settings, Self::Validation, Self::Runtime];
+    pub const ALL: [Self; 4] = [Self::Settings, Self::Cameras, Self::Validation, Self::Runtime];
 
     /// The name on the command line, and that of the experiment's folder.
     pub fn name(self) -> &'static str {
         match self {
             Self::Settings => settings::NAME,
+            Self::Cameras => cameras::NAME,
             Self::Validation => validation::NAME,
             Self::Runtime => runtime::NAME,
         }
@@ -39,6 +43,7 @@ impl Experiment {
             Self::Settings => {
                 "exposure, noise, focus and aperture at three levels each: recovered against true"
             }
+            Self::Cameras => "the model of each of four cameras on the footage of each: the own one must win",
             Self::Validation => "the paper's validation: 10 exposures, 5 lenses, 10 noises",
             Self::Runtime => "how long the fits, an estimate and a composite take",
         }
@@ -49,6 +54,8 @@ impl Experiment {
         match (self, quick) {
             (Self::Settings, true) => 0.5,
             (Self::Settings, false) => 30.0,
+            (Self::Cameras, true) => 2.0,
+            (Self::Cameras, false) => 20.0,
             (Self::Validation, true) => 1.0,
             (Self::Validation, false) => 180.0,
             (Self::Runtime, true) => 0.3,
@@ -63,6 +70,7 @@ impl Experiment {
     pub fn run(self, run: &Run, quick: bool, networks: &mut Networks) -> Result<Findings> {
         match self {
             Self::Settings => settings::run(run, quick),
+            Self::Cameras => cameras::run(run, quick),
             Self::Validation => {
                 let job = Job {
                     scenes: 10,

@@ -1,0 +1,186 @@
+//! Correctness across cameras: four cameras film the same scenes; the model of each is tried on the footage of each.
+
+use crate::fidelity::Fidelity;
+use crate::run::{Findings, Run};
+use crate::shot::{Device, Shot, ball};
+use crate::statistics::mean;
+use crate::table::{Cell, Table};
+use blindaug::model::SharpeningModel;
+use blindaug_io::{Error, Result, VideoCoding};
+use blindaug_scenes::camera::Setting;
+use blindaug_scenes::measure::{median, noise_errors};
+use blindaug_scenes::scene::{Scene, TextureKind};
+use serde::{Deserialize, Serialize};
+
+/// The name of the experiment's folder.
+pub const NAME: &str = "cameras";
+
+/// The cameras, which differ as the paper's do.
+fn devices(width: usize) -> [Device; 4] {
+    let lens = |sigma: f32, focus: f32| Some((sigma * width as f32 / 512.0, focus));
+    let setting = |exposure, lens, noise, rolling_shutter| Setting {
+        exposure,
+        lens,
+        noise,
+        readout: 0.2,
+        rolling_shutter,
+    };
+    let phone = Device::plain(
+        "phone",
+        "a small sensor, sharpening, a short exposure, H.264",
+        setting(0.2, lens(0.8, 1.5), 0.008, 0.3),
+    );
+    let webcam = Device::plain(
+        "webcam",
+        "a long exposure, a rolling shutter, motion JPEG with half the chroma",
+        setting(0.9, lens(1.0, 0.8), 0.015, 0.7),
+    );
+    [
+        Device {
+            sharpening: Some(SharpeningModel::given(0.8, 1.0)),
+            coding: Some(VideoCoding::H264 { crf: 18 }),
+            ..phone
+        },
+        Device::plain("compact", "strong noise", setting(0.5, lens(1.8, 2.5), 0.03, 0.0)),
+        Device::plain("f/1.8", "an interchangeable lens at f/1.8", setting(0.4, lens(6.0, 1.0), 0.005, 0.0)),
+        Device { coding: Some(VideoCoding::Mjpeg { scale: 4 }), ..webcam },
+    ]
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Case {
+    scene: u64,
+    frames: u64,
+    size: (usize, usize),
+    cameras: Vec<String>,
+}
+
+/// The results on one scene, as `[footage][model]`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Outcome {
+    /// Composites by each camera's model; last, the object pasted as it is.
+    fidelity: Vec<Vec<Fidelity>>,
+    /// The median over octaves, channels and luminances of |model's std of the noise / true std - 1|; `None`: unknown.
+    noise: Vec<Vec<Option<f32>>>,
+}
+
+/// Runs the experiment; `quick`: two small scenes.
+///
+/// # Errors
+/// If a file cannot be written, or there is no ffmpeg program for the coders.
+pub fn run(run: &Run, quick: bool) -> Result<Findings> {
+    let (scenes, frames, size) = if quick { (2, 4, (320, 240)) } else { (6, 8, (512, 384)) };
+    let devices = devices(size.0);
+    let folder = run.folder(NAME)?;
+    let names: Vec<String> = devices.iter().map(|d| format!("{d:?}")).collect();
+    let cases = (0..scenes)
+        .map(|i| (format!("scene{i}"), Case { scene: run.seed() + i, frames, size, cameras: names.clone() }))
+        .collect();
+    let outcomes = run.cases(NAME, cases, |case| {
+        let fails = |e: blindaug::Error| Error::new(NAME, e.to_string());
+        let middle = (case.frames / 2) as usize;
+        let found = (0..).find_map(|i| {
+            let number = case.scene + 100 * i;
+            let scene = Scene::new(number, case.size);
+            let radius = 0.08 * case.size.0 as f32;
+            let object = ball(&scene, middle as f32, (1.9, radius), TextureKind::Bricks, number)?;
+            Some((scene, object))
+        });
+        let (scene, object) = found.expect("some scene has a free place");
+        let mut shots = vec![];
+        let mut models = vec![];
+        for device in &devices {
+            let video = folder.join(format!("scene{}-{}.avi", case.scene, device.name.replace('/', "")));
+            let shot = Shot::film(&scene, &object, device, (case.frames, &[middle]), case.scene, &video)?;
+            models.push(shot.metric(&shot.estimate().map_err(fails)?));
+            shots.push(shot);
+        }
+        let mut outcome = Outcome { fidelity: vec![], noise: vec![] };
+        for shot in &shots {
+            let mut row = vec![];
+            for model in &models {
+                row.push(shot.fidelity(|c| shot.composite(c, model, false)).map_err(fails)?);
+            }
+            row.push(shot.fidelity(|c| shot.composite(c, &models[0], true)).map_err(fails)?);
+            outcome.fidelity.push(row);
+            let error = |model: &blindaug::CameraModel| {
+                let noise = model.noise.known()?;
+                median(noise_errors(noise, &shot.noise).into_iter().map(|e| e.1).collect())
+            };
+            outcome.noise.push(models.iter().map(error).collect());
+        }
+        Ok(outcome)
+    })?;
+    Ok(findings(&devices, &outcomes.into_iter().map(|o| o.1).collect::<Vec<_>>(), frames))
+}
+
+fn findings(devices: &[Device], outcomes: &[Outcome], frames: u64) -> Findings {
+    let n = devices.len();
+    let head = || {
+        let of = devices.iter().map(|d| format!("footage of {}", d.name));
+        ["model of".to_owned()].into_iter().chain(of).collect()
+    };
+    let mut tables = vec![];
+    let mut text = vec![format!(
+        "{} scenes of {frames} frames, each filmed by four cameras: {}. The model of each is estimated from its own footage and nothing \
+         else, and composites a ball into the footage of each camera, which is compared with the picture in which the ball is really \
+         there. Noise is left out of both pictures, and compared in a table of its own.",
+        outcomes.len(),
+        devices.iter().map(|d| format!("{} ({})", d.name, d.about)).collect::<Vec<_>>().join("; ")
+    )];
+    for (k, measure) in Fidelity::NAMES.into_iter().enumerate() {
+        let value = |footage: usize, model: usize| {
+            mean(outcomes.iter().filter_map(|o| Some(o.fidelity.get(footage)?.get(model)?.values()[k])))
+        };
+        let rows: Vec<Vec<Cell>> = (0..=n)
+            .map(|model| {
+                let name = devices.get(model).map_or("naive", |d| d.name);
+                let cells = (0..n).map(|footage| Cell::spread(value(footage, model), Fidelity::DIGITS[k]));
+                [Cell::text(name)].into_iter().chain(cells).collect()
+            })
+            .collect();
+        let sign = if Fidelity::LARGER_IS_BETTER[k] { 1.0 } else { -1.0 };
+        let best = |footage: usize| {
+            let of = |model: usize| sign * value(footage, model).map_or(f64::NEG_INFINITY, |m| m.mean);
+            (0..=n).max_by(|&a, &b| of(a).total_cmp(&of(b)))
+        };
+        let lost: Vec<&str> = (0..n).filter(|&f| best(f) != Some(f)).map(|f| devices[f].name).collect();
+        text.push(match lost.as_slice() {
+            [] => format!("By {measure}, each camera's own model is the best on its footage."),
+            _ => format!(
+                "By {measure}, another model than its own is best on the footage of: {}.",
+                lost.join(", ")
+            ),
+        });
+        tables.push(Table {
+            name: measure.split([',', ' ']).next().unwrap_or(measure).to_lowercase(),
+            caption: format!("{measure} over the object, by the model of one camera on the footage of another: mean over the scenes."),
+            head: head(),
+            rows,
+        });
+    }
+    let rows = (0..n).map(|model| {
+        let cells = (0..n).map(|footage| {
+            let all = outcomes
+                .iter()
+                .filter_map(|o| Some(100.0 * f64::from((*o.noise.get(footage)?.get(model)?)?)));
+            Cell::spread(mean(all), 0)
+        });
+        [Cell::text(devices[model].name)].into_iter().chain(cells).collect()
+    });
+    tables.push(Table {
+        name: "noise".into(),
+        caption: "Error of the model's noise std against the noise of the footage, %: the median over octaves, channels and luminances, \
+                  its mean over the scenes."
+            .into(),
+        head: head(),
+        rows: rows.collect(),
+    });
+    Findings {
+        name: NAME.into(),
+        title: "Correctness across cameras".into(),
+        text,
+        tables,
+        ..Findings::default()
+    }
+}
