@@ -155,3 +155,35 @@ fn counted(light: &Linear, setting: &Setting, seed: u64) -> Linear {
         .expect("as many as pixels"),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::de::value::{Error, MapDeserializer};
+
+    #[test]
+    fn a_setting_that_was_stored_without_a_rolling_shutter_has_none() {
+        let stored = [("exposure", 0.5f32), ("noise", 0.01), ("readout", 0.2)];
+        let setting = Setting::deserialize(MapDeserializer::<_, Error>::new(stored.into_iter())).unwrap();
+        assert_eq!(setting.rolling_shutter, 0.0);
+        let stored = stored.into_iter().chain([("rolling_shutter", 0.3)]);
+        let setting = Setting::deserialize(MapDeserializer::<_, Error>::new(stored)).unwrap();
+        assert_eq!(setting.rolling_shutter, 0.3);
+    }
+
+    #[test]
+    fn physics_films_row_by_row_with_a_rolling_shutter() {
+        let scene = Scene::new(3, (64, 48));
+        let sharp = scene.picture(2.0, Exposure::default(), 0);
+        let (depth, motion) = (scene.inverse_depth(2.0), scene.motion(2.0));
+        let film = |rolling_shutter| {
+            let setting = Setting { exposure: 0.0, lens: None, noise: 0.0, readout: 0.0, rolling_shutter };
+            Camera::Physics.film(&scene, 2, (&sharp, &depth, &motion), &setting, 1).unwrap().without_noise
+        };
+        assert!(film(0.0) == sharp.to_encoded(Transfer::Srgb));
+        // The last row is taken at the end.
+        let late = scene.picture(2.25, Exposure::default(), 0).to_encoded(Transfer::Srgb);
+        assert_eq!(film(0.5).0.row(47), late.0.row(47));
+        assert_ne!(film(0.0).0.row(47), late.0.row(47));
+    }
+}

@@ -301,10 +301,9 @@ impl Scene {
             .collect();
         places.sort_by(|a, b| from_middle(*a).total_cmp(&from_middle(*b)));
         let place = places.into_iter().find(|p| free(*p))?;
-        let direction = self.direction(&now.camera, place[0], place[1], [0.0; 2]);
         Some(Marker {
-            centre: add(now.camera.position, scaled(direction, depth_m)),
-            axes: [now.camera.axes[0], now.camera.axes[1]],
+            centre: self.point_at(t, place, depth_m),
+            axes: self.facing(t),
             radius_m: radius_px * depth_m / self.focal(),
             white_on_black,
             path: Path::Still,
@@ -362,8 +361,25 @@ impl Scene {
         self.surfaces.push(Surface { corner, sides: [a, b], size, normal, texture, density, light });
     }
 
-    /// Focal length, px.
-    fn focal(&self) -> f32 {
+    /// Width and height of the picture, px.
+    pub fn size(&self) -> (usize, usize) {
+        self.size
+    }
+
+    /// The point of space, m, that the camera sees at a place in px at time `t`, if it is in this depth along the view axis.
+    pub fn point_at(&self, t: f32, [x, y]: [f32; 2], depth_m: f32) -> V3 {
+        let pose = self.pose(t);
+        add(pose.position, scaled(self.direction(&pose, x, y, [0.0; 2]), depth_m))
+    }
+
+    /// The unit vectors to the right and down in the picture that is taken at time `t`: those of a board that faces the camera.
+    pub fn facing(&self, t: f32) -> [V3; 2] {
+        let [right, down, _] = self.pose(t).axes;
+        [right, down]
+    }
+
+    /// Focal length, px: something of 1 m in a depth of 1 m is as large in the picture.
+    pub fn focal(&self) -> f32 {
         0.95 * self.size.0 as f32
     }
 
@@ -860,5 +876,87 @@ mod tests {
             error(0.5),
             error(0.0)
         );
+    }
+
+    #[test]
+    fn scenes_without_things_stay_as_they_were() {
+        // Values of the first version of the scenes.
+        let both = Exposure { fraction: 0.5, lens: Some((4.0, 1.0)), readout: 0.0 };
+        let known = [
+            (
+                Exposure::default(),
+                [0.219_786_44, 0.268_120_74, 0.313_481_87],
+                [0.254_332_1, 0.219_841_27, 0.206_633_51],
+            ),
+            (both, [0.221_369_37, 0.270_051_93, 0.315_739_75], [0.264_278_14, 0.211_025_13, 0.201_401_55]),
+        ];
+        let off = |scene: &Scene| {
+            let apart = |a: V3, b: V3| (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f32::max);
+            let of = |(exposure, a, b)| {
+                let picture = scene.picture(2.0, exposure, 1).0;
+                apart(picture.at(10, 10), a).max(apart(picture.at(40, 30), b))
+            };
+            known.map(of).into_iter().fold(0.0, f32::max)
+        };
+        let scene = Scene::new(3, (64, 48));
+        assert!(off(&scene) < 1e-5, "{}", off(&scene));
+        // A clone is the same scene; negative control: another scene is not.
+        assert!(off(&scene.clone()) == off(&scene) && off(&Scene::new(4, (64, 48))) > 0.01);
+    }
+
+    #[test]
+    fn a_still_camera_sees_nothing_move_but_things() {
+        let scene = Scene::new(3, (64, 48));
+        let fastest = |scene: &Scene| {
+            let flow = scene.flow(2.0);
+            flow.data().iter().map(|f| f[0].hypot(f[1])).fold(0.0, f32::max)
+        };
+        let still = scene.clone().still_camera();
+        assert!(fastest(&still) < 1e-3 && fastest(&scene) > 1.0);
+        let picture = |scene: &Scene, t| scene.picture(t, Exposure::default(), 0);
+        assert!(picture(&still, 7.0) == picture(&scene, 0.0) && picture(&scene, 7.0) != picture(&scene, 0.0));
+    }
+
+    #[test]
+    fn a_rolling_shutter_makes_upright_edges_lean_as_the_motion_says() {
+        // A marker that moves to the side, as its pivot is far above; it is nearer than all things of the scene.
+        let scene = Scene::new(3, (160, 120)).still_camera();
+        let (centre, axes) = (scene.point_at(0.0, [79.5, 59.5], 0.8), scene.facing(0.0));
+        let path =
+            Path::Swinging { pivot: add(centre, [0.0, -50.0, 0.0]), angle: 0.002, period: 12.0, phase: 0.0 };
+        let marker = Marker { centre, axes, radius_m: 0.18, white_on_black: true, path };
+        let scene = scene.with_marker(marker);
+        let motion = scene.motion(0.0).at(80, 60)[0];
+        assert!(motion.abs() > 5.0, "{motion}");
+        // The centre of the white disk in a row, px.
+        let centre = |picture: &Linear, y: usize| {
+            let row = &picture.0.row(y)[18..142];
+            let black = row.iter().map(|p| p[1]).fold(f32::INFINITY, f32::min);
+            let sum = |f: &dyn Fn(usize) -> f32| {
+                row.iter().enumerate().map(|(x, p)| f(x) * (p[1] - black)).sum::<f32>()
+            };
+            sum(&|x| x as f32) / sum(&|_| 1.0)
+        };
+        for fraction in [0.0, 0.4] {
+            let of = |readout| scene.picture(0.0, Exposure { fraction, lens: None, readout }, 0);
+            let (at_once, rolling) = (of(0.0), of(0.8));
+            for y in [35, 50, 59, 70, 85] {
+                let want = motion * 0.8 * (y as f32 / 119.0 - 0.5);
+                let lean = centre(&rolling, y) - centre(&at_once, y);
+                assert!((lean - want).abs() < 0.1, "row {y}: {lean} px, want {want}");
+            }
+            // Negative control: without it, the disk's upper and lower half lie one above the other.
+            assert!((centre(&at_once, 35) - centre(&at_once, 85)).abs() < 0.25);
+            assert!((centre(&rolling, 35) - centre(&rolling, 85)).abs() > 1.0);
+        }
+        // Through a lens, too, each row is of its own time.
+        let lens = Some((1.0, 2.0));
+        let of = |t, readout| scene.picture(t, Exposure { fraction: 0.0, lens, readout }, 0);
+        let (rolling, early, middle) = (of(0.0, 0.8), of(-0.4 + 0.8 * 20.0 / 119.0, 0.0), of(0.0, 0.0));
+        let apart = |a: &Linear| {
+            let row = a.0.row(20).iter().zip(rolling.0.row(20));
+            row.map(|(a, b)| (a[1] - b[1]).abs()).sum::<f32>()
+        };
+        assert!(apart(&early) < 0.5 * apart(&middle), "{} {}", apart(&early), apart(&middle));
     }
 }

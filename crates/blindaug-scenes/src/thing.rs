@@ -258,3 +258,218 @@ impl Pose {
         Self { position, axes: [right, down, cross(right, down)] }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{self, Setting};
+    use crate::scene::{Exposure, RimPoint, Scene};
+    use blindaug::composite::{CompositeOptions, Plate, VirtualLayer, composite};
+    use blindaug::{CameraModel, Encoded, Linear, Transfer};
+
+    const SIZE: (usize, usize) = (160, 120);
+
+    /// Things of all kinds on paths of all kinds, in view at time 2.
+    fn things(scene: &Scene) -> [Thing; 4] {
+        let at = |x: f32, y: f32, depth| {
+            let (w, h) = scene.size();
+            scene.point_at(2.0, [x * w as f32, y * h as f32], depth)
+        };
+        let ball = |centre, seed| Thing::ball(centre, 0.28, TextureKind::SmallLeaves, seed);
+        let (floor, hung) = (at(0.55, 0.65, 1.4), at(0.4, 0.5, 1.4));
+        let board = at(0.5, 0.5, 0.7);
+        let board = Thing::board(board, scene.facing(2.0), [0.3, 0.25], TextureKind::LargeLeaves, 9);
+        let pivot = add(hung, [0.0, -1.1, 0.0]);
+        [
+            ball(floor, 1).moving(Path::Bouncing { height_m: 0.3, period: 14.0, phase: 0.2 }),
+            ball(hung, 2).moving(Path::Swinging { pivot, angle: 0.3, period: 24.0, phase: 0.0 }),
+            board.clone().moving(Path::Fluttering { shift_m: 0.02, angle: 0.2, period: 9.0, phase: 0.0 }),
+            board,
+        ]
+    }
+
+    #[test]
+    fn flow_and_motion_follow_the_things() {
+        let scene = Scene::new(3, (256, 192)).still_camera();
+        for thing in things(&scene) {
+            let with = scene.clone().with(thing.clone());
+            let picture = |t: f32| with.picture(t, Exposure::default(), 0).0;
+            let (now, next, flow, motion) = (picture(2.0), picture(3.0), with.flow(2.0), with.motion(2.0));
+            let (layer, depth, later) =
+                (with.layer(&thing, 2.0), with.inverse_depth(2.0), with.layer(&thing, 3.0));
+            let on = |x: usize, y: usize| {
+                let [u, v] = flow.at(x, y);
+                let there = later.color.0.bilinear(x as f32 + u, y as f32 + v)[3];
+                layer.color.0.at(x, y)[3] > 0.999
+                    && there > 0.999
+                    && (layer.inverse_depth.at(x, y) / depth.at(x, y) - 1.0).abs() < 0.02
+            };
+            let places: Vec<(usize, usize)> =
+                (4..188).flat_map(|y| (4..252).map(move |x| (x, y))).filter(|&(x, y)| on(x, y)).collect();
+            assert!(places.len() > 1000, "{}", places.len());
+            let mean = |f: &dyn Fn(usize, usize) -> f32| {
+                places.iter().map(|&(x, y)| f(x, y)).sum::<f32>() / places.len() as f32
+            };
+            let error = |share: f32| {
+                mean(&|x, y| {
+                    let [u, v] = flow.at(x, y).map(|v| share * v);
+                    (next.bilinear(x as f32 + u, y as f32 + v)[1] - now.at(x, y)[1]).abs()
+                })
+            };
+            let moves = mean(&|x, y| flow.at(x, y)[0].hypot(flow.at(x, y)[1]));
+            if thing.path == Path::Still {
+                assert!(moves < 1e-3 && error(1.0) < 0.01);
+                continue;
+            }
+            assert!(moves > 1.0 && error(1.0) < 0.5 * error(0.0), "{moves}: {} {}", error(1.0), error(0.0));
+            assert!(error(1.0) < 0.8 * error(0.8));
+            // The layer's motion is that of the scene.
+            let apart = mean(&|x, y| {
+                let (a, b) = (layer.motion.at(x, y), motion.at(x, y));
+                (a[0] - b[0]).hypot(a[1] - b[1])
+            });
+            assert!(apart < 0.02 * moves, "{apart}");
+        }
+    }
+
+    #[test]
+    fn a_ball_is_round_and_lit_from_the_upper_left() {
+        let scene = Scene::new(3, SIZE).still_camera();
+        let ball = Thing::ball(scene.point_at(0.0, [79.5, 59.5], 0.8), 0.2, TextureKind::Rough, 4);
+        let layer = scene.layer(&ball, 0.0);
+        let seen: Vec<[f32; 6]> = (0..SIZE.1)
+            .flat_map(|y| (0..SIZE.0).map(move |x| (x, y)))
+            .filter(|&(x, y)| layer.color.0.at(x, y)[3] > 0.0)
+            .map(|(x, y)| {
+                let c = layer.color.0.at(x, y);
+                [x as f32, y as f32, c[3], c[1], layer.inverse_depth.at(x, y), 0.0]
+            })
+            .collect();
+        let area: f32 = seen.iter().map(|p| p[2]).sum();
+        let middle = [0, 1].map(|i| seen.iter().map(|p| p[2] * p[i]).sum::<f32>() / area);
+        // A ball's outline is larger than the disk through its centre.
+        let radius = scene.focal() * 0.2 / (0.8f32.powi(2) - 0.04).sqrt();
+        assert!(((area / PI).sqrt() / radius - 1.0).abs() < 0.01, "{area} px");
+        let brightness = |sign: f32| {
+            let part = || seen.iter().filter(|p| sign * (p[0] + p[1] - middle[0] - middle[1]) > 0.5 * radius);
+            part().map(|p| p[3]).sum::<f32>() / part().map(|p| p[2]).sum::<f32>()
+        };
+        assert!(brightness(-1.0) > 1.15 * brightness(1.0));
+        assert!((layer.inverse_depth.at(79, 59) - 1.0 / 0.6).abs() < 0.01);
+        assert!(layer.inverse_depth.at(0, 0).is_nan() && layer.color.0.at(0, 0) == [0.0; 4]);
+    }
+
+    /// The composite of a layer over a frame of the scene at time 2.
+    fn over(scene: &Scene, frame: &Linear, layer: VirtualLayer, model: &CameraModel, naive: bool) -> Encoded {
+        let frame = frame.to_encoded(Transfer::Srgb);
+        let (depth, motion) = (scene.inverse_depth(2.0), scene.motion(2.0));
+        let plate = Plate {
+            frame: &frame,
+            number: 0,
+            inverse_depth: Some(&depth),
+            flow: Some(&motion),
+            with_and_without: None,
+        };
+        let options =
+            CompositeOptions { naive, no_noise: true, bokeh: blindaug::synth::defocus::Bokeh::Disk, seed: 0 };
+        composite(&plate, &layer, model, &options).unwrap()
+    }
+
+    /// The mean difference of a picture to the truth, relative to that of the frame without the thing.
+    fn share_of(got: &Encoded, truth: &Linear, without: &Linear) -> f32 {
+        let [truth, without] = [truth, without].map(|p| p.to_encoded(Transfer::Srgb));
+        let apart = |a: &Encoded| {
+            let values = a.0.data().iter().flatten().zip(truth.0.data().iter().flatten());
+            values.map(|(a, b)| (a - b).abs()).sum::<f32>()
+        };
+        apart(got) / apart(&without)
+    }
+
+    fn setting(exposure: f32, lens: Option<(f32, f32)>) -> Setting {
+        Setting { exposure, lens, noise: 0.0, readout: 0.0, rolling_shutter: 0.0 }
+    }
+
+    #[test]
+    fn a_composited_layer_is_the_thing_in_the_scene() {
+        let scene = Scene::new(3, SIZE);
+        let model = camera::model(SIZE, &setting(0.0, None));
+        let of = |scene: &Scene| scene.picture(2.0, Exposure::default(), 0);
+        // The second thing stands behind some of the scene's things.
+        let hidden = {
+            let centre = scene.point_at(2.0, [80.0, 60.0], 4.0);
+            Thing::board(centre, scene.facing(2.0), [3.0, 2.0], TextureKind::Bricks, 3)
+        };
+        for thing in things(&scene).into_iter().take(3).chain([hidden]) {
+            let (without, truth) = (of(&scene), of(&scene.clone().with(thing.clone())));
+            let error = |layer: crate::scene::Layer| {
+                share_of(&over(&scene, &without, layer.into(), &model, false), &truth, &without)
+            };
+            let got = error(scene.layer(&thing, 2.0));
+            assert!(got < 0.06, "{got}");
+            // Negative controls: the layer of another time, and another thing.
+            assert!(thing.path == Path::Still || error(scene.layer(&thing, 3.0)) > 4.0 * got);
+            let other = Thing { paint: things(&scene)[3].paint.clone(), ..thing.clone() };
+            let painted = Thing { paint: Paint::Disk { radius: 0.1, white: true }, ..thing };
+            assert!(error(scene.layer(&other, 2.0)).max(error(scene.layer(&painted, 2.0))) > 4.0 * got);
+        }
+    }
+
+    #[test]
+    fn with_the_true_camera_a_composite_is_what_physics_films() {
+        let scene = Scene::new(3, SIZE);
+        let (fraction, lens) = (0.6, Some((4.0, 0.6)));
+        let model = camera::model(SIZE, &setting(fraction, lens));
+        let of = |scene: &Scene| scene.picture(2.0, Exposure { fraction, lens, readout: 0.0 }, 0);
+        let thing = things(&scene)[1].clone();
+        let (without, truth) = (of(&scene), of(&scene.clone().with(thing.clone())));
+        let error = |naive| {
+            let layer = scene.layer(&thing, 2.0).into();
+            share_of(&over(&scene, &without, layer, &model, naive), &truth, &without)
+        };
+        assert!(error(false) < 0.4 * error(true), "{} {}", error(false), error(true));
+    }
+
+    #[test]
+    fn the_rim_of_a_marker_is_where_the_picture_has_its_edge() {
+        let scene = Scene::new(3, (256, 192));
+        for white_on_black in [false, true] {
+            let marker = scene.visible_marker(4.0, 3.0, 14.0, white_on_black).expect("free space");
+            let turned = Marker { axes: [turned(marker.axes[0], 0, 2, 0.7), marker.axes[1]], ..marker };
+            for (marker, round) in [(marker, true), (turned, false)] {
+                let with = scene.clone().with_marker(marker);
+                let picture = with.picture(4.0, Exposure::default(), 0).0;
+                let rim = with.rim(&marker, 4.0, 60);
+                let at = |p: &RimPoint, r: f32| {
+                    picture.bilinear(p.place[0] + r * p.normal[0], p.place[1] + r * p.normal[1])[1]
+                };
+                let centre = [0, 1].map(|i| rim.iter().map(|p| p.place[i]).sum::<f32>() / 60.0);
+                for p in &rim {
+                    assert!(p.visible);
+                    let (inside, outside) = (at(p, -2.0), at(p, 2.0));
+                    assert!(if white_on_black { inside > 5.0 * outside } else { outside > 5.0 * inside });
+                    assert!((p.normal[0].hypot(p.normal[1]) - 1.0).abs() < 1e-3);
+                    let r = (p.place[0] - centre[0]).hypot(p.place[1] - centre[1]);
+                    assert!(!round || (r - 14.0).abs() < 0.02, "{r}");
+                }
+                // The edge lies on the rim: the mean along it is half way between the sides. Negative control: half a px off it is not.
+                let mean = |r: f32| rim.iter().map(|p| at(p, r)).sum::<f32>() / 60.0;
+                let share = |r: f32| (mean(r) - mean(-2.0)) / (mean(2.0) - mean(-2.0));
+                assert!((share(0.0) - 0.5).abs() < 0.06, "{}", share(0.0));
+                assert!((share(0.5) - 0.5).abs() > 0.2 && (share(-0.5) - 0.5).abs() > 0.2);
+            }
+            // A ball before the marker hides it; at the edge of the picture it is cut off.
+            let ball = Thing::ball(
+                scene.point_at(4.0, scene.rim(&marker, 4.0, 1)[0].place, 1.0),
+                0.05,
+                TextureKind::Rough,
+                1,
+            );
+            let hidden = scene.clone().with_marker(marker).with(ball);
+            let visible = |s: &Scene| s.rim(&marker, 4.0, 60).iter().filter(|p| p.visible).count();
+            assert!(visible(&scene.clone().with_marker(marker)) == 60 && visible(&hidden) < 60);
+            let away = Marker { centre: add(marker.centre, [9.0, 0.0, 0.0]), ..marker };
+            assert!(scene.rim(&away, 4.0, 60).iter().all(|p| !p.visible));
+        }
+        assert_eq!(scene.visible_marker(0.0, 1.0, 200.0, false), None);
+    }
+}
