@@ -5,6 +5,7 @@ use crate::run::{Findings, Run};
 use crate::shot::{Device, Shot, ball};
 use crate::statistics::mean;
 use crate::table::{Cell, Table};
+use blindaug::CameraModel;
 use blindaug::model::SharpeningModel;
 use blindaug_io::{Error, Result, VideoCoding};
 use blindaug_scenes::camera::Setting;
@@ -58,6 +59,8 @@ struct Case {
 /// The results on one scene, as `[footage][model]`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Outcome {
+    /// The estimated camera of each footage.
+    models: Vec<CameraModel>,
     /// Composites by each camera's model; last, the object pasted as it is.
     fidelity: Vec<Vec<Fidelity>>,
     /// The median over octaves, channels and luminances of |model's std of the noise / true std - 1|; `None`: unknown.
@@ -95,7 +98,7 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
             models.push(shot.metric(&shot.estimate().map_err(fails)?));
             shots.push(shot);
         }
-        let mut outcome = Outcome { fidelity: vec![], noise: vec![] };
+        let mut outcome = Outcome { models: models.clone(), fidelity: vec![], noise: vec![] };
         for shot in &shots {
             let mut row = vec![];
             for model in &models {
@@ -103,7 +106,7 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
             }
             row.push(shot.fidelity(|c| shot.composite(c, &models[0], true)).map_err(fails)?);
             outcome.fidelity.push(row);
-            let error = |model: &blindaug::CameraModel| {
+            let error = |model: &CameraModel| {
                 let noise = model.noise.known()?;
                 median(noise_errors(noise, &shot.noise).into_iter().map(|e| e.1).collect())
             };
@@ -176,11 +179,54 @@ fn findings(devices: &[Device], outcomes: &[Outcome], frames: u64) -> Findings {
         head: head(),
         rows: rows.collect(),
     });
+    tables.push(recovered(devices, outcomes));
     Findings {
         name: NAME.into(),
         title: "Correctness across cameras".into(),
         text,
         tables,
         ..Findings::default()
+    }
+}
+
+/// The recovered cameras beside the true ones.
+fn recovered(devices: &[Device], outcomes: &[Outcome]) -> Table {
+    let rows = devices.iter().enumerate().map(|(i, d)| {
+        let models = || outcomes.iter().filter_map(move |o| o.models.get(i));
+        let of = |value: &dyn Fn(&CameraModel) -> Option<f32>, digits| {
+            Cell::spread(mean(models().filter_map(|m| Some(f64::from(value(m)?)))), digits)
+        };
+        // The blur at these distances says more than a lens's two numbers, which can change together.
+        let blur = |m: &CameraModel, depth: f32| Some(m.defocus.known()?.sigma_px(1.0 / depth));
+        let (sigma, focus) = d.setting.lens.unwrap_or_default();
+        let truth = |depth: f32| Cell::Number(f64::from(sigma * (1.0 - focus / depth).abs()), 2);
+        vec![
+            Cell::text(d.name),
+            Cell::Number(d.setting.exposure.into(), 2),
+            of(&|m| Some(m.motion_blur.known()?.exposure.0), 2),
+            truth(1.9),
+            of(&|m| blur(m, 1.9), 2),
+            truth(6.0),
+            of(&|m| blur(m, 6.0), 2),
+            Cell::number(d.sharpening.map(|s| s.amount.into()), 2),
+            of(&|m| Some(m.sharpening.known()?.amount), 2),
+        ]
+    });
+    let head = [
+        "camera",
+        "true exposure fraction",
+        "recovered exposure fraction",
+        "true blur at 1.9 m, px",
+        "recovered blur at 1.9 m, px",
+        "true blur at 6 m, px",
+        "recovered blur at 6 m, px",
+        "true sharpening",
+        "recovered sharpening",
+    ];
+    Table {
+        name: "recovered".into(),
+        caption: "True and recovered cameras; n is the number of scenes in which the part is known.".into(),
+        head: head.map(String::from).into(),
+        rows: rows.collect(),
     }
 }

@@ -1,6 +1,7 @@
 //! The experiments of `blindaug reproduce`, one module each: cases, measurements, findings.
 
 mod cameras;
+mod qualitative;
 mod runtime;
 mod settings;
 
@@ -13,6 +14,8 @@ use blindaug_scenes::measure::Given;
 /// An experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Experiment {
+    /// Scenes with the object pasted, with our composite, and with the object really there.
+    Qualitative,
     /// Recovered against true parameters, over levels of exposure, noise, focus and aperture.
     Settings,
     /// The model of each of four cameras on the footage of each.
@@ -25,11 +28,13 @@ pub enum Experiment {
 
 impl Experiment {
     /// All experiments, in the order of the paper.
-    pub const ALL: [Self; 4] = [Self::Settings, Self::Cameras, Self::Validation, Self::Runtime];
+    pub const ALL: [Self; 5] =
+        [Self::Qualitative, Self::Settings, Self::Cameras, Self::Validation, Self::Runtime];
 
     /// The name on the command line, and that of the experiment's folder.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Qualitative => qualitative::NAME,
             Self::Settings => settings::NAME,
             Self::Cameras => cameras::NAME,
             Self::Validation => validation::NAME,
@@ -40,6 +45,7 @@ impl Experiment {
     /// What the experiment shows, in a few words.
     pub fn about(self) -> &'static str {
         match self {
+            Self::Qualitative => "pictures and videos: the object pasted, composited by us, and really there",
             Self::Settings => {
                 "exposure, noise, focus and aperture at three levels each: recovered against true"
             }
@@ -52,6 +58,8 @@ impl Experiment {
     /// The duration on two cores of a server of 2023, minutes.
     pub fn minutes(self, quick: bool) -> f64 {
         match (self, quick) {
+            (Self::Qualitative, true) => 1.5,
+            (Self::Qualitative, false) => 20.0,
             (Self::Settings, true) => 0.5,
             (Self::Settings, false) => 30.0,
             (Self::Cameras, true) => 2.0,
@@ -69,6 +77,7 @@ impl Experiment {
     /// If a file cannot be read or written.
     pub fn run(self, run: &Run, quick: bool, networks: &mut Networks) -> Result<Findings> {
         match self {
+            Self::Qualitative => qualitative::run(run, quick),
             Self::Settings => settings::run(run, quick),
             Self::Cameras => cameras::run(run, quick),
             Self::Validation => {

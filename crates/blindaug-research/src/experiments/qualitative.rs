@@ -1,0 +1,146 @@
+//! The paper's results as pictures: scenes of its kinds with the object pasted, with our composite, and with the object really there.
+
+use crate::filming::coded;
+use crate::run::{Findings, Pictures, Run};
+use crate::sceneries::{COUNT, Scenery, scenery};
+use crate::shot::Shot;
+use crate::statistics::mean;
+use crate::table::{Cell, Table};
+use blindaug::composite::{CompositeOptions, Plate, composite};
+use blindaug::synth::defocus::Bokeh;
+use blindaug::{Encoded, Raster};
+use blindaug_io::{Error, Result, VideoCoding, write_png};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The name of the experiment's folder.
+pub const NAME: &str = "qualitative";
+
+/// The pictures of a frame, in the order in which they stand beside each other.
+const SHOWN: [&str; 3] = ["naive", "ours", "truth"];
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Case {
+    scenery: usize,
+    seed: u64,
+    frames: u64,
+    size: (usize, usize),
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Outcome {
+    name: String,
+    about: String,
+    /// The PSNR over the object's area of the pasted object and of ours, with noise in all pictures, dB: means over the frames.
+    psnr: [f64; 2],
+    /// What is unknown of the camera, and why.
+    unknown: Vec<String>,
+    /// Whether a video was written.
+    has_video: bool,
+}
+
+/// Runs the experiment; `quick`: small pictures and few frames.
+///
+/// # Errors
+/// If a file cannot be written.
+pub fn run(run: &Run, quick: bool) -> Result<Findings> {
+    let (frames, size) = if quick { (4, (320, 240)) } else { (24, (512, 384)) };
+    let folder = run.folder(NAME)?;
+    let cases = (0..COUNT)
+        .map(|i| (format!("scene{i}"), Case { scenery: i, seed: run.seed(), frames, size }))
+        .collect();
+    let outcomes = run.cases(NAME, cases, |case| outcome(case, &folder))?;
+    let outcomes: Vec<Outcome> = outcomes.into_iter().map(|o| o.1).collect();
+    let rows = outcomes.iter().map(|o| {
+        let [naive, ours] = o.psnr.map(|v| Cell::Number(v, 2));
+        let unknown = if o.unknown.is_empty() { "nothing".into() } else { o.unknown.join("; ") };
+        vec![Cell::text(&o.name), naive, ours, Cell::text(unknown)]
+    });
+    let mut rows: Vec<Vec<Cell>> = rows.collect();
+    let of = |k: usize| Cell::spread(mean(outcomes.iter().map(|o| o.psnr[k])), 2);
+    rows.push(vec![Cell::text("mean"), of(0), of(1), Cell::Empty]);
+    let table = Table {
+        name: "psnr".into(),
+        caption: format!(
+            "PSNR over the object's area against the footage in which the object is really there, dB, mean over {frames} frames. All \
+             pictures have noise, each its own, which limits the PSNR."
+        ),
+        head: ["scene", "naive", "ours", "unknown of the camera"].map(String::from).into(),
+        rows,
+    };
+    let pictures = outcomes.iter().map(|o| Pictures {
+        title: format!("{}: {}", o.name, o.about),
+        files: SHOWN.map(|what| (what.to_owned(), format!("{}-{what}.png", o.name).into())).into(),
+    });
+    let videos = outcomes.iter().filter(|o| o.has_video);
+    Ok(Findings {
+        name: NAME.into(),
+        title: "Qualitative results".into(),
+        text: vec![
+            "Scenes of the kinds of the paper's results, filmed by physics: the object pasted as it is; by the camera that is estimated \
+             from the footage alone; and really there. The middle frame is shown; videos, where an encoder is there, lie beside."
+                .into(),
+        ],
+        tables: vec![table],
+        pictures: pictures.collect(),
+        files: videos.map(|o| (format!("{} (video)", o.name), format!("{}.mp4", o.name).into())).collect(),
+        ..Findings::default()
+    })
+}
+
+fn outcome(case: &Case, folder: &Path) -> Result<Outcome> {
+    let fails = |e: blindaug::Error| Error::new(folder, e.to_string());
+    let middle = case.frames / 2;
+    let Scenery { name, about, scene, object, device } =
+        scenery(case.scenery, case.seed, case.size, middle as f32);
+    let video = folder.join(format!("{name}.mp4"));
+    let all: Vec<usize> = (0..case.frames as usize).collect();
+    let shot = Shot::film(&scene, &object, &device, (case.frames, &[]), case.seed, &video)?;
+    let with = scene.clone().with(object.clone());
+    // The noise of the true pictures is another than that of the footage.
+    let truths = Shot::film(&with, &object, &device, (case.frames, &[]), case.seed + 1, &video)?;
+    let model = shot.metric(&shot.estimate().map_err(fails)?);
+    let mut psnr = [0.0; 2];
+    let mut side_by_side = vec![];
+    for &t in &all {
+        let layer = scene.layer(&object, t as f32).into();
+        let plate = Plate {
+            frame: &shot.delivered[t],
+            number: t as u64,
+            inverse_depth: Some(&shot.depth[t]),
+            flow: Some(&shot.motion[t]),
+            with_and_without: None,
+        };
+        let made = |naive| {
+            let options = CompositeOptions { naive, no_noise: naive, bokeh: Bokeh::Disk, seed: case.seed };
+            composite(&plate, &layer, &model, &options).map_err(fails)
+        };
+        let pictures = [made(true)?, made(false)?, truths.delivered[t].clone()];
+        let area = blindaug::metrics::object_area(&layer.color.0.map(|p| p[3]), 20);
+        for (sum, picture) in psnr.iter_mut().zip(&pictures) {
+            *sum += blindaug::metrics::psnr(picture, &pictures[2], Some(&area)).map_err(fails)?
+                / all.len() as f64;
+        }
+        if t as u64 == middle {
+            for (what, picture) in SHOWN.iter().zip(&pictures) {
+                write_png(folder.join(format!("{name}-{what}.png")), picture)?;
+            }
+        }
+        side_by_side.push(beside(&pictures));
+    }
+    // Without an encoder there are pictures all the same.
+    let has_video = coded(&side_by_side, VideoCoding::H264 { crf: 14 }, &video).is_ok();
+    let unknown = [
+        ("noise", model.noise.why_unknown()),
+        ("motion blur", model.motion_blur.why_unknown()),
+        ("defocus", model.defocus.why_unknown()),
+    ];
+    let unknown = unknown.into_iter().filter_map(|(what, why)| Some(format!("{what} ({})", why?.sentence)));
+    Ok(Outcome { name: name.into(), about: about.into(), psnr, unknown: unknown.collect(), has_video })
+}
+
+/// The pictures beside each other.
+fn beside(pictures: &[Encoded; 3]) -> Encoded {
+    let (w, h) = pictures[0].0.size();
+    Encoded(Raster::from_fn(w * pictures.len(), h, |x, y| pictures[x / w].0.at(x % w, y)))
+}
