@@ -4,6 +4,7 @@
 //! Results are [`table`]s and [`figure`]s, each written once and shown in every format; a [`run`] keeps what is done and writes the page;
 //! [`statistics`] has the tests and the intervals.
 
+pub mod baselines;
 pub mod experiments;
 pub mod fidelity;
 pub mod figure;

@@ -2,15 +2,17 @@
 
 use crate::fidelity::Fidelity;
 use crate::filming::{Filming, coded};
+use crate::validation::measure;
 use blindaug::composite::{CompositeOptions, Plate, VirtualLayer, composite};
-use blindaug::fit::{Estimation, Estimator, Evidence, FrameObservation};
+use blindaug::fit::Estimation;
 use blindaug::metrics::object_area;
 use blindaug::model::{DepthKind, SceneScale, SharpeningModel};
 use blindaug::synth::{defocus::Bokeh, sharpening::sharpen};
 use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Transfer};
 use blindaug_io::{Error, Result, VideoCoding};
+use blindaug_pipeline::{Networks, Silent};
 use blindaug_scenes::camera::{Camera, Setting};
-use blindaug_scenes::measure::NoiseTruth;
+use blindaug_scenes::measure::{Footage, Given, NoiseTruth};
 use blindaug_scenes::scene::{Exposure, Scene, TextureKind};
 use blindaug_scenes::thing::Thing;
 use std::path::Path;
@@ -52,12 +54,8 @@ impl Device {
 
 /// Footage of a scene without the object, and frames on which composites are compared. The lists have an entry for each frame.
 pub(crate) struct Shot {
-    /// The frames as the camera delivers them.
-    pub(crate) delivered: Vec<Encoded>,
-    /// The sharp frames.
-    pub(crate) sharp: Vec<Encoded>,
-    /// Inverse depth, 1/m.
-    pub(crate) depth: Vec<Plane>,
+    /// The frames as the camera delivers them, and what can be known of them.
+    pub(crate) footage: Footage,
     /// Motion, px per frame interval, from half an interval before to half an interval after the frame's time.
     pub(crate) motion: Vec<Flow>,
     /// The noise of what is delivered.
@@ -130,15 +128,8 @@ impl Shot {
                 Compared { number, plate, truth, layer, area }
             })
             .collect();
-        let footage = filming.footage;
-        Ok(Self {
-            delivered,
-            sharp: footage.clean,
-            depth: footage.inverse_depth,
-            motion: (0..frames).map(|t| scene.motion(t as f32)).collect(),
-            noise,
-            compared,
-        })
+        let footage = Footage { frames: delivered, noise: Some(noise.clone()), ..filming.footage };
+        Ok(Self { footage, motion: (0..frames).map(|t| scene.motion(t as f32)).collect(), noise, compared })
     }
 
     /// The camera that is estimated from what is delivered, and nothing else.
@@ -146,16 +137,7 @@ impl Shot {
     /// # Errors
     /// Sound footage gives no error.
     pub(crate) fn estimate(&self) -> blindaug::Result<Estimation> {
-        let mut estimator = Estimator::new(Default::default()).expecting(self.delivered.len());
-        for (i, frame) in self.delivered.iter().enumerate() {
-            estimator.add(&FrameObservation {
-                frame,
-                next: self.delivered.get(i + 1),
-                previous: i.checked_sub(1).map(|i| &self.delivered[i]),
-                evidence: Evidence::default(),
-            })?;
-        }
-        estimator.estimate()
+        Ok(measure(&self.footage, Given::Nothing, &mut Networks::default(), &Silent)?.1)
     }
 
     /// The estimated camera with its lens in metres. The frames alone give depth without a unit; whoever places an object knows how far
@@ -164,7 +146,10 @@ impl Shot {
         let model = estimation.model.clone();
         let relative = model.defocus.known().is_some_and(|m| m.depth_kind == DepthKind::Relative);
         let own = estimation.diagnostics.inverse_depth.as_ref();
-        match own.filter(|_| relative).and_then(|(frame, own)| scene_scale(own, &self.depth[*frame])) {
+        match own
+            .filter(|_| relative)
+            .and_then(|(frame, own)| scene_scale(own, &self.footage.inverse_depth[*frame]))
+        {
             Some(scale) => model.to_metric(scale),
             None => model,
         }
@@ -183,7 +168,7 @@ impl Shot {
         let plate = Plate {
             frame: &of.plate,
             number: of.number as u64,
-            inverse_depth: Some(&self.depth[of.number]),
+            inverse_depth: Some(&self.footage.inverse_depth[of.number]),
             flow: Some(&self.motion[of.number]),
             with_and_without: None,
         };
