@@ -15,6 +15,8 @@ pub(crate) struct Scenery {
     pub(crate) scene: Scene,
     /// The object.
     pub(crate) object: Thing,
+    /// The depth of the object, m.
+    pub(crate) depth_m: f32,
     /// The camera.
     pub(crate) device: Device,
 }
@@ -111,5 +113,5 @@ pub(crate) fn scenery(number: usize, seed: u64, size: (usize, usize), middle: f3
         }
         _ => object,
     };
-    Scenery { name, about, scene, object, device: Device::plain(name, about, device) }
+    Scenery { name, about, scene, object, depth_m: depth, device: Device::plain(name, about, device) }
 }

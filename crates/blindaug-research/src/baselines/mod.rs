@@ -3,3 +3,63 @@
 pub mod okumura;
 pub mod okumura_plus;
 pub mod shutter_angle;
+
+use serde::{Deserialize, Serialize};
+
+/// A method that makes a composite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Method {
+    /// The object pasted as it is.
+    Naive,
+    /// [`okumura`].
+    OkumuraLike,
+    /// [`okumura_plus`].
+    OkumuraPlusLike,
+    /// [`shutter_angle`].
+    ShutterAngleLike,
+    /// The paper's own way: networks remove the blur, and the synthesis is fitted to what they give.
+    Removal,
+    /// Ours, by spectra.
+    Ours,
+    /// The camera that really filmed.
+    TrueCamera,
+}
+
+impl Method {
+    /// All methods.
+    pub const ALL: [Self; 7] = [
+        Self::Naive,
+        Self::OkumuraLike,
+        Self::OkumuraPlusLike,
+        Self::ShutterAngleLike,
+        Self::Removal,
+        Self::Ours,
+        Self::TrueCamera,
+    ];
+
+    /// The name in all tables, figures and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Naive => "Naive",
+            Self::OkumuraLike => "Okumura-like",
+            Self::OkumuraPlusLike => "Okumura++-like",
+            Self::ShutterAngleLike => "Shutter-angle-like",
+            Self::Removal => "Removal",
+            Self::Ours => "Ours",
+            Self::TrueCamera => "True camera",
+        }
+    }
+
+    /// What the method is given beside the frames and the object.
+    pub fn needs(self) -> &'static str {
+        match self {
+            Self::Naive => "nothing",
+            Self::OkumuraLike => "a circular marker at its true pose in the frame",
+            Self::OkumuraPlusLike => "a circular marker at its true pose, its sharp picture, its true motion",
+            Self::ShutterAngleLike => "the true optical flow",
+            Self::Removal => "networks that remove blur",
+            Self::Ours => "nothing",
+            Self::TrueCamera => "the camera's true settings",
+        }
+    }
+}

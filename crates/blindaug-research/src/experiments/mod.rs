@@ -1,5 +1,6 @@
 //! The experiments of `blindaug reproduce`, one module each: cases, measurements, findings.
 
+mod baselines;
 mod cameras;
 mod qualitative;
 mod runtime;
@@ -20,6 +21,8 @@ pub enum Experiment {
     Settings,
     /// The model of each of four cameras on the footage of each.
     Cameras,
+    /// Our composites beside those of the baselines.
+    Baselines,
     /// The paper's validation.
     Validation,
     /// How long everything takes.
@@ -28,8 +31,8 @@ pub enum Experiment {
 
 impl Experiment {
     /// All experiments, in the order of the paper.
-    pub const ALL: [Self; 5] =
-        [Self::Qualitative, Self::Settings, Self::Cameras, Self::Validation, Self::Runtime];
+    pub const ALL: [Self; 6] =
+        [Self::Qualitative, Self::Settings, Self::Cameras, Self::Baselines, Self::Validation, Self::Runtime];
 
     /// The name on the command line, and that of the experiment's folder.
     pub fn name(self) -> &'static str {
@@ -37,6 +40,7 @@ impl Experiment {
             Self::Qualitative => qualitative::NAME,
             Self::Settings => settings::NAME,
             Self::Cameras => cameras::NAME,
+            Self::Baselines => baselines::NAME,
             Self::Validation => validation::NAME,
             Self::Runtime => runtime::NAME,
         }
@@ -50,6 +54,9 @@ impl Experiment {
                 "exposure, noise, focus and aperture at three levels each: recovered against true"
             }
             Self::Cameras => "the model of each of four cameras on the footage of each: the own one must win",
+            Self::Baselines => {
+                "our composites beside those of five other methods, against the object really there"
+            }
             Self::Validation => "the paper's validation: 10 exposures, 5 lenses, 10 noises",
             Self::Runtime => "how long the fits, an estimate and a composite take",
         }
@@ -64,6 +71,8 @@ impl Experiment {
             (Self::Settings, false) => 30.0,
             (Self::Cameras, true) => 2.0,
             (Self::Cameras, false) => 20.0,
+            (Self::Baselines, true) => 2.0,
+            (Self::Baselines, false) => 20.0,
             (Self::Validation, true) => 1.0,
             (Self::Validation, false) => 180.0,
             (Self::Runtime, true) => 0.3,
@@ -80,6 +89,7 @@ impl Experiment {
             Self::Qualitative => qualitative::run(run, quick),
             Self::Settings => settings::run(run, quick),
             Self::Cameras => cameras::run(run, quick),
+            Self::Baselines => baselines::run(run, quick, networks),
             Self::Validation => {
                 let job = Job {
                     scenes: 10,

@@ -91,7 +91,7 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
 fn outcome(case: &Case, folder: &Path) -> Result<Outcome> {
     let fails = |e: blindaug::Error| Error::new(folder, e.to_string());
     let middle = case.frames / 2;
-    let Scenery { name, about, scene, object, device } =
+    let Scenery { name, about, scene, object, device, .. } =
         scenery(case.scenery, case.seed, case.size, middle as f32);
     let video = folder.join(format!("{name}.mp4"));
     let shot = Shot::film(&scene, &object, &device, (case.frames, &[middle as usize]), case.seed, &video)?;
