@@ -155,6 +155,17 @@ impl Shot {
         }
     }
 
+    /// A frame of the shot, in one of its forms, with what is known of the scene in it.
+    pub(crate) fn plate<'a>(&'a self, number: usize, frame: &'a Encoded) -> Plate<'a> {
+        Plate {
+            frame,
+            number: number as u64,
+            inverse_depth: Some(&self.footage.inverse_depth[number]),
+            flow: Some(&self.motion[number]),
+            with_and_without: None,
+        }
+    }
+
     /// The composite of a frame without noise by this camera; `naive`: pasted as it is.
     ///
     /// # Errors
@@ -165,19 +176,8 @@ impl Shot {
         model: &CameraModel,
         naive: bool,
     ) -> blindaug::Result<Encoded> {
-        let plate = Plate {
-            frame: &of.plate,
-            number: of.number as u64,
-            inverse_depth: Some(&self.footage.inverse_depth[of.number]),
-            flow: Some(&self.motion[of.number]),
-            with_and_without: None,
-        };
-        composite(
-            &plate,
-            &of.layer,
-            model,
-            &CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 },
-        )
+        let options = CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
+        composite(&self.plate(of.number, &of.plate), &of.layer, model, &options)
     }
 
     /// The mean likeness over the compared frames of what `make` makes of each to the truth.

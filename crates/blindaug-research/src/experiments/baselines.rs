@@ -1,6 +1,7 @@
 //! Our composites beside those of the baselines, against the pictures in which the object is really there.
 
-use crate::baselines::{Method, okumura, okumura_plus, shutter_angle};
+use crate::baselines::Method;
+use crate::baselines::made::{Ground, with_marker};
 use crate::fidelity::Fidelity;
 use crate::figure::{Axis, Figure, Mark, Series, Style};
 use crate::run::{Findings, Pictures, Run};
@@ -8,23 +9,16 @@ use crate::sceneries::{COUNT, Scenery, scenery};
 use crate::shot::{Compared, Shot};
 use crate::statistics::{Mean, mean};
 use crate::table::{Cell, Table};
-use crate::validation::measure;
-use blindaug::composite::VirtualLayer;
-use blindaug::model::{Capture, Estimate, ExposureFraction, MotionBlurModel};
-use blindaug::{CameraModel, Encoded, Linear, Premultiplied, Raster, Transfer};
+use blindaug::composite::CompositeOptions;
+use blindaug::synth::defocus::Bokeh;
 use blindaug_io::{Error, Result, write_png};
 use blindaug_pipeline::Networks;
-use blindaug_scenes::measure::Given;
-use blindaug_scenes::thing::Marker;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 
 /// The name of the experiment's folder.
 pub const NAME: &str = "baselines";
-
-/// The radius of the marker's disk, as a share of the picture's width.
-const MARKER: f32 = 0.05;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
@@ -72,38 +66,16 @@ fn outcome(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Outcom
     let middle = (case.frames / 2) as usize;
     let Scenery { name, scene, object, device, depth_m, .. } =
         scenery(case.scenery, case.seed, case.size, middle as f32);
-    // The marker is as far away as the object, but not hidden by it; a smaller one is taken where the larger one has no place.
-    let with_object = scene.clone().with(object.clone());
-    let marker = [1.0, 0.8, 0.6, 0.45].into_iter().find_map(|share| {
-        let radius = share * MARKER * case.size.0 as f32;
-        Some((with_object.visible_marker(middle as f32, depth_m, radius, false)?, radius))
-    });
-    let scene = marker.iter().fold(scene, |scene, (marker, _)| scene.with_marker(*marker));
+    let (scene, marker) = with_marker(scene, &object, depth_m, middle as f32);
     let shot = Shot::film(&scene, &object, &device, (case.frames, &[middle]), case.seed, folder)?;
-    let capture = Capture {
-        width: case.size.0,
-        height: case.size.1,
-        fps: None,
-        frames_used: shot.footage.frames.len(),
-    };
-    let unknown = CameraModel::unknown(capture, "the method does not tell it");
+    let ground = Ground { shot: &shot, scene: &scene, marker: marker.as_ref(), setting: &device.setting };
     let mut methods = vec![];
     for method in Method::ALL {
         let start = Instant::now();
-        let seen = marker.as_ref().map(|(marker, radius)| Seen {
-            shot: &shot,
-            scene: &scene,
-            marker,
-            radius: *radius,
-        });
-        let found =
-            estimate(method, &shot, seen.as_ref(), &unknown, &device.setting, networks).map_err(fails)?;
+        let found = ground.estimate(method, networks).map_err(fails)?;
         let seconds = start.elapsed().as_secs_f64();
-        let make = |c: &Compared| match &found {
-            Found::Camera(model) => shot.composite(c, model, false),
-            Found::Gaussian(by) => Ok(over(c, &shot, *by)),
-            Found::Nothing => shot.composite(c, &unknown, true),
-        };
+        let options = CompositeOptions { no_noise: true, bokeh: Bokeh::Disk, ..CompositeOptions::default() };
+        let make = |c: &Compared| found.composite(&shot.plate(c.number, &c.plate), &c.layer, &options);
         let fidelity = shot.fidelity(make).map_err(fails)?;
         for c in &shot.compared {
             write_png(folder.join(picture(name, method.name())), &make(c).map_err(fails)?)?;
@@ -116,125 +88,6 @@ fn outcome(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Outcom
 
 fn picture(scene: &str, what: &str) -> String {
     format!("{scene}-{}.png", what.to_lowercase().replace(' ', "-"))
-}
-
-/// The marker in a shot.
-struct Seen<'a> {
-    shot: &'a Shot,
-    scene: &'a blindaug_scenes::scene::Scene,
-    marker: &'a Marker,
-    radius: f32,
-}
-
-/// What a method found.
-enum Found {
-    Camera(Box<CameraModel>),
-    Gaussian(okumura::EllipticalGaussian),
-    Nothing,
-}
-
-impl Found {
-    fn words(&self) -> String {
-        match self {
-            Self::Nothing => "nothing".into(),
-            Self::Gaussian(g) => {
-                format!(
-                    "std {:.1} px, along {:.0} degrees {:.1} px more",
-                    g.sigma_d,
-                    g.phi.to_degrees(),
-                    g.sigma_m
-                )
-            }
-            Self::Camera(m) => {
-                let exposure =
-                    m.motion_blur.known().map_or("unknown".into(), |m| format!("{:.2}", m.exposure.0));
-                let blur =
-                    m.defocus.known().map_or("unknown".into(), |m| format!("{:.1} px", m.sigma_px(0.0)));
-                format!("exposure fraction {exposure}, blur at infinity {blur}")
-            }
-        }
-    }
-}
-
-fn estimate(
-    method: Method,
-    shot: &Shot,
-    seen: Option<&Seen>,
-    unknown: &CameraModel,
-    setting: &blindaug_scenes::camera::Setting,
-    networks: &mut Networks,
-) -> blindaug::Result<Found> {
-    let frames = &shot.footage.frames;
-    let camera = |model: CameraModel| Found::Camera(Box::new(model));
-    Ok(match method {
-        Method::Naive => Found::Nothing,
-        Method::OkumuraLike => {
-            let middle = frames.len() / 2;
-            let found = seen.and_then(|s| {
-                let rim = s.scene.rim(s.marker, middle as f32, 96);
-                // The board reaches as far beyond the rim as the disk within.
-                okumura::measure(&frames[middle].to_linear(Transfer::Srgb), &rim, 0.9 * s.radius)
-            });
-            found.map_or(Found::Nothing, Found::Gaussian)
-        }
-        Method::OkumuraPlusLike => match seen {
-            None => Found::Nothing,
-            Some(s) => {
-                let all: Vec<okumura_plus::Seen> = (0..frames.len()).filter_map(|t| s.at(t)).collect();
-                camera(okumura_plus::measure(&all, (1.9 * s.radius) as usize)?)
-            }
-        },
-        Method::ShutterAngleLike => {
-            let all: Vec<_> = frames.iter().zip(&shot.motion).collect();
-            let mut model = unknown.clone();
-            if let Some(found) = shutter_angle::measure(&all) {
-                model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(found.exposure)));
-            }
-            camera(model)
-        }
-        Method::Removal => {
-            let given = if networks.is_empty() { Given::Nothing } else { Given::NothingByNetworks };
-            let (_, estimation) = measure(&shot.footage, given, networks, &blindaug_pipeline::Silent)?;
-            camera(shot.metric(&estimation))
-        }
-        Method::Ours => camera(shot.metric(&shot.estimate()?)),
-        Method::TrueCamera => camera(blindaug_scenes::camera::model(frames[0].0.size(), setting)),
-    })
-}
-
-impl<'a> Seen<'a> {
-    /// The marker in a frame; `None` where it is not seen as a whole.
-    fn at(&self, t: usize) -> Option<okumura_plus::Seen<'a>> {
-        let rim = self.scene.rim(self.marker, t as f32, 16);
-        if rim.iter().any(|p| !p.visible) {
-            return None;
-        }
-        let middle = [0, 1].map(|k| rim.iter().map(|p| p.place[k]).sum::<f32>() / rim.len() as f32);
-        Some(okumura_plus::Seen {
-            frame: &self.shot.footage.frames[t],
-            sharp: &self.shot.footage.clean[t],
-            motion: &self.shot.motion[t],
-            middle,
-        })
-    }
-}
-
-/// The layer, without what is hidden, blurred by one Gaussian and laid over the frame in light.
-fn over(of: &Compared, shot: &Shot, by: okumura::EllipticalGaussian) -> Encoded {
-    let VirtualLayer { color, inverse_depth, .. } = &of.layer;
-    let real = &shot.footage.inverse_depth[of.number];
-    let (w, h) = color.0.size();
-    let visible = Premultiplied(Raster::from_fn(w, h, |x, y| {
-        let own = inverse_depth.as_ref().map_or(f32::NAN, |d| d.at(x, y));
-        if real.at(x, y) > 1.02 * own { [0.0; 4] } else { color.0.at(x, y) }
-    }));
-    let layer = okumura::blurred(&visible, by);
-    let frame = of.plate.to_linear(Transfer::Srgb);
-    Linear(Raster::from_fn(w, h, |x, y| {
-        let (l, f) = (layer.0.at(x, y), frame.0.at(x, y));
-        std::array::from_fn(|c| l[c] + (1.0 - l[3]) * f[c])
-    }))
-    .to_encoded(Transfer::Srgb)
 }
 
 fn findings(outcomes: &[Outcome], frames: u64) -> Findings {

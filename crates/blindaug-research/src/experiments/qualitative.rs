@@ -7,7 +7,7 @@ use crate::sceneries::{COUNT, Scenery, scenery};
 use crate::shot::Shot;
 use crate::statistics::mean;
 use crate::table::{Cell, Table};
-use blindaug::composite::{CompositeOptions, Plate, composite};
+use blindaug::composite::{CompositeOptions, composite};
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{Encoded, Raster};
 use blindaug_io::{Error, Result, VideoCoding, write_png};
@@ -104,13 +104,7 @@ fn outcome(case: &Case, folder: &Path) -> Result<Outcome> {
     let mut side_by_side = vec![];
     for t in 0..case.frames as usize {
         let layer = scene.layer(&object, t as f32).into();
-        let plate = Plate {
-            frame: &shot.footage.frames[t],
-            number: t as u64,
-            inverse_depth: Some(&shot.footage.inverse_depth[t]),
-            flow: Some(&shot.motion[t]),
-            with_and_without: None,
-        };
+        let plate = shot.plate(t, &shot.footage.frames[t]);
         let made = |naive| {
             let options = CompositeOptions { naive, no_noise: naive, bokeh: Bokeh::Disk, seed: case.seed };
             composite(&plate, &layer, &model, &options).map_err(fails)
