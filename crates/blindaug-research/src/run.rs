@@ -127,6 +127,11 @@ impl<'a> Run<'a> {
         Ok(folder)
     }
 
+    /// The path of a file of the run.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
     /// The observer of the run.
     pub fn observer(&self) -> &'a dyn Observer {
         self.observer
