@@ -6,6 +6,7 @@
 //! | [`estimate`] | [`Footage`] | one camera model, and the frames that it rests on |
 //! | [`track`] | [`Footage`] | a camera model for each frame |
 //! | [`composite`] | a [`composite::Scene`] and a camera | frames with a virtual object, or a whole clip distorted |
+//! | [`matching`] | a [`Clip`] and two cameras | the clip as the other camera would show it |
 //! | [`timing`] | a [`Clip`] | its doubled, dropped and interpolated frames |
 //! | [`live`] | frames as they come | the camera and the place of an object, frame by frame |
 //!
@@ -82,6 +83,7 @@ pub mod estimate;
 pub mod footage;
 mod frames;
 pub mod live;
+pub mod matching;
 #[cfg(feature = "networks")]
 mod networks;
 mod observer;
