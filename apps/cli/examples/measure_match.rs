@@ -26,7 +26,11 @@ const CASES: [(&str, Settings, Settings); 6] = [
     ("lens 1 px to 3 px, focus 2 m", (0.0, Some((1.0, 2.0)), 0.01), (0.0, Some((3.0, 2.0)), 0.01)),
     ("lens 2 px, focus 1.5 m to 4 m", (0.0, Some((2.0, 1.5)), 0.01), (0.0, Some((2.0, 4.0)), 0.01)),
     ("noise 0.01 to 0.02", (0.25, None, 0.01), (0.25, None, 0.02)),
-    ("all: 0.25 to 0.5, 1 px to 2 px, 0.005 to 0.015", (0.25, Some((1.0, 2.0)), 0.005), (0.5, Some((2.0, 2.0)), 0.015)),
+    (
+        "all: 0.25 to 0.5, 1 px to 2 px, 0.005 to 0.015",
+        (0.25, Some((1.0, 2.0)), 0.005),
+        (0.5, Some((2.0, 2.0)), 0.015),
+    ),
 ];
 
 /// The footage of a scene by one camera.
@@ -68,7 +72,8 @@ fn matched(frames: &[Encoded], b: &Filming, [from, to]: [&CameraModel; 2], no_no
         depth: Some((Box::new(b.depth.clone()), DepthKind::Metric)),
         flow: None,
     };
-    let job = matching::matching(footage, (CameraTrack::from(from.clone()), "B"), to.clone(), None, &Silent).expect("models");
+    let job = matching::matching(footage, (CameraTrack::from(from.clone()), "B"), to.clone(), None, &Silent)
+        .expect("models");
     let mut sink = MemorySink::default();
     let options = CompositeOptions { no_noise, bokeh: Bokeh::Disk, ..Default::default() };
     job.run(&options, &mut sink, &Silent).expect("frames");
@@ -89,7 +94,8 @@ fn noise_std(noisy: &[Encoded], clean: &[Encoded]) -> NoiseTruth {
 
 /// The mean over luminance of the ratio of stds in each level.
 fn ratios(of: &NoiseTruth, to: &NoiseTruth) -> String {
-    let to: BTreeMap<(usize, usize, u32), f32> = to.points().map(|(l, c, y, s)| ((l, c, (100.0 * y) as u32), s)).collect();
+    let to: BTreeMap<(usize, usize, u32), f32> =
+        to.points().map(|(l, c, y, s)| ((l, c, (100.0 * y) as u32), s)).collect();
     let level = |level: usize| {
         let (mut sum, mut n) = (0.0, 0.0);
         for (l, c, y, s) in of.points() {
@@ -111,7 +117,9 @@ fn lacks(model: &CameraModel) -> String {
 }
 
 fn main() {
-    println!("| case | camera | PSNR to A without noise: B, matched by true, by estimated models | noise std over A's in 4 octaves: B | true | estimated |");
+    println!(
+        "| case | camera | PSNR to A without noise: B, matched by true, by estimated models | noise std over A's in 4 octaves: B | true | estimated |"
+    );
     println!("|---|---|---|---|---|---|");
     for (name, b, a) in CASES {
         for camera in [Camera::Synthesis, Camera::Physics] {
@@ -145,7 +153,10 @@ fn main() {
                 }
             }
             let [n0, n1, n2] = noises.map(|n| n.join(" / "));
-            println!("| {name} | {camera:?} | {before:.1} {by_true:.1} {by_estimate:.1} {} | {n0} | {n1} | {n2} |", unknown.join("; "));
+            println!(
+                "| {name} | {camera:?} | {before:.1} {by_true:.1} {by_estimate:.1} {} | {n0} | {n1} | {n2} |",
+                unknown.join("; ")
+            );
         }
     }
 }

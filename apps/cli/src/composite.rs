@@ -262,7 +262,10 @@ pub fn run_match(args: &Match) -> Result<()> {
     };
     let (source, target) = (read(from)?, read(to)?);
     let [target] = target.frames() else {
-        return Err(failure(to, "it holds a model for each frame of other footage: give one that was estimated without --track"));
+        return Err(failure(
+            to,
+            "it holds a model for each frame of other footage: give one that was estimated without --track",
+        ));
     };
     let options = look.style.options();
     let target = target.camera.clone();

@@ -57,11 +57,8 @@ pub fn run(args: &Frames) -> Result<()> {
 
 /// The findings as a table, and what could not be told.
 fn table(name: &str, timing: &Timing) -> String {
-    let mut text = format!(
-        "{name}: {} in {}",
-        count(timing.frames as u64, "frame"),
-        count(timing.shots as u64, "shot")
-    );
+    let mut text =
+        format!("{name}: {} in {}", count(timing.frames as u64, "frame"), count(timing.shots as u64, "shot"));
     if let Some(exposure) = timing.exposure {
         let _ = write!(text, ", exposure about {exposure:.2} of the frame interval");
     }
@@ -92,11 +89,14 @@ fn table(name: &str, timing: &Timing) -> String {
 fn line(Finding { frame, event, log_likelihood_ratio }: &Finding) -> String {
     let what = match event {
         Event::Doubled { difference, expected } => {
-            format!("frame {frame} is doubled: it differs by {difference:.2}/255 from the one before, frames around by {expected:.2}/255")
+            format!(
+                "frame {frame} is doubled: it differs by {difference:.2}/255 from the one before, frames around by {expected:.2}/255"
+            )
         }
         Event::Dropped { missing, motion_ratio, streaks } => {
             let missing = count(u64::from(*missing), "frame");
-            let streaks = streaks.map_or("streaks tell nothing".into(), |s| format!("streaks tell {s:+.1} nats"));
+            let streaks =
+                streaks.map_or("streaks tell nothing".into(), |s| format!("streaks tell {s:+.1} nats"));
             format!(
                 "{missing} missing between {frame} and {}: {motion_ratio:.2} times the motion around, {streaks}",
                 frame + 1

@@ -196,7 +196,12 @@ impl Scene {
         let (number, size) = (frame.number, self.footage.size());
         let has_depth = layer.inverse_depth.is_some();
         let no_layer_flow = applied.moving && layer.flow.is_none();
-        missing.check(no_layer_flow, number, "its virtual layer has no flow", "the object gets no motion blur");
+        missing.check(
+            no_layer_flow,
+            number,
+            "its virtual layer has no flow",
+            "the object gets no motion blur",
+        );
         let no_z = "its virtual layer has no Z";
         missing.check(applied.defocused && !has_depth, number, no_z, "the object gets no defocus");
         missing.check(self.depth.is_some() && !has_depth, number, no_z, "the object is not occluded");

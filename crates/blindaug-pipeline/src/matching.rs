@@ -62,7 +62,8 @@ pub fn matching(
         (from, to, footage.depth) = (from.map(without), without(to), None);
     }
     let from = in_metres(from, name, scale)?;
-    let depth = footage.depth.take().map(|(maps, kind)| DepthMaps::in_metres(maps, kind, scale)).transpose()?;
+    let depth =
+        footage.depth.take().map(|(maps, kind)| DepthMaps::in_metres(maps, kind, scale)).transpose()?;
     let clip = &*footage.clip;
     tell_excess(&from.at(0), &to, observer);
     let exposure = |m: &CameraModel| m.motion_blur.known().map_or(f32::NAN, |m| m.exposure.0);
@@ -109,7 +110,12 @@ impl Match {
     ///
     /// # Errors
     /// If a frame or its accompanying data cannot be used, or the sink fails.
-    pub fn run(&self, options: &CompositeOptions, sink: &mut dyn Sink, observer: &dyn Observer) -> Result<Made> {
+    pub fn run(
+        &self,
+        options: &CompositeOptions,
+        sink: &mut dyn Sink,
+        observer: &dyn Observer,
+    ) -> Result<Made> {
         let Self { footage, depth, from, to, moving } = self;
         let clip = &*footage.clip;
         let neighbours = *moving && footage.flow.is_none();
@@ -129,7 +135,12 @@ impl Match {
                 Some(maps) => maps.get(number, size)?,
                 None => None,
             };
-            missing.check(depth.is_some() && inverse_depth.is_none(), number, "no depth", "it gets no defocus");
+            missing.check(
+                depth.is_some() && inverse_depth.is_none(),
+                number,
+                "no depth",
+                "it gets no defocus",
+            );
             let left = inverse_depth.as_ref().map_or(TooBlurred::default(), |d| matching.too_blurred(d));
             if left.share > 0.01 && !std::mem::replace(&mut said, true) {
                 observer.note(&format!(
@@ -138,8 +149,9 @@ impl Match {
                     left.sigma_px
                 ));
             }
-            let matched =
-                matching.apply(&frame.image, number, inverse_depth.as_ref(), flow.as_ref(), seed).map_err(of_frame)?;
+            let matched = matching
+                .apply(&frame.image, number, inverse_depth.as_ref(), flow.as_ref(), seed)
+                .map_err(of_frame)?;
             sink.put(&matched.0)
         })
     }

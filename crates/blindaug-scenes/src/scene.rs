@@ -93,7 +93,8 @@ impl Scene {
     pub fn new(number: u64, size: (usize, usize)) -> Self {
         let mut rng = StdRng::seed_from_u64(number);
         let textures = (0..5).map(|kind| Texture::new(kind, &mut rng)).collect();
-        let mut scene = Self { surfaces: vec![], textures, path: [0.0; 4], shake: None, surges: vec![], size };
+        let mut scene =
+            Self { surfaces: vec![], textures, path: [0.0; 4], shake: None, surges: vec![], size };
         // Walls and floor, then things in front of them.
         let (far, floor) = (rng.random_range(6.0..9.0), 1.3);
         let (right, down) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);

@@ -9,6 +9,10 @@ use crate::synth::{Blur, Space, defocus::Bokeh, noise};
 use crate::{Encoded, Flow, Plane, Raster, Result, filter};
 use std::{f32::consts::PI, sync::OnceLock};
 
+/// The square of the length, px, of the streak that blurs as much as linear interpolation at random places between pixels: 12 times its
+/// variance of 1/6 px^2.
+const OF_TAPS: f32 = 2.0;
+
 /// What footage of one camera lacks to look like that of another.
 pub struct Matching {
     blur: Blur,
@@ -80,10 +84,17 @@ impl Matching {
         seed: Option<u64>,
     ) -> Result<Encoded> {
         let flow = flow.filter(|_| self.moves());
-        let blurs = inverse_depth.is_some_and(|d| d.data().iter().any(|&d| self.blur.sigma_px(d) > 0.0));
-        let blurred = if blurs || flow.is_some() {
+        // The taps of the streak are linear between pixels, which blurs by itself: that much less of the streak is needed.
+        let shorter = |f: [f32; 2]| {
+            let length = self.blur.exposure().0 * f[0].hypot(f[1]);
+            let left = 1.0 - OF_TAPS / (length * length);
+            if left > 0.0 { f.map(|v| left.sqrt() * v) } else { [0.0; 2] }
+        };
+        let needed = flow.map(|f| f.map(shorter));
+        let defocuses = inverse_depth.is_some_and(|d| d.data().iter().any(|&d| self.blur.sigma_px(d) > 0.0));
+        let blurred = if defocuses || needed.is_some() {
             let light = frame.0.map(|v| self.space.of_encoded(v));
-            let blurred = self.blur.of_scene(&light, inverse_depth.filter(|_| blurs), flow)?;
+            let blurred = self.blur.of_scene(&light, inverse_depth.filter(|_| defocuses), needed.as_ref())?;
             blurred.map(|v| self.space.encoded(v))
         } else {
             frame.0.clone()
@@ -141,8 +152,12 @@ impl Survival {
                 band * band
             })
         };
-        let places: Vec<[f32; 2]> =
-            (0..SIDE).flat_map(|j| (0..2 * SIDE).map(move |i| [frequency(i % SIDE) * if i < SIDE { 1.0 } else { -1.0 }, frequency(j)])).collect();
+        let places: Vec<[f32; 2]> = (0..SIDE)
+            .flat_map(|j| {
+                (0..2 * SIDE)
+                    .map(move |i| [frequency(i % SIDE) * if i < SIDE { 1.0 } else { -1.0 }, frequency(j)])
+            })
+            .collect();
         let powers: Vec<[f32; NOISE_LEVELS]> = places.iter().map(|p| power(p[0], p[1])).collect();
         let sum = |weight: &dyn Fn([f32; 2]) -> f32| {
             let mut sums = [0.0f32; NOISE_LEVELS];
@@ -176,7 +191,8 @@ impl Survival {
         let (sigma, streak) = (place(sigma), place(u.hypot(v)));
         let direction = v.abs().atan2(u.abs()) / (0.5 * PI) * (DIRECTIONS - 1) as f32;
         let direction = (direction + 0.5) as usize;
-        let at = |i: usize, j: usize| self.0[(i * STEPS + j) * DIRECTIONS + direction.min(DIRECTIONS - 1)][level];
+        let at =
+            |i: usize, j: usize| self.0[(i * STEPS + j) * DIRECTIONS + direction.min(DIRECTIONS - 1)][level];
         let ((i, s), (j, t)) = (sigma, streak);
         let along = |i: usize| at(i, j) + t * (at(i, j + 1) - at(i, j));
         along(i) + s * (along(i + 1) - along(i))

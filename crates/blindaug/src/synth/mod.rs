@@ -61,7 +61,8 @@ impl Blur {
                 let sigma = model.sigma_px(d);
                 let already = self.already.map_or(0.0, |lens| lens.sigma_px(d));
                 // Without a blur there already, the root of the square would not be exact.
-                let missing = if already > 0.0 { (sigma * sigma - already * already).max(0.0).sqrt() } else { sigma };
+                let missing =
+                    if already > 0.0 { (sigma * sigma - already * already).max(0.0).sqrt() } else { sigma };
                 missing.min(defocus::MAX_SIGMA_PX)
             }
             _ => 0.0,

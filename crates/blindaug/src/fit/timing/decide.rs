@@ -43,7 +43,8 @@ struct Sign {
 const DIFFERENCE: Sign = Sign { floor: 0.15, found: -2.3 };
 /// The log of the difference to the mixture in place, beside that of frames around.
 const BLEND: Sign = Sign { floor: 0.15, found: -1.4 };
-/// The log of the difference to the mixture along the motion, beside that of both neighbours.
+/// The log of the difference to the mixture along the motion, beside the smaller one of its neighbours': the larger one may be that of a
+/// frame beside a gap.
 const WARP: Sign = Sign { floor: 0.08, found: -0.8 };
 /// The log of the finest detail beside that of both neighbours.
 const DETAIL: Sign = Sign { floor: 0.06, found: -0.25 };
@@ -211,7 +212,7 @@ impl Clip<'_> {
         let warp: Vec<Option<f32>> = (0..n)
             .map(|i| {
                 let (before, after) = (i.checked_sub(1)?, i + 1);
-                Some(warps[i]? - 0.5 * (warps[before]? + (*warps.get(after)?)?))
+                Some(warps[i]? - warps[before]?.min((*warps.get(after)?)?))
             })
             .collect();
         let detail: Vec<Option<f32>> = (0..n).map(|i| usable(i).map(|b| b.detail)).collect();
@@ -257,7 +258,9 @@ impl Clip<'_> {
 
     /// The exposure fraction that the streaks of all frames agree on but of those beside these.
     fn exposure(&self, copies: &[bool], made: &[bool]) -> Option<f32> {
-        let odd = |i: usize| (i.saturating_sub(1)..=i + 1).any(|j| [copies, made].iter().any(|m| m.get(j) == Some(&true)));
+        let odd = |i: usize| {
+            (i.saturating_sub(1)..=i + 1).any(|j| [copies, made].iter().any(|m| m.get(j) == Some(&true)))
+        };
         let curves = (0..self.len()).filter(|&i| !odd(i)).filter_map(|i| self.seen[i].streaks.clone());
         let sum = curves.reduce(|a, b| a.iter().zip(&b).map(|(a, b)| a + b).collect())?;
         let best = (0..sum.len()).max_by(|&a, &b| sum[a].total_cmp(&sum[b]))?;
@@ -289,7 +292,8 @@ impl Clip<'_> {
                 Err(why) => untold[i] = Some(why),
             }
         }
-        let logs: Vec<Option<f32>> = ratios.iter().map(|r| r.map(|(ratio, _)| ratio.max(0.05).ln())).collect();
+        let logs: Vec<Option<f32>> =
+            ratios.iter().map(|r| r.map(|(ratio, _)| ratio.max(0.05).ln())).collect();
         let mut found = vec![None; n];
         for i in 0..n {
             let (Some((motion_ratio, across)), Some(log)) = (ratios[i], logs[i]) else { continue };
@@ -300,7 +304,9 @@ impl Clip<'_> {
             // All that moves must move alike, too.
             let spread = spread.hypot(0.5 * across);
             let tells = |missing: u32| (log.abs() - (log - (missing as f32 + 1.0).ln()).abs()) / spread;
-            let Some(missing) = (1..=MOST_MISSING).max_by(|&a, &b| tells(a).total_cmp(&tells(b))) else { continue };
+            let Some(missing) = (1..=MOST_MISSING).max_by(|&a, &b| tells(a).total_cmp(&tells(b))) else {
+                continue;
+            };
             // A copy shows the motion of the frame that it repeats.
             let frames = [i, i + 1].into_iter().filter(|&j| !is_copy(j) && !is_copy(j + 1));
             let streaks = exposure.and_then(|exposure| self.streaks(frames, missing, exposure));
@@ -322,7 +328,10 @@ impl Clip<'_> {
         let told = frames.filter_map(|i| self.seen[i].streaks.as_ref()).map(|curve| {
             let likely = |exposure: f32| {
                 let at = ((exposure / STREAK_STEP).round() as usize).min(curve.len() - 1);
-                curve[at.saturating_sub(NEAR)..(at + NEAR + 1).min(curve.len())].iter().copied().fold(f32::MIN, f32::max)
+                curve[at.saturating_sub(NEAR)..(at + NEAR + 1).min(curve.len())]
+                    .iter()
+                    .copied()
+                    .fold(f32::MIN, f32::max)
             };
             (likely(exposure / mean) - likely(exposure)) / ALIKE
         });
@@ -359,7 +368,9 @@ impl Clip<'_> {
         let mut ranges: Vec<Untold> = vec![];
         for (seen, reason) in self.seen.iter().zip(untold).filter_map(|(s, u)| Some((s, (*u)?))) {
             match ranges.last_mut() {
-                Some(last) if last.reason == reason && last.last + 1 == seen.number => last.last = seen.number,
+                Some(last) if last.reason == reason && last.last + 1 == seen.number => {
+                    last.last = seen.number
+                }
                 _ => ranges.push(Untold { kind, first: seen.number, last: seen.number, reason }),
             }
         }

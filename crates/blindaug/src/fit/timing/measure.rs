@@ -103,7 +103,9 @@ impl Measurer {
         }
         if let Some(last) = self.kept.last() {
             if last.image.0.size() != size {
-                return Err(Error::new("the frame has another size than the one before; all must have one size"));
+                return Err(Error::new(
+                    "the frame has another size than the one before; all must have one size",
+                ));
             }
             if last.seen.number + 1 != number || cut_between(&last.image, &image)? {
                 self.end_shot();
@@ -242,7 +244,8 @@ pub(super) fn mean_of(values: &[f32], cells: &[usize]) -> f32 {
 
 /// A value for each cell, row by row, by its columns and rows.
 fn of_cells<T>((w, h): (usize, usize), of: impl Fn(Range<usize>, Range<usize>) -> T) -> Vec<T> {
-    let range = |i: usize, n: usize, size: usize| i * size / n..((i + 1) * size / n).max(i * size / n + 1).min(size);
+    let range =
+        |i: usize, n: usize, size: usize| i * size / n..((i + 1) * size / n).max(i * size / n + 1).min(size);
     let cells = (0..CELLS[1]).flat_map(|j| (0..CELLS[0]).map(move |i| (i, j)));
     cells.map(|(i, j)| of(range(i, CELLS[0], w), range(j, CELLS[1], h))).collect()
 }

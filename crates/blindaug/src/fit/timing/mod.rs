@@ -47,7 +47,9 @@ impl TimingAnalyser {
     pub fn finish(mut self) -> Result<Timing> {
         self.measurer.end_shot();
         if self.measurer.seen.len() < 2 {
-            return Err(Error::new("there is only one frame, which cannot be compared with any; give a clip"));
+            return Err(Error::new(
+                "there is only one frame, which cannot be compared with any; give a clip",
+            ));
         }
         Ok(decide::timing(&self.measurer.seen))
     }
