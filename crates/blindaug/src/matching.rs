@@ -206,7 +206,7 @@ fn value(step: usize) -> f32 {
 
 /// The step below a std or length, px, and the share of the way to the next one.
 fn place(px: f32) -> (usize, f32) {
-    if !(px > 0.0) {
+    if px.is_nan() || px <= 0.0 {
         return (0, 0.0);
     }
     let step = if px < value(1) { px / value(1) } else { 1.0 + 2.0 * (px / value(1)).log2() };
