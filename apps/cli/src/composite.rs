@@ -1,10 +1,11 @@
-//! `blindaug composite` and `blindaug apply`: a camera's distortions on virtual layers over frames, and on whole frames.
+//! `blindaug composite`, `blindaug apply` and `blindaug match`: a camera's distortions on virtual layers over frames, on whole frames, and
+//! the difference of two cameras' on footage.
 
 use crate::estimate::{DepthArgs, boxed, open_source, opened};
 use blindaug::{composite::CompositeOptions, model::SceneScale, synth::SynthesisOptions};
 use blindaug_cli::{
     arguments::Style,
-    console::{CONSOLE, Result, note},
+    console::{CONSOLE, Result, failure, note},
     output,
 };
 use blindaug_io::{Error, FrameRange, Inputs, SideFolder, read_camera_track};
@@ -12,6 +13,7 @@ use blindaug_pipeline::{
     Made, Output,
     composite::{self, DepthMaps, Rendered, Scene, UnknownExposure, fitted_to, in_metres, naive},
     footage::check_match,
+    matching,
 };
 use blindaug_report::words::count;
 use clap::ValueEnum;
@@ -61,6 +63,28 @@ pub struct Apply {
     #[command(flatten)]
     depth: DepthArgs,
     /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
+    #[arg(long, value_name = "DIR")]
+    flow: Option<PathBuf>,
+    #[command(flatten)]
+    look: Look,
+}
+
+/// Make one camera's footage look like another's: add the blur and the noise that it lacks
+#[derive(clap::Args)]
+pub struct Match {
+    /// The footage: a video, one image, or a folder of images in the order of the numbers in their names
+    input: PathBuf,
+    /// The model of the camera that filmed it, or per-frame models, as written by estimate
+    #[arg(long, value_name = "camera_b.json")]
+    from: PathBuf,
+    /// The model of the camera that it is to look like
+    #[arg(long, value_name = "camera_a.json")]
+    to: PathBuf,
+    #[command(flatten)]
+    output: OutputArgs,
+    #[command(flatten)]
+    depth: DepthArgs,
+    /// The footage's optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
     #[arg(long, value_name = "DIR")]
     flow: Option<PathBuf>,
     #[command(flatten)]
@@ -196,29 +220,59 @@ pub fn run(args: &Composite) -> Result<()> {
 /// Runs `apply`.
 pub fn run_apply(args: &Apply) -> Result<()> {
     args.output.check(&[Some(&args.input), Some(&args.camera), args.depth.folder(), args.flow.as_ref()])?;
-    let clip = open_source(&args.input, args.output.frames)?;
-    let depth = args.depth.open()?;
-    let flow = match (&args.flow, args.depth.folder()) {
-        (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
-        (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
-        _ => None,
-    };
-    check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
-    check_match(&clip, flow.as_ref().map(|f| f as _))?;
+    let rendered = rendered(&args.input, &args.output, &args.depth, args.flow.as_deref())?;
+    let (size, fps) = (rendered.clip.size(), rendered.clip.fps());
     let (track, unknown) = (read_camera_track(&args.camera)?, args.look.unknown_exposure());
-    let track = fitted_to(track, &shown(&args.camera), &clip, unknown, CONSOLE);
+    let track = fitted_to(track, &shown(&args.camera), &*rendered.clip, unknown, CONSOLE);
     let CompositeOptions { no_noise, bokeh, seed, .. } = args.look.style.options();
     let options = SynthesisOptions { bokeh, no_noise, seed };
-    let (size, fps) = (clip.size(), clip.fps());
-    let rendered = Rendered {
-        clip: Box::new(clip),
-        depth: depth.map(|(maps, kind)| (Box::new(maps) as _, kind)),
-        flow: flow.map(|f| Box::new(f) as _),
-    };
     let job = composite::applying(rendered, (track, &shown(&args.camera)), args.look.scene_scale, CONSOLE)?;
     let mut output = args.output.open(size, fps)?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     args.output.finish(output, &made)
+}
+
+/// Opens a clip with the depth and the flow that are given beside it.
+fn rendered(input: &Path, output: &OutputArgs, depth: &DepthArgs, flow: Option<&Path>) -> Result<Rendered> {
+    let clip = open_source(input, output.frames)?;
+    let flow = match (flow, depth.folder()) {
+        (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
+        (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
+        _ => None,
+    };
+    let depth = depth.open()?;
+    check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
+    check_match(&clip, flow.as_ref().map(|f| f as _))?;
+    Ok(Rendered {
+        clip: Box::new(clip),
+        depth: depth.map(|(maps, kind)| (Box::new(maps) as _, kind)),
+        flow: flow.map(|f| Box::new(f) as _),
+    })
+}
+
+/// Runs `match`.
+pub fn run_match(args: &Match) -> Result<()> {
+    let Match { input, from, to, output, depth, flow, look } = args;
+    output.check(&[Some(input), Some(from), Some(to), depth.folder(), flow.as_ref()])?;
+    let footage = rendered(input, output, depth, flow.as_deref())?;
+    let (size, fps) = (footage.clip.size(), footage.clip.fps());
+    let read = |path: &Path| -> Result<_> {
+        let track = read_camera_track(path)?;
+        Ok(fitted_to(track, &shown(path), &*footage.clip, look.unknown_exposure(), CONSOLE))
+    };
+    let (source, target) = (read(from)?, read(to)?);
+    let [target] = target.frames() else {
+        return Err(failure(
+            to,
+            "it holds a model for each frame of other footage: give one that was estimated without --track",
+        ));
+    };
+    let options = look.style.options();
+    let target = target.camera.clone();
+    let job = matching::matching(footage, (source, &shown(from)), target, look.scene_scale, CONSOLE)?;
+    let mut opened = output.open(size, fps)?;
+    let made = job.run(&options, &mut opened, CONSOLE)?;
+    output.finish(opened, &made)
 }
 
 fn shown(path: &Path) -> String {

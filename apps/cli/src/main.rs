@@ -5,6 +5,7 @@ mod composite;
 mod demo;
 mod estimate;
 mod export;
+mod frames;
 mod inspect;
 mod live;
 mod models;
@@ -39,6 +40,8 @@ enum Command {
     Estimate(Box<estimate::Estimate>),
     Composite(Box<composite::Composite>),
     Apply(Box<composite::Apply>),
+    Match(Box<composite::Match>),
+    Frames(frames::Frames),
     Inspect(inspect::Inspect),
     Export(export::Export),
     Validate(validate::Validate),
@@ -63,6 +66,8 @@ fn main() -> ExitCode {
         Command::Estimate(args) => estimate::run(args),
         Command::Composite(args) => composite::run(args),
         Command::Apply(args) => composite::run_apply(args),
+        Command::Match(args) => composite::run_match(args),
+        Command::Frames(args) => frames::run(args),
         Command::Inspect(args) => inspect::run(args),
         Command::Export(args) => export::run(args),
         Command::Validate(args) => validate::run(args),

@@ -68,7 +68,7 @@ fn demo_arguments() -> String {
 fn help_and_version_are_there() {
     let dir = TempDir::new().unwrap();
     let help = succeeds(dir.path(), "--help");
-    for command in ["demo", "estimate", "composite", "apply", "inspect"] {
+    for command in ["demo", "estimate", "composite", "apply", "match", "frames", "inspect"] {
         assert!(help.contains(command), "{command}");
         assert!(succeeds(dir.path(), &format!("{command} --help")).contains("Usage"));
     }
@@ -127,6 +127,11 @@ fn inputs_that_are_not_there_or_empty_are_named() {
         ),
         ("apply f --camera none.json -o out", "none.json: there is no such file"),
         ("apply f --camera c.json -o f", "this is an input, which would be overwritten"),
+        ("match f --from c.json --to none.json -o out", "none.json: there is no such file"),
+        ("match f --from c.json --to c.json -o f", "this is an input, which would be overwritten"),
+        ("frames none.mp4", "none.mp4: there is no such file"),
+        ("frames notes.txt", "notes.txt: "),
+        ("frames f -o notes/r.json", "notes"),
         ("inspect none.json", "none.json: there is no such file"),
     ] {
         let said = fails(d, arguments);
@@ -356,6 +361,74 @@ fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
     assert_ne!(bytes("a/0008.png"), bytes("b/0008.png"));
     let said = text(&run(d, "apply f --camera c.json -o small --no-noise").stderr);
     assert!(said.contains("without depth nothing is defocused"), "{said}");
+}
+
+#[test]
+fn a_doubled_frame_is_told_in_words_and_as_json() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_frames(&d.join("f"), 1..21, (160, 120));
+    let words = succeeds(d, "frames f");
+    for says in ["20 frames in 1 shot", "doubled: 0", "dropped: 0", "interpolated: 0"] {
+        assert!(words.contains(says), "{says} in {words}");
+    }
+    // Frame 11 comes twice.
+    for n in (11..21).rev() {
+        std::fs::rename(d.join(format!("f/{n:04}.png")), d.join(format!("f/{:04}.png", n + 1))).unwrap();
+    }
+    std::fs::copy(d.join("f/0012.png"), d.join("f/0011.png")).unwrap();
+    let words = succeeds(d, "frames f -o report.json");
+    assert!(words.contains("frame 12 is doubled") && words.contains("doubled: 1"), "{words}");
+    let report: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(d.join("report.json")).unwrap()).unwrap();
+    let finding = &report["findings"][0];
+    assert_eq!((&finding["kind"], &finding["frame"]), (&"doubled".into(), &12.into()), "{report}");
+    assert!(finding["log_likelihood_ratio"].as_f64().unwrap() > 6.9, "{report}");
+    assert_eq!(report["findings"].as_array().unwrap().len(), 1, "{report}");
+    let said = fails(d, "frames f/0001.png");
+    assert!(said.contains("there is only one frame"), "{said}");
+}
+
+#[test]
+fn footage_is_matched_to_another_camera_and_nothing_is_taken_away() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_frames(&d.join("f"), 1..4, (96, 64));
+    let less = camera(96, 64, DepthKind::Metric);
+    let mut more = less.clone();
+    more.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(1.0)));
+    let level = NoiseLevel { slope: [0.02; 3], intercept: [0.02; 3] };
+    more.noise = Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 1.0));
+    write_camera(d.join("less.json"), &less).unwrap();
+    write_camera(d.join("more.json"), &more).unwrap();
+    let frame = |path: &str| read_frame(d.join(path)).unwrap();
+    succeeds(d, "match f --from less.json --to more.json -o up --seed 7");
+    assert_eq!(files_in(&d.join("up")), ["0001.png", "0002.png", "0003.png"]);
+    assert_ne!(frame("up/0002.png"), frame("f/0002.png"));
+    succeeds(d, "match f --from less.json --to less.json -o same");
+    assert_eq!(frame("same/0002.png"), frame("f/0002.png"));
+    let said = text(&run(d, "match f --from more.json --to less.json -o down").stderr);
+    assert_eq!(frame("down/0002.png"), frame("f/0002.png"));
+    for says in [
+        "its streaks stay, 0.50 of the motion too long",
+        "its noise stays",
+        "without depth defocus stays as it is",
+    ] {
+        assert!(said.contains(says), "{says} in {said}");
+    }
+    // A model of another shape is scaled by its width, and that is said.
+    write_camera(d.join("wide.json"), &camera(192, 64, DepthKind::Metric)).unwrap();
+    let said = text(&run(d, "match f --from less.json --to wide.json -o wide").stderr);
+    assert!(said.contains("wide.json: for frames of 192 x 64") && said.contains("another shape"), "{said}");
+    let lines: Vec<String> = (1..3)
+        .map(|frame| {
+            TrackedCamera { frame, changed: Default::default(), camera: more.clone() }.to_json_line()
+        })
+        .collect();
+    std::fs::write(d.join("track.jsonl"), lines.join("\n")).unwrap();
+    let said = fails(d, "match f --from less.json --to track.jsonl -o none");
+    assert!(said.contains("track.jsonl: it holds a model for each frame"), "{said}");
+    succeeds(d, "match f --from track.jsonl --to more.json -o tracked");
 }
 
 #[cfg(unix)]

@@ -48,7 +48,7 @@ impl DepthMaps {
         }
     }
 
-    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
+    pub(crate) fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
         let depth = self.maps.get(number, size)?;
         Ok(match self.scale {
             Some(scale) => depth.map(|d| scale.to_metric(d)),
@@ -106,7 +106,7 @@ pub fn fitted_to(
     }
     for distortion in Distortion::ALL.into_iter().filter(|d| d.in_every_camera()) {
         if let Some(why) = track.why_unknown(distortion) {
-            observer.warning(&format!("{} is unknown and not applied: {why}", distortion.name()));
+            observer.warning(&format!("{name}: {} is unknown and not applied: {why}", distortion.name()));
         }
     }
     track
@@ -139,19 +139,19 @@ fn with_middle_exposure(track: CameraTrack, observer: &dyn Observer) -> CameraTr
 }
 
 /// Warns once of each effect of missing data.
-struct Missing<'a> {
+pub(crate) struct Missing<'a> {
     observer: &'a dyn Observer,
     said: BTreeSet<&'static str>,
 }
 
 impl<'a> Missing<'a> {
-    fn new(observer: &'a dyn Observer) -> Self {
+    pub(crate) fn new(observer: &'a dyn Observer) -> Self {
         Self { observer, said: BTreeSet::new() }
     }
 
-    fn check(&mut self, is_missing: bool, number: u64, what: &str, effect: &'static str) {
+    pub(crate) fn check(&mut self, is_missing: bool, number: u64, what: &str, effect: &'static str) {
         if is_missing && self.said.insert(effect) {
-            self.observer.warning(&format!("frame {number}: {what}, so the object {effect} (said once)"));
+            self.observer.warning(&format!("frame {number}: {what}, so {effect} (said once)"));
         }
     }
 }
@@ -196,23 +196,28 @@ impl Scene {
         let (number, size) = (frame.number, self.footage.size());
         let has_depth = layer.inverse_depth.is_some();
         let no_layer_flow = applied.moving && layer.flow.is_none();
-        missing.check(no_layer_flow, number, "its virtual layer has no flow", "gets no motion blur");
+        missing.check(
+            no_layer_flow,
+            number,
+            "its virtual layer has no flow",
+            "the object gets no motion blur",
+        );
         let no_z = "its virtual layer has no Z";
-        missing.check(applied.defocused && !has_depth, number, no_z, "gets no defocus");
-        missing.check(self.depth.is_some() && !has_depth, number, no_z, "is not occluded");
+        missing.check(applied.defocused && !has_depth, number, no_z, "the object gets no defocus");
+        missing.check(self.depth.is_some() && !has_depth, number, no_z, "the object is not occluded");
         let inverse_depth = match &self.depth {
             Some(maps) => maps.get(number, size)?,
             None => None,
         };
         let no_depth = self.depth.is_some() && inverse_depth.is_none();
-        missing.check(no_depth, number, "no real depth", "is not occluded");
+        missing.check(no_depth, number, "no real depth", "the object is not occluded");
         let renders = match &self.renders {
             Some([with, without]) => with.get(number, size)?.zip(without.get(number, size)?),
             None => None,
         };
         let renders = renders.map(|(a, b)| [a, b].map(|r| r.to_linear(Transfer::Srgb)));
         let no_renders = self.renders.is_some() && renders.is_none();
-        missing.check(no_renders, number, "no renders with and without it", "casts no shadows");
+        missing.check(no_renders, number, "no renders with and without it", "the object casts no shadows");
         let flow = match &self.flow {
             Some(flow) => flow.get(number, size)?,
             None if applied.finds_flow && renders.is_some() => neighbours.flow(frame)?,
@@ -369,13 +374,13 @@ impl Application {
                 None if moving => neighbours.flow(frame)?,
                 None => None,
             };
-            missing.check(moving && flow.is_none(), number, "no flow", "is not motion-blurred");
+            missing.check(moving && flow.is_none(), number, "no flow", "the object is not motion-blurred");
             let inverse_depth = match depth {
                 Some(maps) => maps.get(number, size)?,
                 None => None,
             };
             let no_depth = depth.is_some() && inverse_depth.is_none();
-            missing.check(no_depth, number, "no depth", "is not defocused");
+            missing.check(no_depth, number, "no depth", "the object is not defocused");
             let model = track.at(number);
             distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
                 .map_err(|e| of_frame(clip, number, e))?

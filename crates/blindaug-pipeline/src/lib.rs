@@ -6,6 +6,8 @@
 //! | [`estimate`] | [`Footage`] | one camera model, and the frames that it rests on |
 //! | [`track`] | [`Footage`] | a camera model for each frame |
 //! | [`composite`] | a [`composite::Scene`] and a camera | frames with a virtual object, or a whole clip distorted |
+//! | [`matching`] | a [`Clip`] and two cameras | the clip as the other camera would show it |
+//! | [`timing`] | a [`Clip`] | its doubled, dropped and interpolated frames |
 //! | [`live`] | frames as they come | the camera and the place of an object, frame by frame |
 //!
 //! Nothing here prints, reads a clock or ends a process: an [`Observer`] is told how far a job has come and says when to stop. The feature
@@ -81,12 +83,14 @@ pub mod estimate;
 pub mod footage;
 mod frames;
 pub mod live;
+pub mod matching;
 #[cfg(feature = "networks")]
 mod networks;
 mod observer;
 mod operators;
 #[cfg(feature = "files")]
 mod output;
+pub mod timing;
 pub mod track;
 mod window;
 

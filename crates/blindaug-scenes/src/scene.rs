@@ -95,6 +95,8 @@ pub struct Scene {
     path: [f32; 4],
     /// The phases, in radians, of the swings of a hand that shakes, for each of [`SWINGS`] sideways and up; `None`: nothing shakes.
     shake: Option<[[f32; 2]; SWINGS.len()]>,
+    /// The times, in frames, at which the camera moves on faster for a moment.
+    surges: Vec<f32>,
     /// Width and height of the picture, px.
     size: (usize, usize),
 }
@@ -213,6 +215,7 @@ impl Scene {
             still: false,
             path: [0.0; 4],
             shake: None,
+            surges: vec![],
             size,
         };
         // Walls and floor, then things in front of them.
@@ -342,6 +345,13 @@ impl Scene {
         within(x, self.size.0) && within(y, self.size.1)
     }
 
+    /// The scene with a camera that surges at these times, in frames: within about one frame interval it goes on as far as else in two, so
+    /// that its streaks grow too.
+    pub fn surging(mut self, times: &[f32]) -> Self {
+        self.surges = times.to_vec();
+        self
+    }
+
     /// The angles, in radians, by which the hand turns the camera at time `t`: sideways and up.
     fn shake(&self, t: f32) -> [f32; 2] {
         let Some(phases) = self.shake else { return [0.0; 2] };
@@ -389,9 +399,11 @@ impl Scene {
 
     /// The pose of the camera.
     fn pose(&self, t: f32) -> Pose {
+        const SURGE: f32 = 0.5;
         let t = if self.still { 0.0 } else { t };
         let [wide, high, phase, speed] = self.path;
-        let angle = phase + speed * t;
+        let ahead: f32 = self.surges.iter().map(|at| 0.5 + 0.5 * ((t - at) / SURGE).tanh()).sum();
+        let angle = phase + speed * (t + ahead);
         let position = [wide * angle.cos(), high * angle.sin(), 0.12 * (0.7 * angle).sin()];
         // The camera turns against its motion, as if it looked at something, but not by as much.
         let [sideways, up] = self.shake(t);

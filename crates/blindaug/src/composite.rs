@@ -11,9 +11,9 @@
 //! (The difference to the frame itself, sharpened, would leave a ghost of the background's detail on the object.) Finally, the
 //! noise that is missing is added.
 
-use crate::model::{CameraModel, NOISE_LEVELS, NoiseModel, SharpeningModel};
+use crate::model::{CameraModel, NoiseModel, SharpeningModel};
 use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
-use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter, pyramid};
+use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter};
 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
@@ -482,16 +482,12 @@ fn missing_noise(
         std::array::from_fn(|c| v[c] - g[c] * (f[c] - s[c]))
     });
     let kept_variance = gain.map(|g| g.map(|g| g * g));
-    let levels = [content, smooth, kept_variance].map(|finest| {
-        let mut levels = pyramid::halvings(&finest, NOISE_LEVELS - 1);
-        levels.insert(0, finest);
-        levels
-    });
-    noise::modulated(noise::bands(model, (w, h), seed, number), |level, x, y| {
-        let [content, smooth, kept] = [0, 1, 2].map(|i: usize| levels[i][level].at(x, y));
-        let (want, there) = (model.std_over(level, content), model.std_over(level, smooth));
-        std::array::from_fn(|c| (want[c] * want[c] - kept[c] * there[c] * there[c]).max(0.0).sqrt())
-    })
+    let [content, smooth, kept_variance] = [content, smooth, kept_variance].map(noise::levels_of);
+    let there = |level: usize, x: usize, y: usize| {
+        let (kept, there) = (kept_variance[level].at(x, y), model.std_over(level, smooth[level].at(x, y)));
+        std::array::from_fn(|c| kept[c] * there[c] * there[c])
+    };
+    noise::missing(model, &content, there, seed, number)
 }
 
 #[cfg(test)]

@@ -56,6 +56,7 @@
 //! | [`model`] | | the camera model and its file |
 //! | [`synth`] | sharp images, the model | defocus, motion blur, noise: the reference for every other backend |
 //! | [`composite`] | a layer, a frame, the model | the composite |
+//! | [`matching`] | a frame of one camera, two models | the frame as the other camera would show it |
 //! | [`export`] | the model | settings of other people's tools |
 //! | [`metrics`] | two frames | PSNR, SSIM |
 //! | [`text`] | text from outside | one printable line |
@@ -68,6 +69,7 @@ pub mod export;
 pub mod filter;
 pub mod fit;
 mod frame;
+pub mod matching;
 pub mod metrics;
 pub mod model;
 mod par;

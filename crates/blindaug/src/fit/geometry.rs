@@ -102,7 +102,7 @@ const STILL: f32 = 0.5;
 
 /// The forward flow, NaN where the backward flow does not confirm it, and 0 where the picture stands still: flow is smooth, so what moves
 /// takes what is beside it along.
-fn known_flow(pair: &FlowPair, from: &Plane, to: &Plane) -> Flow {
+pub(super) fn known_flow(pair: &FlowPair, from: &Plane, to: &Plane) -> Flow {
     let (w, h) = pair.forward.size();
     let still = Raster::from_fn(w.div_ceil(STILL_SIDE), h.div_ceil(STILL_SIDE), |i, j| {
         let (x0, y0) = (i * STILL_SIDE, j * STILL_SIDE);
@@ -174,7 +174,7 @@ fn repeated(small: &Plane, size: (usize, usize)) -> Plane {
 }
 
 /// Enlarges the flow of halved frames to the frames' own size; the buffer of `into` is reused if it has that size.
-fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
+pub(super) fn enlarged(small: Flow, (width, height): (usize, usize), into: Flow) -> Flow {
     if small.size() == (width, height) {
         return small;
     }

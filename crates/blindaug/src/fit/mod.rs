@@ -20,6 +20,7 @@ mod robust;
 mod sharpening;
 pub mod spectral;
 mod tiles;
+pub mod timing;
 pub mod track;
 mod uneven;
 

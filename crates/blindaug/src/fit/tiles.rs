@@ -226,6 +226,25 @@ pub(super) fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
     (y * BLOCKS / h * BLOCKS + x * BLOCKS / w) as u32
 }
 
+/// The corners, at most `most`, of the tiles of most contrast among those that move fast enough or have a known depth.
+pub(super) fn of_most_contrast(
+    frame: &Encoded,
+    corners: impl Iterator<Item = (usize, usize)>,
+    flow: Option<&Flow>,
+    depth: Option<&Plane>,
+    most: usize,
+) -> Vec<(usize, usize)> {
+    let tells = |&(x, y): &(usize, usize)| {
+        let (x, y) = (x + TILE / 2, y + TILE / 2);
+        let moves = flow.map(|f| f.at(x, y)).is_some_and(|[u, v]| u.hypot(v) >= SPEEDS.start);
+        moves || depth.is_some_and(|d| d.at(x, y).is_finite())
+    };
+    let mut tried: Vec<_> =
+        corners.filter(tells).map(|c| (contrast(frame, c, 1, |v| v), c)).filter(|t| t.0 >= 0.0).collect();
+    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    tried.into_iter().take(most).map(|t| t.1).collect()
+}
+
 /// The tiles at some of the [`corners`] only, so that light is computed for these alone.
 pub(super) fn tiles_at(
     frame: &Encoded,

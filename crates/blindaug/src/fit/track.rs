@@ -437,23 +437,8 @@ impl Tracker {
         }
         let all = tiles::corners(frame.0.size());
         let turns = (all.len() / (2 * TILES)).max(1);
-        let contrast = |&(x0, y0): &(usize, usize)| {
-            let middle = (x0 + tiles::TILE / 2, y0 + tiles::TILE / 2);
-            let moves = flow
-                .map(|f| f.at(middle.0, middle.1))
-                .is_some_and(|[u, v]| u.hypot(v) >= tiles::SPEEDS.start);
-            let placed = depth.is_some_and(|d| d.at(middle.0, middle.1).is_finite());
-            if moves || placed { tiles::contrast(frame, (x0, y0), 1, |v| v) } else { -1.0 }
-        };
-        let mut tried: Vec<_> = all
-            .iter()
-            .skip(self.frames % turns)
-            .step_by(turns)
-            .map(|c| (contrast(c), *c))
-            .filter(|t| t.0 >= 0.0)
-            .collect();
-        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let chosen: Vec<_> = tried.into_iter().take(TILES).map(|t| t.1).collect();
+        let tried = all.into_iter().skip(self.frames % turns).step_by(turns);
+        let chosen = tiles::of_most_contrast(frame, tried, flow, depth, TILES);
         tiles::tiles_at(frame, &chosen, flow, depth, self.blur_space)
     }
 

@@ -17,6 +17,8 @@ use std::ops::Range;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Blur {
     defocus: Option<DefocusModel>,
+    /// The lens whose blur the image has already.
+    already: Option<DefocusModel>,
     exposure: Option<ExposureFraction>,
     bokeh: Bokeh,
 }
@@ -27,22 +29,42 @@ impl Blur {
     /// # Errors
     /// If the model is for another width, or its defocus is in relative inverse depth (the depths here are metric).
     pub fn new(model: &CameraModel, width: usize, bokeh: Bokeh) -> Result<Self> {
-        model.check_width(width)?;
-        let defocus = model.defocus.known().copied();
-        if defocus.is_some_and(|d| d.depth_kind == DepthKind::Relative) {
-            return Err(Error::new(
-                "the camera model's defocus is in relative inverse depth; say how that relates to metres (DefocusModel::to_metric, \
-                 --scene-scale), or mark the defocus unknown",
-            ));
-        }
-        Ok(Self { defocus, exposure: model.motion_blur.known().map(|m| m.exposure), bokeh })
+        let defocus = metric_lens(model, width)?;
+        Ok(Self { defocus, already: None, exposure: model.motion_blur.known().map(|m| m.exposure), bokeh })
+    }
+
+    /// The blur that footage of camera `from` lacks to look like that of camera `to`. Variances add, so the differences of variances are
+    /// taken; where `from` blurs more, nothing is blurred. What is unknown of either camera blurs nothing.
+    ///
+    /// # Errors
+    /// The same as [`Blur::new`], for either model.
+    pub fn missing(from: &CameraModel, to: &CameraModel, width: usize, bokeh: Bokeh) -> Result<Self> {
+        let lenses = metric_lens(from, width)?.zip(metric_lens(to, width)?);
+        let exposures = from.motion_blur.known().zip(to.motion_blur.known());
+        let exposure = exposures.map(|(from, to)| {
+            let [from, to] = [from, to].map(|m| m.exposure.0);
+            ExposureFraction((to * to - from * from).max(0.0).sqrt())
+        });
+        Ok(Self { defocus: lenses.map(|l| l.1), already: lenses.map(|l| l.0), exposure, bokeh })
+    }
+
+    /// The exposure fraction over which motion is blurred; 0 if it is unknown.
+    pub fn exposure(&self) -> ExposureFraction {
+        self.exposure.unwrap_or_default()
     }
 
     /// The defocus std at inverse depth `d` in 1/m, px; 0 where the depth is unknown (NaN) and where the std is below 1/128 px, so
     /// that surfaces in focus stay unchanged however their depth is rounded.
     pub fn sigma_px(&self, d: f32) -> f32 {
         let sigma = match self.defocus {
-            Some(model) if d.is_finite() => model.sigma_px(d).min(defocus::MAX_SIGMA_PX),
+            Some(model) if d.is_finite() => {
+                let sigma = model.sigma_px(d);
+                let already = self.already.map_or(0.0, |lens| lens.sigma_px(d));
+                // Without a blur there already, the root of the square would not be exact.
+                let missing =
+                    if already > 0.0 { (sigma * sigma - already * already).max(0.0).sqrt() } else { sigma };
+                missing.min(defocus::MAX_SIGMA_PX)
+            }
             _ => 0.0,
         };
         if sigma < 1.0 / 128.0 { 0.0 } else { sigma }
@@ -79,6 +101,19 @@ impl Blur {
             _ => Ok(focused),
         }
     }
+}
+
+/// The lens of a camera model, if it is known.
+fn metric_lens(model: &CameraModel, width: usize) -> Result<Option<DefocusModel>> {
+    model.check_width(width)?;
+    let lens = model.defocus.known().copied();
+    if lens.is_some_and(|d| d.depth_kind == DepthKind::Relative) {
+        return Err(Error::new(
+            "the camera model's defocus is in relative inverse depth; say how that relates to metres (DefocusModel::to_metric, \
+             --scene-scale), or mark the defocus unknown",
+        ));
+    }
+    Ok(lens)
 }
 
 /// Options of [`distort_frame`].

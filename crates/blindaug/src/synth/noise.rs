@@ -95,6 +95,28 @@ pub fn modulated(
     pyramid::collapse(bands.into(), Raster::filled(w.div_ceil(2), h.div_ceil(2), [0.0; 3]))
 }
 
+/// The noise of a model that an image lacks whose noise has the variance `there(l, x, y)` in level `l`. `content` holds the levels of the
+/// content without noise, the image's own size first.
+pub(crate) fn missing(
+    model: &NoiseModel,
+    content: &[Raster<[f32; 3]>],
+    there: impl Fn(usize, usize, usize) -> [f32; 3] + Sync,
+    seed: u64,
+    frame: u64,
+) -> Raster<[f32; 3]> {
+    modulated(bands(model, content[0].size(), seed, frame), |level, x, y| {
+        let (want, there) = (model.std_over(level, content[level].at(x, y)), there(level, x, y));
+        std::array::from_fn(|c| (want[c] * want[c] - there[c]).max(0.0).sqrt())
+    })
+}
+
+/// An image and its halvings, one for each level of noise.
+pub(crate) fn levels_of(image: Raster<[f32; 3]>) -> Vec<Raster<[f32; 3]>> {
+    let mut levels = pyramid::halvings(&image, NOISE_LEVELS - 1);
+    levels.insert(0, image);
+    levels
+}
+
 /// The contribution of each level, finest first, to a noise whose std maps are 1, at full resolution: square tiles of `side` px
 /// that continue at their opposite edge. Noise of an even luminance is the sum of the tiles, each times its level's std.
 ///

@@ -1,0 +1,135 @@
+//! Frames that were doubled, dropped and interpolated are found at their places, and nothing else is.
+
+use blindaug::fit::timing::{Event, Kind, Timing, TimingAnalyser, WhyUntold};
+use blindaug::{Encoded, Raster};
+
+const W: usize = 224;
+const H: usize = 176;
+
+fn hash(a: i64, b: i64, seed: i64) -> f32 {
+    let mut h = (a as u32).wrapping_mul(0x9e37_79b1)
+        ^ (b as u32).wrapping_mul(0x85eb_ca6b)
+        ^ (seed as u32).wrapping_mul(0xc2b2_ae35);
+    (0..2).for_each(|_| h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d));
+    (h >> 8) as f32 / 16_777_216.0
+}
+
+/// A texture of three octaves at a place, px.
+fn texture(x: f32, y: f32) -> f32 {
+    let octave = |size: f32, seed: i64| {
+        let (x, y) = (x / size, y / size);
+        let (i, j) = (x.floor(), y.floor());
+        let (u, v) = (x - i, y - j);
+        let at = |di: i64, dj: i64| hash(i as i64 + di, j as i64 + dj, seed);
+        let row = |dj: i64| at(0, dj) + u * (at(1, dj) - at(0, dj));
+        row(0) + v * (row(1) - row(0))
+    };
+    0.15 + 0.3 * octave(23.0, 1) + 0.25 * octave(7.0, 2) + 0.15 * octave(2.5, 3)
+}
+
+/// The frame at a time: the texture moves by `place`, the shutter is open for `exposure` of the frame interval, and there is noise.
+fn frame(time: f32, place: impl Fn(f32) -> f32 + Sync, exposure: f32, seed: i64) -> Encoded {
+    const TAPS: usize = 8;
+    Encoded(Raster::from_fn(W, H, |x, y| {
+        let taps = (0..TAPS).map(|i| {
+            let p = place(time + exposure * ((i as f32 + 0.5) / TAPS as f32 - 0.5));
+            texture(x as f32 - p, y as f32 - 0.4 * p)
+        });
+        let noise: f32 = (0..4).map(|k| hash(x as i64, y as i64, 1000 * seed + k) - 0.5).sum();
+        [taps.sum::<f32>() / TAPS as f32 + 0.01 * noise; 3]
+    }))
+}
+
+const FRAMES: usize = 26;
+
+fn steady(t: usize) -> Encoded {
+    frame(t as f32, |t| 4.0 * t, 0.5, t as i64)
+}
+
+fn timing(frames: impl IntoIterator<Item = Encoded>) -> Timing {
+    let mut analyser = TimingAnalyser::default();
+    for (number, frame) in (1..).zip(frames) {
+        analyser.push(number, frame).unwrap();
+    }
+    analyser.finish().unwrap()
+}
+
+fn found(timing: &Timing) -> Vec<(Kind, u64)> {
+    timing.findings.iter().map(|f| (f.event.kind(), f.frame)).collect()
+}
+
+#[test]
+fn damaged_frames_are_found_where_they_are() {
+    let frames: Vec<Encoded> = (0..FRAMES).map(steady).collect();
+    let mixed = |i: usize| {
+        let (a, b) = (&frames[i - 1].0, &frames[i + 1].0);
+        Encoded(Raster::from_fn(W, H, |x, y| [0.5 * (a.at(x, y)[0] + b.at(x, y)[0]); 3]))
+    };
+    let copies = |at: usize| frames[..at].iter().chain(&frames[at - 1..]).cloned().collect::<Vec<_>>();
+    let without =
+        |at: usize, n: usize| frames[..at].iter().chain(&frames[at + n..]).cloned().collect::<Vec<_>>();
+    let blended = |at: usize| {
+        let mut all = frames.clone();
+        all[at] = mixed(at);
+        all
+    };
+    // Negative control: of what is as it should be, nothing is found.
+    let as_it_is = timing(frames.clone());
+    assert_eq!((found(&as_it_is), as_it_is.shots), (vec![], 1));
+    let exposure = as_it_is.exposure.expect("it moves");
+    assert!((exposure - 0.5).abs() < 0.15, "{exposure}");
+    assert_eq!(found(&timing(copies(9))), [(Kind::Doubled, 10)]);
+    let dropped = timing(without(12, 1));
+    assert_eq!(found(&dropped), [(Kind::Dropped, 12)]);
+    let dropped_two = timing(without(12, 2));
+    for (timing, n) in [(dropped, 1), (dropped_two, 2)] {
+        let [finding] = timing.findings[..] else { panic!("{timing:?}") };
+        let Event::Dropped { missing, motion_ratio, .. } = finding.event else { panic!("{finding:?}") };
+        assert!(missing == n && (motion_ratio - 1.0 - n as f32).abs() < 0.2, "{finding:?}");
+    }
+    assert_eq!(found(&timing(blended(14))), [(Kind::Interpolated, 15)]);
+}
+
+#[test]
+fn a_camera_that_really_moves_faster_for_a_moment_drops_no_frame() {
+    // Within one interval it moves on as far as else in nearly two.
+    let surge = |t: f32| 4.0 * (t + 0.5 + 0.5 * ((t - 12.5) / 0.5).tanh());
+    let timing = timing((0..FRAMES).map(|t| frame(t as f32, surge, 0.5, t as i64)));
+    assert_eq!(found(&timing), []);
+}
+
+#[test]
+fn where_nothing_moves_nothing_is_told() {
+    let still = timing((0..12).map(|t| frame(0.0, |_| 0.0, 0.5, t)));
+    assert_eq!(found(&still), []);
+    let untold = |kind: Kind| still.unknown.iter().any(|u| u.kind == kind && u.reason == WhyUntold::Still);
+    assert!(untold(Kind::Dropped), "{still:?}");
+}
+
+#[test]
+fn a_regular_cadence_is_told_as_such() {
+    // As from 24 to 30 frames a second: every fourth frame twice.
+    let frames = (0..24).flat_map(|t| std::iter::repeat_n(t, if t % 4 == 3 { 2 } else { 1 })).map(steady);
+    let timing = timing(frames);
+    let doubled = found(&timing);
+    assert!(
+        doubled.len() >= 5 && doubled.iter().all(|&(kind, frame)| kind == Kind::Doubled && frame % 5 == 0),
+        "{doubled:?}"
+    );
+    let [cadence] = timing.cadences[..] else { panic!("{:?}", timing.cadences) };
+    assert_eq!((cadence.kind, cadence.period, cadence.of_period), (Kind::Doubled, 5, 1));
+}
+
+#[test]
+fn a_cut_drops_no_frame_and_one_frame_tells_nothing() {
+    let other = |t: usize| {
+        let Encoded(f) = steady(t);
+        Encoded(Raster::from_fn(W, H, |x, y| f.at(W - 1 - x, H - 1 - y).map(|v| 0.9 - v)))
+    };
+    let cut = timing((0..14).map(steady).chain((40..54).map(other)));
+    assert_eq!((found(&cut), cut.shots), (vec![], 2));
+    let mut one = TimingAnalyser::default();
+    one.push(1, steady(0)).unwrap();
+    assert!(one.push(2, Encoded(Raster::filled(9, 9, [0.0; 3]))).unwrap_err().to_string().contains("size"));
+    assert!(one.finish().unwrap_err().to_string().contains("only one frame"));
+}
