@@ -5,7 +5,7 @@
 use blindaug::analysis::flow::flow_with_occlusion;
 use blindaug::fit::timing::Kind;
 use blindaug::{Encoded, Raster};
-use blindaug_io::{FrameSource, VideoWriter};
+use blindaug_io::{FrameSource, VideoCoding, VideoWriter};
 use blindaug_pipeline::{Clip, MemoryClip, Silent, timing::timing};
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::scene::{Exposure, Scene};
@@ -134,7 +134,8 @@ impl Score {
             Some(crf) => {
                 let path = folder.join("clip.mp4");
                 let mut video =
-                    VideoWriter::create_coarse(&path, frames[0].0.size(), 25.0, crf).expect("a video");
+                    VideoWriter::create_coded(&path, frames[0].0.size(), 25.0, VideoCoding::H264 { crf })
+                        .expect("a video");
                 frames.iter().for_each(|f| video.write(f).expect("a frame"));
                 video.finish().expect("a video");
                 Box::new(FrameSource::open(&path, Default::default()).expect("a video"))
