@@ -28,6 +28,10 @@ wasm:
 three *ARGS:
     tools/check-three.sh {{ARGS}}
 
+# The questionnaire of the user study in Chromium; needs Node.js, npm's registry and chromium.
+study *ARGS:
+    tools/check-study.sh {{ARGS}}
+
 # The loop through Blender: exported, rendered, estimated; needs Python 3.11.
 blender *ARGS:
     tools/check-blender.sh {{ARGS}}

@@ -21,6 +21,9 @@ pub struct Reproduce {
     /// Smaller pictures and fewer scenes and settings: ten minutes instead of hours
     #[arg(long)]
     quick: bool,
+    /// For `cameras`: a real clip, each of another camera; may be repeated. The model of one half of a clip is tried on the other halves
+    #[arg(long, value_name = "CLIP")]
+    footage: Vec<PathBuf>,
     /// The seed of scenes, noise and everything else that is drawn at random
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(..1_000_000))]
     seed: u64,
@@ -37,7 +40,7 @@ fn experiments() -> impl TypedValueParser<Value = Experiment> {
 
 /// Runs the command.
 pub fn run(args: &Reproduce) -> Result<()> {
-    Inputs::of(std::iter::empty::<&PathBuf>()).check_output_folder(&args.output, |_| true)?;
+    Inputs::of(args.footage.iter()).check_output_folder(&args.output, |_| true)?;
     let all = if args.experiments.is_empty() { Experiment::ALL.to_vec() } else { args.experiments.clone() };
     let minutes: f64 = all.iter().map(|e| e.minutes(args.quick)).sum();
     let time = if minutes > 100.0 {
@@ -52,7 +55,7 @@ pub fn run(args: &Reproduce) -> Result<()> {
     let run = Run::new(&args.output, Provenance::here(args.seed), args.overwrite, CONSOLE)?;
     let mut findings = vec![];
     for experiment in all {
-        let found = experiment.run(&run, args.quick, &mut networks)?;
+        let found = experiment.run(&run, args.quick, &args.footage, &mut networks)?;
         for table in &found.tables {
             console::print(&format!("{}\n", table.text()))?;
         }

@@ -1,5 +1,6 @@
 //! Correctness across cameras: four cameras film the same scenes; the model of each is tried on the footage of each.
 
+use super::halves;
 use crate::fidelity::Fidelity;
 use crate::run::{Findings, Run};
 use crate::shot::{Device, Shot, ball};
@@ -12,6 +13,7 @@ use blindaug_scenes::camera::Setting;
 use blindaug_scenes::measure::{median, noise_errors};
 use blindaug_scenes::scene::{Scene, TextureKind};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// The name of the experiment's folder.
 pub const NAME: &str = "cameras";
@@ -67,11 +69,11 @@ struct Outcome {
     noise: Vec<Vec<Option<f32>>>,
 }
 
-/// Runs the experiment; `quick`: two small scenes.
+/// Runs the experiment; `quick`: two small scenes. `footage` are real clips, each of another camera.
 ///
 /// # Errors
 /// If a file cannot be written, or there is no ffmpeg program for the coders.
-pub fn run(run: &Run, quick: bool) -> Result<Findings> {
+pub fn run(run: &Run, quick: bool, footage: &[PathBuf]) -> Result<Findings> {
     let (scenes, frames, size) = if quick { (2, 4, (320, 240)) } else { (6, 8, (512, 384)) };
     let devices = devices(size.0);
     let folder = run.folder(NAME)?;
@@ -114,7 +116,12 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
         }
         Ok(outcome)
     })?;
-    Ok(findings(&devices, &outcomes.into_iter().map(|o| o.1).collect::<Vec<_>>(), frames))
+    let mut findings = findings(&devices, &outcomes.into_iter().map(|o| o.1).collect::<Vec<_>>(), frames);
+    if let Some((tables, said)) = halves::tables(run, footage)? {
+        findings.tables.extend(tables);
+        findings.text.push(said);
+    }
+    Ok(findings)
 }
 
 fn findings(devices: &[Device], outcomes: &[Outcome], frames: u64) -> Findings {

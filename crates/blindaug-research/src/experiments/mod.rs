@@ -2,6 +2,7 @@
 
 mod baselines;
 mod cameras;
+mod halves;
 mod qualitative;
 mod runtime;
 mod settings;
@@ -11,6 +12,7 @@ use crate::validation::{self, Job};
 use blindaug_io::Result;
 use blindaug_pipeline::Networks;
 use blindaug_scenes::measure::Given;
+use std::path::PathBuf;
 
 /// An experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,15 +82,21 @@ impl Experiment {
         }
     }
 
-    /// Runs the experiment, or what is left of it.
+    /// Runs the experiment, or what is left of it. `footage` are real clips, each of another camera, for [`Experiment::Cameras`].
     ///
     /// # Errors
     /// If a file cannot be read or written.
-    pub fn run(self, run: &Run, quick: bool, networks: &mut Networks) -> Result<Findings> {
+    pub fn run(
+        self,
+        run: &Run,
+        quick: bool,
+        footage: &[PathBuf],
+        networks: &mut Networks,
+    ) -> Result<Findings> {
         match self {
             Self::Qualitative => qualitative::run(run, quick),
             Self::Settings => settings::run(run, quick),
-            Self::Cameras => cameras::run(run, quick),
+            Self::Cameras => cameras::run(run, quick, footage),
             Self::Baselines => baselines::run(run, quick, networks),
             Self::Validation => {
                 let job = Job {

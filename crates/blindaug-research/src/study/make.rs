@@ -1,7 +1,7 @@
 //! The stimuli of the study: stills and clips of each scene by each method, and with the object really there.
 
 use super::answers::{REAL, Task};
-use super::questionnaire::{Media, Stimulus, questionnaire};
+use super::questionnaire::{Media, MediaFormat, Stimulus, questionnaire};
 use crate::baselines::Method;
 use crate::baselines::made::{Found, Ground, with_marker};
 use crate::filming::coded;
@@ -54,7 +54,7 @@ pub struct Kit {
 /// # Errors
 /// If a file cannot be written.
 pub fn make(run: &Run, quick: bool, with_clips: bool) -> Result<Option<Kit>> {
-    let (frames, size) = if quick { (6, (256, 192)) } else { (25, (512, 384)) };
+    let (frames, size) = if quick { (6, (256, 192)) } else { (25, (640, 480)) };
     let folder = run.folder(NAME)?;
     let cases = (0..COUNT)
         .map(|i| (format!("scene{i}"), Case { scenery: i, seed: run.seed(), frames, size, with_clips }));
@@ -70,7 +70,7 @@ pub fn make(run: &Run, quick: bool, with_clips: bool) -> Result<Option<Kit>> {
             for (task, name) in files {
                 let path = folder.join(name);
                 let bytes = std::fs::read(&path).map_err(|e| Error::cannot_read(&path, &e))?;
-                let mime = if *task == Task::Identification { "image/png" } else { "video/mp4" };
+                let format = if *task == Task::Identification { MediaFormat::Png } else { MediaFormat::Mp4 };
                 // A participant who looks into the page must not find a scene's name.
                 let scene = (scene + 1).to_string();
                 list += &format!("{},{},{scene},{method}\n", name.display(), task.name());
@@ -78,7 +78,7 @@ pub fn make(run: &Run, quick: bool, with_clips: bool) -> Result<Option<Kit>> {
                     task: *task,
                     scene,
                     method: method.clone(),
-                    media: Media { mime, bytes },
+                    media: Media { format, bytes },
                 });
             }
         }

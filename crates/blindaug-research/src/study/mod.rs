@@ -13,4 +13,4 @@ pub use analysis::{Analysis, Comparison, MethodResult, TaskResult, analyse};
 pub use answers::{Answer, Answers, REAL, Task, read_answers};
 pub use findings::findings;
 pub use make::{Kit, METHODS, make};
-pub use questionnaire::{Media, Stimulus, order, questionnaire};
+pub use questionnaire::{Media, MediaFormat, Stimulus, order, questionnaire};
