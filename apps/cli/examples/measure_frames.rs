@@ -1,6 +1,6 @@
 //! Measures `blindaug frames`: clips are damaged at known places, coded, and looked at. `cargo run --release --example measure_frames
-//! [VIDEO ..]` prints the tables of docs/frames.md: first for scenes that are filmed by physics with known exposures, then for each
-//! video. Coding needs the `ffmpeg` program.
+//! [VIDEO ..]` prints the tables of docs/frames.md: for the given videos or, without any, for scenes that are filmed by physics with known
+//! exposures. Coding needs the `ffmpeg` program.
 
 use blindaug::analysis::flow::flow_with_occlusion;
 use blindaug::fit::timing::Kind;
@@ -9,28 +9,25 @@ use blindaug_io::{FrameSource, VideoCoding, VideoWriter};
 use blindaug_pipeline::{Clip, MemoryClip, Silent, timing::timing};
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::scene::{Exposure, Scene};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 const SIZE: (usize, usize) = (384, 288);
-const FRAMES: u64 = 48;
+const FRAMES: u64 = 64;
 /// The most frames of a video.
-const MOST: usize = 300;
+const MOST: usize = 250;
 
-/// Films of scenes: a group, an exposure, and the std of the noise.
-const FILMS: [(&str, f32, f32); 7] = [
-    ("steady", 0.1, 0.01),
-    ("steady", 0.25, 0.02),
-    ("steady", 0.5, 0.01),
-    ("steady", 0.8, 0.005),
-    ("shaken", 0.5, 0.01),
-    ("shaken", 0.25, 0.01),
-    ("surging", 0.5, 0.01),
+/// Films: the number of the scene, a group, an exposure, and the std of the noise.
+const FILMS: [(u64, &str, f32, f32); 5] = [
+    (103, "steady", 0.8, 0.005),
+    (106, "steady", 0.1, 0.01),
+    (104, "shaken", 0.5, 0.01),
+    (105, "shaken", 0.25, 0.01),
+    (107, "surging", 0.5, 0.01),
 ];
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Damage {
-    None,
     /// So many frames are taken out.
     Dropped(usize),
     /// A copy is put in.
@@ -45,19 +42,21 @@ enum Damage {
     WarpedIn,
 }
 
-const DAMAGES: [(Damage, &str); 8] = [
-    (Damage::None, "none"),
+/// The damages, which take turns at the damaged places of a clip.
+const DAMAGES: [(Damage, &str); 7] = [
     (Damage::Dropped(1), "1 dropped"),
-    (Damage::Dropped(2), "2 dropped"),
     (Damage::Doubled, "doubled"),
-    (Damage::Frozen, "doubled for a dropped one"),
-    (Damage::Blended, "blended"),
     (Damage::Warped, "warped"),
+    (Damage::Frozen, "doubled in place of a dropped one"),
+    (Damage::Blended, "blended"),
+    (Damage::Dropped(2), "2 dropped"),
     (Damage::WarpedIn, "warped, put in"),
 ];
+/// The number of frames from one damaged place to the next.
+const APART: usize = 7;
 
-/// Frames, and what is wrong with which of them, by their number from 1 on.
-type Damaged = (Vec<Encoded>, BTreeSet<(Kind, u64)>);
+/// What is wrong with a frame, by its number from 1 on, and the damage that made it so.
+type Truth = BTreeMap<(Kind, u64), Damage>;
 
 fn in_steps(v: f32) -> f32 {
     (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
@@ -75,40 +74,43 @@ fn mixed(a: &Encoded, b: &Encoded, along_motion: bool) -> Encoded {
     }))
 }
 
-fn damaged(frames: &[Encoded], damage: Damage) -> Damaged {
-    let (mut out, mut truth) = (vec![], BTreeSet::new());
-    let places: BTreeSet<usize> =
-        (1..).map(|k| 9 * k + k * k % 4).take_while(|p| p + 6 < frames.len()).collect();
+/// Damages every seventh frame, with the damages in turn from the one of number `first` on.
+fn damaged(frames: &[Encoded], first: usize) -> (Vec<Encoded>, Truth) {
+    let (mut out, mut truth) = (vec![], Truth::new());
+    let mut turns = DAMAGES.iter().cycle().skip(first);
     let mut i = 0;
     while i < frames.len() {
-        if !places.contains(&i) {
+        if i == 0 || i % APART != 0 || i + 4 > frames.len() {
             out.push(frames[i].clone());
             i += 1;
             continue;
         }
+        let damage = turns.next().map_or(Damage::Doubled, |d| d.0);
         let number = out.len() as u64;
+        let mut say = |kind: Kind, number: u64| {
+            truth.insert((kind, number), damage);
+        };
         match damage {
-            Damage::None => out.push(frames[i].clone()),
             Damage::Dropped(n) => {
-                truth.insert((Kind::Dropped, number));
+                say(Kind::Dropped, number);
                 i += n - 1;
             }
-            Damage::Doubled | Damage::Frozen => {
+            Damage::Doubled => {
+                say(Kind::Doubled, number + 1);
+                out.extend([frames[i - 1].clone(), frames[i].clone()]);
+            }
+            Damage::Frozen => {
+                say(Kind::Doubled, number + 1);
+                say(Kind::Dropped, number + 1);
                 out.push(frames[i - 1].clone());
-                truth.insert((Kind::Doubled, number + 1));
-                match damage {
-                    Damage::Doubled => out.push(frames[i].clone()),
-                    _ => drop(truth.insert((Kind::Dropped, number + 1))),
-                }
             }
             Damage::Blended | Damage::Warped => {
+                say(Kind::Interpolated, number + 1);
                 out.push(mixed(&frames[i - 1], &frames[i + 1], damage == Damage::Warped));
-                truth.insert((Kind::Interpolated, number + 1));
             }
             Damage::WarpedIn => {
-                out.push(mixed(&frames[i - 1], &frames[i], true));
-                truth.insert((Kind::Interpolated, number + 1));
-                out.push(frames[i].clone());
+                say(Kind::Interpolated, number + 1);
+                out.extend([mixed(&frames[i - 1], &frames[i], true), frames[i].clone()]);
             }
         }
         i += 1;
@@ -116,66 +118,91 @@ fn damaged(frames: &[Encoded], damage: Damage) -> Damaged {
     (out, truth)
 }
 
-/// What was found of one damage.
-#[derive(Clone, Copy, Default)]
-struct Score {
-    frames: usize,
-    there: usize,
-    found: usize,
-    wrong: usize,
-}
-
-impl Score {
-    fn add(&mut self, (frames, truth): &Damaged, crf: Option<u8>) {
-        let folder = std::env::temp_dir().join(format!("blindaug-frames-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a folder");
-        let clip: Box<dyn Clip> = match crf {
-            None => Box::new(MemoryClip { frames: frames.clone(), fps: None }),
-            Some(crf) => {
-                let path = folder.join("clip.mp4");
-                let mut video =
-                    VideoWriter::create_coded(&path, frames[0].0.size(), 25.0, VideoCoding::H264 { crf })
-                        .expect("a video");
-                frames.iter().for_each(|f| video.write(f).expect("a frame"));
-                video.finish().expect("a video");
-                Box::new(FrameSource::open(&path, Default::default()).expect("a video"))
-            }
-        };
-        let timing = timing(&*clip, &Silent).expect("frames").timing;
-        let found: BTreeSet<(Kind, u64)> =
-            timing.findings.iter().map(|f| (f.event.kind(), f.frame)).collect();
-        self.frames += frames.len();
-        self.there += truth.len();
-        self.found += truth.intersection(&found).count();
-        self.wrong += found.difference(truth).count();
-        drop(clip);
-        std::fs::remove_dir_all(&folder).expect("the folder");
+/// What is found in frames after they were coded.
+fn found(frames: &[Encoded], crf: Option<u8>) -> BTreeSet<(Kind, u64)> {
+    let path = std::env::temp_dir().join(format!("blindaug-frames-{}.mp4", std::process::id()));
+    let clip: Box<dyn Clip> = match crf {
+        None => Box::new(MemoryClip { frames: frames.to_vec(), fps: None }),
+        Some(crf) => {
+            let mut video =
+                VideoWriter::create_coded(&path, frames[0].0.size(), 25.0, VideoCoding::H264 { crf })
+                    .expect("a video");
+            frames.iter().for_each(|f| video.write(f).expect("a frame"));
+            video.finish().expect("a video");
+            Box::new(FrameSource::open(&path, Default::default()).expect("a video"))
+        }
+    };
+    let timing = timing(&*clip, &Silent).expect("frames").timing;
+    if crf.is_some() {
+        std::fs::remove_file(&path).expect("the video");
     }
+    timing.findings.iter().map(|f| (f.event.kind(), f.frame)).collect()
 }
 
-fn table(group: &str, clips: &[Vec<Encoded>], crfs: &[Option<u8>], damages: &[(Damage, &str)]) {
+/// The scores of a coding: for each damage how many were found of how many; by kind the findings that are right and those that are not; the
+/// findings in untouched clips, and these clips' frames.
+#[derive(Default)]
+struct Score {
+    damages: BTreeMap<Damage, [usize; 2]>,
+    kinds: BTreeMap<Kind, [usize; 2]>,
+    untouched: [usize; 2],
+}
+
+fn table(group: &str, clips: &[Vec<Encoded>], crfs: &[Option<u8>], with_damage: bool) {
     let name = |crf: &Option<u8>| crf.map_or("not coded".to_owned(), |crf| format!("crf {crf}"));
     println!("\n| {group} | {} |", crfs.iter().map(name).collect::<Vec<_>>().join(" | "));
     println!("|---|{}", "---|".repeat(crfs.len()));
-    for (damage, what) in damages {
-        let made: Vec<Damaged> = clips.iter().map(|frames| damaged(frames, *damage)).collect();
-        let cell = |crf: &Option<u8>| {
+    let scores: Vec<Score> = crfs
+        .iter()
+        .map(|&crf| {
             let mut score = Score::default();
-            made.iter().for_each(|clip| score.add(clip, *crf));
-            let Score { frames, there, found, wrong } = score;
-            match damage {
-                Damage::None => format!("{wrong} wrong in {frames} frames"),
-                _ => format!("{found} of {there}, {wrong} wrong"),
+            for (first, frames) in clips.iter().enumerate() {
+                let wrong = found(frames, crf);
+                if !wrong.is_empty() {
+                    eprintln!("{group}, clip {first}, {}: {wrong:?}", name(&crf));
+                }
+                score.untouched[0] += wrong.len();
+                score.untouched[1] += frames.len();
+                if !with_damage {
+                    continue;
+                }
+                let (frames, truth) = damaged(frames, first);
+                let found = found(&frames, crf);
+                for (place, damage) in &truth {
+                    let [there, right] = score.damages.entry(*damage).or_default();
+                    *there += 1;
+                    *right += usize::from(found.contains(place));
+                }
+                for place in &found {
+                    score.kinds.entry(place.0).or_default()[usize::from(!truth.contains_key(place))] += 1;
+                }
             }
-        };
-        println!("| {what} | {} |", crfs.iter().map(cell).collect::<Vec<_>>().join(" | "));
+            score
+        })
+        .collect();
+    let row = |what: &str, of: &dyn Fn(&Score) -> String| {
+        println!("| {what} | {} |", scores.iter().map(of).collect::<Vec<_>>().join(" | "));
+    };
+    row("untouched: wrong findings", &|s| format!("{} in {} frames", s.untouched[0], s.untouched[1]));
+    if !with_damage {
+        return;
+    }
+    for (damage, what) in DAMAGES {
+        row(&format!("{what}: found"), &|s| {
+            s.damages.get(&damage).map_or("none".into(), |[there, found]| format!("{found} of {there}"))
+        });
+    }
+    for kind in Kind::ALL {
+        row(&format!("{}: right of the findings", kind.name()), &|s| {
+            s.kinds.get(&kind).map_or("none".into(), |[right, wrong]| format!("{right} of {}", right + wrong))
+        });
     }
 }
 
-fn film(number: u64, (how, exposure, noise): (&str, f32, f32)) -> Vec<Encoded> {
+fn film((number, how, exposure, noise): (u64, &str, f32, f32)) -> Vec<Encoded> {
     let scene = match how {
         "shaken" => Scene::new(number, SIZE).shaken(number),
-        "surging" => Scene::new(number, SIZE).surging(&[9.5, 19.5, 30.5, 39.5]),
+        "surging" => Scene::new(number, SIZE).surging(&[9.5, 19.5, 30.5, 40.5, 52.5]),
         _ => Scene::new(number, SIZE),
     };
     let setting = Setting { exposure, lens: None, noise, readout: 0.3, rolling_shutter: 0.0 };
@@ -188,18 +215,21 @@ fn film(number: u64, (how, exposure, noise): (&str, f32, f32)) -> Vec<Encoded> {
 }
 
 fn main() {
-    let crfs = [None, Some(18), Some(23), Some(28)];
+    let videos: Vec<String> = std::env::args().skip(1).collect();
+    let crfs = [None, Some(23), Some(28)];
     for group in ["steady", "shaken", "surging"] {
-        let films: Vec<Vec<Encoded>> =
-            (201..).zip(FILMS).filter(|(_, f)| f.0 == group).map(|(number, f)| film(number, f)).collect();
+        if !videos.is_empty() {
+            break;
+        }
+        let films: Vec<Vec<Encoded>> = FILMS.into_iter().filter(|f| f.1 == group).map(film).collect();
         // What surges is the control: nothing of it is to be found.
-        table(group, &films, &crfs, if group == "surging" { &DAMAGES[..1] } else { &DAMAGES });
+        table(group, &films, &crfs, group != "surging");
     }
-    for path in std::env::args().skip(1) {
+    for path in videos {
         let source = FrameSource::open(Path::new(&path), Default::default()).expect("a video");
-        let frames: Vec<Encoded> =
-            source.frames_if(|_| true).take(MOST).map(|f| f.expect("a frame").image).collect();
+        let all = source.frames_if(|_| true).take(MOST);
+        let frames: Vec<Encoded> = all.map(|f| f.expect("a frame").image).collect();
         let name = Path::new(&path).file_name().unwrap_or_default().to_string_lossy().into_owned();
-        table(&name, &[frames], &[None, Some(23)], &DAMAGES);
+        table(&name, &[frames], &[None, Some(23)], true);
     }
 }
