@@ -82,7 +82,8 @@ pub(crate) fn scenery(number: usize, seed: u64, size: (usize, usize), middle: f3
             TextureKind::LargeLeaves,
         ),
     };
-    let path = |period: f32| Path::Bouncing { height_m: 0.35, period, phase: 0.3 };
+    // In the middle frame, the ball has risen a little above the place that is free, and is fast.
+    let path = |period: f32| Path::Bouncing { height_m: 0.2, period, phase: 0.15 - middle / period };
     // A scene in which no place is free is passed over.
     let found = (0..).find_map(|i| {
         let number = seed + number as u64 + 100 * i;
