@@ -4,16 +4,7 @@
 #   tools/check-study.sh [FOLDER]      # FOLDER for the screenshots, otherwise a temporary one
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
-for tool in node npm; do
-    command -v $tool >/dev/null || { echo "check-study: $tool is missing: install Node.js, such as by apt-get install nodejs npm" >&2; exit 1; }
-done
-browser=$(command -v chromium) ||
-    { echo "check-study: chromium is missing: install it, such as by apt-get install chromium" >&2; exit 1; }
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-shots=${1:-$(mktemp -d)}
-mkdir -p "$shots"
-shots=$(cd "$shots" && pwd)
+source "$root/tools/browser.sh" check-study "${1:-}"
 cd "$root"
 cargo build --quiet -p blindaug-research --example questionnaire
 example=${CARGO_TARGET_DIR:-$PWD/target}/debug/examples/questionnaire

@@ -6,16 +6,7 @@
 # BLINDAUG: the program, otherwise built. THREE: the version of three, otherwise the one that was measured.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
-for tool in node npm; do
-    command -v $tool >/dev/null || { echo "check-three: $tool is missing: install Node.js, such as by apt-get install nodejs npm" >&2; exit 1; }
-done
-browser=$(command -v chromium) ||
-    { echo "check-three: chromium is missing: install it, such as by apt-get install chromium" >&2; exit 1; }
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-shots=${1:-$(mktemp -d)}
-mkdir -p "$shots"
-shots=$(cd "$shots" && pwd)
+source "$root/tools/browser.sh" check-three "${1:-}"
 cd "$root"
 source tools/common.sh
 npm install --silent --no-audit --no-fund --prefix "$work" "three@${THREE:-0.187.0}" playwright-core >/dev/null ||

@@ -148,7 +148,7 @@ pub(crate) fn for_each_frame(
         !done.contains(&n) || beside(n + 1) || beside(n.saturating_sub(1))
     };
     let mut made = Made::default();
-    let steps = Steps::begin(observer, what, clip.len_hint().map(|n| n.saturating_sub(done.len())));
+    let steps = Steps::begin(observer, what, "frames", clip.len_hint().map(|n| n.saturating_sub(done.len())));
     let mut frames = clip.frames_if(Box::new(needed));
     let mut previous: Option<Frame> = None;
     let mut current = frames.next().transpose()?;

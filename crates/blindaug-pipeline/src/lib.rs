@@ -99,7 +99,7 @@ pub use footage::{BoxedSide, Clip, Footage, MemoryClip, Side};
 pub use frames::{Made, MemorySink, Sink};
 #[cfg(feature = "networks")]
 pub use networks::Networks;
-pub use observer::{Observer, Silent};
+pub use observer::{Observer, Silent, Steps};
 pub use operators::{EvidenceSink, Operators};
 #[cfg(feature = "files")]
 pub use output::Output;

@@ -34,16 +34,23 @@ pub struct Silent;
 
 impl Observer for Silent {}
 
-/// Tells the observer that a loop has ended when this is dropped, also after an error.
-pub(crate) struct Steps<'a>(&'a dyn Observer);
+/// A loop of which an observer is told; the observer hears that the loop has ended when this is dropped, also after an error.
+pub struct Steps<'a>(&'a dyn Observer);
 
 impl<'a> Steps<'a> {
-    pub(crate) fn begin(observer: &'a dyn Observer, what: &'static str, total: Option<usize>) -> Self {
-        observer.begin(what, "frames", total);
+    /// Begins a loop, as [`Observer::begin`] says.
+    pub fn begin(
+        observer: &'a dyn Observer,
+        what: &'static str,
+        unit: &'static str,
+        total: Option<usize>,
+    ) -> Self {
+        observer.begin(what, unit, total);
         Self(observer)
     }
 
-    pub(crate) fn step(&self) {
+    /// One more item is done.
+    pub fn step(&self) {
         self.0.step();
     }
 }

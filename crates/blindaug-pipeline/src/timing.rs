@@ -37,7 +37,7 @@ pub fn timing(clip: &dyn Clip, observer: &dyn Observer) -> Result<Timed> {
     clip.check_memory(&what, per_pixel * (width * height) as u64 + kept)?;
     let mut analyser = TimingAnalyser::default();
     let (mut first, mut last, mut seen, mut stopped) = (None, 0, 0, None);
-    let steps = Steps::begin(observer, "comparing", clip.len_hint());
+    let steps = Steps::begin(observer, "comparing", "frames", clip.len_hint());
     read_ahead(clip, |frames| -> Result<()> {
         for frame in frames {
             let frame = frame?;

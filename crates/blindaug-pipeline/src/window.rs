@@ -148,7 +148,7 @@ pub(crate) fn show(
     observer: &dyn Observer,
 ) -> Result<Seen> {
     let sides = Sides::new(footage)?;
-    let steps = Steps::begin(observer, what, footage.clip.len_hint());
+    let steps = Steps::begin(observer, what, "frames", footage.clip.len_hint());
     read_ahead(&*footage.clip, |frames| show_frames(frames, sides, operators, save, steps, viewer, observer))
 }
 

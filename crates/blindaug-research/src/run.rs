@@ -6,7 +6,7 @@
 use crate::figure::Figure;
 use crate::table::Table;
 use blindaug_io::{Error, Result, make_folder, remove_leftovers_in, write_atomically};
-use blindaug_pipeline::Observer;
+use blindaug_pipeline::{Observer, Steps};
 use blindaug_report::page_with;
 use maud::{Markup, PreEscaped, html};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -297,31 +297,6 @@ const MOST_PIXELS: usize = 512 * 384;
 struct Results<'a> {
     provenance: &'a Provenance,
     findings: &'a [Findings],
-}
-
-/// Tells the observer that a loop has ended when this is dropped, also after an error.
-pub(crate) struct Steps<'a>(&'a dyn Observer);
-
-impl<'a> Steps<'a> {
-    pub(crate) fn begin(
-        observer: &'a dyn Observer,
-        what: &'static str,
-        unit: &'static str,
-        total: Option<usize>,
-    ) -> Self {
-        observer.begin(what, unit, total);
-        Self(observer)
-    }
-
-    pub(crate) fn step(&self) {
-        self.0.step();
-    }
-}
-
-impl Drop for Steps<'_> {
-    fn drop(&mut self) {
-        self.0.end();
-    }
 }
 
 fn write_text(path: &Path, text: &str) -> Result<()> {

@@ -4,6 +4,7 @@ use crate::shot::{Device, ball};
 use blindaug_scenes::camera::Setting;
 use blindaug_scenes::scene::{Scene, TextureKind};
 use blindaug_scenes::thing::{Path, Thing};
+use serde::{Deserialize, Serialize};
 
 /// A scene with a virtual object and the camera that films it.
 pub(crate) struct Scenery {
@@ -21,11 +22,36 @@ pub(crate) struct Scenery {
     pub(crate) device: Device,
 }
 
+/// A number of frames of a scenery.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Take {
+    /// The number of the scenery, below [`COUNT`].
+    pub(crate) scenery: usize,
+    /// The seed of the scene and of the noise.
+    pub(crate) seed: u64,
+    /// The number of frames.
+    pub(crate) frames: u64,
+    /// Width and height, px.
+    pub(crate) size: (usize, usize),
+}
+
+impl Take {
+    /// The frame in which the object is near the middle of the picture.
+    pub(crate) fn middle(&self) -> usize {
+        (self.frames / 2) as usize
+    }
+
+    /// The scenery.
+    pub(crate) fn scenery(&self) -> Scenery {
+        scenery(self.scenery, self.seed, self.size, self.middle() as f32)
+    }
+}
+
 /// The number of sceneries.
 pub(crate) const COUNT: usize = 6;
 
 /// The scenery of this number, in pictures of this size; the object is near the middle of the picture in frame `middle`.
-pub(crate) fn scenery(number: usize, seed: u64, size: (usize, usize), middle: f32) -> Scenery {
+fn scenery(number: usize, seed: u64, size: (usize, usize), middle: f32) -> Scenery {
     // An object's radius is a part of the picture's width, so that it looks the same in any size.
     let px = |share: f32| share * size.0 as f32;
     let setting =

@@ -5,7 +5,7 @@ use crate::baselines::made::{Ground, with_marker};
 use crate::fidelity::Fidelity;
 use crate::figure::{Axis, Figure, Mark, Series, Style};
 use crate::run::{Findings, Pictures, Run};
-use crate::sceneries::{COUNT, Scenery, scenery};
+use crate::sceneries::{COUNT, Scenery, Take};
 use crate::shot::{Compared, Shot};
 use crate::statistics::{Mean, mean};
 use crate::table::{Cell, Table};
@@ -22,10 +22,7 @@ pub const NAME: &str = "baselines";
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
-    scenery: usize,
-    seed: u64,
-    frames: u64,
-    size: (usize, usize),
+    take: Take,
     networks: String,
 }
 
@@ -54,7 +51,8 @@ pub fn run(run: &Run, quick: bool, networks: &mut Networks) -> Result<Findings> 
     let (frames, size) = if quick { (6, (320, 240)) } else { (10, (512, 384)) };
     let folder = run.folder(NAME)?;
     let cases = (0..COUNT).map(|i| {
-        let case = Case { scenery: i, seed: run.seed(), frames, size, networks: networks.names() };
+        let case =
+            Case { take: Take { scenery: i, seed: run.seed(), frames, size }, networks: networks.names() };
         (format!("scene{i}"), case)
     });
     let outcomes = run.cases(NAME, cases.collect(), |case| outcome(case, &folder, networks))?;
@@ -63,11 +61,10 @@ pub fn run(run: &Run, quick: bool, networks: &mut Networks) -> Result<Findings> 
 
 fn outcome(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Outcome> {
     let fails = |e: blindaug::Error| Error::new(folder, e.to_string());
-    let middle = (case.frames / 2) as usize;
-    let Scenery { name, scene, object, device, depth_m, .. } =
-        scenery(case.scenery, case.seed, case.size, middle as f32);
+    let middle = case.take.middle();
+    let Scenery { name, scene, object, device, depth_m, .. } = case.take.scenery();
     let (scene, marker) = with_marker(scene, &object, depth_m, middle as f32);
-    let shot = Shot::film(&scene, &object, &device, (case.frames, &[middle]), case.seed, folder)?;
+    let shot = Shot::film(&scene, &object, &device, (case.take.frames, &[middle]), case.take.seed, folder)?;
     let ground = Ground { shot: &shot, scene: &scene, marker: marker.as_ref(), setting: &device.setting };
     let mut methods = vec![];
     for method in Method::ALL {

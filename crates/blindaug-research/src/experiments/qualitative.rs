@@ -3,7 +3,7 @@
 use crate::fidelity::Fidelity;
 use crate::filming::coded;
 use crate::run::{Findings, Pictures, Run};
-use crate::sceneries::{COUNT, Scenery, scenery};
+use crate::sceneries::{COUNT, Scenery, Take};
 use crate::shot::Shot;
 use crate::statistics::mean;
 use crate::table::{Cell, Table};
@@ -19,14 +19,6 @@ pub const NAME: &str = "qualitative";
 
 /// The pictures of a frame, in the order in which they stand beside each other.
 const SHOWN: [&str; 3] = ["naive", "ours", "truth"];
-
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Case {
-    scenery: usize,
-    seed: u64,
-    frames: u64,
-    size: (usize, usize),
-}
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Outcome {
@@ -48,7 +40,7 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
     let (frames, size) = if quick { (6, (320, 240)) } else { (24, (512, 384)) };
     let folder = run.folder(NAME)?;
     let cases = (0..COUNT)
-        .map(|i| (format!("scene{i}"), Case { scenery: i, seed: run.seed(), frames, size }))
+        .map(|i| (format!("scene{i}"), Take { scenery: i, seed: run.seed(), frames, size }))
         .collect();
     let outcomes = run.cases(NAME, cases, |case| outcome(case, &folder))?;
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(|o| o.1).collect();
@@ -88,13 +80,12 @@ pub fn run(run: &Run, quick: bool) -> Result<Findings> {
     })
 }
 
-fn outcome(case: &Case, folder: &Path) -> Result<Outcome> {
+fn outcome(case: &Take, folder: &Path) -> Result<Outcome> {
     let fails = |e: blindaug::Error| Error::new(folder, e.to_string());
-    let middle = case.frames / 2;
-    let Scenery { name, about, scene, object, device, .. } =
-        scenery(case.scenery, case.seed, case.size, middle as f32);
+    let middle = case.middle();
+    let Scenery { name, about, scene, object, device, .. } = case.scenery();
     let video = folder.join(format!("{name}.mp4"));
-    let shot = Shot::film(&scene, &object, &device, (case.frames, &[middle as usize]), case.seed, &video)?;
+    let shot = Shot::film(&scene, &object, &device, (case.frames, &[middle]), case.seed, &video)?;
     let with = scene.clone().with(object.clone());
     // The noise of the true pictures is another than that of the footage.
     let truths = Shot::film(&with, &object, &device, (case.frames, &[]), case.seed + 1, &video)?;
@@ -110,7 +101,7 @@ fn outcome(case: &Case, folder: &Path) -> Result<Outcome> {
             composite(&plate, &layer, &model, &options).map_err(fails)
         };
         let pictures = [made(true)?, made(false)?, truths.footage.frames[t].clone()];
-        if t as u64 == middle {
+        if t == middle {
             for (what, picture) in SHOWN.iter().zip(&pictures) {
                 write_png(folder.join(format!("{name}-{what}.png")), picture)?;
             }

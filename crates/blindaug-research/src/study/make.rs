@@ -6,7 +6,7 @@ use crate::baselines::Method;
 use crate::baselines::made::{Found, Ground, with_marker};
 use crate::filming::coded;
 use crate::run::Run;
-use crate::sceneries::{COUNT, Scenery, scenery};
+use crate::sceneries::{COUNT, Scenery, Take};
 use crate::shot::Shot;
 use blindaug::Encoded;
 use blindaug::composite::{CompositeOptions, VirtualLayer};
@@ -28,10 +28,7 @@ const TIMES: usize = 4;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
-    scenery: usize,
-    seed: u64,
-    frames: u64,
-    size: (usize, usize),
+    take: Take,
     with_clips: bool,
 }
 
@@ -56,8 +53,9 @@ pub struct Kit {
 pub fn make(run: &Run, quick: bool, with_clips: bool) -> Result<Option<Kit>> {
     let (frames, size) = if quick { (6, (256, 192)) } else { (25, (640, 480)) };
     let folder = run.folder(NAME)?;
-    let cases = (0..COUNT)
-        .map(|i| (format!("scene{i}"), Case { scenery: i, seed: run.seed(), frames, size, with_clips }));
+    let cases = (0..COUNT).map(|i| {
+        (format!("scene{i}"), Case { take: Take { scenery: i, seed: run.seed(), frames, size }, with_clips })
+    });
     let mut networks = Networks::default();
     let outcomes = run.cases(NAME, cases.collect(), |case| files_of(case, &folder, &mut networks))?;
     if run.is_stopped() {
@@ -92,17 +90,17 @@ pub fn make(run: &Run, quick: bool, with_clips: bool) -> Result<Option<Kit>> {
 
 fn files_of(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Files> {
     let fails = |e: blindaug::Error| Error::new(folder, e.to_string());
-    let middle = (case.frames / 2) as usize;
-    let Scenery { scene, object, device, depth_m, .. } =
-        scenery(case.scenery, case.seed, case.size, middle as f32);
+    let middle = case.take.middle();
+    let Scenery { scene, object, device, depth_m, .. } = case.take.scenery();
     let (scene, marker) = with_marker(scene, &object, depth_m, middle as f32);
-    let film = |scene, seed| Shot::film(scene, &object, &device, (case.frames, &[]), seed, folder);
-    let shot = film(&scene, case.seed)?;
-    let real = film(&scene.clone().with(object.clone()), case.seed + 1)?;
+    let film = |scene, seed| Shot::film(scene, &object, &device, (case.take.frames, &[]), seed, folder);
+    let shot = film(&scene, case.take.seed)?;
+    let real = film(&scene.clone().with(object.clone()), case.take.seed + 1)?;
     let ground = Ground { shot: &shot, scene: &scene, marker: marker.as_ref(), setting: &device.setting };
-    let layers: Vec<VirtualLayer> = (0..case.frames).map(|t| scene.layer(&object, t as f32).into()).collect();
+    let layers: Vec<VirtualLayer> =
+        (0..case.take.frames).map(|t| scene.layer(&object, t as f32).into()).collect();
     let written = |method: &str, frames: &[Encoded]| -> Result<(String, Vec<(Task, PathBuf)>)> {
-        let name = format!("{}-{}", case.scenery + 1, method.to_lowercase());
+        let name = format!("{}-{}", case.take.scenery + 1, method.to_lowercase());
         let still = PathBuf::from(format!("{name}.png"));
         write_png(folder.join(&still), &frames[middle])?;
         let mut files = vec![(Task::Identification, still)];
@@ -118,7 +116,8 @@ fn files_of(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Files
     let mut all = vec![written(REAL, &real.footage.frames)?];
     for method in METHODS {
         let found: Found = ground.estimate(method, networks).map_err(fails)?;
-        let options = CompositeOptions { naive: false, no_noise: false, bokeh: Bokeh::Disk, seed: case.seed };
+        let options =
+            CompositeOptions { naive: false, no_noise: false, bokeh: Bokeh::Disk, seed: case.take.seed };
         let frames: Vec<Encoded> = layers
             .iter()
             .enumerate()

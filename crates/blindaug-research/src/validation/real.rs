@@ -1,10 +1,9 @@
 //! Real pixels whose exposure is known: photographs that are moved, and frames of a video that are averaged.
 
-use crate::run::Steps;
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::{Encoded, Transfer};
 use blindaug_io::{Error, FrameRange, FrameSource, Result, read_frame};
-use blindaug_pipeline::Observer;
+use blindaug_pipeline::{Observer, Steps};
 use blindaug_report::words::count;
 use blindaug_scenes::measure::Value;
 use blindaug_scenes::moved::{
