@@ -21,7 +21,7 @@ pub fn page_with(title: &str, about: &str, body: &Markup, footer: &str) -> Marku
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 // The browser, too, is told to load nothing from outside.
                 meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'";
-                title { (title) " · camera report" }
+                title { (title) " · blindaug" }
                 style { (PreEscaped(include_str!("page.css"))) }
             }
             body {
