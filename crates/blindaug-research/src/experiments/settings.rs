@@ -101,7 +101,7 @@ struct Outcome {
 /// # Errors
 /// If a file cannot be written.
 pub fn run(run: &Run, quick: bool) -> Result<Findings> {
-    let (scenes, frames, size) = if quick { (1, 4, (320, 240)) } else { (5, 8, (512, 384)) };
+    let (scenes, frames, size) = if quick { (1, 4, (256, 192)) } else { (5, 8, (512, 384)) };
     let mut cases = vec![];
     for scene in 1..=scenes {
         for what in What::ALL {

@@ -9,7 +9,7 @@ mod findings;
 mod make;
 mod questionnaire;
 
-pub use analysis::{Analysis, Comparison, MethodResult, TaskResult, analyse};
+pub use analysis::{Analysis, Comparison, LEVEL, MethodResult, POWER, TaskResult, analyse};
 pub use answers::{Answer, Answers, REAL, Task, read_answers};
 pub use findings::findings;
 pub use make::{Kit, METHODS, make};
