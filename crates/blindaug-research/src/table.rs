@@ -145,7 +145,7 @@ impl Table {
             div.wide { table {
                 thead { tr { @for h in &self.head { th scope="col" { (h) } } } }
                 tbody { @for row in &self.rows { tr { @for (i, cell) in row.iter().enumerate() {
-                    @if self.is_text(i) { td.name[cell.shown().len() < 30] { (cell.shown()) } } @else { td.number { (cell.shown()) } }
+                    @if self.is_text(i) { td.name[self.is_short(i)] { (cell.shown()) } } @else { td.number { (cell.shown()) } }
                 } } } }
             } }
         }
@@ -165,6 +165,11 @@ impl Table {
             let _ = writeln!(text, "{}", cells.join("  ").trim_end());
         }
         text
+    }
+
+    /// Whether all cells of a column are so short that they stay in one line.
+    fn is_short(&self, column: usize) -> bool {
+        self.rows.iter().all(|r| r[column].shown().chars().count() <= 20)
     }
 
     fn is_text(&self, column: usize) -> bool {

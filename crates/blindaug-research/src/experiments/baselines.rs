@@ -138,7 +138,7 @@ fn findings(outcomes: &[Outcome], frames: u64) -> Findings {
                  scale of our depth is set by the scene's.",
                 outcomes.len()
             ),
-            verdict(&value),
+            verdict(&value, outcomes),
         ],
         tables: vec![means, per_scene],
         figures: vec![figure(outcomes)],
@@ -148,7 +148,7 @@ fn findings(outcomes: &[Outcome], frames: u64) -> Findings {
 }
 
 /// Whether ours beats every other method that does not know the camera, on the mean of each measure.
-fn verdict(value: &dyn Fn(Method, usize) -> Option<Mean>) -> String {
+fn verdict(value: &dyn Fn(Method, usize) -> Option<Mean>, outcomes: &[Outcome]) -> String {
     let mut lost = vec![];
     for (k, measure) in Fidelity::NAMES.into_iter().enumerate() {
         let sign = if Fidelity::LARGER_IS_BETTER[k] { 1.0 } else { -1.0 };
@@ -162,7 +162,21 @@ fn verdict(value: &dyn Fn(Method, usize) -> Option<Mean>) -> String {
     match lost.as_slice() {
         [] => "On the mean of every measure, ours, which is given nothing, is better than every baseline."
             .into(),
-        _ => format!("Better than ours on the mean: {}.", lost.join("; ")),
+        _ => {
+            let unknown = outcomes.iter().filter(|o| {
+                o.methods.iter().any(|m| m.method == Method::Ours && m.found.contains("unknown"))
+            });
+            let unknown: Vec<&str> = unknown.map(|o| &*o.scene).collect();
+            let why = match unknown.as_slice() {
+                [] => String::new(),
+                _ => format!(
+                    " Where the footage does not tell the exposure or the lens, ours leaves it out rather than guess: {}. A marker tells it \
+                     all the same.",
+                    unknown.join(", ")
+                ),
+            };
+            format!("Better than ours on the mean: {}.{why}", lost.join("; "))
+        }
     }
 }
 

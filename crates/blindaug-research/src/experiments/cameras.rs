@@ -150,18 +150,16 @@ fn findings(devices: &[Device], outcomes: &[Outcome], frames: u64) -> Findings {
             })
             .collect();
         let sign = if Fidelity::LARGER_IS_BETTER[k] { 1.0 } else { -1.0 };
-        let best = |footage: usize| {
-            let of = |model: usize| sign * value(footage, model).map_or(f64::NEG_INFINITY, |m| m.mean);
-            (0..=n).max_by(|&a, &b| of(a).total_cmp(&of(b)))
-        };
-        let lost: Vec<&str> = (0..n).filter(|&f| best(f) != Some(f)).map(|f| devices[f].name).collect();
-        text.push(match lost.as_slice() {
-            [] => format!("By {measure}, each camera's own model is the best on its footage."),
-            _ => format!(
-                "By {measure}, another model than its own is best on the footage of: {}.",
-                lost.join(", ")
-            ),
-        });
+        let of =
+            |footage: usize, model: usize| sign * value(footage, model).map_or(f64::NEG_INFINITY, |m| m.mean);
+        text.push(verdict(devices, measure, &of));
+        let worse: Vec<&str> = (0..n).filter(|&f| of(f, n) > of(f, f)).map(|f| devices[f].name).collect();
+        if !worse.is_empty() {
+            text.push(format!(
+                "By {measure}, the object pasted as it is comes nearer yet on: {}.",
+                worse.join(", ")
+            ));
+        }
         tables.push(Table {
             name: measure.split([',', ' ']).next().unwrap_or(measure).to_lowercase(),
             caption: format!("{measure} over the object, by the model of one camera on the footage of another: mean over the scenes."),
@@ -169,19 +167,20 @@ fn findings(devices: &[Device], outcomes: &[Outcome], frames: u64) -> Findings {
             rows,
         });
     }
+    let noise = |footage: usize, model: usize| {
+        mean(outcomes.iter().filter_map(|o| Some(100.0 * f64::from((*o.noise.get(footage)?.get(model)?)?))))
+    };
+    text.push(verdict(devices, "noise", &|footage, model| {
+        -noise(footage, model).map_or(f64::INFINITY, |m| m.mean)
+    }));
     let rows = (0..n).map(|model| {
-        let cells = (0..n).map(|footage| {
-            let all = outcomes
-                .iter()
-                .filter_map(|o| Some(100.0 * f64::from((*o.noise.get(footage)?.get(model)?)?)));
-            Cell::spread(mean(all), 0)
-        });
+        let cells = (0..n).map(|footage| Cell::spread(noise(footage, model), 0));
         [Cell::text(devices[model].name)].into_iter().chain(cells).collect()
     });
     tables.push(Table {
         name: "noise".into(),
         caption: "Error of the model's noise std against the noise of the footage, %: the median over octaves, channels and luminances, \
-                  its mean over the scenes."
+                  its mean over the scenes. Of coded footage, what the coder lost counts as noise too."
             .into(),
         head: head(),
         rows: rows.collect(),
@@ -193,6 +192,20 @@ fn findings(devices: &[Device], outcomes: &[Outcome], frames: u64) -> Findings {
         text,
         tables,
         ..Findings::default()
+    }
+}
+
+/// Whether each camera's own model is the best on its footage; `of(footage, model)` is larger for what is better.
+fn verdict(devices: &[Device], measure: &str, of: &dyn Fn(usize, usize) -> f64) -> String {
+    let all = 0..devices.len();
+    let best = |footage: usize| all.clone().max_by(|&a, &b| of(footage, a).total_cmp(&of(footage, b)));
+    let lost: Vec<&str> = all.clone().filter(|&f| best(f) != Some(f)).map(|f| devices[f].name).collect();
+    match lost.as_slice() {
+        [] => format!("By {measure}, each camera's own model is the best of the four on its footage."),
+        _ => format!(
+            "By {measure}, another camera's model is better than the own one on: {}.",
+            lost.join(", ")
+        ),
     }
 }
 
