@@ -1,11 +1,12 @@
 //! Our composites beside those of the baselines, against the pictures in which the object is really there.
 
+use super::Scale;
 use crate::baselines::Method;
 use crate::baselines::made::{Ground, with_marker};
 use crate::fidelity::Fidelity;
 use crate::figure::{Axis, Figure, Mark, Series, Style};
 use crate::run::{Findings, Pictures, Run};
-use crate::sceneries::{COUNT, Scenery, Take};
+use crate::sceneries::{Scenery, Take};
 use crate::shot::{Compared, Shot};
 use crate::statistics::{Mean, mean};
 use crate::table::{Cell, Table};
@@ -43,14 +44,14 @@ struct Made {
     found: String,
 }
 
-/// Runs the experiment; `quick`: small pictures and few frames.
+/// Runs the experiment on the first sceneries.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn run(run: &Run, quick: bool, networks: &mut Networks) -> Result<Findings> {
-    let (frames, size) = if quick { (6, (320, 240)) } else { (10, (512, 384)) };
+pub fn run(run: &Run, scale: Scale, networks: &mut Networks) -> Result<Findings> {
+    let Scale { scenes, frames, size } = scale;
     let folder = run.folder(NAME)?;
-    let cases = (0..COUNT).map(|i| {
+    let cases = (0..scenes as usize).map(|i| {
         let case =
             Case { take: Take { scenery: i, seed: run.seed(), frames, size }, networks: networks.names() };
         (format!("scene{i}"), case)

@@ -1,6 +1,6 @@
 //! Correctness across cameras: four cameras film the same scenes; the model of each is tried on the footage of each.
 
-use super::halves;
+use super::{Scale, halves};
 use crate::fidelity::Fidelity;
 use crate::run::{Findings, Run};
 use crate::shot::{Device, Shot, ball};
@@ -69,12 +69,12 @@ struct Outcome {
     noise: Vec<Vec<Option<f32>>>,
 }
 
-/// Runs the experiment; `quick`: two small scenes. `footage` are real clips, each of another camera.
+/// Runs the experiment. `footage` are real clips, each of another camera.
 ///
 /// # Errors
 /// If a file cannot be written, or there is no ffmpeg program for the coders.
-pub fn run(run: &Run, quick: bool, footage: &[PathBuf]) -> Result<Findings> {
-    let (scenes, frames, size) = if quick { (2, 4, (320, 240)) } else { (6, 8, (512, 384)) };
+pub fn run(run: &Run, scale: Scale, footage: &[PathBuf]) -> Result<Findings> {
+    let Scale { scenes, frames, size } = scale;
     let devices = devices(size.0);
     let folder = run.folder(NAME)?;
     let names: Vec<String> = devices.iter().map(|d| format!("{d:?}")).collect();

@@ -8,11 +8,23 @@ mod runtime;
 mod settings;
 
 use crate::run::{Findings, Run};
+use crate::sceneries;
 use crate::validation::{self, Job};
 use blindaug_io::Result;
 use blindaug_pipeline::Networks;
 use blindaug_scenes::measure::Given;
 use std::path::PathBuf;
+
+/// How much of an experiment is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Scale {
+    /// The number of scenes.
+    pub(crate) scenes: u64,
+    /// The number of frames of each scene.
+    pub(crate) frames: u64,
+    /// Width and height, px.
+    pub(crate) size: (usize, usize),
+}
 
 /// An experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,6 +94,22 @@ impl Experiment {
         }
     }
 
+    /// How much is done of an experiment that films scenes.
+    fn scale(self, quick: bool) -> Scale {
+        let full = |scenes, frames| Scale { scenes, frames, size: (512, 384) };
+        let small = |scenes, frames| Scale { scenes, frames, size: (320, 240) };
+        match (self, quick) {
+            (Self::Settings, true) => Scale { size: (256, 192), ..small(1, 4) },
+            (Self::Settings, false) => full(5, 8),
+            (Self::Cameras, true) => small(2, 4),
+            (Self::Cameras, false) => full(6, 8),
+            (Self::Qualitative, false) => full(sceneries::COUNT as u64, 24),
+            (Self::Baselines, false) => full(sceneries::COUNT as u64, 10),
+            (_, true) => small(sceneries::COUNT as u64, 6),
+            (Self::Validation | Self::Runtime, false) => full(10, 10),
+        }
+    }
+
     /// Runs the experiment, or what is left of it. `footage` are real clips, each of another camera, for [`Experiment::Cameras`].
     ///
     /// # Errors
@@ -94,10 +122,10 @@ impl Experiment {
         networks: &mut Networks,
     ) -> Result<Findings> {
         match self {
-            Self::Qualitative => qualitative::run(run, quick),
-            Self::Settings => settings::run(run, quick),
-            Self::Cameras => cameras::run(run, quick, footage),
-            Self::Baselines => baselines::run(run, quick, networks),
+            Self::Qualitative => qualitative::run(run, self.scale(quick)),
+            Self::Settings => settings::run(run, self.scale(quick)),
+            Self::Cameras => cameras::run(run, self.scale(quick), footage),
+            Self::Baselines => baselines::run(run, self.scale(quick), networks),
             Self::Validation => {
                 let job = Job {
                     scenes: 10,
@@ -113,5 +141,63 @@ impl Experiment {
             }
             Self::Runtime => runtime::run(run, quick),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::run::Provenance;
+    use crate::table::Cell;
+    use blindaug_pipeline::Silent;
+
+    const TINY: Scale = Scale { scenes: 1, frames: 3, size: (128, 96) };
+
+    /// Runs an experiment in a folder of its own, and writes what it found.
+    fn found(experiment: impl FnOnce(&Run) -> Result<Findings>) -> Findings {
+        let folder = tempfile::tempdir().unwrap();
+        let run = Run::new(folder.path(), Provenance::here(1), false, &Silent).unwrap();
+        let findings = experiment(&run).unwrap();
+        run.write("test", "Test", std::slice::from_ref(&findings)).unwrap();
+        findings
+    }
+
+    /// The number in a cell, without its spread.
+    fn number(cell: &Cell) -> f64 {
+        match cell {
+            Cell::Number(v, _) | Cell::Interval(v, ..) => *v,
+            Cell::Spread(mean, _) => mean.mean,
+            _ => f64::NAN,
+        }
+    }
+
+    #[test]
+    fn the_true_camera_beats_the_pasted_object() {
+        let f = found(|run| baselines::run(run, TINY, &mut Networks::default()));
+        let psnr = |method: &str| {
+            let row = f.tables[0].rows.iter().find(|r| r[0] == Cell::text(method)).unwrap();
+            number(&row[1])
+        };
+        assert!(psnr("True camera") > psnr("Naive") + 3.0, "{}", f.tables[0].text());
+        assert!(psnr("Okumura++-like") > psnr("Naive"), "{}", f.tables[0].text());
+    }
+
+    #[test]
+    fn pictures_of_a_scene_are_written() {
+        let f = found(|run| qualitative::run(run, TINY));
+        assert_eq!(f.pictures[0].files.len(), 3);
+        assert!(number(&f.tables[0].rows[0][1]) < 40.0, "{}", f.tables[0].text());
+    }
+
+    #[test]
+    fn stronger_noise_reads_stronger() {
+        let f = found(|run| settings::run(run, TINY));
+        let noise: Vec<f64> = f.tables[1]
+            .rows
+            .iter()
+            .filter(|r| r[0] == Cell::text("noise std at mid-grey, of 1") && r[2] == Cell::text("nothing"))
+            .map(|r| number(&r[4]))
+            .collect();
+        assert!(noise.len() == 3 && noise[0] < noise[1] && noise[1] < noise[2], "{}", f.tables[1].text());
     }
 }

@@ -1,9 +1,10 @@
 //! The paper's results as pictures: scenes of its kinds with the object pasted, with our composite, and with the object really there.
 
+use super::Scale;
 use crate::fidelity::Fidelity;
 use crate::filming::coded;
 use crate::run::{Findings, Pictures, Run};
-use crate::sceneries::{COUNT, Scenery, Take};
+use crate::sceneries::{Scenery, Take};
 use crate::shot::Shot;
 use crate::statistics::mean;
 use crate::table::{Cell, Table};
@@ -32,14 +33,14 @@ struct Outcome {
     has_video: bool,
 }
 
-/// Runs the experiment; `quick`: small pictures and few frames.
+/// Runs the experiment on the first sceneries.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn run(run: &Run, quick: bool) -> Result<Findings> {
-    let (frames, size) = if quick { (6, (320, 240)) } else { (24, (512, 384)) };
+pub fn run(run: &Run, scale: Scale) -> Result<Findings> {
+    let Scale { scenes, frames, size } = scale;
     let folder = run.folder(NAME)?;
-    let cases = (0..COUNT)
+    let cases = (0..scenes as usize)
         .map(|i| (format!("scene{i}"), Take { scenery: i, seed: run.seed(), frames, size }))
         .collect();
     let outcomes = run.cases(NAME, cases, |case| outcome(case, &folder))?;

@@ -1,5 +1,6 @@
 //! Correctness across settings: three levels each of exposure, noise, focus distance and aperture, of the same scenes.
 
+use super::Scale;
 use crate::figure::{Axis, Figure, Mark, Series, Style};
 use crate::filming::Filming;
 use crate::run::{Findings, Run};
@@ -96,12 +97,12 @@ struct Outcome {
     recovered: Option<Value>,
 }
 
-/// Runs the experiment; `quick`: one small scene.
+/// Runs the experiment.
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn run(run: &Run, quick: bool) -> Result<Findings> {
-    let (scenes, frames, size) = if quick { (1, 4, (256, 192)) } else { (5, 8, (512, 384)) };
+pub fn run(run: &Run, scale: Scale) -> Result<Findings> {
+    let Scale { scenes, frames, size } = scale;
     let mut cases = vec![];
     for scene in 1..=scenes {
         for what in What::ALL {
