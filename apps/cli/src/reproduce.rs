@@ -2,7 +2,7 @@
 
 use crate::validate::finish;
 use blindaug_cli::console::{self, CONSOLE, Result, note};
-use blindaug_io::Inputs;
+use blindaug_io::{FrameRange, FrameSource, Inputs};
 use blindaug_pipeline::Networks;
 use blindaug_research::experiments::Experiment;
 use blindaug_research::run::{Provenance, Run};
@@ -41,6 +41,10 @@ fn experiments() -> impl TypedValueParser<Value = Experiment> {
 /// Runs the command.
 pub fn run(args: &Reproduce) -> Result<()> {
     Inputs::of(args.footage.iter()).check_output_folder(&args.output, |_| true)?;
+    // What cannot be opened is told now, not after an hour.
+    for clip in &args.footage {
+        FrameSource::open(clip, FrameRange::default())?;
+    }
     let all = if args.experiments.is_empty() { Experiment::ALL.to_vec() } else { args.experiments.clone() };
     let minutes: f64 = all.iter().map(|e| e.minutes(args.quick)).sum();
     let time = if minutes > 100.0 {

@@ -786,3 +786,32 @@ fn the_demo_finds_the_truth_and_beats_the_naive_composite() {
     let bytes = |name: &str| std::fs::read(d.join("out").join(name)).unwrap();
     assert_eq!(bytes("by-hand/0003.png"), bytes("composite/0003.png"));
 }
+
+#[test]
+fn a_study_is_analysed_or_its_wrong_row_is_named() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let head = "participant,task,scene,method,answer\n";
+    let answers = |participants: std::ops::Range<usize>| -> String {
+        let of = |p: usize| {
+            let answer = if p.is_multiple_of(3) { "yes" } else { "no" };
+            format!("p{p},identification,1,Ours,{answer}\np{p},identification,1,Naive,yes\n")
+        };
+        participants.map(of).collect()
+    };
+    std::fs::write(d.join("a.csv"), format!("{head}{}", answers(0..6))).unwrap();
+    std::fs::write(d.join("b.csv"), format!("{head}{}", answers(6..9))).unwrap();
+    let table = succeeds(d, "study analyse a.csv b.csv -o out");
+    assert!(table.contains("Ours") && table.contains("66.7"), "{table}");
+    let made = files_in(&d.join("out"));
+    for name in ["index.html", "study.json", "study/shares.tex", "study/shares.pdf", "study/tests.csv"] {
+        assert!(made.iter().any(|m| m == name), "{name} in {made:?}");
+    }
+    std::fs::write(d.join("c.csv"), format!("{head}p1,identification,1,Ours,perhaps\n")).unwrap();
+    let said = fails(d, "study analyse a.csv c.csv -o new");
+    assert!(said.contains("c.csv: line 2") && !d.join("new").exists(), "{said}");
+    let said = fails(d, "study analyse a.csv -o new --reference Theirs");
+    assert!(said.contains("Naive, Ours") && !d.join("new").exists(), "{said}");
+    let said = fails(d, "reproduce cameras --quick --footage none.mp4 -o new");
+    assert!(said.contains("none.mp4"), "{said}");
+}
