@@ -174,23 +174,33 @@ impl Figure {
         [from, high + margin]
     }
 
+    fn colour(&self, series: usize) -> RGBColor {
+        match self.series[series].style {
+            Style::Reference => RGBColor(0x77, 0x77, 0x77),
+            _ => COLOURS[self.series[series].colour % COLOURS.len()],
+        }
+    }
+
+    fn draw_legend<B: DrawingBackend>(
+        &self,
+        root: &DrawingArea<B, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        for (i, (x, y)) in self.legend() {
+            match self.series[i].style {
+                Style::Points => root.draw(&Circle::new((x + 16, y), 8, self.colour(i).filled()))?,
+                _ => root.draw(&PathElement::new([(x, y), (x + 32, y)], self.colour(i).stroke_width(4)))?,
+            }
+            root.draw_text(&self.series[i].name, &text(HPos::Left), (x + 42, y))?;
+        }
+        Ok(())
+    }
+
     fn draw<B: DrawingBackend>(
         &self,
         root: &DrawingArea<B, Shift>,
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         root.fill(&WHITE)?;
-        let text = |h, v| ("sans-serif", FONT).into_font().color(&INK).pos(Pos::new(h, v));
-        let colour = |i: usize| match self.series[i].style {
-            Style::Reference => RGBColor(0x77, 0x77, 0x77),
-            _ => COLOURS[self.series[i].colour % COLOURS.len()],
-        };
-        for (i, (x, y)) in self.legend() {
-            match self.series[i].style {
-                Style::Points => root.draw(&Circle::new((x + 16, y), 8, colour(i).filled()))?,
-                _ => root.draw(&PathElement::new([(x, y), (x + 32, y)], colour(i).stroke_width(4)))?,
-            }
-            root.draw_text(&self.series[i].name, &text(HPos::Left, VPos::Center), (x + 42, y))?;
-        }
+        self.draw_legend(root)?;
         let (_, below) = root.split_vertically(self.legend_height());
         let rows = self.y.rows.len();
         // The first row is at the top, where y is largest.
@@ -230,13 +240,13 @@ impl Figure {
         mesh.draw()?;
         for (i, name) in self.y.rows.iter().enumerate() {
             let (px, py) = chart.backend_coord(&(x[0], height(i as f64)));
-            root.draw_text(name, &text(HPos::Right, VPos::Center), (px - 14, py))?;
+            root.draw_text(name, &text(HPos::Right), (px - 14, py))?;
         }
         let inside = |v: f64, range: [f64; 2]| v.clamp(range[0], range[1]);
         let place = |m: &Mark| (inside(m.x, x), inside(height(m.y), y));
         let finite = |m: &&Mark| m.x.is_finite() && m.y.is_finite();
         for (i, s) in self.series.iter().enumerate() {
-            let (colour, all) = (colour(i), s.marks.iter().filter(finite));
+            let (colour, all) = (self.colour(i), s.marks.iter().filter(finite));
             match s.style {
                 Style::Line => {
                     chart.draw_series(LineSeries::new(all.map(place), colour.stroke_width(4)))?;
@@ -266,6 +276,11 @@ impl Figure {
         }
         Ok(())
     }
+}
+
+/// Text beside a point, at its height.
+fn text(at: HPos) -> TextStyle<'static> {
+    ("sans-serif", FONT).into_font().color(&INK).pos(Pos::new(at, VPos::Center))
 }
 
 /// A number beside an axis, without zeros at its end.

@@ -51,6 +51,7 @@ impl Take {
 pub(crate) const COUNT: usize = 6;
 
 /// The scenery of this number, in pictures of this size; the object is near the middle of the picture in frame `middle`.
+// This function is long, since it lists the numbers of each scene.
 fn scenery(number: usize, seed: u64, size: (usize, usize), middle: f32) -> Scenery {
     // An object's radius is a part of the picture's width, so that it looks the same in any size.
     let px = |share: f32| share * size.0 as f32;

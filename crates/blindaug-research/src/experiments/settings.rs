@@ -9,6 +9,7 @@ use crate::table::{Cell, Table};
 use crate::validation::measure;
 use blindaug_io::{Error, Result};
 use blindaug_pipeline::Networks;
+use blindaug_report::words::count;
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::measure::{Given, Value};
 use blindaug_scenes::scene::Scene;
@@ -217,9 +218,11 @@ fn findings(outcomes: &[(Case, Outcome)], scenes: u64, frames: u64) -> Findings 
         name: NAME.into(),
         title: "Correctness across settings".into(),
         text: vec![format!(
-            "{scenes} scenes of {frames} frames each, filmed by physics (many pinhole views over lens and shutter, counted photons) with \
+            "{} of {}, filmed by physics (many pinhole views over lens and shutter, counted photons) with \
              three levels of one setting while the others stay: the exposure (with the noise that it brings), the noise, the focus \
-             distance, and the apertures f/2.8, f/5.6 and f/11. All three distortions are there at once."
+             distance, and the apertures f/2.8, f/5.6 and f/11. All three distortions are there at once.",
+            count(scenes, "scene"),
+            count(frames, "frame")
         )],
         tables: vec![slopes, levels],
         figures: What::ALL.into_iter().map(|what| figure(what, outcomes)).collect(),

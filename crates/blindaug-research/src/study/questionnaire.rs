@@ -131,6 +131,7 @@ fn hash_of_kit(title: &str, stimuli: &[Stimulus], seed: u64) -> String {
 
 /// The questionnaire as an HTML page that holds all stimuli. Participants see them in the [`order`] of the seed, and export their answers
 /// for [`read_answers`](super::read_answers).
+// This function is long, since it is one page.
 pub fn questionnaire(title: &str, stimuli: &[Stimulus], seed: u64) -> String {
     let kit = json!({
         "hash": hash_of_kit(title, stimuli, seed),
