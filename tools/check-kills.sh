@@ -34,10 +34,10 @@ else
 fi
 
 took=()
-# The checksums of all files that a run has written, hidden ones too, without the seconds that it took and the pages that show them.
+# The checksums of all files that a run has written, hidden ones too, without the seconds that it took, its command line and the pages that show them.
 bytes() {
     (cd "$1" && find . -type f -printf '%P\n' | LC_ALL=C sort | grep -v '\.html$' | while read -r f; do
-        echo "$(sed '/"seconds"/d' "$f" | sha256sum) $f"
+        echo "$(sed '/"seconds"/d; /"command"/d' "$f" | sha256sum) $f"
     done)
 }
 
