@@ -248,25 +248,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_true_camera_gives_the_best_composite() {
-        let scene = Scene::new(3, (160, 120));
-        let object = ball(&scene, 1.0, (1.6, 14.0), TextureKind::Bricks, 1).unwrap();
-        let setting = Setting {
-            exposure: 0.6,
-            lens: Some((4.0, 4.0)),
-            noise: 0.01,
-            readout: 0.2,
-            rolling_shutter: 0.0,
-        };
-        let device = Device::plain("test", "", setting);
-        let shot = Shot::film(&scene, &object, &device, (2, &[1]), 1, Path::new("none")).unwrap();
-        let model = blindaug_scenes::camera::model((160, 120), &setting);
-        let of = |naive| shot.fidelity(|c| shot.composite(c, &model, naive)).unwrap();
-        let (made, naive) = (of(false), of(true));
-        assert!(made.psnr > naive.psnr + 3.0 && made.flip < naive.flip, "{made:?} {naive:?}");
-    }
-
-    #[test]
     fn relative_depth_is_brought_to_metres() {
         let truth = Plane::from_fn(32, 32, |x, y| 0.1 + 0.02 * x as f32 + 0.001 * y as f32);
         let mut own = truth.map(|d| 0.4 * d + 0.05);

@@ -151,7 +151,7 @@ mod tests {
     use crate::table::Cell;
     use blindaug_pipeline::Silent;
 
-    const TINY: Scale = Scale { scenes: 1, frames: 3, size: (128, 96) };
+    const TINY: Scale = Scale { scenes: 1, frames: 2, size: (112, 84) };
 
     /// Runs an experiment in a folder of its own, and writes what it found.
     fn found(experiment: impl FnOnce(&Run) -> Result<Findings>) -> Findings {
