@@ -59,14 +59,7 @@ pub struct Apply {
     #[arg(long, value_name = "camera.json")]
     camera: PathBuf,
     #[command(flatten)]
-    output: OutputArgs,
-    #[command(flatten)]
-    depth: DepthArgs,
-    /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
-    #[arg(long, value_name = "DIR")]
-    flow: Option<PathBuf>,
-    #[command(flatten)]
-    look: Look,
+    frames: FramesArgs,
 }
 
 /// Make one camera's footage look like another's: add the blur and the noise that it lacks
@@ -81,10 +74,17 @@ pub struct Match {
     #[arg(long, value_name = "camera_a.json")]
     to: PathBuf,
     #[command(flatten)]
+    frames: FramesArgs,
+}
+
+/// What is said of whole frames and of what becomes of them.
+#[derive(clap::Args)]
+struct FramesArgs {
+    #[command(flatten)]
     output: OutputArgs,
     #[command(flatten)]
     depth: DepthArgs,
-    /// The footage's optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
+    /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
     #[arg(long, value_name = "DIR")]
     flow: Option<PathBuf>,
     #[command(flatten)]
@@ -219,46 +219,56 @@ pub fn run(args: &Composite) -> Result<()> {
 
 /// Runs `apply`.
 pub fn run_apply(args: &Apply) -> Result<()> {
-    args.output.check(&[Some(&args.input), Some(&args.camera), args.depth.folder(), args.flow.as_ref()])?;
-    let rendered = rendered(&args.input, &args.output, &args.depth, args.flow.as_deref())?;
+    let Apply { input, camera, frames } = args;
+    frames.check(&[input, camera])?;
+    let rendered = frames.rendered(input)?;
     let (size, fps) = (rendered.clip.size(), rendered.clip.fps());
-    let (track, unknown) = (read_camera_track(&args.camera)?, args.look.unknown_exposure());
-    let track = fitted_to(track, &shown(&args.camera), &*rendered.clip, unknown, CONSOLE);
-    let CompositeOptions { no_noise, bokeh, seed, .. } = args.look.style.options();
+    let (track, unknown) = (read_camera_track(camera)?, frames.look.unknown_exposure());
+    let track = fitted_to(track, &shown(camera), &*rendered.clip, unknown, CONSOLE);
+    let CompositeOptions { no_noise, bokeh, seed, .. } = frames.look.style.options();
     let options = SynthesisOptions { bokeh, no_noise, seed };
-    let job = composite::applying(rendered, (track, &shown(&args.camera)), args.look.scene_scale, CONSOLE)?;
-    let mut output = args.output.open(size, fps)?;
+    let job = composite::applying(rendered, (track, &shown(camera)), frames.look.scene_scale, CONSOLE)?;
+    let mut output = frames.output.open(size, fps)?;
     let made = job.run(&options, &mut output, CONSOLE)?;
-    args.output.finish(output, &made)
+    frames.output.finish(output, &made)
 }
 
-/// Opens a clip with the depth and the flow that are given beside it.
-fn rendered(input: &Path, output: &OutputArgs, depth: &DepthArgs, flow: Option<&Path>) -> Result<Rendered> {
-    let clip = open_source(input, output.frames)?;
-    let flow = match (flow, depth.folder()) {
-        (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
-        (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
-        _ => None,
-    };
-    let depth = depth.open()?;
-    check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
-    check_match(&clip, flow.as_ref().map(|f| f as _))?;
-    Ok(Rendered {
-        clip: Box::new(clip),
-        depth: depth.map(|(maps, kind)| (Box::new(maps) as _, kind)),
-        flow: flow.map(|f| Box::new(f) as _),
-    })
+impl FramesArgs {
+    /// Checks, before anything is read, that the output can be written and is none of these inputs, the depth and the flow.
+    fn check(&self, inputs: &[&PathBuf]) -> Result<()> {
+        let given = inputs.iter().copied().map(Some);
+        let all: Vec<_> = given.chain([self.depth.folder(), self.flow.as_ref()]).collect();
+        self.output.check(&all)
+    }
+
+    /// Opens a clip with the depth and the flow that are given beside it.
+    fn rendered(&self, input: &Path) -> Result<Rendered> {
+        let clip = open_source(input, self.output.frames)?;
+        let flow = match (&self.flow, self.depth.folder()) {
+            (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
+            (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
+            _ => None,
+        };
+        let depth = self.depth.open()?;
+        check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
+        check_match(&clip, flow.as_ref().map(|f| f as _))?;
+        Ok(Rendered {
+            clip: Box::new(clip),
+            depth: depth.map(|(maps, kind)| (Box::new(maps) as _, kind)),
+            flow: flow.map(|f| Box::new(f) as _),
+        })
+    }
 }
 
 /// Runs `match`.
 pub fn run_match(args: &Match) -> Result<()> {
-    let Match { input, from, to, output, depth, flow, look } = args;
-    output.check(&[Some(input), Some(from), Some(to), depth.folder(), flow.as_ref()])?;
-    let footage = rendered(input, output, depth, flow.as_deref())?;
+    let Match { input, from, to, frames } = args;
+    frames.check(&[input, from, to])?;
+    let footage = frames.rendered(input)?;
     let (size, fps) = (footage.clip.size(), footage.clip.fps());
     let read = |path: &Path| -> Result<_> {
         let track = read_camera_track(path)?;
-        Ok(fitted_to(track, &shown(path), &*footage.clip, look.unknown_exposure(), CONSOLE))
+        Ok(fitted_to(track, &shown(path), &*footage.clip, frames.look.unknown_exposure(), CONSOLE))
     };
     let (source, target) = (read(from)?, read(to)?);
     let [target] = target.frames() else {
@@ -267,12 +277,12 @@ pub fn run_match(args: &Match) -> Result<()> {
             "it holds a model for each frame of other footage: give one that was estimated without --track",
         ));
     };
-    let options = look.style.options();
+    let options = frames.look.style.options();
     let target = target.camera.clone();
-    let job = matching::matching(footage, (source, &shown(from)), target, look.scene_scale, CONSOLE)?;
-    let mut opened = output.open(size, fps)?;
-    let made = job.run(&options, &mut opened, CONSOLE)?;
-    output.finish(opened, &made)
+    let job = matching::matching(footage, (source, &shown(from)), target, frames.look.scene_scale, CONSOLE)?;
+    let mut output = frames.output.open(size, fps)?;
+    let made = job.run(&options, &mut output, CONSOLE)?;
+    frames.output.finish(output, &made)
 }
 
 fn shown(path: &Path) -> String {

@@ -1,7 +1,7 @@
 //! `blindaug study`: the kit of the paper's user study.
 
 use blindaug_cli::console::{self, CONSOLE, Result, failure, note};
-use blindaug_io::{Error, Inputs};
+use blindaug_io::{Error, Inputs, VideoWriter};
 use blindaug_research::run::{Provenance, Run};
 use blindaug_research::study::{REAL, analyse, findings, make, read_answers};
 use std::path::PathBuf;
@@ -65,8 +65,8 @@ pub fn run(args: &Study) -> Result<()> {
 }
 
 fn run_make(args: &Make) -> Result<()> {
-    Inputs::of(std::iter::empty::<&PathBuf>()).check_output_folder(&args.output, |_| true)?;
-    let has_encoder = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
+    Inputs::default().check_output_folder(&args.output, |_| true)?;
+    let has_encoder = VideoWriter::is_available();
     if !has_encoder && !args.no_clips {
         note("no ffmpeg program found: the kit has stills alone, and the task Consistency is left out");
     }

@@ -515,6 +515,11 @@ impl VideoWriter {
         has_extension(path.as_ref(), &["mp4", "m4v", "mov", "mkv", "avi"])
     }
 
+    /// Whether there is a program that writes videos.
+    pub fn is_available() -> bool {
+        find().is_some()
+    }
+
     /// Starts a video of frames of this size, px. An odd width or height grows by a copy of the edge pixels, since 4:2:0 has only even
     /// sides.
     ///

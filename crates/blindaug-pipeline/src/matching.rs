@@ -141,8 +141,10 @@ impl Match {
                 "no depth",
                 "it gets no defocus",
             );
-            let left = inverse_depth.as_ref().map_or(TooBlurred::default(), |d| matching.too_blurred(d));
-            if left.share > 0.01 && !std::mem::replace(&mut said, true) {
+            let depth_to_look_at = inverse_depth.as_ref().filter(|_| !said);
+            let left = depth_to_look_at.map_or(TooBlurred::default(), |d| matching.too_blurred(d));
+            if left.share > 0.01 {
+                said = true;
                 observer.note(&format!(
                     "frame {number}: {:.0} % of the picture is less in focus than the other camera's would be, by a std of {:.1} px on average, and stays so (said once)",
                     100.0 * left.share,

@@ -41,12 +41,17 @@ fn svg(height: u32, label: &str, draw: impl FnOnce(&Area) -> Result<()>) -> Resu
         draw(&area)?;
         area.present()?;
     }
-    // Within a page the root element needs a label for readers who cannot see it, but no size and no namespace.
-    let inner = text.split_once('>').map_or("", |(_, inner)| inner);
+    Ok(in_page(&text, (WIDTH, height), label))
+}
+
+/// A plot of this size, an SVG file, as a part of a page. Its root element needs a label for readers who cannot see it, but no namespace,
+/// and its size on the page is that of its column.
+pub fn in_page(svg: &str, (width, height): (u32, u32), label: &str) -> Markup {
+    let inner = svg.split_once('>').map_or("", |(_, inner)| inner);
     let inner = inner.trim_end().strip_suffix("</svg>").unwrap_or(inner);
-    Ok(html! {
-        svg viewBox=(format!("0 0 {WIDTH} {height}")) role="img" aria-label=(label) { (PreEscaped(inner)) }
-    })
+    html! {
+        svg viewBox=(format!("0 0 {width} {height}")) role="img" aria-label=(label) { (PreEscaped(inner)) }
+    }
 }
 
 struct Axes<'a> {

@@ -120,7 +120,7 @@ impl Figure {
     /// If an axis cannot be drawn.
     pub fn svg(&self) -> Drawn<String> {
         let mut text = String::new();
-        let area = SVGBackend::with_string(&mut text, (WIDTH, self.height())).into_drawing_area();
+        let area = SVGBackend::with_string(&mut text, self.size()).into_drawing_area();
         let drawn = self.draw(&area).and_then(|()| area.present()).map_err(|e| e.to_string());
         drop(area);
         drawn.map(|()| text)
@@ -132,10 +132,15 @@ impl Figure {
     /// If an axis cannot be drawn.
     pub fn pdf(&self) -> Drawn<Vec<u8>> {
         let mut file = vec![];
-        let area = PdfBackend::new(&mut file, (WIDTH, self.height())).into_drawing_area();
+        let area = PdfBackend::new(&mut file, self.size()).into_drawing_area();
         let drawn = self.draw(&area).and_then(|()| area.present()).map_err(|e| e.to_string());
         drop(area);
         drawn.map(|()| file)
+    }
+
+    /// Width and height, in the units of the figure's files.
+    pub fn size(&self) -> (u32, u32) {
+        (WIDTH, self.height())
     }
 
     fn height(&self) -> u32 {

@@ -13,7 +13,7 @@ pub(crate) struct Filming {
     /// The footage of the last setting.
     pub(crate) footage: Footage,
     /// The motion of each frame at its own time.
-    motion: Vec<Flow>,
+    pub(crate) motion: Vec<Flow>,
     /// The camera and the setting that filmed last, their frames and the noise of these.
     filmed: Option<((Camera, Setting), Vec<Encoded>, NoiseTruth)>,
 }
@@ -59,20 +59,36 @@ impl Filming {
     }
 }
 
-/// The frames after coding as a video, which stays at `path`.
+/// Writes frames as a video; none of them leave no file.
 ///
 /// # Errors
 /// If there is no ffmpeg program or the file cannot be written.
+pub(crate) fn write_video<'a>(
+    frames: impl IntoIterator<Item = &'a Encoded>,
+    coding: VideoCoding,
+    path: &Path,
+) -> blindaug_io::Result<()> {
+    const FPS: f64 = 25.0;
+    let mut frames = frames.into_iter().peekable();
+    let Some(first) = frames.peek() else { return Ok(()) };
+    let mut video = VideoWriter::create_coded(path, first.0.size(), FPS, coding)?;
+    frames.try_for_each(|f| video.write(f))?;
+    video.finish()
+}
+
+/// The frames after coding as a video, which stays at `path`.
+///
+/// # Errors
+/// The same as those of [`write_video`], and if the video cannot be read again.
 pub(crate) fn coded(
     frames: &[Encoded],
     coding: VideoCoding,
     path: &Path,
 ) -> blindaug_io::Result<Vec<Encoded>> {
-    const FPS: f64 = 25.0;
-    let Some(first) = frames.first() else { return Ok(vec![]) };
-    let mut video = VideoWriter::create_coded(path, first.0.size(), FPS, coding)?;
-    frames.iter().try_for_each(|f| video.write(f))?;
-    video.finish()?;
+    write_video(frames, coding, path)?;
+    if frames.is_empty() {
+        return Ok(vec![]);
+    }
     let source = FrameSource::open(path, FrameRange::default())?;
     source.frames().map(|f| Ok(f?.image)).collect()
 }
@@ -84,7 +100,7 @@ mod tests {
 
     #[test]
     fn coders_change_frames_as_much_as_they_are_told_to() {
-        if std::process::Command::new("ffmpeg").arg("-version").output().is_err() {
+        if !VideoWriter::is_available() {
             eprintln!("SKIPPED: no ffmpeg program, so nothing goes through a video coder");
             return;
         }

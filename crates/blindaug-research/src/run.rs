@@ -7,8 +7,8 @@ use crate::figure::Figure;
 use crate::table::Table;
 use blindaug_io::{Error, Result, make_folder, remove_leftovers_in, write_atomically};
 use blindaug_pipeline::{Observer, Steps};
-use blindaug_report::page_with;
-use maud::{Markup, PreEscaped, html};
+use blindaug_report::{page_with, plots::in_page};
+use maud::{Markup, html};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -252,11 +252,8 @@ impl<'a> Run<'a> {
         let mut figures = vec![];
         for figure in &f.figures {
             let svg = figure.svg().map_err(|e| Error::new(&folder, e))?;
-            // Within a page, the picture's size is that of its column.
-            let inner = svg.split_once('>').map_or("", |(_, inner)| inner);
-            let size = svg.split_once("viewBox=\"").and_then(|(_, s)| s.split_once('"')).map_or("", |s| s.0);
             figures.push(html! { figure {
-                svg viewBox=(size) role="img" aria-label=(figure.caption) { (PreEscaped(inner.trim_end().trim_end_matches("</svg>"))) }
+                (in_page(&svg, figure.size(), &figure.caption))
                 figcaption { (figure.caption) " "
                     @for ending in ["svg", "pdf"] { (file(Path::new(&format!("{}.{ending}", figure.name)), &ending.to_uppercase())) " " } }
             } });

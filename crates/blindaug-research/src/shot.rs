@@ -11,7 +11,7 @@ use blindaug::synth::{defocus::Bokeh, sharpening::sharpen};
 use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Transfer};
 use blindaug_io::{Error, Result, VideoCoding};
 use blindaug_pipeline::{Networks, Silent};
-use blindaug_scenes::camera::{Camera, Setting};
+use blindaug_scenes::camera::{Camera, Setting, in_steps};
 use blindaug_scenes::measure::{Footage, Given, NoiseTruth};
 use blindaug_scenes::scene::{Exposure, Scene, TextureKind};
 use blindaug_scenes::thing::Thing;
@@ -58,8 +58,6 @@ pub(crate) struct Shot {
     pub(crate) footage: Footage,
     /// Motion, px per frame interval, from half an interval before to half an interval after the frame's time.
     pub(crate) motion: Vec<Flow>,
-    /// The noise of what is delivered.
-    pub(crate) noise: NoiseTruth,
     /// The frames on which composites are compared.
     pub(crate) compared: Vec<Compared>,
 }
@@ -99,8 +97,12 @@ impl Shot {
         let fails = |e: blindaug::Error| Error::new(video, e.to_string());
         let mut filming = Filming::new(scene.clone(), frames);
         filming.film(Camera::Physics, device.setting, seed).map_err(fails)?;
-        let mut delivered: Vec<Encoded> =
-            filming.footage.frames.iter().map(|f| eight_bits(device.processed(f))).collect();
+        let mut delivered: Vec<Encoded> = filming
+            .footage
+            .frames
+            .iter()
+            .map(|f| Encoded(device.processed(f).0.map(|p| p.map(in_steps))))
+            .collect();
         if let Some(coding) = device.coding {
             delivered = coded(&delivered, coding, video)?;
         }
@@ -128,8 +130,8 @@ impl Shot {
                 Compared { number, plate, truth, layer, area }
             })
             .collect();
-        let footage = Footage { frames: delivered, noise: Some(noise.clone()), ..filming.footage };
-        Ok(Self { footage, motion: (0..frames).map(|t| scene.motion(t as f32)).collect(), noise, compared })
+        let footage = Footage { frames: delivered, noise: Some(noise), ..filming.footage };
+        Ok(Self { footage, motion: filming.motion, compared })
     }
 
     /// The camera that is estimated from what is delivered, and nothing else.
@@ -195,10 +197,6 @@ impl Shot {
         let mean = |of: fn(&Fidelity) -> f64| all.iter().map(of).sum::<f64>() / all.len().max(1) as f64;
         Ok(Fidelity { psnr: mean(|f| f.psnr), ssim: mean(|f| f.ssim), flip: mean(|f| f.flip) })
     }
-}
-
-fn eight_bits(frame: Encoded) -> Encoded {
-    Encoded(frame.0.map(|p| p.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0)))
 }
 
 /// The scale and the offset with which `own` relative inverse depth follows from the true one, by least squares without the places

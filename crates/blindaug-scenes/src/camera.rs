@@ -103,9 +103,13 @@ impl Camera {
                 (without_noise.to_encoded(Transfer::Srgb), noisy.to_encoded(Transfer::Srgb))
             }
         };
-        let steps = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() / 255.0;
-        Ok(Filmed { frame: Encoded(noisy.0.map(|p| p.map(steps))), without_noise })
+        Ok(Filmed { frame: Encoded(noisy.0.map(|p| p.map(in_steps))), without_noise })
     }
+}
+
+/// An encoded value rounded to a step of 8 bit, in [0, 1].
+pub fn in_steps(v: f32) -> f32 {
+    (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
 
 /// The setting as a camera model.

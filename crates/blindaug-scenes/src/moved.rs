@@ -3,6 +3,7 @@
 //! A photograph is moved by whole px, so that no interpolation blurs it, and its views are averaged in light. Frames of a video that are
 //! averaged have an exposure that is known but for the video's own.
 
+use crate::camera::in_steps;
 use crate::measure::{Value, median};
 use blindaug::analysis::{cuts::cut_between, flow::FlowEstimator};
 use blindaug::{Encoded, Linear, Raster, Result, Transfer};
@@ -166,11 +167,6 @@ pub fn film(Linear(photo): &Linear, course: &Course, filming: &Filming) -> Optio
         Encoded(frame)
     };
     Some((0..filming.frames).map(frame).collect())
-}
-
-/// An encoded value rounded to a step of 8 bit.
-fn in_steps(v: f32) -> f32 {
-    (v.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
 
 /// The mean in light of successive frames.

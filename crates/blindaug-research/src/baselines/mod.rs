@@ -5,7 +5,13 @@ pub mod okumura;
 pub mod okumura_plus;
 pub mod shutter_angle;
 
+use blindaug::{Linear, Plane};
 use serde::{Deserialize, Serialize};
+
+/// The mean of the three channels.
+fn light(picture: &Linear) -> Plane {
+    picture.0.map(|p| p.iter().sum::<f32>() / 3.0)
+}
 
 /// A method that makes a composite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

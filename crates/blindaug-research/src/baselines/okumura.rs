@@ -5,6 +5,7 @@
 //! spreads every edge by `sigma_d`, and motion along `phi` spreads it by `sigma_m |cos(theta - phi)|`, so that the variance is
 //! linear in 1, cos 2 theta and sin 2 theta. The layer as a whole is blurred by that one elliptical Gaussian.
 
+use super::light;
 use blindaug::{Linear, Plane, Premultiplied, Raster};
 use blindaug_scenes::scene::RimPoint;
 
@@ -29,9 +30,7 @@ const FEWEST: usize = 12;
 /// The Gaussian that spreads the rim's edges; `None` if too few of them are seen. `reach_px` is how far on either side of the rim nothing
 /// but the disk and its board is seen.
 pub fn measure(picture: &Linear, rim: &[RimPoint], reach_px: f32) -> Option<EllipticalGaussian> {
-    let light = Plane::from_fn(picture.0.width(), picture.0.height(), |x, y| {
-        picture.0.at(x, y).iter().sum::<f32>() / 3.0
-    });
+    let light = light(picture);
     let edges: Vec<(f32, f32)> = rim
         .iter()
         .filter(|p| p.visible)

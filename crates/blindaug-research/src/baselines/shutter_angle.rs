@@ -5,6 +5,7 @@
 //! The derivative along the motion of what a box of length L has blurred is anticorrelated at the distance L: its autocorrelation has
 //! its minimum there (Yitzhaky & Kopeika 1997).
 
+use super::light;
 use blindaug::{Encoded, Flow, Plane, Transfer};
 
 /// The side of a patch and the distance of one patch from the next, px.
@@ -30,9 +31,8 @@ pub struct ShutterAngle {
 pub fn measure(frames: &[(&Encoded, &Flow)]) -> Option<ShutterAngle> {
     let mut ratios = vec![];
     for (frame, motion) in frames {
-        let linear = frame.to_linear(Transfer::Srgb);
-        let (w, h) = linear.0.size();
-        let light = Plane::from_fn(w, h, |x, y| linear.0.at(x, y).iter().sum::<f32>() / 3.0);
+        let light = light(&frame.to_linear(Transfer::Srgb));
+        let (w, h) = light.size();
         for top in (0..h.saturating_sub(PATCH - 1)).step_by(STRIDE) {
             for left in (0..w.saturating_sub(PATCH - 1)).step_by(STRIDE) {
                 ratios.extend(of_patch(&light, motion, left, top));

@@ -110,7 +110,7 @@ pub fn run(run: &Run, scale: Scale, footage: &[PathBuf]) -> Result<Findings> {
             outcome.fidelity.push(row);
             let error = |model: &CameraModel| {
                 let noise = model.noise.known()?;
-                median(noise_errors(noise, &shot.noise).into_iter().map(|e| e.1).collect())
+                median(noise_errors(noise, shot.footage.noise.as_ref()?).into_iter().map(|e| e.1).collect())
             };
             outcome.noise.push(models.iter().map(error).collect());
         }

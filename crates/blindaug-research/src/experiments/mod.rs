@@ -94,22 +94,6 @@ impl Experiment {
         }
     }
 
-    /// How much is done of an experiment that films scenes.
-    fn scale(self, quick: bool) -> Scale {
-        let full = |scenes, frames| Scale { scenes, frames, size: (512, 384) };
-        let small = |scenes, frames| Scale { scenes, frames, size: (320, 240) };
-        match (self, quick) {
-            (Self::Settings, true) => Scale { size: (256, 192), ..small(1, 4) },
-            (Self::Settings, false) => full(5, 8),
-            (Self::Cameras, true) => small(2, 4),
-            (Self::Cameras, false) => full(6, 8),
-            (Self::Qualitative, false) => full(sceneries::COUNT as u64, 24),
-            (Self::Baselines, false) => full(sceneries::COUNT as u64, 10),
-            (_, true) => small(sceneries::COUNT as u64, 6),
-            (Self::Validation | Self::Runtime, false) => full(10, 10),
-        }
-    }
-
     /// Runs the experiment, or what is left of it. `footage` are real clips, each of another camera, for [`Experiment::Cameras`].
     ///
     /// # Errors
@@ -121,11 +105,19 @@ impl Experiment {
         footage: &[PathBuf],
         networks: &mut Networks,
     ) -> Result<Findings> {
+        let all = sceneries::COUNT as u64;
+        let scale = |small: (u64, u64), full: (u64, u64)| {
+            let (scenes, frames) = if quick { small } else { full };
+            Scale { scenes, frames, size: if quick { (320, 240) } else { (512, 384) } }
+        };
         match self {
-            Self::Qualitative => qualitative::run(run, self.scale(quick)),
-            Self::Settings => settings::run(run, self.scale(quick)),
-            Self::Cameras => cameras::run(run, self.scale(quick), footage),
-            Self::Baselines => baselines::run(run, self.scale(quick), networks),
+            Self::Qualitative => qualitative::run(run, scale((all, 6), (all, 24))),
+            Self::Settings => {
+                let scale = scale((1, 4), (5, 8));
+                settings::run(run, if quick { Scale { size: (256, 192), ..scale } } else { scale })
+            }
+            Self::Cameras => cameras::run(run, scale((2, 4), (6, 8)), footage),
+            Self::Baselines => baselines::run(run, scale((all, 6), (all, 10)), networks),
             Self::Validation => {
                 let job = Job {
                     scenes: 10,

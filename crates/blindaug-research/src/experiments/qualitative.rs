@@ -2,7 +2,7 @@
 
 use super::Scale;
 use crate::fidelity::Fidelity;
-use crate::filming::coded;
+use crate::filming::write_video;
 use crate::run::{Findings, Pictures, Run};
 use crate::sceneries::{Scenery, Take};
 use crate::shot::Shot;
@@ -11,7 +11,7 @@ use crate::table::{Cell, Table};
 use blindaug::composite::{CompositeOptions, composite};
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{Encoded, Raster};
-use blindaug_io::{Error, Result, VideoCoding, write_png};
+use blindaug_io::{Error, Result, VideoCoding, VideoWriter, write_png};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -110,7 +110,10 @@ fn outcome(case: &Take, folder: &Path) -> Result<Outcome> {
         side_by_side.push(beside(&pictures));
     }
     // Without an encoder there are pictures all the same.
-    let has_video = coded(&side_by_side, VideoCoding::H264 { crf: 14 }, &video).is_ok();
+    let has_video = VideoWriter::is_available();
+    if has_video {
+        write_video(&side_by_side, VideoCoding::H264 { crf: 14 }, &video)?;
+    }
     let unknown = [
         ("noise", model.noise.why_unknown()),
         ("motion blur", model.motion_blur.why_unknown()),

@@ -4,7 +4,7 @@ use super::answers::{REAL, Task};
 use super::questionnaire::{Media, MediaFormat, Stimulus, questionnaire};
 use crate::baselines::Method;
 use crate::baselines::made::{Found, Ground, with_marker};
-use crate::filming::coded;
+use crate::filming::write_video;
 use crate::run::Run;
 use crate::sceneries::{COUNT, Scenery, Take};
 use crate::shot::Shot;
@@ -107,8 +107,8 @@ fn files_of(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Files
         if case.with_clips {
             let clip = PathBuf::from(format!("{name}.mp4"));
             let round = frames.iter().chain(frames.iter().rev());
-            let shown: Vec<Encoded> = (0..TIMES).flat_map(|_| round.clone().cloned()).collect();
-            coded(&shown, VideoCoding::H264 { crf: 18 }, &folder.join(&clip))?;
+            let shown = (0..TIMES).flat_map(|_| round.clone());
+            write_video(shown, VideoCoding::H264 { crf: 18 }, &folder.join(&clip))?;
             files.push((Task::Consistency, clip));
         }
         Ok((method.to_owned(), files))

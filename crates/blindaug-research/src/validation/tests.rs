@@ -1,5 +1,6 @@
 use super::*;
 use crate::run::Provenance;
+use blindaug_io::VideoWriter;
 use blindaug_pipeline::Silent;
 use blindaug_scenes::measure::Lens;
 use std::path::PathBuf;
@@ -81,7 +82,7 @@ fn the_estimated_camera_beats_the_naive_composite() {
 fn a_quick_run_finds_the_truth_and_goes_on_where_it_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let ffmpeg = std::process::Command::new("ffmpeg").arg("-version").output().is_ok();
+    let ffmpeg = VideoWriter::is_available();
     if !ffmpeg {
         eprintln!("SKIPPED: no ffmpeg program, so nothing goes through a video coder");
     }
