@@ -349,6 +349,19 @@ mod tests {
     }
 
     #[test]
+    fn stored_numbers_come_back_to_the_last_digit() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = Run::new(dir.path(), provenance("1"), false, &Silent).unwrap();
+        let numbers = || {
+            let all: Vec<f64> = (1..2000).map(|i| f64::from(i).sqrt().exp() / 7.0).collect();
+            let cases = vec![("numbers".to_owned(), 0)];
+            run.cases("numbers", cases, |_: &u32| Ok(all.clone())).unwrap().remove(0).1
+        };
+        assert_eq!(numbers(), numbers());
+        assert_eq!(run.counts(), [1, 2, 2]);
+    }
+
+    #[test]
     fn findings_are_written_in_every_format() {
         let dir = tempfile::tempdir().unwrap();
         let run = Run::new(dir.path(), provenance("1"), false, &Silent).unwrap();
