@@ -68,6 +68,7 @@ fn estimated(filming: &Filming) -> CameraModel {
 /// The frames of B matched to A.
 fn matched(frames: &[Encoded], b: &Filming, [from, to]: [&CameraModel; 2], no_noise: bool) -> Vec<Encoded> {
     let footage = Rendered {
+        layers: None,
         clip: Box::new(MemoryClip { frames: frames.to_vec(), fps: None }),
         depth: Some((Box::new(b.depth.clone()), DepthKind::Metric)),
         flow: None,

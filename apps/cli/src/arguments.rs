@@ -1,6 +1,7 @@
 //! Arguments that several commands have, and the parsers of their values.
 
-use blindaug::{composite::CompositeOptions, synth::defocus::Bokeh};
+use blindaug::{composite::CompositeOptions, model::ExposureFraction, synth::defocus::Bokeh};
+use blindaug_pipeline::ByHand;
 use clap::ValueEnum;
 use std::ops::RangeInclusive;
 
@@ -16,6 +17,47 @@ pub struct Style {
     /// The seed of the noise: the same seed gives the same noise
     #[arg(long, value_name = "N", default_value = "0")]
     seed: u64,
+}
+
+/// The parts of a camera that are set by hand.
+#[derive(clap::Args)]
+pub struct ByHandArgs {
+    /// The shutter angle, degrees from 0 to 360, in place of the model's exposure
+    #[arg(long, value_name = "DEGREES", value_parser = shutter_angle)]
+    shutter: Option<f32>,
+    /// The distance in focus, m, in place of the model's
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    focus: Option<f32>,
+    /// The blur at infinity (std in px of the frames), 0 to 100, in place of the model's
+    #[arg(long, value_name = "PX", value_parser = blur_std)]
+    blur: Option<f32>,
+    /// The factor of the noise's std, 0 to 100, such as x1.2
+    #[arg(long, value_name = "xN", value_parser = factor)]
+    grain: Option<f32>,
+}
+
+impl ByHandArgs {
+    /// The parts as they are applied to a camera.
+    pub fn parts(&self) -> ByHand {
+        ByHand {
+            exposure: self.shutter.map(|degrees| ExposureFraction(degrees / 360.0)),
+            focus_m: self.focus,
+            blur_px: self.blur,
+            grain: self.grain,
+        }
+    }
+}
+
+fn shutter_angle(text: &str) -> Result<f32, String> {
+    within(text, 0.0..=360.0).map(|v| v as f32)
+}
+
+fn blur_std(text: &str) -> Result<f32, String> {
+    within(text, 0.0..=100.0).map(|v| v as f32)
+}
+
+fn factor(text: &str) -> Result<f32, String> {
+    within(text.trim().trim_start_matches(['x', 'X']), 0.0..=100.0).map(|v| v as f32)
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -35,6 +77,7 @@ impl Style {
                 BokehArg::Disk => Bokeh::Disk,
             },
             seed: self.seed,
+            unclipped: false,
         }
     }
 }

@@ -2,16 +2,22 @@
 //! the difference of two cameras' on footage.
 
 use crate::estimate::{DepthArgs, boxed, open_source, opened};
-use blindaug::{composite::CompositeOptions, model::SceneScale, synth::SynthesisOptions};
-use blindaug_cli::{
-    arguments::Style,
-    console::{CONSOLE, Result, failure, note},
-    output,
+use blindaug::{
+    composite::{CompositeOptions, VirtualLayer},
+    model::{CameraTrack, DepthKind, SceneScale},
+    synth::SynthesisOptions,
 };
-use blindaug_io::{Error, FrameRange, Inputs, SideFolder, read_camera_track};
+use blindaug_cli::{
+    arguments::{ByHandArgs, Style},
+    console::{CONSOLE, Result, failure, note},
+    output::{self, Expected},
+};
+use blindaug_io::{
+    DepthFormat, Error, FileKind, FrameRange, FrameSource, Inputs, SideFolder, read_camera_track,
+};
 use blindaug_pipeline::{
-    Made, Output,
-    composite::{self, DepthMaps, Rendered, Scene, UnknownExposure, fitted_to, in_metres, naive},
+    BoxedSide, ByHand, ImageFiles, Made, Output,
+    composite::{self, DepthMaps, Product, Rendered, Scene, UnknownExposure, fitted_to, in_metres, naive},
     footage::check_match,
     matching,
 };
@@ -46,6 +52,10 @@ pub struct Composite {
     /// Paste the object as it is, without noise and blur
     #[arg(long)]
     naive: bool,
+    /// Write, instead of the composite, what it adds to the footage, for a compositing program: EXR with the distorted R G B A
+    /// (premultiplied, scene-linear), noise, holdout, Z and forward
+    #[arg(long)]
+    layer: bool,
     #[command(flatten)]
     look: Look,
 }
@@ -93,9 +103,16 @@ struct FramesArgs {
 
 #[derive(clap::Args)]
 struct OutputArgs {
-    /// A folder, which gets a PNG per frame, or a video by its extension
+    /// A folder, which gets an image per frame, or a video or one image by its extension
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
+    /// The kind of images: exr (scene-linear, not clipped), png or tiff [default: by the extension of OUT; else EXR stays EXR, PNG and TIFF
+    /// of 16 bits stay what they are, and all others become PNG of 8 bits]
+    #[arg(long, value_name = "KIND")]
+    format: Option<FileKind>,
+    /// Bits per value: 8 or 16 of png and tiff, 16 (half) or 32 (float) of exr [default: as many as the input has]
+    #[arg(long, value_name = "N")]
+    bits: Option<u8>,
     /// Make frames anew that are there already
     #[arg(long)]
     overwrite: bool,
@@ -113,10 +130,47 @@ impl OutputArgs {
         output::check(&self.output, &Inputs::of(inputs.iter().flatten()))
     }
 
-    fn open(&self, size: (usize, usize), fps: Option<f64>) -> Result<Output> {
-        let opened = output::open(&self.output, size, self.fps.or(fps), self.overwrite)?;
+    /// The files that frames made from these, or layers over them, are written to.
+    ///
+    /// # Errors
+    /// If the options contradict each other.
+    fn files(&self, source: &FrameSource, layers: bool) -> Result<ImageFiles> {
+        let by_name = FileKind::of_name(&self.output).filter(|_| Output::is_file(&self.output));
+        let asked = self.format.or(by_name);
+        if layers && (Output::is_video(&self.output) || asked.is_some_and(|kind| kind != FileKind::Exr)) {
+            return Err(failure(&self.output, "--layer writes EXR files: give a folder, or a name in .exr"));
+        }
+        if Output::is_video(&self.output) && (self.format.is_some() || self.bits.is_some()) {
+            return Err(failure(
+                &self.output,
+                "--format and --bits are for images, and this is a video; leave them out",
+            ));
+        }
+        if let (Some(name), Some(format)) = (by_name, self.format)
+            && name != format
+        {
+            let asked = format.extension();
+            return Err(failure(
+                &self.output,
+                format_args!("--format asks for {asked}, its name for another"),
+            ));
+        }
+        let kind = if layers { Some(FileKind::Exr) } else { asked };
+        let format = source.format().with(kind, self.bits);
+        let format = format.map_err(|e| failure(&self.output, e))?;
+        Ok(ImageFiles { format, heads: Box::new(source.heads()) })
+    }
+
+    /// Opens the output for frames that are made from these.
+    fn open(&self, expected: &Expected, files: ImageFiles) -> Result<Output> {
+        let opened = output::open(&self.output, expected, files, self.overwrite)?;
         output::tell_done(&self.output, &opened);
         Ok(opened)
+    }
+
+    fn expected(&self, source: &FrameSource) -> Expected {
+        let count = source.len_hint().map(|n| n as u64);
+        Expected { size: source.size(), fps: self.fps.or(source.fps()), count }
     }
 
     fn finish(&self, output: Output, made: &Made) -> Result<()> {
@@ -139,6 +193,8 @@ struct Look {
     #[arg(long, value_enum, default_value = "leave")]
     unknown: UnknownArg,
     #[command(flatten)]
+    by_hand: ByHandArgs,
+    #[command(flatten)]
     style: Style,
 }
 
@@ -151,11 +207,28 @@ enum UnknownArg {
 }
 
 impl Look {
-    fn unknown_exposure(&self) -> UnknownExposure {
-        match self.unknown {
+    /// The models of a file as they are applied to a clip.
+    fn fitted(
+        &self,
+        track: CameraTrack,
+        path: &Path,
+        clip: &dyn blindaug_pipeline::Clip,
+    ) -> Result<CameraTrack> {
+        self.fitted_with(track, path, clip, self.by_hand.parts())
+    }
+
+    fn fitted_with(
+        &self,
+        track: CameraTrack,
+        path: &Path,
+        clip: &dyn blindaug_pipeline::Clip,
+        by_hand: ByHand,
+    ) -> Result<CameraTrack> {
+        let unknown = match self.unknown {
             UnknownArg::Leave => UnknownExposure::Left,
             UnknownArg::Middle => UnknownExposure::Middle,
-        }
+        };
+        Ok(fitted_to(track, &shown(path), clip, (by_hand, unknown), CONSOLE)?)
     }
 }
 
@@ -199,21 +272,23 @@ pub fn run(args: &Composite) -> Result<()> {
     };
     let scale = args.look.scene_scale;
     let depth = args.depth.open()?.map(|(maps, kind)| DepthMaps::in_metres(Box::new(maps), kind, scale));
-    let (size, fps) = (footage.size(), footage.fps());
+    let (size, expected) = (footage.size(), args.output.expected(&footage));
+    let files = args.output.files(&footage, args.layer)?;
+    let unclipped = is_unclipped(&footage, &files);
     let depth = depth.transpose()?;
     let scene = Scene { footage: Box::new(footage), layers: Box::new(layers), depth, flow, renders };
     scene.check()?;
     let track = match &args.camera {
         Some(path) if !args.naive => {
-            let unknown = args.look.unknown_exposure();
-            let track = fitted_to(read_camera_track(path)?, &shown(path), &*scene.footage, unknown, CONSOLE);
+            let track = args.look.fitted(read_camera_track(path)?, path, &*scene.footage)?;
             in_metres(track, &shown(path), scale)?
         }
         _ => naive(size).into(),
     };
-    let mut output = args.output.open(size, fps)?;
-    let options = args.look.style.options();
-    let made = composite::composite(&scene, &track, &options, &mut output, CONSOLE)?;
+    let options = CompositeOptions { unclipped, ..args.look.style.options() };
+    let mut output = args.output.open(&expected, files)?;
+    let product = if args.layer { Product::Layer } else { Product::Composite };
+    let made = composite::composite(&scene, &track, (&options, product), &mut output, CONSOLE)?;
     args.output.finish(output, &made)
 }
 
@@ -221,16 +296,28 @@ pub fn run(args: &Composite) -> Result<()> {
 pub fn run_apply(args: &Apply) -> Result<()> {
     let Apply { input, camera, frames } = args;
     frames.check(&[input, camera])?;
-    let rendered = frames.rendered(input)?;
-    let (size, fps) = (rendered.clip.size(), rendered.clip.fps());
-    let (track, unknown) = (read_camera_track(camera)?, frames.look.unknown_exposure());
-    let track = fitted_to(track, &shown(camera), &*rendered.clip, unknown, CONSOLE);
+    let Clip { rendered, expected, files, unclipped } = frames.clip(input)?;
+    let track = frames.look.fitted(read_camera_track(camera)?, camera, &*rendered.clip)?;
     let CompositeOptions { no_noise, bokeh, seed, .. } = frames.look.style.options();
-    let options = SynthesisOptions { bokeh, no_noise, seed };
+    let options = SynthesisOptions { bokeh, no_noise, seed, unclipped };
     let job = composite::applying(rendered, (track, &shown(camera)), frames.look.scene_scale, CONSOLE)?;
-    let mut output = frames.output.open(size, fps)?;
+    let mut output = frames.output.open(&expected, files)?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     frames.output.finish(output, &made)
+}
+
+/// A clip with what is given beside it, and the files that frames made from its frames are written to.
+struct Clip {
+    rendered: Rendered,
+    expected: Expected,
+    files: ImageFiles,
+    /// Whether values above white are kept.
+    unclipped: bool,
+}
+
+/// Whether values above white are kept: if both the frames and what is made of them have such values.
+fn is_unclipped(source: &FrameSource, files: &ImageFiles) -> bool {
+    source.format().is_scene_linear() && files.format.is_scene_linear()
 }
 
 impl FramesArgs {
@@ -241,22 +328,40 @@ impl FramesArgs {
         self.output.check(&all)
     }
 
-    /// Opens a clip with the depth and the flow that are given beside it.
-    fn rendered(&self, input: &Path) -> Result<Rendered> {
+    /// Opens a clip with the depth and the flow that are given beside it. EXR frames may have their own.
+    fn clip(&self, input: &Path) -> Result<Clip> {
         let clip = open_source(input, self.output.frames)?;
+        let own = clip.exr_contents();
         let flow = match (&self.flow, self.depth.folder()) {
             (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
             (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
-            _ => None,
+            (None, None) if own.is_some_and(|own| own.flow) => Some(opened(SideFolder::flow(input)?)),
+            (None, None) => None,
         };
-        let depth = self.depth.open()?;
+        let depth = match self.depth.open()? {
+            None if own.is_some_and(|own| own.depth) => {
+                let maps = SideFolder::depth(input, DepthFormat::default())?;
+                Some((opened(maps), DepthKind::Metric))
+            }
+            given => given,
+        };
         check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
         check_match(&clip, flow.as_ref().map(|f| f as _))?;
-        Ok(Rendered {
+        let (expected, files) = (self.output.expected(&clip), self.output.files(&clip, false)?);
+        let unclipped = is_unclipped(&clip, &files);
+        let layers = match own {
+            Some(own) if own.alpha && unclipped => {
+                Some(Box::new(SideFolder::virtual_layers(input)?) as BoxedSide<VirtualLayer>)
+            }
+            _ => None,
+        };
+        let rendered = Rendered {
             clip: Box::new(clip),
+            layers,
             depth: depth.map(|(maps, kind)| (Box::new(maps) as _, kind)),
             flow: flow.map(|f| Box::new(f) as _),
-        })
+        };
+        Ok(Clip { rendered, expected, files, unclipped })
     }
 }
 
@@ -264,13 +369,11 @@ impl FramesArgs {
 pub fn run_match(args: &Match) -> Result<()> {
     let Match { input, from, to, frames } = args;
     frames.check(&[input, from, to])?;
-    let footage = frames.rendered(input)?;
-    let (size, fps) = (footage.clip.size(), footage.clip.fps());
-    let read = |path: &Path| -> Result<_> {
-        let track = read_camera_track(path)?;
-        Ok(fitted_to(track, &shown(path), &*footage.clip, frames.look.unknown_exposure(), CONSOLE))
-    };
-    let (source, target) = (read(from)?, read(to)?);
+    let Clip { rendered: footage, expected, files, .. } = frames.clip(input)?;
+    let look = &frames.look;
+    let source = look.fitted_with(read_camera_track(from)?, from, &*footage.clip, ByHand::default())?;
+    // What is set by hand is the look that is wanted.
+    let target = look.fitted(read_camera_track(to)?, to, &*footage.clip)?;
     let [target] = target.frames() else {
         return Err(failure(
             to,
@@ -280,7 +383,7 @@ pub fn run_match(args: &Match) -> Result<()> {
     let options = frames.look.style.options();
     let target = target.camera.clone();
     let job = matching::matching(footage, (source, &shown(from)), target, frames.look.scene_scale, CONSOLE)?;
-    let mut output = frames.output.open(size, fps)?;
+    let mut output = frames.output.open(&expected, files)?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     frames.output.finish(output, &made)
 }

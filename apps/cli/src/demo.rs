@@ -19,7 +19,7 @@ use blindaug_io::{
 };
 use blindaug_pipeline::{
     Footage, MemorySink,
-    composite::{self, DepthMaps, Scene},
+    composite::{self, DepthMaps, Product, Scene},
     estimate,
 };
 use blindaug_report::{Picture, ReportInput, TruthRow};
@@ -172,7 +172,13 @@ pub fn run(args: &Demo) -> Result<()> {
     let made = |model: &CameraModel, noise: bool| {
         let mut made = MemorySink::default();
         let options = CompositeOptions { no_noise: !noise, ..CompositeOptions::default() };
-        composite::composite(&scene, &model.clone().into(), &options, &mut made, CONSOLE)?;
+        composite::composite(
+            &scene,
+            &model.clone().into(),
+            (&options, Product::Composite),
+            &mut made,
+            CONSOLE,
+        )?;
         stop_if_interrupted(out)?;
         Ok::<_, Failure>(made.frames)
     };

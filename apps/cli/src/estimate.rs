@@ -5,12 +5,15 @@ use blindaug::{
     fit::{Curve, Estimation, EstimatorOptions, Family},
     model::{BlurSpace, CameraModel, DepthKind, NoiseKind, Stopped},
 };
-use blindaug_cli::console::{self, CONSOLE, Failure, Result, failure, note};
+use blindaug_cli::{
+    arguments::ByHandArgs,
+    console::{self, CONSOLE, Failure, Result, failure, note},
+};
 use blindaug_io::{
     CameraTrackWriter, DepthFormat, DepthValues, EvidenceWriter, FrameRange, FrameSource, Inputs, PaperScene,
     SideFolder, write_camera,
 };
-use blindaug_pipeline::{BoxedSide, Footage, Networks, Side, estimate, track};
+use blindaug_pipeline::{BoxedSide, ByHand, Footage, Networks, Side, estimate, track};
 use blindaug_report::{ReportInput, TrackReportInput, words};
 use clap::ValueEnum;
 use std::{
@@ -67,6 +70,8 @@ pub struct Estimate {
     /// The noise model: curves over the picture's colour with what channels and frames share, or the paper's straight lines over luminance
     #[arg(long, value_enum, default_value = "curves")]
     noise_model: NoiseModelArg,
+    #[command(flatten)]
+    by_hand: ByHandArgs,
     /// Follow the camera: a model for each frame, as JSON lines, instead of one for all
     #[arg(long, conflicts_with_all = ["clean", "evidence"])]
     track: bool,
@@ -177,6 +182,14 @@ pub fn run(args: &Estimate) -> Result<()> {
         tell_evidence(save);
     }
     let Estimation { model, diagnostics } = &fitted.estimation;
+    let model = &match args.by_hand.parts().applied(model.clone()) {
+        Ok(model) => model,
+        Err(e) => {
+            // An estimate that took long is not thrown away.
+            write_camera(&args.output, model)?;
+            return Err(failure(&args.output, format_args!("written as it was estimated, since {e}")));
+        }
+    };
     write_camera(&args.output, model)?;
     let mut text = words::words(model, &[]);
     for sentence in &diagnostics.notes {
@@ -216,6 +229,11 @@ fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
     if options.family == Family::Removal || options.curve == Curve::Quadratic {
         return Err(Failure(
             "--track looks at local spectra and fits a thin lens: leave --method and --curve out".into(),
+        ));
+    }
+    if args.by_hand.parts() != ByHand::default() {
+        return Err(Failure(
+            "--track follows the footage: set parts by hand where the track is applied".into(),
         ));
     }
     let mut networks = Networks::named(&args.network, false, CONSOLE)?;

@@ -10,11 +10,12 @@ mod inspect;
 mod live;
 mod models;
 mod reproduce;
+mod shell;
 mod study;
 mod validate;
 
 use blindaug_cli::{arguments::memory_size, console};
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use std::process::ExitCode;
 
 // Whole images are allocated and freed all the time: see the note in Cargo.toml.
@@ -49,6 +50,8 @@ enum Command {
     Study(study::Study),
     Models(models::Models),
     Live(live::Live),
+    Completions(shell::Completions),
+    Man(shell::Man),
 }
 
 fn main() -> ExitCode {
@@ -58,7 +61,10 @@ fn main() -> ExitCode {
     };
     console::begin(cli.memory);
     // The other commands end at once, or become another program.
-    if !matches!(cli.command, Command::Models(_) | Command::Inspect(_) | Command::Live(_)) {
+    if !matches!(
+        cli.command,
+        Command::Models(_) | Command::Inspect(_) | Command::Live(_) | Command::Completions(_)
+    ) {
         console::catch_signals();
     }
     let result = match &cli.command {
@@ -75,6 +81,8 @@ fn main() -> ExitCode {
         Command::Study(args) => study::run(args),
         Command::Models(args) => models::run(args),
         Command::Live(args) => live::run(args, cli.memory),
+        Command::Completions(args) => shell::completions(args, Cli::command()),
+        Command::Man(args) => shell::man(args, Cli::command()),
     };
     console::ended(result)
 }

@@ -1,42 +1,64 @@
-//! Outputs of frames: a folder of PNG files, or a video.
+//! Outputs of frames: a folder of images, one image, or a video.
 
 use crate::console::{self, Result, failure, note};
 use blindaug_io::Inputs;
-use blindaug_pipeline::{Made, Output};
+use blindaug_pipeline::{ImageFiles, Made, Output};
 use blindaug_report::words::count;
 use std::path::Path;
 
 /// The frames per second of a video that is made from images.
 pub const DEFAULT_FPS: f64 = 30.0;
 
-/// Checks, before anything is read, that a video or a folder of this name can be written and is none of the inputs, and removes the
+/// The frames that an output is opened for.
+pub struct Expected {
+    /// Width and height of each, px.
+    pub size: (usize, usize),
+    /// Frames per second, where that is known.
+    pub fps: Option<f64>,
+    /// The number of frames, where that is known.
+    pub count: Option<u64>,
+}
+
+/// Checks, before anything is read, that a video, an image or a folder of this name can be written and is none of the inputs, and removes the
 /// leftovers of earlier runs that were killed.
 ///
 /// # Errors
 /// If the output cannot be used; the sentence says why.
 pub fn check(path: &Path, inputs: &Inputs) -> Result<()> {
-    if Output::is_video(path) {
+    if Output::is_file(path) {
         return console::check_outputs(inputs, [path]);
     }
     Ok(Output::check_folder(path, inputs)?)
 }
 
-/// Opens a folder, or a video by its extension, for frames of a size. Existing frames are kept, unless `overwrite` is set.
+/// Opens a folder, or an image or a video by its extension, for frames. Existing frames of a folder are kept, unless `overwrite` is set.
 ///
 /// # Errors
-/// If a video exists already and `overwrite` is not set, or the output cannot be written.
-pub fn open(path: &Path, size: (usize, usize), fps: Option<f64>, overwrite: bool) -> Result<Output> {
-    if !Output::is_video(path) {
-        return Ok(Output::folder(path, overwrite)?);
+/// If an image or a video exists already and `overwrite` is not set, an image is to take several frames, or the output cannot be written.
+pub fn open(path: &Path, expected: &Expected, files: ImageFiles, overwrite: bool) -> Result<Output> {
+    if Output::is_video(path) {
+        let fps = expected.fps.unwrap_or_else(|| {
+            note(format_args!(
+                "{}: at {DEFAULT_FPS} frames a second, since the input does not say; --fps N for another",
+                path.display()
+            ));
+            DEFAULT_FPS
+        });
+        return Ok(Output::video(path, expected.size, fps, overwrite)?);
     }
-    let fps = fps.unwrap_or_else(|| {
-        note(format_args!(
-            "{}: at {DEFAULT_FPS} frames a second, since the input does not say; --fps N for another",
-            path.display()
-        ));
-        DEFAULT_FPS
-    });
-    Ok(Output::video(path, size, fps, overwrite)?)
+    if !Output::is_file(path) {
+        return Ok(Output::folder(path, files, overwrite)?);
+    }
+    match expected.count {
+        Some(1) => Ok(Output::image(path, files, overwrite)?),
+        n => {
+            let n = n.map_or("the input has several frames".to_owned(), |n| format!("there are {n} frames"));
+            Err(failure(
+                path,
+                format_args!("this is one image, but {n}: give a folder, or one frame by --frames N..N"),
+            ))
+        }
+    }
 }
 
 /// Prints how many frames exist already and are kept.

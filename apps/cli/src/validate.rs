@@ -15,7 +15,7 @@ pub struct Validate {
     /// A folder for the results: index.html, validate.json, and a file per case, so that a run that was stopped goes on
     #[arg(short, long, value_name = "DIR", default_value = "blindaug-validate")]
     output: PathBuf,
-    /// Scenes; each is filmed with every setting by two cameras, the project's synthesis and one of physics
+    /// Scenes; each is filmed with every setting by two cameras, the project's synthesis and one of physics, and with each noise by a third
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=1000))]
     scenes: u64,
     /// Frames of each scene; ten of ten scenes, with each of 63 settings, take about three hours on two cores

@@ -5,14 +5,14 @@ mod harm;
 mod networks;
 
 use blindaug::{
-    CameraModel,
+    CameraModel, Linear, Raster, Transfer,
     export::Target,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
         NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera, Unknown,
     },
 };
-use blindaug_io::{read_frame, write_camera};
+use blindaug_io::{FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera};
 use common::*;
 use std::{
     io::{BufRead, BufReader, Read},
@@ -526,6 +526,166 @@ fn composites_take_the_layer_s_frames_and_leave_the_others() {
     let said = fails(d, &format!("composite {frames} --virtual v --camera c.json -o out2"));
     assert!(said.contains("v: none of the numbers"), "{said}");
     assert!(!d.join("out2").exists());
+}
+
+/// The largest difference of two pictures in linear light, as a share of the brighter one or of 0.01.
+fn differs(a: &Linear, b: &Linear) -> f32 {
+    let pairs = a.0.data().iter().flatten().zip(b.0.data().iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs() / a.max(*b).max(0.01)).fold(0.0, f32::max)
+}
+
+/// The relative error of a half float, twice over.
+const HALF: f32 = 2.0 / 2048.0;
+
+#[test]
+fn exr_stays_exr_and_keeps_light_above_white() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_camera(d.join("c.json"), &camera(272, 272, DepthKind::Metric)).unwrap();
+    // The demo's frames, two stops brighter.
+    std::fs::create_dir(d.join("f")).unwrap();
+    let exr = FrameFormat::PNG8.with(Some(FileKind::Exr), None).unwrap();
+    for n in 2..4 {
+        let light = read_linear(asset(&format!("frames/000{n}.png"))).unwrap();
+        let bright = Linear(light.0.map(|p| p.map(|v| 4.0 * v))).to_encoded(Transfer::Srgb);
+        exr.write(&d.join(format!("f/000{n}.exr")), &bright, None, None).unwrap();
+    }
+    let layers = asset("virtual");
+    let virtual_and_camera = format!("--virtual {} --camera c.json", layers.display());
+    succeeds(d, &format!("composite f {virtual_and_camera} -o out"));
+    assert_eq!(files_in(&d.join("out")), ["0002.exr", "0003.exr"]);
+    let plate = read_linear(d.join("f/0002.exr")).unwrap();
+    let made = read_linear(d.join("out/0002.exr")).unwrap();
+    let same = plate
+        .0
+        .data()
+        .iter()
+        .zip(made.0.data())
+        .filter(|(a, b)| (0..3).all(|c| (a[c] - b[c]).abs() <= HALF * a[c]));
+    let brightest = made.0.data().iter().flatten().copied().fold(0.0, f32::max);
+    let pixels = 272 * 272;
+    assert!((pixels / 4..pixels).contains(&same.count()) && brightest > 2.0, "{brightest}");
+    // What it adds, over the plate, is the composite.
+    succeeds(d, &format!("composite f {virtual_and_camera} -o apart --layer --no-noise"));
+    succeeds(d, &format!("composite f {virtual_and_camera} -o quiet --no-noise"));
+    let layer = read_virtual_layer(d.join("apart/0002.exr")).unwrap();
+    let over = Linear(Raster::from_fn(272, 272, |x, y| {
+        let (l, f) = (layer.color.0.at(x, y), plate.0.at(x, y));
+        std::array::from_fn(|c| l[c] + (1.0 - l[3]) * f[c])
+    }));
+    let quiet = read_linear(d.join("quiet/0002.exr")).unwrap();
+    // Alpha is rounded too, so that the error is a share of the plate's light, where that is brighter.
+    let worst = (0..272 * 272)
+        .flat_map(|i| (0..3).map(move |c| (i, c)))
+        .map(|(i, c)| {
+            let [a, b, f] = [&over, &quiet, &plate].map(|p| p.0.data()[i][c]);
+            (a - b).abs() / b.max(f).max(0.01)
+        })
+        .fold(0.0, f32::max);
+    assert!(worst < 2.0 * HALF, "{worst}");
+    assert!(differs(&plate, &quiet) > 0.1, "the object changes the plate");
+    assert!(layer.inverse_depth.is_some() && layer.flow.is_some());
+    // One frame may be a file.
+    let f = format!("composite f {virtual_and_camera}");
+    let said = fails(d, &format!("{f} -o one.exr"));
+    assert!(said.contains("one.exr: this is one image, but there are 2 frames: give a folder"), "{said}");
+    succeeds(d, &format!("{f} -o one.exr --frames 2..2"));
+    assert_eq!(std::fs::read(d.join("one.exr")).unwrap(), std::fs::read(d.join("out/0002.exr")).unwrap());
+    assert!(fails(d, &format!("{f} -o one.exr --frames 2..2")).contains("this is there already"));
+    // Other formats.
+    succeeds(d, &format!("{f} -o png --format png --frames 2..2"));
+    let deep = read_frame(d.join("png/0002.png")).unwrap();
+    let off_steps = |v: f32| (v * 255.0 - (v * 255.0).round()).abs() > 0.01;
+    assert!(deep.0.data().iter().flatten().any(|v| off_steps(*v)), "16 bits hold what 8 do not");
+    for (options, says) in [
+        ("-o x --bits 8", "EXR files have 16 or 32 bits per value, not 8"),
+        ("-o x.mp4 --format exr", "--format and --bits are for images"),
+        ("-o x.png --frames 2..2 --format exr", "--format asks for exr, its name for another"),
+        ("-o x --layer --format png", "--layer writes EXR files"),
+        ("-o x.mp4 --layer", "--layer writes EXR files"),
+    ] {
+        let said = fails(d, &format!("{f} {options}"));
+        assert!(said.contains(says), "{options}: {said}");
+        assert!(["x", "x.mp4", "x.png"].iter().all(|x| !d.join(x).exists()), "{options}");
+    }
+}
+
+#[test]
+fn parts_of_a_camera_are_set_by_hand() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let mut model = camera(272, 272, DepthKind::Relative);
+    model.motion_blur = Estimate::unknown(Reason::NoMotion, "nothing moves");
+    write_camera(d.join("c.json"), &model).unwrap();
+    let mut same = camera(272, 272, DepthKind::Metric);
+    same.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.25)));
+    same.defocus = Estimate::Known(DefocusModel::given_lens(3.0, 0.5));
+    write_camera(d.join("same.json"), &same).unwrap();
+    let f = format!("composite {} --frames 2..2 --camera", demo_arguments());
+    let by_hand = "--shutter 90 --focus 2 --blur 3";
+    let said = text(&run(d, &format!("{f} c.json {by_hand} -o hand")).stderr);
+    assert!(said.contains("1 frame written") && !said.contains("unknown"), "{said}");
+    succeeds(d, &format!("{f} same.json -o file"));
+    let read = |folder: &str| read_frame(d.join(folder).join("0002.png")).unwrap();
+    assert_eq!(read("hand"), read("file"));
+    succeeds(d, &format!("{f} c.json {by_hand} --grain x3 -o grainy"));
+    assert_ne!(read("hand"), read("grainy"));
+    // The model's lens has no metres, so that its focus alone cannot be set.
+    let said = fails(d, &format!("{f} c.json --focus 2 -o none"));
+    assert!(said.contains("c.json: its lens is not known in metres"), "{said}");
+    // An estimate writes what is set, as given.
+    succeeds(d, &format!("estimate {} --frames 2..3 --shutter 180 -o e.json", asset("frames").display()));
+    let written = std::fs::read_to_string(d.join("e.json")).unwrap();
+    let written = CameraModel::from_json(&written).unwrap();
+    let shutter = written.motion_blur.known().unwrap();
+    assert_eq!((shutter.exposure.0, shutter.method), (0.5, Method::Given));
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let script = succeeds(d, "completions bash");
+    assert!(script.contains("--scene-scale") && script.contains("reproduce"), "{script}");
+    succeeds(d, "man -o pages");
+    let pages = files_in(&d.join("pages"));
+    for page in ["blindaug.1", "blindaug-estimate.1", "blindaug-study-make.1"] {
+        assert!(pages.contains(&page.to_owned()), "{pages:?}");
+    }
+    let page = std::fs::read_to_string(d.join("pages/blindaug-composite.1")).unwrap();
+    assert!(page.contains("premultiplied"), "{page}");
+}
+
+#[test]
+fn apply_takes_the_depth_and_the_motion_of_exr_frames() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let mut model = camera(272, 272, DepthKind::Metric);
+    model.noise = Estimate::unknown(Reason::Flat, "");
+    write_camera(d.join("c.json"), &model).unwrap();
+    let rendered = asset("virtual");
+    let rendered = rendered.display();
+    let said = text(&run(d, &format!("apply {rendered} --camera c.json -o own --frames 2..2")).stderr);
+    assert!(said.contains("depth in metres") && !said.contains("without depth"), "{said}");
+    succeeds(
+        d,
+        &format!(
+            "apply {rendered} --depth {rendered} --flow {rendered} --camera c.json -o given --frames 2..2"
+        ),
+    );
+    let [own, given] = ["own", "given"].map(|f| read_linear(d.join(f).join("0002.exr")).unwrap());
+    assert_eq!(own, given);
+    // Alpha is blurred as the colour is.
+    let [sharp, soft] =
+        [asset("virtual/0002.exr"), d.join("own/0002.exr")].map(|p| read_virtual_layer(p).unwrap());
+    let partly = |l: &blindaug_io::VirtualLayerFile| {
+        l.color.0.data().iter().filter(|p| (0.02..0.98).contains(&p[3])).count()
+    };
+    assert!(partly(&soft) > 2 * partly(&sharp), "{} and {}", partly(&soft), partly(&sharp));
+    let sum = |l: &blindaug_io::VirtualLayerFile| l.color.0.data().iter().map(|p| p[3]).sum::<f32>();
+    assert!((sum(&soft) / sum(&sharp) - 1.0).abs() < 0.1, "{} and {}", sum(&soft), sum(&sharp));
+    assert!(soft.color.0.data().iter().all(|p| p[3] > 0.0 || p[..3] == [0.0; 3]));
+    assert!(differs(&own, &read_linear(asset("virtual/0002.exr")).unwrap()) > 0.1, "it is blurred");
 }
 
 #[test]

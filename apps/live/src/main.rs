@@ -14,12 +14,12 @@ use blindaug::composite::CompositeOptions;
 use blindaug_cli::{
     arguments::{Style, memory_size, within},
     console::{self, Failure, Result, failure, note},
-    output::{self, DEFAULT_FPS},
+    output::{self, DEFAULT_FPS, Expected},
 };
 use blindaug_gpu::{Gpu, Quality};
-use blindaug_io::{FrameSource, Inputs};
+use blindaug_io::{FrameFormat, FrameSource, Inputs};
 use blindaug_pipeline::{
-    Made,
+    ImageFiles, Made,
     live::{Home, Pinhole},
 };
 use clap::Parser;
@@ -162,7 +162,9 @@ fn run(args: &Live) -> Result<()> {
     };
     // The stage is made before the output, so that no output is left if there is no device.
     let stage = scene.stage()?;
-    let mut output = output::open(path, scene.source.size(), scene.fps, args.overwrite)?;
+    let expected = Expected { size: scene.source.size(), fps: scene.fps, count: Some(frames) };
+    let files = ImageFiles::plain(FrameFormat::PNG8);
+    let mut output = output::open(path, &expected, files, args.overwrite)?;
     if output.has_frames() {
         return Err(failure(
             path,

@@ -1,4 +1,4 @@
-//! Reading channels of EXR files, which are found by the names that different programs give them.
+//! Reading channels of EXR files, which are found by the names that different programs give them, and writing EXR files.
 
 use crate::{
     Error, Result,
@@ -6,16 +6,26 @@ use crate::{
     files::open_file,
     limits::{DEFLATE_RATIO, check_length, check_size, is_exr, pixels_in_words},
     memory,
+    partial::write_atomically,
 };
 use ::exr::{
     block::{self, reader::ChunksReader},
     compression::Compression,
+    image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, write::WritableImage as _},
     math::Vec2,
-    meta::{BlockDescription, attribute::SampleType, header::Header},
+    meta::{
+        BlockDescription,
+        attribute::{IntegerBounds, SampleType},
+        header::{Header, ImageAttributes, LayerAttributes},
+    },
     prelude::f16,
 };
-use blindaug::{Flow, Linear, Plane, Premultiplied, Raster};
-use std::{fs::File, io::BufReader, path::Path};
+use blindaug::{Flow, Linear, Plane, Premultiplied, Raster, composite::DistortedLayer};
+use std::{
+    fs::File,
+    io::{BufReader, BufWriter, Write as _},
+    path::Path,
+};
 
 /// The largest finite 16-bit float. Brighter values are clamped to it, so that sums over a renderer's fireflies stay finite.
 const BRIGHTEST: f32 = 65_504.0;
@@ -23,11 +33,16 @@ const BRIGHTEST: f32 = 65_504.0;
 /// The metric depth, m, from which on a pixel shows nothing (renderers write 1e10 for their background).
 const FARTHEST: f32 = 1e9;
 
+/// The depth, m, that is written where there is nothing, as renderers do.
+const NOTHING: f32 = 1e10;
+
 /// The kinds of channels in an EXR file, of those that blindaug reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExrContents {
     /// Whether there are channels `R`, `G` and `B`.
     pub colour: bool,
+    /// Whether there is a channel `A` beside them.
+    pub alpha: bool,
     /// Whether there is depth: a channel `Z`, Blender's `Depth.V`, or a single channel.
     pub depth: bool,
     /// Whether there is optical flow: channels `forward.u` and `forward.v`, or Blender's Vector pass.
@@ -51,8 +66,10 @@ pub struct VirtualLayerFile {
 /// If the file is missing, damaged or no EXR.
 pub fn exr_contents(path: impl AsRef<Path>) -> Result<ExrContents> {
     let file = open(path.as_ref())?;
+    let colour = file.colour();
     Ok(ExrContents {
-        colour: file.colour().is_some(),
+        colour: colour.is_some(),
+        alpha: colour.is_some_and(|rgb| file.alpha(&rgb).is_some()),
         depth: file.depth().is_some(),
         flow: file.flow().is_some(),
     })
@@ -95,6 +112,123 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         inverse_depth: depth.map(|_| planes[4].map(inverse_of_metric)),
         flow: flow.map(|f| f.join(&rest[0], &rest[1])),
     })
+}
+
+/// What the head of an EXR file says beside its channels: timecode, chromaticities, pixel aspect, the place of the display window, and
+/// what programs wrote there of their own.
+#[derive(Clone, Debug)]
+pub struct ExrHead {
+    image: ImageAttributes,
+    layer: LayerAttributes,
+}
+
+impl ExrHead {
+    /// Reads the head of an EXR file.
+    ///
+    /// # Errors
+    /// If the file is missing, damaged or no EXR.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let file = open(path)?;
+        let first = file.reader.headers().first().ok_or_else(|| Error::damaged(path, "it has no layer"))?;
+        let (image, layer) = (first.shared_attributes.clone(), first.own_attributes.clone());
+        Ok(Self { image, layer: LayerAttributes { layer_name: None, ..layer } })
+    }
+}
+
+/// Whether the channels `R`, `G` and `B` are half floats.
+pub(crate) fn colour_is_half(path: &Path) -> Result<bool> {
+    let file = open(path)?;
+    let channels = file.colour().ok_or_else(|| file.lacks("channels R, G and B"))?;
+    Ok(channels.iter().all(|&i| {
+        let channel = &file.channels[i];
+        file.reader.headers()[channel.header].channels.list[channel.index].sample_type == SampleType::F16
+    }))
+}
+
+/// A channel to write: its name, the bits of a value, 16 (half) or 32 (float), and the values, row by row from the top left.
+pub(crate) struct Written {
+    pub(crate) name: &'static str,
+    pub(crate) bits: u8,
+    pub(crate) values: Vec<f32>,
+}
+
+/// Writes channels, compressed without loss (ZIP). The data window is the display window.
+///
+/// # Errors
+/// If the file cannot be written; no part of it is left.
+pub(crate) fn write(
+    path: &Path,
+    size: (usize, usize),
+    channels: impl IntoIterator<Item = Written>,
+    head: Option<&ExrHead>,
+) -> Result<()> {
+    let channels = channels.into_iter().map(|Written { name, bits, values }| {
+        let samples = match bits {
+            16 => FlatSamples::F16(values.into_iter().map(half).collect()),
+            _ => FlatSamples::F32(values),
+        };
+        AnyChannel::new(name, samples)
+    });
+    let channels = AnyChannels::sort(channels.collect());
+    let size = Vec2(size.0, size.1);
+    let (mut image, mut layer) = match head {
+        Some(head) => (head.image.clone(), head.layer.clone()),
+        None => (ImageAttributes::new(IntegerBounds::from_dimensions(size)), LayerAttributes::default()),
+    };
+    image.display_window.size = size;
+    layer.layer_position = image.display_window.position;
+    let layer = Layer::new(size, layer, Encoding::SMALL_LOSSLESS, channels);
+    let image = Image::new(image, layer);
+    write_atomically(path, |partial| {
+        let mut file = BufWriter::new(File::create(partial)?);
+        image.write().to_buffered(&mut file).map_err(|e| match e {
+            ::exr::error::Error::Io(e) => e,
+            e => std::io::Error::other(e),
+        })?;
+        file.flush()
+    })
+}
+
+/// Writes a distorted layer as an EXR file for a compositing program: `R G B A` premultiplied and scene-linear, `noise.R noise.G noise.B`,
+/// `holdout.A`, `Z` in metres (1e10 where there is nothing), and `forward.u forward.v` in px. Over the frame in linear light, colour and
+/// alpha give the composite without noise, to which the noise is added. `bits` are those of colour, noise and holdout, 16 or 32; the others
+/// are floats.
+///
+/// # Errors
+/// If the file cannot be written; no part of it is left.
+pub fn write_distorted_layer(
+    path: impl AsRef<Path>,
+    layer: &DistortedLayer,
+    bits: u8,
+    head: Option<&ExrHead>,
+) -> Result<()> {
+    fn of<const N: usize>(
+        names: [&'static str; N],
+        image: &Raster<[f32; N]>,
+        bits: u8,
+    ) -> impl Iterator<Item = Written> {
+        (0..N).map(move |c| {
+            let values = image.data().iter().map(|p| p[c]).collect();
+            Written { name: names[c], bits, values }
+        })
+    }
+    let far = |d: f32| if d > 1.0 / NOTHING { 1.0 / d } else { NOTHING };
+    let z = layer.inverse_depth.data().iter().map(|d| far(*d)).collect();
+    let plain = [
+        Written { name: "holdout.A", bits, values: layer.holdout.data().to_vec() },
+        Written { name: "Z", bits: 32, values: z },
+    ];
+    let channels = of(["R", "G", "B", "A"], &layer.color.0, bits)
+        .chain(of(["noise.R", "noise.G", "noise.B"], &layer.noise, bits))
+        .chain(of(["forward.u", "forward.v"], &layer.flow, 32))
+        .chain(plain);
+    write(path.as_ref(), layer.color.0.size(), channels, head)
+}
+
+/// The nearest half float; what is too large becomes the largest.
+fn half(v: f32) -> f16 {
+    f16::from_f32(v.clamp(-BRIGHTEST, BRIGHTEST))
 }
 
 /// Width and height of the display window, px.

@@ -1,4 +1,4 @@
-//! Reading frames from image files, and writing PNG files.
+//! Reading frames from image files, and writing PNG and TIFF files.
 
 use crate::{
     Error, Result,
@@ -11,7 +11,9 @@ use crate::{
 };
 use ::image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader,
-    Limits, codecs::png::PngEncoder, metadata::Orientation,
+    Limits,
+    codecs::{png::PngEncoder, tiff::TiffEncoder},
+    metadata::Orientation,
 };
 use blindaug::{Encoded, Linear, Plane, Raster, Transfer};
 use std::{
@@ -62,6 +64,14 @@ pub(crate) fn frame_size(path: &Path) -> Result<(usize, usize)> {
 /// Whether an image has colour channels, from the head of its file.
 pub(crate) fn has_colour(path: &Path) -> Result<bool> {
     with_decoder(path, |decoder, _| Ok(decoder.color_type().has_color()))
+}
+
+/// The bits of a value, 8, 16 or 32, from the head of an image's file.
+pub(crate) fn decoded_bits(path: &Path) -> Result<u8> {
+    with_decoder(path, |decoder, _| {
+        let color = decoder.color_type();
+        Ok((8 * u16::from(color.bytes_per_pixel()) / u16::from(color.channel_count())) as u8)
+    })
 }
 
 /// The pixels as they are stored, and the orientation in which to show them.
@@ -357,6 +367,20 @@ pub fn write_png16(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
     write_png_of(path.as_ref(), frame.0.size(), &bytes, ExtendedColorType::Rgb16)
 }
 
+/// Writes a frame as a TIFF of 8 or of 16 bits per value; values are clipped to [0, 1] and rounded to the nearest.
+///
+/// # Errors
+/// If the file cannot be written; no part of it is left.
+pub(crate) fn write_tiff(path: &Path, frame: &Encoded, bits: u8) -> Result<()> {
+    let (bytes, color) = match bits {
+        8 => (bytes_of(&frame.0), ExtendedColorType::Rgb8),
+        _ => (bytes16_of(frame.0.data().as_flattened()), ExtendedColorType::Rgb16),
+    };
+    write_image(path, frame.0.size(), |file, width, height| {
+        TiffEncoder::new(file).write_image(&bytes, width, height, color)
+    })
+}
+
 /// Writes values in [0, 1] as a grey PNG of 16 bits; NaN becomes 0.
 ///
 /// # Errors
@@ -374,16 +398,22 @@ fn bytes16_of(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
 }
 
-fn write_png_of(
+fn write_png_of(path: &Path, size: (usize, usize), bytes: &[u8], color: ExtendedColorType) -> Result<()> {
+    write_image(path, size, |file, width, height| {
+        PngEncoder::new(file).write_image(bytes, width, height, color)
+    })
+}
+
+/// Lets `encode` write an image of this width and height, px.
+fn write_image(
     path: &Path,
     (width, height): (usize, usize),
-    bytes: &[u8],
-    color: ExtendedColorType,
+    encode: impl FnOnce(&mut BufWriter<File>, u32, u32) -> std::result::Result<(), ImageError>,
 ) -> Result<()> {
     let (width, height) = (width as u32, height as u32);
     write_atomically(path, |partial| {
         let mut file = BufWriter::new(File::create(partial)?);
-        PngEncoder::new(&mut file).write_image(bytes, width, height, color).map_err(|e| match e {
+        encode(&mut file, width, height).map_err(|e| match e {
             ImageError::IoError(e) => e,
             e => std::io::Error::other(e),
         })?;

@@ -9,13 +9,13 @@
 //! | camera.json | | [`read_camera`], [`write_camera`] |
 //! | a camera for each frame | JSON lines | [`read_camera_track`], [`CameraTrackWriter`] |
 //! | frames | PNG, JPEG, TIFF, BMP, PNM, EXR | [`read_frame`], [`read_linear`] |
-//! | virtual layers | EXR | [`read_virtual_layer`] |
+//! | virtual layers | EXR | [`read_virtual_layer`], [`write_distorted_layer`] |
 //! | depth | EXR, PNG, PGM, TIFF | [`read_inverse_depth`] |
 //! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
 //! | frames' depth, flow, layers | folders, by number | [`SideFolder`] |
 //! | evidence of an estimate | the paper's layout | [`PaperScene`], [`EvidenceWriter`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
-//! | frames out | PNG | [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
+//! | frames out | PNG, TIFF, EXR | [`FrameFormat::write`]; [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
 //!
 //! The `ffmpeg` program reads cameras and decodes videos. Without ffmpeg, a built-in decoder reads H.264 in MP4. The environment
@@ -29,6 +29,7 @@ mod exr;
 mod ffmpeg;
 mod files;
 mod flow;
+mod format;
 mod image;
 mod limits;
 pub mod memory;
@@ -48,10 +49,13 @@ pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result, guarded, one_line};
 pub use evidence::{EvidenceWriter, PaperScene};
-pub use exr::{ExrContents, VirtualLayerFile, exr_contents, read_virtual_layer};
+pub use exr::{
+    ExrContents, ExrHead, VirtualLayerFile, exr_contents, read_virtual_layer, write_distorted_layer,
+};
 pub use ffmpeg::{VideoCoding, VideoWriter};
 pub use files::{Inputs, open_file, read_file, read_text, same_file};
 pub use flow::{read_flow, write_flo};
+pub use format::{FileKind, FrameFormat};
 pub use image::{PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE};
 pub use partial::{

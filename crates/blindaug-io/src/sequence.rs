@@ -1,7 +1,7 @@
 //! Frames in order, from a folder of numbered images, one image, a video or a camera.
 
 use crate::{
-    Error, Result, exr,
+    Error, ExrContents, ExrHead, FrameFormat, Result, exr,
     files::{check_regular, has_extension},
     image::{frame_size, has_colour, read_frame},
     limits::is_exr,
@@ -68,6 +68,7 @@ pub struct FrameSource {
     path: PathBuf,
     range: FrameRange,
     size: (usize, usize),
+    format: FrameFormat,
     kind: Kind,
     notes: Vec<String>,
 }
@@ -92,7 +93,7 @@ impl FrameSource {
         let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
         check_regular(path, &metadata)?;
         let mut notes = Vec::new();
-        let (kind, size) = if metadata.is_dir() {
+        let (kind, size, format) = if metadata.is_dir() {
             let mut files = frame_files(path, &mut notes)?;
             let (low, high) = (files.first().map(|f| f.0), files.last().map(|f| f.0));
             files.retain(|(number, _)| range.contains(*number));
@@ -104,8 +105,8 @@ impl FrameSource {
                 ));
             };
             notes.extend(missing_numbers(files.iter().map(|f| f.0)));
-            let size = frame_size(first)?;
-            (Kind::Images(files), size)
+            let (size, format) = (frame_size(first)?, FrameFormat::of_file(first)?);
+            (Kind::Images(files), size, format)
         } else if has_extension(path, &IMAGE_EXTENSIONS)
             || has_extension(path, &["pgm", "pnm"])
             || is_exr(path)?
@@ -117,14 +118,14 @@ impl FrameSource {
                     format!("no frame in {range} (this one image is number {number})"),
                 ));
             }
-            (Kind::Images(vec![(number, path.into())]), frame_size(path)?)
+            (Kind::Images(vec![(number, path.into())]), frame_size(path)?, FrameFormat::of_file(path)?)
         } else {
             let video = Video::open(path)?;
             let size = video.size();
             notes.extend(video.notes().iter().cloned());
-            (Kind::Video(Box::new(video)), size)
+            (Kind::Video(Box::new(video)), size, FrameFormat::PNG8)
         };
-        Ok(Self { path: path.into(), range, size, kind, notes })
+        Ok(Self { path: path.into(), range, size, format, kind, notes })
     }
 
     /// Opens a camera: `name` is its number, or the name by which ffmpeg lists it (on Windows always the name). Its frames have no end.
@@ -135,7 +136,8 @@ impl FrameSource {
         let path = PathBuf::from(format!("camera:{name}"));
         let video = Video::open_camera(&path, name)?;
         let (size, notes) = (video.size(), video.notes().to_vec());
-        Ok(Self { path, range: FrameRange::default(), size, kind: Kind::Video(Box::new(video)), notes })
+        let kind = Kind::Video(Box::new(video));
+        Ok(Self { path, range: FrameRange::default(), size, format: FrameFormat::PNG8, kind, notes })
     }
 
     /// The path of the file or folder, or `camera:` and the camera's name.
@@ -146,6 +148,32 @@ impl FrameSource {
     /// Width and height of every frame, px.
     pub fn size(&self) -> (usize, usize) {
         self.size
+    }
+
+    /// The format in which frames that are made from these are written: as precise as the first frame's file, see [`FrameFormat`]. Frames of
+    /// a video have 8 bits.
+    pub fn format(&self) -> FrameFormat {
+        self.format
+    }
+
+    /// The kinds of channels in the first frame's file, if that is an EXR file.
+    pub fn exr_contents(&self) -> Option<ExrContents> {
+        match &self.kind {
+            Kind::Images(files) if self.format.is_scene_linear() => {
+                files.first().and_then(|(_, first)| crate::exr_contents(first).ok())
+            }
+            _ => None,
+        }
+    }
+
+    /// The heads of the frames' files, if they are EXR files.
+    pub fn heads(&self) -> impl Fn(u64) -> Option<ExrHead> + Send + use<> {
+        let files: BTreeMap<u64, PathBuf> = match &self.kind {
+            Kind::Images(files) if self.format.is_scene_linear() => files.iter().cloned().collect(),
+            _ => BTreeMap::new(),
+        };
+        // A file without a head that can be read is no frame, which is said when it is read as one.
+        move |number| ExrHead::read(files.get(&number)?).ok()
     }
 
     /// Frames per second, if the input gives them; images do not.

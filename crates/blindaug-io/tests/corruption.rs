@@ -257,7 +257,10 @@ fn blender_s_names_and_data_windows() {
     ];
     // The data window lies partly outside the display window on the left, and inside it below.
     write_channels(&path, (5, 4), (-1, 1), &channels);
-    assert_eq!(exr_contents(&path).unwrap(), ExrContents { colour: true, depth: true, flow: true });
+    assert_eq!(
+        exr_contents(&path).unwrap(),
+        ExrContents { colour: true, alpha: true, depth: true, flow: true }
+    );
     let layer = read_virtual_layer(&path).unwrap();
     assert_eq!(layer.color.0.size(), (5, 4));
     assert_eq!(layer.color.0.at(0, 1), [2.0, 3.0, 4.0, 0.5]);

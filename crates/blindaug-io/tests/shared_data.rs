@@ -27,7 +27,10 @@ fn a_rendered_clip_s_geometry_and_layer() {
     assert!(frame.0.data().iter().flatten().all(|v| (0.0..=1.0).contains(v)));
 
     let geometry = clip.join("clean/0003.exr");
-    assert_eq!(exr_contents(&geometry).unwrap(), ExrContents { colour: false, depth: true, flow: true });
+    assert_eq!(
+        exr_contents(&geometry).unwrap(),
+        ExrContents { colour: false, alpha: false, depth: true, flow: true }
+    );
     let depth = read_inverse_depth(&geometry, DepthFormat::default()).unwrap();
     assert!(depth.data().iter().all(|d| d.is_nan() || (0.01..10.0).contains(d)));
     let flow = read_flow(&geometry).unwrap();

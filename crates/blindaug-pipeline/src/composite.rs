@@ -1,16 +1,18 @@
 //! Virtual layers over the frames of a clip, and a camera's distortions on whole frames.
 
 use crate::{
-    Error, Result,
+    ByHand, Error, Result,
     estimate::of_frame,
     footage::{BoxedSide, Clip, check_match},
     frames::{DEPTH, FLOW, FRAME, Made, Neighbours, Sink, check_memory, for_each_frame},
     observer::Observer,
 };
 use blindaug::{
-    CameraModel, Encoded, Flow, Frame, Linear, Plane, Transfer,
-    composite::{self, CompositeOptions, Plate, VirtualLayer},
-    model::{CameraTrack, Capture, DepthKind, Distortion, Estimate, MotionBlurModel, Reason, SceneScale},
+    CameraModel, Encoded, Flow, Frame, Linear, Plane, Premultiplied, Raster, Transfer,
+    composite::{self, CompositeOptions, DistortedLayer, Plate, VirtualLayer},
+    model::{
+        BlurSpace, CameraTrack, Capture, DepthKind, Distortion, Estimate, MotionBlurModel, Reason, SceneScale,
+    },
     synth::{self, SynthesisOptions, distorted_strips},
 };
 use std::collections::BTreeSet;
@@ -18,6 +20,10 @@ use std::collections::BTreeSet;
 /// Bytes per pixel of a virtual layer while it is read, and of a pair of renders with their linear light.
 const LAYER: u64 = 56;
 const RENDERS: u64 = 48;
+/// Bytes per pixel of a frame with alpha while it is distorted: in light, with and without noise, and its coverage.
+const WITH_ALPHA: u64 = 64;
+/// Bytes per pixel of a distorted layer and of its channels as they are written.
+const DISTORTED_LAYER: u64 = 88;
 
 /// A camera that distorts nothing.
 pub fn naive((width, height): (usize, usize)) -> CameraModel {
@@ -79,14 +85,18 @@ pub enum UnknownExposure {
     Middle,
 }
 
-/// Scales the models to a clip's frames, and tells the observer which distortions are not applied. Messages call the models `name`.
+/// Scales the models to a clip's frames, sets the parts that are set by hand, and tells the observer which distortions are not applied.
+/// Messages call the models `name`.
+///
+/// # Errors
+/// If a part cannot be set by hand: see [`ByHand::applied`].
 pub fn fitted_to(
     track: CameraTrack,
     name: &str,
     clip: &dyn Clip,
-    unknown: UnknownExposure,
+    (by_hand, unknown): (ByHand, UnknownExposure),
     observer: &dyn Observer,
-) -> CameraTrack {
+) -> Result<CameraTrack> {
     let (width, height) = clip.size();
     let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
     if (w, h) != (width, height) {
@@ -101,6 +111,12 @@ pub fn fitted_to(
         }
     }
     let mut track = track.map(|m| m.scaled_to(width, height));
+    for frame in track.frames() {
+        let applied = by_hand.applied(frame.camera.clone());
+        applied.map_err(|error| Error::Clip { clip: name.into(), error })?;
+    }
+    // It was just seen to succeed for every frame.
+    track = track.map(|m| by_hand.applied(m.clone()).unwrap_or(m));
     if unknown == UnknownExposure::Middle {
         track = with_middle_exposure(track, observer);
     }
@@ -109,7 +125,7 @@ pub fn fitted_to(
             observer.warning(&format!("{name}: {} is unknown and not applied: {why}", distortion.name()));
         }
     }
-    track
+    Ok(track)
 }
 
 /// The models with the middle of the exposures that fit in place of an unknown exposure.
@@ -242,6 +258,16 @@ struct Around {
     renders: Option<[Linear; 2]>,
 }
 
+/// What is made of each frame of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Product {
+    /// The composite.
+    #[default]
+    Composite,
+    /// What the composite adds to the frame, apart, for a compositing program.
+    Layer,
+}
+
 /// Composites every frame of a scene that the sink does not have yet.
 ///
 /// # Errors
@@ -249,7 +275,7 @@ struct Around {
 pub fn composite(
     scene: &Scene,
     track: &CameraTrack,
-    options: &CompositeOptions,
+    (options, product): (&CompositeOptions, Product),
     sink: &mut dyn Sink,
     observer: &dyn Observer,
 ) -> Result<Made> {
@@ -266,14 +292,18 @@ pub fn composite(
     // The result is in memory beside the frames that are read.
     let frames = if applied.finds_flow { 4 * FRAME } else { 2 * FRAME };
     let shadows = if renders.is_some() { RENDERS + FLOW } else { 0 };
-    let given = frames + LAYER + shadows + if depth.is_some() { DEPTH } else { 0 };
+    let apart = if product == Product::Layer { DISTORTED_LAYER } else { 0 };
+    let given = frames + LAYER + apart + shadows + if depth.is_some() { DEPTH } else { 0 };
     check_memory(clip, given, applied.finds_flow, 0)?;
     let finds_flow = applied.finds_flow;
     let made = for_each_frame("compositing", clip, sink, finds_flow, observer, |frame, neighbours, sink| {
         let number = frame.number;
         let Some(layer) = layers.get(number, clip.size())? else {
             without_layer += 1;
-            return sink.put(&frame.image.0);
+            return match product {
+                Product::Composite => sink.put(&frame.image.0),
+                Product::Layer => sink.put_layer(&DistortedLayer::empty(clip.size())),
+            };
         };
         let around = scene.around(frame, neighbours, &layer, &applied, &mut missing)?;
         let plate = Plate {
@@ -287,7 +317,13 @@ pub fn composite(
         let of_frame = |e| of_frame(clip, number, e);
         let work = composite::bytes_beside(&plate, &layer, &model, options).map_err(of_frame)?;
         check_memory(clip, given, false, work)?;
-        sink.put(&composite::composite(&plate, &layer, &model, options).map_err(of_frame)?.0)
+        match product {
+            Product::Composite => {
+                sink.put(&composite::composite(&plate, &layer, &model, options).map_err(of_frame)?.0)
+            }
+            Product::Layer => sink
+                .put_layer(&composite::distorted_layer(&plate, &layer, &model, options).map_err(of_frame)?),
+        }
     })?;
     Ok(Made { without_layer, ..made })
 }
@@ -296,6 +332,8 @@ pub fn composite(
 pub struct Rendered {
     /// The clip.
     pub clip: Box<dyn Clip>,
+    /// The frames with their alpha, if they have it and it is to be kept: their colour is then premultiplied.
+    pub layers: Option<BoxedSide<VirtualLayer>>,
     /// Inverse depth and its kind.
     pub depth: Option<(BoxedSide<Plane>, DepthKind)>,
     /// Optical flow to the next frame, px; estimated if not given.
@@ -305,6 +343,7 @@ pub struct Rendered {
 /// The application of a camera's distortions to a rendered clip, with depth and lens in one unit.
 pub struct Application {
     clip: Box<dyn Clip>,
+    layers: Option<BoxedSide<VirtualLayer>>,
     depth: Option<DepthMaps>,
     flow: Option<BoxedSide<Flow>>,
     track: CameraTrack,
@@ -322,7 +361,7 @@ pub fn applying(
     scale: Option<SceneScale>,
     observer: &dyn Observer,
 ) -> Result<Application> {
-    let Rendered { clip, depth, flow } = rendered;
+    let Rendered { clip, layers, depth, flow } = rendered;
     let (depth, track) = match (depth, track.depth_kind()) {
         (Some((maps, DepthKind::Relative)), Some(DepthKind::Relative)) => {
             // Depth and model are taken to be in the same unit, whatever it is.
@@ -348,8 +387,10 @@ pub fn applying(
     let finds_flow = moving && flow.is_none() && clip.len_hint() != Some(1);
     let given = if finds_flow { 3 * FRAME } else { FRAME } + if moving { FLOW } else { 0 };
     let work = synth::bytes_beside(clip.size(), depth.is_some());
-    check_memory(&*clip, given + if depth.is_some() { DEPTH } else { 0 }, finds_flow, work)?;
-    Ok(Application { clip, depth, flow, track, moving })
+    let with_alpha = if layers.is_some() { LAYER + WITH_ALPHA } else { 0 };
+    let given = given + with_alpha + if depth.is_some() { DEPTH } else { 0 };
+    check_memory(&*clip, given, finds_flow, work)?;
+    Ok(Application { clip, layers, depth, flow, track, moving })
 }
 
 impl Application {
@@ -363,7 +404,7 @@ impl Application {
         sink: &mut dyn Sink,
         observer: &dyn Observer,
     ) -> Result<Made> {
-        let Self { clip, depth, flow, track, moving } = self;
+        let Self { clip, layers, depth, flow, track, moving } = self;
         let (clip, moving) = (&**clip, *moving);
         let mut missing = Missing::new(observer);
         let neighbours = moving && flow.is_none();
@@ -382,11 +423,55 @@ impl Application {
             let no_depth = depth.is_some() && inverse_depth.is_none();
             missing.check(no_depth, number, "no depth", "the object is not defocused");
             let model = track.at(number);
+            let layer = match layers {
+                Some(layers) => layers.get(number, size)?,
+                None => None,
+            };
+            if let Some(VirtualLayer { color, .. }) = layer {
+                let evidence = (inverse_depth.as_ref(), flow.as_ref());
+                let distorted = distorted_with_alpha(&color, &model, evidence, options, number);
+                let (frame, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
+                sink.put(&frame.0)?;
+                return sink.put_alpha(&alpha);
+            }
             distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
                 .map_err(|e| of_frame(clip, number, e))?
                 .try_for_each(|strip| sink.put(&strip))
         })
     }
+}
+
+/// A premultiplied frame as the camera would have filmed it, and its alpha, which is blurred in light like its colour. There is as much
+/// noise as alpha.
+fn distorted_with_alpha(
+    frame: &Premultiplied,
+    model: &CameraModel,
+    (inverse_depth, flow): (Option<&Plane>, Option<&Flow>),
+    options: &SynthesisOptions,
+    number: u64,
+) -> blindaug::Result<(Encoded, Plane)> {
+    let distorted = |light: &Linear, model: &CameraModel, options: &SynthesisOptions| {
+        synth::distort_frame(light, model, inverse_depth, flow, options, number)
+    };
+    let quiet = SynthesisOptions { no_noise: true, ..*options };
+    let mut lens = model.clone();
+    lens.blur_space = BlurSpace::Linear;
+    lens.sharpening = Estimate::unknown(Reason::NotEstimated, "coverage is not sharpened");
+    let coverage = Linear(frame.0.map(|p| [p[3]; 3]));
+    let coverage = distorted(&coverage, &lens, &quiet)?.to_linear(model.transfer);
+    let alpha = coverage.0.map(|p| p[0].clamp(0.0, 1.0));
+    let light = Linear(frame.0.map(|[r, g, b, _]| [r, g, b]));
+    let clean = distorted(&light, model, &quiet)?;
+    if options.no_noise || model.noise.known().is_none() {
+        return Ok((clean, alpha));
+    }
+    let [clean, noisy] = [clean, distorted(&light, model, options)?].map(|f| f.to_linear(model.transfer));
+    let (width, height) = alpha.size();
+    let mixed = Linear(Raster::from_fn(width, height, |x, y| {
+        let (a, c, n) = (alpha.at(x, y), clean.0.at(x, y), noisy.0.at(x, y));
+        std::array::from_fn(|i| c[i] + a * (n[i] - c[i]))
+    }));
+    Ok((mixed.to_encoded(model.transfer), alpha))
 }
 
 #[cfg(feature = "files")]

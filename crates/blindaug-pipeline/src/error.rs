@@ -44,6 +44,8 @@ pub enum Error {
         /// The output's name.
         name: String,
     },
+    /// An output that takes frames alone was given a layer.
+    NoLayers,
     /// Two networks, or a network and what is given, are for the same place.
     Networks(String),
 }
@@ -78,6 +80,9 @@ impl fmt::Display for Error {
                  again with depth in metres"
             ),
             Self::AlreadyThere { name } => write!(f, "{name}: this is there already; give another name"),
+            Self::NoLayers => f.write_str(
+                "layers are written to EXR files alone: give a folder, or a name that ends in .exr",
+            ),
             Self::Networks(sentence) => f.write_str(sentence),
         }
     }

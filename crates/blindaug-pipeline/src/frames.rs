@@ -1,12 +1,12 @@
 //! The loop that makes a frame from each frame of a clip.
 
 use crate::{
-    Result,
+    Error, Result,
     estimate::of_frame,
     footage::Clip,
     observer::{Observer, Steps},
 };
-use blindaug::{Encoded, Flow, Frame, Raster, analysis};
+use blindaug::{Encoded, Flow, Frame, Plane, Raster, analysis, composite::DistortedLayer};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes per pixel of a frame, of flow, and of depth.
@@ -32,6 +32,24 @@ pub trait Sink {
     /// # Errors
     /// If the rows cannot be kept.
     fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()>;
+
+    /// Takes the alpha by which the frame's colour is premultiplied; by default it is left out.
+    ///
+    /// # Errors
+    /// If alpha cannot be kept.
+    fn put_alpha(&mut self, alpha: &Plane) -> Result<()> {
+        let _ = alpha;
+        Ok(())
+    }
+
+    /// Takes the frame's virtual layer, distorted, in place of the frame itself.
+    ///
+    /// # Errors
+    /// If the layer cannot be kept; by default it cannot.
+    fn put_layer(&mut self, layer: &DistortedLayer) -> Result<()> {
+        let _ = layer;
+        Err(Error::NoLayers)
+    }
 
     /// Completes the frame.
     ///

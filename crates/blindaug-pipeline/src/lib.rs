@@ -19,7 +19,7 @@
 //! ```
 //! use blindaug::composite::{CompositeOptions, VirtualLayer};
 //! use blindaug::{Encoded, Plane, Premultiplied, Raster};
-//! use blindaug_pipeline::{Footage, MemoryClip, MemorySink, Silent, composite, track};
+//! use blindaug_pipeline::{Footage, MemoryClip, MemorySink, Silent, composite, composite::Product, track};
 //! use std::collections::BTreeMap;
 //!
 //! let frames: Vec<Encoded> = (0..3)
@@ -46,7 +46,8 @@
 //!     renders: None,
 //! };
 //! let mut made = MemorySink::default();
-//! composite::composite(&scene, &tracked.track, &CompositeOptions::default(), &mut made, &Silent)?;
+//! let options = (&CompositeOptions::default(), Product::Composite);
+//! composite::composite(&scene, &tracked.track, options, &mut made, &Silent)?;
 //! assert_eq!(made.frames.len(), 3);
 //! # Ok::<(), blindaug_pipeline::Error>(())
 //! ```
@@ -77,6 +78,7 @@ assert!(html.contains("A folder"));
 "#
 )]
 
+mod by_hand;
 pub mod composite;
 mod error;
 pub mod estimate;
@@ -94,6 +96,7 @@ pub mod timing;
 pub mod track;
 mod window;
 
+pub use by_hand::ByHand;
 pub use error::{Error, Result};
 pub use footage::{BoxedSide, Clip, Footage, MemoryClip, Side};
 pub use frames::{Made, MemorySink, Sink};
@@ -102,4 +105,4 @@ pub use networks::Networks;
 pub use observer::{Observer, Silent, Steps};
 pub use operators::{EvidenceSink, Operators};
 #[cfg(feature = "files")]
-pub use output::Output;
+pub use output::{ImageFiles, Output};

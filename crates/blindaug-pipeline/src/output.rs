@@ -1,55 +1,82 @@
-//! The output of frames into files: a folder of PNG files, or a video.
+//! The output of frames into files: a folder of images, one image, or a video.
 
 use crate::{
     Error, Result,
     frames::{Sink, whole},
 };
-use blindaug::{Encoded, Raster};
+use blindaug::{Encoded, Plane, Raster, composite::DistortedLayer};
 use blindaug_io::{
-    Error as FileError, Inputs, PngWriter, VideoWriter, check_folder, is_stream, make_folder,
-    remove_leftovers_in,
+    Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, PngWriter, VideoWriter, check_folder,
+    is_stream, make_folder, remove_leftovers_in, write_distorted_layer,
 };
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
 };
 
-/// The output of a job: a folder of PNG files, or a video.
+/// The output of a job: a folder of images, one image, or a video.
 pub struct Output {
     path: PathBuf,
     kind: Kind,
     begun: Option<Begun>,
 }
 
+/// What the files of images hold beside the frames: their format, and the heads of EXR files by the frame's number.
+pub struct ImageFiles {
+    /// The format of each file.
+    pub format: FrameFormat,
+    /// The head of an EXR file that the frame of this number is made from.
+    pub heads: Box<dyn Fn(u64) -> Option<ExrHead> + Send>,
+}
+
+impl ImageFiles {
+    /// Files of this format, whose heads say nothing.
+    pub fn plain(format: FrameFormat) -> Self {
+        Self { format, heads: Box::new(|_| None) }
+    }
+}
+
 enum Kind {
     Folder {
+        files: ImageFiles,
         /// The numbers of the frames that exist already.
         done: BTreeSet<u64>,
         /// Whether the folder was made by this run.
         is_new: bool,
     },
+    Image(ImageFiles),
     Video(VideoWriter),
 }
 
 /// A frame that was begun.
 enum Begun {
     Png(Box<PngWriter>),
-    /// The width, and the pixels so far.
-    Whole(usize, Vec<[f32; 3]>),
+    Whole {
+        number: u64,
+        width: usize,
+        /// The pixels so far.
+        pixels: Vec<[f32; 3]>,
+        alpha: Option<Plane>,
+        /// The layer that is written in place of the pixels.
+        layer: Option<Box<DistortedLayer>>,
+    },
 }
 
 impl Output {
     /// Checks, before anything is read, that a folder of this name can be written and that no inputs in it would be replaced, and removes
-    /// the leftovers of earlier runs that were killed. Videos are files: see [`Output::is_video`].
+    /// the leftovers of earlier runs that were killed. Videos and single images are files: see [`Output::is_file`].
     ///
     /// # Errors
     /// If the folder cannot be used; the sentence says why.
     pub fn check_folder(path: &Path, inputs: &Inputs) -> Result<()> {
         if path.exists() && !path.is_dir() {
-            let sentence = "this is a file; give a folder, or a video by its extension (mp4)";
+            let sentence =
+                "this is a file; give a folder, an image (exr, png, tif) or a video (mp4) by its extension";
             return Err(FileError::new(path, sentence).into());
         }
-        let is_frame = |name: &str| number_of_png(name).is_some();
+        let is_frame = |name: &str| {
+            FileKind::of_name(Path::new(name)).is_some_and(|kind| number_of(name, kind).is_some())
+        };
         inputs.check_output_folder(path, is_frame)?;
         check_folder(path)?;
         remove_leftovers_in(path, is_frame);
@@ -61,26 +88,39 @@ impl Output {
         VideoWriter::is_video(path)
     }
 
+    /// Whether a name is that of a video or of an image, by its extension, and no folder has it.
+    pub fn is_file(path: &Path) -> bool {
+        (Self::is_video(path) || FileKind::of_name(path).is_some()) && !path.is_dir()
+    }
+
     /// An output into a video of `fps` frames per second. An existing file is replaced only with `overwrite`.
     ///
     /// # Errors
     /// [`Error::AlreadyThere`], or if the file cannot be written.
     pub fn video(path: &Path, size: (usize, usize), fps: f64, overwrite: bool) -> Result<Self> {
-        if path.exists() && !is_stream(path) && !overwrite {
-            return Err(Error::AlreadyThere { name: FileError::shown_path(path) });
-        }
+        check_new(path, overwrite)?;
         let video = VideoWriter::create(path, size, fps)?;
         Ok(Self { path: path.into(), kind: Kind::Video(video), begun: None })
     }
 
-    /// An output into a folder of PNG files, which is made with the first frame if it does not exist. Frames that are in it already are
-    /// kept, unless `overwrite` is set.
+    /// An output of the only frame of a job into an image. An existing file is replaced only with `overwrite`.
+    ///
+    /// # Errors
+    /// [`Error::AlreadyThere`].
+    pub fn image(path: &Path, files: ImageFiles, overwrite: bool) -> Result<Self> {
+        check_new(path, overwrite)?;
+        Ok(Self { path: path.into(), kind: Kind::Image(files), begun: None })
+    }
+
+    /// An output into a folder of images, which is made with the first frame if it does not exist. Frames of the same kind of file that
+    /// are in it already are kept, unless `overwrite` is set.
     ///
     /// # Errors
     /// If the folder cannot be read.
-    pub fn folder(path: &Path, overwrite: bool) -> Result<Self> {
-        let done = if overwrite || !path.exists() { BTreeSet::new() } else { numbers_of_pngs(path)? };
-        Ok(Self { path: path.into(), kind: Kind::Folder { done, is_new: false }, begun: None })
+    pub fn folder(path: &Path, files: ImageFiles, overwrite: bool) -> Result<Self> {
+        let there = || numbers_there(path, files.format.kind());
+        let done = if overwrite || !path.exists() { BTreeSet::new() } else { there()? };
+        Ok(Self { path: path.into(), kind: Kind::Folder { files, done, is_new: false }, begun: None })
     }
 
     /// Whether the output is a folder with earlier frames that are kept.
@@ -105,8 +145,16 @@ impl Output {
     pub fn finish(self) -> Result<()> {
         match self.kind {
             Kind::Video(video) => Ok(video.finish()?),
-            Kind::Folder { .. } => Ok(()),
+            Kind::Folder { .. } | Kind::Image(_) => Ok(()),
         }
+    }
+}
+
+/// Fails if a file is there already that is not to be replaced.
+fn check_new(path: &Path, overwrite: bool) -> Result<()> {
+    match path.exists() && !is_stream(path) && !overwrite {
+        true => Err(Error::AlreadyThere { name: FileError::shown_path(path) }),
+        false => Ok(()),
     }
 }
 
@@ -114,20 +162,29 @@ impl Sink for Output {
     fn done(&self) -> BTreeSet<u64> {
         match &self.kind {
             Kind::Folder { done, .. } => done.clone(),
-            Kind::Video(_) => BTreeSet::new(),
+            Kind::Image(_) | Kind::Video(_) => BTreeSet::new(),
         }
     }
 
     fn begin(&mut self, number: u64, size @ (width, height): (usize, usize)) -> Result<()> {
-        self.begun = Some(match &mut self.kind {
-            Kind::Folder { is_new, .. } => {
-                if !self.path.exists() {
-                    make_folder(&self.path)?;
-                    *is_new = true;
-                }
-                Begun::Png(Box::new(PngWriter::create(self.path.join(png_name(number)), size)?))
+        if let Kind::Folder { is_new, .. } = &mut self.kind
+            && !self.path.exists()
+        {
+            make_folder(&self.path)?;
+            *is_new = true;
+        }
+        self.begun = Some(match &self.kind {
+            Kind::Folder { files, .. } if files.format == FrameFormat::PNG8 => {
+                let path = self.path.join(file_name(number, FileKind::Png));
+                Begun::Png(Box::new(PngWriter::create(path, size)?))
             }
-            Kind::Video(_) => Begun::Whole(width, Vec::with_capacity(width * height)),
+            _ => Begun::Whole {
+                number,
+                width,
+                pixels: Vec::with_capacity(width * height),
+                alpha: None,
+                layer: None,
+            },
         });
         Ok(())
     }
@@ -135,21 +192,54 @@ impl Sink for Output {
     fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()> {
         match &mut self.begun {
             Some(Begun::Png(png)) => png.write(rows.data())?,
-            Some(Begun::Whole(_, pixels)) => pixels.extend_from_slice(rows.data()),
+            Some(Begun::Whole { pixels, .. }) => pixels.extend_from_slice(rows.data()),
             None => {}
         }
         Ok(())
     }
 
+    fn put_alpha(&mut self, of_frame: &Plane) -> Result<()> {
+        if let Some(Begun::Whole { alpha, .. }) = &mut self.begun {
+            *alpha = Some(of_frame.clone());
+        }
+        Ok(())
+    }
+
+    fn put_layer(&mut self, of_frame: &DistortedLayer) -> Result<()> {
+        let takes_layers = match &self.kind {
+            Kind::Folder { files, .. } | Kind::Image(files) => files.format.kind() == FileKind::Exr,
+            Kind::Video(_) => false,
+        };
+        match &mut self.begun {
+            Some(Begun::Whole { layer, .. }) if takes_layers => *layer = Some(Box::new(of_frame.clone())),
+            _ => return Err(Error::NoLayers),
+        }
+        Ok(())
+    }
+
     fn end(&mut self) -> Result<()> {
-        match (self.begun.take(), &mut self.kind) {
-            (Some(Begun::Png(png)), _) => png.finish()?,
-            (Some(Begun::Whole(width, pixels)), Kind::Video(video)) => {
-                let frame = whole(width, pixels)
-                    .map_err(|error| Error::Clip { clip: FileError::shown_path(&self.path), error })?;
-                video.write(&frame)?;
+        let (number, width, pixels, alpha, layer) = match self.begun.take() {
+            Some(Begun::Whole { number, width, pixels, alpha, layer }) => {
+                (number, width, pixels, alpha, layer)
             }
-            _ => {}
+            Some(Begun::Png(png)) => return Ok(png.finish()?),
+            None => return Ok(()),
+        };
+        let frame = whole(width, pixels)
+            .map_err(|error| Error::Clip { clip: FileError::shown_path(&self.path), error })?;
+        let write = |path: &Path, files: &ImageFiles| {
+            let head = (files.heads)(number);
+            match &layer {
+                Some(layer) => write_distorted_layer(path, layer, files.format.bits(), head.as_ref()),
+                None => files.format.write(path, &frame, alpha.as_ref(), head.as_ref()),
+            }
+        };
+        match &mut self.kind {
+            Kind::Video(video) => video.write(&frame)?,
+            Kind::Image(files) => write(&self.path, files)?,
+            Kind::Folder { files, .. } => {
+                write(&self.path.join(file_name(number, files.format.kind())), files)?;
+            }
         }
         Ok(())
     }
@@ -163,18 +253,20 @@ impl Sink for Output {
     }
 }
 
-fn png_name(number: u64) -> String {
-    format!("{number:04}.png")
+/// The name of a frame's file.
+fn file_name(number: u64, kind: FileKind) -> String {
+    format!("{number:04}.{}", kind.extension())
 }
 
-/// The numbers of the frames that have been written to a folder.
-fn numbers_of_pngs(folder: &Path) -> Result<BTreeSet<u64>> {
+/// The numbers of the frames that have been written to a folder in files of this kind.
+fn numbers_there(folder: &Path, kind: FileKind) -> Result<BTreeSet<u64>> {
     let cannot = |e| FileError::new(folder, format!("the folder cannot be read ({e})"));
     let entries = folder.read_dir().map_err(cannot)?;
-    Ok(entries.filter_map(|e| number_of_png(e.ok()?.file_name().to_str()?)).collect())
+    Ok(entries.filter_map(|e| number_of(e.ok()?.file_name().to_str()?, kind)).collect())
 }
 
-/// The number of a frame whose file has this name.
-fn number_of_png(name: &str) -> Option<u64> {
-    name.strip_suffix(".png")?.parse().ok().filter(|&n| png_name(n) == name)
+/// The number of a frame whose file of this kind has this name.
+fn number_of(name: &str, kind: FileKind) -> Option<u64> {
+    let (stem, _) = name.rsplit_once('.')?;
+    stem.parse().ok().filter(|&n| file_name(n, kind) == name)
 }

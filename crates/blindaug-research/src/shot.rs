@@ -178,7 +178,8 @@ impl Shot {
         model: &CameraModel,
         naive: bool,
     ) -> blindaug::Result<Encoded> {
-        let options = CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
+        let options =
+            CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, ..CompositeOptions::default() };
         composite(&self.plate(of.number, &of.plate), &of.layer, model, &options)
     }
 

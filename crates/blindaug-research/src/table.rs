@@ -29,7 +29,7 @@ pub enum Cell {
     Number(f64, usize),
     /// A mean with its standard deviation and the number of samples, with so many digits.
     Spread(Mean, usize),
-    /// A number with its 95 % interval, with so many digits.
+    /// A number with its 95 % interval, or a median with its quartiles, with so many digits.
     Interval(f64, [f64; 2], usize),
     /// A probability of a test; very small ones are shown with an exponent.
     Probability(f64),

@@ -1,4 +1,5 @@
-//! Two cameras that film a scene with known numbers: the project's own synthesis, and one made of physics alone.
+//! Cameras that film a scene with known numbers: the project's own synthesis, with its own noise or with that of the paper's validation,
+//! and one made of physics alone.
 
 use crate::scene::{Exposure, Scene};
 use blindaug::model::{
@@ -7,7 +8,7 @@ use blindaug::model::{
 use blindaug::synth::{self, defocus::Bokeh, noise};
 use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, Transfer};
 use rand::{SeedableRng, rngs::StdRng};
-use rand_distr::{Distribution, Normal, Poisson};
+use rand_distr::{Distribution, Normal, Poisson, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 /// The kinds of cameras that film a scene.
@@ -16,6 +17,9 @@ use serde::{Deserialize, Serialize};
 pub enum Camera {
     /// The sharp frame, distorted by `synth`: what is fitted is what was applied, as in the paper.
     Synthesis,
+    /// As [`Camera::Synthesis`], but with the noise of the paper's validation: white and Gaussian, of the std k_readout + k_shot sqrt(I) at
+    /// an encoded value I.
+    Heteroscedastic,
     /// Many pinhole views averaged over the lens and the shutter; photons counted and read in light, then the transfer curve.
     Physics,
 }
@@ -29,7 +33,8 @@ pub struct Setting {
     pub lens: Option<(f32, f32)>,
     /// Std of the noise at an encoded value of 0.5, in encoded values.
     pub noise: f32,
-    /// The share of the noise that does not depend on the light, in [0, 1]: of the std for the synthesis, of the variance for physics.
+    /// The share of the noise at an encoded value of 0.5 that does not depend on the light, in [0, 1]: of the variance for physics, of the
+    /// std for the others.
     pub readout: f32,
     /// The time from the first row to the last one of a rolling shutter, as [`Exposure::readout`]; the synthesis, which has no such
     /// distortion, takes all rows at once.
@@ -58,19 +63,22 @@ impl Camera {
         setting: &Setting,
         seed: u64,
     ) -> Result<Filmed> {
+        // The seed of the frame's own noise.
+        let of_frame = seed.wrapping_mul(1_000_003).wrapping_add(time);
         let (without_noise, noisy) = match self {
-            Self::Synthesis => {
+            Self::Synthesis | Self::Heteroscedastic => {
                 let model = model(sharp.0.size(), setting);
-                let options = synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed };
+                let options =
+                    synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed, unclipped: false };
                 let clean =
                     synth::distort_frame(sharp, &model, Some(inverse_depth), Some(motion), &options, time)?;
-                let noise = model.noise.known().map(|m| noise::noise(m, &clean.0, seed, time));
-                let noisy = match noise {
+                let noise = model.noise.known().filter(|_| self == Self::Synthesis);
+                let noisy = match noise.map(|m| noise::noise(m, &clean.0, seed, time)) {
                     Some(n) => Encoded(Raster::from_fn(clean.0.width(), clean.0.height(), |x, y| {
                         let (v, n) = (clean.0.at(x, y), n.at(x, y));
                         std::array::from_fn(|c| v[c] + n[c])
                     })),
-                    None => clean.clone(),
+                    None => heteroscedastic(&clean, setting, of_frame),
                 };
                 (clean, noisy)
             }
@@ -99,7 +107,7 @@ impl Camera {
                         (Linear(Raster::from_fn(a.0.width(), a.0.height(), mean)), b)
                     }
                 };
-                let noisy = counted(&light, setting, seed.wrapping_mul(1_000_003).wrapping_add(time));
+                let noisy = counted(&light, setting, of_frame);
                 (without_noise.to_encoded(Transfer::Srgb), noisy.to_encoded(Transfer::Srgb))
             }
         };
@@ -133,6 +141,19 @@ pub fn model((width, height): (usize, usize), setting: &Setting) -> CameraModel 
     });
     model.noise = Estimate::Known(NoiseModel::given(levels, 1.0));
     model
+}
+
+/// The frame with white Gaussian noise of the std k_readout + k_shot sqrt(I) at an encoded value I, the same in all channels.
+fn heteroscedastic(frame: &Encoded, setting: &Setting, seed: u64) -> Encoded {
+    let readout = setting.noise * setting.readout;
+    let shot = setting.noise * (1.0 - setting.readout) / 0.5f32.sqrt();
+    let mut rng = StdRng::seed_from_u64(seed);
+    let mut noisy = frame.clone();
+    for v in noisy.0.data_mut().as_flattened_mut() {
+        let n: f32 = StandardNormal.sample(&mut rng);
+        *v += n * (readout + shot * v.max(0.0).sqrt());
+    }
+    noisy
 }
 
 /// The light as a sensor measures it: photons are counted (Poisson) and read with an error (Gaussian).
@@ -173,6 +194,29 @@ mod tests {
         let stored = stored.into_iter().chain([("rolling_shutter", 0.3)]);
         let setting = Setting::deserialize(MapDeserializer::<_, Error>::new(stored)).unwrap();
         assert_eq!(setting.rolling_shutter, 0.3);
+    }
+
+    #[test]
+    fn heteroscedastic_noise_has_the_paper_s_std() {
+        let scene = Scene::new(4, (160, 120));
+        let sharp = scene.picture(0.0, Exposure::default(), 0);
+        let (depth, motion) = (scene.inverse_depth(0.0), scene.motion(0.0));
+        let setting = Setting { exposure: 0.0, lens: None, noise: 0.02, readout: 0.4, rolling_shutter: 0.0 };
+        let filmed = Camera::Heteroscedastic.film(&scene, 0, (&sharp, &depth, &motion), &setting, 5).unwrap();
+        // Squares of noise over what they should be, apart for dark and for bright values; nothing is clipped in between.
+        let mut ratios = [vec![], vec![]];
+        for (n, c) in filmed.frame.0.data().iter().zip(filmed.without_noise.0.data()) {
+            for (n, c) in n.iter().zip(c).filter(|(_, c)| (0.1..0.9).contains(*c)) {
+                let std = 0.02 * (0.4 + 0.6 * (c / 0.5).sqrt());
+                // The steps of 8 bit add the variance of a uniform distribution.
+                ratios[usize::from(*c > 0.4)]
+                    .push((n - c).powi(2) / (std * std + 1.0 / (12.0 * 255.0 * 255.0)));
+            }
+        }
+        for part in ratios {
+            let mean = part.iter().sum::<f32>() / part.len() as f32;
+            assert!(part.len() > 4000 && (mean - 1.0).abs() < 0.06, "{mean} of {}", part.len());
+        }
     }
 
     #[test]

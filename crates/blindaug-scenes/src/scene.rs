@@ -9,7 +9,7 @@
 
 use crate::thing::{LAMP, Marker, Path, Thing, lit};
 use blindaug::composite::VirtualLayer;
-use blindaug::{Flow, Linear, Plane, Premultiplied, Raster};
+use blindaug::{Flow, Linear, Pixel, Plane, Premultiplied, Raster};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use std::f32::consts::TAU;
 use std::sync::Arc;
@@ -481,6 +481,36 @@ impl Scene {
     /// The picture that is taken at time `t` (in frames). Through a lens each pixel has its own views, as in a path tracer: their limited
     /// number leaves white noise, which differs between seeds. The same views for all pixels would leave gaps that look like sharp texture.
     pub fn picture(&self, t: f32, exposure: Exposure, seed: u64) -> Linear {
+        Linear(
+            self.mean_of_views(t, exposure, seed, |now, direction, apart| self.light(now, direction, apart)),
+        )
+    }
+
+    /// A thing that the camera takes alone at time `t`, with its shutter and its lens: premultiplied colour in linear light, as pictures
+    /// before a black and before a white backdrop give it (Smith & Blinn 1996). The scene gives the camera's pose only.
+    pub fn cutout(&self, thing: &Thing, t: f32, exposure: Exposure, seed: u64) -> Premultiplied {
+        let alone = Self { surfaces: vec![], things: vec![thing.clone()], ..self.clone() };
+        Premultiplied(alone.mean_of_views(t, exposure, seed, |now, direction, apart| {
+            if alone.hit(now, direction).is_none() {
+                return [0.0; 4];
+            }
+            let [r, g, b] = alone.light(now, direction, apart);
+            [r, g, b, 1.0]
+        }))
+    }
+
+    /// The mean over a pixel's views of what `of` gives for the view's time and direction. Its last argument is the distance of the
+    /// pixel's rays, px, at an inverse depth.
+    fn mean_of_views<const N: usize>(
+        &self,
+        t: f32,
+        exposure: Exposure,
+        seed: u64,
+        of: impl Fn(&Instant, V3, &dyn Fn(f32) -> f32) -> [f32; N] + Sync,
+    ) -> Raster<[f32; N]>
+    where
+        [f32; N]: Pixel,
+    {
         let (width, height) = self.size;
         let along = self.along(t, exposure);
         // At once, all rows have the same views; one after the other, each row has its own, of its own time.
@@ -504,17 +534,18 @@ impl Scene {
                 let each = if exposure.lens.is_some() { views.len() / pool } else { views.len() };
                 let first = if each == views.len() { 0 } else { hash(seed, (y * width + x) as u64) };
                 let first = (first % views.len() as u64) as usize;
-                let mut sum = [0.0; 3];
+                let mut sum = [0.0; N];
                 for v in views.iter().cycle().skip(first).take(each) {
                     let place = [x as f32 + v.pixel[0], y as f32 + v.pixel[1]];
                     let direction = self.direction(&v.instant.camera, place[0], place[1], v.tilt);
-                    sum = add(sum, self.light(&v.instant, direction, apart));
+                    let value = of(&v.instant, direction, &apart);
+                    sum = std::array::from_fn(|c| sum[c] + value[c]);
                 }
-                scaled(sum, 1.0 / each as f32)
+                sum.map(|s| s * (1.0 / each as f32))
             });
             pixels.extend_from_slice(part.data());
         }
-        Linear(Raster::from_vec(width, height, pixels).expect("as many as pixels"))
+        Raster::from_vec(width, height, pixels).expect("as many as pixels")
     }
 
     /// A thing rendered alone at time `t`: through a pinhole, in an instant. It may be one that is in the scene or one that is not.

@@ -369,8 +369,12 @@ mod tests {
             flow: Some(&motion),
             with_and_without: None,
         };
-        let options =
-            CompositeOptions { naive, no_noise: true, bokeh: blindaug::synth::defocus::Bokeh::Disk, seed: 0 };
+        let options = CompositeOptions {
+            naive,
+            no_noise: true,
+            bokeh: blindaug::synth::defocus::Bokeh::Disk,
+            ..CompositeOptions::default()
+        };
         composite(&plate, &layer, model, &options).unwrap()
     }
 

@@ -13,7 +13,7 @@
 
 use crate::model::{CameraModel, NoiseModel, SharpeningModel};
 use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
-use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter};
+use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, Transfer, filter};
 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
@@ -52,6 +52,8 @@ pub struct CompositeOptions {
     pub bokeh: Bokeh,
     /// The seed of the noise, which is a function of the seed and the frame's number (default: 0).
     pub seed: u64,
+    /// Keep values above white, as scene-linear footage has them, instead of clipping as a sensor does (default: false).
+    pub unclipped: bool,
 }
 
 /// Composites the layer over the frame. Where nothing virtual is seen, the result is the frame, bit by bit.
@@ -67,62 +69,197 @@ pub fn composite(
     model: &CameraModel,
     options: &CompositeOptions,
 ) -> Result<Encoded> {
-    let Changes { blur, sharpening, places, all } = Changes::new(plate, layer, model, options)?;
-    let Some(changed) = all else { return Ok(plate.frame.clone()) };
-    let space = Space::new(model);
-    let frame = changed.crop(&plate.frame.0);
-    let unsharpened = sharpening.map(|m| sharpening::unsharpen(&frame, &m));
-    let background = unsharpened.as_ref().unwrap_or(&frame);
-    let replaced = |part: &Raster<[f32; 3]>| {
-        let mut whole = plate.frame.clone();
-        changed.paste(part, &mut whole.0);
-        whole
+    let mut whole = plate.frame.clone();
+    if let Some(made) = Made::new(plate, layer, model, options)? {
+        let out = made.with_noise(|_, _, v| v);
+        made.changed.paste(&out, &mut whole.0);
+    }
+    Ok(whole)
+}
+
+/// What a composite adds to a frame, apart, for a compositing program. For each pixel and channel, with F the frame in linear light,
+///
+/// ```text
+/// colour + (1 - alpha) F + noise
+/// ```
+///
+/// is the composite's light. The colour holds all that the object changes besides what alpha says, so that it may be below 0: shadows,
+/// the background's light where real things are in front, and halos of a camera that sharpens.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DistortedLayer {
+    /// Premultiplied colour in linear light, and alpha: the blurred layer's coverage, less what real things hide.
+    pub color: Premultiplied,
+    /// The noise, in linear light.
+    pub noise: Raster<[f32; 3]>,
+    /// The share of the layer that the blurred real things in front let through, in [0, 1]; 1 away from the layer.
+    pub holdout: Plane,
+    /// Inverse depth of the object, 1/m, continued under its blurred edge; NaN where alpha is 0 or it has none.
+    pub inverse_depth: Plane,
+    /// Flow of the object, px per frame interval, continued under its blurred edge; 0 where alpha is 0 or it has none.
+    pub flow: Flow,
+}
+
+impl DistortedLayer {
+    /// A layer of this width and height, px, in which there is nothing.
+    pub fn empty((width, height): (usize, usize)) -> Self {
+        Self {
+            color: Premultiplied(Raster::filled(width, height, [0.0; 4])),
+            noise: Raster::filled(width, height, [0.0; 3]),
+            holdout: Plane::filled(width, height, 1.0),
+            inverse_depth: Plane::filled(width, height, f32::NAN),
+            flow: Flow::filled(width, height, [0.0; 2]),
+        }
+    }
+}
+
+/// What [`composite`] adds to the frame, apart.
+///
+/// # Errors
+/// The same as [`composite`].
+pub fn distorted_layer(
+    plate: &Plate,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+    options: &CompositeOptions,
+) -> Result<DistortedLayer> {
+    let mut whole = DistortedLayer::empty(plate.frame.0.size());
+    let Some(made) = Made::new(plate, layer, model, options)? else { return Ok(whole) };
+    let changed = made.changed;
+    let of_object = |x: usize, y: usize| {
+        made.object.as_ref().and_then(|o| o.place.at(&o.pixels, (x + changed.x, y + changed.y)))
     };
-    let before = unsharpened.as_ref().map(replaced);
-    let filmed = &Plate { frame: before.as_ref().unwrap_or(plate.frame), ..*plate };
-    let [shadows, object] = places;
-    let shadows =
-        shadows.map(|place| Shadows::new(filmed, place, layer, &space, &blur)).transpose()?.flatten();
-    let object = object.map(|place| Object::new(filmed, place, layer, &space, &blur)).transpose()?;
-    let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
-    let clip = noise_model.map_or(1.0, |m| m.clip().min(1.0));
-    let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
-        let f = space.of_encoded(background.at(x, y));
-        let at = (x + changed.x, y + changed.y);
-        let d = shadows.as_ref().and_then(|s| s.place.at(&s.difference, at)).unwrap_or_default();
-        let o = object.as_ref().and_then(|o| o.place.at(&o.pixels, at)).unwrap_or_default();
-        let light: [f32; 3] = std::array::from_fn(|c| (f[c] + d[c] * (1.0 - o.cover) + o.added[c]).max(0.0));
-        Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
+    let light = |v: [f32; 3]| v.map(|v| Transfer::Srgb.decode(v));
+    let clean = made.without_noise();
+    let color = Raster::from_fn(changed.w, changed.h, |x, y| {
+        let alpha = of_object(x, y).map_or(0.0, |o| o.cover);
+        let (out, f) = (light(clean.at(x, y)), light(made.frame.at(x, y)));
+        match made.pixels.at(x, y).untouched && clean.at(x, y) == made.frame.at(x, y) {
+            true => [0.0; 4],
+            false => std::array::from_fn(|c| if c < 3 { out[c] - (1.0 - alpha) * f[c] } else { alpha }),
+        }
     });
-    let clean = pixels.map(|p| space.encoded(p.light));
-    let noise = noise_model
-        .map(|m| missing_noise(m, background, &clean, &pixels, &space, options.seed, plate.number));
-    let sharpened = sharpening.map(|m| {
-        let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
-            true => [0.0; 3],
-            // The sensor clips before the camera sharpens.
-            false => std::array::from_fn(|c| clean.at(x, y)[c].clamp(0.0, clip) - background.at(x, y)[c]),
+    let noise = made.with_noise(|x, y, v| {
+        let (with, without) = (light(v), light(clean.at(x, y)));
+        std::array::from_fn(|c| with[c] - without[c])
+    });
+    changed.paste(&color, &mut whole.color.0);
+    changed.paste(&noise, &mut whole.noise);
+    let Some(object) = &made.object else { return Ok(whole) };
+    let place = object.place;
+    let seen = |x, y| object.pixels.at(x, y).cover > 0.0;
+    place.paste(&object.pixels.map(|o| o.visible), &mut whole.holdout);
+    let of_layer = place.crop(&layer.color.0);
+    if let Some(depth) = &layer.inverse_depth {
+        let depth = extended(&place.crop(depth), coverage_weight(&of_layer));
+        let depth =
+            Plane::from_fn(place.w, place.h, |x, y| if seen(x, y) { depth.at(x, y) } else { f32::NAN });
+        place.paste(&depth, &mut whole.inverse_depth);
+    }
+    if let Some(flow) = &layer.flow {
+        let flow = extended(&place.crop(flow), coverage_weight(&of_layer));
+        let flow = Flow::from_fn(place.w, place.h, |x, y| if seen(x, y) { flow.at(x, y) } else { [0.0; 2] });
+        place.paste(&flow, &mut whole.flow);
+    }
+    Ok(whole)
+}
+
+/// The part of a composite that differs from the frame.
+struct Made {
+    changed: Place,
+    /// The frame.
+    frame: Raster<[f32; 3]>,
+    pixels: Raster<Composited>,
+    /// The composite before sharpening and noise, encoded.
+    clean: Raster<[f32; 3]>,
+    /// The sharpened difference to the frame, if the camera sharpens.
+    sharpened: Option<Raster<[f32; 3]>>,
+    noise: Option<Raster<[f32; 3]>>,
+    object: Option<Object>,
+    /// The encoded value at which the sensor clips, and that of the brightest that the frame holds.
+    clip: f32,
+    white: f32,
+}
+
+impl Made {
+    /// Composites; `None` if nothing virtual is seen.
+    fn new(
+        plate: &Plate,
+        layer: &VirtualLayer,
+        model: &CameraModel,
+        options: &CompositeOptions,
+    ) -> Result<Option<Self>> {
+        let Changes { blur, sharpening, places, all } = Changes::new(plate, layer, model, options)?;
+        let Some(changed) = all else { return Ok(None) };
+        let space = Space::new(model);
+        let frame = changed.crop(&plate.frame.0);
+        let unsharpened = sharpening.map(|m| sharpening::unsharpen(&frame, &m));
+        let background = unsharpened.as_ref().unwrap_or(&frame);
+        let before = unsharpened.as_ref().map(|part| {
+            let mut whole = plate.frame.clone();
+            changed.paste(part, &mut whole.0);
+            whole
         });
-        sharpening::sharpen(&difference, &m)
-    });
-    let out = Raster::from_fn(changed.w, changed.h, |x, y| {
-        let f = frame.at(x, y);
-        let v = match &sharpened {
-            Some(s) => std::array::from_fn(|c| f[c] + s.at(x, y)[c]),
-            None => clean.at(x, y),
+        let filmed = &Plate { frame: before.as_ref().unwrap_or(plate.frame), ..*plate };
+        let [shadows, object] = places;
+        let shadows =
+            shadows.map(|place| Shadows::new(filmed, place, layer, &space, &blur)).transpose()?.flatten();
+        let object = object.map(|place| Object::new(filmed, place, layer, &space, &blur)).transpose()?;
+        let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
+        let (clip, white) = match options.unclipped {
+            true => (f32::INFINITY, f32::INFINITY),
+            false => (noise_model.map_or(1.0, |m| m.clip().min(1.0)), 1.0),
         };
-        match (pixels.at(x, y).untouched, &sharpened) {
+        let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
+            let f = space.of_encoded(background.at(x, y));
+            let at = (x + changed.x, y + changed.y);
+            let d = shadows.as_ref().and_then(|s| s.place.at(&s.difference, at)).unwrap_or_default();
+            let o = object.as_ref().and_then(|o| o.place.at(&o.pixels, at)).unwrap_or_default();
+            let light: [f32; 3] =
+                std::array::from_fn(|c| (f[c] + d[c] * (1.0 - o.cover) + o.added[c]).max(0.0));
+            Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
+        });
+        let clean = pixels.map(|p| space.encoded(p.light));
+        let noise = noise_model
+            .map(|m| missing_noise(m, background, &clean, &pixels, &space, options.seed, plate.number));
+        let sharpened = sharpening.map(|m| {
+            let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
+                true => [0.0; 3],
+                // The sensor clips before the camera sharpens.
+                false => std::array::from_fn(|c| clean.at(x, y)[c].clamp(0.0, clip) - background.at(x, y)[c]),
+            });
+            sharpening::sharpen(&difference, &m)
+        });
+        Ok(Some(Self { changed, frame, pixels, clean, sharpened, noise, object, clip, white }))
+    }
+
+    /// The composite in the changed place, with the noise; `then` gets the place in it and the value.
+    fn with_noise(&self, then: impl Fn(usize, usize, [f32; 3]) -> [f32; 3] + Sync) -> Raster<[f32; 3]> {
+        Raster::from_fn(self.changed.w, self.changed.h, |x, y| {
+            let noise = self.noise.as_ref().map_or([0.0; 3], |n| n.at(x, y));
+            then(x, y, self.pixel(x, y, noise))
+        })
+    }
+
+    fn without_noise(&self) -> Raster<[f32; 3]> {
+        Raster::from_fn(self.changed.w, self.changed.h, |x, y| self.pixel(x, y, [0.0; 3]))
+    }
+
+    fn pixel(&self, x: usize, y: usize, noise: [f32; 3]) -> [f32; 3] {
+        let f = self.frame.at(x, y);
+        let v = match &self.sharpened {
+            Some(s) => std::array::from_fn(|c| f[c] + s.at(x, y)[c]),
+            None => self.clean.at(x, y),
+        };
+        match (self.pixels.at(x, y).untouched, &self.sharpened) {
             (true, None) => f,
             // Around the object, sharpening may leave a halo; where it leaves none, v is f.
             (true, Some(_)) if v == f => f,
-            (true, Some(_)) => v.map(|v| v.clamp(0.0, 1.0)),
-            (false, _) => {
-                let n = noise.as_ref().map_or([0.0; 3], |n| n.at(x, y));
-                std::array::from_fn(|c| if v[c] >= clip { clip } else { (v[c] + n[c]).clamp(0.0, clip) })
-            }
+            (true, Some(_)) => v.map(|v| v.clamp(0.0, self.white)),
+            (false, _) => std::array::from_fn(|c| {
+                if v[c] >= self.clip { self.clip } else { (v[c] + noise[c]).clamp(0.0, self.clip) }
+            }),
         }
-    });
-    Ok(replaced(&out))
+    }
 }
 
 /// The most bytes that a changed pixel takes, measured with everything that a composite can be given.
@@ -302,7 +439,7 @@ impl Shadows {
 }
 
 /// The change that the object makes to a pixel of the frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct ObjectPixel {
     /// The light that is added: `V L - A B`.
     added: [f32; 3],
@@ -310,6 +447,15 @@ struct ObjectPixel {
     cover: f32,
     /// The share of the frame's own value, and so of its noise, that is lost, in [0, 1].
     lost: f32,
+    /// The share of the object that real things in front let through: `V`, in [0, 1].
+    visible: f32,
+}
+
+impl Default for ObjectPixel {
+    /// No change.
+    fn default() -> Self {
+        Self { added: [0.0; 3], cover: 0.0, lost: 0.0, visible: 1.0 }
+    }
 }
 
 /// The blurred object, hidden by the real things in front of it.
@@ -362,7 +508,12 @@ impl Object {
             match &front {
                 None => {
                     let f = space.of_encoded(plate.frame.0.at(place.x + x, place.y + y));
-                    ObjectPixel { added: [r - a * f[0], g - a * f[1], b - a * f[2]], cover: a, lost: a }
+                    ObjectPixel {
+                        added: [r - a * f[0], g - a * f[1], b - a * f[2]],
+                        cover: a,
+                        lost: a,
+                        visible: 1.0,
+                    }
                 }
                 Some(front) => {
                     let (v, [p, q, s]) = (1.0 - front.coverage.at(x, y), front.behind.at(x, y));
@@ -370,6 +521,7 @@ impl Object {
                         added: [v * r - a * p, v * g - a * q, v * b - a * s],
                         cover: a * v,
                         lost: a * front.share_behind.at(x, y),
+                        visible: v,
                     }
                 }
             }
@@ -819,6 +971,62 @@ mod tests {
         let below = below.unwrap();
         assert!(below.0.crop(55, 45, 40, 30).data().iter().flatten().all(|&v| (0.7..=0.9).contains(&v)));
         assert_ne!(below.0.at(70, 60), below.0.at(71, 60));
+    }
+
+    #[test]
+    fn the_layer_over_the_frame_is_the_composite() {
+        let mut model = with_noise(camera(), 0.04, 0.01, 1.0);
+        let frame = background();
+        let real = Plane::from_fn(W, H, |x, _| if x < 65 { 2.0 } else { 0.1 });
+        let layer = square(GREY, 0.8, 1.0, [9.0, 3.0]);
+        for sharpening in [None, Some(SharpeningModel::given(0.6, 1.0))] {
+            if let Some(mask) = sharpening {
+                model.sharpening = Estimate::Known(mask);
+            }
+            for real in [None, Some(&real)] {
+                let plate = Plate { inverse_depth: real, ..plate(&frame) };
+                let options = CompositeOptions::default();
+                let whole = composite(&plate, &layer, &model, &options).unwrap();
+                let apart = distorted_layer(&plate, &layer, &model, &options).unwrap();
+                let over = |with_noise: f32| {
+                    Linear(Raster::from_fn(W, H, |x, y| {
+                        let (l, n) = (apart.color.0.at(x, y), apart.noise.at(x, y));
+                        let f = frame.0.at(x, y).map(|v| Transfer::Srgb.decode(v));
+                        std::array::from_fn(|c| l[c] + (1.0 - l[3]) * f[c] + with_noise * n[c])
+                    }))
+                    .to_encoded(Transfer::Srgb)
+                };
+                let worst = |a: &Encoded| {
+                    let pairs = a.0.data().iter().flatten().zip(whole.0.data().iter().flatten());
+                    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+                };
+                assert!(worst(&over(1.0)) < 1e-4, "{}", worst(&over(1.0)));
+                // Negative control: without its noise it is another picture.
+                assert!(worst(&over(0.0)) > 0.01);
+                let held_out = apart.holdout.data().iter().any(|v| *v < 0.5);
+                assert_eq!(held_out, real.is_some());
+                // Inverse depth and flow are there wherever the object is seen, and nowhere else.
+                let ends =
+                    |x: usize, y: usize| (apart.color.0.at(x, y)[3] > 0.0, apart.inverse_depth.at(x, y));
+                assert!((0..H).flat_map(|y| (0..W).map(move |x| (x, y))).all(|(x, y)| {
+                    let (seen, d) = ends(x, y);
+                    seen == d.is_finite() && seen == (apart.flow.at(x, y) != [0.0; 2])
+                }));
+            }
+        }
+    }
+
+    #[test]
+    fn scene_linear_light_above_white_is_kept_if_asked_for() {
+        let model = with_noise(camera(), 0.0, 0.001, 0.9);
+        let frame = Encoded(Raster::filled(W, H, [1.8; 3]));
+        let options = CompositeOptions { unclipped: true, ..CompositeOptions::default() };
+        let made = |layer| composite(&plate(&frame), &layer, &model, &options).unwrap();
+        let opaque = made(square([3.0; 3], 1.0, 1.0, [0.0; 2])).0.at(70, 60);
+        let half = made(square([0.0; 3], 0.5, 1.0, [0.0; 2])).0.at(70, 60);
+        let t = Transfer::Srgb;
+        assert!((opaque[0] - t.encode(3.0)).abs() < 0.02, "{opaque:?}");
+        assert!((half[0] - t.encode(0.5 * t.decode(1.8))).abs() < 0.02, "{half:?}");
     }
 
     #[test]

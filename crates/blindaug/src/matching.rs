@@ -116,7 +116,9 @@ impl Matching {
         Ok(Encoded(Raster::from_fn(w, h, |x, y| {
             let (v, n) = (blurred.at(x, y), added.at(x, y));
             // Where the footage is clipped, there is no noise.
-            std::array::from_fn(|c| if v[c] >= from.clip() { v[c] } else { (v[c] + n[c]).clamp(0.0, 1.0) })
+            std::array::from_fn(|c| {
+                if v[c] >= from.clip() { v[c] } else { (v[c] + n[c]).clamp(0.0, v[c].max(1.0)) }
+            })
         })))
     }
 }

@@ -116,7 +116,7 @@ impl Window {
         let mut camera = camera.clone();
         // The synthesis wants the width of the pictures that it is given; px stay px.
         (camera.capture.width, camera.capture.height) = (side, side);
-        let options = SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed: 0 };
+        let options = SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, ..SynthesisOptions::default() };
         let sharp = self.sharp.to_linear(Transfer::Srgb);
         let made = distort_frame(&sharp, &camera, Some(&self.depth), Some(&self.motion), &options, 0)?;
         // Near the border, what lies outside is missing.
@@ -152,7 +152,8 @@ mod tests {
             );
             camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
             camera.defocus = Estimate::Known(everywhere(sigma));
-            let options = SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed: 0 };
+            let options =
+                SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, ..SynthesisOptions::default() };
             let depth = Plane::filled(N, N, 1.0);
             let linear = sharp.to_linear(Transfer::Srgb);
             let frame = distort_frame(&linear, &camera, Some(&depth), Some(&motion), &options, 0).unwrap();

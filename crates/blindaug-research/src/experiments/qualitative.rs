@@ -98,7 +98,13 @@ fn outcome(case: &Take, folder: &Path) -> Result<Outcome> {
         let layer = scene.layer(&object, t as f32).into();
         let plate = shot.plate(t, &shot.footage.frames[t]);
         let made = |naive| {
-            let options = CompositeOptions { naive, no_noise: naive, bokeh: Bokeh::Disk, seed: case.seed };
+            let options = CompositeOptions {
+                naive,
+                no_noise: naive,
+                bokeh: Bokeh::Disk,
+                seed: case.seed,
+                unclipped: false,
+            };
             composite(&plate, &layer, &model, &options).map_err(fails)
         };
         let pictures = [made(true)?, made(false)?, truths.footage.frames[t].clone()];

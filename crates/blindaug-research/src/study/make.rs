@@ -117,7 +117,7 @@ fn files_of(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Files
     for method in METHODS {
         let found: Found = ground.estimate(method, networks).map_err(fails)?;
         let options =
-            CompositeOptions { naive: false, no_noise: false, bokeh: Bokeh::Disk, seed: case.take.seed };
+            CompositeOptions { bokeh: Bokeh::Disk, seed: case.take.seed, ..CompositeOptions::default() };
         let frames: Vec<Encoded> = layers
             .iter()
             .enumerate()

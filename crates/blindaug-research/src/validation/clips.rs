@@ -1,6 +1,6 @@
 //! Rendered clips of known truth from a folder: one folder per clip, with `clean/`, a folder per condition and `truth.json`.
 
-use blindaug::composite::{self, Plate, VirtualLayer};
+use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
@@ -183,8 +183,12 @@ impl Condition {
             let area = object_area(&layer.color.0.map(|p| p[3]), 20);
             for (sum, (model, naive)) in sums.iter_mut().zip([(model, true), (model, false), (&real, false)])
             {
-                let options =
-                    composite::CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, seed: 0 };
+                let options = CompositeOptions {
+                    naive,
+                    no_noise: true,
+                    bokeh: Bokeh::Disk,
+                    ..CompositeOptions::default()
+                };
                 let made = composite::composite(&plate, &layer, model, &options);
                 let made = made.and_then(|made| psnr(&made, &truth, Some(&area)));
                 *sum += made.map_err(|e| Error::new(&self.clip, e.to_string()))? / numbers.len() as f64;

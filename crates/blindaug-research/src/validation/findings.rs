@@ -7,11 +7,15 @@ use crate::statistics::{Mean, mean};
 use crate::table::{Cell, Table};
 use blindaug_report::words::count;
 use blindaug_scenes::camera::Camera;
-use blindaug_scenes::measure::{Given, Measured, median};
+use blindaug_scenes::measure::{Given, Measured};
 use std::collections::BTreeSet;
 
-/// The two cameras, with their names in tables and figures.
-const CAMERAS: [(Camera, &str); 2] = [(Camera::Synthesis, "own synthesis"), (Camera::Physics, "physics")];
+/// The cameras, with their names in tables and figures.
+const CAMERAS: [(Camera, &str); 3] = [
+    (Camera::Synthesis, "own synthesis"),
+    (Camera::Heteroscedastic, "the paper's noise"),
+    (Camera::Physics, "physics"),
+];
 
 /// The findings, in the folder [`NAME`].
 pub fn findings(outcomes: &[Outcome]) -> Findings {
@@ -22,7 +26,9 @@ pub fn findings(outcomes: &[Outcome]) -> Findings {
     let mut text = vec![
         format!(
             "{} cases; {} of {}. Every scene is filmed by the project's own synthesis, by which what is \
-             fitted is what was applied, as in the paper; and by physics: many pinhole views over lens and shutter, counted photons.",
+             fitted is what was applied, as in the paper; and by physics: many pinhole views over lens and shutter, counted photons. \
+             Every strength of noise is also filmed with the noise of the paper's validation, white and Gaussian, of the std k_readout + \
+             k_shot sqrt(I).",
             outcomes.len(),
             count(scenes, "scene"),
             count(frames, "frame")
@@ -110,7 +116,7 @@ fn errors(outcomes: &[Outcome]) -> [Table; 2] {
             "errors",
             "Mean absolute errors with their standard deviation over the cases. Exposure fraction: cases with motion blur alone; blur: the \
              std of the defocus over the scene's pixels, cases with defocus alone; noise: error of the std per octave, channel and \
-             luminance.",
+             luminance. Medians with the quartiles in brackets.",
             &[0, 1, 2, 3, 5, 6, 8, 11, 12],
         ),
         part(
@@ -129,7 +135,12 @@ fn row(name: &str, given: Given, s: &Summary) -> Vec<Cell> {
         let sum = |k: usize| v.iter().map(|b| f64::from(b[k])).sum::<f64>();
         (!v.is_empty()).then(|| 100.0 * sum(0) / sum(1).max(1e-6))
     };
-    let percent = |v: &[f32]| median(v.to_vec()).map(|v| 100.0 * f64::from(v));
+    let percent = |v: &[f32]| {
+        quartiles(v).map_or(Cell::Empty, |q| {
+            let [first, middle, last] = q.map(|v| 100.0 * f64::from(v));
+            Cell::Interval(middle, [first, last], 1)
+        })
+    };
     let covered = |what| s.covered.get(what).map(|&(n, of)| share(n, of));
     let worst = s.exposure.iter().copied().reduce(f32::max);
     vec![
@@ -141,15 +152,22 @@ fn row(name: &str, given: Given, s: &Summary) -> Vec<Cell> {
         px(&s.blur),
         Cell::number(of_blur(&s.blur), 1),
         spread(&s.blur_where_none, 3),
-        Cell::number(percent(&s.focus), 1),
+        percent(&s.focus),
         spread(&s.exposure_of_all, 3),
         px(&s.blur_of_all),
-        Cell::number(percent(&s.noise), 1),
-        Cell::number(percent(&s.noise_finest), 1),
+        percent(&s.noise),
+        percent(&s.noise_finest),
         Cell::spread(covered("exposure"), 0),
         Cell::spread(covered("lens"), 0),
         Cell::spread(Some(share(s.unknown.0, s.unknown.1)).filter(|m| m.n > 0), 0),
     ]
+}
+
+/// The values of rank 1/4, 1/2 and 3/4; `None` if there are no values.
+fn quartiles(v: &[f32]) -> Option<[f32; 3]> {
+    let mut sorted = v.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    (!sorted.is_empty()).then(|| [1, 2, 3].map(|k| sorted[k * (sorted.len() - 1) / 4]))
 }
 
 /// A share in %, with the standard deviation of one case and the number of cases.
@@ -289,7 +307,7 @@ fn lens_figures(outcomes: &[&Outcome]) -> Vec<Figure> {
                 series.push(Series { name: names[1].clone(), style: Style::Points, colour, marks: marks(2) });
             }
             if !series.is_empty() {
-                let camera = if camera == Camera::Physics { "physics" } else { "synthesis" };
+                let camera = super::file_name(camera);
                 figures.push(Figure {
                     name: format!("lens-{camera}-{}", file_name(given)),
                     caption: format!(

@@ -28,7 +28,8 @@ pub const NAME: &str = "validation";
 
 /// What is to be measured.
 pub struct Job {
-    /// The number of scenes; each is filmed with every setting by two cameras, the project's synthesis and one of physics.
+    /// The number of scenes; each is filmed with every setting by two cameras, the project's synthesis and one
+    /// of physics, and with every strength of the noise by a third, whose noise is that of the paper's validation.
     pub scenes: u64,
     /// The number of frames of each scene.
     pub frames: u64,
@@ -181,12 +182,17 @@ fn own_cases(job: &Job, given: &[Given]) -> Vec<Case> {
     let mut cases = vec![];
     for scene in 1..=scenes {
         for (experiment, i, setting) in &settings {
-            let cameras = [(Camera::Synthesis, None), (Camera::Physics, None)];
+            let cameras =
+                [(Camera::Synthesis, None), (Camera::Heteroscedastic, None), (Camera::Physics, None)];
             // What was filmed is coded next, so that nothing is filmed twice.
             let coded = job.coded.iter().map(|&crf| (Camera::Physics, Some(crf)));
             for (camera, coded) in cameras.into_iter().chain(coded) {
                 // A coder takes away the noise that this experiment measures.
                 if coded.is_some() && *experiment == Experiment::Noise {
+                    continue;
+                }
+                // It blurs as the synthesis does.
+                if camera == Camera::Heteroscedastic && *experiment != Experiment::Noise {
                     continue;
                 }
                 // The synthesis blurs along straight paths.
@@ -200,7 +206,7 @@ fn own_cases(job: &Job, given: &[Given]) -> Vec<Case> {
                     Experiment::All | Experiment::Clip => "all",
                     Experiment::Shaking => "shaking",
                 };
-                let by = if camera == Camera::Physics { "physics" } else { "synthesis" };
+                let by = file_name(camera);
                 cases.push(Case {
                     name: match coded {
                         Some(crf) => format!("scene{scene}-{by}-crf{crf}-{what}-{}", i + 1),
@@ -220,6 +226,15 @@ fn own_cases(job: &Job, given: &[Given]) -> Vec<Case> {
         }
     }
     cases
+}
+
+/// The camera as a part of a file's name.
+fn file_name(camera: Camera) -> &'static str {
+    match camera {
+        Camera::Synthesis => "synthesis",
+        Camera::Heteroscedastic => "heteroscedastic",
+        Camera::Physics => "physics",
+    }
 }
 
 fn clip_name(condition: &Condition) -> String {
@@ -306,7 +321,7 @@ fn write_pictures(
             &estimation.model,
             Some(&footage.inverse_depth[t]),
             Some(&footage.flow[t]),
-            &synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise, seed: 1 },
+            &synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise, seed: 1, unclipped: false },
             t as u64,
         )
         .map_err(|e| Error::new(pictures, e.to_string()))

@@ -125,6 +125,8 @@ pub struct SynthesisOptions {
     pub no_noise: bool,
     /// The seed of the noise, which is a function of the seed and the frame's number (default: 0).
     pub seed: u64,
+    /// Keep values above white, as scene-linear footage has them, instead of clipping as a sensor does (default: false).
+    pub unclipped: bool,
 }
 
 /// A sharp, noise-free frame as the camera would have filmed it: defocus, motion blur, sharpening, noise.
@@ -189,7 +191,7 @@ struct DistortedFrame<'a> {
     moving: Option<(&'a Flow, ExposureFraction)>,
     sharpening: Option<&'a SharpeningModel>,
     noise: Option<&'a NoiseModel>,
-    /// The encoded value at which the sensor clips, at most 1.
+    /// The encoded value at which the sensor clips, at most 1; infinite if nothing is to be clipped.
     clip: f32,
     seed: u64,
     number: u64,
@@ -215,7 +217,10 @@ impl<'a> DistortedFrame<'a> {
             moving: None,
             sharpening: model.sharpening.known(),
             noise,
-            clip: noise.map_or(1.0, |m| m.clip().min(1.0)),
+            clip: match options.unclipped {
+                true => f32::INFINITY,
+                false => noise.map_or(1.0, |m| m.clip().min(1.0)),
+            },
             seed: options.seed,
             number,
         };

@@ -1,0 +1,130 @@
+//! The parts of a camera that a person sets, whatever the footage says.
+
+use blindaug::{
+    CameraModel, Error, Result,
+    model::{
+        DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
+        NoiseLevel, NoiseModel,
+    },
+};
+
+/// The parts of a camera that are set by hand; `None` leaves a part as it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ByHand {
+    /// The exposure fraction, in [0, 1].
+    pub exposure: Option<ExposureFraction>,
+    /// The distance in focus, m, > 0.
+    pub focus_m: Option<f32>,
+    /// The std of the blur at infinity, px of the model's own width, >= 0.
+    pub blur_px: Option<f32>,
+    /// The factor of the noise's std, >= 0.
+    pub grain: Option<f32>,
+}
+
+impl ByHand {
+    /// The model with the parts that are set.
+    ///
+    /// # Errors
+    /// If only one of the two numbers of a lens is set and the model does not have the other in metres, or noise that is unknown is to be
+    /// scaled.
+    pub fn applied(&self, mut model: CameraModel) -> Result<CameraModel> {
+        if let Some(exposure) = self.exposure {
+            model.motion_blur = Estimate::Known(MotionBlurModel::given(exposure));
+        }
+        if let Some(lens) = self.lens(&model)? {
+            model.defocus = Estimate::Known(lens);
+        }
+        if let Some(factor) = self.grain {
+            match &mut model.noise {
+                Estimate::Known(noise) => scale(noise, factor),
+                _ => {
+                    return Err(Error::new(
+                        "its noise is unknown, so that it cannot be scaled: leave the grain out",
+                    ));
+                }
+            }
+        }
+        Ok(model)
+    }
+
+    fn lens(&self, model: &CameraModel) -> Result<Option<DefocusModel>> {
+        let known = model.defocus.known().filter(|lens| lens.depth_kind == DepthKind::Metric);
+        let (blur, inverse) = match known.map(|lens| lens.curve) {
+            Some(DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, .. }) => {
+                (Some(sigma_px_at_infinity), Some(focus_inverse_depth))
+            }
+            _ => (None, None),
+        };
+        let [focus, infinity] = [self.focus_m.map(|m| 1.0 / m).or(inverse), self.blur_px.or(blur)];
+        match (self.focus_m.is_some() || self.blur_px.is_some(), focus, infinity) {
+            (false, ..) => Ok(None),
+            (true, Some(focus), Some(blur)) => Ok(Some(DefocusModel::given_lens(blur, focus))),
+            (true, ..) => Err(Error::new(
+                "its lens is not known in metres, so that the focus and the blur can be set only together",
+            )),
+        }
+    }
+}
+
+/// Multiplies the std of a noise; its intervals, which were those of another, are left out.
+fn scale(noise: &mut NoiseModel, factor: f32) {
+    let lines = match noise {
+        NoiseModel::Lines(lines) => lines,
+        NoiseModel::Curves(curves) => {
+            let variances =
+                curves.levels.iter_mut().flat_map(|l| l.variance.as_flattened_mut().as_flattened_mut());
+            variances.for_each(|v| *v *= factor * factor);
+            &mut curves.lines
+        }
+    };
+    lines.levels = lines.levels.map(|l| NoiseLevel {
+        slope: l.slope.map(|v| factor * v),
+        intercept: l.intercept.map(|v| factor * v),
+    });
+    (lines.interval, lines.method) = (None, Method::Given);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::model::{Capture, Reason};
+
+    fn camera() -> CameraModel {
+        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 2 };
+        let mut model = CameraModel::unknown(capture, "");
+        let level = NoiseLevel { slope: [0.01; 3], intercept: [0.002; 3] };
+        model.noise = Estimate::Known(NoiseModel::given([level; 4], 1.0));
+        model.defocus = Estimate::Known(DefocusModel::given_lens(2.0, 0.5));
+        model
+    }
+
+    #[test]
+    fn what_is_set_replaces_what_was_estimated_and_nothing_else() {
+        let model = camera();
+        assert_eq!(ByHand::default().applied(model.clone()).unwrap(), model);
+        let half = ByHand { exposure: Some(ExposureFraction(0.5)), ..ByHand::default() };
+        let set = half.applied(model.clone()).unwrap();
+        assert_eq!(set.motion_blur.known().unwrap().exposure.0, 0.5);
+        assert_eq!((set.noise, set.defocus), (model.noise.clone(), model.defocus.clone()));
+        // The focus moves, and the blur at infinity stays.
+        let near = ByHand { focus_m: Some(1.0), ..ByHand::default() }.applied(model.clone()).unwrap();
+        let lens = near.defocus.known().unwrap();
+        assert_eq!((lens.sigma_px(0.0), lens.sigma_px(1.0), lens.method), (2.0, 0.0, Method::Given));
+        let grainy = ByHand { grain: Some(1.5), ..ByHand::default() }.applied(model.clone()).unwrap();
+        let std = |m: &CameraModel| m.noise.known().unwrap().std(1, 0.4)[2];
+        assert!((std(&grainy) / std(&model) - 1.5).abs() < 1e-5);
+    }
+
+    #[test]
+    fn half_of_a_lens_that_is_not_known_in_metres_is_refused() {
+        let mut model = camera();
+        model.defocus = Estimate::unknown(Reason::NoDepth, "");
+        let focus = ByHand { focus_m: Some(2.0), ..ByHand::default() };
+        assert!(focus.applied(model.clone()).unwrap_err().to_string().contains("only together"));
+        let both = ByHand { blur_px: Some(3.0), ..focus };
+        assert_eq!(both.applied(model.clone()).unwrap().defocus.known().unwrap().sigma_px(0.0), 3.0);
+        model.noise = Estimate::unknown(Reason::Flat, "");
+        let grain = ByHand { grain: Some(2.0), ..ByHand::default() };
+        assert!(grain.applied(model).unwrap_err().to_string().contains("cannot be scaled"));
+    }
+}
