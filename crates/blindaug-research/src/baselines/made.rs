@@ -1,6 +1,6 @@
 //! What each method finds in a shot, and the composite that it makes of it.
 
-use super::{Method, okumura, okumura_plus, shutter_angle};
+use super::{Method, lens_net, okumura, okumura_plus, shutter_angle};
 use crate::shot::Shot;
 use crate::validation::measure;
 use blindaug::composite::{CompositeOptions, Plate, VirtualLayer, composite};
@@ -46,6 +46,8 @@ pub(crate) struct Ground<'a> {
     pub(crate) marker: Option<&'a Placed>,
     /// The settings of the camera that filmed.
     pub(crate) setting: &'a Setting,
+    /// The number of the scenery, whose camera has a network of its own.
+    pub(crate) scenery: usize,
 }
 
 /// What a method found.
@@ -54,6 +56,8 @@ pub(crate) enum Found {
     Camera(Box<CameraModel>),
     /// A blur of the whole layer.
     Gaussian(okumura::EllipticalGaussian),
+    /// The network of the camera of this scenery.
+    Network(usize),
     /// Nothing: the object is pasted.
     Nothing,
 }
@@ -86,6 +90,7 @@ impl Ground<'_> {
                     camera(okumura_plus::measure(&all, (1.9 * placed.radius_px) as usize)?)
                 }
             },
+            Method::LensNetLike => Found::Network(self.scenery),
             Method::ShutterAngleLike => {
                 let all: Vec<_> = frames.iter().zip(&shot.motion).collect();
                 let (width, height) = frames[0].0.size();
@@ -135,7 +140,10 @@ impl Found {
     ) -> Result<Encoded> {
         match self {
             Self::Camera(model) => composite(plate, layer, model, options),
-            Self::Gaussian(by) => Ok(over(plate, layer, *by)),
+            Self::Gaussian(by) => over(plate, layer, |visible| Ok(okumura::blurred(&visible.color, *by))),
+            Self::Network(scenery) => over(plate, layer, |visible| {
+                lens_net::blurred(visible, *scenery).map_err(|e| blindaug::Error::new(e.to_string()))
+            }),
             Self::Nothing => {
                 let (width, height) = plate.frame.0.size();
                 let capture = Capture { width, height, fps: None, frames_used: 0 };
@@ -149,6 +157,7 @@ impl Found {
     pub(crate) fn words(&self) -> String {
         match self {
             Self::Nothing => "nothing".into(),
+            Self::Network(_) => "a network of the lens".into(),
             Self::Gaussian(g) => {
                 let angle = g.phi.to_degrees();
                 format!("std {:.1} px, along {angle:.0} degrees {:.1} px more", g.sigma_d, g.sigma_m)
@@ -164,8 +173,12 @@ impl Found {
     }
 }
 
-/// The layer, without what is hidden, blurred by one Gaussian and laid over the frame in light.
-fn over(plate: &Plate, layer: &VirtualLayer, by: okumura::EllipticalGaussian) -> Encoded {
+/// The layer, without what is hidden, blurred by `blur` and laid over the frame in light.
+fn over(
+    plate: &Plate,
+    layer: &VirtualLayer,
+    blur: impl FnOnce(&VirtualLayer) -> Result<Premultiplied>,
+) -> Result<Encoded> {
     let (w, h) = layer.color.0.size();
     let hidden = |x, y| {
         let depth = |of: Option<&blindaug::Plane>| of.map_or(f32::NAN, |d| d.at(x, y));
@@ -175,11 +188,11 @@ fn over(plate: &Plate, layer: &VirtualLayer, by: okumura::EllipticalGaussian) ->
         true => [0.0; 4],
         false => layer.color.0.at(x, y),
     }));
-    let layer = okumura::blurred(&visible, by);
+    let layer = blur(&VirtualLayer { color: visible, ..layer.clone() })?;
     let frame = plate.frame.to_linear(Transfer::Srgb);
-    Linear(Raster::from_fn(w, h, |x, y| {
+    let light = Linear(Raster::from_fn(w, h, |x, y| {
         let (l, f) = (layer.0.at(x, y), frame.0.at(x, y));
         std::array::from_fn(|c| l[c] + (1.0 - l[3]) * f[c])
-    }))
-    .to_encoded(Transfer::Srgb)
+    }));
+    Ok(light.to_encoded(Transfer::Srgb))
 }

@@ -1,5 +1,6 @@
 //! The methods with which ours is compared. What follows a paper's text, but not its code, is called "-like".
 
+pub mod lens_net;
 pub(crate) mod made;
 pub mod okumura;
 pub mod okumura_plus;
@@ -22,6 +23,8 @@ pub enum Method {
     OkumuraLike,
     /// [`okumura_plus`].
     OkumuraPlusLike,
+    /// [`lens_net`].
+    LensNetLike,
     /// [`shutter_angle`].
     ShutterAngleLike,
     /// The paper's own way: networks remove the blur, and the synthesis is fitted to what they give.
@@ -34,10 +37,11 @@ pub enum Method {
 
 impl Method {
     /// All methods.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Naive,
         Self::OkumuraLike,
         Self::OkumuraPlusLike,
+        Self::LensNetLike,
         Self::ShutterAngleLike,
         Self::Removal,
         Self::Ours,
@@ -50,6 +54,7 @@ impl Method {
             Self::Naive => "Naive",
             Self::OkumuraLike => "Okumura-like",
             Self::OkumuraPlusLike => "Okumura++-like",
+            Self::LensNetLike => "LensNet-like",
             Self::ShutterAngleLike => "Shutter-angle-like",
             Self::Removal => "Removal",
             Self::Ours => "Ours",
@@ -63,6 +68,7 @@ impl Method {
             Self::Naive => "nothing",
             Self::OkumuraLike => "a circular marker at its true pose in the frame",
             Self::OkumuraPlusLike => "a circular marker at its true pose, its sharp picture, its true motion",
+            Self::LensNetLike => "captures of known targets by the camera, the object's true depth",
             Self::ShutterAngleLike => "the true optical flow",
             Self::Removal => "networks that remove blur",
             Self::Ours => "nothing",

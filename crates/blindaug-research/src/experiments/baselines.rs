@@ -66,7 +66,13 @@ fn outcome(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Outcom
     let Scenery { name, scene, object, device, depth_m, .. } = case.take.scenery();
     let (scene, marker) = with_marker(scene, &object, depth_m, middle as f32);
     let shot = Shot::film(&scene, &object, &device, (case.take.frames, &[middle]), case.take.seed, folder)?;
-    let ground = Ground { shot: &shot, scene: &scene, marker: marker.as_ref(), setting: &device.setting };
+    let ground = Ground {
+        shot: &shot,
+        scene: &scene,
+        marker: marker.as_ref(),
+        setting: &device.setting,
+        scenery: case.take.scenery,
+    };
     let mut methods = vec![];
     for method in Method::ALL {
         let start = Instant::now();

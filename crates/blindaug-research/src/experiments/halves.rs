@@ -15,6 +15,9 @@ const FRAMES: u64 = 48;
 const LUMINANCES: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
 /// The std below which noise cannot be seen: a quarter of a step of 8 bits.
 const INVISIBLE: f64 = 0.25 / 255.0;
+/// Models whose distances to a clip differ by at most this do not tell the clip's camera from the other. All noise that cannot be seen
+/// is alike.
+const ALIKE: f64 = 0.02;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
@@ -51,13 +54,17 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
             let cells = (0..names.len()).map(|footage| Cell::number(of(model, footage), 3));
             [Cell::text(&names[model])].into_iter().chain(cells).collect()
         });
-        let own_wins = |footage: &usize| {
-            let own = of(*footage, *footage)?;
-            let others = (0..names.len()).filter(|m| m != footage).filter_map(|m| of(m, *footage));
-            Some(others.fold(f64::INFINITY, f64::min) > own)
+        // By how much the own half is nearer than the nearest of the others.
+        let nearer = |footage: usize| {
+            let own = of(footage, footage)?;
+            let others = (0..names.len()).filter(|m| *m != footage).filter_map(|m| of(m, footage));
+            Some(others.fold(f64::INFINITY, f64::min) - own)
         };
-        let known: Vec<bool> = (0..names.len()).filter_map(|f| own_wins(&f)).collect();
-        won.push(format!("by {what} on {} of {}", known.iter().filter(|w| **w).count(), known.len()));
+        let known: Vec<f64> = (0..names.len()).filter_map(nearer).collect();
+        let wins = known.iter().filter(|n| **n > ALIKE).count();
+        let alike = known.iter().filter(|n| n.abs() <= ALIKE).count();
+        let alike = if alike > 0 { format!(" ({alike} cannot be told from another)") } else { String::new() };
+        won.push(format!("by {what} on {wins} of {}{alike}", known.len()));
         let of_halves = names.iter().map(|n| format!("second half of {n}"));
         tables.push(Table {
             name: format!("footage-{}", what.replace(' ', "-")),

@@ -19,9 +19,9 @@ use std::path::{Path, PathBuf};
 /// The folder of the stimuli.
 const NAME: &str = "stimuli";
 
-/// The methods that are compared, as many as in the paper. Its MandlEtAl is not among them, since its code and weights are not public.
+/// The methods that are compared, those of the paper.
 pub const METHODS: [Method; 5] =
-    [Method::Naive, Method::OkumuraLike, Method::OkumuraPlusLike, Method::ShutterAngleLike, Method::Ours];
+    [Method::Naive, Method::OkumuraLike, Method::OkumuraPlusLike, Method::LensNetLike, Method::Ours];
 
 /// How often a clip's frames are shown forth and back: 25 frames, four times, are 8 s at 25 frames a second.
 const TIMES: usize = 4;
@@ -96,7 +96,13 @@ fn files_of(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Files
     let film = |scene, seed| Shot::film(scene, &object, &device, (case.take.frames, &[]), seed, folder);
     let shot = film(&scene, case.take.seed)?;
     let real = film(&scene.clone().with(object.clone()), case.take.seed + 1)?;
-    let ground = Ground { shot: &shot, scene: &scene, marker: marker.as_ref(), setting: &device.setting };
+    let ground = Ground {
+        shot: &shot,
+        scene: &scene,
+        marker: marker.as_ref(),
+        setting: &device.setting,
+        scenery: case.take.scenery,
+    };
     let layers: Vec<VirtualLayer> =
         (0..case.take.frames).map(|t| scene.layer(&object, t as f32).into()).collect();
     let written = |method: &str, frames: &[Encoded]| -> Result<(String, Vec<(Task, PathBuf)>)> {
