@@ -40,9 +40,9 @@ blender *ARGS:
 av1:
     tools/check-av1.sh
 
-# The exported shaders through a compiler; needs glslang-tools.
+# The exported grain shaders, run and compared with the reference; those in HLSL need glslang-tools.
 shaders:
-    tools/check-shaders.sh
+    cargo test -p blindaug-gpu --test exported -- --nocapture
 
 # What the GPU's passes cost: bytes, taps and times.
 bench-gpu *ARGS:

@@ -120,7 +120,9 @@ fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
             })
         }
         Target::Nuke => {
-            let (p, size, most) = (v("\n center"), v("\n size"), v("\n max_size"));
+            let nodes = read_nk(text).unwrap();
+            let defocus = nodes[0].of_class("ZDefocus2");
+            let [p, size, most] = ["center", "size", "max_size"].map(|k| nodes[0].evaluated(defocus.knob(k)));
             Box::new(move |z| 0.5 * (size * (1.0 - p / z).abs()).min(most))
         }
         _ => panic!("{target} has no blur"),
@@ -205,7 +207,7 @@ fn exposure_by_target_as_is_known() {
         (Target::Bevy, "shutter_angle:", 0.5),
         (Target::Blender, "EXPOSURE =", 0.5),
         (Target::Three, "exposure:", 0.5),
-        (Target::Nuke, "\n scale", 0.5),
+        (Target::Nuke, "\n exposure", 0.5),
     ] {
         let export = exported(&model, target);
         assert!((value(text(&export), key) - want).abs() < 1e-6, "{target}: {key}");
@@ -265,48 +267,177 @@ fn parse(language: tree_sitter::Language, name: &str, source: &str) -> Result<()
     Err(format!("{name}, line {}: {}", at.start_position().row + 1, &source[at.byte_range()]))
 }
 
-/// A node of Nuke with its class, and the names and values of its knobs.
+/// A node of Nuke.
+#[derive(Debug)]
 struct Node {
     class: String,
+    /// The names and values of its knobs.
     knobs: Vec<(String, String)>,
+    /// The knobs that were added by hand.
+    added: Vec<AddedKnob>,
+    /// The places of its inputs in the list of nodes that it stands in, the first input first.
+    inputs: Vec<Option<usize>>,
+    /// The nodes of a group.
+    group: Vec<Node>,
 }
 
+impl Node {
+    fn knob(&self, name: &str) -> &str {
+        let found = self.knobs.iter().find(|k| k.0 == name);
+        found.map(|k| k.1.as_str()).unwrap_or_else(|| panic!("{} has no knob {name}", self.class))
+    }
+
+    /// The node of this class in a group.
+    fn of_class(&self, class: &str) -> &Node {
+        self.group.iter().find(|n| n.class == class).unwrap_or_else(|| panic!("there is no {class}"))
+    }
+
+    /// The value of an expression of a node in this group: products and maxima of numbers and of the group's knobs.
+    fn evaluated(&self, expression: &str) -> f32 {
+        let inner = expression.strip_prefix("max(").and_then(|e| e.strip_suffix(')'));
+        if let Some((a, b)) = inner.and_then(|e| e.split_once(',')) {
+            return self.evaluated(a).max(self.evaluated(b));
+        }
+        let factor = |f: &str| match f.strip_prefix("parent.") {
+            Some(name) => self.knob(name).parse::<f32>().unwrap(),
+            None => f.parse().unwrap(),
+        };
+        expression.split('*').map(factor).product()
+    }
+}
+
+/// A knob that was added to a group.
+#[derive(Debug)]
+struct AddedKnob {
+    name: String,
+    tooltip: String,
+    range: Option<[f32; 2]>,
+}
+
+type Lines<'a> = std::iter::Peekable<std::iter::Enumerate<std::str::Lines<'a>>>;
+
 /// Reads the nodes of a Nuke script. Of its stack language only the parts that the export writes are read: comments, `set`, `push`,
-/// `version`, and nodes of knobs with one value each.
+/// `version`, groups, and nodes of knobs with one value each. Whatever a node takes must be on the stack.
 fn read_nk(source: &str) -> Result<Vec<Node>, String> {
-    let mut nodes = vec![];
-    let mut lines = source.lines().enumerate();
+    read_nodes(&mut source.lines().enumerate().peekable(), None)
+}
+
+/// Reads nodes up to the end of the script, or of the group with the knobs `parent`.
+fn read_nodes(lines: &mut Lines, parent: Option<&[(String, String)]>) -> Result<Vec<Node>, String> {
+    let mut nodes: Vec<Node> = vec![];
+    let mut stack: Vec<Option<usize>> = vec![];
+    let mut names: Vec<(String, Option<usize>)> = vec![];
     while let Some((i, line)) = lines.next() {
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             [] => {}
             [comment, ..] if comment.starts_with('#') => {}
-            ["set", _, "[stack", "0]"] | ["push", _] | ["version", _, _] => {}
+            ["version", _, _] => {}
+            // Outside of groups the stack begins with the node that was chosen before pasting.
+            ["set", name, "[stack", "0]"] => {
+                let top = match (stack.last(), parent) {
+                    (Some(top), _) => *top,
+                    (None, None) => None,
+                    (None, Some(_)) => return Err(format!("line {}: the stack is empty", i + 1)),
+                };
+                names.push((format!("${name}"), top));
+            }
+            ["push", "0"] => stack.push(None),
+            ["push", name] => match names.iter().rev().find(|n| n.0 == name) {
+                Some((_, node)) => stack.push(*node),
+                None => return Err(format!("line {}: {name} was not set", i + 1)),
+            },
+            ["end_group"] if parent.is_some() => {
+                let [Some(last)] = stack[..] else {
+                    return Err(format!("line {}: {stack:?} is left", i + 1));
+                };
+                return match nodes[last].class.as_str() {
+                    "Output" => Ok(nodes),
+                    other => Err(format!("line {}: the group ends in {other}", i + 1)),
+                };
+            }
             [class, "{"] => {
-                let mut knobs = vec![];
-                loop {
-                    let (j, line) = lines.next().ok_or(format!("{class} is not closed"))?;
-                    if line == "}" {
-                        break;
-                    }
-                    let (knob, value) = line
-                        .trim()
-                        .split_once(' ')
-                        .ok_or(format!("line {}: a knob without a value", j + 1))?;
-                    let quoted = value.len() > 1 && value.starts_with('"') && value.ends_with('"');
-                    let inner = if quoted { &value[1..value.len() - 1] } else { value };
-                    // Brackets would run Tcl; braces and quotes would end the value.
-                    if inner.contains(['"', '{', '}', '[', ']', '$']) || (!quoted && inner.contains(' ')) {
-                        return Err(format!("line {}: {value} must be quoted", j + 1));
-                    }
-                    knobs.push((knob.to_string(), inner.to_string()));
-                }
-                nodes.push(Node { class: class.to_string(), knobs });
+                let (knobs, added) = read_knobs(lines, parent)?;
+                let count = knobs.iter().find(|k| k.0 == "inputs").map_or(Ok(1), |k| k.1.parse());
+                let count: usize = count.map_err(|e| format!("line {}: {e}", i + 1))?;
+                let left =
+                    stack.len().checked_sub(count).ok_or(format!("line {}: inputs are missing", i + 1))?;
+                let inputs = stack.split_off(left).into_iter().rev().collect();
+                let group = if class == "Group" { read_nodes(lines, Some(&knobs))? } else { vec![] };
+                stack.push(Some(nodes.len()));
+                nodes.push(Node { class: class.to_string(), knobs, added, inputs, group });
             }
             _ => return Err(format!("line {}: {line}", i + 1)),
         }
     }
-    Ok(nodes)
+    if parent.is_some() { Err("a group does not end".into()) } else { Ok(nodes) }
+}
+
+/// Reads a node's knobs up to its closing brace. An expression may refer to the knobs of the group that the node stands in.
+#[allow(clippy::type_complexity, reason = "the two parts of a node are used at once")]
+fn read_knobs(
+    lines: &mut Lines,
+    parent: Option<&[(String, String)]>,
+) -> Result<(Vec<(String, String)>, Vec<AddedKnob>), String> {
+    let (mut knobs, mut added) = (vec![], vec![]);
+    loop {
+        let (i, line) = lines.next().ok_or("a node is not closed")?;
+        let wrong = |what: &str| format!("line {}: {what}: {line}", i + 1);
+        if line == "}" {
+            return Ok((knobs, added));
+        }
+        let (knob, value) = line.trim().split_once(' ').ok_or(wrong("a knob without a value"))?;
+        let refers = |text: &str| -> Result<(), String> {
+            for (at, _) in text.match_indices("parent.") {
+                let name: String = text[at + 7..].chars().take_while(char::is_ascii_alphanumeric).collect();
+                if !parent.is_some_and(|p| p.iter().any(|k| k.0 == name)) {
+                    return Err(wrong(&format!("the group has no knob {name}")));
+                }
+            }
+            Ok(())
+        };
+        let value = if knob == "addUserKnob" {
+            let inside =
+                value.strip_prefix('{').and_then(|v| v.strip_suffix('}')).ok_or(wrong("no braces"))?;
+            let parts: Vec<&str> = inside.split('"').collect();
+            if parts.len().is_multiple_of(2) || inside.contains(['{', '}', '[', ']', '$', '\\']) {
+                return Err(wrong("quotes do not match"));
+            }
+            let [kind, name] = inside.split_whitespace().take(2).collect::<Vec<_>>()[..] else {
+                return Err(wrong("no name"));
+            };
+            let tooltip =
+                parts.iter().zip(&parts[1..]).find(|(before, _)| before.ends_with(" t ")).map(|p| p.1);
+            let range = inside
+                .rsplit_once(" R ")
+                .map(|(_, ends)| ends.split(' ').map(str::parse).collect::<Vec<_>>());
+            let range = match range.as_deref() {
+                Some([Ok(from), Ok(to)]) => Some([*from, *to]),
+                Some(_) => return Err(wrong("no range")),
+                None => None,
+            };
+            if kind == "7" || kind == "2" {
+                let tooltip = tooltip.ok_or(wrong("no tooltip"))?.to_string();
+                added.push(AddedKnob { name: name.into(), tooltip, range });
+            }
+            continue;
+        } else if let Some(inside) = value.strip_prefix("{{").and_then(|v| v.strip_suffix("}}")) {
+            inside
+        } else if let Some(inside) = value.strip_prefix('"').and_then(|v| v.strip_suffix('"')) {
+            inside
+        } else if value.contains(' ') {
+            return Err(wrong("the value must be quoted"));
+        } else {
+            value
+        };
+        // Brackets would run Tcl, but for the one that reads a knob; braces and quotes would end the value.
+        let plain = value.strip_prefix("\\[value ").and_then(|v| v.strip_suffix(']')).unwrap_or(value);
+        if plain.contains(['"', '{', '}', '[', ']', '$', '\\']) {
+            return Err(wrong("the value must be quoted"));
+        }
+        refers(plain)?;
+        knobs.push((knob.to_string(), value.to_string()));
+    }
 }
 
 /// Reads the keys of a Godot resource of one head, one section, and keys with a number, a boolean or a string.
@@ -357,7 +488,7 @@ fn check(name: &str, source: &str) -> Result<(), String> {
         "glsl" => compile(source),
         "nk" => read_nk(source).map(drop),
         "tres" => read_tres(source).map(drop),
-        // HLSL shaders are compiled by tools/check-shaders.sh.
+        // HLSL shaders are compiled and run by crates/blindaug-gpu/tests/exported.rs.
         "shader" => Ok(()),
         "tbl" | "csv" => Ok(()),
         _ => Err(format!("{name}: nobody checks this")),
@@ -403,6 +534,44 @@ fn every_file_is_read_by_a_parser_of_its_language() {
             "{extension} was broken and is read"
         );
     }
+}
+
+/// What Python's own compiler says of a script; `None` where there is no Python, which is said.
+fn compiled_by_python(name: &str, script: &str) -> Option<Result<(), String>> {
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    std::fs::write(&path, script).unwrap();
+    let output = std::process::Command::new("python3").args(["-m", "py_compile"]).arg(&path).output();
+    match output {
+        Ok(output) if output.status.success() => Some(Ok(())),
+        Ok(output) => Some(Err(String::from_utf8_lossy(&output.stderr).into_owned())),
+        Err(why) => {
+            eprintln!("NOT TESTED: python3 cannot be run ({why})");
+            None
+        }
+    }
+}
+
+#[test]
+fn python_compiles_the_scripts() {
+    for (i, model) in models().iter().enumerate() {
+        for target in [Target::Unreal, Target::Blender] {
+            let export = exported(model, target);
+            let name = format!("exported_{target}_{i}.py");
+            let Some(compiled) = compiled_by_python(&name, text(&export)) else { return };
+            compiled.unwrap_or_else(|e| panic!("{target}: {e}"));
+            // Negative control: an unbalanced quote, and a line that is indented for no reason.
+            for broken in ["x = \"\"\"\n", "x = 1\n    y = 2\n"] {
+                let broken = format!("{}{broken}", text(&export));
+                assert!(compiled_by_python(&name, &broken).unwrap().is_err(), "{target}");
+            }
+        }
+    }
+    // The whole noise is in Unreal's material, and its textures lie beside the script.
+    let export = exported(&models()[0], Target::Unreal);
+    for name in [grain::BANDS, grain::TILE] {
+        assert!(text(&export).contains(name) && export.files.iter().any(|f| f.name == name), "{name}");
+    }
+    assert!(!text(&exported(&models()[1], Target::Unreal)).contains("grain"));
 }
 
 #[test]
@@ -458,14 +627,17 @@ fn nuke_s_expression_makes_the_model_s_noise() {
     let model = camera_model(0.5, 4.0, 3.0);
     let noise = model.noise.known().unwrap();
     let nodes = read_nk(text(&exported(&model, Target::Nuke))).unwrap();
-    let merge = &nodes.iter().find(|n| n.class == "MergeExpression").unwrap().knobs;
+    let merge = nodes[0].of_class("MergeExpression");
+    assert_eq!(merge.knob("temp_name3"), "amount");
+    assert_eq!(nodes[0].evaluated(merge.knob("temp_expr3")), 1.0);
     let bands = grain::bands();
     for (c, key) in ["expr0", "expr1", "expr2"].iter().enumerate() {
-        let expression = &merge.iter().find(|k| k.0 == *key).unwrap().1;
+        let expression = merge.knob(key);
+        assert!(expression.contains("+amount*sqrt("));
         // The terms are of the form `max(s*luma+i,0)*(Ab(..+dx)..)`.
         let terms: Vec<(f32, f32)> = expression
             .match_indices("max(")
-            .skip(1)
+            .filter(|(at, _)| expression[*at..].split(')').next().unwrap().contains("*luma+"))
             .map(|(at, _)| {
                 let inner = &expression[at + 4..];
                 (value(inner, ""), value(inner, "luma+"))
@@ -485,6 +657,70 @@ fn nuke_s_expression_makes_the_model_s_noise() {
             / bands.data().len() as f32;
         let want = noise.total_std(y)[c];
         assert!((variance.sqrt() / want - 1.0).abs() < 0.02, "{} {want}", variance.sqrt());
+    }
+}
+
+#[test]
+fn nuke_s_group_is_wired_and_its_knobs_are_explained() {
+    let model = camera_model(0.5, 4.0, 3.0);
+    let export = exported(&model, Target::Nuke);
+    let nodes = read_nk(text(&export)).unwrap();
+    let [group] = &nodes[..] else { panic!("{} nodes", nodes.len()) };
+    // An artist can change the camera by hand.
+    let knobs: Vec<&str> = group.added.iter().map(|k| k.name.as_str()).collect();
+    assert_eq!(knobs, ["exposure", "focus", "blur", "grain", "octaves"]);
+    for AddedKnob { name, tooltip, range } in &group.added {
+        assert!(tooltip.ends_with('.') && tooltip.len() > 30, "{name}: {tooltip}");
+        if name == "octaves" {
+            assert_eq!(group.knob(name), grain::BANDS);
+            continue;
+        }
+        let ([from, to], value) = (range.unwrap(), group.knob(name).parse::<f32>().unwrap());
+        assert!(from <= value && value <= to && from < to, "{name}: {value} in {from} to {to}");
+    }
+    // The first input is followed from the group's end to its beginning, with the second ones on the way.
+    let at = |i: usize| &group.group[i];
+    let name = |node: &Node| format!("{} {}", node.class, node.knob("name"));
+    let mut node = group.group.last().unwrap();
+    let mut way = vec![name(node)];
+    while let Some(Some(first)) = node.inputs.first() {
+        if let Some(second) = node.inputs.get(1) {
+            way.push(format!("(beside it: {})", name(at(second.unwrap()))));
+        }
+        node = at(*first);
+        way.push(name(node));
+    }
+    assert_eq!(
+        way,
+        [
+            "Output Output",
+            "Colorspace Decode",
+            "MergeExpression Grain",
+            "(beside it: Read Octaves)",
+            "Colorspace Encode",
+            "Copy LayersAlpha",
+            "(beside it: VectorBlur MotionBlur)",
+            "Merge2 Over",
+            "(beside it: VectorBlur MotionBlur)",
+            "Input plate",
+        ]
+    );
+    let blurred = group.of_class("VectorBlur");
+    assert_eq!(group.evaluated(blurred.knob("scale")), 0.5);
+    let defocused = at(blurred.inputs[0].unwrap());
+    assert_eq!(name(defocused), "ZDefocus2 Defocus");
+    assert_eq!(name(at(defocused.inputs[0].unwrap())), "Input layer");
+    // Negative controls: a group that does not end, a wire that leads nowhere, a knob that nobody has, a node too few, quotes that do not match.
+    for (from, to) in [
+        ("end_group\n", ""),
+        ("push $Nlayer\n", "push $Nother\n"),
+        ("parent.focus", "parent.focal"),
+        ("push $Nlayer\n", ""),
+        ("l \"focus, m\"", "l \"focus, m"),
+        ("name Over\n}", "name Over\n"),
+    ] {
+        let broken = text(&export).replacen(from, to, 1);
+        assert!(broken != text(&export) && read_nk(&broken).is_err(), "{from:?} became {to:?}");
     }
 }
 

@@ -14,7 +14,7 @@ pub(super) const ABILITIES: Abilities = Abilities {
     motion_blur: "none in released versions; the number for the proposed effect is given",
     defocus: "exact up to a std of 16 px, at the resolution that it is exported for",
     grain: "a compositor effect: the whole model",
-    checked: "formula read in the source; .tres read by a strict reader, shader compiled by naga; not run in the engine",
+    checked: "formula read in the source; .tres read by a strict reader, shader run and compared with the model; not run in the engine",
 };
 
 /// The numbers of `CameraAttributesPractical`.

@@ -1,7 +1,7 @@
 //! Grain as textures and responses: the bands of the noise as a tile, a tile of the whole noise for tools that take only one, and
 //! the std over luminance.
 
-use super::{Camera, number, short};
+use super::{Camera, number, numbers, short};
 use crate::model::{NOISE_LEVELS, NoiseModel};
 use crate::synth::noise::tileable_bands;
 use crate::{Raster, Transfer};
@@ -169,6 +169,21 @@ impl Response {
 pub(super) fn by_channel(model: &NoiseModel) -> ([[f32; 4]; 3], [[f32; 4]; 3]) {
     let of = |f: &dyn Fn(usize) -> [f32; 3]| std::array::from_fn(|c| std::array::from_fn(|l| f(l)[c]));
     (of(&|l| model.lines().levels[l].slope), of(&|l| model.lines().levels[l].intercept))
+}
+
+/// The values of the markers in a text of HLSL that reads [`bands`] for a model.
+pub(super) fn hlsl_values(noise: &NoiseModel) -> [(&'static str, String); 7] {
+    let (slope, intercept) = by_channel(noise);
+    let vectors = |v: [[f32; 4]; 3]| v.map(|v| format!("float4({})", numbers(&v))).join(", ");
+    [
+        ("bands", BANDS.into()),
+        ("slope", vectors(slope)),
+        ("intercept", vectors(intercept)),
+        ("offsets", CHANNEL_OFFSETS.map(|[x, y]| format!("int2({x}, {y})")).join(", ")),
+        ("clip", number(noise.clip())),
+        ("mask", (SIDE - 1).to_string()),
+        ("gain", number(GAIN)),
+    ]
 }
 
 /// Notes on the limits of all passes that take the whole model.

@@ -1,6 +1,6 @@
 //! The parts that the two Unity targets share: the editor script that makes a volume profile, and the full-screen grain pass.
 
-use super::{Camera, Export, File, filled, grain, head, number, numbers};
+use super::{Camera, Export, File, filled, grain, head, number};
 
 /// The name of the full-screen pass's file.
 pub(super) const SHADER: &str = "BlindaugGrain.shader";
@@ -109,19 +109,6 @@ fn film_grain(response: &grain::Response) -> String {
 /// post-processing, instead of the film grain.
 pub(super) fn grain_shader(camera: &Camera) -> Option<[File; 2]> {
     let noise = camera.noise.as_ref()?;
-    let (slope, intercept) = grain::by_channel(noise);
-    let vectors = |v: [[f32; 4]; 3]| v.map(|v| format!("float4({})", numbers(&v))).join(", ");
-    let text = filled(
-        include_str!("effects/grain.shader"),
-        &[
-            ("bands", grain::BANDS.into()),
-            ("slope", vectors(slope)),
-            ("intercept", vectors(intercept)),
-            ("offsets", grain::CHANNEL_OFFSETS.map(|[x, y]| format!("int2({x}, {y})")).join(", ")),
-            ("clip", number(noise.clip())),
-            ("mask", (grain::SIDE - 1).to_string()),
-            ("gain", number(grain::GAIN)),
-        ],
-    );
+    let text = filled(include_str!("effects/grain.shader"), &grain::hlsl_values(noise));
     Some([File::text(SHADER, text), File::texture(grain::BANDS, grain::bands())])
 }

@@ -16,7 +16,7 @@ pub(super) const ABILITIES: Abilities = Abilities {
     motion_blur: "exact; motion beyond 0.2 of the screen is clamped",
     defocus: "exact up to a std of 7 px (less under 280 px of height)",
     grain: "FilmGrain: grey, none at black, one spectrum; or a full-screen shader: the whole model",
-    checked: "formulas read in the source; script parsed, shader compiled against stand-ins for Unity's includes; not run in the editor",
+    checked: "formulas read in the source; script parsed, shader run on stand-ins for Unity's includes and compared with the model; not run in the editor",
 };
 
 /// The numbers of the volume's components.

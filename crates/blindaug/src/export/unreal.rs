@@ -4,19 +4,20 @@
 //!   angle instead: 360 lambda degrees.
 //! - Depth of field: a radius of `0.5 W / sensorW coc_inf |1 - P / Z|` px, `coc_inf = f^2 / (N (P - f))`, f from the field of view
 //!   and `DepthOfFieldSensorWidth`; clamped to 0.025 W. The sensor has the default width, 24.576 mm, unless N leaves [1, 32].
-//! - Film grain: three zones of luminance, each with its own intensity.
+//! - Grain: the script imports the octaves and makes a post-process material with the whole noise model, which works on display-encoded
+//!   values after tonemapping. The engine's own film grain can be chosen instead: three zones of luminance, each with its own intensity.
 //!
 //! Source: Epic's documentation; not run in the engine.
 
-use super::{Abilities, Camera, Export, File, ThinLens, grain, head, number};
+use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number};
 use crate::model::NoiseModel;
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Unreal Engine 5.1 and later",
     motion_blur: "exact",
     defocus: "exact up to a radius of 2.5 % of the width",
-    grain: "three zones of luminance with one texture; its scale is an assumption",
-    checked: "from the documentation; script parsed; not run in the engine",
+    grain: "a post-process material: the whole model; or the film grain: three zones of luminance, its scale is an assumption",
+    checked: "from the documentation; script compiled, the material's function run and compared with the model; not run in the engine",
 };
 
 /// The numbers of `PostProcessSettings`.
@@ -87,21 +88,18 @@ pub fn settings(camera: &Camera) -> Settings {
     }
 }
 
-/// The script and the grain's texture.
+/// The script and the textures of the grain.
 pub(super) fn export(camera: &Camera) -> Export {
     let settings = settings(camera);
     let mut lost = camera.left.clone();
     let mut values = vec![];
     let mut set = |name: &str, value: f32| values.push(format!("    \"{name}\": {},\n", number(value)));
-    let mut files = vec![];
     let mut queue = String::new();
     if let Some(amount) = settings.motion_blur_amount {
         set("motion_blur_amount", amount);
         set("motion_blur_max", 100.0);
-        values.push("    \"motion_blur_target_fps\": 0,\n".into());
         queue = format!("# Movie Render Queue: a shutter angle of {} degrees.\n", number(360.0 * amount));
     }
-    let mut set = |name: &str, value: f32| values.push(format!("    \"{name}\": {},\n", number(value)));
     if let Some(dof) = settings.depth_of_field {
         set("depth_of_field_fstop", dof.f_stop);
         set("depth_of_field_focal_distance", dof.focal_distance);
@@ -109,48 +107,38 @@ pub(super) fn export(camera: &Camera) -> Export {
         lost.extend(camera.blur_lost(|z| dof.sigma_px(z, camera)));
         lost.push(camera.for_this_view());
     }
+    if settings.motion_blur_amount.is_some() {
+        values.push("    \"motion_blur_target_fps\": 0,\n".into());
+    }
+    let mut files = vec![];
+    let (mut grain, mut add_grain) = (String::new(), "");
     if let (Some([shadows, midtones, highlights]), Some(noise)) = (settings.film_grain, &camera.noise) {
-        set("film_grain_intensity", 1.0);
-        set("film_grain_intensity_shadows", shadows);
-        set("film_grain_intensity_midtones", midtones);
-        set("film_grain_intensity_highlights", highlights);
-        set("film_grain_shadows_max", 0.09);
-        set("film_grain_highlights_min", 0.5);
-        set("film_grain_texel_size", 1.0);
+        lost.extend(grain::full_pass_lost(camera));
         lost.push(
-            "grain has one intensity for shadows, midtones and highlights each; that the texture multiplies the light is an \
-             assumption, compare by eye"
+            "the engine's own film grain, which can be chosen instead of the material, has one intensity for shadows, midtones and \
+             highlights each; that its texture multiplies the light is an assumption, compare by eye"
                 .into(),
         );
+        grain = filled(
+            include_str!("effects/unreal_grain.py"),
+            &[
+                ("shadows", number(shadows)),
+                ("midtones", number(midtones)),
+                ("highlights", number(highlights)),
+                ("tile", grain::TILE.into()),
+                ("bands", grain::BANDS.into()),
+                ("code", filled(include_str!("effects/unreal_grain.hlsl"), &grain::hlsl_values(noise))),
+            ],
+        );
+        add_grain = "add_grain(settings)\n";
+        files.push(File::texture(grain::BANDS, grain::bands()));
         files.push(File::texture(grain::TILE, grain::tile(noise)));
     }
-    let head = head("#", "A camera as a post-process volume of Unreal Engine", &lost);
-    let texture = grain::TILE;
-    let grain_note = if files.is_empty() {
-        String::new()
-    } else {
-        format!("# Import {texture} without sRGB and choose it as the volume's film grain texture.\n")
-    };
-    let text = format!(
-        r#"{head}{queue}{grain_note}# In the editor: Tools > Execute Python Script.
-import unreal
-
-VALUES = {{
-{values}}}
-
-settings = unreal.PostProcessSettings()
-for name, value in VALUES.items():
-    settings.set_editor_property("override_" + name, True)
-    settings.set_editor_property(name, value)
-
-actors = unreal.get_editor_subsystem(unreal.EditorActorSubsystem)
-volume = actors.spawn_actor_from_class(unreal.PostProcessVolume, unreal.Vector(0.0, 0.0, 0.0))
-volume.set_actor_label("Blindaug camera")
-volume.set_editor_property("unbound", True)
-volume.set_editor_property("settings", settings)
-"#,
-        values = values.concat()
+    let script = filled(
+        include_str!("effects/unreal.py"),
+        &[("values", values.concat()), ("grain", grain), ("add_grain", add_grain.into())],
     );
+    let text = head("#", "A camera as a post-process volume of Unreal Engine", &lost) + &queue + &script;
     files.insert(0, File::text("blindaug_camera.py", text));
     Export { files, lost }
 }

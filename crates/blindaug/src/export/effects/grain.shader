@@ -57,16 +57,15 @@ Shader "Blindaug/Grain"
                 float3 value = LinearToSRGB(saturate(scene.rgb));
                 float luminance = dot(value, float3(0.299, 0.587, 0.114));
                 int2 position = int2(input.positionCS.xy) + FrameOffset();
-                float3 noise;
+                float3 noisy;
                 [unroll]
                 for (int c = 0; c < 3; c++)
                 {
                     float4 bands = LOAD_TEXTURE2D(_Bands, (position + Offsets[c]) & Mask);
                     float4 sigma = max(Slope[c] * luminance + Intercept[c], 0.0);
-                    noise[c] = dot(sigma, (bands - 0.5) / Gain);
+                    // There is none where the sensor clips; half an 8-bit step for pictures in half floats.
+                    noisy[c] = value[c] >= Clip - 0.002 ? value[c] : clamp(value[c] + dot(sigma, (bands - 0.5) / Gain), 0.0, Clip);
                 }
-                // None where the sensor clips; half an 8-bit step for pictures in half floats.
-                float3 noisy = value >= Clip - 0.002 ? value : clamp(value + noise, 0.0, Clip);
                 return float4(SRGBToLinear(noisy), scene.a);
             }
             ENDHLSL
