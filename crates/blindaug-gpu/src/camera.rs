@@ -46,7 +46,7 @@ wgsl_struct! {
         noise: u32,
         /// 1 if blur acts on encoded values, 0 if it acts on light.
         encoded_space: u32,
-        /// 1 if the target's hardware encodes what is written.
+        /// 1 if light is written, 0 if display-encoded values are.
         pub(crate) linear_target: u32,
         /// The top left corner of the area in which the layer may be seen, px of the frame.
         pub(crate) origin: [u32; 2],

@@ -60,7 +60,8 @@ pub struct Frame<'a> {
     /// The area in which the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]). The compositor adds the margin that a
     /// sharpening camera changes. Outside of the area, the frame is only copied. `None`: the whole frame.
     pub area: Option<Area>,
-    /// A view per eye, of the frame's size and the format that the compositor was made for. The views get display-encoded values.
+    /// A view per eye, of the frame's size and the format that the compositor was made for. The views get display-encoded values, or light
+    /// after [`Compositor::with_linear_output`].
     pub targets: &'a [TextureView],
     /// The timer that measures how long the steps take, if any.
     pub timer: Option<&'a Timer>,
@@ -71,7 +72,8 @@ pub struct Frame<'a> {
 pub struct Compositor {
     passes: Passes,
     sharpener: Sharpener,
-    target: TextureFormat,
+    /// Whether the shaders write light: the target's hardware encodes it, or the target holds light.
+    linear_output: bool,
 }
 
 /// The effects of the camera on a frame, and the area that they change.
@@ -98,7 +100,18 @@ impl Plan {
 impl Compositor {
     /// A compositor for targets of this format, which must be one that can be rendered to. It makes the tile of noise, too.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, target: TextureFormat) -> Self {
-        Self { passes: Passes::new(device, queue, target), sharpener: Sharpener::new(device, target), target }
+        Self {
+            passes: Passes::new(device, queue, target),
+            sharpener: Sharpener::new(device, target),
+            linear_output: target.is_srgb(),
+        }
+    }
+
+    /// The same compositor, which writes scene-linear light (sRGB's curve undone) instead of display-encoded values: for the float target
+    /// of a renderer that blends and encodes after it. Targets of an `Srgb` format hold light anyway.
+    pub fn with_linear_output(mut self) -> Self {
+        self.linear_output = true;
+        self
     }
 
     /// Makes everything that frames of these textures' size need. The textures are bound once and may be drawn to again and again.
@@ -179,7 +192,7 @@ impl Compositor {
         }
         camera.depth_map = bound.depth_map;
         camera.slabs = bound.slabs;
-        camera.linear_target = u32::from(self.target.is_srgb());
+        camera.linear_target = u32::from(self.linear_output);
         camera.origin = [area.x, area.y];
         camera.size = [area.width, area.height];
         queue.write_buffer(&bound.views.camera, 0, bytemuck::bytes_of(&camera));

@@ -214,9 +214,30 @@ impl Gpu {
         self.wait()?;
         let lost =
             |e: &dyn std::fmt::Display| Error::new(format!("the graphics device stopped working: {e}"));
-        let bytes = buffer.get_mapped_range(..).map_err(|e| lost(&e))?.to_vec();
+        let bytes = buffer.get_mapped_range(..).mapped().map_err(|e| lost(&e))?.to_vec();
         buffer.unmap();
         Ok(bytes)
+    }
+}
+
+/// What `wgpu::Buffer::get_mapped_range` returns: the view itself in wgpu 29, a view or an error in wgpu 30.
+pub(crate) trait Mapped {
+    /// The view of the buffer's bytes.
+    ///
+    /// # Errors
+    /// If the buffer is not mapped, as one sentence.
+    fn mapped(self) -> std::result::Result<wgpu::BufferView, String>;
+}
+
+impl Mapped for wgpu::BufferView {
+    fn mapped(self) -> std::result::Result<wgpu::BufferView, String> {
+        Ok(self)
+    }
+}
+
+impl<E: std::fmt::Display> Mapped for std::result::Result<wgpu::BufferView, E> {
+    fn mapped(self) -> std::result::Result<wgpu::BufferView, String> {
+        self.map_err(|e| e.to_string())
     }
 }
 

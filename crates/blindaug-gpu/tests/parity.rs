@@ -7,7 +7,7 @@ use blindaug::model::{
 };
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
-use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster};
+use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster, Transfer};
 use blindaug_gpu::{Area, Compositor, Depth, Frame, Inputs, Quality, Velocity};
 use std::sync::LazyLock;
 use wgpu::TextureFormat;
@@ -174,11 +174,16 @@ fn views(target: &wgpu::Texture) -> Vec<wgpu::TextureView> {
 
 /// The eyes' composites; the targets are made here.
 fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
+    composite_by(&COMPOSITOR, inputs, frame)
+}
+
+/// The eyes' composites by a compositor for targets of half floats.
+fn composite_by(compositor: &Compositor, inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
     let target = target_like(inputs.frame);
     let views = views(&target);
-    let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
+    let bound = compositor.bind(&GPU.device, inputs).unwrap();
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
-    COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &Frame { targets: &views, ..frame }).unwrap();
+    compositor.encode(&GPU.queue, &mut encoder, &bound, &Frame { targets: &views, ..frame }).unwrap();
     GPU.queue.submit([encoder.finish()]);
     let images = GPU.download::<[f32; 4]>(&target).unwrap();
     images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect()
@@ -400,6 +405,31 @@ fn without_effects_it_is_the_naive_composite() {
     let out = on_gpu(&frame, &empty, &model, &CompositeOptions::default());
     let eight_bit = |i: &Raster<[f32; 3]>| i.map(|v| v.map(|v| (v * 255.0).round()));
     assert_eq!(eight_bit(&out), eight_bit(&frame.0));
+}
+
+#[test]
+fn linear_output_is_the_light_of_the_reference() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (160, 120);
+    let (frame, layer) = (frame(w, h), layer(w, h));
+    let plain = with_lens(with_exposure(camera(w, h), 0.7), 8.0, 0.4);
+    let linear = Compositor::new(&GPU.device, &GPU.queue, TextureFormat::Rgba16Float).with_linear_output();
+    let eyes = Eyes::new(&[&frame], &[&layer]);
+    let options = CompositeOptions::default();
+    // A camera that sharpens has a last pass of its own.
+    for model in [plain.clone(), with_sharpening(plain, 1.0, 1.0)] {
+        let reference = on_cpu(&frame, &layer, &model, &options);
+        let by = |compositor: &Compositor| {
+            let light = composite_by(compositor, &eyes.inputs(), of_frame(&model, &options)).remove(0);
+            difference(&light.map(|v| v.map(|v| Transfer::Srgb.encode(v))), &reference)
+        };
+        let tolerance = blur_tolerance(Quality::High, Bokeh::Gaussian) + sharpening_tolerance(1.0);
+        let [light, encoded] = [&linear, &*COMPOSITOR].map(by);
+        println!("light: {light}; encoded values taken for light: {encoded}");
+        assert!(light < tolerance && encoded > 10.0 * tolerance, "{light} {encoded}");
+    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ pub mod defocus;
 pub mod motion_blur;
 pub mod spectral;
 
+use crate::gpu::Mapped;
 use crate::kernel::{Binding, Kernel};
 use blindaug::{Error, Result};
 use std::sync::Arc;
@@ -95,7 +96,9 @@ impl Readback {
             LOST => return Err(lost(&"a buffer could not be read")),
             _ => return Ok(None),
         }
-        let out = read(bytemuck::cast_slice(&self.landing.get_mapped_range(..).map_err(|e| lost(&e))?));
+        let view = self.landing.get_mapped_range(..).mapped().map_err(|e| lost(&e))?;
+        let out = read(bytemuck::cast_slice(&view));
+        drop(view);
         self.landing.unmap();
         self.state.store(IDLE, Ordering::Release);
         Ok(Some(out))
