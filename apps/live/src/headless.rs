@@ -17,7 +17,7 @@ const TELL: Duration = Duration::from_secs(1);
 
 /// Makes and writes `frames` frames, or fewer after Ctrl-C, and returns their number.
 pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &mut Output) -> Result<u64> {
-    let source = &scene.source;
+    let source = &*scene.source;
     let mut clip = Loop::new(source);
     let mut estimation = LiveEstimator::new(scene.camera, scene.home, scene.fps);
     let mut told = Told::new(frames);

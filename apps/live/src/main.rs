@@ -6,7 +6,6 @@ mod headless;
 mod object;
 mod panel;
 mod render;
-mod source;
 mod stage;
 mod window;
 
@@ -20,13 +19,13 @@ use blindaug_gpu::{Gpu, Quality};
 use blindaug_io::{FrameFormat, FrameSource, Inputs};
 use blindaug_pipeline::{
     ImageFiles, Made,
-    live::{Home, Pinhole},
+    live::{self, Home, Pinhole},
 };
 use clap::Parser;
 use glam::DVec2;
 use object::Object;
 use stage::{Look, Stage};
-use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode};
+use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode, sync::Arc};
 
 // Whole images are allocated and freed all the time: see the note in Cargo.toml.
 #[global_allocator]
@@ -95,7 +94,7 @@ fn main() -> ExitCode {
 
 /// The footage, and the object that is put into it.
 struct Scene {
-    source: FrameSource,
+    source: Arc<FrameSource>,
     object: Object,
     camera: Pinhole,
     home: Home,
@@ -124,7 +123,7 @@ impl Scene {
     }
 
     fn is_camera(&self) -> bool {
-        source::names_camera(self.source.path())
+        live::names_camera(self.source.path())
     }
 }
 
@@ -133,7 +132,7 @@ fn run(args: &Live) -> Result<()> {
     if let Some(output) = &args.output {
         output::check(output, &Inputs::of([Some(&args.input), args.object.as_ref()].into_iter().flatten()))?;
     }
-    let source = source::open(&args.input)?;
+    let source = live::open(&args.input)?;
     for sentence in source.notes() {
         note(format_args!("{}: {sentence}", args.input.display()));
     }
@@ -150,7 +149,7 @@ fn run(args: &Live) -> Result<()> {
     let camera = Pinhole::new(source.size(), args.fov);
     let home = Home { at: FOOT, distance: args.distance };
     let fps = args.fps.or(source.fps());
-    let scene = Scene { source, object, camera, home, fps };
+    let scene = Scene { source: Arc::new(source), object, camera, home, fps };
     let look = Look {
         split: args.split as f32,
         size: (args.size * scene.seen()) as f32,

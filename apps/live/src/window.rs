@@ -9,12 +9,12 @@ use blindaug::Encoded;
 use blindaug_cli::console::{self, Failure, Result, failure, note};
 use blindaug_gpu::Gpu;
 use blindaug_io::VideoWriter;
-use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Loop};
+use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Pace, Player};
 use blindaug_report::words::count;
 use std::{
     path::PathBuf,
     sync::{
-        Arc, Mutex,
+        Arc,
         atomic::{AtomicBool, Ordering},
         mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel},
     },
@@ -64,7 +64,10 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
     let sizes = smallest..=largest;
     let scene = Arc::new(scene);
     let bell = Bell { window: events.create_proxy(), rung: Arc::default() };
-    let reader = Reader::start(scene.clone(), bell.clone());
+    // A camera has its own pace, whatever frame rate it names.
+    let pace = if scene.is_camera() { Pace::AsTheyCome } else { Pace::FramesPerSecond(scene.pace()) };
+    let of_player = bell.clone();
+    let player = Player::start(scene.source.clone(), pace, move || of_player.ring());
     let worker = Worker::start(&scene, bell.clone());
     let mut app = App {
         display: events.owned_display_handle(),
@@ -72,7 +75,8 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
         scene,
         bell,
         has_news: false,
-        reader,
+        player,
+        was_paused: false,
         worker,
         window: None,
         graphics: None,
@@ -100,57 +104,6 @@ fn no_window(e: &dyn std::fmt::Display) -> Failure {
 fn without_place(why: &str) -> String {
     let rest = why.strip_prefix("os error at ").and_then(|rest| rest.split_once(": "));
     rest.map_or(why, |(_, rest)| rest).replace('\n', " ")
-}
-
-/// Reads frames at their rate and keeps the newest.
-struct Reader {
-    newest: Arc<Mutex<Option<Result<LiveFrame>>>>,
-    paused: Arc<AtomicBool>,
-}
-
-impl Reader {
-    fn start(scene: Arc<Scene>, bell: Bell) -> Self {
-        let reader = Self { newest: Arc::default(), paused: Arc::default() };
-        let (newest, paused) = (reader.newest.clone(), reader.paused.clone());
-        std::thread::spawn(move || {
-            let source = &scene.source;
-            let period = Duration::from_secs_f64(scene.pace().recip());
-            let mut due = Instant::now();
-            let mut clip = Loop::new(source);
-            loop {
-                let shot = clip
-                    .next_frame()
-                    .map_err(Failure::from)
-                    .and_then(|shot| shot.ok_or_else(|| failure(source.path(), "there are no frames in it")));
-                let ended = shot.is_err();
-                // A camera has its own pace, whatever frame rate it names, and goes on while the picture stands still; a clip waits.
-                let is_live = scene.is_camera();
-                if !is_live {
-                    while paused.load(Ordering::Relaxed) && !ended {
-                        std::thread::sleep(period);
-                        // The controls act on the frame that stands still.
-                        if !bell.ring() {
-                            return;
-                        }
-                    }
-                    std::thread::sleep(due.saturating_duration_since(Instant::now()));
-                    due = Instant::now().max(due + period);
-                }
-                let is_left_out = is_live && !ended && paused.load(Ordering::Relaxed);
-                if let (Ok(mut newest), false) = (newest.lock(), is_left_out) {
-                    *newest = Some(shot);
-                }
-                if !bell.ring() || ended {
-                    return;
-                }
-            }
-        });
-        reader
-    }
-
-    fn newest(&self) -> Option<Result<LiveFrame>> {
-        self.newest.lock().ok()?.take()
-    }
 }
 
 /// An estimate and the time that it took.
@@ -396,7 +349,8 @@ struct App {
     controls: Controls,
     bell: Bell,
     has_news: bool,
-    reader: Reader,
+    player: Player,
+    was_paused: bool,
     worker: Worker,
     window: Option<Arc<Window>>,
     graphics: Option<Graphics>,
@@ -418,8 +372,7 @@ impl App {
     fn follow(&mut self) -> Result<()> {
         let mut due = None;
         let Controls { home, paused, .. } = self.controls;
-        if let Some(shot) = self.reader.newest() {
-            let shot = shot?;
+        if let Some(shot) = self.player.newest()? {
             self.worker.offer(&shot, home)?;
             due = self.pending.replace(shot);
         } else if let (Some(shot), true) = (self.pending.as_ref().or(self.shot.as_ref()), paused)
@@ -463,7 +416,8 @@ impl App {
         let Some(graphics) = &mut self.graphics else { return Ok(()) };
         let action = graphics.draw(&self.scene, &self.shown, &mut self.controls)?;
         self.recovering = false;
-        let was_paused = self.reader.paused.swap(self.controls.paused, Ordering::Relaxed);
+        let was_paused = std::mem::replace(&mut self.was_paused, self.controls.paused);
+        self.player.set_paused(self.controls.paused);
         if let (Some(recording), true) = (&mut self.recording, was_paused || self.controls.paused) {
             // The frames that a camera filmed during the pause are not a gap to fill.
             recording.number = 0;

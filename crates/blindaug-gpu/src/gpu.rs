@@ -149,13 +149,13 @@ impl Gpu {
         );
     }
 
-    /// Reads the images of a texture's array layers. Values of 8 bit become [0, 1].
+    /// Reads the images of a texture's array layers. Values of 8 bit become [0, 1]; those of an `Srgb` format stay encoded.
     ///
     /// # Errors
     /// If the device was lost.
     ///
     /// # Panics
-    /// If the format is none that [`Gpu::upload`] makes, or has another number of channels.
+    /// If the format is neither `Rgba8UnormSrgb` nor one that [`Gpu::upload`] makes, or has another number of channels.
     pub fn download<P: Pixel>(&self, texture: &wgpu::Texture) -> Result<Vec<Raster<P>>> {
         let size = texture.size();
         let (w, h, layers) = (size.width as usize, size.height as usize, size.depth_or_array_layers as usize);
@@ -185,7 +185,9 @@ impl Gpu {
         let bytes = self.read(&buffer)?;
         let values = |line: &[u8]| -> Vec<f32> {
             match texture.format() {
-                TextureFormat::Rgba8Unorm => line.iter().map(|&v| f32::from(v) / 255.0).collect(),
+                TextureFormat::Rgba8Unorm | TextureFormat::Rgba8UnormSrgb => {
+                    line.iter().map(|&v| f32::from(v) / 255.0).collect()
+                }
                 TextureFormat::R16Float | TextureFormat::Rg16Float | TextureFormat::Rgba16Float => {
                     line.chunks_exact(2).map(|b| f16::from_ne_bytes([b[0], b[1]]).to_f32()).collect()
                 }

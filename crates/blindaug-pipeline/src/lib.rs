@@ -10,7 +10,7 @@
 //! | [`timing`] | a [`Clip`] | its doubled, dropped and interpolated frames |
 //! | [`live`] | frames as they come | the camera and the place of an object, frame by frame |
 //!
-//! Nothing here prints, reads a clock or ends a process: an [`Observer`] is told how far a job has come and says when to stop. The feature
+//! Nothing here prints or ends a process, and only what plays a clip reads a clock ([`live::Player`]): an [`Observer`] is told how far a job has come and says when to stop. The feature
 //! `files` (on by default) adds frames and results in files, `networks` (on by default) neural networks; without both the crate also builds
 //! for the web.
 //!

@@ -11,7 +11,10 @@ pub fn names_camera(input: &Path) -> bool {
     input.to_str().is_some_and(|i| i.starts_with(CAMERA))
 }
 
-/// Opens a file, a folder, or by `camera:0` a camera.
+/// Opens a video, a folder of images, or by `camera:0` a camera (on Windows `camera:NAME`).
+///
+/// # Errors
+/// If there is none, or it cannot be read.
 pub fn open(input: &Path) -> Result<FrameSource> {
     match input.to_str().and_then(|i| i.strip_prefix(CAMERA)) {
         Some(name) => FrameSource::camera(name),
