@@ -80,9 +80,10 @@ fn main() -> Result<()> {
 /// of four half floats per second.
 const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 
-/// Bilinear samples per pixel of each of [`STEPS`] for a camera that does not sharpen, without the samples that depend on blur: extension
-/// 9/4 * 4/3 (pull) and 4 * 4/3 (push); octaves 9/4 * 4/3; defocus none; sharpening none; composite three of the noise tile.
-const SAMPLES: [f64; STEPS.len()] = [3.0 + 16.0 / 3.0, 3.0, 0.0, 0.0, 3.0];
+/// Texels and bilinear samples per pixel that each of [`STEPS`] reads for a camera that does not sharpen, without those that depend on blur:
+/// extension three textures in tiles of 20 x 20 for 16 x 16 (the pull and the push read 0.5); octaves 9/16 * 4/3; defocus six of depth
+/// and its continuation; sharpening none; composite six of motion and its continuation, the frame, and three of the noise tile.
+const SAMPLES: [f64; STEPS.len()] = [3.0 * 400.0 / 256.0 + 0.5, 0.75, 7.0, 0.0, 11.0];
 
 /// Prints the time of a frame on a phone, computed from the counts: a step takes as long as its bytes or its samples, whichever is longer;
 /// outside the object's area, the frame is only read and written.
@@ -114,25 +115,29 @@ fn phone(scene: &Scene) {
     }
 }
 
+/// Bytes per pixel of the continued depth and motion: 1/2 + 1/4 at a quarter of the size, and 1/8 on the next level.
+const CONTINUATION: f64 = 0.875;
+
 /// Bytes per pixel that each of [`STEPS`] must move if each texel is read once and written once: 8 bytes for the half floats in four
 /// channels between the passes, 4 each for depth, velocity, the frame and the target; the coarser levels of a pyramid add a third of its
 /// finest.
 fn bytes(sharpening: Option<&SharpeningModel>) -> [f64; STEPS.len()] {
     // Bytes of the iteration's first step, which blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further step: rows 8 + 8, columns 8 +
     // 8 + 8 + 8; the second one 8 less, since its source is the first one's result. Then the difference: frame 4, unsharpening 8, layer 8,
-    // blur 8, result 8; its rows 8 + 8.
+    // motion 4, its continuation, result 8; its rows 8 + 8.
     let unsharpening = |steps: u32| 32.0 + 48.0 * f64::from(steps - 1) - 8.0;
-    let sharpening = sharpening.map(|s| unsharpening(unsharpening_steps(s)) + 36.0 + 16.0);
+    let sharpening = sharpening.map(|s| unsharpening(unsharpening_steps(s)) + 32.0 + CONTINUATION + 16.0);
     [
-        // Prepare 8 + 8; spread 8 + 4 + 4 + 8; pull 8 * 4/3 + 8/3; push 3 * 8/3; blur 8 + 2 + 8.
-        16.0 + 24.0 + 32.0 / 3.0 + 8.0 / 3.0 + 8.0 + 18.0,
-        32.0 / 3.0 + 8.0 / 3.0,
-        // Blur 8, octaves 8 * 4/3, result 8.
-        8.0 + 32.0 / 3.0 + 8.0,
+        // Prepare 8 + 4 + 4, writes 8, at half size 2, at a quarter of it 1/2 and 1/4; pull (1/2 + 1/8) * 4/3; push (2/8 + 1/32) * 4/3.
+        26.75 + 2.5 / 3.0 + 0.375,
+        // From half size on: (2 + 1/2) * 4/3.
+        10.0 / 3.0,
+        // Depth 4, its continuation, octaves 8 * 4/3, result 8.
+        4.0 + CONTINUATION + 32.0 / 3.0 + 8.0,
         sharpening.unwrap_or(0.0),
-        // Without sharpening: frame 4, layer 8, blur 8, target 4; the noise tile stays in the cache. With sharpening: frame 4, difference
-        // 8, its rows 8, unsharpening 8, target 4.
-        if sharpening.is_some() { 32.0 } else { 24.0 },
+        // Without sharpening: frame 4, layer 8, motion 4, its continuation, target 4; the noise tile stays in the cache. With sharpening:
+        // frame 4, difference 8, its rows 8, unsharpening 8, target 4.
+        if sharpening.is_some() { 32.0 } else { 20.0 + CONTINUATION },
     ]
 }
 

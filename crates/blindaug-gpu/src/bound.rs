@@ -5,12 +5,13 @@ use crate::gpu::{array_view, aspect, texture};
 use crate::inputs::Inputs;
 use crate::kernel::{Kernel, bind};
 use crate::passes::{BETWEEN, Passes, Views, view};
-use crate::quality::{DefocusQuality, OCTAVES};
+use crate::quality::{CONTINUED, DefocusQuality, OCTAVES};
 use crate::sharpening::{Sharpener, Sharpening};
 use blindaug::{Error, Result};
+use std::ops::Range;
 use std::sync::OnceLock;
 use wgpu::util::DeviceExt;
-use wgpu::{BindGroup, BufferUsages, Texture, TextureSampleType, TextureUsages, TextureView};
+use wgpu::{BindGroup, BufferUsages, Texture, TextureFormat, TextureSampleType, TextureUsages, TextureView};
 
 /// The textures that a [`crate::Compositor`] reads its frames from, and the textures and buffers between its passes.
 #[derive(Debug)]
@@ -26,29 +27,34 @@ pub struct Bound {
     /// The [`DefocusQuality`] of the current frame.
     pub(crate) quality: wgpu::Buffer,
     pub(crate) prepare: BindGroup,
-    pub(crate) spread: BindGroup,
-    /// The bindings of `pull`, by the level that is read.
+    pub(crate) pull_continued: BindGroup,
+    /// The bindings of `pull`, by the level that is read, from `CONTINUED + 1` on.
     pub(crate) pull: Vec<BindGroup>,
     pub(crate) top: BindGroup,
-    /// The bindings of `push`, by the level that is written; those of the finest level are for `blur`.
+    /// The bindings of `push`, by the level that is written, from `CONTINUED + 1` on.
     pub(crate) push: Vec<BindGroup>,
-    /// The bindings of `halve`, by the level that is read.
+    /// The bindings of `halve`, by the level that is read, from the first one on.
     pub(crate) halve: Vec<BindGroup>,
     pub(crate) defocus: BindGroup,
-    /// The bindings of the last pass, one for each [`crate::sharpening::Blurred`].
-    pub(crate) composite: [BindGroup; 3],
+    /// The bindings of the last pass, one for each [`crate::sharpening::Source`].
+    pub(crate) composite: [BindGroup; 2],
     /// The passes of the sharpening; empty until the first frame of a camera that sharpens.
     sharpening: OnceLock<Sharpening>,
 }
 
-/// The layer, and its inverse depth and path, at full size and halved again and again.
+/// The layer, and its inverse depth and path, halved again and again.
 struct Pyramids {
-    /// The layer, halved again and again.
+    /// The layer at full size and halved.
     octaves: Vec<TextureView>,
-    /// Inverse depth and path where they are known, times their weight, and the weight.
+    /// Inverse depth and path where they are known, from level [`CONTINUED`] on: there, their means and the eighth root of their weight, on
+    /// the levels above times their weight, and the weight.
     known: Vec<TextureView>,
-    /// Inverse depth and path, continued to every pixel. The finest level holds path and defocus std.
+    /// Inverse depth and path, continued to every pixel, from level `CONTINUED + 1` on.
     filled: Vec<TextureView>,
+    /// Which of the pixels under a pixel of level `CONTINUED` the object covers, as the bits of a whole number.
+    covered: TextureView,
+    /// The layer after defocus.
+    focused: TextureView,
 }
 
 impl Pyramids {
@@ -56,27 +62,30 @@ impl Pyramids {
     /// # Errors
     /// If the device cannot hold the textures.
     fn new(device: &wgpu::Device, [w, h, parts]: [u32; 3]) -> Result<Self> {
-        // The levels go down to one pixel, and there are at least two of them.
+        // The levels go down to one pixel, and there are at least two that continue depth and motion.
         let mut sizes = vec![[w, h]];
-        while sizes.len() < 2 || sizes[sizes.len() - 1] != [1, 1] {
+        while sizes.len() < CONTINUED + 2 || sizes[sizes.len() - 1] != [1, 1] {
             sizes.push(sizes[sizes.len() - 1].map(|s| s.div_ceil(2)));
         }
-        let level = |label: &str, i: usize| {
+        let level = |label: &str, i: usize, format| {
             let [w, h] = sizes[i.min(sizes.len() - 1)].map(|s| s as usize);
             let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING;
-            texture(device, label, [w, h, parts as usize], BETWEEN, usage).map(|t| array_view(&t))
+            texture(device, label, [w, h, parts as usize], format, usage).map(|t| array_view(&t))
         };
-        let levels = |label: &str, n: usize| (0..n).map(|i| level(label, i)).collect::<Result<Vec<_>>>();
+        let levels =
+            |label: &str, of: Range<usize>| of.map(|i| level(label, i, BETWEEN)).collect::<Result<Vec<_>>>();
         Ok(Self {
-            octaves: levels("octave", OCTAVES)?,
-            known: levels("known", sizes.len())?,
-            filled: levels("filled", sizes.len())?,
+            octaves: levels("octave", 0..OCTAVES)?,
+            known: levels("known", CONTINUED..sizes.len())?,
+            filled: levels("filled", CONTINUED + 1..sizes.len())?,
+            covered: level("covered", CONTINUED, TextureFormat::R32Float)?,
+            focused: level("focused", 0, BETWEEN)?,
         })
     }
 
-    /// The index of the coarsest level, which has one pixel.
+    /// The number of the coarsest level, which has one pixel.
     fn last(&self) -> usize {
-        self.known.len() - 1
+        CONTINUED + self.known.len() - 1
     }
 }
 
@@ -98,7 +107,7 @@ impl<'a> Binder<'a> {
                 usage: BufferUsages::UNIFORM,
             })
         };
-        let levels = (0..OCTAVES.max(pyramids.last()) as u32).map(level).collect();
+        let levels = (0..=OCTAVES.max(pyramids.last()) as u32).map(level).collect();
         Self { of, views, pyramids, levels }
     }
 
@@ -114,52 +123,57 @@ impl<'a> Binder<'a> {
         wgpu::BindingResource::Sampler(&self.of.bilinear)
     }
 
-    /// The bindings of a kernel that halves, for all levels but the last.
-    fn halved(&self, kernel: &Kernel, levels: &[TextureView]) -> Vec<BindGroup> {
-        let halved = |i: usize| {
-            let level = self.levels[i].as_entire_binding();
-            let images = [&levels[i], &levels[i + 1]].map(view);
-            let [finer, coarser] = images;
+    /// The bindings of a kernel that halves successive levels, the first of which has number `first`, for all but the last.
+    fn halved(&self, kernel: &Kernel, first: usize, levels: &[TextureView]) -> Vec<BindGroup> {
+        let halved = |(images, level): (&[TextureView], &wgpu::Buffer)| {
+            let level = level.as_entire_binding();
+            let (finer, coarser) = (view(&images[0]), view(&images[1]));
             kernel.bind(
                 &self.views.device,
                 &[self.camera(), level, self.bilinear(), finer, self.most(), coarser],
             )
         };
-        (0..levels.len() - 1).map(halved).collect()
+        levels.windows(2).zip(&self.levels[first..]).map(halved).collect()
     }
 
-    /// The bindings of a kernel that fills a level from a coarser one.
-    fn doubled(&self, kernel: &Kernel, coarser: usize, level: usize) -> BindGroup {
+    /// The bindings of a kernel that fills a level from the next coarser one.
+    fn doubled(&self, kernel: &Kernel, level: usize) -> BindGroup {
         let Pyramids { known, filled, .. } = self.pyramids;
-        let number = self.levels[level.min(self.pyramids.last() - 1)].as_entire_binding();
-        let [coarser, own, written] = [&filled[coarser], &known[level], &filled[level]].map(view);
+        let number = self.levels[level].as_entire_binding();
+        // Nothing is coarser than the last level, whose kernel reads no other.
+        let coarser = view(filled.get(level - CONTINUED).unwrap_or(&self.of.nothing));
+        let (own, written) = (view(&known[level - CONTINUED]), view(&filled[level - CONTINUED - 1]));
         kernel.bind(
             &self.views.device,
             &[self.camera(), number, self.bilinear(), coarser, self.most(), own, written],
         )
     }
 
-    fn defocus(&self, quality: &wgpu::Buffer) -> BindGroup {
+    fn defocus(&self, quality: &wgpu::Buffer, depth: &TextureView) -> BindGroup {
         let mut resources = vec![
             self.camera(),
             quality.as_entire_binding(),
             self.bilinear(),
             self.of.gaussians.as_entire_binding(),
-            view(&self.views.blur),
+            view(depth),
             view(&self.views.focused),
         ];
         resources.extend(self.pyramids.octaves.iter().map(view));
         resources.extend([self.of.disks.as_entire_binding(), self.most()]);
+        resources.extend([&self.views.continued, &self.views.covered, &self.views.coarser].map(view));
         self.of.defocus.bind(&self.views.device, &resources)
     }
 
-    fn composite(&self, layer: &TextureView, blur: &TextureView) -> BindGroup {
+    fn composite(&self, layer: &TextureView) -> BindGroup {
         let resources = [
             self.camera(),
             self.bilinear(),
             view(&self.views.frame),
             view(layer),
-            view(blur),
+            view(&self.views.continued),
+            view(&self.views.covered),
+            view(&self.views.coarser),
+            view(&self.views.velocity),
             view(&self.of.tile),
             self.most(),
         ];
@@ -188,6 +202,7 @@ impl Bound {
             })
         };
         let quality = buffer("quality", size_of::<DefocusQuality>() as u64, BufferUsages::UNIFORM);
+        let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
         let views = Views {
             device: device.clone(),
             size: [w, h, eyes],
@@ -195,43 +210,39 @@ impl Bound {
             most: buffer("largest alpha", 4 * u64::from(slabs * eyes), BufferUsages::STORAGE),
             frame: array_view(inputs.frame),
             sharp: pyramids.octaves[0].clone(),
-            // The known depth and motion at full size are no longer needed when the focused layer is written.
-            focused: pyramids.known[0].clone(),
-            blur: pyramids.filled[0].clone(),
+            focused: pyramids.focused.clone(),
+            continued: pyramids.known[0].clone(),
+            covered: pyramids.covered.clone(),
+            coarser: pyramids.filled[0].clone(),
+            velocity: input(inputs.velocity.map(|v| v.texture)),
         };
-        let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
         let (color, depth) = (array_view(inputs.color), input(inputs.depth.map(|d| d.texture)));
-        let velocity = input(inputs.velocity.map(|v| v.texture));
         let binder = Binder::new(of, &views, &pyramids);
         let last = pyramids.last();
-        let prepare = [binder.camera(), view(&color), view(&views.sharp), binder.most(), view(&depth)];
-        let spread = [
+        let prepare = [
             binder.camera(),
-            view(&views.sharp),
+            view(&color),
             view(&depth),
-            view(&velocity),
+            view(&views.velocity),
             binder.most(),
-            view(&pyramids.known[0]),
+            view(&views.sharp),
+            view(&pyramids.octaves[1]),
+            view(&views.continued),
+            view(&views.covered),
         ];
-        let pushes = |i: usize| binder.doubled(if i == 0 { &of.blur } else { &of.push }, i + 1, i);
         Ok(Self {
             slabs,
             has_depth: inputs.depth.is_some(),
             depth_map: inputs.depth.map_or([0.0; 2], |d| [d.scale, d.offset]),
             velocity_scale: inputs.velocity.map_or([0.0; 2], |v| v.scale),
             prepare: of.prepare.bind(device, &prepare),
-            spread: of.spread.bind(device, &spread),
-            pull: binder.halved(&of.pull, &pyramids.known),
-            // The kernel `top` reads no coarser level, so any texture will do.
-            top: binder.doubled(&of.top, last - 1, last),
-            push: (0..last).map(pushes).collect(),
-            halve: binder.halved(&of.halve, &pyramids.octaves),
-            defocus: binder.defocus(&quality),
-            composite: [
-                binder.composite(&views.focused, &views.blur),
-                binder.composite(&views.sharp, &views.blur),
-                binder.composite(&views.sharp, &of.nothing),
-            ],
+            pull_continued: binder.halved(&of.pull_continued, CONTINUED, &pyramids.known[..2]).remove(0),
+            pull: binder.halved(&of.pull, CONTINUED + 1, &pyramids.known[1..]),
+            top: binder.doubled(&of.top, last),
+            push: (CONTINUED + 1..last).map(|level| binder.doubled(&of.push, level)).collect(),
+            halve: binder.halved(&of.halve, 1, &pyramids.octaves[1..]),
+            defocus: binder.defocus(&quality, &depth),
+            composite: [binder.composite(&views.focused), binder.composite(&views.sharp)],
             sharpening: OnceLock::new(),
             quality,
             views,

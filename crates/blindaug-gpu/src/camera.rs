@@ -60,8 +60,10 @@ wgsl_struct! {
         pub(crate) slabs: u32,
         /// The inverse depths between the three slabs, 1/m: the first slab lies behind `cuts[0]`, the last one in front of `cuts[1]`.
         cuts: [f32; 2],
-        /// Unused.
-        more_padding: [u32; 2],
+        /// 1 if the lens may put the layer out of focus.
+        pub(crate) defocuses: u32,
+        /// 1 if the layer may move while the shutter is open.
+        pub(crate) moves: u32,
     }
 }
 
@@ -139,12 +141,12 @@ impl Camera {
     }
 
     /// Whether the lens may put anything out of focus.
-    pub(crate) fn defocuses(&self) -> bool {
+    pub(crate) fn has_lens(&self) -> bool {
         self.lens != [0.0; 3]
     }
 
     /// Whether the shutter is open while things move.
-    pub(crate) fn moves(&self) -> bool {
+    pub(crate) fn has_path(&self) -> bool {
         self.path_scale != [0.0; 2]
     }
 }

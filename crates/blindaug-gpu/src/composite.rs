@@ -4,8 +4,8 @@ use crate::bound::Bound;
 use crate::camera::Camera;
 use crate::inputs::Inputs;
 use crate::passes::Passes;
-use crate::quality::{DefocusQuality, Quality};
-use crate::sharpening::{self, Blurred, Sharpener};
+use crate::quality::{CONTINUED, DefocusQuality, Quality};
+use crate::sharpening::{self, Sharpener, Source};
 use crate::timer::{self, Timer};
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{CameraModel, SharpeningModel};
@@ -87,13 +87,9 @@ struct Plan {
 }
 
 impl Plan {
-    /// The effects that blur the layer when it is composited.
-    fn blurred(&self) -> Blurred {
-        match (self.defocuses, self.blurs) {
-            (true, _) => Blurred::Focused,
-            (false, true) => Blurred::Moving,
-            (false, false) => Blurred::Still,
-        }
+    /// The texture from which the layer is composited.
+    fn source(&self) -> Source {
+        if self.defocuses { Source::Focused } else { Source::Sharp }
     }
 }
 
@@ -150,7 +146,7 @@ impl Compositor {
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
         let (pipeline, group) = match sharpened {
             Some(group) => (&self.sharpener.sharpened, group),
-            None => (&self.passes.composite, &bound.composite[plan.blurred() as usize]),
+            None => (&self.passes.composite, &bound.composite[plan.source() as usize]),
         };
         for (eye, target) in (0..).zip(frame.targets) {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -195,11 +191,14 @@ impl Compositor {
         camera.linear_target = u32::from(self.linear_output);
         camera.origin = [area.x, area.y];
         camera.size = [area.width, area.height];
+        let defocuses = seen && camera.has_lens() && bound.has_depth;
+        let moves = seen && camera.has_path();
+        camera.defocuses = u32::from(defocuses);
+        camera.moves = u32::from(moves);
         queue.write_buffer(&bound.views.camera, 0, bytemuck::bytes_of(&camera));
         let defocus = DefocusQuality::new(quality, options.bokeh);
         queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&defocus));
-        let defocuses = seen && camera.defocuses() && bound.has_depth;
-        Ok(Plan { area, defocuses, blurs: defocuses || seen && camera.moves(), sharpening })
+        Ok(Plan { area, defocuses, blurs: defocuses || moves, sharpening })
     }
 
     /// Records the passes that extend the layer, halve it and put it out of focus.
@@ -220,20 +219,20 @@ impl Compositor {
             self.passes.prepare.run(&mut pass, &bound.prepare, at_level(0));
         }
         if plan.blurs {
-            self.passes.spread.run(&mut pass, &bound.spread, at_level(0));
-            for (level, group) in bound.pull.iter().enumerate() {
-                self.passes.pull.run(&mut pass, group, at_level(level + 1));
+            self.passes.pull_continued.run(&mut pass, &bound.pull_continued, at_level(CONTINUED + 1));
+            for (level, group) in (CONTINUED + 2..).zip(&bound.pull) {
+                self.passes.pull.run(&mut pass, group, at_level(level));
             }
             self.passes.top.run(&mut pass, &bound.top, [1, 1, parts]);
-            for (level, group) in bound.push.iter().enumerate().skip(1).rev() {
-                self.passes.push.run(&mut pass, group, at_level(level));
+            for (i, group) in bound.push.iter().enumerate().rev() {
+                self.passes.push.run(&mut pass, group, at_level(CONTINUED + 1 + i));
             }
-            self.passes.blur.run(&mut pass, &bound.push[0], at_level(0));
         }
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::OCTAVES);
-        for (level, group) in bound.halve.iter().enumerate().filter(|_| plan.defocuses) {
-            self.passes.halve.run(&mut pass, group, at_level(level + 1));
+        // The first octave comes from the extension.
+        for (level, group) in (2..).zip(&bound.halve).filter(|_| plan.defocuses) {
+            self.passes.halve.run(&mut pass, group, at_level(level));
         }
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::DEFOCUS);
@@ -263,7 +262,7 @@ impl Compositor {
         let steps = passes.write(queue, model, [x, y])?;
         let mut pass = timer::compute_pass(encoder, timer, timer::SHARPENING);
         let threads = [width, height, bound.views.size[2]];
-        passes.run(&self.sharpener, &mut pass, steps, plan.blurred(), threads);
+        passes.run(&self.sharpener, &mut pass, steps, plan.source(), threads);
         Ok(Some(&passes.sharpened))
     }
 }

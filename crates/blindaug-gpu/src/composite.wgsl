@@ -5,11 +5,14 @@
 @group(0) @binding(1) var bilinear: sampler;
 @group(0) @binding(2) var frame: texture_2d_array<f32>;
 @group(0) @binding(3) var focused: texture_2d_array<f32>;
-@group(0) @binding(4) var blur: texture_2d_array<f32>;
-@group(0) @binding(5) var tile: texture_2d_array<f32>;
+@group(0) @binding(4) var continued_0: texture_2d_array<f32>;
+@group(0) @binding(5) var covered: texture_2d_array<f32>;
+@group(0) @binding(6) var continued_1: texture_2d_array<f32>;
+@group(0) @binding(7) var velocity: texture_2d_array<f32>;
+@group(0) @binding(8) var tile: texture_2d_array<f32>;
 
 // The largest alpha of each part, as the bits of its float; 0 where a part is empty.
-@group(0) @binding(6) var<storage, read> most_of: array<u32>;
+@group(0) @binding(9) var<storage, read> most_of: array<u32>;
 
 struct Vertex {
     @builtin(position) position: vec4<f32>,
@@ -156,9 +159,19 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
     return vec4(v, 1.0);
 }
 
+// The path of a pixel while the shutter is open, px.
+fn path_at(at: vec2<u32>, part: u32) -> vec2<f32> {
+    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, bitcast<f32>(most_of[part]));
+    let own = camera.path_scale * textureLoad(velocity, camera.origin + at, part / camera.slabs, 0).xy;
+    return select(v.yz, own, v.w > 0.0 && is_finite(own.x) && is_finite(own.y));
+}
+
 // The mean of a part of the layer along the path of a pixel.
 fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
-    let path = textureLoad(blur, at, part, 0).xy;
+    if camera.moves == 0u {
+        return textureLoad(focused, at, part, 0);
+    }
+    let path = path_at(at, part);
     let jitter = vec2<f32>(camera.key % vec2(64u));
     return motion_blurred(
         focused, bilinear, camera.size, vec2<f32>(at), path, part, camera.most_taps, jitter,

@@ -10,7 +10,7 @@
 @group(0) @binding(14) var<storage, read> disks: array<vec4<f32>>;
 // The largest alpha of each part, as the bits of its float; 0 where a part is empty.
 @group(0) @binding(15) var<storage, read> most_of: array<u32>;
-@group(0) @binding(4) var blur: texture_2d_array<f32>;
+@group(0) @binding(4) var depth: texture_2d_array<f32>;
 @group(0) @binding(5) var focused: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var octave_0: texture_2d_array<f32>;
 @group(0) @binding(7) var octave_1: texture_2d_array<f32>;
@@ -20,6 +20,9 @@
 @group(0) @binding(11) var octave_5: texture_2d_array<f32>;
 @group(0) @binding(12) var octave_6: texture_2d_array<f32>;
 @group(0) @binding(13) var octave_7: texture_2d_array<f32>;
+@group(0) @binding(16) var continued_0: texture_2d_array<f32>;
+@group(0) @binding(17) var covered: texture_2d_array<f32>;
+@group(0) @binding(18) var continued_1: texture_2d_array<f32>;
 
 // The layer at pixel position `at` of an octave. Pixel centres are at integers.
 fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {
@@ -211,6 +214,14 @@ fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     return sum / max(known, 1e-6);
 }
 
+// The defocus std of a pixel, px.
+fn sigma_at(at: vec2<u32>, part: u32) -> f32 {
+    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, bitcast<f32>(most_of[part]));
+    let here = textureLoad(depth, camera.origin + at, part / camera.slabs, 0).x;
+    let own = camera.depth_map.x * here + camera.depth_map.y;
+    return defocus_std(camera, select(v.x, own, v.w > 0.0 && is_finite(own)));
+}
+
 @compute @workgroup_size(8, 8)
 fn defocus(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -224,7 +235,10 @@ fn defocus(
     }
     workgroupBarrier();
     let inside = all(id.xy < camera.size) && most_of[id.z] != 0u;
-    let sigma = select(0.0, textureLoad(blur, id.xy, id.z, 0).z, inside);
+    var sigma = 0.0;
+    if inside {
+        sigma = sigma_at(id.xy, id.z);
+    }
     atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
     // A tile of 8 x 8 pixels stays empty if nothing is seen within the reach of its kernels. On an octave whose pixels are as large as that

@@ -1,13 +1,17 @@
 // The layer is brought to the space in which blur acts, and its depth and motion are continued past its silhouette (pull-push, Gortler et
-// al. 1996).
+// al. 1996). What is continued is smooth, so that it is kept at a quarter of the layer's size, on level CONTINUED, and on the levels above.
 
 @group(0) @binding(0) var<uniform> camera: Camera;
 
 @group(0) @binding(1) var layer: texture_2d_array<f32>;
-@group(0) @binding(2) var color: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(2) var layer_depth: texture_2d_array<f32>;
+@group(0) @binding(3) var layer_velocity: texture_2d_array<f32>;
 // The largest alpha of each part, as the bits of its float, which are in the order of the floats.
-@group(0) @binding(3) var<storage, read_write> most: array<atomic<u32>>;
-@group(0) @binding(4) var layer_depth: texture_2d_array<f32>;
+@group(0) @binding(4) var<storage, read_write> most: array<atomic<u32>>;
+@group(0) @binding(5) var octave_0: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(6) var octave_1: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(7) var continued_0: texture_storage_2d_array<rgba16float, write>;
+@group(0) @binding(8) var covered: texture_storage_2d_array<r32float, write>;
 
 // The slab that a pixel belongs to. At silhouettes, the neighbouring pixel that the object covers most decides.
 fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
@@ -33,71 +37,149 @@ fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
     return select(select(1u, 2u, d > camera.cuts.y), 0u, d < camera.cuts.x);
 }
 
+// A part of the layer at a pixel of the frame, in the space in which blur acts.
+fn colour_at(at: vec2<u32>, part: u32) -> vec4<f32> {
+    let eye = part / camera.slabs;
+    var v = textureLoad(layer, at, eye, 0);
+    // Pixels of broken values count as empty.
+    if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
+        return vec4(0.0);
+    }
+    v.w = min(v.w, 1.0);
+    if camera.slabs > 1u && v.w > 0.0 && slab_of(at, eye, v.w) != part % camera.slabs {
+        return vec4(0.0);
+    }
+    if camera.encoded_space != 0u && v.w > 0.0 {
+        v = vec4(encode(v.rgb / v.w) * v.w, v.w);
+    }
+    // Half floats have this range.
+    return clamp(v, vec4(-65504.0), vec4(65504.0));
+}
+
+// A workgroup has a block of BLOCK x BLOCK pixels and BEFORE pixels left of and above it, which the smaller images need; SIDE is the side of both.
+const BEFORE = 3u;
+const SIDE = 20u;
+
+// The colours, the inverse depths and the paths. Where depth or path are unknown, the depth is UNKNOWN.
+var<workgroup> colours: array<vec4<f32>, SIDE * SIDE>;
+var<workgroup> depths: array<f32, SIDE * SIDE>;
+var<workgroup> paths: array<vec2<f32>, SIDE * SIDE>;
 var<workgroup> most_here: atomic<u32>;
+const UNKNOWN = 1e9;
+
+// Reads pixel `i` of the workgroup's memory.
+fn gather(i: u32, at: vec2<u32>, part: u32) -> vec4<f32> {
+    let eye = part / camera.slabs;
+    let colour = colour_at(at, part);
+    var d = 0.0;
+    var path = vec2(0.0);
+    if colour.w > 0.0 {
+        if camera.defocuses != 0u {
+            d = camera.depth_map.x * textureLoad(layer_depth, at, eye, 0).x + camera.depth_map.y;
+        }
+        if camera.moves != 0u {
+            path = camera.path_scale * textureLoad(layer_velocity, at, eye, 0).xy;
+        }
+        let known = is_finite(d) && is_finite(path.x) && is_finite(path.y);
+        d = select(UNKNOWN, clamp(d, -60000.0, 60000.0), known);
+        path = select(vec2(0.0), clamp(path, vec2(-60000.0), vec2(60000.0)), known);
+    }
+    colours[i] = colour;
+    depths[i] = d;
+    paths[i] = path;
+    return colour;
+}
+
+// The pixel of octave 1 at a pixel of the workgroup's memory, by the binomial kernel [1 4 6 4 1] / 16.
+fn octave_1_at(middle: vec2<u32>) -> vec4<f32> {
+    var binomial = array<f32, 3>(0.375, 0.25, 0.0625);
+    var sum = vec4(0.0);
+    for (var j = -2; j <= 2; j++) {
+        for (var i = -2; i <= 2; i++) {
+            let at = vec2<i32>(middle) + vec2(i, j);
+            sum += binomial[abs(i)] * binomial[abs(j)] * colours[u32(at.y) * SIDE + u32(at.x)];
+        }
+    }
+    return sum;
+}
+
+// The mean inverse depth and path around a pixel of the workgroup's memory, and the eighth root of their weight. Where the object covers a
+// pixel only in part, depth and motion may belong to what is behind it, so the weight is the eighth power of alpha. The root of the mean
+// weight is kept, since half floats could not hold the weight itself, which is to be divided by that of the largest alpha.
+fn continued_at(middle: vec2<u32>) -> vec4<f32> {
+    var sum = vec3(0.0);
+    var total = 0.0;
+    for (var j = -3; j <= 3; j++) {
+        for (var i = -3; i <= 3; i++) {
+            let at = vec2<i32>(middle) + vec2(i, j);
+            let index = u32(at.y) * SIDE + u32(at.x);
+            let d = depths[index];
+            if d < UNKNOWN {
+                var weight = colours[index].w;
+                weight *= weight;
+                weight *= weight;
+                weight *= weight;
+                weight *= f32((4 - abs(i)) * (4 - abs(j))) / 256.0;
+                sum += weight * vec3(d, paths[index]);
+                total += weight;
+            }
+        }
+    }
+    if total <= 0.0 {
+        return vec4(0.0);
+    }
+    return vec4(sum / total, sqrt(sqrt(sqrt(total))));
+}
+
+// Which of the 4 x 4 pixels from this one of the workgroup's memory on have known values and are covered, as bits, rows first: more than half
+// of the weight that the workgroup's most opaque pixel has.
+fn covered_from(first: vec2<u32>) -> u32 {
+    let least = 0.917 * bitcast<f32>(atomicLoad(&most_here));
+    var bits = 0u;
+    for (var i = 0u; i < 16u; i++) {
+        let index = (first.y + i / 4u) * SIDE + first.x + i % 4u;
+        let alpha = colours[index].w;
+        bits |= select(0u, 1u << i, alpha > 0.0 && alpha >= least && depths[index] < UNKNOWN);
+    }
+    return bits;
+}
 
 @compute @workgroup_size(16, 16)
-fn prepare(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     if thread == 0u {
         atomicStore(&most_here, 0u);
     }
     workgroupBarrier();
-    if all(id.xy < camera.size) {
-        let at = camera.origin + id.xy;
-        let eye = id.z / camera.slabs;
-        var v = textureLoad(layer, at, eye, 0);
-        // Pixels of broken values count as empty.
-        if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
-            v = vec4(0.0);
+    let first = vec2<i32>(group.xy * BLOCK) - i32(BEFORE);
+    for (var i = thread; i < SIDE * SIDE; i += BLOCK * BLOCK) {
+        let here = vec2(i % SIDE, i / SIDE);
+        let wanted = first + vec2<i32>(here);
+        // Beyond the edges of the area, its outermost pixels are repeated.
+        let at = vec2<u32>(clamp(wanted, vec2(0), vec2<i32>(camera.size) - 1));
+        let colour = gather(i, camera.origin + at, group.z);
+        if all(here >= vec2(BEFORE)) && all(here < vec2(BEFORE + BLOCK)) && all(vec2<i32>(at) == wanted) {
+            textureStore(octave_0, at, group.z, colour);
+            // The magnitude is taken, since the bits of -0 would be the largest.
+            atomicMax(&most_here, bitcast<u32>(abs(colour.w)));
         }
-        v.w = min(v.w, 1.0);
-        if camera.slabs > 1u && v.w > 0.0 && slab_of(at, eye, v.w) != id.z % camera.slabs {
-            v = vec4(0.0);
-        }
-        if camera.encoded_space != 0u && v.w > 0.0 {
-            v = vec4(encode(v.rgb / v.w) * v.w, v.w);
-        }
-        // Half floats have this range.
-        textureStore(color, id.xy, id.z, clamp(v, vec4(-65504.0), vec4(65504.0)));
-        // The magnitude is taken, since the bits of -0 would be the largest.
-        atomicMax(&most_here, bitcast<u32>(abs(v.w)));
     }
     workgroupBarrier();
     if thread == 0u {
-        atomicMax(&most[id.z], atomicLoad(&most_here));
+        atomicMax(&most[group.z], atomicLoad(&most_here));
     }
-}
-
-@group(0) @binding(1) var prepared: texture_2d_array<f32>;
-@group(0) @binding(2) var depth: texture_2d_array<f32>;
-@group(0) @binding(3) var velocity: texture_2d_array<f32>;
-@group(0) @binding(5) var known: texture_storage_2d_array<rgba16float, write>;
-// The buffer `most`, bound for reading. The passes skip parts in which nothing is seen.
-@group(0) @binding(4) var<storage, read> most_of: array<u32>;
-
-// Writes (inverse depth, path) times their weight, and the weight. Where the object covers a pixel only in part, depth and motion may
-// belong to what is behind it, so pixels that are covered fully have by far the most weight.
-@compute @workgroup_size(16, 16)
-fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= camera.size) || most_of[id.z] == 0u {
-        return;
-    }
-    let alpha = textureLoad(prepared, id.xy, id.z, 0).w / max(bitcast<f32>(most_of[id.z]), 1e-6);
-    if alpha <= 0.0 {
-        textureStore(known, id.xy, id.z, vec4(0.0));
-        return;
-    }
-    let at = camera.origin + id.xy;
-    let eye = id.z / camera.slabs;
-    let d = camera.depth_map.x * textureLoad(depth, at, eye, 0).x + camera.depth_map.y;
-    let path = camera.path_scale * textureLoad(velocity, at, eye, 0).xy;
-    let value = vec3(clamp(d, -60000.0, 60000.0), clamp(path, vec2(-60000.0), vec2(60000.0)));
-    var weight = alpha * alpha;
-    weight *= weight;
-    weight *= weight;
-    if !(is_finite(d) && is_finite(path.x) && is_finite(path.y)) || weight < 1e-6 {
-        textureStore(known, id.xy, id.z, vec4(0.0));
-    } else {
-        textureStore(known, id.xy, id.z, vec4(value * weight, weight));
+    if thread < 64u {
+        let pixel = vec2(thread % 8u, thread / 8u);
+        let at = 8u * group.xy + pixel;
+        if camera.defocuses != 0u && all(at < size_at(camera, 1u)) {
+            textureStore(octave_1, at, group.z, octave_1_at(2u * pixel + BEFORE));
+        }
+    } else if thread < 80u {
+        let pixel = vec2(thread % 4u, (thread - 64u) / 4u);
+        let at = 4u * group.xy + pixel;
+        if camera.defocuses + camera.moves != 0u && all(at < size_at(camera, CONTINUED)) {
+            textureStore(continued_0, at, group.z, continued_at(4u * pixel + BEFORE));
+            textureStore(covered, at, group.z, vec4(f32(covered_from(4u * pixel + BEFORE))));
+        }
     }
 }
 
@@ -105,6 +187,8 @@ fn spread(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(1) var<uniform> level: u32;
 @group(0) @binding(2) var bilinear: sampler;
 @group(0) @binding(3) var finer: texture_2d_array<f32>;
+// The buffer `most`, bound for reading. The passes skip parts in which nothing is seen.
+@group(0) @binding(4) var<storage, read> most_of: array<u32>;
 @group(0) @binding(5) var coarse: texture_storage_2d_array<rgba16float, write>;
 
 // A pixel of the image at half its size, by the binomial kernel [1 4 6 4 1] / 16, two taps at a time.
@@ -130,15 +214,33 @@ fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// Halves an image of weighted values. A coarse pixel has full weight if a quarter of the fine pixels under its kernel have it.
+// Halves an image of values times their weight, which is the fourth number.
 @compute @workgroup_size(8, 8)
 fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= size_at(camera, level + 1u)) || most_of[id.z] == 0u {
+    if all(id.xy < size_at(camera, level + 1u)) && most_of[id.z] != 0u {
+        let sum = halved(id);
+        textureStore(coarse, id.xy, id.z, vec4(sum.xyz / max(sum.w, 1e-6), 1.0) * confidence(sum.w));
+    }
+}
+
+// Halves level CONTINUED, as `pull` halves the levels above.
+@compute @workgroup_size(8, 8)
+fn pull_continued(@builtin(global_invocation_id) id: vec3<u32>) {
+    if any(id.xy >= size_at(camera, CONTINUED + 1u)) || most_of[id.z] == 0u {
         return;
     }
-    let sum = halved(id);
-    let confidence = select(0.0, min(4.0 * sum.w, 1.0), sum.w > 1e-6);
-    textureStore(coarse, id.xy, id.z, vec4(sum.xyz / max(sum.w, 1e-6), 1.0) * confidence);
+    var binomial = array<f32, 3>(0.375, 0.25, 0.0625);
+    let last = vec2<i32>(size_at(camera, CONTINUED)) - 1;
+    var sum = vec4(0.0);
+    for (var j = -2; j <= 2; j++) {
+        for (var i = -2; i <= 2; i++) {
+            let at = clamp(2 * vec2<i32>(id.xy) + vec2(i, j), vec2(0), last);
+            let here = textureLoad(finer, at, id.z, 0);
+            let known = of_continued(coverage(here.w, bitcast<f32>(most_of[id.z])));
+            sum += binomial[abs(i)] * binomial[abs(j)] * vec4(here.xyz, 1.0) * known;
+        }
+    }
+    textureStore(coarse, id.xy, id.z, vec4(sum.xyz / max(sum.w, 1e-6), 1.0) * confidence(sum.w));
 }
 
 @group(0) @binding(3) var coarser: texture_2d_array<f32>;
@@ -179,13 +281,4 @@ fn push(@builtin(global_invocation_id) id: vec3<u32>) {
 fn top(@builtin(global_invocation_id) id: vec3<u32>) {
     let here = textureLoad(own, id.xy, id.z, 0);
     textureStore(filled, id.xy, id.z, vec4(here.xyz / max(here.w, 1e-6), 1.0));
-}
-
-// Fills the finest level with the blur of each pixel: its path while the shutter is open, px, and its defocus std, px.
-@compute @workgroup_size(16, 16)
-fn blur(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < camera.size) && most_of[id.z] != 0u {
-        let v = pushed(id);
-        textureStore(filled, id.xy, id.z, vec4(v.yz, defocus_std(camera, v.x), 1.0));
-    }
 }

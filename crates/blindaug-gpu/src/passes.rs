@@ -14,11 +14,10 @@ pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) prepare: Kernel,
-    pub(crate) spread: Kernel,
+    pub(crate) pull_continued: Kernel,
     pub(crate) pull: Kernel,
     pub(crate) top: Kernel,
     pub(crate) push: Kernel,
-    pub(crate) blur: Kernel,
     pub(crate) halve: Kernel,
     pub(crate) defocus: Kernel,
     pub(crate) composite: wgpu::RenderPipeline,
@@ -44,7 +43,7 @@ impl Passes {
         let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
         let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
         of_defocus.extend([Texture; OCTAVES]);
-        of_defocus.extend([Buffer, Buffer]);
+        of_defocus.extend([Buffer, Buffer, Texels, Texels, Texture]);
         let table = |label, contents| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some(label),
@@ -56,15 +55,28 @@ impl Passes {
             device,
             "composite",
             ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Buffer],
+            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Texture, Texels, Texels, Buffer],
         );
         Self {
-            prepare: of_extension("prepare", 16, &[Uniform, Texels, between, BufferMut, Texels]),
-            spread: of_extension("spread", 16, &[Uniform, Texels, Texels, Texels, Buffer, between]),
+            prepare: of_extension(
+                "prepare",
+                16,
+                &[
+                    Uniform,
+                    Texels,
+                    Texels,
+                    Texels,
+                    BufferMut,
+                    between,
+                    between,
+                    between,
+                    Target(TextureFormat::R32Float),
+                ],
+            ),
+            pull_continued: of_extension("pull_continued", 8, &halving),
             pull: of_extension("pull", 8, &halving),
             top: of_extension("top", 1, &doubling),
             push: of_extension("push", 8, &doubling),
-            blur: of_extension("blur", 16, &doubling),
             halve: of_extension("halve", 8, &halving),
             defocus: Kernel::new(device, &shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
             composite: full_screen_pipeline(device, &composite_layout, target, "composite"),
@@ -103,8 +115,14 @@ pub(crate) struct Views {
     pub(crate) sharp: TextureView,
     /// The layer after defocus.
     pub(crate) focused: TextureView,
-    /// The path and the defocus std of each pixel.
-    pub(crate) blur: TextureView,
+    /// The inverse depth and the path on level [`CONTINUED`](crate::quality::CONTINUED).
+    pub(crate) continued: TextureView,
+    /// Which of the pixels under a pixel of that level the object covers.
+    pub(crate) covered: TextureView,
+    /// The inverse depth and the path on the next level, continued past the silhouette.
+    pub(crate) coarser: TextureView,
+    /// The object's motion.
+    pub(crate) velocity: TextureView,
 }
 
 /// A pipeline of composite.wgsl that covers the whole image with a fragment shader.

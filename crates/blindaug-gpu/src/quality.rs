@@ -19,6 +19,13 @@ pub enum Quality {
 /// The number of octaves of the image that defocus reads: the image itself, and seven more, each of half the size of the one before.
 pub(crate) const OCTAVES: usize = 8;
 
+/// The side, px, of the blocks in which the layer is read and of which it is known whether they are empty.
+pub(crate) const BLOCK: usize = 16;
+
+/// The number of times that the layer is halved for the finest image of the inverse depth and motion that are continued past its silhouette.
+/// The shader extension.wgsl makes it in one pass, by a kernel for two halvings.
+pub(crate) const CONTINUED: usize = 2;
+
 /// The number of variances in the table of discrete Gaussians; they rise evenly from 0 to [`GAUSSIAN_MOST`].
 pub(crate) const GAUSSIANS: usize = 64;
 

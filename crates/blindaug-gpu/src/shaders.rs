@@ -3,7 +3,9 @@
 use crate::camera::Camera;
 use crate::layout::{Layout, structs};
 use crate::prelude::{colours, constants};
-use crate::quality::{DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES};
+use crate::quality::{
+    BLOCK, CONTINUED, DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES,
+};
 use crate::uniforms::{MaskPass, TILE, TileLevel};
 use blindaug::model::{NOISE_KNOTS, NOISE_LEVELS};
 use blindaug::synth;
@@ -21,6 +23,8 @@ fn compositor() -> String {
         ("SEEN", &synth::SEEN),
         ("OPAQUE", &synth::OPAQUE),
         ("COARSEST", &(OCTAVES - 1)),
+        ("BLOCK", &BLOCK),
+        ("CONTINUED", &CONTINUED),
         ("GAUSSIANS", &GAUSSIANS),
         ("GAUSSIAN_MOST", &GAUSSIAN_MOST),
         ("DISKS", &DISKS),
@@ -41,12 +45,12 @@ macro_rules! shader {
     };
 }
 
-pub(crate) static EXTENSION: LazyLock<String> = shader!("extension.wgsl");
-pub(crate) static DEFOCUS: LazyLock<String> = shader!("defocus.wgsl");
+pub(crate) static EXTENSION: LazyLock<String> = shader!("continued.wgsl", "extension.wgsl");
+pub(crate) static DEFOCUS: LazyLock<String> = shader!("continued.wgsl", "defocus.wgsl");
 pub(crate) static NOISE_TILE: LazyLock<String> = shader!("noise_tile.wgsl");
 pub(crate) static SHARPENING: LazyLock<String> = shader!("sharpening.wgsl");
 pub(crate) static COMPOSITE: LazyLock<String> =
-    shader!("motion_blur.wgsl", "noise.wgsl", "composite.wgsl", "sharpened.wgsl");
+    shader!("continued.wgsl", "motion_blur.wgsl", "noise.wgsl", "composite.wgsl", "sharpened.wgsl");
 
 #[cfg(test)]
 #[path = "../tests/common/wgsl.rs"]
@@ -88,7 +92,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(found, 17);
+        assert_eq!(found, 18);
         // Wrong shaders are found out.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());

@@ -2,12 +2,13 @@
 // sharpened and added to the frame. This file follows composite.wgsl in one source. CPU twin: composite in
 // crates/blindaug/src/composite.rs.
 
-@group(0) @binding(5) var difference_out: texture_storage_2d_array<rgba16float, write>;
-// The difference that undoes the frame's sharpening when it is added, in the area.
-@group(0) @binding(7) var unsharpening: texture_2d_array<f32>;
+@group(0) @binding(8) var difference_out: texture_storage_2d_array<rgba16float, write>;
+// The difference that undoes the frame's sharpening when it is added, in the area; for the pass `difference`, and for the pass `sharpened`.
+@group(0) @binding(10) var unsharpening_before: texture_2d_array<f32>;
+@group(0) @binding(7) var unsharpening_after: texture_2d_array<f32>;
 
 // The frame at a pixel of the area as it was before the camera sharpened it.
-fn unsharpened(at: vec2<u32>, eye: u32) -> vec3<f32> {
+fn unsharpened(unsharpening: texture_2d_array<f32>, at: vec2<u32>, eye: u32) -> vec3<f32> {
     return textureLoad(frame, camera.origin + at, eye, 0).rgb + textureLoad(unsharpening, at, eye, 0).rgb;
 }
 
@@ -21,7 +22,7 @@ fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
     let layer = layer_at(id.xy, id.z);
     var out = vec4(0.0);
     if layer.a > 0.0 {
-        let background = unsharpened(id.xy, id.z);
+        let background = unsharpened(unsharpening_before, id.xy, id.z);
         let clean = clamp(over(background, layer), vec3(0.0), vec3(min(camera.clip, 1.0)));
         out = vec4(clean - background, layer.a);
     }
@@ -31,23 +32,23 @@ fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
 // The result of `difference`, and that result blurred along rows.
 @group(0) @binding(3) var differences: texture_2d_array<f32>;
 @group(0) @binding(4) var blurred_rows: texture_2d_array<f32>;
-@group(0) @binding(6) var<uniform> mask: MaskPass;
+@group(0) @binding(5) var<uniform> mask: MaskPass;
 // The right half of the mask's Gaussian, centre first.
-@group(0) @binding(8) var<storage, read> half_kernel: array<f32>;
+@group(0) @binding(6) var<storage, read> half_kernel: array<f32>;
 
 fn row_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
     return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.size) - 1), eye, 0).rgb;
 }
 
-// `unsharpening` blurred by the Gaussian with which `smoothed` blurs the frame.
+// `unsharpening_after` blurred by the Gaussian with which `smoothed` blurs the frame.
 fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
-    let all = textureDimensions(unsharpening);
+    let all = textureDimensions(unsharpening_after);
     var sum = vec3(0.0);
     for (var j = -2; j <= 2; j++) {
         for (var i = -2; i <= 2; i++) {
             let tap = smoothing_tap(i, j);
             let place = coordinates(at + tap.xy, camera.size, all);
-            sum += tap.z * textureSampleLevel(unsharpening, bilinear, place, eye, 0.0).rgb;
+            sum += tap.z * textureSampleLevel(unsharpening_after, bilinear, place, eye, 0.0).rgb;
         }
     }
     return sum;
@@ -76,7 +77,7 @@ fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     }
     var noisy = clean;
     if camera.noise != 0u {
-        let background = unsharpened(at, in.eye);
+        let background = unsharpened(unsharpening_after, at, in.eye);
         let kept = 1.0 - own.a;
         var smooth_background = vec3(0.0);
         if kept > LEAST_KEPT {

@@ -82,7 +82,7 @@ impl Sharpener {
             device,
             "sharpened",
             ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texels, Texels, Texels, Uniform, Texture, Buffer],
+            &[Uniform, Sampler, Texture, Texels, Texels, Uniform, Buffer, Texture, Texels],
         );
         Self {
             rows: kernel(&shaders::SHARPENING, "rows", 16, &[Uniform, Uniform, Buffer, Texels, between]),
@@ -96,7 +96,10 @@ impl Sharpener {
                 &shaders::COMPOSITE,
                 "difference",
                 8,
-                &[Uniform, Sampler, Texture, Texture, Texels, between, Buffer, Texture],
+                &[
+                    Uniform, Sampler, Texture, Texture, Texels, Texels, Texture, Texels, between, Buffer,
+                    Texture,
+                ],
             ),
             sharpened: full_screen_pipeline(device, &layout, target, "sharpened"),
             layout,
@@ -104,15 +107,13 @@ impl Sharpener {
     }
 }
 
-/// The effects that blur the layer. They decide which textures hold the layer.
+/// The texture that holds the layer before it is blurred along its motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Blurred {
-    /// The lens blurs the layer, and perhaps motion.
+pub(crate) enum Source {
+    /// The layer that the lens has blurred.
     Focused,
-    /// Motion alone blurs the layer.
-    Moving,
-    /// Nothing blurs the layer.
-    Still,
+    /// The layer itself.
+    Sharp,
 }
 
 /// The textures of the sharpening for frames of one size, made at the first frame of a camera that sharpens.
@@ -131,8 +132,8 @@ pub(crate) struct Sharpening {
     second: Vec<BindGroup>,
     /// For each slot, the bindings of a step after the second.
     later: Vec<BindGroup>,
-    /// The bindings of the pass `difference`, one for each [`Blurred`].
-    difference: [BindGroup; 3],
+    /// The bindings of the pass `difference`, one for each [`Source`].
+    difference: [BindGroup; 2],
     /// The bindings of the last pass.
     pub(crate) sharpened: BindGroup,
 }
@@ -192,13 +193,16 @@ impl Sharpening {
             of.columns.bind(device, &resources)
         };
         let bilinear = wgpu::BindingResource::Sampler(&of_all.bilinear);
-        let difference = |layer, blur| {
+        let difference = |layer| {
             let resources = [
                 camera.clone(),
                 bilinear.clone(),
                 view(&views.frame),
                 view(layer),
-                view(blur),
+                view(&views.continued),
+                view(&views.covered),
+                view(&views.coarser),
+                view(&views.velocity),
                 view(&turns[1]),
                 views.most.as_entire_binding(),
                 view(&turns[0]),
@@ -211,10 +215,10 @@ impl Sharpening {
             view(&views.frame),
             view(&turns[1]),
             view(&rows),
-            view(&of_all.tile),
             pass(MOST_STEPS),
-            view(&turns[0]),
             taps.clone(),
+            view(&turns[0]),
+            view(&of_all.tile),
         ];
         Ok(Self {
             rows_of_frame: rows_of(0, &views.frame),
@@ -225,11 +229,7 @@ impl Sharpening {
             later: (0..MOST_STEPS)
                 .map(|s| columns(s, &turns[1 - turn_of(s)], &first, &turns[turn_of(s)]))
                 .collect(),
-            difference: [
-                difference(&views.focused, &views.blur),
-                difference(&views.sharp, &views.blur),
-                difference(&views.sharp, &of_all.nothing),
-            ],
+            difference: [difference(&views.focused), difference(&views.sharp)],
             sharpened: bind(device, &of.layout, &sharpened),
             passes,
             half_kernel,
@@ -287,7 +287,7 @@ impl Sharpening {
         of: &Sharpener,
         pass: &mut wgpu::ComputePass,
         steps: usize,
-        blurred: Blurred,
+        layer: Source,
         threads: [u32; 3],
     ) {
         of.rows.run(pass, &self.rows_of_frame, threads);
@@ -301,7 +301,7 @@ impl Sharpening {
             of.rows.run(pass, rows, threads);
             of.columns.run(pass, columns, threads);
         }
-        of.difference.run(pass, &self.difference[blurred as usize], threads);
+        of.difference.run(pass, &self.difference[layer as usize], threads);
         of.rows.run(pass, &self.rows_of_turns[1], threads);
     }
 }
