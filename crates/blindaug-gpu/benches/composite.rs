@@ -1,7 +1,8 @@
 //! The time that a frame of the compositor takes, step by step, beside the time of moving its bytes: `cargo bench -p blindaug-gpu`.
 //!
 //! The size is 2 x 2064 x 2208 px on a GPU and 640 x 360 px on a software device; `cargo bench -p blindaug-gpu -- WIDTH HEIGHT EYES`
-//! chooses another.
+//! chooses another. Bytes and samples are counted at 2064 x 2208 px on every device, from the blocks of the frame in which the compositor
+//! found something to do.
 
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{
@@ -11,7 +12,7 @@ use blindaug::model::{
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result};
 use blindaug_gpu::{
-    Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity, unsharpening_steps,
+    Area, Block, Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity, unsharpening_steps,
 };
 use std::time::Instant;
 use wgpu::TextureFormat;
@@ -33,12 +34,14 @@ fn main() -> Result<()> {
     }
     let bandwidth = copy_bandwidth(&gpu, if software { 32 << 20 } else { 512 << 20 }, frames)?;
     println!("copy bandwidth {:.1} GB/s (read and written)\n", bandwidth * 1e-9);
-    let scene = Scene::new(&gpu, w, h, eyes)?;
     let compositor = Compositor::new(&gpu.device, &gpu.queue, TextureFormat::Rgba8Unorm);
+    let scene = Scene::new(&gpu, [w, h, eyes], 0.4)?;
+    println!("An object over 40 % of the view:\n");
     println!(
-        "| quality, bokeh | step | bytes/px | taps/px, mean over the object, most | ms | of the bandwidth's bound |"
+        "| quality, bokeh | samples of defocus and of motion blur, mean over the object, most | step | ms |"
     );
-    println!("|---|---|---|---|---|---|");
+    println!("|---|---|---|---|");
+    let sharpening = |amount| Some(SharpeningModel::given(amount, 1.0));
     for (quality, bokeh, sharpening) in [
         (Quality::High, Bokeh::Gaussian, None),
         (Quality::Medium, Bokeh::Gaussian, None),
@@ -46,99 +49,214 @@ fn main() -> Result<()> {
         (Quality::High, Bokeh::Disk, None),
         (Quality::Medium, Bokeh::Disk, None),
         (Quality::Low, Bokeh::Disk, None),
-        (Quality::High, Bokeh::Gaussian, Some(SharpeningModel::given(0.5, 1.0))),
-        (Quality::High, Bokeh::Gaussian, Some(SharpeningModel::given(1.0, 1.0))),
-        (Quality::High, Bokeh::Gaussian, Some(SharpeningModel::given(5.0, 1.0))),
+        (Quality::High, Bokeh::Gaussian, sharpening(0.5)),
+        (Quality::High, Bokeh::Gaussian, sharpening(5.0)),
     ] {
         let times = scene.time(&gpu, &compositor, (quality, bokeh, sharpening), frames)?;
-        let taps = scene.taps(quality, bokeh);
-        let moved = bytes(sharpening.as_ref());
         let name = match sharpening {
             Some(s) => format!("{quality:?}, {bokeh:?}, sharpening by {}", s.amount),
             None => format!("{quality:?}, {bokeh:?}"),
         };
-        let bound = |bytes: f64| 1e3 * bytes * (w * h * eyes) as f64 / bandwidth;
-        let row = |step: &str, bytes: f64, taps: &str, ms: Option<f64>| {
-            let time = ms.map_or("|".into(), |ms| format!("{ms:.3} | {:.0} %", 100.0 * bound(bytes) / ms));
-            println!("| {name} | {step} | {bytes:.0} | {taps} | {time} |");
-        };
-        for (i, (step, bytes)) in STEPS.iter().zip(moved).enumerate() {
-            let taps = match *step {
-                "defocus" => taps.defocus.as_str(),
-                "composite" => taps.motion.as_str(),
-                _ => "",
-            };
-            row(step, bytes, taps, times.steps.map(|ms| f64::from(ms[i])));
+        let taps = scene.taps(quality, bokeh);
+        for (step, ms) in STEPS.iter().zip(times.steps.into_iter().flatten()) {
+            println!("| {name} | {taps} | {step} | {ms:.3} |");
         }
-        row("whole frame", moved.iter().sum(), "", Some(times.frame));
+        println!("| {name} | {taps} | whole frame | {:.3} |", times.frame);
     }
-    phone(&scene);
-    Ok(())
+    count(&gpu, &compositor)
 }
 
-/// The assumed speed of a GPU like the Adreno 740: 70 % of the bandwidth of 64 bit of LPDDR5X at 8533 MT/s, bytes/s, and bilinear samples
-/// of four half floats per second.
-const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
+/// The size of the frame of which bytes and samples are counted, px.
+const COUNTED: [usize; 2] = [2064, 2208];
 
-/// Texels and bilinear samples per pixel that each of [`STEPS`] reads for a camera that does not sharpen, without those that depend on blur:
-/// extension three textures in tiles of 20 x 20 for 16 x 16 (the pull and the push read 0.5); octaves 9/16 * 4/3; defocus six of depth
-/// and its continuation; sharpening none; composite six of motion and its continuation, the frame, and three of the noise tile.
-const SAMPLES: [f64; STEPS.len()] = [3.0 * 400.0 / 256.0 + 0.5, 0.75, 7.0, 0.0, 11.0];
+/// The shares of the view that the object covers in the counts.
+const SHARES: [f32; 3] = [0.05, 0.2, 0.5];
 
-/// Prints the time of a frame on a phone, computed from the counts: a step takes as long as its bytes or its samples, whichever is longer;
-/// outside the object's area, the frame is only read and written.
-fn phone(scene: &Scene) {
+/// Prints the bytes and samples of frames, and the time that they would take on a phone.
+fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
+    let [w, h] = COUNTED;
+    let qualities = [Quality::High, Quality::Medium, Quality::Low];
+    let mut counted = Vec::new();
+    for share in SHARES {
+        let scene = Scene::new(gpu, [w, h, 1], share)?;
+        // Without help, and with the rectangle around all that may be seen as the area.
+        for helped in [false, true] {
+            let area = helped.then(|| scene.around());
+            let blocks = scene.blocks(gpu, compositor, area)?;
+            counted.push((share, helped, qualities.map(|q| Work::new(&scene, &blocks, area, q))));
+        }
+    }
+    println!("\nBytes per pixel, without sharpening, at {w} x {h}; the object's with the rim of its blur\n");
+    println!("| quality | object | area given | {} | whole view | pixel of the object |", STEPS.join(" | "));
+    println!("|---|---|---|{}|---|---|", ["---"; STEPS.len()].join("|"));
+    let (pixels, helped) = ((w * h) as f64, |h| if h { "yes" } else { "no" });
+    for (share, help, works) in &counted {
+        for (quality, work) in qualities.iter().zip(works) {
+            let steps: Vec<_> = work.bytes.iter().map(|b| format!("{:.1}", b / pixels)).collect();
+            let whole = work.bytes.iter().sum::<f64>();
+            println!(
+                "| {quality:?} | {:.0} % | {} | {} | {:.1} | {:.0} |",
+                100.0 * share,
+                helped(*help),
+                steps.join(" | "),
+                whole / pixels,
+                (whole - work.elsewhere) / work.object
+            );
+        }
+    }
     let (bandwidth, rate) = PHONE;
     println!(
-        "\nEstimated, not measured: 2 x 2064 x 2208 at {:.0} GB/s and {:.0} G samples/s\n",
+        "\nEstimated, not measured: 2 x {w} x {h} at {:.0} GB/s and {:.0} G samples/s\n",
         bandwidth * 1e-9,
         rate * 1e-9
     );
-    println!("| quality | the object's area | ms | of a frame at 45 Hz | 72 Hz | 90 Hz |");
-    println!("|---|---|---|---|---|---|");
-    let pixels = 2.0 * 2064.0 * 2208.0;
-    for quality in [Quality::High, Quality::Medium, Quality::Low] {
-        let mean = |taps: &dyn Fn(&(f32, f32)) -> u32| {
-            scene.blur.iter().map(|b| f64::from(taps(b))).sum::<f64>() / scene.blur.len().max(1) as f64
-        };
-        let mut samples = SAMPLES;
-        samples[2] += mean(&|b| quality.defocus_taps(Bokeh::Gaussian, b.0));
-        samples[4] += mean(&|b| quality.motion_blur_taps(b.1));
-        let inside: f64 =
-            bytes(None).iter().zip(samples).map(|(bytes, n)| (bytes / bandwidth).max(n / rate)).sum();
-        for share in [0.05, 0.2, 0.5] {
-            let ms = 1e3 * pixels * (share * inside + (1.0 - share) * 8.0 / bandwidth);
+    println!(
+        "| quality | object | area given | ms of bytes | ms of samples | ms | of a frame at 45 Hz | 72 Hz | 90 Hz |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for (share, help, works) in &counted {
+        for (quality, work) in qualities.iter().zip(works) {
+            // There are two eyes, and a step takes as long as its bytes or its samples, whichever is longer.
+            let times = |n: &[f64], rate: f64| -> Vec<f64> { n.iter().map(|n| 2e3 * n / rate).collect() };
+            let (bytes, samples) = (times(&work.bytes, bandwidth), times(&work.samples, rate));
+            let ms = bytes.iter().zip(&samples).map(|(a, b)| a.max(*b)).sum::<f64>();
             let of = |hz: f64| format!("{:.0} %", 0.1 * ms * hz);
-            let share = 100.0 * share;
-            println!("| {quality:?} | {share:.0} % | {ms:.1} | {} | {} | {} |", of(45.0), of(72.0), of(90.0));
+            println!(
+                "| {quality:?} | {:.0} % | {} | {:.1} | {:.1} | {ms:.1} | {} | {} | {} |",
+                100.0 * share,
+                helped(*help),
+                bytes.iter().sum::<f64>(),
+                samples.iter().sum::<f64>(),
+                of(45.0),
+                of(72.0),
+                of(90.0)
+            );
         }
     }
+    println!("\nBytes of the steps of sharpening per pixel of its area:\n");
+    for amount in [0.2, 0.5, 1.0, 5.0, 20.0] {
+        let steps = unsharpening_steps(&SharpeningModel::given(amount, 1.0));
+        println!("{amount}: {steps} steps, {:.0}", sharpening_bytes(steps));
+    }
+    Ok(())
 }
 
-/// Bytes per pixel of the continued depth and motion: 1/2 + 1/4 at a quarter of the size, and 1/8 on the next level.
-const CONTINUATION: f64 = 0.875;
+/// The assumed speed of a GPU like the Adreno 740: 70 % of the bandwidth of 64 bit of LPDDR5X at 8533 MT/s, bytes/s, and samples of four
+/// half floats per second.
+const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 
-/// Bytes per pixel that each of [`STEPS`] must move if each texel is read once and written once: 8 bytes for the half floats in four
-/// channels between the passes, 4 each for depth, velocity, the frame and the target; the coarser levels of a pyramid add a third of its
-/// finest.
-fn bytes(sharpening: Option<&SharpeningModel>) -> [f64; STEPS.len()] {
-    // Bytes of the iteration's first step, which blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further step: rows 8 + 8, columns 8 +
-    // 8 + 8 + 8; the second one 8 less, since its source is the first one's result. Then the difference: frame 4, unsharpening 8, layer 8,
-    // motion 4, its continuation, result 8; its rows 8 + 8.
-    let unsharpening = |steps: u32| 32.0 + 48.0 * f64::from(steps - 1) - 8.0;
-    let sharpening = sharpening.map(|s| unsharpening(unsharpening_steps(s)) + 32.0 + CONTINUATION + 16.0);
-    [
-        // Prepare 8 + 4 + 4, writes 8, at half size 2, at a quarter of it 1/2 and 1/4; pull (1/2 + 1/8) * 4/3; push (2/8 + 1/32) * 4/3.
-        26.75 + 2.5 / 3.0 + 0.375,
-        // From half size on: (2 + 1/2) * 4/3.
-        10.0 / 3.0,
-        // Depth 4, its continuation, octaves 8 * 4/3, result 8.
-        4.0 + CONTINUATION + 32.0 / 3.0 + 8.0,
-        sharpening.unwrap_or(0.0),
-        // Without sharpening: frame 4, layer 8, motion 4, its continuation, target 4; the noise tile stays in the cache. With sharpening:
-        // frame 4, difference 8, its rows 8, unsharpening 8, target 4.
-        if sharpening.is_some() { 32.0 } else { 20.0 + CONTINUATION },
-    ]
+/// The side of a block, px.
+const BLOCK: usize = 16;
+
+/// Bytes per pixel that the sharpening moves in its area, if each texel is read once and written once, beyond what the composite of a camera
+/// that does not sharpen moves. Each texel has 8 bytes, of the frame 4.
+fn sharpening_bytes(steps: u32) -> f64 {
+    // The iteration's first step, which blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further step: rows 8 + 8, columns 8 + 8 + 8 + 8;
+    // the second one 8 less, since its source is the first one's result.
+    let unsharpening = 32.0 + 48.0 * f64::from(steps - 1) - 8.0;
+    // The difference reads the frame and the unsharpening in addition and writes its result; its rows 8 + 8; the last pass reads the
+    // frame, the difference, its rows and the unsharpening instead of the layer.
+    unsharpening + 4.0 + 8.0 + 8.0 + 16.0 + 8.0 + 8.0 + 8.0
+}
+
+/// What the passes of a frame of one eye move and read, for a camera that does not sharpen.
+struct Work {
+    /// The bytes that each of [`STEPS`] moves if each texel is read once and written once: 8 bytes for the half floats in four channels of
+    /// the layer and between the passes, 4 each for depth, velocity, the frame and the target. The noise tile stays in the cache.
+    bytes: [f64; STEPS.len()],
+    /// The texels and the bilinear samples that each of [`STEPS`] reads.
+    samples: [f64; STEPS.len()],
+    /// The bytes of the pixels without the object: those of the copy, and of the layer where it has to be looked at.
+    elsewhere: f64,
+    /// The number of pixels of the object.
+    object: f64,
+}
+
+impl Work {
+    fn new(scene: &Scene, blocks: &[Block], area: Option<Area>, quality: Quality) -> Self {
+        let [w, h, _] = scene.size;
+        let (columns, rows) = (w.div_ceil(BLOCK), h.div_ceil(BLOCK));
+        let pixels = (w * h) as f64;
+        let looked_at = area.map_or(pixels, |a| f64::from(a.width) * f64::from(a.height));
+        let object = (0..w * h).filter(|i| scene.inside(i % w, i / w)).count() as f64;
+        let of_block = (BLOCK * BLOCK) as f64;
+        let occupied = of_block * blocks.iter().filter(|b| b.occupied).count() as f64;
+        // The pixels of a level whose workgroups of 8 x 8 pixels find a block that they need.
+        let live = |level: usize, needs: &dyn Fn(&Block) -> bool| -> f64 {
+            let (side, around) = (8 << level, 2 << level);
+            let groups = |size: usize| size.div_ceil(1 << level).div_ceil(8);
+            let found = |gx: usize, gy: usize| {
+                let range = |g: usize, all: usize| {
+                    (g * side).saturating_sub(around) / BLOCK
+                        ..=((g * side + side + around - 1) / BLOCK).min(all - 1)
+                };
+                range(gy, rows).any(|y| range(gx, columns).any(|x| needs(&blocks[y * columns + x])))
+            };
+            let n = (0..groups(w))
+                .flat_map(|x| (0..groups(h)).map(move |y| (x, y)))
+                .filter(|&(x, y)| found(x, y));
+            64.0 * n.count() as f64
+        };
+        let halvings =
+            |levels: std::ops::RangeInclusive<usize>| levels.map(|l| live(l, &|b| b.occupied)).sum::<f64>();
+        let levels = w.max(h).next_power_of_two().ilog2() as usize;
+        let (pulled, octaves) = (halvings(3..=levels), halvings(2..=7));
+        let pushed = (3..levels).map(|l| live(l, &|b| b.visible)).sum::<f64>();
+        // Where the object covers a pixel, its own depth or motion is read. Beside it is read: the bits of a quarter of the size, and
+        // elsewhere or nearby the continued values, there and at half of that.
+        let continued = 0.25 + 0.5 + 0.125;
+        let mut focused = (0.0, 0.0);
+        let mut composited = (8.0 * pixels, pixels);
+        for (i, block) in blocks.iter().enumerate() {
+            let (x0, y0) = (BLOCK * (i % columns), BLOCK * (i / columns));
+            let at = || {
+                (y0..(y0 + BLOCK).min(h)).flat_map(move |y| (x0..(x0 + BLOCK).min(w)).map(move |x| (x, y)))
+            };
+            if block.focused {
+                let mut octaves = [0.0; 8];
+                for (x, y) in at() {
+                    let sigma = scene.sigma(x);
+                    octaves[quality.octave(Bokeh::Gaussian, sigma)] = 1.0;
+                    let own = f64::from(u8::from(scene.inside(x, y)));
+                    focused.0 += 8.0 + continued + 4.0 * own;
+                    focused.1 += 6.0 + own + f64::from(quality.defocus_taps(Bokeh::Gaussian, sigma));
+                }
+                // Of each octave that is read, the block is read once; and one coarse octave is looked at for whether anything is seen.
+                focused.0 += of_block
+                    * octaves.iter().enumerate().map(|(o, n)| n * 8.0 / 4f64.powi(o as i32)).sum::<f64>();
+                focused.1 += 4.0 * 25.0;
+            }
+            if block.visible {
+                for (x, y) in at() {
+                    let own = f64::from(u8::from(scene.inside(x, y)));
+                    composited.0 += 8.0 + continued + 4.0 * own;
+                    composited.1 += 6.0 + own + f64::from(quality.motion_blur_taps(scene.path(x, y)));
+                    // The noise of the object, and the frame that is smoothed where the object lets it through.
+                    composited.1 += if own > 0.0 { 3.0 } else { 25.0 };
+                }
+            }
+        }
+        let bits = 4.0 * blocks.len() as f64;
+        let bytes = [
+            // The colour 8; where there is something, depth and motion 8; writes 8, at half the size 2, at a quarter of it 1/2 and 1/4. The
+            // pull reads four pixels and writes one; the push reads one and one of four, and writes one. The bits of blocks: two
+            // kernels beside this one, each reads and writes them.
+            8.0 * looked_at + 8.0 * object + 10.75 * occupied + 40.0 * pulled + 18.0 * pushed + 7.0 * bits,
+            40.0 * octaves,
+            focused.0,
+            0.0,
+            composited.0 + bits,
+        ];
+        let samples = [
+            // Tiles of 20 x 20 pixels for 16 x 16.
+            400.0 / 256.0 * (looked_at + 2.0 * object) + 9.0 * pulled + 5.0 * pushed,
+            9.0 * octaves,
+            focused.1,
+            0.0,
+            composited.1,
+        ];
+        Self { bytes, samples, elsewhere: 8.0 * (pixels - object) + 8.0 * (looked_at - object), object }
+    }
 }
 
 struct Times {
@@ -182,40 +300,26 @@ struct Scene {
     velocity: wgpu::Texture,
     target: wgpu::Texture,
     camera: CameraModel,
-    /// The defocus std and the length of the path, px, of each of the object's pixels.
-    blur: Vec<(f32, f32)>,
+    size: [usize; 3],
+    lens: DefocusModel,
+    /// The radius of the object, in widths and heights of the view.
+    radius: f32,
 }
 
-struct Taps {
-    defocus: String,
-    motion: String,
-}
+/// The exposure fraction of the scene's camera.
+const EXPOSURE: f32 = 0.75;
 
 impl Scene {
-    /// A scene of an object over 40 % of the frame, with a defocus std of up to 4.3 px and paths of up to 17 px.
-    fn new(gpu: &Gpu, w: usize, h: usize, eyes: usize) -> Result<Self> {
-        let inside = |x: usize, y: usize| {
-            let (u, v) = (x as f32 / w as f32 - 0.5, y as f32 / h as f32 - 0.5);
-            u.hypot(v) < 0.357
-        };
-        let frame = Raster::from_fn(w, h, |x, y| [0.3 + 0.2 * ((x * 7 + y * 13) % 31) as f32 / 31.0; 4]);
-        let color = Raster::from_fn(w, h, |x, y| {
-            if inside(x, y) { [0.5, ((x / 8 + y / 8) % 2) as f32, 0.2, 1.0] } else { [0.0; 4] }
-        });
-        let depth = Plane::from_fn(w, h, |x, _| 0.2 + 0.6 * x as f32 / w as f32);
-        let flow = Flow::from_fn(w, h, |x, y| [25.0 * y as f32 / h as f32, 10.0 * x as f32 / w as f32]);
+    /// A scene of an object over a share of the frame. Its defocus std rises from 0 in the frame's middle column to 6 px at the left and the
+    /// right edge, and its paths are up to 20 px long.
+    fn new(gpu: &Gpu, [w, h, eyes]: [usize; 3], share: f32) -> Result<Self> {
         let mut camera =
             CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 1 }, "not given");
         let lens = DefocusModel::given_lens(10.0, 0.5);
         camera.defocus = Estimate::Known(lens);
-        camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.75)));
+        camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(EXPOSURE)));
         let level = NoiseLevel { slope: [0.02; 3], intercept: [0.01; 3] };
         camera.noise = Estimate::Known(NoiseModel::given([level; 4], 1.0));
-        let blur = (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| inside(x, y)).map(|(x, y)| {
-            let [u, v] = flow.at(x, y);
-            (lens.sigma_px(depth.at(x, y)), 0.75 * u.hypot(v))
-        });
-        let blur = blur.collect();
         let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("target"),
             size: wgpu::Extent3d { width: w as u32, height: h as u32, depth_or_array_layers: eyes as u32 },
@@ -226,26 +330,124 @@ impl Scene {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
             view_formats: &[],
         });
-        Ok(Self {
-            frame: gpu.upload(&vec![&frame; eyes], TextureFormat::Rgba8Unorm)?,
-            color: gpu.upload(&vec![&color; eyes], TextureFormat::Rgba16Float)?,
-            depth: gpu.upload(&vec![&depth; eyes], TextureFormat::R32Float)?,
-            velocity: gpu.upload(&vec![&flow; eyes], TextureFormat::Rg16Float)?,
+        // The textures are replaced below, once the scene can tell where its object is.
+        let nothing = || gpu.upload(&[&Raster::filled(1, 1, 0.0f32)], TextureFormat::R32Float);
+        let mut scene = Self {
+            frame: nothing()?,
+            color: nothing()?,
+            depth: nothing()?,
+            velocity: nothing()?,
             target,
             camera,
-            blur,
-        })
+            size: [w, h, eyes],
+            lens,
+            radius: (share / std::f32::consts::PI).sqrt(),
+        };
+        let frame = Raster::from_fn(w, h, |x, y| [0.3 + 0.2 * ((x * 7 + y * 13) % 31) as f32 / 31.0; 4]);
+        let color = Raster::from_fn(w, h, |x, y| {
+            if scene.inside(x, y) { [0.5, ((x / 8 + y / 8) % 2) as f32, 0.2, 1.0] } else { [0.0; 4] }
+        });
+        let depth = Plane::from_fn(w, h, |x, _| scene.inverse_depth(x));
+        let flow = Flow::from_fn(w, h, |x, y| scene.flow(x, y));
+        scene.frame = gpu.upload(&vec![&frame; eyes], TextureFormat::Rgba8Unorm)?;
+        scene.color = gpu.upload(&vec![&color; eyes], TextureFormat::Rgba16Float)?;
+        scene.depth = gpu.upload(&vec![&depth; eyes], TextureFormat::R32Float)?;
+        scene.velocity = gpu.upload(&vec![&flow; eyes], TextureFormat::Rg16Float)?;
+        Ok(scene)
     }
 
-    fn taps(&self, quality: Quality, bokeh: Bokeh) -> Taps {
-        let words = |taps: Vec<u32>| {
+    /// Whether the object is at a pixel.
+    fn inside(&self, x: usize, y: usize) -> bool {
+        let [w, h, _] = self.size;
+        (x as f32 / w as f32 - 0.5).hypot(y as f32 / h as f32 - 0.5) < self.radius
+    }
+
+    fn inverse_depth(&self, x: usize) -> f32 {
+        0.2 + 0.6 * x as f32 / self.size[0] as f32
+    }
+
+    fn flow(&self, x: usize, y: usize) -> [f32; 2] {
+        [25.0 * y as f32 / self.size[1] as f32, 10.0 * x as f32 / self.size[0] as f32]
+    }
+
+    /// The defocus std of a column of pixels, px.
+    fn sigma(&self, x: usize) -> f32 {
+        self.lens.sigma_px(self.inverse_depth(x))
+    }
+
+    /// The length of the path of a pixel, px.
+    fn path(&self, x: usize, y: usize) -> f32 {
+        let [u, v] = self.flow(x, y);
+        EXPOSURE * u.hypot(v)
+    }
+
+    /// The rectangle in which the blurred object may be seen.
+    fn around(&self) -> Area {
+        let [w, h, _] = self.size.map(|s| s as f32);
+        let reach = 4.5 * self.lens.sigma_px(self.inverse_depth((w * (0.5 + self.radius)) as usize)) + 10.0;
+        let range = |size: f32| {
+            let first = (size * (0.5 - self.radius) - reach).max(0.0);
+            (first as u32, ((size * (0.5 + self.radius) + reach).min(size) - first) as u32)
+        };
+        let ((x, width), (y, height)) = (range(w), range(h));
+        Area { x, y, width, height }
+    }
+
+    /// The samples of defocus and of motion blur, their mean over the object and the most.
+    fn taps(&self, quality: Quality, bokeh: Bokeh) -> String {
+        let [w, h, _] = self.size;
+        let words = |taps: &dyn Fn(usize, usize) -> u32| {
+            let places = (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| self.inside(x, y));
+            let taps: Vec<_> = places.map(|(x, y)| taps(x, y)).collect();
             let mean = taps.iter().map(|&t| f64::from(t)).sum::<f64>() / taps.len().max(1) as f64;
             format!("{mean:.0}, {}", taps.iter().max().copied().unwrap_or(0))
         };
-        Taps {
-            defocus: words(self.blur.iter().map(|b| quality.defocus_taps(bokeh, b.0)).collect()),
-            motion: words(self.blur.iter().map(|b| quality.motion_blur_taps(b.1)).collect()),
+        let defocus = words(&|x, _| quality.defocus_taps(bokeh, self.sigma(x)));
+        let motion = words(&|x, y| quality.motion_blur_taps(self.path(x, y)));
+        format!("{defocus}; {motion}")
+    }
+
+    fn inputs(&self) -> Inputs<'_> {
+        Inputs {
+            frame: &self.frame,
+            color: &self.color,
+            depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0 }),
+            velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
+            apart: false,
         }
+    }
+
+    fn views(&self) -> Vec<wgpu::TextureView> {
+        let view = |eye| {
+            self.target.create_view(&wgpu::TextureViewDescriptor {
+                dimension: Some(wgpu::TextureViewDimension::D2),
+                base_array_layer: eye,
+                array_layer_count: Some(1),
+                ..Default::default()
+            })
+        };
+        (0..self.target.depth_or_array_layers()).map(view).collect()
+    }
+
+    /// The blocks of a frame after another one like it.
+    fn blocks(&self, gpu: &Gpu, compositor: &Compositor, area: Option<Area>) -> Result<Vec<Block>> {
+        let bound = compositor.bind(&gpu.device, &self.inputs())?;
+        let views = self.views();
+        for number in 0..2 {
+            let mut encoder = gpu.device.create_command_encoder(&Default::default());
+            let frame = Frame {
+                model: &self.camera,
+                options: CompositeOptions::default(),
+                quality: Quality::Low,
+                number,
+                area,
+                targets: &views,
+                timer: None,
+            };
+            compositor.encode(&gpu.queue, &mut encoder, &bound, &frame)?;
+            gpu.queue.submit([encoder.finish()]);
+        }
+        bound.read_blocks(gpu)
     }
 
     fn time(
@@ -259,24 +461,8 @@ impl Scene {
         if let Some(sharpening) = sharpening {
             camera.sharpening = Estimate::Known(sharpening);
         }
-        let inputs = Inputs {
-            frame: &self.frame,
-            color: &self.color,
-            depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0 }),
-            velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
-            apart: false,
-        };
-        let bound = compositor.bind(&gpu.device, &inputs)?;
-        let views: Vec<_> = (0..self.target.depth_or_array_layers())
-            .map(|eye| {
-                self.target.create_view(&wgpu::TextureViewDescriptor {
-                    dimension: Some(wgpu::TextureViewDimension::D2),
-                    base_array_layer: eye,
-                    array_layer_count: Some(1),
-                    ..Default::default()
-                })
-            })
-            .collect();
+        let bound = compositor.bind(&gpu.device, &self.inputs())?;
+        let views = self.views();
         // A software device's timestamps do not tell when a step ended.
         let software = gpu.info.device_type == wgpu::DeviceType::Cpu;
         let timer = Timer::new(gpu).ok().filter(|_| !software);

@@ -1,7 +1,8 @@
 //! The textures that a compositor reads its frames from, and the textures and buffers between its passes.
 
+use crate::blocks::{BLOCK, Block};
 use crate::camera::Camera;
-use crate::gpu::{array_view, aspect, texture};
+use crate::gpu::{Gpu, array_view, aspect, texture};
 use crate::inputs::Inputs;
 use crate::kernel::{Kernel, bind};
 use crate::passes::{BETWEEN, Passes, Views, view};
@@ -10,6 +11,7 @@ use crate::sharpening::{Sharpener, Sharpening};
 use blindaug::{Error, Result};
 use std::ops::Range;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
 use wgpu::util::DeviceExt;
 use wgpu::{BindGroup, BufferUsages, Texture, TextureFormat, TextureSampleType, TextureUsages, TextureView};
 
@@ -27,6 +29,8 @@ pub struct Bound {
     /// The [`DefocusQuality`] of the current frame.
     pub(crate) quality: wgpu::Buffer,
     pub(crate) prepare: BindGroup,
+    /// The bindings of the two kernels that find the blocks in which something is seen.
+    pub(crate) list_blocks: BindGroup,
     pub(crate) pull_continued: BindGroup,
     /// The bindings of `pull`, by the level that is read, from `CONTINUED + 1` on.
     pub(crate) pull: Vec<BindGroup>,
@@ -36,8 +40,13 @@ pub struct Bound {
     /// The bindings of `halve`, by the level that is read, from the first one on.
     pub(crate) halve: Vec<BindGroup>,
     pub(crate) defocus: BindGroup,
-    /// The bindings of the last pass, one for each [`crate::sharpening::Source`].
-    pub(crate) composite: [BindGroup; 2],
+    pub(crate) composite: BindGroup,
+    /// The number of blocks whose focused layer is to be computed, and the blocks.
+    pub(crate) list: wgpu::Buffer,
+    /// The workgroups that this takes.
+    pub(crate) dispatch: wgpu::Buffer,
+    /// A number for the passes of the frame before.
+    passes: AtomicU32,
     /// The passes of the sharpening; empty until the first frame of a camera that sharpens.
     sharpening: OnceLock<Sharpening>,
 }
@@ -115,12 +124,24 @@ impl<'a> Binder<'a> {
         self.views.camera.as_entire_binding()
     }
 
-    fn most(&self) -> wgpu::BindingResource<'_> {
-        self.views.most.as_entire_binding()
+    fn numbers(&self) -> wgpu::BindingResource<'_> {
+        self.views.numbers.as_entire_binding()
+    }
+
+    fn blocks(&self) -> wgpu::BindingResource<'_> {
+        self.views.blocks.as_entire_binding()
     }
 
     fn bilinear(&self) -> wgpu::BindingResource<'_> {
         wgpu::BindingResource::Sampler(&self.of.bilinear)
+    }
+
+    fn pull_continued(&self) -> BindGroup {
+        let level = self.levels[CONTINUED].as_entire_binding();
+        let (finer, coarser) = (view(&self.pyramids.known[0]), view(&self.pyramids.known[1]));
+        let resources =
+            [self.camera(), level, self.bilinear(), finer, self.blocks(), coarser, self.numbers()];
+        self.of.pull_continued.bind(&self.views.device, &resources)
     }
 
     /// The bindings of a kernel that halves successive levels, the first of which has number `first`, for all but the last.
@@ -130,7 +151,7 @@ impl<'a> Binder<'a> {
             let (finer, coarser) = (view(&images[0]), view(&images[1]));
             kernel.bind(
                 &self.views.device,
-                &[self.camera(), level, self.bilinear(), finer, self.most(), coarser],
+                &[self.camera(), level, self.bilinear(), finer, self.blocks(), coarser],
             )
         };
         levels.windows(2).zip(&self.levels[first..]).map(halved).collect()
@@ -145,11 +166,11 @@ impl<'a> Binder<'a> {
         let (own, written) = (view(&known[level - CONTINUED]), view(&filled[level - CONTINUED - 1]));
         kernel.bind(
             &self.views.device,
-            &[self.camera(), number, self.bilinear(), coarser, self.most(), own, written],
+            &[self.camera(), number, self.bilinear(), coarser, self.blocks(), own, written],
         )
     }
 
-    fn defocus(&self, quality: &wgpu::Buffer, depth: &TextureView) -> BindGroup {
+    fn defocus(&self, quality: &wgpu::Buffer, list: &wgpu::Buffer, depth: &TextureView) -> BindGroup {
         let mut resources = vec![
             self.camera(),
             quality.as_entire_binding(),
@@ -159,23 +180,26 @@ impl<'a> Binder<'a> {
             view(&self.views.focused),
         ];
         resources.extend(self.pyramids.octaves.iter().map(view));
-        resources.extend([self.of.disks.as_entire_binding(), self.most()]);
+        resources.extend([self.of.disks.as_entire_binding(), self.numbers()]);
         resources.extend([&self.views.continued, &self.views.covered, &self.views.coarser].map(view));
+        resources.push(list.as_entire_binding());
         self.of.defocus.bind(&self.views.device, &resources)
     }
 
-    fn composite(&self, layer: &TextureView) -> BindGroup {
+    fn composite(&self) -> BindGroup {
         let resources = [
             self.camera(),
             self.bilinear(),
             view(&self.views.frame),
-            view(layer),
+            view(&self.views.focused),
+            view(&self.views.sharp),
             view(&self.views.continued),
             view(&self.views.covered),
             view(&self.views.coarser),
-            view(&self.views.velocity),
             view(&self.of.tile),
-            self.most(),
+            self.numbers(),
+            self.blocks(),
+            view(&self.views.velocity),
         ];
         bind(&self.views.device, &self.of.composite_layout, &resources)
     }
@@ -202,12 +226,18 @@ impl Bound {
             })
         };
         let quality = buffer("quality", size_of::<DefocusQuality>() as u64, BufferUsages::UNIFORM);
+        let blocks = [w, h].map(|s| u64::from(s.div_ceil(BLOCK as u32)));
+        let blocks = blocks[0] * blocks[1] * u64::from(slabs * eyes);
+        let near = buffer("blocks near the object", 4 * blocks, BufferUsages::STORAGE);
+        let list = buffer("list of blocks", 4 * (blocks + 1), BufferUsages::STORAGE);
+        let dispatch = buffer("workgroups", 12, BufferUsages::STORAGE | BufferUsages::INDIRECT);
         let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
         let views = Views {
             device: device.clone(),
             size: [w, h, eyes],
             camera: buffer("camera", size_of::<Camera>() as u64, BufferUsages::UNIFORM),
-            most: buffer("largest alpha", 4 * u64::from(slabs * eyes), BufferUsages::STORAGE),
+            numbers: buffer("numbers of the parts", 12 * u64::from(slabs * eyes), BufferUsages::STORAGE),
+            blocks: buffer("blocks", 4 * blocks, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             frame: array_view(inputs.frame),
             sharp: pyramids.octaves[0].clone(),
             focused: pyramids.focused.clone(),
@@ -224,11 +254,20 @@ impl Bound {
             view(&color),
             view(&depth),
             view(&views.velocity),
-            binder.most(),
+            binder.numbers(),
             view(&views.sharp),
             view(&pyramids.octaves[1]),
             view(&views.continued),
             view(&views.covered),
+            binder.blocks(),
+        ];
+        let list_blocks = [
+            binder.camera(),
+            binder.numbers(),
+            binder.blocks(),
+            near.as_entire_binding(),
+            list.as_entire_binding(),
+            dispatch.as_entire_binding(),
         ];
         Ok(Self {
             slabs,
@@ -236,17 +275,48 @@ impl Bound {
             depth_map: inputs.depth.map_or([0.0; 2], |d| [d.scale, d.offset]),
             velocity_scale: inputs.velocity.map_or([0.0; 2], |v| v.scale),
             prepare: of.prepare.bind(device, &prepare),
-            pull_continued: binder.halved(&of.pull_continued, CONTINUED, &pyramids.known[..2]).remove(0),
+            list_blocks: of.list_blocks.bind(device, &list_blocks),
+            pull_continued: binder.pull_continued(),
             pull: binder.halved(&of.pull, CONTINUED + 1, &pyramids.known[1..]),
             top: binder.doubled(&of.top, last),
             push: (CONTINUED + 1..last).map(|level| binder.doubled(&of.push, level)).collect(),
             halve: binder.halved(&of.halve, 1, &pyramids.octaves[1..]),
-            defocus: binder.defocus(&quality, &depth),
-            composite: [binder.composite(&views.focused), binder.composite(&views.sharp)],
+            defocus: binder.defocus(&quality, &list, &depth),
+            composite: binder.composite(),
+            list,
+            dispatch,
+            passes: AtomicU32::new(0),
             sharpening: OnceLock::new(),
             quality,
             views,
         })
+    }
+
+    /// The blocks of the frame that was submitted last, for measurements: row by row, then for each part of the object that is blurred
+    /// apart, then for each eye. Waits for the device.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn read_blocks(&self, gpu: &Gpu) -> Result<Vec<Block>> {
+        let size = self.views.blocks.size();
+        let readable = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("blocks to read"),
+            size,
+            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(&self.views.blocks, 0, &readable, 0, size);
+        gpu.queue.submit([encoder.finish()]);
+        let bytes = gpu.read(&readable)?;
+        let bits: &[u32] = bytemuck::cast_slice(&bytes);
+        Ok(bits.iter().map(|&b| Block::of_bits(b)).collect())
+    }
+
+    /// Whether the passes of a frame are others than those of the frame before, so that their textures do not hold that frame.
+    pub(crate) fn passes_changed(&self, defocuses: bool, blurs: bool) -> bool {
+        let now = 1 + u32::from(defocuses) + 2 * u32::from(blurs);
+        self.passes.swap(now, Ordering::Relaxed) != now
     }
 
     /// The passes of the sharpening. They are made when they are asked for first: cameras that do not sharpen need no textures for them.

@@ -50,7 +50,7 @@ wgsl_struct! {
         pub(crate) linear_target: u32,
         /// The top left corner of the area in which the layer may be seen, px of the frame.
         pub(crate) origin: [u32; 2],
-        /// The size of the area, px, which is also the used part of the textures between the passes.
+        /// The size of the area, px.
         pub(crate) size: [u32; 2],
         /// The seed of the frame's noise, and of the jitter along paths.
         key: [u32; 2],
@@ -60,6 +60,12 @@ wgsl_struct! {
         pub(crate) slabs: u32,
         /// The inverse depths between the three slabs, 1/m: the first slab lies behind `cuts[0]`, the last one in front of `cuts[1]`.
         cuts: [f32; 2],
+        /// The size of the frame, px.
+        pub(crate) frame: [u32; 2],
+        /// 1 if every pass is to write all of its pixels, since the frame before had other passes.
+        pub(crate) refresh: u32,
+        /// Unused.
+        more_padding: u32,
         /// 1 if the lens may put the layer out of focus.
         pub(crate) defocuses: u32,
         /// 1 if the layer may move while the shutter is open.

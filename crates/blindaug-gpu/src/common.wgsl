@@ -1,9 +1,43 @@
 // The textures between the passes have a layer for each slab of each eye. It is called a part, and its number is eye * slabs + slab, the
 // farthest slab first.
 
-// The size of an image that was halved `level` times, px.
+// The numbers of each part that the pass `prepare` finds, as the bits of floats that are not negative: their order is that of the floats. They
+// are the largest alpha, the largest defocus std (px), and the largest distance (px) to which blur spreads a pixel.
+const LARGEST_ALPHA = 0u;
+const LARGEST_STD = 1u;
+const LARGEST_REACH = 2u;
+
+// The index of a number of a part in the buffer of all of them.
+fn number_of(part: u32, which: u32) -> u32 {
+    return 3u * part + which;
+}
+
+// Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE and FOCUSED for each.
+
+// The bit of a block in the list of blocks whose focused layer is to be computed, if it may hold anything.
+const LISTED_TO_BLUR = 0x80000000u;
+// The number of listed blocks in a row of workgroups.
+const LIST_ROW = 256u;
+
+// The number after that of the last part of this part's eye. The parts in between are nearer than this part.
+fn end_of_eye(camera: Camera, part: u32) -> u32 {
+    return (part / camera.slabs + 1u) * camera.slabs;
+}
+
+// The number of blocks along both axes.
+fn blocks_of(camera: Camera) -> vec2<u32> {
+    return (camera.frame + BLOCK - 1u) / BLOCK;
+}
+
+// The index of a block of a part in the buffer of all of them.
+fn block_index(camera: Camera, block: vec2<u32>, part: u32) -> u32 {
+    let all = blocks_of(camera);
+    return (part * all.y + block.y) * all.x + block.x;
+}
+
+// The size of a frame that was halved `level` times, px.
 fn size_at(camera: Camera, level: u32) -> vec2<u32> {
-    return (camera.size + (vec2(1u) << vec2(level)) - 1u) >> vec2(level);
+    return (camera.frame + (vec2(1u) << vec2(level)) - 1u) >> vec2(level);
 }
 
 // The texture coordinates of pixel position `at` (pixel centres are at integers) in the used corner of a texture. Outside of that corner,

@@ -1,11 +1,12 @@
 //! The virtual layer over the frame, as if the camera had filmed it: [`blindaug::composite::composite`] on the GPU.
 
+use crate::blocks::BLOCK;
 use crate::bound::Bound;
 use crate::camera::Camera;
 use crate::inputs::Inputs;
 use crate::passes::Passes;
 use crate::quality::{CONTINUED, DefocusQuality, Quality};
-use crate::sharpening::{self, Sharpener, Source};
+use crate::sharpening::{self, Sharpener};
 use crate::timer::{self, Timer};
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{CameraModel, SharpeningModel};
@@ -86,12 +87,7 @@ struct Plan {
     sharpening: Option<SharpeningModel>,
 }
 
-impl Plan {
-    /// The texture from which the layer is composited.
-    fn source(&self) -> Source {
-        if self.defocuses { Source::Focused } else { Source::Sharp }
-    }
-}
+impl Plan {}
 
 impl Compositor {
     /// A compositor for targets of this format, which must be one that can be rendered to. It makes the tile of noise, too.
@@ -141,12 +137,15 @@ impl Compositor {
             )));
         }
         let plan = self.plan(queue, bound, frame)?;
-        encoder.clear_buffer(&bound.views.most, 0, None);
+        encoder.clear_buffer(&bound.views.numbers, 0, None);
+        encoder.clear_buffer(&bound.dispatch, 0, None);
+        // Only the list's length is cleared.
+        encoder.clear_buffer(&bound.list, 0, Some(4));
         self.encode_blur(encoder, bound, &plan, frame.timer);
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
         let (pipeline, group) = match sharpened {
             Some(group) => (&self.sharpener.sharpened, group),
-            None => (&self.passes.composite, &bound.composite[plan.source() as usize]),
+            None => (&self.passes.composite, &bound.composite),
         };
         for (eye, target) in (0..).zip(frame.targets) {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -195,6 +194,8 @@ impl Compositor {
         let moves = seen && camera.has_path();
         camera.defocuses = u32::from(defocuses);
         camera.moves = u32::from(moves);
+        camera.frame = [w, h];
+        camera.refresh = u32::from(bound.passes_changed(defocuses, defocuses || moves));
         queue.write_buffer(&bound.views.camera, 0, bytemuck::bytes_of(&camera));
         let defocus = DefocusQuality::new(quality, options.bokeh);
         queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&defocus));
@@ -209,14 +210,19 @@ impl Compositor {
         plan: &Plan,
         timer: Option<&Timer>,
     ) {
-        let parts = bound.slabs * bound.views.size[2];
+        let [w, h, eyes] = bound.views.size;
+        let parts = bound.slabs * eyes;
         let at_level = |level: usize| {
             let halved = |s: u32| (s + (1 << level) - 1) >> level;
-            [halved(plan.area.width), halved(plan.area.height), parts]
+            [halved(w), halved(h), parts]
         };
         let mut pass = timer::compute_pass(encoder, timer, timer::EXTENSION);
         if !plan.area.is_empty() {
             self.passes.prepare.run(&mut pass, &bound.prepare, at_level(0));
+            let blocks = [w, h].map(|s| s.div_ceil(BLOCK as u32));
+            for kernel in [&self.passes.near_in_row, &self.passes.list_blocks] {
+                kernel.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], parts]);
+            }
         }
         if plan.blurs {
             self.passes.pull_continued.run(&mut pass, &bound.pull_continued, at_level(CONTINUED + 1));
@@ -237,7 +243,7 @@ impl Compositor {
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::DEFOCUS);
         if plan.defocuses {
-            self.passes.defocus.run(&mut pass, &bound.defocus, at_level(0));
+            self.passes.defocus.run_counted(&mut pass, &bound.defocus, &bound.dispatch);
         }
     }
 
@@ -262,7 +268,7 @@ impl Compositor {
         let steps = passes.write(queue, model, [x, y])?;
         let mut pass = timer::compute_pass(encoder, timer, timer::SHARPENING);
         let threads = [width, height, bound.views.size[2]];
-        passes.run(&self.sharpener, &mut pass, steps, plan.source(), threads);
+        passes.run(&self.sharpener, &mut pass, steps, threads);
         Ok(Some(&passes.sharpened))
     }
 }

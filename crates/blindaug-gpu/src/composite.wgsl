@@ -5,14 +5,14 @@
 @group(0) @binding(1) var bilinear: sampler;
 @group(0) @binding(2) var frame: texture_2d_array<f32>;
 @group(0) @binding(3) var focused: texture_2d_array<f32>;
-@group(0) @binding(4) var continued_0: texture_2d_array<f32>;
-@group(0) @binding(5) var covered: texture_2d_array<f32>;
-@group(0) @binding(6) var continued_1: texture_2d_array<f32>;
-@group(0) @binding(7) var velocity: texture_2d_array<f32>;
+@group(0) @binding(4) var sharp: texture_2d_array<f32>;
+@group(0) @binding(5) var continued_0: texture_2d_array<f32>;
+@group(0) @binding(6) var covered: texture_2d_array<f32>;
+@group(0) @binding(7) var continued_1: texture_2d_array<f32>;
 @group(0) @binding(8) var tile: texture_2d_array<f32>;
-
-// The largest alpha of each part, as the bits of its float; 0 where a part is empty.
-@group(0) @binding(9) var<storage, read> most_of: array<u32>;
+@group(0) @binding(9) var<storage, read> numbers: array<u32>;
+@group(0) @binding(10) var<storage, read> blocks: array<u32>;
+@group(0) @binding(11) var velocity: texture_2d_array<f32>;
 
 struct Vertex {
     @builtin(position) position: vec4<f32>,
@@ -161,31 +161,39 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
 
 // The path of a pixel while the shutter is open, px.
 fn path_at(at: vec2<u32>, part: u32) -> vec2<f32> {
-    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, bitcast<f32>(most_of[part]));
-    let own = camera.path_scale * textureLoad(velocity, camera.origin + at, part / camera.slabs, 0).xy;
+    let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
+    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, most);
+    let own = camera.path_scale * textureLoad(velocity, at, part / camera.slabs, 0).xy;
     return select(v.yz, own, v.w > 0.0 && is_finite(own.x) && is_finite(own.y));
 }
 
-// The mean of a part of the layer along the path of a pixel.
-fn along_path(at: vec2<u32>, part: u32) -> vec4<f32> {
+// The mean of a part of the layer along the path of a pixel, in a block of these bits.
+fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
+    // All blocks in which the part is seen have the bit, or none.
+    let defocused = camera.defocuses != 0u && (bits & FOCUSED) != 0u;
     if camera.moves == 0u {
-        return textureLoad(focused, at, part, 0);
+        if defocused {
+            return textureLoad(focused, at, part, 0);
+        }
+        return textureLoad(sharp, at, part, 0);
     }
     let path = path_at(at, part);
     let jitter = vec2<f32>(camera.key % vec2(64u));
-    return motion_blurred(
-        focused, bilinear, camera.size, vec2<f32>(at), path, part, camera.most_taps, jitter,
-    );
+    if defocused {
+        return motion_blurred(focused, bilinear, vec2<f32>(at), path, part, camera.most_taps, jitter);
+    }
+    return motion_blurred(sharp, bilinear, vec2<f32>(at), path, part, camera.most_taps, jitter);
 }
 
-// The blurred layer at a pixel of the area: premultiplied, in the space in which blur acts.
+// The blurred layer at a pixel of the frame: premultiplied, in the space in which blur acts.
 fn layer_at(at: vec2<u32>, eye: u32) -> vec4<f32> {
     var layer = vec4(0.0);
     // The nearest slab comes first, and the others are seen through what it leaves.
     for (var slab = camera.slabs; slab > 0u; slab--) {
         let part = eye * camera.slabs + slab - 1u;
-        if most_of[part] != 0u {
-            layer += (1.0 - layer.a) * along_path(at, part);
+        let bits = blocks[block_index(camera, at / BLOCK, part)];
+        if (bits & VISIBLE) != 0u {
+            layer += (1.0 - layer.a) * along_path(at, part, bits);
         }
     }
     return layer;
@@ -204,11 +212,10 @@ fn over(background: vec3<f32>, layer: vec4<f32>) -> vec3<f32> {
 fn composite(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
     let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
-    let at = pixel - camera.origin;
     var layer = vec4(0.0);
     // Left of and above the origin, the difference wraps around to large numbers.
-    if all(at < camera.size) {
-        layer = layer_at(at, in.eye);
+    if all(pixel - camera.origin < camera.size) {
+        layer = layer_at(pixel, in.eye);
     }
     // Where nothing virtual is seen, the result is the frame, bit by bit.
     if layer.a <= 0.0 {

@@ -8,8 +8,7 @@
 @group(0) @binding(3) var<storage, read> gaussians: array<vec4<f32>>;
 // The table of disks: half the lengths of DISK_ROWS rows, from the middle one on, for each of DISKS stds, DISK_STEP px apart.
 @group(0) @binding(14) var<storage, read> disks: array<vec4<f32>>;
-// The largest alpha of each part, as the bits of its float; 0 where a part is empty.
-@group(0) @binding(15) var<storage, read> most_of: array<u32>;
+@group(0) @binding(15) var<storage, read> numbers: array<u32>;
 @group(0) @binding(4) var depth: texture_2d_array<f32>;
 @group(0) @binding(5) var focused: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var octave_0: texture_2d_array<f32>;
@@ -23,6 +22,8 @@
 @group(0) @binding(16) var continued_0: texture_2d_array<f32>;
 @group(0) @binding(17) var covered: texture_2d_array<f32>;
 @group(0) @binding(18) var continued_1: texture_2d_array<f32>;
+// The number of blocks to compute, and the blocks.
+@group(0) @binding(19) var<storage, read> list: array<u32>;
 
 // The layer at pixel position `at` of an octave. Pixel centres are at integers.
 fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {
@@ -173,18 +174,13 @@ fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     return gaussian_on(octave, at * scale, left, part);
 }
 
-// The number after that of the last part of this part's eye. The parts in between are nearer than this part.
-fn end_of_eye(part: u32) -> u32 {
-    return (part / camera.slabs + 1u) * camera.slabs;
-}
-
 // A blurred part, divided by the share of its kernel that nearer parts do not hide (normalised convolution, Knutsson & Westin 1993). Where
 // that share is small, coarser and coarser octaves fill in.
 fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     let own = defocused(id, part, sigma);
     var hides = 0.0;
-    for (var nearer = part + 1u; nearer < end_of_eye(part); nearer++) {
-        if most_of[nearer] != 0u {
+    for (var nearer = part + 1u; nearer < end_of_eye(camera, part); nearer++) {
+        if numbers[number_of(nearer, LARGEST_ALPHA)] != 0u {
             hides += defocused(id, nearer, sigma).w;
         }
     }
@@ -200,8 +196,8 @@ fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
     for (var octave = 1u; octave <= COARSEST && known < 1.0; octave++) {
         let at = vec2<f32>(id) * exp2(-f32(octave));
         share = 1.0;
-        for (var nearer = part + 1u; nearer < end_of_eye(part); nearer++) {
-            if most_of[nearer] != 0u {
+        for (var nearer = part + 1u; nearer < end_of_eye(camera, part); nearer++) {
+            if numbers[number_of(nearer, LARGEST_ALPHA)] != 0u {
                 share -= tap(octave, at, nearer).w;
             }
         }
@@ -216,43 +212,49 @@ fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
 
 // The defocus std of a pixel, px.
 fn sigma_at(at: vec2<u32>, part: u32) -> f32 {
-    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, bitcast<f32>(most_of[part]));
-    let here = textureLoad(depth, camera.origin + at, part / camera.slabs, 0).x;
+    let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
+    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, most);
+    let here = textureLoad(depth, at, part / camera.slabs, 0).x;
     let own = camera.depth_map.x * here + camera.depth_map.y;
     return defocus_std(camera, select(v.x, own, v.w > 0.0 && is_finite(own)));
 }
 
 @compute @workgroup_size(8, 8)
-fn defocus(
-    @builtin(global_invocation_id) id: vec3<u32>,
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(local_invocation_index) thread: u32,
-) {
+fn defocus(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let entry = group.y * LIST_ROW + group.x;
+    let listed = list[min(entry, list[0] - 1u) + 1u];
+    let block = listed & ~LISTED_TO_BLUR;
+    let all_blocks = blocks_of(camera);
+    let part = block / (all_blocks.x * all_blocks.y);
+    // A quarter of the block: a tile of 8 x 8 pixels.
+    let first = BLOCK * vec2(block % all_blocks.x, block / all_blocks.x % all_blocks.y) + 8u * vec2(group.z % 2u, group.z / 2u);
+    let id = vec3(first + vec2(thread % 8u, thread / 8u), part);
     if thread == 0u {
         atomicStore(&largest_sigma, 0u);
         atomicStore(&seen, 0u);
         atomicStore(&nearer_seen, 0u);
     }
     workgroupBarrier();
-    let inside = all(id.xy < camera.size) && most_of[id.z] != 0u;
+    let inside = entry < list[0] && all(id.xy < camera.frame);
+    let blurs = listed >= LISTED_TO_BLUR;
     var sigma = 0.0;
-    if inside {
+    if inside && blurs {
         sigma = sigma_at(id.xy, id.z);
     }
     atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
-    // A tile of 8 x 8 pixels stays empty if nothing is seen within the reach of its kernels. On an octave whose pixels are as large as that
+    // The tile stays empty if nothing is seen within the reach of its kernels. On an octave whose pixels are as large as that
     // reach, 5 x 5 pixels tell.
     let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_sigma)) + 8.0;
     let coarse = u32(ceil(log2(reach)));
-    if thread < 25u && coarse <= COARSEST {
-        let middle = (vec2<f32>(group.xy) * 8.0 + 4.0) / exp2(f32(coarse));
+    if thread < 25u && coarse <= COARSEST && blurs {
+        let middle = (vec2<f32>(first) + 4.0) / exp2(f32(coarse));
         let at = floor(middle) + vec2(f32(thread % 5u), f32(thread / 5u)) - 2.0;
         if tap(coarse, at, id.z).w > 0.0 {
             atomicStore(&seen, 1u);
         }
-        for (var nearer = id.z + 1u; nearer < end_of_eye(id.z); nearer++) {
-            if most_of[nearer] != 0u && tap(coarse, at, nearer).w > 0.0 {
+        for (var nearer = id.z + 1u; nearer < end_of_eye(camera, id.z); nearer++) {
+            if numbers[number_of(nearer, LARGEST_ALPHA)] != 0u && tap(coarse, at, nearer).w > 0.0 {
                 atomicStore(&nearer_seen, 1u);
             }
         }
@@ -262,7 +264,7 @@ fn defocus(
         return;
     }
     var out = vec4(0.0);
-    if atomicLoad(&seen) != 0u || coarse > COARSEST {
+    if blurs && (atomicLoad(&seen) != 0u || coarse > COARSEST) {
         if atomicLoad(&nearer_seen) != 0u || coarse > COARSEST {
             out = seen_of(id.xy, id.z, sigma);
         } else {

@@ -6,12 +6,12 @@
 @group(0) @binding(1) var layer: texture_2d_array<f32>;
 @group(0) @binding(2) var layer_depth: texture_2d_array<f32>;
 @group(0) @binding(3) var layer_velocity: texture_2d_array<f32>;
-// The largest alpha of each part, as the bits of its float, which are in the order of the floats.
-@group(0) @binding(4) var<storage, read_write> most: array<atomic<u32>>;
+@group(0) @binding(4) var<storage, read_write> found: array<atomic<u32>>;
 @group(0) @binding(5) var octave_0: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(6) var octave_1: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(7) var continued_0: texture_storage_2d_array<rgba16float, write>;
 @group(0) @binding(8) var covered: texture_storage_2d_array<r32float, write>;
+@group(0) @binding(9) var<storage, read_write> blocks: array<u32>;
 
 // The slab that a pixel belongs to. At silhouettes, the neighbouring pixel that the object covers most decides.
 fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
@@ -40,6 +40,10 @@ fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
 // A part of the layer at a pixel of the frame, in the space in which blur acts.
 fn colour_at(at: vec2<u32>, part: u32) -> vec4<f32> {
     let eye = part / camera.slabs;
+    // Left of and above the area, the difference wraps around to large numbers.
+    if any(at - camera.origin >= camera.size) {
+        return vec4(0.0);
+    }
     var v = textureLoad(layer, at, eye, 0);
     // Pixels of broken values count as empty.
     if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
@@ -64,11 +68,29 @@ const SIDE = 20u;
 var<workgroup> colours: array<vec4<f32>, SIDE * SIDE>;
 var<workgroup> depths: array<f32, SIDE * SIDE>;
 var<workgroup> paths: array<vec2<f32>, SIDE * SIDE>;
-var<workgroup> most_here: atomic<u32>;
+// The largest numbers of the workgroup's pixels, and whether any of them has a colour.
+var<workgroup> largest: array<atomic<u32>, 3>;
+var<workgroup> occupied: atomic<u32>;
+// Whether the textures hold something in the block.
+var<workgroup> dirty: u32;
 const UNKNOWN = 1e9;
 
-// Reads pixel `i` of the workgroup's memory.
-fn gather(i: u32, at: vec2<u32>, part: u32) -> vec4<f32> {
+// Counts a number of the workgroup's pixels. The magnitude is taken, since the bits of -0 would be the largest.
+fn count(which: u32, number: f32) {
+    atomicMax(&largest[which], bitcast<u32>(abs(number)));
+}
+
+// The largest defocus std, px, that depths between this one and others may have: where the lens's curve has its maximum in between, that.
+fn largest_std(d: f32) -> f32 {
+    let own = defocus_std(camera, d);
+    if camera.thin_lens != 0u || camera.lens.x >= 0.0 {
+        return own;
+    }
+    return max(own, defocus_std(camera, -0.5 * camera.lens.y / camera.lens.x));
+}
+
+// Reads a pixel of the frame as pixel `i` of the workgroup's memory.
+fn gather(i: u32, at: vec2<u32>, part: u32) {
     let eye = part / camera.slabs;
     let colour = colour_at(at, part);
     var d = 0.0;
@@ -81,13 +103,25 @@ fn gather(i: u32, at: vec2<u32>, part: u32) -> vec4<f32> {
             path = camera.path_scale * textureLoad(layer_velocity, at, eye, 0).xy;
         }
         let known = is_finite(d) && is_finite(path.x) && is_finite(path.y);
-        d = select(UNKNOWN, clamp(d, -60000.0, 60000.0), known);
+        d = select(0.0, clamp(d, -60000.0, 60000.0), known);
         path = select(vec2(0.0), clamp(path, vec2(-60000.0), vec2(60000.0)), known);
+        count(LARGEST_ALPHA, colour.w);
+        // Kernels end before 4.5 times the std, and 2 px of the octaves' own kernels come to it.
+        var reach = 0.0;
+        if camera.defocuses != 0u {
+            let sigma = largest_std(d);
+            count(LARGEST_STD, sigma);
+            reach = select(0.0, 4.5 * sigma + 2.0, sigma > 0.0);
+        }
+        count(LARGEST_REACH, reach + 0.5 * length(path));
+        d = select(UNKNOWN, d, known);
+    }
+    if any(colour != vec4(0.0)) {
+        atomicStore(&occupied, 1u);
     }
     colours[i] = colour;
     depths[i] = d;
     paths[i] = path;
-    return colour;
 }
 
 // The pixel of octave 1 at a pixel of the workgroup's memory, by the binomial kernel [1 4 6 4 1] / 16.
@@ -134,7 +168,7 @@ fn continued_at(middle: vec2<u32>) -> vec4<f32> {
 // Which of the 4 x 4 pixels from this one of the workgroup's memory on have known values and are covered, as bits, rows first: more than half
 // of the weight that the workgroup's most opaque pixel has.
 fn covered_from(first: vec2<u32>) -> u32 {
-    let least = 0.917 * bitcast<f32>(atomicLoad(&most_here));
+    let least = 0.917 * bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA]));
     var bits = 0u;
     for (var i = 0u; i < 16u; i++) {
         let index = (first.y + i / 4u) * SIDE + first.x + i % 4u;
@@ -146,39 +180,51 @@ fn covered_from(first: vec2<u32>) -> u32 {
 
 @compute @workgroup_size(16, 16)
 fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
-    if thread == 0u {
-        atomicStore(&most_here, 0u);
+    let part = group.z;
+    let block = block_index(camera, group.xy, part);
+    if thread < 3u {
+        atomicStore(&largest[thread], 0u);
+    } else if thread == 3u {
+        atomicStore(&occupied, 0u);
     }
     workgroupBarrier();
+    let last = vec2<i32>(camera.frame) - 1;
     let first = vec2<i32>(group.xy * BLOCK) - i32(BEFORE);
     for (var i = thread; i < SIDE * SIDE; i += BLOCK * BLOCK) {
-        let here = vec2(i % SIDE, i / SIDE);
-        let wanted = first + vec2<i32>(here);
-        // Beyond the edges of the area, its outermost pixels are repeated.
-        let at = vec2<u32>(clamp(wanted, vec2(0), vec2<i32>(camera.size) - 1));
-        let colour = gather(i, camera.origin + at, group.z);
-        if all(here >= vec2(BEFORE)) && all(here < vec2(BEFORE + BLOCK)) && all(vec2<i32>(at) == wanted) {
-            textureStore(octave_0, at, group.z, colour);
-            // The magnitude is taken, since the bits of -0 would be the largest.
-            atomicMax(&most_here, bitcast<u32>(abs(colour.w)));
-        }
+        // Beyond the edges of the frame, its outermost pixels are repeated.
+        let at = clamp(first + vec2<i32>(vec2(i % SIDE, i / SIDE)), vec2(0), last);
+        gather(i, vec2<u32>(at), part);
     }
     workgroupBarrier();
-    if thread == 0u {
-        atomicMax(&most[group.z], atomicLoad(&most_here));
+    if thread < 3u && atomicLoad(&largest[thread]) > 0u {
+        atomicMax(&found[number_of(part, thread)], atomicLoad(&largest[thread]));
+    } else if thread == 3u {
+        let now = atomicLoad(&occupied);
+        let before = blocks[block];
+        dirty = now | (before & OCCUPIED) | camera.refresh;
+        blocks[block] = now * OCCUPIED | (before & OCCUPIED) * OCCUPIED_BEFORE | (before & FOCUSED);
+    }
+    workgroupBarrier();
+    // In an empty block, the textures hold zeros already, unless it was not empty in the frame before.
+    if dirty == 0u {
+        return;
+    }
+    let own = vec2(thread % BLOCK, thread / BLOCK);
+    if all(group.xy * BLOCK + own < camera.frame) {
+        textureStore(octave_0, group.xy * BLOCK + own, part, colours[(own.y + BEFORE) * SIDE + own.x + BEFORE]);
     }
     if thread < 64u {
         let pixel = vec2(thread % 8u, thread / 8u);
         let at = 8u * group.xy + pixel;
         if camera.defocuses != 0u && all(at < size_at(camera, 1u)) {
-            textureStore(octave_1, at, group.z, octave_1_at(2u * pixel + BEFORE));
+            textureStore(octave_1, at, part, octave_1_at(2u * pixel + BEFORE));
         }
     } else if thread < 80u {
         let pixel = vec2(thread % 4u, (thread - 64u) / 4u);
         let at = 4u * group.xy + pixel;
         if camera.defocuses + camera.moves != 0u && all(at < size_at(camera, CONTINUED)) {
-            textureStore(continued_0, at, group.z, continued_at(4u * pixel + BEFORE));
-            textureStore(covered, at, group.z, vec4(f32(covered_from(4u * pixel + BEFORE))));
+            textureStore(continued_0, at, part, continued_at(4u * pixel + BEFORE));
+            textureStore(covered, at, part, vec4(f32(covered_from(4u * pixel + BEFORE))));
         }
     }
 }
@@ -187,9 +233,32 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
 @group(0) @binding(1) var<uniform> level: u32;
 @group(0) @binding(2) var bilinear: sampler;
 @group(0) @binding(3) var finer: texture_2d_array<f32>;
-// The buffer `most`, bound for reading. The passes skip parts in which nothing is seen.
-@group(0) @binding(4) var<storage, read> most_of: array<u32>;
+@group(0) @binding(4) var<storage, read> block_bits: array<u32>;
 @group(0) @binding(5) var coarse: texture_storage_2d_array<rgba16float, write>;
+
+var<workgroup> any_bits: atomic<u32>;
+
+// Whether any block has one of these bits that lies under the workgroup's 8 x 8 pixels of a level, or under the kernels that halve down to
+// that level: these reach less than 2 pixels of the level.
+fn is_live(group: vec3<u32>, thread: u32, on: u32, bits: u32) -> bool {
+    if thread == 0u {
+        atomicStore(&any_bits, camera.refresh);
+    }
+    workgroupBarrier();
+    let pixels = i32(8u << on);
+    let around = i32(2u << on);
+    let begin = vec2<i32>(group.xy) * pixels;
+    let low = vec2<u32>(max(begin - around, vec2(0))) / BLOCK;
+    let high = min(vec2<u32>(begin + pixels + around - 1) / BLOCK, blocks_of(camera) - 1u);
+    let count = high - low + 1u;
+    var found_bits = 0u;
+    for (var i = thread; i < count.x * count.y; i += 64u) {
+        found_bits |= block_bits[block_index(camera, low + vec2(i % count.x, i / count.x), group.z)];
+    }
+    atomicOr(&any_bits, found_bits & bits);
+    workgroupBarrier();
+    return atomicLoad(&any_bits) != 0u;
+}
 
 // A pixel of the image at half its size, by the binomial kernel [1 4 6 4 1] / 16, two taps at a time.
 fn halved(id: vec3<u32>) -> vec4<f32> {
@@ -208,27 +277,45 @@ fn halved(id: vec3<u32>) -> vec4<f32> {
 }
 
 @compute @workgroup_size(8, 8)
-fn halve(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < size_at(camera, level + 1u)) && most_of[id.z] != 0u {
+fn halve(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let live = is_live(group, thread, level + 1u, OCCUPIED | OCCUPIED_BEFORE);
+    if live && all(id.xy < size_at(camera, level + 1u)) {
         textureStore(coarse, id.xy, id.z, halved(id));
     }
 }
 
 // Halves an image of values times their weight, which is the fourth number.
 @compute @workgroup_size(8, 8)
-fn pull(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < size_at(camera, level + 1u)) && most_of[id.z] != 0u {
+fn pull(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let live = is_live(group, thread, level + 1u, OCCUPIED | OCCUPIED_BEFORE);
+    if live && all(id.xy < size_at(camera, level + 1u)) {
         let sum = halved(id);
         textureStore(coarse, id.xy, id.z, vec4(sum.xyz / max(sum.w, 1e-6), 1.0) * confidence(sum.w));
     }
 }
 
+@group(0) @binding(6) var<storage, read> numbers: array<u32>;
+
 // Halves level CONTINUED, as `pull` halves the levels above.
 @compute @workgroup_size(8, 8)
-fn pull_continued(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= size_at(camera, CONTINUED + 1u)) || most_of[id.z] == 0u {
+fn pull_continued(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    let live = is_live(group, thread, CONTINUED + 1u, OCCUPIED | OCCUPIED_BEFORE);
+    if !live || any(id.xy >= size_at(camera, CONTINUED + 1u)) {
         return;
     }
+    let most = bitcast<f32>(numbers[number_of(id.z, LARGEST_ALPHA)]);
     var binomial = array<f32, 3>(0.375, 0.25, 0.0625);
     let last = vec2<i32>(size_at(camera, CONTINUED)) - 1;
     var sum = vec4(0.0);
@@ -236,7 +323,7 @@ fn pull_continued(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var i = -2; i <= 2; i++) {
             let at = clamp(2 * vec2<i32>(id.xy) + vec2(i, j), vec2(0), last);
             let here = textureLoad(finer, at, id.z, 0);
-            let known = of_continued(coverage(here.w, bitcast<f32>(most_of[id.z])));
+            let known = of_continued(coverage(here.w, most));
             sum += binomial[abs(i)] * binomial[abs(j)] * vec4(here.xyz, 1.0) * known;
         }
     }
@@ -270,8 +357,14 @@ fn pushed(id: vec3<u32>) -> vec3<f32> {
 }
 
 @compute @workgroup_size(8, 8)
-fn push(@builtin(global_invocation_id) id: vec3<u32>) {
-    if all(id.xy < size_at(camera, level)) && most_of[id.z] != 0u {
+fn push(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+) {
+    // Where the blurred layer is seen, the finer levels together reach less than 2 pixels of this one.
+    let live = is_live(group, thread, level, VISIBLE);
+    if live && all(id.xy < size_at(camera, level)) {
         textureStore(filled, id.xy, id.z, vec4(pushed(id), 1.0));
     }
 }

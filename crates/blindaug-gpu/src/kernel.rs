@@ -156,4 +156,16 @@ impl Kernel {
         let [x, y, z]: [u32; 3] = std::array::from_fn(|i| threads[i].div_ceil(self.workgroup[i]));
         pass.dispatch_workgroups(x, y, z);
     }
+
+    /// Runs the shader with as many workgroups along each axis as a buffer holds at its beginning.
+    pub(crate) fn run_counted(
+        &self,
+        pass: &mut wgpu::ComputePass,
+        group: &BindGroup,
+        workgroups: &wgpu::Buffer,
+    ) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, &[]);
+        pass.dispatch_workgroups_indirect(workgroups, 0);
+    }
 }

@@ -48,6 +48,7 @@
 //! # }
 //! ```
 
+mod blocks;
 mod bound;
 mod camera;
 mod composite;
@@ -65,6 +66,7 @@ mod sharpening;
 mod timer;
 mod uniforms;
 
+pub use blocks::Block;
 pub use bound::Bound;
 pub use composite::{Area, Compositor, Frame};
 pub use gpu::{Gpu, array_view, texture};

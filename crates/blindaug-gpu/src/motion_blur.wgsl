@@ -11,7 +11,6 @@ fn gradient_noise(at: vec2<f32>) -> f32 {
 fn motion_blurred(
     image: texture_2d_array<f32>,
     bilinear: sampler,
-    used: vec2<u32>,
     at: vec2<f32>,
     path: vec2<f32>,
     eye: u32,
@@ -29,7 +28,7 @@ fn motion_blurred(
     var sum = vec4(0.0);
     for (var i = 0.0; i < taps; i += 1.0) {
         let t = (i + phase) / taps - 0.5;
-        sum += textureSampleLevel(image, bilinear, coordinates(at + t * path, used, all), eye, 0.0);
+        sum += textureSampleLevel(image, bilinear, coordinates(at + t * path, all, all), eye, 0.0);
     }
     return sum / taps;
 }

@@ -14,6 +14,8 @@ pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) prepare: Kernel,
+    pub(crate) near_in_row: Kernel,
+    pub(crate) list_blocks: Kernel,
     pub(crate) pull_continued: Kernel,
     pub(crate) pull: Kernel,
     pub(crate) top: Kernel,
@@ -43,7 +45,11 @@ impl Passes {
         let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
         let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
         of_defocus.extend([Texture; OCTAVES]);
-        of_defocus.extend([Buffer, Buffer, Texels, Texels, Texture]);
+        of_defocus.extend([Buffer, Buffer, Texels, Texels, Texture, Buffer]);
+        let of_blocks = |entry| {
+            let bindings = [Uniform, Buffer, BufferMut, BufferMut, BufferMut, BufferMut];
+            Kernel::new(device, &shaders::BLOCKS, entry, [8, 8, 1], &bindings)
+        };
         let table = |label, contents| {
             device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some(label),
@@ -55,7 +61,10 @@ impl Passes {
             device,
             "composite",
             ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texture, Texels, Texels, Texture, Texels, Texels, Buffer],
+            &[
+                Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, Texels, Buffer, Buffer,
+                Texels,
+            ],
         );
         Self {
             prepare: of_extension(
@@ -71,9 +80,12 @@ impl Passes {
                     between,
                     between,
                     Target(TextureFormat::R32Float),
+                    BufferMut,
                 ],
             ),
-            pull_continued: of_extension("pull_continued", 8, &halving),
+            near_in_row: of_blocks("near_in_row"),
+            list_blocks: of_blocks("list_blocks"),
+            pull_continued: of_extension("pull_continued", 8, &[&halving[..], &[Buffer]].concat()),
             pull: of_extension("pull", 8, &halving),
             top: of_extension("top", 1, &doubling),
             push: of_extension("push", 8, &doubling),
@@ -107,8 +119,10 @@ pub(crate) struct Views {
     pub(crate) size: [u32; 3],
     /// The [`Camera`] of the current frame.
     pub(crate) camera: wgpu::Buffer,
-    /// The largest alpha of each part, as the bits of its float.
-    pub(crate) most: wgpu::Buffer,
+    /// The largest alpha, defocus std and reach of blur of each part, as the bits of floats.
+    pub(crate) numbers: wgpu::Buffer,
+    /// The bits of each block of each part.
+    pub(crate) blocks: wgpu::Buffer,
     /// The camera's frame.
     pub(crate) frame: TextureView,
     /// The layer before blur, in the space in which blur acts.

@@ -19,9 +19,6 @@ pub enum Quality {
 /// The number of octaves of the image that defocus reads: the image itself, and seven more, each of half the size of the one before.
 pub(crate) const OCTAVES: usize = 8;
 
-/// The side, px, of the blocks in which the layer is read and of which it is known whether they are empty.
-pub(crate) const BLOCK: usize = 16;
-
 /// The number of times that the layer is halved for the finest image of the inverse depth and motion that are continued past its silhouette.
 /// The shader extension.wgsl makes it in one pass, by a kernel for two halvings.
 pub(crate) const CONTINUED: usize = 2;
@@ -63,13 +60,21 @@ impl Quality {
         }
     }
 
+    /// The number of times that the layer is halved, 0 to 7, for the image that the shader defocus.wgsl reads for a pixel of this defocus std,
+    /// px.
+    pub fn octave(self, bokeh: Bokeh, sigma_px: f32) -> usize {
+        let [gaussian, disk] = DefocusQuality::new(self, bokeh).least_variance;
+        let least = if bokeh == Bokeh::Disk { disk } else { gaussian };
+        let ratio = (sigma_px * sigma_px + 1.0 / 3.0) / (least + 1.0 / 3.0);
+        ((0.5 * ratio.max(1.0).log2()) as usize).min(OCTAVES - 1)
+    }
+
     /// The number of times that the shader defocus.wgsl reads the layer for a pixel of this defocus std, px.
     pub fn defocus_taps(self, bokeh: Bokeh, sigma_px: f32) -> u32 {
-        let DefocusQuality { least_variance: [gaussian, disk], reach, .. } = DefocusQuality::new(self, bokeh);
-        let least = if bokeh == Bokeh::Disk { disk } else { gaussian };
+        let DefocusQuality { reach, .. } = DefocusQuality::new(self, bokeh);
         let variance = sigma_px * sigma_px;
-        let octave = (0.5 * ((variance + 1.0 / 3.0) / (least + 1.0 / 3.0)).max(1.0).log2()) as i32;
-        let scale = 0.25f32.powi(octave.min(OCTAVES as i32 - 1));
+        let octave = self.octave(bokeh, sigma_px);
+        let scale = 0.25f32.powi(octave as i32);
         let left = variance * scale - (1.0 - scale) / 3.0;
         match bokeh {
             _ if sigma_px <= 0.0 => 1,

@@ -1,10 +1,11 @@
 //! The compositor's shaders. They are WGSL that browsers accept too: no subgroups, no half floats, no formats of particular devices.
 
+use crate::blocks::{BLOCK, FOCUSED, OCCUPIED, OCCUPIED_BEFORE, VISIBLE};
 use crate::camera::Camera;
 use crate::layout::{Layout, structs};
 use crate::prelude::{colours, constants};
 use crate::quality::{
-    BLOCK, CONTINUED, DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES,
+    CONTINUED, DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES,
 };
 use crate::uniforms::{MaskPass, TILE, TileLevel};
 use blindaug::model::{NOISE_KNOTS, NOISE_LEVELS};
@@ -24,6 +25,10 @@ fn compositor() -> String {
         ("OPAQUE", &synth::OPAQUE),
         ("COARSEST", &(OCTAVES - 1)),
         ("BLOCK", &BLOCK),
+        ("OCCUPIED", &OCCUPIED),
+        ("OCCUPIED_BEFORE", &OCCUPIED_BEFORE),
+        ("VISIBLE", &VISIBLE),
+        ("FOCUSED", &FOCUSED),
         ("CONTINUED", &CONTINUED),
         ("GAUSSIANS", &GAUSSIANS),
         ("GAUSSIAN_MOST", &GAUSSIAN_MOST),
@@ -46,6 +51,7 @@ macro_rules! shader {
 }
 
 pub(crate) static EXTENSION: LazyLock<String> = shader!("continued.wgsl", "extension.wgsl");
+pub(crate) static BLOCKS: LazyLock<String> = shader!("blocks.wgsl");
 pub(crate) static DEFOCUS: LazyLock<String> = shader!("continued.wgsl", "defocus.wgsl");
 pub(crate) static NOISE_TILE: LazyLock<String> = shader!("noise_tile.wgsl");
 pub(crate) static SHARPENING: LazyLock<String> = shader!("sharpening.wgsl");
@@ -65,8 +71,9 @@ mod tests {
 
     #[test]
     fn every_shader_is_valid_for_every_device() {
-        let texts: [&str; 10] = [
+        let texts: [&str; 11] = [
             &EXTENSION,
+            &BLOCKS,
             &DEFOCUS,
             &NOISE_TILE,
             &SHARPENING,
@@ -92,7 +99,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(found, 18);
+        assert_eq!(found, 19);
         // Wrong shaders are found out.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());

@@ -4,7 +4,7 @@
 
 @group(0) @binding(8) var difference_out: texture_storage_2d_array<rgba16float, write>;
 // The difference that undoes the frame's sharpening when it is added, in the area; for the pass `difference`, and for the pass `sharpened`.
-@group(0) @binding(10) var unsharpening_before: texture_2d_array<f32>;
+@group(0) @binding(12) var unsharpening_before: texture_2d_array<f32>;
 @group(0) @binding(7) var unsharpening_after: texture_2d_array<f32>;
 
 // The frame at a pixel of the area as it was before the camera sharpened it.
@@ -19,7 +19,7 @@ fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
     if any(id.xy >= camera.size) {
         return;
     }
-    let layer = layer_at(id.xy, id.z);
+    let layer = layer_at(camera.origin + id.xy, id.z);
     var out = vec4(0.0);
     if layer.a > 0.0 {
         let background = unsharpened(unsharpening_before, id.xy, id.z);

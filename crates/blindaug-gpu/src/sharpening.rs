@@ -97,23 +97,14 @@ impl Sharpener {
                 "difference",
                 8,
                 &[
-                    Uniform, Sampler, Texture, Texture, Texels, Texels, Texture, Texels, between, Buffer,
-                    Texture,
+                    Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, between, Buffer,
+                    Buffer, Texels, Texture,
                 ],
             ),
             sharpened: full_screen_pipeline(device, &layout, target, "sharpened"),
             layout,
         }
     }
-}
-
-/// The texture that holds the layer before it is blurred along its motion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Source {
-    /// The layer that the lens has blurred.
-    Focused,
-    /// The layer itself.
-    Sharp,
 }
 
 /// The textures of the sharpening for frames of one size, made at the first frame of a camera that sharpens.
@@ -132,8 +123,7 @@ pub(crate) struct Sharpening {
     second: Vec<BindGroup>,
     /// For each slot, the bindings of a step after the second.
     later: Vec<BindGroup>,
-    /// The bindings of the pass `difference`, one for each [`Source`].
-    difference: [BindGroup; 2],
+    difference: BindGroup,
     /// The bindings of the last pass.
     pub(crate) sharpened: BindGroup,
 }
@@ -193,22 +183,21 @@ impl Sharpening {
             of.columns.bind(device, &resources)
         };
         let bilinear = wgpu::BindingResource::Sampler(&of_all.bilinear);
-        let difference = |layer| {
-            let resources = [
-                camera.clone(),
-                bilinear.clone(),
-                view(&views.frame),
-                view(layer),
-                view(&views.continued),
-                view(&views.covered),
-                view(&views.coarser),
-                view(&views.velocity),
-                view(&turns[1]),
-                views.most.as_entire_binding(),
-                view(&turns[0]),
-            ];
-            of.difference.bind(device, &resources)
-        };
+        let difference = [
+            camera.clone(),
+            bilinear.clone(),
+            view(&views.frame),
+            view(&views.focused),
+            view(&views.sharp),
+            view(&views.continued),
+            view(&views.covered),
+            view(&views.coarser),
+            view(&turns[1]),
+            views.numbers.as_entire_binding(),
+            views.blocks.as_entire_binding(),
+            view(&views.velocity),
+            view(&turns[0]),
+        ];
         let sharpened = [
             camera.clone(),
             bilinear.clone(),
@@ -229,7 +218,7 @@ impl Sharpening {
             later: (0..MOST_STEPS)
                 .map(|s| columns(s, &turns[1 - turn_of(s)], &first, &turns[turn_of(s)]))
                 .collect(),
-            difference: [difference(&views.focused), difference(&views.sharp)],
+            difference: of.difference.bind(device, &difference),
             sharpened: bind(device, &of.layout, &sharpened),
             passes,
             half_kernel,
@@ -282,14 +271,7 @@ impl Sharpening {
 
     /// Records the passes up to the last one: the frame is unsharpened in `steps` steps, and the change that the layer makes to it is
     /// blurred along rows.
-    pub(crate) fn run(
-        &self,
-        of: &Sharpener,
-        pass: &mut wgpu::ComputePass,
-        steps: usize,
-        layer: Source,
-        threads: [u32; 3],
-    ) {
+    pub(crate) fn run(&self, of: &Sharpener, pass: &mut wgpu::ComputePass, steps: usize, threads: [u32; 3]) {
         of.rows.run(pass, &self.rows_of_frame, threads);
         of.columns.run(pass, &self.begin, threads);
         for step in 1..steps {
@@ -301,7 +283,7 @@ impl Sharpening {
             of.rows.run(pass, rows, threads);
             of.columns.run(pass, columns, threads);
         }
-        of.difference.run(pass, &self.difference[layer as usize], threads);
+        of.difference.run(pass, &self.difference, threads);
         of.rows.run(pass, &self.rows_of_turns[1], threads);
     }
 }

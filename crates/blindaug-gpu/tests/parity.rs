@@ -8,7 +8,7 @@ use blindaug::model::{
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster, Transfer};
-use blindaug_gpu::{Area, Compositor, Depth, Frame, Inputs, Quality, Velocity};
+use blindaug_gpu::{Area, Block, Compositor, Depth, Frame, Inputs, Quality, Velocity};
 use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
@@ -927,6 +927,121 @@ fn within_an_area_of_a_camera_it_is_the_same(
     for nothing in [Area { x: 5, y: 5, width: 0, height: 9 }, Area { x: 999, y: 999, width: 5, height: 5 }] {
         assert!(difference(&of(Some(nothing)), &frame.0) < ROUNDING);
     }
+}
+
+/// A layer whose object lies `x` px from the left.
+fn layer_at(w: usize, h: usize, x: usize) -> VirtualLayer {
+    let small = layer(60, 50);
+    let at = |px: usize, py: usize| {
+        (px.wrapping_sub(x) < 60 && py.wrapping_sub(40) < 50).then(|| (px - x, py - 40))
+    };
+    VirtualLayer {
+        color: Premultiplied(Raster::from_fn(w, h, |px, py| {
+            at(px, py).map_or([0.0; 4], |(x, y)| small.color.0.at(x, y))
+        })),
+        inverse_depth: small
+            .inverse_depth
+            .as_ref()
+            .map(|d| Plane::from_fn(w, h, |px, py| at(px, py).map_or(f32::NAN, |(x, y)| d.at(x, y)))),
+        flow: small
+            .flow
+            .as_ref()
+            .map(|f| Flow::from_fn(w, h, |px, py| at(px, py).map_or([f32::NAN; 2], |(x, y)| f.at(x, y)))),
+    }
+}
+
+#[test]
+fn frames_before_leave_no_trace() {
+    if no_gpu() {
+        return;
+    }
+    // The object moves, disappears and comes back, and the camera has a lens, a shutter, both or none.
+    let (w, h) = (420, 130);
+    let frame = frame(w, h);
+    let [left, right] = [layer_at(w, h, 20), layer_at(w, h, 330)];
+    let empty = VirtualLayer { color: Premultiplied(Raster::filled(w, h, [0.0; 4])), ..layer_at(w, h, 20) };
+    let plain = camera(w, h);
+    let lens = with_lens(plain.clone(), 9.0, 0.4);
+    let sharp = with_lens(plain.clone(), 1e-4, 0.4);
+    let shutter = with_exposure(plain.clone(), 0.7);
+    let both = with_exposure(lens.clone(), 0.7);
+    let eyes = Eyes::new(&[&frame], &[&left]);
+    let target = target_like(&eyes.frame);
+    let views = views(&target);
+    let options = CompositeOptions::default();
+    for apart in [false, true] {
+        let inputs = Inputs { apart, ..eyes.inputs() };
+        let bound = COMPOSITOR.bind(&GPU.device, &inputs).unwrap();
+        let mut last: Option<Raster<[f32; 3]>> = None;
+        for (layer, model, area) in [
+            (&left, &both, None),
+            (&right, &both, None),
+            (&empty, &both, None),
+            (&empty, &both, None),
+            (&left, &lens, None),
+            (&right, &shutter, None),
+            (&left, &sharp, None),
+            (&right, &lens, None),
+            (&right, &lens, Some(Area { x: 0, y: 0, width: 100, height: 100 })),
+            (&left, &lens, Some(Area { x: 0, y: 0, width: 45, height: 100 })),
+            (&empty, &plain, None),
+            (&left, &plain, None),
+            (&right, &both, None),
+        ] {
+            GPU.write(&eyes.color, &[&layer.color.0]);
+            GPU.write(eyes.depth.as_ref().unwrap(), &[layer.inverse_depth.as_ref().unwrap()]);
+            GPU.write(eyes.velocity.as_ref().unwrap(), &[layer.flow.as_ref().unwrap()]);
+            let of = Frame { area, ..of_frame(model, &options) };
+            let fresh = composite_of(&inputs, of).remove(0);
+            let mut encoder = GPU.device.create_command_encoder(&Default::default());
+            COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &Frame { targets: &views, ..of }).unwrap();
+            GPU.queue.submit([encoder.finish()]);
+            let again = GPU.download::<[f32; 4]>(&target).unwrap()[0].map(|[r, g, b, _]| [r, g, b]);
+            assert_eq!(again, fresh);
+            if layer.color.0.data().iter().any(|c| c[3] > 0.0) && area.is_none() {
+                assert!(last.as_ref().is_none_or(|l| difference(l, &again) > 0.01));
+            }
+            last = Some(again);
+        }
+    }
+}
+
+#[test]
+fn only_blocks_near_the_object_cost_anything() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (420, 130);
+    let eyes = Eyes::new(&[&frame(w, h)], &[&layer_at(w, h, 20)]);
+    let inputs = Inputs { apart: false, ..eyes.inputs() };
+    let target = target_like(&eyes.frame);
+    let views = views(&target);
+    let counts = |model: &CameraModel| {
+        let bound = COMPOSITOR.bind(&GPU.device, &inputs).unwrap();
+        // The first frame of all writes everything.
+        for _ in 0..2 {
+            let frame = Frame { targets: &views, ..of_frame(model, &CompositeOptions::default()) };
+            let mut encoder = GPU.device.create_command_encoder(&Default::default());
+            COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap();
+            GPU.queue.submit([encoder.finish()]);
+        }
+        let blocks = bound.read_blocks(&GPU).unwrap();
+        assert_eq!(blocks.len(), 27 * 9);
+        let count = |is: &dyn Fn(&Block) -> bool| blocks.iter().filter(|b| is(b)).count();
+        [count(&|b| b.occupied), count(&|b| b.visible), count(&|b| b.focused)]
+    };
+    // The object's radius is 16 px.
+    let [occupied, visible, focused] = counts(&camera(w, h));
+    assert!(
+        (9..=16).contains(&occupied) && visible == occupied && focused == 0,
+        "{occupied} {visible} {focused}"
+    );
+    let [_, visible, focused] = counts(&with_lens(camera(w, h), 12.0, 0.4));
+    assert!(visible > occupied && visible < 100 && focused == visible, "{visible} {focused}");
+    // Neither a lens that puts nothing out of focus nor a shutter needs the focused layer.
+    assert_eq!(counts(&with_lens(camera(w, h), 1e-4, 0.4)), [occupied, occupied, 0]);
+    let [_, visible, focused] = counts(&with_exposure(camera(w, h), 0.7));
+    assert!(visible > occupied && focused == 0, "{visible} {focused}");
 }
 
 #[test]
