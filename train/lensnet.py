@@ -30,30 +30,25 @@ def disk(radius, reach):
 
 
 class Copies(nn.Module):
-    """The layer blurred by each of K disks: [1, 5, H, W] -> [5, K, H, W]."""
+    """The layer blurred by each of K disks: [1, 5, H, W] -> [5, K, H, W]; H and W are multiples of 8. Large disks blur a smaller layer."""
 
     def __init__(self):
         super().__init__()
-        for i, r in enumerate(RADII):
-            self.register_buffer(f"k{i}", disk(r, int(np.ceil(r)))[None, None])
+        # How often the layer is halved before a disk blurs it, so that its radius is at most about 4.5 px.
+        self.halvings = [max(0, int(np.ceil(np.log2(max(r, 1) / 4.5)))) for r in RADII]
+        for i, (r, n) in enumerate(zip(RADII, self.halvings)):
+            self.register_buffer(f"k{i}", disk(r / 2**n, int(np.ceil(r / 2**n)))[None, None])
 
     def forward(self, x):
-        kernels = [getattr(self, f"k{i}") for i in range(len(RADII))]
-        x = x.transpose(0, 1)
-        return torch.cat([F.conv2d(x, k, padding=k.shape[-1] // 2) for k in kernels], 1)
-
-
-def fast_copies(net, x):
-    """What `Copies` gives, by the Fourier transform."""
-    side = x.shape[-1] + 2 * int(np.ceil(RADII[-1]))
-    spectrum = torch.fft.rfft2(x[0], s=(side, side))
-    out = []
-    for i in range(len(RADII)):
-        k = getattr(net, f"k{i}")[0, 0]
-        r = k.shape[-1] // 2
-        blurred = torch.fft.irfft2(spectrum * torch.fft.rfft2(k, s=(side, side)), s=(side, side))
-        out.append(blurred[:, r : r + x.shape[-2], r : r + x.shape[-1]])
-    return torch.stack(out, 1)
+        sizes = [x.transpose(0, 1)]
+        while len(sizes) <= max(self.halvings):
+            sizes.append(F.avg_pool2d(sizes[-1], 2))
+        copies = []
+        for i, n in enumerate(self.halvings):
+            k = getattr(self, f"k{i}")
+            copy = F.conv2d(sizes[n], k, padding=k.shape[-1] // 2)
+            copies.append(copy if n == 0 else F.interpolate(copy, scale_factor=2**n, mode="bilinear", align_corners=False))
+        return torch.cat(copies, 1)
 
 
 class Mix(nn.Module):
@@ -96,9 +91,8 @@ def train(path, minutes):
     net = LensNet()
     copies, truth = [], []  # of the pixels that the layer or its blur reaches: [5, K, P] and [4, P]
     with torch.no_grad():
-        assert (net.copies(sharp[:1]) - fast_copies(net.copies, sharp[:1])).abs().max() < 1e-4
         for s, t in zip(sharp, captured):
-            c = fast_copies(net.copies, s[None])
+            c = net.copies(s[None])
             near = (c[3, -5] > 1e-3) | (t[3] > 1e-3)
             copies.append(c[:, :, near])
             truth.append(t[:, near])

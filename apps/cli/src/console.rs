@@ -39,7 +39,7 @@ impl From<blindaug_pipeline::Error> for Failure {
                 Self(format!("{e}: give --scene-scale S[,O], where relative inverse depth is S / Z + O"))
             }
             E::AlreadyThere { name } => {
-                Self(format!("{name}: this video is there already; add --overwrite, or give another name"))
+                Self(format!("{name}: this is there already; add --overwrite, or give another name"))
             }
             _ => Self(e.to_string()),
         }

@@ -18,6 +18,8 @@ use std::path::Path;
 const WIDTH: usize = 512;
 /// The side of a capture, px.
 pub const SIDE: usize = 256;
+/// The sides of what a network is shown are multiples of this, since it halves them three times.
+const MULTIPLE: usize = 8;
 /// The distance from the object that blur does not reach, px of a picture [`WIDTH`] px wide.
 const REACH: usize = 40;
 
@@ -89,7 +91,7 @@ pub(crate) fn blurred(layer: &VirtualLayer, scenery: usize) -> Result<Premultipl
         let inverse = layer.inverse_depth.as_ref().map_or(0.0, |d| d.at(x, y));
         [r, g, b, a, if inverse.is_finite() { a * inverse } else { 0.0 }]
     });
-    let [w, h] = [x1 - x0, y1 - y0].map(|n| (n as f32 * k).ceil() as usize);
+    let [w, h] = [x1 - x0, y1 - y0].map(|n| ((n as f32 * k).ceil() as usize).next_multiple_of(MULTIPLE));
     let shown = Raster::from_fn(w, h, |x, y| {
         let of = |first: usize, i: usize| first as f32 + (i as f32 + 0.5) / k - 0.5;
         facts.bilinear(of(x0, x), of(y0, y))
