@@ -1,17 +1,45 @@
-//! The composite of the object over a frame.
+//! The composite of the object over a frame: by the passes of the graphics device, or by the processor where there is no graphics card.
 
 use super::render::Layer;
-use blindaug::{CameraModel, Result, composite::CompositeOptions};
+use blindaug::{
+    CameraModel, Premultiplied, Result,
+    composite::{CompositeOptions, Plate, VirtualLayer, composite},
+};
 use blindaug_gpu::{Bound, Compositor as Effects, Depth, Frame, Gpu, Inputs, Quality, Velocity, texture};
 use blindaug_pipeline::live::LiveFrame;
-use wgpu::{TextureFormat, TextureUsages, TextureView};
+use wgpu::{TextureFormat, TextureUsages};
+
+/// What composites the object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum By {
+    /// The passes of the graphics device.
+    Device,
+    /// The processor, by the reference.
+    Processor,
+}
+
+impl By {
+    /// The faster one of the two. A graphics device that is only a program on the processor takes several times as long for its passes as
+    /// the processor takes for the reference (docs/gpu.md).
+    pub fn fastest(info: &wgpu::AdapterInfo) -> Self {
+        match info.device_type {
+            wgpu::DeviceType::Cpu => Self::Processor,
+            _ => Self::Device,
+        }
+    }
+}
 
 /// Composites one layer over frames of its size.
-pub struct Compositor {
-    effects: Effects,
-    bound: Bound,
-    /// The current frame, display-encoded.
-    frame: wgpu::Texture,
+pub enum Compositor {
+    Device {
+        effects: Box<Effects>,
+        bound: Box<Bound>,
+        /// The current frame, display-encoded.
+        frame: wgpu::Texture,
+    },
+    Processor {
+        layer: Layer,
+    },
 }
 
 impl Compositor {
@@ -19,7 +47,10 @@ impl Compositor {
     ///
     /// # Errors
     /// If the device cannot hold the textures between the passes.
-    pub fn new(gpu: &Gpu, layer: &Layer, target: TextureFormat) -> Result<Self> {
+    pub fn new(gpu: &Gpu, by: By, layer: &Layer, target: TextureFormat) -> Result<Self> {
+        if by == By::Processor {
+            return Ok(Self::Processor { layer: layer.clone() });
+        }
         let size = layer.color.size();
         let size = [size.width as usize, size.height as usize, 1];
         let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
@@ -33,37 +64,67 @@ impl Compositor {
             apart: true,
         };
         let bound = effects.bind(&gpu.device, &inputs)?;
-        Ok(Self { effects, bound, frame })
+        Ok(Self::Device { effects: Box::new(effects), bound: Box::new(bound), frame })
     }
 
     /// Composites the layer over a frame, once for each of the options.
     ///
     /// # Errors
-    /// If the model is for frames of another width.
+    /// If the model is for frames of another width, or the device was lost.
     pub fn composite(
         &self,
         gpu: &Gpu,
         shot: &LiveFrame,
         camera: &CameraModel,
         quality: Quality,
-        targets: &[(CompositeOptions, &TextureView)],
+        targets: &[(CompositeOptions, &wgpu::Texture)],
     ) -> Result<()> {
-        gpu.write(&self.frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
-        for (options, target) in targets {
-            let mut encoder = gpu.device.create_command_encoder(&Default::default());
-            let frame = Frame {
-                model: camera,
-                options: *options,
-                quality,
-                number: shot.number,
-                area: None,
-                targets: &[(*target).clone()],
-                timer: None,
-            };
-            self.effects.encode(&gpu.queue, &mut encoder, &self.bound, &frame)?;
-            // Each composite is submitted on its own, since the next one writes the same uniforms.
-            gpu.queue.submit([encoder.finish()]);
+        match self {
+            Self::Device { effects, bound, frame } => {
+                gpu.write(frame, &[&shot.frame.0.map(|[r, g, b]| [r, g, b, 1.0])]);
+                for (options, target) in targets {
+                    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+                    let of_frame = Frame {
+                        model: camera,
+                        options: *options,
+                        quality,
+                        number: shot.number,
+                        area: None,
+                        targets: &[target.create_view(&Default::default())],
+                        timer: None,
+                    };
+                    effects.encode(&gpu.queue, &mut encoder, bound, &of_frame)?;
+                    // Each composite is submitted on its own, since the next one writes the same uniforms.
+                    gpu.queue.submit([encoder.finish()]);
+                }
+            }
+            Self::Processor { layer } => {
+                let layer = on_processor(gpu, layer)?;
+                let plate = Plate {
+                    frame: &shot.frame,
+                    number: shot.number,
+                    inverse_depth: None,
+                    flow: None,
+                    with_and_without: None,
+                };
+                for (options, target) in targets {
+                    let made = composite(&plate, &layer, camera, options)?;
+                    gpu.write(target, &[&made.0.map(|[r, g, b]| [r, g, b, 1.0])]);
+                }
+            }
         }
         Ok(())
     }
+}
+
+/// The layer, copied from the device; depth and motion are unknown where there is nothing.
+fn on_processor(gpu: &Gpu, layer: &Layer) -> Result<VirtualLayer> {
+    let color = gpu.download::<[f32; 4]>(&layer.color)?.remove(0);
+    let depth = gpu.download::<f32>(&layer.inverse_depth)?.remove(0);
+    let velocity = gpu.download::<[f32; 2]>(&layer.velocity)?.remove(0);
+    let flow = blindaug::Flow::from_fn(velocity.width(), velocity.height(), |x, y| {
+        if depth.at(x, y) > 0.0 { velocity.at(x, y) } else { [f32::NAN; 2] }
+    });
+    let inverse_depth = depth.map(|d| if d > 0.0 { d } else { f32::NAN });
+    Ok(VirtualLayer { color: Premultiplied(color), inverse_depth: Some(inverse_depth), flow: Some(flow) })
 }

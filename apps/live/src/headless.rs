@@ -2,8 +2,10 @@
 
 use super::{
     Scene,
+    spectra::Spectra,
     stage::{Look, Stage, Times},
 };
+use blindaug::fit::track::TileObserver;
 use blindaug_cli::console::{self, Result, failure, note};
 use blindaug_pipeline::{
     Output,
@@ -20,18 +22,25 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
     let source = &*scene.source;
     let mut clip = Loop::new(source);
     let mut estimation = LiveEstimator::new(scene.camera, scene.home, scene.fps);
+    let size = source.size();
+    let mut spectra = Spectra::of(&stage, size);
+    if let Some(sentence) = stage.slow() {
+        note(format_args!("{sentence}"));
+    }
     let mut told = Told::new(frames);
     while let Some(shot) = clip.next_frame()? {
         let start = Instant::now();
         let of_frame =
             |e: blindaug::Error| failure(source.path(), format_args!("frame {}: {e}", shot.number));
-        let estimate = estimation.push(&shot, scene.home).map_err(of_frame)?;
+        let observer = spectra.as_mut().filter(|s| s.works()).map(|s| s as &mut dyn TileObserver);
+        let estimate = estimation.push(&shot, scene.home, observer).map_err(of_frame)?;
         let estimated = start.elapsed();
         let times = match stage.draw(&shot, &estimate, look) {
             Ok(times) => times,
             Err(e) => {
                 note(format_args!("{e}; starting again on a new one"));
                 stage = scene.stage()?;
+                spectra = Spectra::of(&stage, size);
                 stage.draw(&shot, &estimate, look).map_err(of_frame)?
             }
         };

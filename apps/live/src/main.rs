@@ -3,9 +3,11 @@
 mod beside;
 mod compositor;
 mod headless;
+mod light;
 mod object;
 mod panel;
 mod render;
+mod spectra;
 mod stage;
 mod window;
 

@@ -3,7 +3,7 @@
 use super::beside;
 use blindaug_io::{Error, MAX_PIXELS, MAX_SIDE, Result, guarded, one_line, read_file};
 use bytemuck::{Pod, Zeroable};
-use glam::{EulerRot, Mat4, Quat, Vec3, Vec4};
+use glam::{EulerRot, Mat4, Quat, Vec2, Vec3, Vec4};
 use gltf::{
     Accessor, Document, Gltf, Semantic,
     accessor::sparse::IndexType,
@@ -16,6 +16,17 @@ use std::{f32::consts::TAU, io::Cursor, ops::Range, path::Path};
 
 /// The number of times after the start of the animation at which the object's size is measured.
 const UNIT_LOOKS: u8 = 8;
+
+/// The share of its height up to which an object counts as near the ground.
+const NEAR_GROUND: f32 = 0.1;
+
+/// The object as it is measured at a time of its animation.
+struct Look {
+    /// The lowest and the highest coordinates.
+    bounds: [Vec3; 2],
+    /// Half the widths along x and z of what is near the ground.
+    on_ground: Vec2,
+}
 
 /// The most parts of an object, each of which takes a draw call.
 const MAX_PARTS: usize = 1 << 14;
@@ -192,39 +203,50 @@ impl Object {
 
     /// The matrix that puts the object's foot on the origin and makes its longest side 1. The longest side is looked for throughout the
     /// animation, since an object may grow out of a point; the foot is that at the first time at which the object has at least half of the
-    /// size.
-    pub fn unit(&self) -> Mat4 {
+    /// size. Beside it, half the widths along x and z of the part of the object that is near the ground, as shares of its longest side: their
+    /// means over the animation.
+    pub fn standing(&self) -> (Mat4, Vec2) {
         let looks = if self.duration > 0.0 { UNIT_LOOKS } else { 0 };
-        let side = |&[low, high]: &[Vec3; 2]| (high - low).max_element();
-        let boxes: Vec<[Vec3; 2]> = (0..=looks)
-            .map(|i| self.bounds(self.duration * f32::from(i) / f32::from(UNIT_LOOKS)))
-            .filter(|b| side(b).is_finite())
+        let side = |[low, high]: [Vec3; 2]| (high - low).max_element();
+        let looks: Vec<Look> = (0..=looks)
+            .map(|i| self.look(self.duration * f32::from(i) / f32::from(UNIT_LOOKS)))
+            .filter(|l| side(l.bounds).is_finite())
             .collect();
-        let longest = boxes.iter().map(side).fold(0.0, f32::max);
-        let Some([low, high]) = boxes.iter().find(|b| longest > 0.0 && side(b) >= 0.5 * longest) else {
-            return Mat4::IDENTITY;
+        let longest = looks.iter().map(|l| side(l.bounds)).fold(0.0, f32::max);
+        let grown: Vec<&Look> =
+            looks.iter().filter(|l| longest > 0.0 && side(l.bounds) >= 0.5 * longest).collect();
+        let Some(Look { bounds: [low, high], .. }) = grown.first() else {
+            return (Mat4::IDENTITY, Vec2::ZERO);
         };
         let foot = Vec3::new(0.5 * (low.x + high.x), low.y, 0.5 * (low.z + high.z));
-        Mat4::from_scale(Vec3::splat(longest.recip())) * Mat4::from_translation(-foot)
+        let unit = Mat4::from_scale(Vec3::splat(longest.recip())) * Mat4::from_translation(-foot);
+        let on_ground = grown.iter().map(|l| l.on_ground).sum::<Vec2>() / grown.len() as f32;
+        (unit, on_ground / longest)
     }
 
-    /// The lowest and the highest coordinates at a time of the animation, s.
-    fn bounds(&self, time: f32) -> [Vec3; 2] {
+    /// Measures the object at a time of the animation, s.
+    fn look(&self, time: f32) -> Look {
         let joints = self.joints(time);
-        let mut bounds = [Vec3::INFINITY, Vec3::NEG_INFINITY];
-        for part in &self.parts {
-            let corners = &self.indices[part.indices.start as usize..part.indices.end as usize];
-            for vertex in corners.iter().map(|&i| &self.vertices[i as usize]) {
-                let position: Vec3 = (0..4)
-                    .map(|i| {
-                        let joint = joints[(part.first_joint + vertex.joints[i]) as usize];
-                        vertex.weights[i] * joint.transform_point3(vertex.position.into())
-                    })
-                    .sum();
-                bounds = [bounds[0].min(position), bounds[1].max(position)];
-            }
-        }
-        bounds
+        let positions = || {
+            self.parts.iter().flat_map(|part| {
+                let corners = &self.indices[part.indices.start as usize..part.indices.end as usize];
+                corners.iter().map(|&i| {
+                    let vertex = &self.vertices[i as usize];
+                    (0..4)
+                        .map(|i| {
+                            let joint = joints[(part.first_joint + vertex.joints[i]) as usize];
+                            vertex.weights[i] * joint.transform_point3(vertex.position.into())
+                        })
+                        .sum::<Vec3>()
+                })
+            })
+        };
+        let around = |bounds: [Vec3; 2], p: Vec3| [bounds[0].min(p), bounds[1].max(p)];
+        let nothing = [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        let bounds @ [low, high] = positions().fold(nothing, around);
+        let near = low.y + NEAR_GROUND * (high.y - low.y);
+        let [left, right] = positions().filter(|p| p.y <= near).fold(nothing, around);
+        Look { bounds, on_ground: 0.5 * Vec2::new(right.x - left.x, right.z - left.z) }
     }
 
     /// A ring that rolls on the spot, with a ball that circles it: the object that is shown without a file.
@@ -801,7 +823,7 @@ mod tests {
             object.joints(a).iter().zip(&object.joints(b)).map(difference).fold(0.0, f32::max)
         };
         assert!(apart(0.0, 3.9999) < 1e-3 && apart(0.0, 4.0) < 1e-6 && apart(0.5, 1.0) > 0.1);
-        let unit = object.unit();
+        let unit = object.standing().0;
         let corners = object.vertices.iter().map(|v| unit.transform_point3(v.position.into()));
         assert!(corners.fold(0.0f32, |m, p| m.max(p.abs().max_element())) < 2.0);
     }
@@ -881,7 +903,7 @@ mod tests {
     #[test]
     fn an_object_that_grows_out_of_a_point_has_the_size_that_it_grows_to() {
         let mut object = Object::square(Material::default());
-        let still = object.unit();
+        let still = object.standing().0;
         object.duration = 2.0;
         object.channels.push(Channel {
             node: 0,
@@ -890,10 +912,10 @@ mod tests {
             times: vec![0.0, 2.0],
             values: vec![Vec4::ZERO, Vec4::splat(3.0)],
         });
-        assert_eq!((still.x_axis.x, object.unit().x_axis.x), (1.0, 1.0 / 3.0));
+        assert_eq!((still.x_axis.x, object.standing().0.x_axis.x), (1.0, 1.0 / 3.0));
         // An object that always is a point has no size.
         object.channels[0].values[1] = Vec4::ZERO;
-        assert_eq!(object.unit(), Mat4::IDENTITY);
+        assert_eq!(object.standing().0, Mat4::IDENTITY);
     }
 
     #[test]
@@ -931,7 +953,7 @@ mod tests {
                 let joints = object.moving(0.7, 0.1)[1].len() as u32;
                 assert!(object.indices.iter().all(|&i| (i as usize) < object.vertices.len()));
                 assert!(object.parts.iter().all(|p| p.first_joint < joints && !p.indices.is_empty()));
-                object.unit();
+                object.standing();
             }
         }
     }
@@ -1053,7 +1075,7 @@ mod tests {
             std::fs::write(&path, bytes).unwrap();
             if let Ok(object) = Object::load(&path) {
                 object.moving(0.3, 0.04);
-                object.unit();
+                object.standing();
             }
         }
     }

@@ -5,16 +5,22 @@ struct Scene {
     clip_from_object: array<mat4x4f, 2>,
     // The matrix from the object's to camera coordinates (x right, y down, z forward, m).
     camera_from_object: mat4x4f,
+    // The matrices from the disk of the contact shadow to clip coordinates, in this frame and in the next.
+    clip_from_ground: array<mat4x4f, 2>,
     // The direction towards the light, in camera coordinates.
     light_direction: vec3f,
     // Width and height of the frame, px.
     width: f32,
     light: vec3f,
     height: f32,
-    // The light from all sides.
-    ambient: vec3f,
+    // The light from all sides on a surface that faces upward.
+    above: vec3f,
     // Depth of the near plane, m.
     near: f32,
+    // The light from all sides on a surface that faces downward.
+    below: vec3f,
+    // The share of the light that is taken away in the middle of the contact shadow.
+    shadow: f32,
 }
 
 struct Part {
@@ -102,7 +108,9 @@ fn shaded(albedo: vec3f, metallic: f32, roughness: f32, normal: vec3f, view: vec
     // `scene.light` is the radiance of a white surface that faces the light, 1 / pi of the light's irradiance, so that both terms lack
     // their 1 / pi.
     let direct = nl * scene.light * ((1.0 - fresnel) * diffuse + fresnel * distribution * visibility);
-    return direct + scene.ambient * (diffuse + f0);
+    // In camera coordinates, y is down.
+    let ambient = mix(scene.above, scene.below, 0.5 + 0.5 * normal.y);
+    return direct + ambient * (diffuse + f0);
 }
 
 // The largest value of a colour. A highlight of one px must not hide everything around it when it is blurred.
@@ -124,9 +132,50 @@ fn surface(in: Vertex, @builtin(front_facing) front: bool) -> Surface {
     let light = shaded(color.rgb, part.metallic, part.roughness, normal, view);
     out.color = vec4f(clamp(light, vec3f(0.0), vec3f(BRIGHTEST)), 1.0);
     out.inverse_depth = in.position.z / scene.near;
+    out.velocity = velocity(in.now, in.next);
+    return out;
+}
+
+// The motion, px, of a point from its clip coordinates in this frame and in the next.
+fn velocity(now: vec4f, next: vec4f) -> vec2f {
     // A point behind the camera has no place in the picture, so w is at least that of the near plane.
-    let next = in.next.xy / max(in.next.w, scene.near);
-    out.velocity = (next - in.now.xy / in.now.w) * 0.5 * vec2f(scene.width, -scene.height);
+    return (next.xy / max(next.w, scene.near) - now.xy / now.w) * 0.5 * vec2f(scene.width, -scene.height);
+}
+
+struct Ground {
+    @builtin(position) position: vec4f,
+    @location(0) now: vec4f,
+    @location(1) next: vec4f,
+    // The place on the disk, whose radius is 1.
+    @location(2) place: vec2f,
+}
+
+// Two triangles around the disk of the contact shadow.
+@vertex
+fn ground(@builtin(vertex_index) i: u32) -> Ground {
+    let corner = select(i, 6u - i, i > 2u);
+    let place = vec2f(select(-1.0, 1.0, (corner & 1u) > 0u), select(-1.0, 1.0, (corner & 2u) > 0u));
+    var out: Ground;
+    out.now = scene.clip_from_ground[0] * vec4f(place.x, 0.0, place.y, 1.0);
+    out.next = scene.clip_from_ground[1] * vec4f(place.x, 0.0, place.y, 1.0);
+    out.position = out.now;
+    out.place = place;
+    return out;
+}
+
+// The shadow where the object touches the ground: black that covers a part of what is behind it, less towards the edge.
+@fragment
+fn shadow(in: Ground) -> Surface {
+    let inside = max(1.0 - dot(in.place, in.place), 0.0);
+    let alpha = scene.shadow * inside * inside;
+    // What hardly darkens anything is not there, so that it has no depth.
+    if alpha < 1.0 / 512.0 {
+        discard;
+    }
+    var out: Surface;
+    out.color = vec4f(0.0, 0.0, 0.0, alpha);
+    out.inverse_depth = in.position.z / scene.near;
+    out.velocity = velocity(in.now, in.next);
     return out;
 }
 

@@ -3,12 +3,15 @@
 //! The object is drawn with 2 x 2 samples per px: colour and alpha of a px are their mean, so that edges are soft; depth and velocity are
 //! those of the nearest sample, since a mean over two surfaces would fit neither.
 
-use super::object::{Object, Part, Texture, Vertex};
+use super::{
+    light::Light,
+    object::{Object, Part, Texture, Vertex},
+};
 use blindaug::{Error, Result};
 use blindaug_gpu::{Gpu, bind, full_screen, texture};
 use blindaug_pipeline::live::{Pinhole, Pose};
 use bytemuck::{Pod, Zeroable, bytes_of, cast_slice};
-use glam::{Mat4, Vec3, Vec4};
+use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 use wgpu::{
     BindingResource, BufferUsages, TextureFormat, TextureUsages, TextureView,
     util::{BufferInitDescriptor, DeviceExt},
@@ -22,15 +25,12 @@ const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 const SAMPLES: usize = 2;
 /// Depth of the near plane, m.
 const NEAR: f32 = 0.01;
-
-/// Light on the object, as radiance that a white surface reflects; linear.
-#[derive(Clone, Copy, Debug)]
-pub struct Light {
-    /// The light that comes from all sides.
-    pub ambient: Vec3,
-    /// The light that comes from one direction.
-    pub direct: Vec3,
-}
+/// The share of the light that is taken away in the middle of the contact shadow.
+const SHADOW: f32 = 0.6;
+/// The half width of the contact shadow over that of the object near the ground, and the least one, as a share of the object's longest side.
+const SHADOW_SIZE: (f32, f32) = (1.3, 0.12);
+/// The distance of the shadow's middle from the object's foot, away from the light, in half widths of the shadow.
+const SHADOW_SHIFT: f32 = 0.35;
 
 /// The place and the appearance of the object in a frame.
 #[derive(Clone, Copy, Debug)]
@@ -63,12 +63,15 @@ pub struct Layer {
 struct Scene {
     clip_from_object: [Mat4; 2],
     camera_from_object: Mat4,
+    clip_from_ground: [Mat4; 2],
     light_direction: [f32; 3],
     width: f32,
     light: [f32; 3],
     height: f32,
-    ambient: [f32; 3],
+    above: [f32; 3],
     near: f32,
+    below: [f32; 3],
+    shadow: f32,
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -86,6 +89,8 @@ pub struct Renderer {
     camera: Pinhole,
     object: Object,
     unit: Mat4,
+    /// The half widths of the contact shadow along x and z, as shares of the object's longest side.
+    shadow_size: Vec2,
     vertices: wgpu::Buffer,
     indices: wgpu::Buffer,
     scene: wgpu::Buffer,
@@ -94,6 +99,8 @@ pub struct Renderer {
     /// The bindings of each part's textures.
     textures: Vec<wgpu::BindGroup>,
     surface: wgpu::RenderPipeline,
+    shadow: wgpu::RenderPipeline,
+    shadow_group: wgpu::BindGroup,
     samples: [TextureView; 3],
     depth: TextureView,
     sample_group: wgpu::BindGroup,
@@ -132,38 +139,45 @@ impl Renderer {
         let parts = buffer(cast_slice(&parts), BufferUsages::STORAGE)?;
         let attributes = wgpu::vertex_attr_array![
             0 => Float32x3, 1 => Float32x3, 2 => Float32x2, 3 => Float32x4, 4 => Uint32x4, 5 => Float32x4];
-        let surface = device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("object"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &module,
-                entry_point: Some("vertex"),
-                compilation_options: Default::default(),
-                buffers: &[Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<Vertex>() as u64,
-                    step_mode: wgpu::VertexStepMode::Vertex,
-                    attributes: &attributes,
-                })],
-            },
-            primitive: Default::default(),
-            depth_stencil: Some(wgpu::DepthStencilState {
-                format: DEPTH,
-                depth_write_enabled: Some(true),
-                // The near plane has depth 1 and infinity depth 0, so that the relative precision of floats is the same everywhere.
-                depth_compare: Some(wgpu::CompareFunction::Greater),
-                stencil: Default::default(),
-                bias: Default::default(),
-            }),
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &module,
-                entry_point: Some("surface"),
-                compilation_options: Default::default(),
-                targets: &FORMATS.map(|f| Some(f.into())),
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
+        let corners = [Some(wgpu::VertexBufferLayout {
+            array_stride: size_of::<Vertex>() as u64,
+            step_mode: wgpu::VertexStepMode::Vertex,
+            attributes: &attributes,
+        })];
+        // The object hides its shadow, so that the shadow is drawn first and leaves no depth.
+        let pipeline = |[vertex, fragment]: [&str; 2], buffers, hides| {
+            device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some("object"),
+                layout: None,
+                vertex: wgpu::VertexState {
+                    module: &module,
+                    entry_point: Some(vertex),
+                    compilation_options: Default::default(),
+                    buffers,
+                },
+                primitive: Default::default(),
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: DEPTH,
+                    depth_write_enabled: Some(hides),
+                    // The near plane has depth 1 and infinity depth 0, so that the relative precision of floats is the same everywhere.
+                    depth_compare: Some(wgpu::CompareFunction::Greater),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &module,
+                    entry_point: Some(fragment),
+                    compilation_options: Default::default(),
+                    targets: &FORMATS.map(|f| Some(f.into())),
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
+        };
+        let surface = pipeline(["vertex", "surface"], &corners, true);
+        let shadow = pipeline(["ground", "shadow"], &[], false);
+        let shadow_group = bind(device, &shadow.get_bind_group_layout(0), &[scene.as_entire_binding()]);
         let group = bind(
             device,
             &surface.get_bind_group_layout(0),
@@ -207,9 +221,12 @@ impl Renderer {
         let layer =
             Layer { color: out(FORMATS[0])?, inverse_depth: out(FORMATS[1])?, velocity: out(FORMATS[2])? };
         let layer_views = [view(&layer.color), view(&layer.inverse_depth), view(&layer.velocity)];
+        let (unit, on_ground) = object.standing();
+        let (factor, least) = SHADOW_SIZE;
         Ok(Self {
             camera,
-            unit: object.unit(),
+            unit,
+            shadow_size: (factor * on_ground).max(Vec2::splat(least)),
             vertices: buffer(cast_slice(&object.vertices), BufferUsages::VERTEX)?,
             indices: buffer(cast_slice(&object.indices), BufferUsages::INDEX)?,
             object,
@@ -218,6 +235,8 @@ impl Renderer {
             group,
             textures,
             surface,
+            shadow,
+            shadow_group,
             samples,
             depth,
             sample_group,
@@ -234,20 +253,25 @@ impl Renderer {
 
     /// Draws the object at a moment.
     pub fn draw(&self, gpu: &Gpu, moment: &Moment) {
-        let in_camera = moment.poses.map(|pose| self.camera_from_object(&pose, moment.size));
+        let standing = moment.poses.map(|pose| camera_from_standing(&pose, moment.size));
+        let in_camera = standing.map(|m| m * self.unit);
         let joints = self.object.moving(moment.seconds, moment.step).concat();
         gpu.queue.write_buffer(&self.joints, 0, cast_slice(&joints));
         let (w, h) = self.camera.size;
+        let light = &moment.light;
         let scene = Scene {
             clip_from_object: in_camera.map(|m| self.projection() * m),
             camera_from_object: in_camera[0],
-            // The light comes from above on the left, behind the viewer.
-            light_direction: Vec3::new(-0.5, -0.7, -0.6).normalize().into(),
+            clip_from_ground: standing
+                .map(|m| self.projection() * m * self.standing_from_ground(&standing[0], light)),
+            light_direction: light.direction.into(),
             width: w as f32,
-            light: moment.light.direct.into(),
+            light: light.key.into(),
             height: h as f32,
-            ambient: moment.light.ambient.into(),
+            above: light.above.into(),
             near: NEAR,
+            below: light.below.into(),
+            shadow: SHADOW,
         };
         gpu.queue.write_buffer(&self.scene, 0, bytes_of(&scene));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -265,6 +289,9 @@ impl Renderer {
                 }),
                 ..Default::default()
             });
+            pass.set_pipeline(&self.shadow);
+            pass.set_bind_group(0, &self.shadow_group, &[]);
+            pass.draw(0..6, 0..1);
             pass.set_pipeline(&self.surface);
             pass.set_bind_group(0, &self.group, &[]);
             pass.set_vertex_buffer(0, self.vertices.slice(..));
@@ -287,11 +314,13 @@ impl Renderer {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    fn camera_from_object(&self, pose: &Pose, size: f32) -> Mat4 {
-        let pose =
-            Mat4::from_translation(pose.translation.as_vec3()) * Mat4::from_mat3(pose.rotation.as_mat3());
-        // glTF's y is up, and its z towards the camera.
-        pose * Mat4::from_scale(Vec3::new(size, -size, -size)) * self.unit
+    /// The matrix from the contact shadow, a disk of radius 1 on the ground around the origin of x and z, to the coordinates of an object that
+    /// stands on the origin.
+    fn standing_from_ground(&self, camera_from_standing: &Mat4, light: &Light) -> Mat4 {
+        let towards = camera_from_standing.inverse().transform_vector3(light.direction).normalize_or_zero();
+        let size = self.shadow_size.extend(1.0).xzy();
+        Mat4::from_translation(-SHADOW_SHIFT * size * Vec3::new(towards.x, 0.0, towards.z))
+            * Mat4::from_scale(size)
     }
 
     /// The matrix from camera to clip coordinates; a point's depth is the distance of the near plane over that of the point.
@@ -306,6 +335,13 @@ impl Renderer {
             row(0.0, 0.0, NEAR, 0.0),
         )
     }
+}
+
+/// The matrix from the coordinates of an object that stands on the origin, y upward, and whose longest side is 1, to camera coordinates.
+fn camera_from_standing(pose: &Pose, size: f32) -> Mat4 {
+    let pose = Mat4::from_translation(pose.translation.as_vec3()) * Mat4::from_mat3(pose.rotation.as_mat3());
+    // glTF's y is up, and its z towards the camera.
+    pose * Mat4::from_scale(Vec3::new(size, -size, -size))
 }
 
 /// Fails if a device with these limits holds no buffer of `bytes` bytes.
@@ -370,7 +406,7 @@ mod tests {
     fn drawn(gpu: &Gpu, object: Object, poses: [Pose; 2], size: f32) -> Drawn {
         let camera = Pinhole::new(SIZE, 50.0);
         let renderer = Renderer::new(gpu, object, camera).unwrap();
-        let light = Light { ambient: Vec3::splat(0.5), direct: Vec3::ZERO };
+        let light = Light::even(0.5);
         renderer.draw(gpu, &Moment { poses, seconds: 0.0, step: 0.04, size, light });
         let Layer { color, inverse_depth, velocity } = renderer.layer();
         Drawn {
@@ -460,9 +496,63 @@ mod tests {
         }
         let soft: Vec<_> = drawn.data().iter().filter(|c| c[3] > 0.0 && c[3] < 1.0).collect();
         assert!(soft.len() > 20);
+        let mut without_shadow = 0;
         for pixel in soft {
-            assert!((0..3).all(|c| (pixel[c] - pixel[3] * most[c]).abs() < 2e-3), "{pixel:?}");
+            // Behind an edge there may be the shadow, which is black.
+            let share = pixel[0] / most[0];
+            assert!((0..3).all(|c| (pixel[c] - share * most[c]).abs() < 2e-3), "{pixel:?}");
+            assert!((-2e-3..=SHADOW).contains(&(pixel[3] - share)), "{pixel:?}");
+            without_shadow += usize::from((pixel[3] - share).abs() < 2e-3);
         }
+        assert!(without_shadow > 20, "{without_shadow}");
         assert!(drawn.data().iter().all(|c| c[3] > 0.0 || *c == [0.0; 4]));
+    }
+
+    #[test]
+    fn the_shadow_lies_on_the_ground_around_the_foot_and_away_from_the_light() {
+        let Some(gpu) = Gpu::for_tests() else { return };
+        let camera = Pinhole::new(SIZE, 50.0);
+        // The foot stands 0.4 m below the camera.
+        let foot = DVec3::new(0.0, 0.4, 1.5);
+        let standing = Pose { rotation: DMat3::IDENTITY, translation: foot };
+        let moving = Pose { translation: foot + DVec3::new(0.03, 0.0, 0.0), ..standing };
+        let shadow = |light: f32| {
+            let renderer = Renderer::new(&gpu, Object::square(Material::default()), camera).unwrap();
+            let direction = Vec3::new(light, -1.0, 0.0).normalize();
+            let light = Light { direction, ..Light::even(0.5) };
+            let poses = [standing, moving];
+            renderer.draw(&gpu, &Moment { poses, seconds: 0.0, step: 0.04, size: 1.0, light });
+            let Layer { color, inverse_depth, velocity } = renderer.layer();
+            let color = gpu.download::<[f32; 4]>(color).unwrap().remove(0);
+            let depth = gpu.download::<f32>(inverse_depth).unwrap().remove(0);
+            let velocity = gpu.download::<[f32; 2]>(velocity).unwrap().remove(0);
+            let (mut sum, mut middle) = (0.0, 0.0);
+            for (y, x) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (y, x))) {
+                let [r, g, b, a] = color.at(x, y);
+                if [r, g, b] != [0.0; 3] || a == 0.0 {
+                    continue;
+                }
+                assert!(a <= SHADOW + 1e-3, "{a}");
+                // The ground is seen below the horizon, farther away towards it; the samples lie a quarter of a px off.
+                let below = (y as f64 - camera.centre().y) / camera.focal_length;
+                let off = 0.3 / camera.focal_length;
+                let inverse = f64::from(depth.at(x, y));
+                assert!(
+                    ((below - off) / 0.4..(below + off) / 0.4).contains(&inverse),
+                    "({x}, {y}): {inverse}"
+                );
+                let speed = 0.03 * inverse * camera.focal_length;
+                let [u, v] = velocity.at(x, y);
+                assert!((f64::from(u) - speed).abs() < 0.01 && v.abs() < 0.01, "{u} {v} {speed}");
+                sum += a;
+                middle += a * x as f32;
+            }
+            (sum, middle / sum)
+        };
+        let (strength, left) = shadow(-1.0);
+        let (_, right) = shadow(1.0);
+        assert!(strength > 1.0, "{strength}");
+        // Light from the left throws it to the right.
+        assert!(left > right + 1.0, "{left} {right}");
     }
 }

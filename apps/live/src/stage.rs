@@ -1,15 +1,15 @@
 //! Everything that is drawn on one device: the object, both composites, and the picture of the two under a split line.
 
 use super::{
-    compositor::Compositor,
+    compositor::{By, Compositor},
+    light::Light,
     object::Object,
-    render::{Light, Moment, Renderer, attachment},
+    render::{Moment, Renderer, attachment},
 };
-use blindaug::{Encoded, Error, Result, Transfer, composite::CompositeOptions, luma};
+use blindaug::{Encoded, Error, Result, composite::CompositeOptions};
 use blindaug_gpu::{Gpu, Quality, bind, full_screen, texture};
 use blindaug_pipeline::live::{LiveEstimate, LiveFrame, Pinhole};
 use bytemuck::bytes_of;
-use glam::Vec3;
 use std::{
     sync::{Arc, Mutex},
     time::{Duration, Instant},
@@ -18,12 +18,6 @@ use wgpu::{BindingResource, BufferUsages, TextureFormat, TextureUsages, TextureV
 
 /// The format of composites and picture: display-encoded values, as the window takes them.
 const FORMAT: TextureFormat = TextureFormat::Rgba8Unorm;
-/// The strengths of the light from all sides and of that from one direction, relative to a frame's mean light.
-const AMBIENT: f32 = 0.7;
-const DIRECT: f32 = 1.3;
-/// The step along each axis, px, between the pixels whose mean is a frame's light.
-const LIGHT_STRIDE: usize = 8;
-
 /// The look of the picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Look {
@@ -52,10 +46,11 @@ pub struct Stage {
     /// The first error of the device, as a sentence.
     trouble: Arc<Mutex<Option<String>>>,
     renderer: Renderer,
+    by: By,
     compositor: Compositor,
     fps: f64,
-    naive: TextureView,
-    filmed: TextureView,
+    naive: wgpu::Texture,
+    filmed: wgpu::Texture,
     split: wgpu::Buffer,
     group: wgpu::BindGroup,
     join: wgpu::RenderPipeline,
@@ -64,11 +59,17 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// A stage for one object and frames of one size, `fps` frames per second.
+    /// A stage for one object and frames of one size, `fps` frames per second. The object is composited by the device, or by the processor
+    /// where that is faster.
     ///
     /// # Errors
     /// If the device cannot hold the object or the frames.
     pub fn new(gpu: Gpu, object: Object, camera: Pinhole, fps: f64) -> Result<Self> {
+        let by = By::fastest(&gpu.info);
+        Self::composited_by(by, gpu, object, camera, fps)
+    }
+
+    fn composited_by(by: By, gpu: Gpu, object: Object, camera: Pinhole, fps: f64) -> Result<Self> {
         let trouble = Arc::new(Mutex::new(None));
         let complain = |sentence: &'static str| {
             let trouble = trouble.clone();
@@ -99,16 +100,18 @@ impl Stage {
             mapped_at_creation: false,
         });
         let view = |t: &wgpu::Texture| t.create_view(&Default::default());
-        let naive = view(&made(TextureUsages::RENDER_ATTACHMENT)?);
-        let filmed = view(&made(TextureUsages::RENDER_ATTACHMENT)?);
-        let [a, b] = [&naive, &filmed].map(BindingResource::TextureView);
+        let naive = made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST)?;
+        let filmed = made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST)?;
+        let [a, b] = [&naive, &filmed].map(view);
+        let [a, b] = [&a, &b].map(BindingResource::TextureView);
         let group = bind(device, &join.get_bind_group_layout(0), &[a, b, split.as_entire_binding()]);
         let picture_view = view(&picture);
-        let compositor = Compositor::new(&gpu, renderer.layer(), FORMAT)?;
+        let compositor = Compositor::new(&gpu, by, renderer.layer(), FORMAT)?;
         Ok(Self {
             gpu,
             trouble,
             renderer,
+            by,
             compositor,
             fps,
             naive,
@@ -133,7 +136,7 @@ impl Stage {
             seconds: shot.number as f64 / self.fps,
             step: self.fps.recip(),
             size: look.size,
-            light: light(&shot.frame),
+            light: Light::of_frame(&shot.frame),
         };
         self.renderer.draw(&self.gpu, &moment);
         self.settle()?;
@@ -181,6 +184,16 @@ impl Stage {
         }
     }
 
+    /// A sentence for people where the object is composited by the processor, without a full stop.
+    pub fn slow(&self) -> Option<String> {
+        (self.by == By::Processor).then(|| {
+            format!(
+                "there is no graphics card here, only {}: the processor composites the object, and estimates",
+                self.gpu.info.name
+            )
+        })
+    }
+
     /// The device.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
@@ -202,20 +215,13 @@ impl Stage {
     }
 }
 
-/// The light on the object, which is taken to be the mean light that the camera sees.
-fn light(frame: &Encoded) -> Light {
-    let (w, h) = frame.0.size();
-    let grid =
-        || (0..h).step_by(LIGHT_STRIDE).flat_map(|y| (0..w).step_by(LIGHT_STRIDE).map(move |x| (x, y)));
-    let sum: Vec3 = grid().map(|(x, y)| Vec3::from(frame.0.at(x, y).map(|v| Transfer::Srgb.decode(v)))).sum();
-    let mean = sum / grid().count() as f32;
-    Light { ambient: AMBIENT * mean, direct: Vec3::splat(DIRECT * luma(mean.into())) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use blindaug::Raster;
+    use blindaug::{
+        Raster,
+        model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel},
+    };
     use blindaug_pipeline::live::{Home, LiveEstimator};
     use glam::DVec2;
 
@@ -226,7 +232,7 @@ mod tests {
         let frame = Arc::new(Encoded(Raster::from_fn(64, 48, |x, y| [0.3 + 0.005 * (x + y) as f32; 3])));
         let shot = LiveFrame { number: 1, lap: 0, frame: frame.clone(), next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
-        let estimate = LiveEstimator::new(camera, home, None).push(&shot, home).unwrap();
+        let estimate = LiveEstimator::new(camera, home, None).push(&shot, home, None).unwrap();
         let look =
             Look { split: 0.0, size: 1.0, options: CompositeOptions::default(), quality: Quality::High };
         let stage = |gpu| Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
@@ -243,13 +249,76 @@ mod tests {
     }
 
     #[test]
+    fn device_and_processor_composite_alike() {
+        let Some(gpu) = Gpu::for_tests() else { return };
+        let (w, h) = (160, 120);
+        let camera = Pinhole::new((w, h), 50.0);
+        let frame = Arc::new(Encoded(Raster::from_fn(w, h, |x, y| [0.2 + 0.003 * (x + y) as f32, 0.4, 0.3])));
+        let shot = LiveFrame { number: 3, lap: 0, frame, next: None, previous: None };
+        let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
+        let mut estimate = LiveEstimator::new(camera, home, None).push(&shot, home, None).unwrap();
+        estimate.camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.6)));
+        estimate.camera.defocus = Estimate::Known(DefocusModel::given_lens(3.0, 1.0));
+        let options = CompositeOptions { no_noise: true, ..Default::default() };
+        let drawn = |by, options, split| {
+            let stage = Stage::composited_by(by, gpu.clone(), Object::built_in(), camera, 25.0).unwrap();
+            stage
+                .draw(&shot, &estimate, &Look { split, size: 1.0, options, quality: Quality::High })
+                .unwrap();
+            assert_eq!(stage.slow().is_some(), by == By::Processor);
+            stage.read().unwrap()
+        };
+        let rms = |a: &Encoded, b: &Encoded| {
+            let squares =
+                a.0.data().iter().flatten().zip(b.0.data().iter().flatten()).map(|(a, b)| (a - b).powi(2));
+            (squares.sum::<f32>() / (3 * w * h) as f32).sqrt()
+        };
+        for split in [0.0, 1.0] {
+            let [device, processor] = [By::Device, By::Processor].map(|by| drawn(by, options, split));
+            let apart = rms(&device, &processor);
+            // Half a step of 8 bits on either side, and the tolerance of the passes (docs/gpu.md).
+            assert!(apart < 0.004, "{apart}");
+            // Negative control: the pasted object is another picture.
+            let pasted = drawn(By::Processor, options, 1.0 - split);
+            assert!(rms(&device, &pasted) > 2.0 * 0.004, "{}", rms(&device, &pasted));
+        }
+        assert_eq!(By::fastest(&gpu.info) == By::Processor, gpu.info.device_type == wgpu::DeviceType::Cpu);
+    }
+
+    #[test]
+    #[ignore = "it measures: cargo test -p blindaug-live what_a_picture_costs -- --ignored --nocapture"]
+    fn what_a_picture_costs() {
+        let gpu = Gpu::new().unwrap();
+        let (w, h) = (1296, 720);
+        let camera = Pinhole::new((w, h), 50.0);
+        let frame =
+            Arc::new(Encoded(Raster::from_fn(w, h, |x, y| [0.2 + 0.0003 * (x + y) as f32, 0.4, 0.3])));
+        let shot = LiveFrame { number: 3, lap: 0, frame, next: None, previous: None };
+        let home = Home { at: DVec2::new(0.5, 0.75), distance: 2.0 };
+        let mut estimate = LiveEstimator::new(camera, home, None).push(&shot, home, None).unwrap();
+        estimate.camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
+        estimate.camera.defocus = Estimate::Known(DefocusModel::given_lens(3.0, 1.0));
+        let size = (0.5 * home.distance * h as f64 / camera.focal_length) as f32;
+        let look = Look { split: 0.5, size, options: CompositeOptions::default(), quality: Quality::High };
+        for by in [By::Device, By::Processor] {
+            let stage = Stage::composited_by(by, gpu.clone(), Object::built_in(), camera, 25.0).unwrap();
+            // The first picture also makes what later ones use again.
+            let mut times = [(); 4].map(|()| stage.draw(&shot, &estimate, &look).unwrap());
+            times.sort_by_key(|t| t.composite);
+            let [_, Times { render, composite }, ..] = times;
+            let [render, composite] = [render, composite].map(|t| t.as_millis());
+            println!("{}, {by:?}: render {render} ms, composite {composite} ms", gpu.info.name);
+        }
+    }
+
+    #[test]
     fn the_line_is_where_it_is_asked_for() {
         let Some(gpu) = Gpu::for_tests() else { return };
         let camera = Pinhole::new((64, 48), 50.0);
         let frame = Arc::new(Encoded(Raster::filled(64, 48, [0.25; 3])));
         let shot = LiveFrame { number: 1, lap: 0, frame, next: None, previous: None };
         let home = Home { at: DVec2::new(0.5, 0.7), distance: 2.0 };
-        let estimate = LiveEstimator::new(camera, home, None).push(&shot, home).unwrap();
+        let estimate = LiveEstimator::new(camera, home, None).push(&shot, home, None).unwrap();
         let stage = Stage::new(gpu, Object::built_in(), camera, 25.0).unwrap();
         for (split, line) in [(0.25, Some(16)), (0.0, None), (1.0, None)] {
             let look =

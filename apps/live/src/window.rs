@@ -3,9 +3,10 @@
 use super::{
     SIZES, Scene,
     panel::{self, Action, Controls, Shown},
+    spectra::Spectra,
     stage::{Look, Stage, Times},
 };
-use blindaug::Encoded;
+use blindaug::{Encoded, fit::track::TileObserver};
 use blindaug_cli::console::{self, Failure, Result, failure, note};
 use blindaug_gpu::Gpu;
 use blindaug_io::VideoWriter;
@@ -30,9 +31,11 @@ use winit::{
 };
 
 /// The width of the panel beside the picture, points.
-const PANEL: f32 = 290.0;
+pub const PANEL: f32 = 300.0;
 /// The width of the picture at first, points.
 const PICTURE: f64 = 960.0;
+/// The height of the window at first, points: the panel fits into it, and with a title and a bar of the desktop it fits a screen of 1280 x 800.
+pub const HEIGHT: f64 = 720.0;
 /// The most frames that wait to be recorded.
 const QUEUE: usize = 4;
 /// The time between checks for Ctrl-C.
@@ -91,6 +94,9 @@ pub fn run(scene: Scene, look: Look) -> Result<()> {
     let ran = events.run_app(&mut app).map_err(|e| no_window(&e));
     // Whatever happened, the recording is kept.
     let recorded = app.stop_recording();
+    if app.shown.skipped > 0 {
+        note(format_args!("{}", app.shown.skips()));
+    }
     ran?;
     app.result.and(recorded)
 }
@@ -117,6 +123,8 @@ struct Worker {
     /// The channel to the thread, which takes a frame only while the thread waits for one.
     shots: SyncSender<(LiveFrame, Home)>,
     estimates: Receiver<Result<Timed>>,
+    /// What looks at tiles on a device that was opened, until the thread takes it.
+    spectra: Arc<Mutex<Option<Spectra>>>,
     /// The home of the frame that the thread took last.
     home: Home,
 }
@@ -126,18 +134,33 @@ impl Worker {
         let (shots, given) = sync_channel::<(LiveFrame, Home)>(0);
         let (made, estimates): (Sender<Result<Timed>>, _) = channel();
         let (scene, first) = (scene.clone(), scene.home);
+        let spectra = Arc::<Mutex<Option<Spectra>>>::default();
+        let opened = spectra.clone();
         std::thread::spawn(move || {
             let mut estimation = LiveEstimator::new(scene.camera, scene.home, scene.fps);
+            let mut spectra = None;
             for (shot, home) in given {
+                if let Some(new) = opened.lock().ok().and_then(|mut o| o.take()) {
+                    spectra = Some(new);
+                }
                 let start = Instant::now();
-                let estimate = estimation.push(&shot, home).map_err(|e| failure(scene.source.path(), e));
+                let observer = spectra.as_mut().filter(|s| s.works()).map(|s| s as &mut dyn TileObserver);
+                let estimate =
+                    estimation.push(&shot, home, observer).map_err(|e| failure(scene.source.path(), e));
                 let timed = estimate.map(|estimate| Timed { estimate, time: start.elapsed() });
                 if made.send(timed).is_err() || !bell.ring() {
                     return;
                 }
             }
         });
-        Self { shots, estimates, home: first }
+        Self { shots, estimates, spectra, home: first }
+    }
+
+    /// Estimates with the device of a stage from the next frame on, if that is faster.
+    fn use_device(&self, stage: &Stage, size: (usize, usize)) {
+        if let Ok(mut spectra) = self.spectra.lock() {
+            *spectra = Spectra::of(stage, size);
+        }
     }
 
     /// Gives the thread a frame if it waits for one.
@@ -367,6 +390,17 @@ struct App {
 }
 
 impl App {
+    /// Draws and estimates on a device from now on, and says what is slow about it.
+    fn begin_on(&mut self, graphics: Graphics) {
+        self.worker.use_device(&graphics.stage, self.scene.source.size());
+        let slow = graphics.stage.slow();
+        if let (Some(sentence), false) = (&slow, self.recovering) {
+            note(format_args!("{sentence}"));
+        }
+        self.shown.slow = slow;
+        self.graphics = Some(graphics);
+    }
+
     /// Takes new frames and estimates, and makes the picture. A frame is shown when it has been estimated or when the next one
     /// is there, whatever comes first.
     fn follow(&mut self) -> Result<()> {
@@ -458,14 +492,14 @@ impl App {
             Err(Trouble::Other(e)) => e,
         };
         let on_device = on_surface || self.graphics.as_ref().is_some_and(|g| g.stage.check().is_err());
-        if let (Some(window), true, false) = (&self.window, on_device, self.recovering) {
+        if let (Some(window), true, false) = (self.window.clone(), on_device, self.recovering) {
             note(format_args!("{}; starting again on a new one", e.0));
             // The old surface must be gone before the window gets another.
             self.graphics = None;
             self.recovering = true;
-            match Graphics::new(&self.display, window, &self.scene) {
+            match Graphics::new(&self.display, &window, &self.scene) {
                 Ok(graphics) => {
-                    self.graphics = Some(graphics);
+                    self.begin_on(graphics);
                     window.request_redraw();
                     return;
                 }
@@ -483,13 +517,11 @@ impl ApplicationHandler<News> for App {
         if self.window.is_some() {
             return;
         }
-        let (w, h) = self.scene.source.size();
-        let height = (PICTURE * h as f64 / w as f64).clamp(600.0, 960.0);
-        let size = LogicalSize::new(PICTURE + f64::from(PANEL), height);
+        let size = LogicalSize::new(PICTURE + f64::from(PANEL), HEIGHT);
         let attributes = Window::default_attributes().with_title("blindaug live").with_inner_size(size);
         let made = events.create_window(attributes).map_err(|e| no_window(&e));
         let made = made.map(Arc::new).and_then(|window| {
-            self.graphics = Some(Graphics::new(&self.display, &window, &self.scene)?);
+            self.begin_on(Graphics::new(&self.display, &window, &self.scene)?);
             Ok(window)
         });
         match made {

@@ -2,7 +2,11 @@
 
 mod leaves;
 
-use blindaug::fit::{Estimator, Evidence, FrameObservation, track::Tracker};
+use blindaug::fit::{
+    Estimator, Evidence, FrameObservation,
+    spectral::{EXPOSURES, ExposureObservation, numbers::EXPOSURE_STEP},
+    track::{TileLook, TileObservations, TileObserver, Tracker},
+};
 use blindaug::model::{BlurSpace, CameraModel, Changes, DepthKind, Distortion};
 use blindaug::synth;
 use leaves::{CAMERA, Camera, Scene, Shot};
@@ -21,14 +25,16 @@ fn tracked(clip: &[Shot]) -> Vec<(CameraModel, Changes)> {
 }
 
 fn push(tracker: &mut Tracker, shot: &Shot, next: &Shot) -> CameraModel {
+    tracker.push(&observation(shot, next)).unwrap().clone()
+}
+
+fn observation<'a>(shot: &'a Shot, next: &'a Shot) -> FrameObservation<'a> {
     let evidence = Evidence {
         flow: Some(&shot.flow),
         inverse_depth: Some((&shot.inverse_depth, DepthKind::Metric)),
         ..Evidence::default()
     };
-    let observation =
-        FrameObservation { frame: &shot.frame, next: Some(&next.frame), previous: None, evidence };
-    tracker.push(&observation).unwrap().clone()
+    FrameObservation { frame: &shot.frame, next: Some(&next.frame), previous: None, evidence }
 }
 
 fn exposure(m: &CameraModel) -> f32 {
@@ -214,4 +220,53 @@ fn frames_alone_are_enough() {
     assert!(
         (exposure(model) - CAMERA.exposure).abs() < 0.08 && (noise(model) / CAMERA.noise - 1.0).abs() < 0.15
     );
+}
+
+/// Claims that ten tiles of each frame show this exposure, and keeps what it was told.
+struct Claims {
+    exposure: f32,
+    block: u32,
+    told: Vec<(f32, bool)>,
+}
+
+impl TileObserver for Claims {
+    fn observe(&mut self, look: &TileLook) -> blindaug::Result<TileObservations> {
+        // Until the exposure is known, nothing that moves may be looked at for the lens.
+        let unknown = |d: &blindaug::Plane| d.data().iter().any(|d| d.is_nan());
+        self.told.push((look.exposure.0, look.inverse_depth.is_some_and(unknown)));
+        assert!(look.motion.is_some() && look.noise.levels[0].intercept > 0.0);
+        let curve = |i: usize| -0.5 * ((i as f32 * EXPOSURE_STEP - self.exposure) / 0.05).powi(2);
+        let claim = |block| ExposureObservation {
+            block,
+            frame: 0,
+            speed: 12.0,
+            speed_error: 0.0,
+            log_likelihood: (0..EXPOSURES).map(curve).collect(),
+        };
+        let exposure = (self.block..self.block + 10).map(claim).collect();
+        Ok(TileObservations { exposure, lens: vec![] })
+    }
+}
+
+#[test]
+fn an_observer_looks_at_the_tiles_in_the_tracker_s_place() {
+    let clip = Scene::new(3, SIZE).clip(4, |_| CAMERA);
+    let mut tracker = Tracker::new(BlurSpace::Linear, None);
+    let mut claims = Claims { exposure: 0.3, block: 0, told: vec![] };
+    for pair in clip.windows(2) {
+        tracker.push_with(&observation(&pair[0], &pair[1]), &mut claims).unwrap();
+    }
+    let model = tracker.model().unwrap();
+    assert!((exposure(model) - 0.3).abs() < 0.01, "{:?}", model.motion_blur);
+    // No tile was said to show the lens; the tracker found the noise itself.
+    assert!(model.defocus.known().is_none() && noise(model) > 0.0);
+    let [first, _, third] = claims.told[..] else { panic!("three frames") };
+    assert_eq!(first, (0.0, true));
+    assert!((third.0 - 0.3).abs() < 0.01 && !third.1, "{third:?}");
+    // Negative control: the tracker itself finds the camera's exposure, which is another.
+    let own = tracked(&clip).pop().unwrap().0;
+    assert!((exposure(&own) - exposure(model)).abs() > 0.1, "{:?}", own.motion_blur);
+    // Blocks of the image that are not there are an error.
+    claims.block = 20;
+    assert!(tracker.push_with(&observation(&clip[2], &clip[3]), &mut claims).is_err());
 }

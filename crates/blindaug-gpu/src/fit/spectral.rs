@@ -154,14 +154,8 @@ wgsl_struct! {
 
 /// The observations of exposure and defocus in the tiles of a frame. [`blindaug::fit::spectral::exposure_of`] and
 /// [`blindaug::fit::spectral::lens_of`] fit the exposure and the lens to those of many frames, and
-/// [`blindaug::fit::track::Tracker::push_observations`] follows them over time.
-#[derive(Clone, Debug, Default)]
-pub struct Observations {
-    /// The observations of tiles that move; their frame is 0.
-    pub exposure: Vec<ExposureObservation>,
-    /// The observations of tiles of one depth; their part of the clip is 0.
-    pub lens: Vec<LensObservation>,
-}
+/// [`blindaug::fit::track::Tracker::push_with`] follows them over time.
+pub use blindaug::fit::track::TileObservations as Observations;
 
 /// Looks at the frame in a texture, with the motion and the inverse depth where they are known: it makes its tiles' periodograms and their
 /// likelihoods over exposure and defocus. It does what [`blindaug::fit::spectral::tiles`], [`blindaug::fit::spectral::fit_exposure`] and

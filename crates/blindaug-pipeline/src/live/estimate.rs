@@ -6,7 +6,10 @@ use super::{
 };
 use blindaug::{
     CameraModel, Plane, Result,
-    fit::{Evidence, FrameObservation, track::Tracker},
+    fit::{
+        Evidence, FrameObservation,
+        track::{TileObserver, Tracker},
+    },
     model::{BlurSpace, DepthKind, Estimate, Reason, SceneScale, TrackedCamera},
 };
 use glam::DVec2;
@@ -77,11 +80,16 @@ impl LiveEstimator {
     }
 
     /// Takes a frame. If a few frames were left out before it, the object's motion is extrapolated over them. If the last frame is pushed
-    /// once more, only the object's place is updated.
+    /// once more, only the object's place is updated. The tiles of the frame are looked at by `observer`, if there is one.
     ///
     /// # Errors
-    /// If the frame's size differs from that of the first one.
-    pub fn push(&mut self, shown: &LiveFrame, home: Home) -> Result<LiveEstimate> {
+    /// If the frame's size differs from that of the first one, or the observer fails.
+    pub fn push(
+        &mut self,
+        shown: &LiveFrame,
+        home: Home,
+        observer: Option<&mut dyn TileObserver>,
+    ) -> Result<LiveEstimate> {
         let LiveFrame { number, lap, frame, next, previous } = shown;
         let observation = FrameObservation {
             frame,
@@ -91,7 +99,10 @@ impl LiveEstimator {
         };
         let camera = match self.tracker.model() {
             Some(camera) if *number == self.number => camera,
-            _ => self.tracker.push(&observation)?,
+            _ => match observer {
+                Some(observer) => self.tracker.push_with(&observation, observer)?,
+                None => self.tracker.push(&observation)?,
+            },
         }
         .clone();
         let left_out = number.saturating_sub(self.number + 1);
@@ -184,7 +195,7 @@ mod tests {
             }
             (estimation.number, estimation.scale) = (6, Some(5.0));
             let shot = LiveFrame { number, lap, frame: frame.clone(), next: None, previous: None };
-            let placed = estimation.push(&shot, home).unwrap().placed;
+            let placed = estimation.push(&shot, home, None).unwrap().placed;
             // A picture without anything in it has no depth.
             assert_eq!(estimation.scale, None);
             placed
@@ -211,15 +222,15 @@ mod tests {
         let mut moved = LiveEstimator::new(pinhole, home, None);
         let mut still = LiveEstimator::new(pinhole, home, None);
         let elsewhere = Home { at: DVec2::new(0.2, 0.6), distance: 5.0 };
-        let first = moved.push(&shot(1), home).unwrap();
-        still.push(&shot(1), home).unwrap();
-        let again = moved.push(&shot(1), elsewhere).unwrap();
+        let first = moved.push(&shot(1), home, None).unwrap();
+        still.push(&shot(1), home, None).unwrap();
+        let again = moved.push(&shot(1), elsewhere, None).unwrap();
         assert_eq!(again.tracked, first.tracked);
         assert_eq!(again.placed.now, Placement::new(pinhole, elsewhere.at, elsewhere.distance).skip().now);
         // The camera is estimated as if nothing had been moved.
         assert_eq!(
-            moved.push(&shot(2), elsewhere).unwrap().tracked,
-            still.push(&shot(2), home).unwrap().tracked
+            moved.push(&shot(2), elsewhere, None).unwrap().tracked,
+            still.push(&shot(2), home, None).unwrap().tracked
         );
     }
 }

@@ -114,6 +114,71 @@ pub struct Tracker {
     changes: Changes,
 }
 
+/// A frame whose tiles are to be looked at, and what is known of it.
+#[derive(Clone, Copy, Debug)]
+pub struct TileLook<'a> {
+    /// The frame.
+    pub frame: &'a Encoded,
+    /// The motion at the frame's own time, px per frame interval, NaN where it is unknown.
+    pub motion: Option<&'a Flow>,
+    /// The inverse depth, NaN where it is unknown or where the lens is not to be looked at.
+    pub inverse_depth: Option<&'a Plane>,
+    /// The noise of luma.
+    pub noise: &'a LumaNoise,
+    /// The last known exposure; 0 if none is known.
+    pub exposure: ExposureFraction,
+    /// The camera's sharpening, if it is known.
+    pub sharpening: Option<&'a SharpeningModel>,
+}
+
+/// The observations of the exposure and of the lens in the tiles of a frame.
+#[derive(Clone, Debug, Default)]
+pub struct TileObservations {
+    /// The observations of tiles that move; their frame is 0.
+    pub exposure: Vec<ExposureObservation>,
+    /// The observations of tiles of one depth; their part of the clip is 0.
+    pub lens: Vec<LensObservation>,
+}
+
+impl TileObservations {
+    fn check(&self) -> Result<()> {
+        Self::check_all(&self.exposure, &self.lens)
+    }
+
+    /// Fails if one of these is not an observation of [`spectral`].
+    fn check_all(exposure: &[ExposureObservation], lens: &[LensObservation]) -> Result<()> {
+        let sound = |block: u32, values: &[f32], len: usize| {
+            (block as usize) < tiles::BLOCK_COUNT
+                && values.len() == len
+                && values.iter().all(|&v| v <= 0.0 && v.is_finite())
+        };
+        let sound_lens = |w: &LensObservation| {
+            sound(w.block, &w.table, SIGMAS)
+                && w.inverse_depth.is_finite()
+                && w.tiles.is_finite()
+                && w.tiles > 0.0
+        };
+        if exposure.iter().all(|w| sound(w.block, &w.log_likelihood, EXPOSURES))
+            && lens.iter().all(sound_lens)
+        {
+            return Ok(());
+        }
+        Err(Error::new(format!(
+            "an observation must lie in one of {} blocks and hold {EXPOSURES} log-likelihoods of the exposure or {SIGMAS} of the lens, finite and none of them above 0",
+            tiles::BLOCK_COUNT
+        )))
+    }
+}
+
+/// Something that looks at the tiles of a frame in the place of the tracker itself, as the graphics device can.
+pub trait TileObserver: Send {
+    /// The observations in the tiles of a frame: what [`spectral::exposure_of`] and [`spectral::lens_of`] take of one frame.
+    ///
+    /// # Errors
+    /// If the frame cannot be looked at.
+    fn observe(&mut self, look: &TileLook) -> Result<TileObservations>;
+}
+
 /// The last estimate of each parameter, from the last frame whose evidence gave one.
 #[derive(Default)]
 struct Known {
@@ -178,10 +243,27 @@ impl Tracker {
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
     pub fn push(&mut self, observation: &FrameObservation) -> Result<&CameraModel> {
-        par::within(|| self.look_at(observation))
+        par::within(|| self.look_at(observation, None))
     }
 
-    fn look_at(&mut self, observation: &FrameObservation) -> Result<&CameraModel> {
+    /// [`Tracker::push`], but a frame's tiles are looked at by `observer`, for example on a graphics device: motion, depth and noise are
+    /// still found here.
+    ///
+    /// # Errors
+    /// The same as [`Tracker::push`], and if the observer fails or gives what no observation can be.
+    pub fn push_with(
+        &mut self,
+        observation: &FrameObservation,
+        observer: &mut dyn TileObserver,
+    ) -> Result<&CameraModel> {
+        par::within(|| self.look_at(observation, Some(observer)))
+    }
+
+    fn look_at(
+        &mut self,
+        observation: &FrameObservation,
+        observer: Option<&mut dyn TileObserver>,
+    ) -> Result<&CameraModel> {
         check_sizes(&mut self.size, observation)?;
         let FrameObservation { frame, next, previous, .. } = *observation;
         let (width, height) = frame.0.size();
@@ -201,23 +283,51 @@ impl Tracker {
             }
             (flow, _) => flow.as_deref().map(Cow::Borrowed),
         };
-        let mut tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
-        drop(motion);
-        let found = spectral::exposure_observations(&[&tiles], &self.luma_noise);
-        model.motion_blur = self.follow_exposure(&found);
         model.sharpening = self.known.sharpening.clone().unwrap_or_else(|| {
             Estimate::unknown(
                 Reason::NotFollowed,
                 "it shows in noise between frames, and none was seen in this shot so far",
             )
         });
-        let (exposure, sharpening) = (self.exposure(), model.sharpening.known());
-        if self.known.exposure.is_none() {
-            // Streaks of unknown length look like a lens's blur.
-            tiles.retain(|t| t.speed * t.scale < spectral::STILL);
+        let sharpening = model.sharpening.known();
+        match observer {
+            Some(observer) => {
+                let depth = geometry.inverse_depth.as_deref();
+                // Streaks of unknown length look like a lens's blur.
+                let is_moving = |x: usize, y: usize| {
+                    let [u, v] = motion.as_ref().map_or([0.0; 2], |m| m.at(x, y));
+                    u.hypot(v) >= spectral::STILL
+                };
+                let still = depth.filter(|_| self.known.exposure.is_none()).map(|d| {
+                    let known = |x, y| if is_moving(x, y) { f32::NAN } else { d.at(x, y) };
+                    Plane::from_fn(d.width(), d.height(), known)
+                });
+                let found = observer.observe(&TileLook {
+                    frame,
+                    motion: motion.as_deref(),
+                    inverse_depth: still.as_ref().or(depth),
+                    noise: &self.luma_noise,
+                    exposure: self.exposure(),
+                    sharpening,
+                })?;
+                found.check()?;
+                model.motion_blur = self.follow_exposure(&found.exposure);
+                model.defocus = self.follow_lens(&found.lens)?;
+            }
+            None => {
+                let mut tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
+                let found = spectral::exposure_observations(&[&tiles], &self.luma_noise);
+                model.motion_blur = self.follow_exposure(&found);
+                if self.known.exposure.is_none() {
+                    // Streaks of unknown length look like a lens's blur.
+                    tiles.retain(|t| t.speed * t.scale < spectral::STILL);
+                }
+                let exposure = self.exposure();
+                let found = spectral::lens_observations(&[&tiles], &self.luma_noise, exposure, sharpening);
+                model.defocus = self.follow_lens(&found)?;
+            }
         }
-        let found = spectral::lens_observations(&[&tiles], &self.luma_noise, exposure, sharpening);
-        model.defocus = self.follow_lens(&found)?;
+        drop(motion);
         let found = matches!(geometry.flow, Some(Cow::Owned(_)));
         let flow = geometry.flow.map(Cow::into_owned);
         let before = std::mem::replace(&mut self.last_flow, LastFlow { flow, found, to_next });
@@ -257,25 +367,7 @@ impl Tracker {
         let Some(mut model) = self.model.clone() else {
             return Err(Error::new("nothing is known of the noise yet: push a frame first"));
         };
-        let sound = |block: u32, values: &[f32], len: usize| {
-            (block as usize) < tiles::BLOCK_COUNT
-                && values.len() == len
-                && values.iter().all(|&v| v <= 0.0 && v.is_finite())
-        };
-        let sound_lens = |w: &LensObservation| {
-            sound(w.block, &w.table, SIGMAS)
-                && w.inverse_depth.is_finite()
-                && w.tiles.is_finite()
-                && w.tiles > 0.0
-        };
-        if !exposure.iter().all(|w| sound(w.block, &w.log_likelihood, EXPOSURES))
-            || !lens.iter().all(sound_lens)
-        {
-            return Err(Error::new(format!(
-                "an observation must lie in one of {} blocks and hold {EXPOSURES} log-likelihoods of the exposure or {SIGMAS} of the lens, finite and none of them above 0",
-                tiles::BLOCK_COUNT
-            )));
-        }
+        TileObservations::check_all(exposure, lens)?;
         if !lens.is_empty() {
             self.measure_depth_in(depth_kind)?;
         }
