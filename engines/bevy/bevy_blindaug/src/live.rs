@@ -194,7 +194,7 @@ impl LiveCamera {
         let Some(mut estimator) = self.idle.take() else { return };
         let (shot, home) = (shot.clone(), self.home);
         self.task = Some(AsyncComputeTaskPool::get().spawn(async move {
-            let estimate = estimator.push(&shot, home);
+            let estimate = estimator.push(&shot, home, None);
             (estimator, estimate)
         }));
     }
