@@ -189,6 +189,9 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
                 ui.set_min_width(COLUMN);
                 ui.label(*name);
             });
+            // The reason why something is unknown may be long.
+            let value = egui::RichText::new(value);
+            let value = if value.text().starts_with("unknown") { value.small() } else { value };
             ui.add(egui::Label::new(value).wrap());
         });
     }
@@ -222,7 +225,7 @@ mod tests {
         composite::CompositeOptions,
         model::{
             DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel, NoiseLevel,
-            NoiseModel, SharpeningModel,
+            NoiseModel, Reason, SharpeningModel,
         },
     };
     use blindaug_pipeline::live::{LiveEstimator, LiveFrame, Pinhole};
@@ -261,6 +264,13 @@ mod tests {
             let level = NoiseLevel { slope: [0.012, 0.01, 0.018], intercept: [0.01; 3] };
             camera.noise = Estimate::Known(NoiseModel::given([level; 4], 0.98));
             camera.sharpening = Estimate::Known(SharpeningModel::given(0.82, 1.31));
+        } else {
+            // The longest reason there is.
+            camera.defocus = Estimate::unknown(
+                Reason::NoDepth,
+                "no depth was given, and parallax gives none: 0.44 px of parallax are too little beside 0.09 px of contradiction in \
+                 the flow (the camera hardly does more than turn, or the scene moves)",
+            );
         }
         estimate
     }

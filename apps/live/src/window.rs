@@ -31,9 +31,9 @@ use winit::{
 };
 
 /// The width of the panel beside the picture, points.
-pub const PANEL: f32 = 300.0;
+pub const PANEL: f32 = 320.0;
 /// The width of the picture at first, points.
-const PICTURE: f64 = 960.0;
+const PICTURE: f64 = 940.0;
 /// The height of the window at first, points: the panel fits into it, and with a title and a bar of the desktop it fits a screen of 1280 x 800.
 pub const HEIGHT: f64 = 720.0;
 /// The most frames that wait to be recorded.
