@@ -1,6 +1,6 @@
 //! Frames and layers in their colour spaces, as types: display-encoded, scene-linear, premultiplied.
 
-use crate::{Plane, Raster};
+use crate::{Error, Plane, Raster, Result};
 use serde::{Deserialize, Serialize};
 
 /// A display-encoded frame (what a camera records and a screen shows), RGB, nominally in [0, 1].
@@ -49,7 +49,86 @@ impl Transfer {
     }
 }
 
+/// A plane of bytes in memory, such as a camera or a graphics device hands over: rows from the top, each of `bytes_per_row` bytes, of which
+/// the last ones may be padding.
+#[derive(Clone, Copy, Debug)]
+pub struct ByteRows<'a> {
+    /// The bytes of all rows; the padding of the last row may be missing.
+    pub bytes: &'a [u8],
+    /// The distance from the beginning of a row to that of the next one, bytes.
+    pub bytes_per_row: usize,
+}
+
+impl<'a> ByteRows<'a> {
+    /// ByteRows without padding, `bytes_per_row` bytes each.
+    pub fn new(bytes: &'a [u8], bytes_per_row: usize) -> Self {
+        Self { bytes, bytes_per_row }
+    }
+
+    /// Checks that there are `rows` rows of at least `used` bytes.
+    fn check(&self, what: &str, used: usize, rows: usize) -> Result<()> {
+        let Self { bytes, bytes_per_row } = *self;
+        let needed = rows.checked_sub(1).and_then(|r| r.checked_mul(bytes_per_row)?.checked_add(used));
+        if used == 0 || bytes_per_row < used || needed.is_none_or(|n| bytes.len() < n) {
+            return Err(Error::new(format!(
+                "{what} has {} bytes in rows of {bytes_per_row}, but must have {rows} rows of {used} or more, and at least one",
+                bytes.len(),
+            )));
+        }
+        Ok(())
+    }
+
+    fn at(&self, x: usize, y: usize) -> f32 {
+        f32::from(self.bytes[y * self.bytes_per_row + x])
+    }
+}
+
 impl Encoded {
+    /// A frame of `width` x `height` px from bytes R, G, B, A for each pixel, 0 to 255; alpha is not looked at.
+    ///
+    /// ```
+    /// use blindaug::{ByteRows, Encoded};
+    /// let bytes = [255, 0, 51, 255, 0, 255, 0, 255];
+    /// let frame = Encoded::from_rgba8((2, 1), ByteRows::new(&bytes, 8))?;
+    /// assert_eq!(frame.0.at(0, 0), [1.0, 0.0, 0.2]);
+    /// # Ok::<(), blindaug::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If there are no pixels, or fewer bytes than the pixels need.
+    pub fn from_rgba8((width, height): (usize, usize), rgba: ByteRows) -> Result<Self> {
+        rgba.check("a frame of R, G, B, A", width.saturating_mul(4), height)?;
+        let value = |x, y| rgba.at(x, y) / 255.0;
+        Ok(Self(Raster::from_fn(width, height, |x, y| std::array::from_fn(|c| value(4 * x + c, y)))))
+    }
+
+    /// A frame of `width` x `height` px from NV12, as cameras and video decoders give it: a plane of Y', and one of half the size (rounded
+    /// up) of Cb and Cr side by side. The colours are those of Rec. 709 in its limited range (Y' from 16 to 235, Cb and Cr from 16 to 240);
+    /// what lies beyond is clamped. Cb and Cr are interpolated; each pair lies on the left one of its four pixels, between the two rows.
+    ///
+    /// # Errors
+    /// If there are no pixels, or fewer bytes than the pixels need.
+    pub fn from_nv12((width, height): (usize, usize), luma: ByteRows, chroma: ByteRows) -> Result<Self> {
+        let (w, h) = (width.div_ceil(2), height.div_ceil(2));
+        luma.check("a plane of Y'", width, height)?;
+        chroma.check("a plane of Cb and Cr", w.saturating_mul(2), h)?;
+        Ok(Self(Raster::from_fn(width, height, |x, y| {
+            // The pair of this pixel, and the nearest other one with the share that it has.
+            let (i, j) = (x / 2, y / 2);
+            let (right, across) = if x % 2 == 1 { ((i + 1).min(w - 1), 0.5) } else { (i, 0.0) };
+            let other = if y % 2 == 1 { (j + 1).min(h - 1) } else { j.saturating_sub(1) };
+            let [cb, cr] = [0, 1].map(|c| {
+                let row = |j: usize| {
+                    (1.0 - across) * chroma.at(2 * i + c, j) + across * chroma.at(2 * right + c, j)
+                };
+                (0.75 * row(j) + 0.25 * row(other) - 128.0) / 224.0
+            });
+            let y = (luma.at(x, y) - 16.0) / 219.0;
+            let rgb = [y + 1.5748 * cr, y - 0.187_324 * cb - 0.468_124 * cr, y + 1.8556 * cb];
+            rgb.map(|v| v.clamp(0.0, 1.0))
+        })))
+    }
+
     /// The same frame in linear light.
     pub fn to_linear(&self, transfer: Transfer) -> Linear {
         Linear(self.0.map(|p| p.map(|v| transfer.decode(v))))
@@ -80,6 +159,59 @@ pub fn luma([r, g, b]: [f32; 3]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bytes_of_colours_and_of_video_become_frames() {
+        let bytes = [10, 20, 30, 0, 40, 50, 60, 0, 99, 99, 99, 99, 255, 0, 255, 7, 0, 0, 0, 7];
+        let frame = Encoded::from_rgba8((2, 2), ByteRows::new(&bytes, 12)).unwrap();
+        assert_eq!(frame.0.at(1, 0), [40.0, 50.0, 60.0].map(|v| v / 255.0));
+        assert_eq!(frame.0.at(0, 1), [1.0, 0.0, 1.0]);
+        // Bars of 75 % in Rec. 709 (ITU-R BT.709, rounded to 8 bits): white, yellow, cyan, green, magenta, red, blue, black.
+        let bars = [
+            ([180, 128, 128], [0.75, 0.75, 0.75]),
+            ([168, 44, 136], [0.75, 0.75, 0.0]),
+            ([145, 147, 44], [0.0, 0.75, 0.75]),
+            ([134, 63, 52], [0.0, 0.75, 0.0]),
+            ([63, 193, 204], [0.75, 0.0, 0.75]),
+            ([51, 109, 212], [0.75, 0.0, 0.0]),
+            ([28, 212, 120], [0.0, 0.0, 0.75]),
+            ([16, 128, 128], [0.0, 0.0, 0.0]),
+        ];
+        for ([y, cb, cr], want) in bars {
+            // The size is odd, and rows are padded.
+            let (luma, chroma) = ([y; 3 * 4], [cb, cr].repeat(2 * 3));
+            let frame =
+                Encoded::from_nv12((3, 3), ByteRows::new(&luma, 4), ByteRows::new(&chroma, 6)).unwrap();
+            for got in frame.0.data() {
+                assert!(got.iter().zip(want).all(|(g, w)| (g - w).abs() < 0.008), "{got:?} {want:?}");
+            }
+        }
+        // Negative control: red as Rec. 601 has it is another colour.
+        let frame =
+            Encoded::from_nv12((1, 1), ByteRows::new(&[65], 1), ByteRows::new(&[100, 212], 2)).unwrap();
+        assert!((frame.0.at(0, 0)[0] - 0.75).abs() > 0.03, "{frame:?}");
+        // Cb rises from left to right and from top to bottom; a pixel on the right, or between two rows, lies between.
+        let chroma = [100, 128, 140, 128, 120, 128, 160, 128];
+        let frame =
+            Encoded::from_nv12((4, 4), ByteRows::new(&[128; 16], 4), ByteRows::new(&chroma, 4)).unwrap();
+        let cb = |x, y| 128.0 + 224.0 * (frame.0.at(x, y)[2] - 112.0 / 219.0) / 1.8556;
+        for ((x, y), want) in [
+            ((0, 0), 100.0),
+            ((1, 0), 120.0),
+            ((2, 0), 140.0),
+            ((0, 1), 105.0),
+            ((0, 2), 115.0),
+            ((3, 3), 160.0),
+        ] {
+            assert!((cb(x, y) - want).abs() < 0.01, "({x}, {y}): {} {want}", cb(x, y));
+        }
+        for (size, bytes, row) in [((2, 2), 15, 8), ((2, 2), 16, 7), ((0, 2), 16, 8), ((2, 0), 16, 8)] {
+            let e = Encoded::from_rgba8(size, ByteRows::new(&[0; 16][..bytes], row)).unwrap_err().to_string();
+            assert!(e.contains("bytes in rows of") && !e.contains('\n'), "{e}");
+        }
+        let few = Encoded::from_nv12((4, 4), ByteRows::new(&[0; 16], 4), ByteRows::new(&[0; 7], 4));
+        assert!(few.unwrap_err().to_string().contains("Cb and Cr"));
+    }
 
     #[test]
     fn transfer_known_values_round_trip_and_slope() {

@@ -79,7 +79,7 @@ mod strips;
 pub mod synth;
 pub mod text;
 
-pub use colour::{Encoded, LUMA, Linear, Premultiplied, Transfer, luma};
+pub use colour::{ByteRows, Encoded, LUMA, Linear, Premultiplied, Transfer, luma};
 pub use error::{Error, Result};
 pub use frame::{Frame, Sample};
 pub use model::CameraModel;
