@@ -56,6 +56,10 @@ fuzz *ARGS:
 kills *ARGS:
     tools/check-kills.sh {{ARGS}}
 
+# The plugin for Bevy: built, linted, tested.
+bevy:
+    engines/bevy/check.sh
+
 # Licences and sources of the dependencies; needs cargo-deny.
 deny:
     cargo deny --all-features check licenses sources bans

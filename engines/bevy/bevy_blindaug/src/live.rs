@@ -184,6 +184,11 @@ impl LiveCamera {
         LinearRgba::rgb(r, g, b)
     }
 
+    /// Whether no frame is being estimated, and none waits for it.
+    pub fn is_idle(&self) -> bool {
+        self.task.is_none() && self.pending.is_none()
+    }
+
     /// Stops at the frame that is shown, or goes on.
     pub fn set_paused(&self, paused: bool) {
         self.player.set_paused(paused);
