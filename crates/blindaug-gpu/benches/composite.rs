@@ -202,9 +202,9 @@ impl Work {
         let levels = w.max(h).next_power_of_two().ilog2() as usize;
         let (pulled, octaves) = (halvings(3..=levels), halvings(2..=7));
         let pushed = (3..levels).map(|l| live(l, &|b| b.visible)).sum::<f64>();
-        // Where the object covers a pixel, its own depth or motion is read. Beside it is read: the bits of a quarter of the size, and
-        // elsewhere or nearby the continued values, there and at half of that.
-        let continued = 0.25 + 0.5 + 0.125;
+        // Where the object covers a pixel, the bits that say so, at a quarter of the size, and its own depth or motion are read; elsewhere
+        // the bits, four of the continued values of that size, and one of the next level. Bytes and samples:
+        let own = [(0.25 + 0.5 + 0.125, 6.0), (0.25 + 4.0, 2.0)];
         let mut focused = (0.0, 0.0);
         let mut composited = (8.0 * pixels, pixels);
         for (i, block) in blocks.iter().enumerate() {
@@ -217,9 +217,12 @@ impl Work {
                 for (x, y) in at() {
                     let sigma = scene.sigma(x);
                     octaves[quality.octave(Bokeh::Gaussian, sigma)] = 1.0;
-                    let own = f64::from(u8::from(scene.inside(x, y)));
-                    focused.0 += 8.0 + continued + 4.0 * own;
-                    focused.1 += 6.0 + own + f64::from(quality.defocus_taps(Bokeh::Gaussian, sigma));
+                    let (bytes, samples) = own[usize::from(scene.inside(x, y))];
+                    focused.0 += 8.0 + bytes;
+                    focused.1 += samples;
+                    if scene.outside_px(x, y) < 4.5 * sigma {
+                        focused.1 += f64::from(quality.defocus_taps(Bokeh::Gaussian, sigma));
+                    }
                 }
                 // Of each octave that is read, the block is read once; and one coarse octave is looked at for whether anything is seen.
                 focused.0 += of_block
@@ -228,11 +231,19 @@ impl Work {
             }
             if block.visible {
                 for (x, y) in at() {
-                    let own = f64::from(u8::from(scene.inside(x, y)));
-                    composited.0 += 8.0 + continued + 4.0 * own;
-                    composited.1 += 6.0 + own + f64::from(quality.motion_blur_taps(scene.path(x, y)));
-                    // The noise of the object, and the frame that is smoothed where the object lets it through.
-                    composited.1 += if own > 0.0 { 3.0 } else { 25.0 };
+                    let (bytes, samples) = own[usize::from(scene.inside(x, y))];
+                    composited.0 += 8.0 + bytes;
+                    composited.1 += samples + f64::from(quality.motion_blur_taps(scene.path(x, y)));
+                    let (outside, reach) =
+                        (scene.outside_px(x, y), 3.0 * scene.sigma(x) + 0.5 * scene.path(x, y));
+                    if outside < -reach {
+                        // Inside of its rim, the object hides the frame. Its noise is read from three textures.
+                        composited.0 -= 4.0;
+                        composited.1 += 3.0 - 1.0;
+                    } else if outside < reach {
+                        // On the rim, the frame is smoothed too.
+                        composited.1 += 3.0 + 25.0;
+                    }
                 }
             }
         }
@@ -362,6 +373,13 @@ impl Scene {
         (x as f32 / w as f32 - 0.5).hypot(y as f32 / h as f32 - 0.5) < self.radius
     }
 
+    /// About how far a pixel lies outside of the object, px; inside it, it is negative.
+    fn outside_px(&self, x: usize, y: usize) -> f32 {
+        let [w, h, _] = self.size.map(|s| s as f32);
+        let [u, v] = [x as f32 / w - 0.5, y as f32 / h - 0.5];
+        (u.hypot(v) - self.radius) * 0.5 * (w + h)
+    }
+
     fn inverse_depth(&self, x: usize) -> f32 {
         0.2 + 0.6 * x as f32 / self.size[0] as f32
     }
@@ -437,7 +455,8 @@ impl Scene {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {
                 model: &self.camera,
-                options: CompositeOptions::default(),
+                // Noise changes no block.
+                options: CompositeOptions { no_noise: true, ..Default::default() },
                 quality: Quality::Low,
                 number,
                 area,

@@ -59,7 +59,8 @@ pub struct Frame<'a> {
     /// The frame's number, so that each has its own noise.
     pub number: u64,
     /// The area in which the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]). The compositor adds the margin that a
-    /// sharpening camera changes. Outside of the area, the frame is only copied. `None`: the whole frame.
+    /// sharpening camera changes. Outside of the area, the layer is not looked at, and the frame is only copied. `None`: the whole frame, in
+    /// which the compositor finds the object itself; but the sharpening takes all of it.
     pub area: Option<Area>,
     /// A view per eye, of the frame's size and the format that the compositor was made for. The views get display-encoded values, or light
     /// after [`Compositor::with_linear_output`].

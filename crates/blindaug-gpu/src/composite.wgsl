@@ -162,9 +162,10 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
 // The path of a pixel while the shutter is open, px.
 fn path_at(at: vec2<u32>, part: u32) -> vec2<f32> {
     let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
-    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, most);
-    let own = camera.path_scale * textureLoad(velocity, at, part / camera.slabs, 0).xy;
-    return select(v.yz, own, v.w > 0.0 && is_finite(own.x) && is_finite(own.y));
+    if is_covered(covered, at, part, most) {
+        return camera.path_scale * textureLoad(velocity, at, part / camera.slabs, 0).xy;
+    }
+    return continued(camera, continued_0, continued_1, bilinear, at, part, most).yz;
 }
 
 // The mean of a part of the layer along the path of a pixel, in a block of these bits.
@@ -211,11 +212,15 @@ fn over(background: vec3<f32>, layer: vec4<f32>) -> vec3<f32> {
 @fragment
 fn composite(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
-    let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
     var layer = vec4(0.0);
     // Left of and above the origin, the difference wraps around to large numbers.
     if all(pixel - camera.origin < camera.size) {
         layer = layer_at(pixel, in.eye);
+    }
+    // The frame is not read where nothing of it is seen.
+    var filmed = vec3(0.0);
+    if layer.a < 1.0 {
+        filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
     }
     // Where nothing virtual is seen, the result is the frame, bit by bit.
     if layer.a <= 0.0 {

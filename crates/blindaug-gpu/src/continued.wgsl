@@ -19,18 +19,24 @@ fn of_continued(coverage: f32) -> f32 {
     return select(0.0, min(8.0 * coverage, 1.0), coverage > 1e-6);
 }
 
-// The inverse depth and the path, px, at a pixel. The fourth number is 1 where the object covers the pixel: there, the pixel's own depth and
-// motion are to be taken. `finest` is level CONTINUED, `covered` says which pixels are covered, and `coarser` is the next level, filled in.
+// Whether the object covers a pixel, so that the pixel's own depth and motion are to be taken. `covered` has the bits that extension.wgsl
+// writes. Where even the most opaque pixels nearby are faint beside the part's, depth and motion may be those of what is behind them.
+fn is_covered(covered: texture_2d_array<f32>, at: vec2<u32>, part: u32, most: f32) -> bool {
+    let bits = u32(textureLoad(covered, at >> vec2(CONTINUED), part, 0).x);
+    let opaque = f32(bits >> 16u) > 0.95 * 255.0 * most - 1.0;
+    return opaque && (bits >> (4u * (at.y & 3u) + (at.x & 3u)) & 1u) != 0u;
+}
+
+// The continued inverse depth and path, px, at a pixel. `finest` is level CONTINUED, and `coarser` the next level, filled in.
 fn continued(
     camera: Camera,
     finest: texture_2d_array<f32>,
-    covered: texture_2d_array<f32>,
     coarser: texture_2d_array<f32>,
     bilinear: sampler,
     at: vec2<u32>,
     part: u32,
     most: f32,
-) -> vec4<f32> {
+) -> vec3<f32> {
     let last = size_at(camera, CONTINUED) - 1u;
     let place = vec2<f32>(at) * exp2(-f32(CONTINUED));
     let next = fract(place);
@@ -43,9 +49,5 @@ fn continued(
         }
     }
     let above = coordinates(0.5 * place, size_at(camera, CONTINUED + 1u), textureDimensions(coarser));
-    let filled = textureSampleLevel(coarser, bilinear, above, part, 0.0).xyz;
-    // Where the mean around a pixel has hardly any weight, the pixels there are faint, if covered.
-    let bits = u32(textureLoad(covered, at >> vec2(CONTINUED), part, 0).x);
-    let own = sum.w > 0.1 && (bits >> (4u * (at.y & 3u) + (at.x & 3u)) & 1u) != 0u;
-    return vec4(sum.xyz + (1.0 - sum.w) * filled, f32(own));
+    return sum.xyz + (1.0 - sum.w) * textureSampleLevel(coarser, bilinear, above, part, 0.0).xyz;
 }

@@ -63,7 +63,7 @@ fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
 
 // The mean under a Gaussian on the image itself, whose centre is that of a pixel.
 fn gaussian_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
-    let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance) + 0.5, 1.0, 6.0)));
+    let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance), 1.0, 6.0)));
     var sum = vec4(0.0);
     var total = 0.0;
     for (var j = -pairs; j <= pairs; j++) {
@@ -213,10 +213,11 @@ fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
 // The defocus std of a pixel, px.
 fn sigma_at(at: vec2<u32>, part: u32) -> f32 {
     let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
-    let v = continued(camera, continued_0, covered, continued_1, bilinear, at, part, most);
-    let here = textureLoad(depth, at, part / camera.slabs, 0).x;
-    let own = camera.depth_map.x * here + camera.depth_map.y;
-    return defocus_std(camera, select(v.x, own, v.w > 0.0 && is_finite(own)));
+    if is_covered(covered, at, part, most) {
+        let here = textureLoad(depth, at, part / camera.slabs, 0).x;
+        return defocus_std(camera, camera.depth_map.x * here + camera.depth_map.y);
+    }
+    return defocus_std(camera, continued(camera, continued_0, continued_1, bilinear, at, part, most).x);
 }
 
 @compute @workgroup_size(8, 8)

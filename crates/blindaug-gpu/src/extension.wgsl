@@ -166,10 +166,11 @@ fn continued_at(middle: vec2<u32>) -> vec4<f32> {
 }
 
 // Which of the 4 x 4 pixels from this one of the workgroup's memory on have known values and are covered, as bits, rows first: more than half
-// of the weight that the workgroup's most opaque pixel has.
+// of the weight that the workgroup's most opaque pixel has. The bits from 16 on are that pixel's alpha, times 255.
 fn covered_from(first: vec2<u32>) -> u32 {
-    let least = 0.917 * bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA]));
-    var bits = 0u;
+    let most = bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA]));
+    let least = 0.917 * most;
+    var bits = u32(255.0 * most + 0.5) << 16u;
     for (var i = 0u; i < 16u; i++) {
         let index = (first.y + i / 4u) * SIDE + first.x + i % 4u;
         let alpha = colours[index].w;

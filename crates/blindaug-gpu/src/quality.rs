@@ -79,7 +79,7 @@ impl Quality {
         match bokeh {
             _ if sigma_px <= 0.0 => 1,
             Bokeh::Gaussian if octave == 0 && left < GAUSSIAN_MOST => {
-                let pairs = (0.5 * (reach * left.sqrt() + 0.5).clamp(1.0, 6.0)).ceil() as u32;
+                let pairs = (0.5 * (reach * left.sqrt()).clamp(1.0, 6.0)).ceil() as u32;
                 (2 * pairs + 1).pow(2)
             }
             Bokeh::Gaussian => ((reach * left.sqrt()).ceil() as u32).pow(2),
