@@ -137,22 +137,31 @@ mod tests {
         Linear(layer.0.map(|[r, g, b, a]| [r, g, b].map(|v| v + 0.3 * (1.0 - a)))).to_encoded(Transfer::Srgb)
     }
 
+    /// The capture's layer in a picture as wide as those that the networks were trained for.
+    fn in_whole_picture(layer: Layer) -> VirtualLayer {
+        let color = |x, y| if x < SIDE { layer.color.0.at(x, y) } else { [0.0; 4] };
+        let depth = |x, y| if x < SIDE { layer.inverse_depth.at(x, y) } else { f32::NAN };
+        let (color, depth) = (Raster::from_fn(WIDTH, SIDE, color), Raster::from_fn(WIDTH, SIDE, depth));
+        VirtualLayer { color: Premultiplied(color), inverse_depth: Some(depth), flow: None }
+    }
+
     #[test]
     fn each_network_blurs_as_its_own_camera_does() {
         for scenery in 0..COUNT {
-            // The mean squared errors of the sharp target, of the own network and of another one, on targets that none learnt from.
+            // The sums of the squared errors of the sharp target, of the own network and of another one, on targets that none learnt from.
             let mut errors = [0.0; 3];
             for capture in captures(scenery, 4, 99).1 {
                 let truth = over_grey(&capture.captured);
-                let layer = VirtualLayer::from(capture.layer);
+                let layer = in_whole_picture(capture.layer);
                 let by = |of: usize| blurred(&layer, of % COUNT).unwrap();
                 for (sum, made) in errors.iter_mut().zip([layer.color.clone(), by(scenery), by(scenery + 3)])
                 {
+                    let made = Premultiplied(made.0.crop(0, 0, SIDE, SIDE));
                     *sum += 10f64.powf(-0.1 * psnr(&over_grey(&made), &truth, None).unwrap());
                 }
             }
             let [sharp, own, other] = errors.map(|e| -10.0 * e.log10());
-            assert!(own > sharp + 3.0 && own > other + 1.0, "scenery {scenery}: {sharp}, {own}, {other} dB");
+            assert!(own > sharp && own > other + 3.0, "scenery {scenery}: {sharp}, {own}, {other} dB");
         }
     }
 }
