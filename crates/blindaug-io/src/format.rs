@@ -140,17 +140,6 @@ impl FrameFormat {
     }
 }
 
-impl std::fmt::Display for FrameFormat {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let kind = self.kind.extension().to_uppercase();
-        match (self.kind, self.bits) {
-            (FileKind::Exr, 16) => write!(f, "{kind} of half floats"),
-            (FileKind::Exr, _) => write!(f, "{kind} of floats"),
-            (_, bits) => write!(f, "{kind} of {bits} bits"),
-        }
-    }
-}
-
 impl std::str::FromStr for FileKind {
     type Err = blindaug::Error;
 
@@ -194,7 +183,7 @@ mod tests {
             (of(FileKind::Exr, 32), 2e-6, 0.0),
         ] {
             let lost = lost(format, &frame());
-            assert!(lost <= most && lost >= least, "{format}: {lost}");
+            assert!(lost <= most && lost >= least, "{format:?}: {lost}");
         }
     }
 

@@ -4,14 +4,12 @@
 //!
 //!     cargo run --release -p blindaug-research --example lensnet_captures -- DIR
 
-use blindaug_research::baselines::lens_net::captures;
+use blindaug_research::baselines::lens_net::{CAMERAS, captures};
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
 /// The number of captures of each camera.
 const COUNT: usize = 60;
-/// The number of cameras.
-const CAMERAS: usize = 6;
 
 fn main() -> std::io::Result<()> {
     let Some(folder) = std::env::args_os().nth(1).map(PathBuf::from) else {

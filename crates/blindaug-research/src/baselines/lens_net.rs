@@ -16,6 +16,8 @@ use std::path::Path;
 
 /// The width in px of the pictures of the cameras that the networks were trained for.
 const WIDTH: usize = 512;
+/// The number of cameras that have a network, one for each scenery.
+pub const CAMERAS: usize = COUNT;
 /// The side of a capture, px.
 pub const SIDE: usize = 256;
 /// The sides of what a network is shown are multiples of this, since it halves them three times.
