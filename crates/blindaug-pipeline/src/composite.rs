@@ -8,10 +8,11 @@ use crate::{
     observer::Observer,
 };
 use blindaug::{
-    CameraModel, Encoded, Flow, Frame, Linear, Plane, Premultiplied, Raster, Transfer,
+    CameraModel, Encoded, Flow, Frame, Linear, Plane, Raster, Transfer,
     composite::{self, CompositeOptions, DistortedLayer, Plate, VirtualLayer},
     model::{
-        BlurSpace, CameraTrack, Capture, DepthKind, Distortion, Estimate, MotionBlurModel, Reason, SceneScale,
+        CameraTrack, Capture, DepthKind, Distortion, Estimate, MotionBlurModel, Reason, SceneScale,
+        TrackedCamera,
     },
     synth::{self, SynthesisOptions, distorted_strips},
 };
@@ -20,10 +21,10 @@ use std::collections::BTreeSet;
 /// Bytes per pixel of a virtual layer while it is read, and of a pair of renders with their linear light.
 const LAYER: u64 = 56;
 const RENDERS: u64 = 48;
-/// Bytes per pixel of a frame with alpha while it is distorted: in light, with and without noise, and its coverage.
-const WITH_ALPHA: u64 = 64;
 /// Bytes per pixel of a distorted layer and of its channels as they are written.
 const DISTORTED_LAYER: u64 = 88;
+/// Bytes per pixel of a frame with alpha while it is distorted, which may change all of it, beside the layer that comes out.
+const WITH_ALPHA: u64 = 324 + DISTORTED_LAYER;
 
 /// A camera that distorts nothing.
 pub fn naive((width, height): (usize, usize)) -> CameraModel {
@@ -111,12 +112,13 @@ pub fn fitted_to(
         }
     }
     let mut track = track.map(|m| m.scaled_to(width, height));
-    for frame in track.frames() {
-        let applied = by_hand.applied(frame.camera.clone());
-        applied.map_err(|error| Error::Clip { clip: name.into(), error })?;
-    }
-    // It was just seen to succeed for every frame.
-    track = track.map(|m| by_hand.applied(m.clone()).unwrap_or(m));
+    let set = |f: &TrackedCamera| {
+        let camera = by_hand.applied(f.camera.clone())?;
+        Ok(TrackedCamera { frame: f.frame, changed: f.changed, camera })
+    };
+    let set: blindaug::Result<Vec<TrackedCamera>> = track.frames().iter().map(set).collect();
+    track =
+        set.and_then(CameraTrack::from_frames).map_err(|error| Error::Clip { clip: name.into(), error })?;
     if unknown == UnknownExposure::Middle {
         track = with_middle_exposure(track, observer);
     }
@@ -428,8 +430,8 @@ impl Application {
                 None => None,
             };
             if let Some(VirtualLayer { color, .. }) = layer {
-                let evidence = (inverse_depth.as_ref(), flow.as_ref());
-                let distorted = distorted_with_alpha(&color, &model, evidence, options, number);
+                let layer = VirtualLayer { color, inverse_depth, flow };
+                let distorted = distorted_with_alpha(&layer, &model, options, number);
                 let (frame, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
                 sink.put(&frame.0)?;
                 return sink.put_alpha(&alpha);
@@ -441,37 +443,25 @@ impl Application {
     }
 }
 
-/// A premultiplied frame as the camera would have filmed it, and its alpha, which is blurred in light like its colour. There is as much
-/// noise as alpha.
+/// A rendered frame with alpha as the camera would have filmed it, premultiplied, and its alpha: the layer that a composite would lay over
+/// black, so that both are blurred past the silhouette.
 fn distorted_with_alpha(
-    frame: &Premultiplied,
+    layer: &VirtualLayer,
     model: &CameraModel,
-    (inverse_depth, flow): (Option<&Plane>, Option<&Flow>),
     options: &SynthesisOptions,
     number: u64,
 ) -> blindaug::Result<(Encoded, Plane)> {
-    let distorted = |light: &Linear, model: &CameraModel, options: &SynthesisOptions| {
-        synth::distort_frame(light, model, inverse_depth, flow, options, number)
-    };
-    let quiet = SynthesisOptions { no_noise: true, ..*options };
-    let mut lens = model.clone();
-    lens.blur_space = BlurSpace::Linear;
-    lens.sharpening = Estimate::unknown(Reason::NotEstimated, "coverage is not sharpened");
-    let coverage = Linear(frame.0.map(|p| [p[3]; 3]));
-    let coverage = distorted(&coverage, &lens, &quiet)?.to_linear(model.transfer);
-    let alpha = coverage.0.map(|p| p[0].clamp(0.0, 1.0));
-    let light = Linear(frame.0.map(|[r, g, b, _]| [r, g, b]));
-    let clean = distorted(&light, model, &quiet)?;
-    if options.no_noise || model.noise.known().is_none() {
-        return Ok((clean, alpha));
-    }
-    let [clean, noisy] = [clean, distorted(&light, model, options)?].map(|f| f.to_linear(model.transfer));
-    let (width, height) = alpha.size();
-    let mixed = Linear(Raster::from_fn(width, height, |x, y| {
-        let (a, c, n) = (alpha.at(x, y), clean.0.at(x, y), noisy.0.at(x, y));
-        std::array::from_fn(|i| c[i] + a * (n[i] - c[i]))
+    let &SynthesisOptions { bokeh, no_noise, seed, unclipped } = options;
+    let (width, height) = layer.color.0.size();
+    let black = Encoded(Raster::filled(width, height, [0.0; 3]));
+    let plate = Plate { frame: &black, number, inverse_depth: None, flow: None, with_and_without: None };
+    let options = CompositeOptions { naive: false, no_noise, bokeh, seed, unclipped };
+    let DistortedLayer { color, noise, .. } = composite::distorted_layer(&plate, layer, model, &options)?;
+    let light = Linear(Raster::from_fn(width, height, |x, y| {
+        let (c, n) = (color.0.at(x, y), noise.at(x, y));
+        std::array::from_fn(|i| c[i] + n[i])
     }));
-    Ok((mixed.to_encoded(model.transfer), alpha))
+    Ok((light.to_encoded(model.transfer), color.0.map(|p| p[3])))
 }
 
 #[cfg(feature = "files")]
