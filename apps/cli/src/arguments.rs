@@ -1,7 +1,14 @@
 //! Arguments that several commands have, and the parsers of their values.
 
-use blindaug::{composite::CompositeOptions, model::ExposureFraction, synth::defocus::Bokeh};
-use blindaug_pipeline::ByHand;
+use blindaug::{
+    composite::CompositeOptions,
+    model::{ExposureFraction, KnownDistance},
+    synth::defocus::Bokeh,
+};
+use blindaug_pipeline::{
+    ByHand,
+    composite::{LayerDepth, LayerMotion},
+};
 use clap::ValueEnum;
 use std::ops::RangeInclusive;
 
@@ -82,6 +89,43 @@ impl Style {
     }
 }
 
+/// Parses a place in a picture: X,Y.
+pub fn place(text: &str) -> Result<[f32; 2], String> {
+    let number = |t: &str| t.trim().parse::<f32>().ok().filter(|v| v.is_finite() && *v >= 0.0);
+    match text.split_once(',').map(|(x, y)| (number(x), number(y))) {
+        Some((Some(x), Some(y))) => Ok([x, y]),
+        _ => Err("give a place as X,Y in px from the top left".into()),
+    }
+}
+
+/// Parses a place whose distance is known: X,Y=2.5m.
+pub fn known_distance(text: &str) -> Result<KnownDistance, String> {
+    let form = || "give a place and its distance as X,Y=METRES, such as 640,360=2.5m".to_owned();
+    let (at, distance) = text.split_once('=').ok_or_else(form)?;
+    let metres = positive(distance.trim().trim_end_matches('m')).map_err(|_| form())?;
+    Ok(KnownDistance { place: place(at)?, metres })
+}
+
+/// Parses a depth of a layer: a distance in metres, or `plate`.
+pub fn layer_depth(text: &str) -> Result<LayerDepth, String> {
+    match text {
+        "plate" => Ok(LayerDepth::OfFootage),
+        metres => positive(metres.trim_end_matches('m'))
+            .map(LayerDepth::Metres)
+            .map_err(|_| "give a distance in metres, or plate".into()),
+    }
+}
+
+/// Parses a motion of a layer: U,V in px per frame, or `plate`.
+pub fn layer_motion(text: &str) -> Result<LayerMotion, String> {
+    let number = |t: &str| t.trim().parse::<f32>().ok().filter(|v| v.is_finite());
+    match (text, text.split_once(',').map(|(u, v)| (number(u), number(v)))) {
+        ("plate", _) => Ok(LayerMotion::OfFootage),
+        (_, Some((Some(u), Some(v)))) => Ok(LayerMotion::Px([u, v])),
+        _ => Err("give the motion to the next frame as U,V in px, or plate".into()),
+    }
+}
+
 /// Parses a number in a range.
 pub fn within(text: &str, range: RangeInclusive<f64>) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
@@ -124,6 +168,21 @@ pub fn frame_rate(text: &str) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn places_and_what_is_there_are_parsed() {
+        use super::*;
+        let known = KnownDistance { place: [640.0, 360.5], metres: 2.5 };
+        assert_eq!(known_distance("640,360.5=2.5m"), Ok(known));
+        assert_eq!(known_distance(" 640, 360.5 = 2.5"), Ok(known));
+        for text in ["640,360", "640=2m", "640,360=-1m", "640,360=x", "-1,2=3m", ""] {
+            assert!(known_distance(text).is_err(), "{text}");
+        }
+        assert_eq!(layer_depth("2.5m"), Ok(LayerDepth::Metres(2.5)));
+        assert_eq!(layer_depth("plate"), Ok(LayerDepth::OfFootage));
+        assert_eq!(layer_motion("-3,0.5"), Ok(LayerMotion::Px([-3.0, 0.5])));
+        assert!(layer_depth("0").is_err() && layer_motion("3").is_err() && layer_motion("nan,1").is_err());
+    }
+
     #[test]
     fn sizes_of_memory_are_parsed() {
         for (text, bytes) in

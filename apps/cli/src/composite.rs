@@ -1,23 +1,32 @@
 //! `blindaug composite`, `blindaug apply` and `blindaug match`: a camera's distortions on virtual layers over frames, on whole frames, and
 //! the difference of two cameras' on footage.
 
-use crate::estimate::{DepthArgs, boxed, open_source, opened};
+use crate::{
+    estimate::{DepthArgs, boxed, opened},
+    source::{SourceArgs, linear_space},
+};
 use blindaug::{
+    Transfer,
+    colour_space::ColourSpace,
     composite::{CompositeOptions, VirtualLayer},
-    model::{CameraTrack, DepthKind, SceneScale},
+    model::{CameraTrack, DepthKind, KnownDistance, SceneScale},
     synth::SynthesisOptions,
 };
 use blindaug_cli::{
-    arguments::{ByHandArgs, Style},
-    console::{CONSOLE, Result, failure, note},
+    arguments::{ByHandArgs, Style, known_distance, layer_depth, layer_motion, place},
+    console::{CONSOLE, Failure, Result, failure, note},
     output::{self, Expected},
 };
 use blindaug_io::{
-    DepthFormat, Error, FileKind, FrameRange, FrameSource, Inputs, SideFolder, read_camera_track,
+    Coding, DepthFormat, Error, FileKind, FrameFormat, FrameSource, Inputs, MatteSide, NamePattern,
+    SideFolder, read_camera_track,
 };
 use blindaug_pipeline::{
     BoxedSide, ByHand, ImageFiles, Made, Output,
-    composite::{self, DepthMaps, Product, Rendered, Scene, UnknownExposure, fitted_to, in_metres, naive},
+    composite::{
+        self, DepthMaps, Fitting, LayerDepth, LayerMotion, Product, Rendered, Scene, UnknownExposure,
+        fitted_to, in_metres, naive,
+    },
     footage::check_match,
     matching,
 };
@@ -49,6 +58,25 @@ pub struct Composite {
     /// The footage's optical flow to the next frame, which blurs shadows and reflections [default: estimated]
     #[arg(long, value_name = "DIR")]
     flow: Option<PathBuf>,
+    /// Mattes of things in front of the object, an image per frame: white hides the object
+    #[arg(long, value_name = "DIR")]
+    holdout: Option<PathBuf>,
+    /// What the mattes show: things in front of the object, or the part behind it, where alone it is seen
+    #[arg(long, value_enum, default_value = "front", requires = "holdout")]
+    holdout_of: HoldoutArg,
+    /// Blur the object as much as the footage is blurred at this place, px, whatever its depth, so that no scale is needed
+    #[arg(long, value_name = "X,Y", value_parser = place)]
+    match_at: Option<[f32; 2]>,
+    /// The depth of layers that have no Z: a distance in metres, or `plate` for the median of --depth where the object is
+    #[arg(long, value_name = "METRES|plate", value_parser = layer_depth)]
+    layer_depth: Option<LayerDepth>,
+    /// The motion of layers that have none: U,V in px to the next frame (x right, y down), or `plate` for the footage's own where the object is
+    #[arg(long, value_name = "U,V|plate", value_parser = layer_motion, allow_hyphen_values = true)]
+    layer_motion: Option<LayerMotion>,
+    /// The colour space of the rendered object and of --with and --without: linear-srgb, acescg or aces2065-1 [default: what the files say,
+    /// else linear-srgb]
+    #[arg(long, value_name = "SPACE", value_parser = linear_space)]
+    layer_colour_space: Option<ColourSpace>,
     /// Paste the object as it is, without noise and blur
     #[arg(long)]
     naive: bool,
@@ -58,6 +86,12 @@ pub struct Composite {
     layer: bool,
     #[command(flatten)]
     look: Look,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum HoldoutArg {
+    Front,
+    Behind,
 }
 
 /// Apply a camera's blur and noise to a whole rendered clip
@@ -110,15 +144,19 @@ struct OutputArgs {
     /// of 16 bits stay what they are, and all others become PNG of 8 bits]
     #[arg(long, value_name = "KIND")]
     format: Option<FileKind>,
-    /// Bits per value: 8 or 16 of png and tiff, 16 (half) or 32 (float) of exr [default: as many as the input has]
+    /// Bits per value: 8 or 16 of png and tiff, 16 (half) or 32 (float) of exr, 8 (H.264) or 10 (HEVC) of videos [default: as many as the
+    /// input has]
     #[arg(long, value_name = "N")]
     bits: Option<u8>,
     /// Make frames anew that are there already
     #[arg(long)]
     overwrite: bool,
-    /// Only these frames, by number, both ends included
-    #[arg(long, value_name = "FIRST..LAST")]
-    frames: Option<FrameRange>,
+    #[command(flatten)]
+    source: SourceArgs,
+    /// The colour space of what is written [default: that of the input; of EXR made from other files, their light; of other files made from
+    /// light, srgb]
+    #[arg(long, value_name = "SPACE")]
+    output_colour_space: Option<ColourSpace>,
     /// Frames per second of a video, where the input does not say it
     #[arg(long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
     fps: Option<f64>,
@@ -135,16 +173,18 @@ impl OutputArgs {
     /// # Errors
     /// If the options contradict each other.
     fn files(&self, source: &FrameSource, layers: bool) -> Result<ImageFiles> {
-        let by_name = FileKind::of_name(&self.output).filter(|_| Output::is_file(&self.output));
+        let one_or_pattern = Output::is_file(&self.output) || NamePattern::of(&self.output).is_some();
+        let by_name = FileKind::of_name(&self.output).filter(|_| one_or_pattern);
         let asked = self.format.or(by_name);
         if layers && (Output::is_video(&self.output) || asked.is_some_and(|kind| kind != FileKind::Exr)) {
             return Err(failure(&self.output, "--layer writes EXR files: give a folder, or a name in .exr"));
         }
-        if Output::is_video(&self.output) && (self.format.is_some() || self.bits.is_some()) {
-            return Err(failure(
-                &self.output,
-                "--format and --bits are for images, and this is a video; leave them out",
-            ));
+        let is_video = Output::is_video(&self.output);
+        if is_video && self.format.is_some() {
+            return Err(failure(&self.output, "--format is for images, and this is a video; leave it out"));
+        }
+        if is_video && self.bits.is_some_and(|bits| ![8, 10].contains(&bits)) {
+            return Err(failure(&self.output, "a video has 8 or 10 bits per value"));
         }
         if let (Some(name), Some(format)) = (by_name, self.format)
             && name != format
@@ -156,9 +196,28 @@ impl OutputArgs {
             ));
         }
         let kind = if layers { Some(FileKind::Exr) } else { asked };
-        let format = source.format().with(kind, self.bits);
+        let format = source.format().with(kind, self.bits.filter(|_| !is_video));
         let format = format.map_err(|e| failure(&self.output, e))?;
-        Ok(ImageFiles { format, heads: Box::new(source.heads()) })
+        let file = self.file_space(source, if is_video { FileKind::Png } else { format.kind() });
+        if layers && file.transfer != Transfer::Linear {
+            return Err(failure(
+                &self.output,
+                "layers hold light: --output-colour-space must be a linear one",
+            ));
+        }
+        Ok(ImageFiles { format, heads: Box::new(source.heads()), coding: Coding::new(source.space(), file) })
+    }
+
+    /// The colour space of files of this kind that are made from frames of a source.
+    fn file_space(&self, source: &FrameSource, kind: FileKind) -> ColourSpace {
+        let own = source.file_space();
+        let from_exr = source.format().is_exr();
+        self.output_colour_space.unwrap_or(match (kind, own.transfer) {
+            (FileKind::Exr, _) if from_exr => own,
+            (FileKind::Exr, _) => ColourSpace { transfer: Transfer::Linear, ..own },
+            (_, Transfer::Linear) => ColourSpace::SRGB,
+            _ => own,
+        })
     }
 
     /// Opens the output for frames that are made from these.
@@ -170,7 +229,10 @@ impl OutputArgs {
 
     fn expected(&self, source: &FrameSource) -> Expected {
         let count = source.len_hint().map(|n| n as u64);
-        Expected { size: source.size(), fps: self.fps.or(source.fps()), count }
+        // Images become videos that every program plays.
+        let deep = source.fps().is_some() && source.format() != FrameFormat::PNG8;
+        let video_bits = self.bits.unwrap_or(if deep { 10 } else { 8 });
+        Expected { size: source.size(), fps: self.fps.or(source.fps()), count, video_bits }
     }
 
     fn finish(&self, output: Output, made: &Made) -> Result<()> {
@@ -189,6 +251,10 @@ struct Look {
     /// Relates a model in relative inverse depth d to metres: d = S / Z + O
     #[arg(long, value_name = "S[,O]", value_parser = scene_scale)]
     scene_scale: Option<SceneScale>,
+    /// A place in the picture whose distance is known, px and m, such as 640,360=2.5m, which brings a model in relative inverse depth to metres;
+    /// once, or twice for two places. `inspect` shows which places have a depth
+    #[arg(long, value_name = "X,Y=METRES", value_parser = known_distance, conflicts_with = "scene_scale")]
+    at: Vec<KnownDistance>,
     /// What to apply of an exposure that is unknown
     #[arg(long, value_enum, default_value = "leave")]
     unknown: UnknownArg,
@@ -207,14 +273,15 @@ enum UnknownArg {
 }
 
 impl Look {
-    /// The models of a file as they are applied to a clip.
+    /// The models of a file as they are applied to a clip, and the scale of the scene if it is known.
     fn fitted(
         &self,
         track: CameraTrack,
         path: &Path,
         clip: &dyn blindaug_pipeline::Clip,
-    ) -> Result<CameraTrack> {
-        self.fitted_with(track, path, clip, self.by_hand.parts())
+        match_at: Option<[f32; 2]>,
+    ) -> Result<(CameraTrack, Option<SceneScale>)> {
+        self.fitted_with(track, path, clip, (self.by_hand.parts(), match_at))
     }
 
     fn fitted_with(
@@ -222,13 +289,15 @@ impl Look {
         track: CameraTrack,
         path: &Path,
         clip: &dyn blindaug_pipeline::Clip,
-        by_hand: ByHand,
-    ) -> Result<CameraTrack> {
+        (by_hand, match_at): (ByHand, Option<[f32; 2]>),
+    ) -> Result<(CameraTrack, Option<SceneScale>)> {
         let unknown = match self.unknown {
             UnknownArg::Leave => UnknownExposure::Left,
             UnknownArg::Middle => UnknownExposure::Middle,
         };
-        Ok(fitted_to(track, &shown(path), clip, (by_hand, unknown), CONSOLE)?)
+        let (scale, known) = (self.scene_scale, self.at.clone());
+        let fitting = Fitting { scale, known, match_at, by_hand, unknown };
+        Ok(fitted_to(track, &shown(path), clip, &fitting, CONSOLE)?)
     }
 }
 
@@ -244,7 +313,7 @@ pub fn scene_scale(text: &str) -> std::result::Result<SceneScale, String> {
 
 /// Runs `composite`.
 pub fn run(args: &Composite) -> Result<()> {
-    let Composite { input, layers, camera, depth, with, without, flow, .. } = args;
+    let Composite { input, layers, camera, depth, with, without, flow, holdout, .. } = args;
     let depth_folder = depth.folder();
     args.output.check(&[
         Some(input),
@@ -254,37 +323,58 @@ pub fn run(args: &Composite) -> Result<()> {
         with.as_ref(),
         without.as_ref(),
         flow.as_ref(),
+        holdout.as_ref(),
     ])?;
-    let footage = open_source(&args.input, args.output.frames)?;
-    let layers = opened(SideFolder::virtual_layers(&args.layers)?);
+    let track = match &args.camera {
+        Some(path) if !args.naive => Some((read_camera_track(path)?, path)),
+        _ => None,
+    };
+    let footage = encoded_for(args.output.source.open(&args.input)?, track.as_ref().map(|(t, p)| (t, &***p)));
+    let (said, primaries) = (args.layer_colour_space, footage.space().primaries);
+    let layers = opened(SideFolder::virtual_layers_in(&args.layers, said, primaries)?);
     let flow = match (&args.flow, &args.with, args.depth.folder()) {
         (Some(path), _, _) => Some(boxed(SideFolder::flow(path)?)),
         // A renderer writes depth and motion into one file, so the depth's files may have the flow.
         (None, Some(_), Some(depth)) => SideFolder::flow(depth).ok().map(boxed),
         _ => None,
     };
+    let local = |path, what| -> Result<_> { Ok(boxed(SideFolder::renders(path, what, said, primaries)?)) };
     let renders = match (&args.with, &args.without) {
-        (Some(with), Some(without)) => Some([
-            boxed(SideFolder::frames(with, "renders with the object")?),
-            boxed(SideFolder::frames(without, "renders without the object")?),
-        ]),
+        (Some(with), Some(without)) => {
+            Some([local(with, "renders with the object")?, local(without, "renders without the object")?])
+        }
         _ => None,
     };
-    let scale = args.look.scene_scale;
-    let depth = args.depth.open()?.map(|(maps, kind)| DepthMaps::in_metres(Box::new(maps), kind, scale));
+    let side = match args.holdout_of {
+        HoldoutArg::Front => MatteSide::Front,
+        HoldoutArg::Behind => MatteSide::Behind,
+    };
+    let holdout = args.holdout.as_ref().map(|path| SideFolder::mattes(path, side)).transpose()?.map(boxed);
     let (size, expected) = (footage.size(), args.output.expected(&footage));
     let files = args.output.files(&footage, args.layer)?;
     let unclipped = is_unclipped(&footage, &files);
-    let depth = depth.transpose()?;
-    let scene = Scene { footage: Box::new(footage), layers: Box::new(layers), depth, flow, renders };
-    scene.check()?;
-    let track = match &args.camera {
-        Some(path) if !args.naive => {
-            let track = args.look.fitted(read_camera_track(path)?, path, &*scene.footage)?;
-            in_metres(track, &shown(path), scale)?
+    let depth = args.depth.open()?;
+    let footage: Box<dyn blindaug_pipeline::Clip> = Box::new(footage);
+    let (track, scale) = match track {
+        Some((track, path)) => {
+            let (track, scale) = args.look.fitted(track, path, &*footage, args.match_at)?;
+            (in_metres(track, &shown(path), scale)?, scale)
         }
-        _ => naive(size).into(),
+        None => (naive(size).into(), args.look.scene_scale),
     };
+    let depth = depth.map(|(maps, kind)| DepthMaps::in_metres(Box::new(maps), kind, scale)).transpose()?;
+    // A blur that does not depend on depth needs some depth all the same.
+    let any_depth = if depth.is_some() { LayerDepth::OfFootage } else { LayerDepth::Metres(1.0) };
+    let layer_depth = args.layer_depth.or(args.match_at.map(|_| any_depth));
+    let layer_motion = args.layer_motion;
+    if layer_depth == Some(LayerDepth::OfFootage) && depth.is_none() {
+        return Err(Failure(
+            "--layer-depth plate needs the depth of the footage: give --depth, or a distance".into(),
+        ));
+    }
+    let layers = Box::new(layers);
+    let scene = Scene { footage, layers, depth, flow, renders, holdout, layer_depth, layer_motion };
+    scene.check()?;
     let options = CompositeOptions { unclipped, ..args.look.style.options() };
     let mut output = args.output.open(&expected, files)?;
     let product = if args.layer { Product::Layer } else { Product::Composite };
@@ -292,15 +382,30 @@ pub fn run(args: &Composite) -> Result<()> {
     args.output.finish(output, &made)
 }
 
+/// The frames encoded as a camera's model has it, in whose encoding its noise is.
+fn encoded_for(source: FrameSource, camera: Option<(&CameraTrack, &Path)>) -> FrameSource {
+    let Some((track, path)) = camera else { return source };
+    let (own, wanted) = (source.space().transfer, track.frames()[0].camera.transfer);
+    if own != wanted {
+        note(format_args!(
+            "{}: the camera's noise is that of {} values, so that frames are brought to these and back",
+            path.display(),
+            wanted.name()
+        ));
+    }
+    source.encoded_as(wanted)
+}
+
 /// Runs `apply`.
 pub fn run_apply(args: &Apply) -> Result<()> {
     let Apply { input, camera, frames } = args;
     frames.check(&[input, camera])?;
-    let Clip { rendered, expected, files, unclipped } = frames.clip(input)?;
-    let track = frames.look.fitted(read_camera_track(camera)?, camera, &*rendered.clip)?;
+    let track = read_camera_track(camera)?;
+    let Clip { rendered, expected, files, unclipped } = frames.clip(input, (&track, camera))?;
+    let (track, scale) = frames.look.fitted(track, camera, &*rendered.clip, None)?;
     let CompositeOptions { no_noise, bokeh, seed, .. } = frames.look.style.options();
     let options = SynthesisOptions { bokeh, no_noise, seed, unclipped };
-    let job = composite::applying(rendered, (track, &shown(camera)), frames.look.scene_scale, CONSOLE)?;
+    let job = composite::applying(rendered, (track, &shown(camera)), scale, CONSOLE)?;
     let mut output = frames.output.open(&expected, files)?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     frames.output.finish(output, &made)
@@ -317,7 +422,7 @@ struct Clip {
 
 /// Whether values above white are kept: if both the frames and what is made of them have such values.
 fn is_unclipped(source: &FrameSource, files: &ImageFiles) -> bool {
-    source.format().is_scene_linear() && files.format.is_scene_linear()
+    source.file_space().transfer == Transfer::Linear && files.coding.file().transfer == Transfer::Linear
 }
 
 impl FramesArgs {
@@ -329,8 +434,8 @@ impl FramesArgs {
     }
 
     /// Opens a clip with the depth and the flow that are given beside it. EXR frames may have their own.
-    fn clip(&self, input: &Path) -> Result<Clip> {
-        let clip = open_source(input, self.output.frames)?;
+    fn clip(&self, input: &Path, camera: (&CameraTrack, &Path)) -> Result<Clip> {
+        let clip = encoded_for(self.output.source.open(input)?, Some(camera));
         let own = clip.exr_contents();
         let flow = match (&self.flow, self.depth.folder()) {
             (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
@@ -369,11 +474,24 @@ impl FramesArgs {
 pub fn run_match(args: &Match) -> Result<()> {
     let Match { input, from, to, frames } = args;
     frames.check(&[input, from, to])?;
-    let Clip { rendered: footage, expected, files, .. } = frames.clip(input)?;
+    let track = read_camera_track(from)?;
+    let Clip { rendered: footage, expected, files, .. } = frames.clip(input, (&track, from))?;
     let look = &frames.look;
-    let source = look.fitted_with(read_camera_track(from)?, from, &*footage.clip, ByHand::default())?;
+    let wanted = read_camera_track(to)?;
+    let [own, other] = [&track, &wanted].map(|t| t.frames()[0].camera.transfer);
+    if own != other {
+        return Err(failure(
+            to,
+            format_args!(
+                "its noise is that of {} values, that of --from of {}: estimate both from footage of one encoding",
+                other.name(),
+                own.name()
+            ),
+        ));
+    }
+    let (source, scale) = look.fitted_with(track, from, &*footage.clip, (ByHand::default(), None))?;
     // What is set by hand is the look that is wanted.
-    let target = look.fitted(read_camera_track(to)?, to, &*footage.clip)?;
+    let (target, _) = look.fitted(wanted, to, &*footage.clip, None)?;
     let [target] = target.frames() else {
         return Err(failure(
             to,
@@ -382,7 +500,7 @@ pub fn run_match(args: &Match) -> Result<()> {
     };
     let options = frames.look.style.options();
     let target = target.camera.clone();
-    let job = matching::matching(footage, (source, &shown(from)), target, frames.look.scene_scale, CONSOLE)?;
+    let job = matching::matching(footage, (source, &shown(from)), target, scale, CONSOLE)?;
     let mut output = frames.output.open(&expected, files)?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     frames.output.finish(output, &made)

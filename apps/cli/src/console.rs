@@ -35,6 +35,10 @@ impl From<blindaug_pipeline::Error> for Failure {
         use blindaug_pipeline::Error as E;
         match e {
             E::File(e) => e.into(),
+            E::NoSceneScale { is_model: true, .. } => Self(format!(
+                "{e}: name a place whose distance is known (--at X,Y=METRES), blur the object like what is seen at a place (composite \
+                 --match-at X,Y), or give --scene-scale S[,O], where relative inverse depth is S / Z + O"
+            )),
             E::NoSceneScale { .. } => {
                 Self(format!("{e}: give --scene-scale S[,O], where relative inverse depth is S / Z + O"))
             }

@@ -158,15 +158,16 @@ pub fn run(args: &Demo) -> Result<()> {
     write_camera(&camera, model)?;
 
     let depth = SideFolder::depth(&depth, DepthFormat::default())?;
+    let footage = Box::new(FrameSource::open(&frames, Default::default())?);
+    let layers = Box::new(SideFolder::virtual_layers(clip.join("virtual"))?);
     let scene = Scene {
-        footage: Box::new(FrameSource::open(&frames, Default::default())?),
-        layers: Box::new(SideFolder::virtual_layers(clip.join("virtual"))?),
         depth: Some(DepthMaps::as_they_are(Box::new(depth))),
         flow: Some(Box::new(SideFolder::flow(clip.join("scene"))?)),
         renders: Some([
             Box::new(SideFolder::frames(clip.join("with"), "renders with the object")?),
             Box::new(SideFolder::frames(clip.join("without"), "renders without the object")?),
         ]),
+        ..Scene::new(footage, layers)
     };
     let size = scene.footage.size();
     let made = |model: &CameraModel, noise: bool| {

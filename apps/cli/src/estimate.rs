@@ -1,17 +1,17 @@
 //! `blindaug estimate`: a camera model from footage.
 
+use crate::source::SourceArgs;
 use blindaug::{
-    Plane,
+    Plane, Transfer,
     fit::{Curve, Estimation, EstimatorOptions, Family},
-    model::{BlurSpace, CameraModel, DepthKind, NoiseKind, Stopped},
+    model::{BlurSpace, CameraModel, DepthKind, KnownDistance, NoiseKind, Space, Stopped},
 };
 use blindaug_cli::{
-    arguments::ByHandArgs,
+    arguments::{ByHandArgs, known_distance},
     console::{self, CONSOLE, Failure, Result, failure, note},
 };
 use blindaug_io::{
-    CameraTrackWriter, DepthFormat, DepthValues, EvidenceWriter, FrameRange, FrameSource, Inputs, PaperScene,
-    SideFolder, write_camera,
+    CameraTrackWriter, DepthFormat, DepthValues, EvidenceWriter, Inputs, PaperScene, SideFolder, write_camera,
 };
 use blindaug_pipeline::{BoxedSide, ByHand, Footage, Networks, Side, estimate, track};
 use blindaug_report::{ReportInput, TrackReportInput, words};
@@ -55,9 +55,12 @@ pub struct Estimate {
     /// Write what the estimate rests on, every frame used, in the layout that --evidence reads
     #[arg(long, value_name = "DIR", conflicts_with_all = ["evidence", "track"])]
     save_evidence: Option<PathBuf>,
-    /// Use only these frames, by number, both ends included
-    #[arg(long, value_name = "FIRST..LAST")]
-    frames: Option<FrameRange>,
+    #[command(flatten)]
+    source: SourceArgs,
+    /// A place in the picture whose distance is known, px and m, such as 640,360=2.5m; once, or twice for two places. It brings relative
+    /// depth to metres
+    #[arg(long, value_name = "X,Y=METRES", value_parser = known_distance)]
+    at: Vec<KnownDistance>,
     /// Frames per second, where the input does not say it
     #[arg(long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
     fps: Option<f64>,
@@ -159,7 +162,8 @@ pub fn run(args: &Estimate) -> Result<()> {
     if args.track {
         return run_track(args, &options);
     }
-    let (footage, source) = args.footage()?;
+    let (footage, source, transfer) = args.footage()?;
+    let options = with_transfer(options, transfer);
     let given = footage.has_removed();
     let mut networks = Networks::named(&args.network, options.family == Family::Removal && !given, CONSOLE)?;
     if networks.remove() && (given || options.family == Family::Spectral) {
@@ -182,7 +186,11 @@ pub fn run(args: &Estimate) -> Result<()> {
         tell_evidence(save);
     }
     let Estimation { model, diagnostics } = &fitted.estimation;
-    let model = &match args.by_hand.parts().applied(model.clone()) {
+    let set = match &args.at[..] {
+        [] => Ok(model.clone()),
+        known => model.scale_by(known).map(|scale| model.clone().to_metric(scale)),
+    };
+    let model = &match set.and_then(|model| args.by_hand.parts().applied(model)) {
         Ok(model) => model,
         Err(e) => {
             // An estimate that took long is not thrown away.
@@ -231,6 +239,9 @@ fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
             "--track looks at local spectra and fits a thin lens: leave --method and --curve out".into(),
         ));
     }
+    if !args.at.is_empty() {
+        return Err(Failure("--track holds no depth of one frame: give --at without it".into()));
+    }
     if args.by_hand.parts() != ByHand::default() {
         return Err(Failure(
             "--track follows the footage: set parts by hand where the track is applied".into(),
@@ -240,9 +251,10 @@ fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
     if networks.remove() {
         return Err(Failure("--track does not remove blur: name only networks of flow and depth".into()));
     }
-    let (footage, source) = args.footage()?;
+    let (footage, source, transfer) = args.footage()?;
+    let options = &with_transfer(*options, transfer);
     let job = track::Job {
-        blur_space: options.blur_space,
+        space: options.space,
         noise_kind: options.noise_kind,
         fps: options.fps,
         keep_samples: args.report.is_some(),
@@ -315,10 +327,11 @@ impl Estimate {
                 CurveArg::ThinLens => Curve::ThinLens,
                 CurveArg::Quadratic => Curve::Quadratic,
             },
-            blur_space: match self.blur_in {
+            space: match self.blur_in {
                 BlurIn::Linear => BlurSpace::Linear,
                 BlurIn::Encoded => BlurSpace::Encoded,
-            },
+            }
+            .into(),
             noise_kind: match self.noise_model {
                 NoiseModelArg::Curves => NoiseKind::Curves,
                 NoiseModelArg::Lines => NoiseKind::Lines,
@@ -327,8 +340,8 @@ impl Estimate {
         }
     }
 
-    /// The footage with its evidence, and the path of its frames.
-    fn footage(&self) -> Result<(Footage, PathBuf)> {
+    /// The footage with its evidence, the path of its frames, and their curve.
+    fn footage(&self) -> Result<(Footage, PathBuf, Transfer)> {
         let paper = match (&self.evidence, &self.scene) {
             (Some(dir), Some(scene)) => Some(PaperScene::open(dir, scene)?),
             _ => None,
@@ -336,8 +349,9 @@ impl Estimate {
         let Some(input) = self.input.as_ref().or(paper.as_ref().map(|p| &p.original)) else {
             return Err(Failure("no input was given".into()));
         };
-        let source = open_source(input, self.frames)?;
-        let path = source.path().to_path_buf();
+        let source = self.source.open(input)?;
+        let (path, transfer) = (source.path().to_path_buf(), source.space().transfer);
+        let reading = source.reading();
         let mut footage = Footage::new(source);
         if let Some(paper) = paper {
             footage.depth = paper.depth.map(|d| (Box::new(opened(d)) as _, DepthKind::Relative));
@@ -359,10 +373,10 @@ impl Estimate {
             footage.flow = Some(boxed(SideFolder::flow(path)?));
         }
         if let Some(path) = &self.clean {
-            footage.clean = Some(boxed(SideFolder::frames(path, "clean frames")?));
+            footage.clean = Some(boxed(SideFolder::frames_beside(path, "clean frames", reading)?));
             footage.by_network = false;
         }
-        Ok((footage, path))
+        Ok((footage, path, transfer))
     }
 }
 
@@ -386,11 +400,6 @@ where
     Box::new(opened(folder))
 }
 
-/// Opens an input and prints the notes about it.
-pub fn open_source(path: &Path, range: Option<FrameRange>) -> Result<FrameSource> {
-    let source = FrameSource::open(path, range.unwrap_or_default())?;
-    for sentence in source.notes() {
-        note(format_args!("{}: {sentence}", path.display()));
-    }
-    Ok(source)
+fn with_transfer(options: EstimatorOptions, transfer: Transfer) -> EstimatorOptions {
+    EstimatorOptions { space: Space { transfer, ..options.space }, ..options }
 }

@@ -76,7 +76,9 @@ pub fn run(args: &Export) -> Result<()> {
     let view = View { size: args.size, fov_y_degrees: args.fov.map(|fov| fov as f32) };
     let camera = Camera::new(&model, &view).map_err(|e| Failure(e.to_string()))?;
     if model.defocus.known().is_some_and(|lens| lens.depth_kind == DepthKind::Relative) {
-        note("note: --scene-scale S[,O] says how the model's relative inverse depth relates to metres");
+        note(
+            "note: --scene-scale S[,O] says how the model's relative inverse depth relates to metres; or estimate again with --at X,Y=METRES",
+        );
     }
     match (to, &args.output) {
         (To::One(target), None) => print_one(&target.export(&camera)),

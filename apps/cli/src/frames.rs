@@ -1,9 +1,9 @@
 //! `blindaug frames`: doubled, dropped and interpolated frames of a clip.
 
-use crate::estimate::open_source;
+use crate::source::SourceArgs;
 use blindaug::fit::timing::{Event, Finding, Interpolation, Kind, Timing};
 use blindaug_cli::console::{self, CONSOLE, Result, failure, note};
-use blindaug_io::{Error, FrameRange, Inputs, write_atomically};
+use blindaug_io::{Error, Inputs, write_atomically};
 use blindaug_pipeline::timing::{self, Timed};
 use blindaug_report::words::count;
 use serde_json::{Value, json};
@@ -17,16 +17,15 @@ pub struct Frames {
     /// Where to write the findings, with their evidence, as JSON
     #[arg(short, long, value_name = "report.json")]
     output: Option<PathBuf>,
-    /// Only these frames, by number, both ends included
-    #[arg(long, value_name = "FIRST..LAST")]
-    frames: Option<FrameRange>,
+    #[command(flatten)]
+    source: SourceArgs,
 }
 
 /// Runs the command.
 pub fn run(args: &Frames) -> Result<()> {
     let output = args.output.as_deref();
     console::check_outputs(&Inputs::of([&args.input]), output)?;
-    let source = open_source(&args.input, args.frames)?;
+    let source = args.source.open(&args.input)?;
     let Timed { timing, first, last, stopped } = timing::timing(&source, CONSOLE)?;
     let name = Error::shown_path(&args.input);
     let table = table(&name, &timing);

@@ -11,6 +11,7 @@ mod live;
 mod models;
 mod reproduce;
 mod shell;
+mod source;
 mod study;
 mod validate;
 

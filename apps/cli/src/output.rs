@@ -17,6 +17,8 @@ pub struct Expected {
     pub fps: Option<f64>,
     /// The number of frames, where that is known.
     pub count: Option<u64>,
+    /// The bits of a value in a video: 8 or 10.
+    pub video_bits: u8,
 }
 
 /// Checks, before anything is read, that a video, an image or a folder of this name can be written and is none of the inputs, and removes the
@@ -44,7 +46,12 @@ pub fn open(path: &Path, expected: &Expected, files: ImageFiles, overwrite: bool
             ));
             DEFAULT_FPS
         });
-        return Ok(Output::video(path, expected.size, fps, overwrite)?);
+        return Ok(Output::video(
+            path,
+            (expected.size, fps),
+            (files.coding, expected.video_bits),
+            overwrite,
+        )?);
     }
     if !Output::is_file(path) {
         return Ok(Output::folder(path, files, overwrite)?);

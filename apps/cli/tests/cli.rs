@@ -6,13 +6,14 @@ mod networks;
 
 use blindaug::{
     CameraModel, Linear, Raster, Transfer,
+    colour_space::ColourSpace,
     export::Target,
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
         NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera, Unknown,
     },
 };
-use blindaug_io::{FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera};
+use blindaug_io::{Coding, FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera};
 use common::*;
 use std::{
     io::{BufRead, BufReader, Read},
@@ -545,10 +546,11 @@ fn exr_stays_exr_and_keeps_light_above_white() {
     // The demo's frames, two stops brighter.
     std::fs::create_dir(d.join("f")).unwrap();
     let exr = FrameFormat::PNG8.with(Some(FileKind::Exr), None).unwrap();
+    let coding = Coding::new(ColourSpace::SRGB, ColourSpace::LINEAR_SRGB);
     for n in 2..4 {
         let light = read_linear(asset(&format!("frames/000{n}.png"))).unwrap();
         let bright = Linear(light.0.map(|p| p.map(|v| 4.0 * v))).to_encoded(Transfer::Srgb);
-        exr.write(&d.join(format!("f/000{n}.exr")), &bright, None, None).unwrap();
+        exr.write(&d.join(format!("f/000{n}.exr")), &bright, None, None, &coding).unwrap();
     }
     let layers = asset("virtual");
     let virtual_and_camera = format!("--virtual {} --camera c.json", layers.display());
@@ -599,7 +601,7 @@ fn exr_stays_exr_and_keeps_light_above_white() {
     assert!(deep.0.data().iter().flatten().any(|v| off_steps(*v)), "16 bits hold what 8 do not");
     for (options, says) in [
         ("-o x --bits 8", "EXR files have 16 or 32 bits per value, not 8"),
-        ("-o x.mp4 --format exr", "--format and --bits are for images"),
+        ("-o x.mp4 --format exr", "--format is for images"),
         ("-o x.png --frames 2..2 --format exr", "--format asks for exr, its name for another"),
         ("-o x --layer --format png", "--layer writes EXR files"),
         ("-o x.mp4 --layer", "--layer writes EXR files"),

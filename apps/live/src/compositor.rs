@@ -100,13 +100,7 @@ impl Compositor {
             }
             Self::Processor { layer } => {
                 let layer = on_processor(gpu, layer)?;
-                let plate = Plate {
-                    frame: &shot.frame,
-                    number: shot.number,
-                    inverse_depth: None,
-                    flow: None,
-                    with_and_without: None,
-                };
+                let plate = Plate::new(&shot.frame, shot.number);
                 for (options, target) in targets {
                     let made = composite(&plate, &layer, camera, options)?;
                     gpu.write(target, &[&made.0.map(|[r, g, b]| [r, g, b, 1.0])]);

@@ -2,11 +2,11 @@
 
 use crate::layout::wgsl_struct;
 use crate::quality::Quality;
-use blindaug::Result;
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{BlurSpace, CameraModel, DefocusCurve, KNOTS, NOISE_KNOTS, NOISE_LEVELS, NoiseModel};
 use blindaug::synth::Blur;
 use blindaug::synth::noise::{MOST_TERMS, temporal_weights};
+use blindaug::{Error, Result, Transfer};
 
 /// The range of all inverse depths, 1/m. It is finite, since shaders need not know infinity.
 const EVERYTHING: [f32; 2] = [f32::MIN, f32::MAX];
@@ -88,6 +88,12 @@ impl Camera {
         number: u64,
     ) -> Result<Self> {
         model.check_width(width)?;
+        if model.transfer != Transfer::Srgb {
+            return Err(Error::new(format!(
+                "the camera model is of {} frames, but the graphics device composites sRGB: composite on the processor",
+                model.transfer.name()
+            )));
+        }
         let mut uniforms = Self {
             clip: 1.0,
             encoded_space: u32::from(model.blur_space == BlurSpace::Encoded),

@@ -250,8 +250,8 @@ fn the_tiles_say_what_they_say_to_the_cpu() {
             );
             result(|| evidence.poll(device))
         };
-        let tiles =
-            spectral::tiles(&shot.frame, Some(&flow), Some(&shot.inverse_depth), space).expect("one size");
+        let tiles = spectral::tiles(&shot.frame, Some(&flow), Some(&shot.inverse_depth), space.into())
+            .expect("one size");
         let expected = spectral::fit_exposure(&[&tiles], &[], &noise)
             .expect("sound observations")
             .into_known()
@@ -320,13 +320,14 @@ fn of_many_tiles_those_of_most_contrast_in_each_block_are_kept_and_nothing_need_
     let noise = LumaNoise { levels: [NoiseLine { slope: 0.0, intercept: 0.0005 }; 4], coding_error: 0.0 };
     let space = BlurSpace::Encoded;
     let encoded = blindaug::Encoded(image.map(|v| [v; 3]));
-    let tiles = spectral::tiles(&encoded, None, Some(&depth), space).expect("one size");
+    let tiles = spectral::tiles(&encoded, None, Some(&depth), space.into()).expect("one size");
     // There are 1266 tiles. The fifth of them with least contrast is left out, and so are the tiles of a block beyond the most that it may
     // have, except for tiles that observe the exposure.
     assert_eq!(tiles.len(), 688);
     // Without a fifth of the 422 tiles of a small frame there would be fewer than EXPOSURE_TILES, so EXPOSURE_TILES of them are kept.
     let small = blindaug::Encoded(image.crop(0, 0, 640, 360).map(|v| [v; 3]));
-    let of_small = spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space).expect("one size");
+    let of_small =
+        spectral::tiles(&small, None, Some(&depth.crop(0, 0, 640, 360)), space.into()).expect("one size");
     assert_eq!(of_small.len(), spectral::EXPOSURE_TILES);
     let exposure = ExposureFraction(0.0);
     let of_small = spectral::fit_lens(&[&of_small], &noise, exposure, None)
@@ -381,7 +382,7 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
     // The tracker's result after four frames. It looks at all of them itself, or only at the first.
     let mut tracked = |exposure: f32, itself: bool| {
         let clip = scene.clip(5, |_| leaves::Camera { exposure, ..leaves::CAMERA });
-        let mut tracker = Tracker::new(BlurSpace::Linear, None);
+        let mut tracker = Tracker::new(Default::default(), None);
         assert!(tracker.push_observations(&[], &[], DepthKind::Metric).is_err());
         for (i, pair) in clip.windows(2).enumerate() {
             let shot = &pair[0];

@@ -204,7 +204,7 @@ fn on_cpu(
     model: &CameraModel,
     options: &CompositeOptions,
 ) -> Raster<[f32; 3]> {
-    let plate = Plate { frame, number: 3, inverse_depth: None, flow: None, with_and_without: None };
+    let plate = Plate::new(frame, 3);
     composite::composite(&plate, layer, model, options).unwrap().0
 }
 

@@ -1,7 +1,7 @@
 //! Reading channels of EXR files, which are found by the names that different programs give them, and writing EXR files.
 
 use crate::{
-    Error, Result,
+    Coding, Error, Result,
     error::{guarded, one_line},
     files::open_file,
     limits::{DEFLATE_RATIO, check_length, check_size, is_exr, pixels_in_words},
@@ -15,12 +15,14 @@ use ::exr::{
     math::Vec2,
     meta::{
         BlockDescription,
-        attribute::{IntegerBounds, SampleType},
+        attribute::{Chromaticities, IntegerBounds, SampleType},
         header::{Header, ImageAttributes, LayerAttributes},
     },
     prelude::f16,
 };
-use blindaug::{Flow, Linear, Plane, Premultiplied, Raster, composite::DistortedLayer};
+use blindaug::{
+    Flow, Linear, Plane, Premultiplied, Raster, colour_space::Primaries, composite::DistortedLayer,
+};
 use std::{
     fs::File,
     io::{BufReader, BufWriter, Write as _},
@@ -136,6 +138,14 @@ impl ExrHead {
     }
 }
 
+/// The primaries that a file's head tells, or those of sRGB. What spans no colour space counts as not told.
+pub(crate) fn primaries(path: &Path) -> Result<Primaries> {
+    let file = open(path)?;
+    let told = file.reader.headers().first().and_then(|first| first.shared_attributes.chromaticities);
+    let xy = told.map(|c| [c.red, c.green, c.blue, c.white].map(|Vec2(x, y)| [f64::from(x), f64::from(y)]));
+    Ok(xy.and_then(|xy| Primaries::new(xy).ok()).unwrap_or(Primaries::REC709))
+}
+
 /// Whether the channels `R`, `G` and `B` are half floats.
 pub(crate) fn colour_is_half(path: &Path) -> Result<bool> {
     let file = open(path)?;
@@ -153,7 +163,7 @@ pub(crate) struct Written {
     pub(crate) values: Vec<f32>,
 }
 
-/// Writes channels, compressed without loss (ZIP). The data window is the display window.
+/// Writes channels, compressed without loss (ZIP), with the primaries of their colours. The data window is the display window.
 ///
 /// # Errors
 /// If the file cannot be written; no part of it is left.
@@ -162,6 +172,7 @@ pub(crate) fn write(
     size: (usize, usize),
     channels: impl IntoIterator<Item = Written>,
     head: Option<&ExrHead>,
+    primaries: &Primaries,
 ) -> Result<()> {
     let channels = channels.into_iter().map(|Written { name, bits, values }| {
         let samples = match bits {
@@ -177,6 +188,11 @@ pub(crate) fn write(
         None => (ImageAttributes::new(IntegerBounds::from_dimensions(size)), LayerAttributes::default()),
     };
     image.display_window.size = size;
+    // Files that say nothing are taken to have the primaries of Rec. 709.
+    if image.chromaticities.is_some() || *primaries != Primaries::REC709 {
+        let [red, green, blue, white] = primaries.xy.map(|[x, y]| Vec2(x as f32, y as f32));
+        image.chromaticities = Some(Chromaticities { red, green, blue, white });
+    }
     layer.layer_position = image.display_window.position;
     let layer = Layer::new(size, layer, Encoding::SMALL_LOSSLESS, channels);
     let image = Image::new(image, layer);
@@ -192,7 +208,7 @@ pub(crate) fn write(
 
 /// Writes a distorted layer as an EXR file for a compositing program: `R G B A` premultiplied and scene-linear, `noise.R noise.G noise.B`,
 /// `holdout.A`, `Z` in metres (1e10 where there is nothing), and `forward.u forward.v` in px. Over the frame in linear light, colour and
-/// alpha give the composite without noise, to which the noise is added. `bits` are those of colour, noise and holdout, 16 or 32; the others
+/// alpha give the composite without noise, to which the noise is added. Light comes out in the primaries of `coding`. `bits` are those of colour, noise and holdout, 16 or 32; the others
 /// are floats.
 ///
 /// # Errors
@@ -202,6 +218,7 @@ pub fn write_distorted_layer(
     layer: &DistortedLayer,
     bits: u8,
     head: Option<&ExrHead>,
+    coding: &Coding,
 ) -> Result<()> {
     fn of<const N: usize>(
         names: [&'static str; N],
@@ -219,11 +236,16 @@ pub fn write_distorted_layer(
         Written { name: "holdout.A", bits, values: layer.holdout.data().to_vec() },
         Written { name: "Z", bits: 32, values: z },
     ];
-    let channels = of(["R", "G", "B", "A"], &layer.color.0, bits)
-        .chain(of(["noise.R", "noise.G", "noise.B"], &layer.noise, bits))
+    let color = layer.color.0.map(|[r, g, b, a]| {
+        let [r, g, b] = coding.light([r, g, b]);
+        [r, g, b, a]
+    });
+    let noise = layer.noise.map(|v| coding.light(v));
+    let channels = of(["R", "G", "B", "A"], &color, bits)
+        .chain(of(["noise.R", "noise.G", "noise.B"], &noise, bits))
         .chain(of(["forward.u", "forward.v"], &layer.flow, 32))
         .chain(plain);
-    write(path.as_ref(), layer.color.0.size(), channels, head)
+    write(path.as_ref(), layer.color.0.size(), channels, head, &coding.file().primaries)
 }
 
 /// The nearest half float; what is too large becomes the largest.
@@ -256,6 +278,20 @@ pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
     };
     let mut planes = file.read(&[z])?;
     Ok(planes.swap_remove(0))
+}
+
+/// Reads a matte: the alpha channel, or the only channel, or red.
+pub(crate) fn read_matte(path: &Path) -> Result<Plane> {
+    let file = open(path)?;
+    let only = (file.channels.len() == 1).then_some([0]);
+    let Some([matte]) =
+        file.find(["A"], |_, _| Some(0)).or(only).or_else(|| file.find(["R"], |_, _| Some(0)))
+    else {
+        return Err(file.lacks("a channel A or R"));
+    };
+    let plane = file.read(&[matte])?.swap_remove(0);
+    mostly_numbers(path, plane.data().iter().copied())?;
+    Ok(plane)
 }
 
 /// Reads optical flow to the next frame, px.

@@ -9,7 +9,10 @@ use crate::{
     video_head::{INTERLACED, VideoHead, uneven},
     yuv::{Colour, YuvFormat, YuvFrame},
 };
-use blindaug::Encoded;
+use blindaug::{
+    Encoded, Transfer,
+    colour_space::{ColourSpace, Primaries},
+};
 use std::{
     ffi::{OsStr, OsString},
     io::{BufRead, BufReader, Read, Write},
@@ -117,6 +120,11 @@ impl Ffmpeg {
             .stderr(Stdio::null())
             .output();
         output.map_or_else(|_| Vec::new(), |o| times_of(&String::from_utf8_lossy(&o.stdout)))
+    }
+
+    /// The bits of the video's own values.
+    pub(crate) fn bits(&self) -> u32 {
+        if self.pixels.converted { 8 } else { self.pixels.bits }
     }
 
     /// Starts to decode at the first frame.
@@ -422,6 +430,7 @@ impl VideoStream {
             "bt2020c" => Some(10),
             _ => None,
         });
+        let space = space_of(&words);
         let colour = if pixels.converted {
             Colour::new(1, 0, true, false)
         } else {
@@ -435,15 +444,34 @@ impl VideoStream {
             .find_map(|l| l.split_once("rotation of ")?.1.split_whitespace().next()?.parse::<f64>().ok());
         let quarter_turns = rotation.map_or(0, |degrees| (-degrees / 90.0).round().rem_euclid(4.0) as u8);
         let mut notes = Vec::new();
-        if words.iter().any(|w| w.contains("arib-std-b67") || w.contains("smpte2084")) {
-            notes.push("the video is HDR; its values are taken as they are, as if they were sRGB".into());
-        }
         // Interlaced video is described as "top first" or "bottom coded first (swapped)".
         if words.iter().any(|w| w.contains(" first")) {
             notes.push(INTERLACED.into());
         }
-        Some(Self { size, pixels, head: VideoHead { fps, frames, colour, quarter_turns, notes } })
+        Some(Self { size, pixels, head: VideoHead { fps, frames, colour, space, quarter_turns, notes } })
     }
+}
+
+/// The colour space that ffmpeg's words tell: `matrix/primaries/curve`, or one word for all three.
+fn space_of(words: &[&str]) -> ColourSpace {
+    let told = words.iter().find_map(|w| {
+        let parts: Vec<&str> = w.split('/').collect();
+        (parts.len() == 3).then(|| (parts[1], parts[2]))
+    });
+    let Some((primaries, curve)) = told else { return ColourSpace::SRGB };
+    let primaries = match primaries {
+        "bt2020" => Primaries::REC2020,
+        "smpte432" | "smpte431" => Primaries::P3,
+        _ => Primaries::REC709,
+    };
+    let transfer = match curve {
+        "smpte2084" => Transfer::Pq,
+        "arib-std-b67" => Transfer::Hlg,
+        "linear" => Transfer::Linear,
+        // Displays of computers show the curve of Rec. 709 as their own.
+        _ => Transfer::Srgb,
+    };
+    ColourSpace { primaries, transfer }
 }
 
 /// The parts of the text between commas that are outside brackets.
@@ -474,21 +502,28 @@ fn exact_fps(fps: f64) -> f64 {
     if (fps - ntsc).abs() < 0.006 { ntsc } else { fps }
 }
 
-/// A writer of a video by ffmpeg (H.264, 4:2:0, constant quality). The file gets its name in [`VideoWriter::finish`].
+/// A writer of a video by ffmpeg (4:2:0, constant quality). The file gets its name in [`VideoWriter::finish`].
 pub struct VideoWriter {
     file: PartialFile,
     size: (usize, usize),
     program: Running,
+    /// Whether values are written in 16 bits.
+    deep: bool,
     /// The pipe to ffmpeg; `None` after a failure or once everything is written.
     frames: Option<ChildStdin>,
     row: Vec<u8>,
 }
 
-/// How a video is coded. Both ways keep chroma at half the resolution.
+/// How a video is coded. All ways keep chroma at half the resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VideoCoding {
     /// H.264 with a constant rate factor of x264: 0 (nothing is lost) to 51 (the worst).
     H264 {
+        /// The constant rate factor.
+        crf: u8,
+    },
+    /// HEVC of 10 bits with a constant rate factor of x265: 0 to 51 (the worst).
+    Hevc10 {
         /// The constant rate factor.
         crf: u8,
     },
@@ -500,9 +535,16 @@ pub enum VideoCoding {
 }
 
 impl VideoCoding {
+    fn is_deep(self) -> bool {
+        matches!(self, Self::Hevc10 { .. })
+    }
+
     fn arguments(self) -> Vec<String> {
         let words = match self {
             Self::H264 { crf } => format!("-c:v libx264 -crf {crf} -pix_fmt yuv420p -color_range tv"),
+            Self::Hevc10 { crf } => format!(
+                "-c:v libx265 -crf {crf} -pix_fmt yuv420p10le -color_range tv -tag:v hvc1 -x265-params log-level=error"
+            ),
             Self::Mjpeg { scale } => format!("-c:v mjpeg -q:v {scale} -pix_fmt yuvj420p -color_range pc"),
         };
         words.split(' ').map(String::from).collect()
@@ -526,7 +568,33 @@ impl VideoWriter {
     /// # Errors
     /// If there is no ffmpeg program, or the frame rate is no positive number.
     pub fn create(path: impl AsRef<Path>, size: (usize, usize), fps: f64) -> Result<Self> {
-        Self::create_with(find(), path.as_ref(), size, fps, Self::FINE)
+        Self::create_in(path, size, fps, (ColourSpace::SRGB, 8))
+    }
+
+    /// Starts a video as [`VideoWriter::create`] does, of frames of this colour space in so many bits: 8 (H.264), or 10 (HEVC). PQ, HLG and the
+    /// primaries of Rec. 2020 are told in the video's head; videos of all other spaces say that they are Rec. 709, since heads have no words
+    /// for them.
+    ///
+    /// # Errors
+    /// The same as [`VideoWriter::create`], or if there are other bits.
+    pub fn create_in(
+        path: impl AsRef<Path>,
+        size: (usize, usize),
+        fps: f64,
+        (space, bits): (ColourSpace, u8),
+    ) -> Result<Self> {
+        let path = path.as_ref();
+        let coding = match bits {
+            8 => Self::FINE,
+            10 => VideoCoding::Hevc10 { crf: 12 },
+            _ => {
+                return Err(Error::new(
+                    path,
+                    format!("videos are written in 8 or 10 bits per value, not {bits}"),
+                ));
+            }
+        };
+        Self::create_with(find(), path, size, fps, (coding, space))
     }
 
     /// Starts a video as [`VideoWriter::create`] does, but coded like this.
@@ -539,7 +607,7 @@ impl VideoWriter {
         fps: f64,
         coding: VideoCoding,
     ) -> Result<Self> {
-        Self::create_with(find(), path.as_ref(), size, fps, coding)
+        Self::create_with(find(), path.as_ref(), size, fps, (coding, ColourSpace::SRGB))
     }
 
     /// The default coding, at which hardly any difference can be seen.
@@ -550,7 +618,7 @@ impl VideoWriter {
         path: &Path,
         size: (usize, usize),
         fps: f64,
-        coding: VideoCoding,
+        (coding, space): (VideoCoding, ColourSpace),
     ) -> Result<Self> {
         if !(fps.is_finite() && fps > 0.0) {
             return Err(Error::new(path, format!("a video needs a positive frame rate, not {fps}")));
@@ -563,12 +631,20 @@ impl VideoWriter {
             ));
         };
         let file = PartialFile::beside(path)?;
+        let wide = space.primaries == Primaries::REC2020;
+        let [matrix, colorspace, primaries] =
+            if wide { ["bt2020", "bt2020nc", "bt2020"] } else { ["bt709"; 3] };
+        let curve = match space.transfer {
+            Transfer::Pq => "smpte2084",
+            Transfer::Hlg => "arib-std-b67",
+            _ => "bt709",
+        };
         let even = |n: usize| n + n % 2;
         let mut child = command(&program)
             .args(["-nostdin", "-hide_banner", "-nostats", "-loglevel", "error", "-y"])
             // Without -xerror, ffmpeg 5 reports success if the disk is full at the end of the file.
             .arg("-xerror")
-            .args(["-f", "rawvideo", "-pix_fmt", "rgb24", "-s"])
+            .args(["-f", "rawvideo", "-pix_fmt", if coding.is_deep() { "rgb48le" } else { "rgb24" }, "-s"])
             .arg(format!("{}x{}", even(size.0), even(size.1)))
             .arg("-r")
             .arg(fps.to_string())
@@ -576,10 +652,10 @@ impl VideoWriter {
                 "-i",
                 "-",
                 "-vf",
-                "scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix=bt709",
+                &format!("scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix={matrix}"),
             ])
             .args(coding.arguments())
-            .args(["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709"])
+            .args(["-colorspace", colorspace, "-color_primaries", primaries, "-color_trc", curve])
             .args(["-movflags", "+faststart"])
             .arg(file_url(file.path()))
             .stdin(Stdio::piped())
@@ -591,7 +667,8 @@ impl VideoWriter {
             return Err(Error::new(path, "ffmpeg has no input"));
         };
         let program = Running { child, words: Some(listen(stderr)) };
-        Ok(Self { file, size, program, frames: Some(stdin), row: Vec::new() })
+        let deep = coding.is_deep();
+        Ok(Self { file, size, program, frames: Some(stdin), deep, row: Vec::new() })
     }
 
     /// Appends a frame.
@@ -615,9 +692,16 @@ impl VideoWriter {
         for y in 0..height + height % 2 {
             self.row.clear();
             let pixels = frame.0.row(y.min(height - 1));
-            self.row.extend(pixels.iter().flatten().map(|&v| crate::image::byte_from_encoded(v)));
+            let values = pixels.iter().flatten();
+            if self.deep {
+                let word = |v: f32| (v.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16;
+                self.row.extend(values.flat_map(|&v| word(v).to_le_bytes()));
+            } else {
+                self.row.extend(values.map(|&v| crate::image::byte_from_encoded(v)));
+            }
             if width % 2 == 1 {
-                self.row.extend_from_within(3 * (width - 1)..);
+                let pixel = self.row.len() / width;
+                self.row.extend_from_within(pixel * (width - 1)..);
             }
             written = written.and_then(|()| pipe.write_all(&self.row));
         }
@@ -681,8 +765,13 @@ mod tests {
                 Command::new("sh").args(["-c".as_ref(), script.as_ref(), program.as_os_str()]).status();
             assert!(made.unwrap().success());
             let path = dir.path().join(name);
-            let mut writer =
-                VideoWriter::create_with(Some(program.into()), &path, (SIZE, SIZE), 25.0, VideoWriter::FINE)?;
+            let mut writer = VideoWriter::create_with(
+                Some(program.into()),
+                &path,
+                (SIZE, SIZE),
+                25.0,
+                (VideoWriter::FINE, ColourSpace::SRGB),
+            )?;
             let value = |x, y| ((x * 73_856_093) ^ (y * 19_349_663)) as f32 % 251.0 / 251.0;
             let frame = blindaug::Raster::from_fn(SIZE, SIZE, |x: usize, y: usize| [value(x, y); 3]);
             (0..4).try_for_each(|_| writer.write(&Encoded(frame.clone())))?;
@@ -708,7 +797,7 @@ mod tests {
         let s = parse(
             "hevc (Main 10) (hvc1 / 0x31637668), yuv420p10le(tv, bt2020nc/bt2020/arib-std-b67), 1920x1080, 29.97 fps, 29.97 tbr",
         );
-        assert!(s.pixels.bits == 10 && s.head.notes[0].contains("HDR"));
+        assert!(s.pixels.bits == 10 && s.head.space == "hlg".parse().unwrap(), "{:?}", s.head.space);
         assert_eq!(s.head.colour, Colour::new(9, 0, false, false));
         assert!((s.head.fps.unwrap() - 30000.0 / 1001.0).abs() < 1e-9);
         let s = parse("h264 (Main), yuv420p(tv, progressive), 1280x720, 23.98 fps, 23.98 tbr");
@@ -788,10 +877,16 @@ mod tests {
     fn a_video_cannot_be_written_without_ffmpeg() {
         let create = |program: Option<&str>, fps| {
             let path = std::env::temp_dir().join("blindaug_not_written.mp4");
-            VideoWriter::create_with(program.map(Into::into), &path, (4, 4), fps, VideoWriter::FINE)
-                .err()
-                .unwrap()
-                .to_string()
+            VideoWriter::create_with(
+                program.map(Into::into),
+                &path,
+                (4, 4),
+                fps,
+                (VideoWriter::FINE, ColourSpace::SRGB),
+            )
+            .err()
+            .unwrap()
+            .to_string()
         };
         assert!(create(None, 25.0).contains("give a folder as output, or install ffmpeg"));
         assert!(create(Some("/no/such/program"), 25.0).contains("cannot be started"));

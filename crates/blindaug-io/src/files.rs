@@ -1,6 +1,6 @@
 //! Opening files to read, and protection of input files from being overwritten.
 
-use crate::{Error, Result};
+use crate::{Error, NamePattern, Result};
 use std::{
     collections::HashMap,
     fs::{File, Metadata},
@@ -126,11 +126,14 @@ const READ_IN_FOLDERS: [&str; 11] =
 pub struct Inputs(HashMap<Identity, PathBuf>);
 
 impl Inputs {
-    /// Collects these files, and these folders with the images, depth, flow and layers in them. A path that does not exist is left out.
+    /// Collects these files, and these folders with the images, depth, flow and layers in them, and the files of
+    /// name patterns. A path that does not exist is left out.
     pub fn of<P: AsRef<Path>>(paths: impl IntoIterator<Item = P>) -> Self {
         let mut inputs = Self::default();
         for path in paths {
             inputs.add(path.as_ref());
+            let of_pattern = NamePattern::of(path.as_ref()).and_then(|pattern| pattern.files().ok());
+            of_pattern.iter().flatten().for_each(|(_, path)| inputs.add(path));
             // Subfolders are not read, nor are files of another kind, such as a camera model that an earlier run wrote there.
             let files = path.as_ref().read_dir().into_iter().flatten().flatten().map(|entry| entry.path());
             let is_read = |path: &PathBuf| has_extension(path, &READ_IN_FOLDERS) && !path.is_dir();

@@ -1,11 +1,11 @@
 //! The formats in which frames are written.
 
 use crate::{
-    Result, exr,
+    Coding, Result, exr,
     image::{decoded_bits, write_png, write_png16, write_tiff},
     limits::is_exr,
 };
-use blindaug::{Encoded, Plane, Transfer};
+use blindaug::{Encoded, Plane};
 use std::path::Path;
 
 /// The kinds of image files that frames are written to.
@@ -70,8 +70,8 @@ impl FrameFormat {
         self.bits
     }
 
-    /// Whether files of this format hold scene-linear values, which may exceed 1.
-    pub fn is_scene_linear(self) -> bool {
+    /// Whether these are EXR files, which hold light unless something else is said, and values above 1.
+    pub fn is_exr(self) -> bool {
         self.kind == FileKind::Exr
     }
 
@@ -92,6 +92,11 @@ impl FrameFormat {
         })
     }
 
+    /// The format of images that are made from frames of a video whose values have so many bits.
+    pub(crate) fn of_video(bits: u32) -> Self {
+        if bits > 8 { Self { kind: FileKind::Png, bits: 16 } } else { Self::PNG8 }
+    }
+
     /// This format, as far as no other kind and no other number of bits are asked for. Where the kind changes, values keep at least their
     /// bits if the new kind has as many.
     ///
@@ -110,8 +115,9 @@ impl FrameFormat {
         }
     }
 
-    /// Writes a frame. Integers are clipped to [0, 1] and rounded to the nearest; EXR gets scene-linear values, which are not clipped, and
-    /// what `head` says. Alpha, by which colour is premultiplied, is written to EXR alone.
+    /// Writes a frame in the colour space of the file that `coding` says: light for EXR, unless EXR is to hold encoded values. Integers are
+    /// clipped to [0, 1] and rounded to the nearest; EXR is not clipped, and gets what `head` says. Alpha, by which colour is premultiplied, is
+    /// written to EXR alone.
     ///
     /// # Errors
     /// If the file cannot be written; no part of it is left.
@@ -121,20 +127,23 @@ impl FrameFormat {
         frame: &Encoded,
         alpha: Option<&Plane>,
         head: Option<&exr::ExrHead>,
+        coding: &Coding,
     ) -> Result<()> {
+        let coded = (!coding.keeps()).then(|| Encoded(frame.0.map(|p| coding.pixel(p))));
+        let frame = coded.as_ref().unwrap_or(frame);
         match (self.kind, self.bits) {
             (FileKind::Png, 8) => write_png(path, frame),
             (FileKind::Png, _) => write_png16(path, frame),
             (FileKind::Tiff, bits) => write_tiff(path, frame, bits),
             (FileKind::Exr, bits) => {
-                let light = frame.to_linear(Transfer::Srgb);
                 let channels = [0, 1, 2].map(|c| exr::Written {
                     name: ["R", "G", "B"][c],
                     bits,
-                    values: light.0.data().iter().map(|p| p[c]).collect(),
+                    values: frame.0.data().iter().map(|p| p[c]).collect(),
                 });
                 let alpha = alpha.map(|a| exr::Written { name: "A", bits, values: a.data().to_vec() });
-                exr::write(path, frame.0.size(), channels.into_iter().chain(alpha), head)
+                let channels = channels.into_iter().chain(alpha);
+                exr::write(path, frame.0.size(), channels, head, &coding.file().primaries)
             }
         }
     }
@@ -153,7 +162,13 @@ impl std::str::FromStr for FileKind {
 mod tests {
     use super::*;
     use crate::{read_frame, read_linear};
-    use blindaug::Raster;
+    use blindaug::{Raster, Transfer, colour_space::ColourSpace};
+
+    /// Frames in sRGB, into EXR as light.
+    fn as_srgb(format: FrameFormat) -> Coding {
+        let file = if format.is_exr() { ColourSpace::LINEAR_SRGB } else { ColourSpace::SRGB };
+        Coding::new(ColourSpace::SRGB, file)
+    }
 
     fn frame() -> Encoded {
         Encoded(Raster::from_fn(21, 9, |x, y| [x as f32 / 20.0, y as f32 / 8.0, 0.1234 + 0.01 * x as f32]))
@@ -163,7 +178,7 @@ mod tests {
     fn lost(format: FrameFormat, frame: &Encoded) -> f32 {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("1").with_extension(format.kind().extension());
-        format.write(&path, frame, None, None).unwrap();
+        format.write(&path, frame, None, None, &as_srgb(format)).unwrap();
         assert_eq!(FrameFormat::of_file(&path).unwrap().with(Some(format.kind()), None).unwrap(), format);
         let again = read_frame(&path).unwrap();
         let pairs = again.0.data().iter().flatten().zip(frame.0.data().iter().flatten());
@@ -192,7 +207,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("1.exr");
         let bright = Encoded(Raster::filled(3, 2, [0.2, 1.0, 3.0]));
-        FrameFormat::PNG8.with(Some(FileKind::Exr), None).unwrap().write(&path, &bright, None, None).unwrap();
+        FrameFormat::PNG8
+            .with(Some(FileKind::Exr), None)
+            .unwrap()
+            .write(&path, &bright, None, None, &Coding::new(ColourSpace::SRGB, ColourSpace::LINEAR_SRGB))
+            .unwrap();
         let [_, white, above] = read_linear(&path).unwrap().0.at(1, 1);
         assert!((white - 1.0).abs() < 1e-3 && (above / Transfer::Srgb.decode(3.0) - 1.0).abs() < 1e-3);
     }

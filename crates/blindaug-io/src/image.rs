@@ -1,7 +1,7 @@
 //! Reading frames from image files, and writing PNG and TIFF files.
 
 use crate::{
-    Error, Result,
+    Error, Reading, Result,
     error::guarded,
     exr,
     files::open_file,
@@ -30,9 +30,13 @@ use std::{
 /// # Errors
 /// If the file is missing, damaged, too large ([`MAX_SIDE`](crate::MAX_SIDE), [`MAX_PIXELS`]), or no image with colour.
 pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
-    let path = path.as_ref();
+    Reading::default().read(path)
+}
+
+/// Reads a frame's values as they are stored, integers mapped to [0, 1]; negative and invalid ones become 0.
+pub(crate) fn read_values(path: &Path) -> Result<Encoded> {
     if is_exr(path)? {
-        return Ok(exr::read_colour(path)?.to_encoded(Transfer::Srgb));
+        return Ok(Encoded(exr::read_colour(path)?.0));
     }
     let (image, orientation) = decode(path)?;
     encoded_from_image(path, image, orientation)
@@ -45,7 +49,8 @@ pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
 /// The same as [`read_frame`].
 pub fn read_linear(path: impl AsRef<Path>) -> Result<Linear> {
     let path = path.as_ref();
-    if is_exr(path)? { exr::read_colour(path) } else { Ok(read_frame(path)?.to_linear(Transfer::Srgb)) }
+    let reading = Reading { transfer: Transfer::Linear, ..Reading::default() };
+    Ok(Linear(reading.read(path)?.0))
 }
 
 /// Width and height of a frame, px, from the head of its file.
@@ -235,6 +240,20 @@ fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orienta
         strips(&image).for_each(|s| data.extend(s.into_rgb32f().pixels().map(|p| p.0.map(finite))));
     }
     Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
+}
+
+/// Reads a matte, 0 to 1: the alpha of an image with any transparency, else the brightness (the mean of R, G and B).
+pub(crate) fn read_matte(path: &Path) -> Result<Plane> {
+    let (mut image, orientation) = decode(path)?;
+    image.apply_orientation(orientation);
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let of = |alpha: bool| -> Vec<f32> {
+        let rgba = strips(&image).flat_map(|s| s.into_rgba32f().pixels().map(|p| p.0).collect::<Vec<_>>());
+        rgba.map(|[r, g, b, a]| if alpha { a } else { (r + g + b) / 3.0 }).collect()
+    };
+    let alpha = image.color().has_alpha().then(|| of(true)).filter(|a| a.iter().any(|v| *v < 1.0));
+    let data = alpha.unwrap_or_else(|| of(false));
+    Plane::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))
 }
 
 /// Copies of a few rows of the image each, so that its conversion needs no copy of the whole image.

@@ -22,6 +22,7 @@
 //! variable `BLINDAUG_FFMPEG` names another program; with `none`, ffmpeg is never used.
 
 mod camera;
+mod coding;
 mod depth;
 mod error;
 mod evidence;
@@ -36,6 +37,7 @@ pub mod memory;
 mod mp4;
 mod mp4_boxes;
 mod partial;
+mod pattern;
 #[cfg(test)]
 mod regressions;
 mod sequence;
@@ -46,6 +48,7 @@ mod yuv;
 
 pub use blindaug::Frame;
 pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera};
+pub use coding::{Coding, Reading};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result, guarded, one_line};
 pub use evidence::{EvidenceWriter, PaperScene};
@@ -62,5 +65,6 @@ pub use partial::{
     check_folder, check_writable, is_stream, make_folder, remove_incomplete_files, remove_leftovers_in,
     write_atomically,
 };
+pub use pattern::NamePattern;
 pub use sequence::{FrameRange, FrameSource, Frames};
-pub use side::SideFolder;
+pub use side::{MatteSide, SideFolder};

@@ -10,6 +10,7 @@ use crate::{
     video_head::{VideoHead, uneven},
     yuv::{Colour, YuvFormat, YuvFrame},
 };
+use blindaug::colour_space::ColourSpace;
 use openh264::{
     decoder::{DecodeOptions, DecodedYUV, Decoder, Flush},
     formats::YUVSource,
@@ -125,6 +126,7 @@ impl Mp4 {
                 fps,
                 frames: Some(shown.len()),
                 colour: Colour::new(sps.matrix_coefficients, avc1.height.into(), sps.full_range, false),
+                space: ColourSpace::SRGB,
                 quarter_turns,
                 notes: uneven(&times).into_iter().collect(),
             };

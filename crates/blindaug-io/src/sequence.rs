@@ -1,13 +1,15 @@
 //! Frames in order, from a folder of numbered images, one image, a video or a camera.
 
 use crate::{
-    Error, ExrContents, ExrHead, FrameFormat, Result, exr,
+    Error, ExrContents, ExrHead, FrameFormat, NamePattern, Reading, Result,
+    coding::recoded,
+    exr,
     files::{check_regular, has_extension},
-    image::{frame_size, has_colour, read_frame},
+    image::{frame_size, has_colour},
     limits::is_exr,
     video::{Video, VideoFrames},
 };
-use blindaug::{Encoded, Frame, text::one_line};
+use blindaug::{Encoded, Frame, Transfer, colour_space::ColourSpace, text::one_line};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -69,6 +71,8 @@ pub struct FrameSource {
     range: FrameRange,
     size: (usize, usize),
     format: FrameFormat,
+    space: ColourSpace,
+    reading: Reading,
     kind: Kind,
     notes: Vec<String>,
 }
@@ -77,7 +81,8 @@ pub struct FrameSource {
 enum Kind {
     /// The numbers and paths of the images, in the order of the numbers.
     Images(Vec<(u64, PathBuf)>),
-    Video(Box<Video>),
+    /// A video, and the number of its first frame.
+    Video(Box<Video>, u64),
 }
 
 impl FrameSource {
@@ -89,43 +94,68 @@ impl FrameSource {
     /// # Errors
     /// If the path does not exist, the range has no frame, two frames have the same number, or the first frame is damaged.
     pub fn open(path: impl AsRef<Path>, range: FrameRange) -> Result<Self> {
+        Self::open_from(path, range, None)
+    }
+
+    /// [`FrameSource::open`], with a number for the input's first frame, from which the others are counted on: 1001, where a video belongs to
+    /// layers that begin there. Without it frames have the numbers in their names, and those of a video begin with 1.
+    ///
+    /// # Errors
+    /// The same as [`FrameSource::open`].
+    pub fn open_from(path: impl AsRef<Path>, range: FrameRange, first: Option<u64>) -> Result<Self> {
         let path = path.as_ref();
+        let mut notes = Vec::new();
+        let numbered = |files: Vec<(u64, PathBuf)>| {
+            let lowest = files.first().map_or(0, |f| f.0);
+            let begin = first.unwrap_or(lowest);
+            files.into_iter().map(|(n, path)| (begin.saturating_add(n - lowest), path)).collect::<Vec<_>>()
+        };
+        let files = match NamePattern::of(path) {
+            Some(pattern) => Some(pattern.files()?.into_iter().collect()),
+            None if path.is_dir() => Some(frame_files(path, &mut notes)?),
+            None => None,
+        };
+        if let Some(files) = files {
+            return Self::of_images(path, numbered(files), range, notes);
+        }
         let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
         check_regular(path, &metadata)?;
-        let mut notes = Vec::new();
-        let (kind, size, format) = if metadata.is_dir() {
-            let mut files = frame_files(path, &mut notes)?;
-            let (low, high) = (files.first().map(|f| f.0), files.last().map(|f| f.0));
-            files.retain(|(number, _)| range.contains(*number));
-            let Some((_, first)) = files.first() else {
-                let (low, high) = (low.unwrap_or(0), high.unwrap_or(0));
-                return Err(Error::new(
-                    path,
-                    format!("no frame in {range} (its frames are {low} to {high})"),
-                ));
-            };
-            notes.extend(missing_numbers(files.iter().map(|f| f.0)));
-            let (size, format) = (frame_size(first)?, FrameFormat::of_file(first)?);
-            (Kind::Images(files), size, format)
-        } else if has_extension(path, &IMAGE_EXTENSIONS)
-            || has_extension(path, &["pgm", "pnm"])
-            || is_exr(path)?
-        {
+        let is_image =
+            has_extension(path, &IMAGE_EXTENSIONS) || has_extension(path, &["pgm", "pnm"]) || is_exr(path)?;
+        if is_image {
             let number = number_of(path).unwrap_or(1);
-            if !range.contains(number) {
-                return Err(Error::new(
-                    path,
-                    format!("no frame in {range} (this one image is number {number})"),
-                ));
-            }
-            (Kind::Images(vec![(number, path.into())]), frame_size(path)?, FrameFormat::of_file(path)?)
-        } else {
-            let video = Video::open(path)?;
-            let size = video.size();
-            notes.extend(video.notes().iter().cloned());
-            (Kind::Video(Box::new(video)), size, FrameFormat::PNG8)
+            return Self::of_images(path, numbered(vec![(number, path.into())]), range, notes);
+        }
+        let video = Video::open(path)?;
+        notes.extend(video.notes().iter().cloned());
+        let (size, format, space) = (video.size(), FrameFormat::of_video(video.bits()), video.space());
+        let kind = Kind::Video(Box::new(video), first.unwrap_or(1));
+        let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
+        Ok(Self { path: path.into(), range, size, format, space, reading, kind, notes })
+    }
+
+    /// The images, in the order of their numbers, that are in the range.
+    fn of_images(
+        path: &Path,
+        mut files: Vec<(u64, PathBuf)>,
+        range: FrameRange,
+        mut notes: Vec<String>,
+    ) -> Result<Self> {
+        let all: Vec<u64> = files.iter().map(|f| f.0).collect();
+        files.retain(|(number, _)| range.contains(*number));
+        let Some((_, first)) = files.first() else {
+            let have = match all[..] {
+                [only] => format!("this one image is number {only}"),
+                [low, .., high] => format!("its frames are {low} to {high}"),
+                [] => "it has none".into(),
+            };
+            return Err(Error::new(path, format!("no frame in {range} ({have})")));
         };
-        Ok(Self { path: path.into(), range, size, format, kind, notes })
+        notes.extend(missing_numbers(files.iter().map(|f| f.0)));
+        let (size, format) = (frame_size(first)?, FrameFormat::of_file(first)?);
+        let space = Reading::default().space_of(first)?;
+        let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
+        Ok(Self { path: path.into(), range, size, format, space, reading, kind: Kind::Images(files), notes })
     }
 
     /// Opens a camera: `name` is its number, or the name by which ffmpeg lists it (on Windows always the name). Its frames have no end.
@@ -136,8 +166,39 @@ impl FrameSource {
         let path = PathBuf::from(format!("camera:{name}"));
         let video = Video::open_camera(&path, name)?;
         let (size, notes) = (video.size(), video.notes().to_vec());
-        let kind = Kind::Video(Box::new(video));
-        Ok(Self { path, range: FrameRange::default(), size, format: FrameFormat::PNG8, kind, notes })
+        let (space, reading) = (video.space(), Reading::default());
+        let kind = Kind::Video(Box::new(video), 1);
+        let (range, format) = (FrameRange::default(), FrameFormat::PNG8);
+        Ok(Self { path, range, size, format, space, reading, kind, notes })
+    }
+
+    /// The same frames, whose files are in this colour space whatever they say themselves.
+    pub fn in_space(self, space: ColourSpace) -> Self {
+        let reading = Reading { exr: Some(space), integers: space, transfer: space.transfer.worked_on() };
+        Self { space, reading, ..self }
+    }
+
+    /// The same frames, encoded by this curve whatever their files are encoded by.
+    pub fn encoded_as(self, transfer: Transfer) -> Self {
+        Self { reading: Reading { transfer, ..self.reading }, ..self }
+    }
+
+    /// The colour space of the files' values: what they say, or what was said in its place.
+    pub fn file_space(&self) -> ColourSpace {
+        self.space
+    }
+
+    /// The colour space of the frames. Light is encoded as sRGB, all else by the files' own curve; the primaries are those of the files.
+    pub fn space(&self) -> ColourSpace {
+        ColourSpace { transfer: self.reading.transfer, ..self.space }
+    }
+
+    /// How images of the same views are read, so that they compare with the frames: EXR as light or as the frames' files are, others in the
+    /// frames' own colour space.
+    pub fn reading(&self) -> Reading {
+        let integers =
+            if self.space.transfer == Transfer::Linear { self.reading.integers } else { self.space };
+        Reading { integers, ..self.reading }
     }
 
     /// The path of the file or folder, or `camera:` and the camera's name.
@@ -151,7 +212,7 @@ impl FrameSource {
     }
 
     /// The format in which frames that are made from these are written: as precise as the first frame's file, see [`FrameFormat`]. Frames of
-    /// a video have 8 bits.
+    /// a video become PNG, of 16 bits if the video has more than 8.
     pub fn format(&self) -> FrameFormat {
         self.format
     }
@@ -159,7 +220,7 @@ impl FrameSource {
     /// The kinds of channels in the first frame's file, if that is an EXR file.
     pub fn exr_contents(&self) -> Option<ExrContents> {
         match &self.kind {
-            Kind::Images(files) if self.format.is_scene_linear() => {
+            Kind::Images(files) if self.format.is_exr() => {
                 files.first().and_then(|(_, first)| crate::exr_contents(first).ok())
             }
             _ => None,
@@ -169,7 +230,7 @@ impl FrameSource {
     /// The heads of the frames' files, if they are EXR files.
     pub fn heads(&self) -> impl Fn(u64) -> Option<ExrHead> + Send + use<> {
         let files: BTreeMap<u64, PathBuf> = match &self.kind {
-            Kind::Images(files) if self.format.is_scene_linear() => files.iter().cloned().collect(),
+            Kind::Images(files) if self.format.is_exr() => files.iter().cloned().collect(),
             _ => BTreeMap::new(),
         };
         // A file without a head that can be read is no frame, which is said when it is read as one.
@@ -180,7 +241,7 @@ impl FrameSource {
     pub fn fps(&self) -> Option<f64> {
         match &self.kind {
             Kind::Images(_) => None,
-            Kind::Video(v) => v.fps(),
+            Kind::Video(v, _) => v.fps(),
         }
     }
 
@@ -188,10 +249,19 @@ impl FrameSource {
     pub fn len_hint(&self) -> Option<usize> {
         match &self.kind {
             Kind::Images(files) => Some(files.len()),
-            Kind::Video(v) => v.len_hint().map(|n| {
-                let last = self.range.last.unwrap_or(u64::MAX).min(n as u64);
-                (last + 1).saturating_sub(self.range.first.unwrap_or(1).max(1)) as usize
+            Kind::Video(v, begin) => v.len_hint().map(|n| {
+                let end = begin.saturating_add(n as u64);
+                let last = self.range.last.map_or(end, |last| last.saturating_add(1)).min(end);
+                last.saturating_sub(self.range.first.map_or(*begin, |first| first.max(*begin))) as usize
             }),
+        }
+    }
+
+    /// The number of the first frame in the range, if the input has it.
+    pub fn first_number(&self) -> u64 {
+        match &self.kind {
+            Kind::Images(files) => files.first().map_or(1, |f| f.0),
+            Kind::Video(_, begin) => self.range.first.map_or(*begin, |first| first.max(*begin)),
         }
     }
 
@@ -230,7 +300,7 @@ impl Iterator for Frames<'_> {
         }
         let frame = match &self.source.kind {
             Kind::Images(files) => self.next_image(files),
-            Kind::Video(video) => self.next_video_frame(video),
+            Kind::Video(video, begin) => self.next_video_frame(video, *begin),
         };
         self.ended = !matches!(frame, Some(Ok(_)));
         frame
@@ -246,12 +316,13 @@ impl Frames<'_> {
                 break (*number, path);
             }
         };
-        Some(read_frame(path).and_then(|image| self.checked(path, number, image)))
+        let read = self.source.reading.read(path);
+        Some(read.and_then(|image| self.checked(path, number, image)))
     }
 
-    fn next_video_frame(&mut self, video: &Video) -> Option<Result<Frame>> {
+    fn next_video_frame(&mut self, video: &Video, begin: u64) -> Option<Result<Frame>> {
         loop {
-            let number = self.next as u64 + 1;
+            let number = begin.saturating_add(self.next as u64);
             if self.source.range.last.is_some_and(|last| number > last) {
                 return None;
             }
@@ -266,15 +337,20 @@ impl Frames<'_> {
             match next {
                 Ok(None) => {
                     // The number of frames of a video is known only at its end.
-                    let first = self.source.range.first.unwrap_or(1);
                     let range = self.source.range;
-                    return (number <= first && !self.source.range.contains(number - 1)).then(|| {
-                        let have = format!("the video has {} frames", number - 1);
+                    let first = range.first.unwrap_or(begin);
+                    return (number <= first && !range.contains(number - 1)).then(|| {
+                        let have = match begin {
+                            1 => format!("the video has {} frames", number - 1),
+                            _ => format!("the video's frames are {begin} to {}", number - 1),
+                        };
                         Err(Error::new(&self.source.path, format!("no frame in {range} ({have})")))
                     });
                 }
                 Ok(Some(frame)) if self.source.range.contains(number) && (self.wanted)(number) => {
-                    return Some(self.checked(&self.source.path, number, video.encoded(&frame)));
+                    let FrameSource { path, space, reading, .. } = self.source;
+                    let image = recoded(video.encoded(&frame), space.transfer, reading.transfer);
+                    return Some(self.checked(path, number, image));
                 }
                 Ok(Some(_)) => {}
                 Err(e) => return Some(Err(e)),

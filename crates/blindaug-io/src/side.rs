@@ -1,12 +1,17 @@
 //! Side folders: depth, flow and other data of frames, matched to the frames by number.
 
 use crate::{
-    DepthFormat, DepthValues, Error, Result, VirtualLayerFile, exr_contents,
+    DepthFormat, DepthValues, Error, NamePattern, Reading, Result, VirtualLayerFile, exr, exr_contents,
     files::check_regular,
+    image,
+    limits::is_exr,
     read_flow, read_frame, read_inverse_depth, read_virtual_layer,
     sequence::{frame_files, numbered_files},
 };
-use blindaug::{Encoded, Flow, Plane};
+use blindaug::{
+    Encoded, Flow, Plane,
+    colour_space::{ColourSpace, Primaries, conversion, converted},
+};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -44,10 +49,47 @@ impl SideFolder<Encoded> {
     /// # Errors
     /// If there is no such folder or no frame in it, or two frames have the same number.
     pub fn frames(path: impl AsRef<Path>, what: &'static str) -> Result<Self> {
+        Self::images(path.as_ref(), what, Box::new(|p| read_frame(p)), "display-encoded")
+    }
+
+    /// Opens frames of another kind of the views of a clip whose own frames are read like this.
+    ///
+    /// # Errors
+    /// The same as [`SideFolder::frames`].
+    pub fn frames_beside(path: impl AsRef<Path>, what: &'static str, reading: Reading) -> Result<Self> {
+        let unit = reading.transfer.name();
+        Self::images(path.as_ref(), what, Box::new(move |p| reading.read(p)), unit)
+    }
+
+    /// Opens sharp renders of a local scene. They come out encoded as sRGB, but in these primaries, whatever their own are: those of `said`,
+    /// or what each file tells.
+    ///
+    /// # Errors
+    /// The same as [`SideFolder::frames`].
+    pub fn renders(
+        path: impl AsRef<Path>,
+        what: &'static str,
+        said: Option<ColourSpace>,
+        primaries: Primaries,
+    ) -> Result<Self> {
+        let reading = Reading { exr: said, ..Reading::default() };
+        let read = move |path: &Path| {
+            let Encoded(image) = reading.read(path)?;
+            let matrix = conversion(reading.space_of(path)?.primaries, primaries);
+            let t = reading.transfer;
+            Ok(Encoded(match matrix {
+                Some(m) => image.map(|p| converted(&m, p.map(|v| t.decode(v))).map(|v| t.encode(v))),
+                None => image,
+            }))
+        };
+        Self::images(path.as_ref(), what, Box::new(read), "sharp renders")
+    }
+
+    fn images(path: &Path, what: &'static str, read: Reader<Encoded>, unit: &str) -> Result<Self> {
         let files =
             |path: &Path, notes: &mut Vec<String>| Ok(frame_files(path, notes)?.into_iter().collect());
         let kind = SideKind { what, accepted: "images", size_of: |i: &Encoded| i.0.size() };
-        Self::open(path.as_ref(), kind, files, Box::new(|p| read_frame(p)), "display-encoded")
+        Self::open(path, kind, files, read, unit)
     }
 }
 
@@ -84,6 +126,47 @@ impl SideFolder<Plane> {
     }
 }
 
+/// The side of an object on which the things lie that a matte shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum MatteSide {
+    /// White is in front of the object and hides it.
+    #[default]
+    Front,
+    /// White is behind the object, which is seen there alone.
+    Behind,
+}
+
+impl SideFolder<Plane> {
+    /// Opens mattes: EXR (alpha, or the only channel, or red), else PNG or TIFF (alpha if there is any transparency, else the brightness), 0 to
+    /// 1. They are read as the share of each pixel that hides the object.
+    ///
+    /// # Errors
+    /// If there is no such folder or no matte in it, or two files have the same number.
+    pub fn mattes(path: impl AsRef<Path>, side: MatteSide) -> Result<Self> {
+        let files = |path: &Path, notes: &mut Vec<String>| {
+            let kinds: [&[&str]; 3] = [&["exr"], &["png"], &["tif", "tiff"]];
+            let mut files = BTreeMap::new();
+            for kind in kinds {
+                if files.is_empty() {
+                    files = numbered_files(path, kind, notes)?;
+                }
+            }
+            Ok(files)
+        };
+        let read = move |path: &Path| {
+            let matte = if is_exr(path)? { exr::read_matte(path)? } else { image::read_matte(path)? };
+            let share = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
+            Ok(matte.map(|v| if side == MatteSide::Front { share(v) } else { 1.0 - share(v) }))
+        };
+        let kind = SideKind { what: "mattes", accepted: "EXR, PNG or TIFF", size_of: Plane::size };
+        let unit = match side {
+            MatteSide::Front => "white is in front of the object",
+            MatteSide::Behind => "white is behind the object",
+        };
+        Self::open(path.as_ref(), kind, files, Box::new(read), unit)
+    }
+}
+
 impl SideFolder<Flow> {
     /// Opens optical flow: EXR with `forward.u` and `forward.v`, else `.flo`.
     ///
@@ -110,17 +193,35 @@ impl SideFolder<VirtualLayerFile> {
     /// # Errors
     /// If there is no such folder or no EXR in it, or two files have the same number.
     pub fn virtual_layers(path: impl AsRef<Path>) -> Result<Self> {
+        Self::virtual_layers_in(path, None, Primaries::REC709)
+    }
+
+    /// Opens rendered virtual layers, whose light comes out in these primaries, whatever their own are: those of `said`, or what each file
+    /// tells.
+    ///
+    /// # Errors
+    /// The same as [`SideFolder::virtual_layers`].
+    pub fn virtual_layers_in(
+        path: impl AsRef<Path>,
+        said: Option<ColourSpace>,
+        primaries: Primaries,
+    ) -> Result<Self> {
+        let read = move |path: &Path| {
+            let mut layer = read_virtual_layer(path)?;
+            let own = Reading { exr: said, ..Reading::default() }.space_of(path)?.primaries;
+            if let Some(m) = conversion(own, primaries) {
+                layer.color.0 = layer.color.0.map(|[r, g, b, a]| {
+                    let [r, g, b] = converted(&m, [r, g, b]);
+                    [r, g, b, a]
+                });
+            }
+            Ok(layer)
+        };
         let files = |path: &Path, notes: &mut Vec<String>| numbered_files(path, &["exr"], notes);
         let accepted = "EXR with channels R G B A";
         let kind =
             SideKind { what: "virtual layers", accepted, size_of: |v: &VirtualLayerFile| v.color.0.size() };
-        Self::open(
-            path.as_ref(),
-            kind,
-            files,
-            Box::new(|p| read_virtual_layer(p)),
-            "premultiplied, scene-linear",
-        )
+        Self::open(path.as_ref(), kind, files, Box::new(read), "premultiplied, scene-linear")
     }
 }
 
@@ -133,10 +234,10 @@ impl<T> SideFolder<T> {
         unit: &str,
     ) -> Result<Self> {
         let what = kind.what;
-        let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
-        check_regular(path, &metadata)?;
         let mut notes = Vec::new();
-        let files = if metadata.is_dir() {
+        let files = if let Some(pattern) = NamePattern::of(path) {
+            Files::Numbered(pattern.files()?)
+        } else if path.is_dir() {
             let files = list(path, &mut notes)?;
             if files.is_empty() {
                 return Err(Error::new(
@@ -146,6 +247,7 @@ impl<T> SideFolder<T> {
             }
             Files::Numbered(files)
         } else {
+            check_regular(path, &path.metadata().map_err(|e| Error::cannot_read(path, &e))?)?;
             Files::One(path.into())
         };
         let said = match &files {

@@ -7,7 +7,7 @@ use crate::{
     video_head::VideoHead,
     yuv::{YuvFrame, turned},
 };
-use blindaug::Encoded;
+use blindaug::{Encoded, colour_space::ColourSpace};
 use std::path::{Path, PathBuf};
 
 /// A video whose head has been read.
@@ -69,6 +69,19 @@ impl Video {
     /// The decoded frame as RGB, turned upright.
     pub(crate) fn encoded(&self, frame: &YuvFrame) -> Encoded {
         turned(frame.to_encoded(self.head.colour), self.head.quarter_turns)
+    }
+
+    /// The bits of a value.
+    pub(crate) fn bits(&self) -> u32 {
+        match &self.decoder {
+            Decoder::Ffmpeg(f) => f.bits(),
+            Decoder::BuiltIn(_) => 8,
+        }
+    }
+
+    /// The colour space of the frames, as the head says.
+    pub(crate) fn space(&self) -> ColourSpace {
+        self.head.space
     }
 
     pub(crate) fn size(&self) -> (usize, usize) {

@@ -1,6 +1,7 @@
 //! The properties in a video's head.
 
 use crate::yuv::Colour;
+use blindaug::colour_space::ColourSpace;
 
 /// The properties of a video, as its head gives them.
 #[derive(Clone, Debug)]
@@ -10,6 +11,8 @@ pub(crate) struct VideoHead {
     /// The approximate number of frames; `None` if it is not known.
     pub frames: Option<usize>,
     pub colour: Colour,
+    /// The colour space of the frames once they are RGB. Rec. 709 counts as sRGB, as which screens show it.
+    pub space: ColourSpace,
     /// The number of quarter turns clockwise that show a frame upright, 0 to 3.
     pub quarter_turns: u8,
     /// Notes for the user, a sentence each.

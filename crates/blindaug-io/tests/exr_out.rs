@@ -1,7 +1,7 @@
 //! EXR files that are written, read with the exr crate itself.
 
-use blindaug::{Encoded, Plane, Premultiplied, Raster, composite::DistortedLayer};
-use blindaug_io::{ExrHead, FileKind, FrameFormat, read_virtual_layer, write_distorted_layer};
+use blindaug::{Encoded, Plane, Premultiplied, Raster, colour_space::ColourSpace, composite::DistortedLayer};
+use blindaug_io::{Coding, ExrHead, FileKind, FrameFormat, read_virtual_layer, write_distorted_layer};
 use exr::prelude::*;
 
 /// The values of all channels of a file, by name.
@@ -37,9 +37,11 @@ fn the_head_of_a_frame_goes_on_with_it() {
 
     let head = ExrHead::read(at("in.exr")).unwrap();
     let frame = Encoded(Raster::filled(6, 4, [0.5; 3]));
+    let acescg: ColourSpace = "acescg".parse().unwrap();
+    let in_acescg = Coding::new(acescg, acescg);
     let float = FrameFormat::PNG8.with(Some(FileKind::Exr), Some(32)).unwrap();
-    float.write(&at("out.exr"), &frame, None, Some(&head)).unwrap();
-    float.write(&at("plain.exr"), &frame, None, None).unwrap();
+    float.write(&at("out.exr"), &frame, None, Some(&head), &in_acescg).unwrap();
+    float.write(&at("plain.exr"), &frame, None, None, &Coding::default()).unwrap();
     let read = |name| read_first_flat_layer_from_file(at(name)).unwrap();
     let out = read("out.exr");
     assert_eq!(out.attributes, attributes);
@@ -59,7 +61,7 @@ fn a_distorted_layer_has_all_its_channels() {
         inverse_depth: Plane::from_fn(5, 3, |x, _| if x == 0 { f32::NAN } else { 0.3 }),
         flow: Raster::filled(5, 3, [1.5, -2.5]),
     };
-    write_distorted_layer(&path, &layer, 16, None).unwrap();
+    write_distorted_layer(&path, &layer, 16, None, &Coding::default()).unwrap();
     let found = channels(&path);
     let of = |name: &str| &found.iter().find(|c| c.0 == name).unwrap_or_else(|| panic!("{name}")).1;
     for (name, value) in [

@@ -11,8 +11,8 @@ use blindaug::{
     CameraModel, Encoded, Flow, Frame, Linear, Plane, Raster, Transfer,
     composite::{self, CompositeOptions, DistortedLayer, Plate, VirtualLayer},
     model::{
-        CameraTrack, Capture, DepthKind, Distortion, Estimate, MotionBlurModel, Reason, SceneScale,
-        TrackedCamera,
+        CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, KnownDistance,
+        MotionBlurModel, Reason, SceneScale, TrackedCamera,
     },
     synth::{self, SynthesisOptions, distorted_strips},
 };
@@ -86,18 +86,35 @@ pub enum UnknownExposure {
     Middle,
 }
 
-/// Scales the models to a clip's frames, sets the parts that are set by hand, and tells the observer which distortions are not applied.
-/// Messages call the models `name`.
+/// What is said of models before they are applied.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Fitting {
+    /// The scale of the scene, which brings lenses over relative inverse depth to metres.
+    pub scale: Option<SceneScale>,
+    /// One or two places whose distance is known, in place of the scale; px of the clip.
+    pub known: Vec<KnownDistance>,
+    /// A place, px of the clip, as blurred as which an object is to be, whatever its depth ([`matched_at`]).
+    pub match_at: Option<[f32; 2]>,
+    /// The parts that are set by hand.
+    pub by_hand: ByHand,
+    /// What is applied of an unknown exposure.
+    pub unknown: UnknownExposure,
+}
+
+/// Scales the models to a clip's frames, brings them to metres if the scale of the scene is given or follows from known distances, sets the
+/// parts that are set by hand, and tells the observer which distortions are not applied. Returns the scale as well. Messages call the models
+/// `name`.
 ///
 /// # Errors
-/// If a part cannot be set by hand: see [`ByHand::applied`].
+/// If known distances give no scale, or a part cannot be set by hand: see [`CameraModel::scale_by`], [`matched_at`] and [`ByHand::applied`].
 pub fn fitted_to(
     track: CameraTrack,
     name: &str,
     clip: &dyn Clip,
-    (by_hand, unknown): (ByHand, UnknownExposure),
+    fitting: &Fitting,
     observer: &dyn Observer,
-) -> Result<CameraTrack> {
+) -> Result<(CameraTrack, Option<SceneScale>)> {
+    let Fitting { by_hand, unknown, .. } = *fitting;
     let (width, height) = clip.size();
     let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
     if (w, h) != (width, height) {
@@ -112,6 +129,24 @@ pub fn fitted_to(
         }
     }
     let mut track = track.map(|m| m.scaled_to(width, height));
+    let scale = match &fitting.known[..] {
+        [] => fitting.scale,
+        known => {
+            let scale = track.frames()[0].camera.scale_by(known);
+            let scale = scale.map_err(|error| Error::Clip { clip: name.into(), error })?;
+            observer.note(&format!(
+                "{name}: relative inverse depth is {:.4} / Z + {:.4}",
+                scale.scale, scale.offset
+            ));
+            Some(scale)
+        }
+    };
+    if let Some(scale) = scale {
+        track = track.to_metric(scale);
+    }
+    if let Some(place) = fitting.match_at {
+        track = matched_at(track, name, place)?;
+    }
     let set = |f: &TrackedCamera| {
         let camera = by_hand.applied(f.camera.clone())?;
         Ok(TrackedCamera { frame: f.frame, changed: f.changed, camera })
@@ -127,7 +162,7 @@ pub fn fitted_to(
             observer.warning(&format!("{name}: {} is unknown and not applied: {why}", distortion.name()));
         }
     }
-    Ok(track)
+    Ok((track, scale))
 }
 
 /// The models with the middle of the exposures that fit in place of an unknown exposure.
@@ -186,19 +221,82 @@ pub struct Scene {
     pub flow: Option<BoxedSide<Flow>>,
     /// Renders of the local scene with and without the object, for its shadows and reflections.
     pub renders: Option<[BoxedSide<Encoded>; 2]>,
+    /// Mattes: the share of each pixel that things in front of the object cover, in [0, 1].
+    pub holdout: Option<BoxedSide<Plane>>,
+    /// The depth of layers that have none.
+    pub layer_depth: Option<LayerDepth>,
+    /// The motion of layers that have none.
+    pub layer_motion: Option<LayerMotion>,
+}
+
+/// The depth of a whole layer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LayerDepth {
+    /// A distance, m, > 0.
+    Metres(f32),
+    /// The median of the real depth where the object is.
+    OfFootage,
+}
+
+/// The motion of a whole layer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LayerMotion {
+    /// A motion to the next frame, px, x right and y down.
+    Px([f32; 2]),
+    /// The median of the footage's motion where the object is.
+    OfFootage,
+}
+
+/// Replaces the lenses by the blur that each finds at a place of its own frames, px: an object is then as blurred as what is seen there,
+/// whatever its depth. Messages call the models `name`.
+///
+/// # Errors
+/// If a lens is unknown, or its model holds no depth at this place.
+pub fn matched_at(track: CameraTrack, name: &str, place: [f32; 2]) -> Result<CameraTrack> {
+    let matched = |f: &TrackedCamera| {
+        let mut camera = f.camera.clone();
+        let lens = camera.defocus.known().copied();
+        let lens =
+            lens.ok_or_else(|| blindaug::Error::new("its lens is unknown, so that no place has a blur"))?;
+        let sigma = lens.sigma_px(camera.depth_at(place)?);
+        let curve = DefocusCurve::Quadratic { a: 0.0, b: 0.0, c: sigma, inverse_depth_range: [0.0, 1.0] };
+        camera.defocus = Estimate::Known(DefocusModel::given(curve, DepthKind::Metric));
+        Ok(TrackedCamera { camera, ..*f })
+    };
+    let frames: blindaug::Result<Vec<TrackedCamera>> = track.frames().iter().map(matched).collect();
+    frames.and_then(CameraTrack::from_frames).map_err(|error| Error::Clip { clip: name.into(), error })
+}
+
+/// The median of finite values; `None` if there are none.
+fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut values: Vec<f32> = values.filter(|v| v.is_finite()).collect();
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// The places of a layer's object, as indices of its pixels.
+fn places(layer: &VirtualLayer) -> impl Iterator<Item = usize> + '_ {
+    layer.color.0.data().iter().enumerate().filter(|(_, p)| p[3] >= 0.5).map(|(i, _)| i)
 }
 
 impl Scene {
+    /// Footage with a virtual object, of whose scene nothing else is known.
+    pub fn new(footage: Box<dyn Clip>, layers: BoxedSide<VirtualLayer>) -> Self {
+        let (depth, flow, renders, holdout) = (None, None, None, None);
+        Self { footage, layers, depth, flow, renders, holdout, layer_depth: None, layer_motion: None }
+    }
+
     /// Fails if a part of the scene has nothing for any of the frames.
     ///
     /// # Errors
     /// [`Error::NoMatch`] names the part.
     pub fn check(&self) -> Result<()> {
-        let Self { footage, layers, depth, flow, renders } = self;
+        let Self { footage, layers, depth, flow, renders, holdout, .. } = self;
         let clip = &**footage;
         check_match(clip, Some(&**layers))?;
         check_match(clip, depth.as_ref().map(|d| &*d.maps))?;
         check_match(clip, flow.as_ref().map(|f| &**f))?;
+        check_match(clip, holdout.as_ref().map(|m| &**m))?;
         renders.iter().flatten().try_for_each(|r| check_match(clip, Some(&**r)))
     }
 
@@ -207,22 +305,11 @@ impl Scene {
         &self,
         frame: &Frame,
         neighbours: &Neighbours,
-        layer: &VirtualLayer,
+        layer: &mut VirtualLayer,
         applied: &Applied,
         missing: &mut Missing,
     ) -> Result<Around> {
         let (number, size) = (frame.number, self.footage.size());
-        let has_depth = layer.inverse_depth.is_some();
-        let no_layer_flow = applied.moving && layer.flow.is_none();
-        missing.check(
-            no_layer_flow,
-            number,
-            "its virtual layer has no flow",
-            "the object gets no motion blur",
-        );
-        let no_z = "its virtual layer has no Z";
-        missing.check(applied.defocused && !has_depth, number, no_z, "the object gets no defocus");
-        missing.check(self.depth.is_some() && !has_depth, number, no_z, "the object is not occluded");
         let inverse_depth = match &self.depth {
             Some(maps) => maps.get(number, size)?,
             None => None,
@@ -238,10 +325,48 @@ impl Scene {
         missing.check(no_renders, number, "no renders with and without it", "the object casts no shadows");
         let flow = match &self.flow {
             Some(flow) => flow.get(number, size)?,
-            None if applied.finds_flow && renders.is_some() => neighbours.flow(frame)?,
+            None if applied.finds_flow => neighbours.flow(frame)?,
             None => None,
         };
-        Ok(Around { inverse_depth, flow, renders })
+        let holdout = match &self.holdout {
+            Some(mattes) => mattes.get(number, size)?,
+            None => None,
+        };
+        let no_matte = self.holdout.is_some() && holdout.is_none();
+        missing.check(no_matte, number, "no matte", "the object is not held out");
+        self.complete(layer, (inverse_depth.as_ref(), flow.as_ref()));
+        let has_depth = layer.inverse_depth.is_some();
+        let no_layer_flow = applied.moving && layer.flow.is_none();
+        let no_flow = "its virtual layer has no motion (--layer-motion gives it one)";
+        missing.check(no_layer_flow, number, no_flow, "the object gets no motion blur");
+        let no_z = "its virtual layer has no Z (--layer-depth gives it one)";
+        missing.check(applied.defocused && !has_depth, number, no_z, "the object gets no defocus");
+        missing.check(self.depth.is_some() && !has_depth, number, no_z, "the object is not occluded");
+        Ok(Around { inverse_depth, flow, renders, holdout })
+    }
+
+    /// Gives a layer the depth and the motion that it lacks, of those that the scene has for it.
+    fn complete(&self, layer: &mut VirtualLayer, (depth, flow): (Option<&Plane>, Option<&Flow>)) {
+        let (w, h) = layer.color.0.size();
+        if layer.inverse_depth.is_none() {
+            let inverse = match self.layer_depth {
+                Some(LayerDepth::Metres(metres)) => Some(1.0 / metres),
+                Some(LayerDepth::OfFootage) => depth.and_then(|d| median(places(layer).map(|i| d.data()[i]))),
+                None => None,
+            };
+            layer.inverse_depth = inverse.map(|d| Plane::filled(w, h, d));
+        }
+        if layer.flow.is_none() {
+            let motion = match self.layer_motion {
+                Some(LayerMotion::Px(motion)) => Some(motion),
+                Some(LayerMotion::OfFootage) => flow.and_then(|f| {
+                    let of = |c: usize| median(places(layer).map(|i| f.data()[i][c]));
+                    Some([of(0)?, of(1)?])
+                }),
+                None => None,
+            };
+            layer.flow = motion.map(|v| Flow::filled(w, h, v));
+        }
     }
 }
 
@@ -258,6 +383,7 @@ struct Around {
     flow: Option<Flow>,
     /// The renders of the scene with the object and without it.
     renders: Option<[Linear; 2]>,
+    holdout: Option<Plane>,
 }
 
 /// What is made of each frame of a scene.
@@ -281,39 +407,42 @@ pub fn composite(
     sink: &mut dyn Sink,
     observer: &dyn Observer,
 ) -> Result<Made> {
-    let Scene { footage, layers, depth, flow, renders } = scene;
+    let Scene { footage, layers, depth, flow, renders, .. } = scene;
     let clip = &**footage;
     let moving = track.why_unknown(Distortion::MotionBlur).is_none();
     let applied = Applied {
         moving,
         defocused: track.why_unknown(Distortion::Defocus).is_none(),
-        finds_flow: moving && renders.is_some() && flow.is_none(),
+        finds_flow: moving
+            && flow.is_none()
+            && (renders.is_some() || scene.layer_motion == Some(LayerMotion::OfFootage)),
     };
     let mut missing = Missing::new(observer);
     let mut without_layer = 0;
     // The result is in memory beside the frames that are read.
     let frames = if applied.finds_flow { 4 * FRAME } else { 2 * FRAME };
     let shadows = if renders.is_some() { RENDERS + FLOW } else { 0 };
+    let mattes = if scene.holdout.is_some() { DEPTH } else { 0 };
     let apart = if product == Product::Layer { DISTORTED_LAYER } else { 0 };
-    let given = frames + LAYER + apart + shadows + if depth.is_some() { DEPTH } else { 0 };
+    let given = frames + LAYER + apart + shadows + mattes + if depth.is_some() { DEPTH } else { 0 };
     check_memory(clip, given, applied.finds_flow, 0)?;
     let finds_flow = applied.finds_flow;
     let made = for_each_frame("compositing", clip, sink, finds_flow, observer, |frame, neighbours, sink| {
         let number = frame.number;
-        let Some(layer) = layers.get(number, clip.size())? else {
+        let Some(mut layer) = layers.get(number, clip.size())? else {
             without_layer += 1;
             return match product {
                 Product::Composite => sink.put(&frame.image.0),
                 Product::Layer => sink.put_layer(&DistortedLayer::empty(clip.size())),
             };
         };
-        let around = scene.around(frame, neighbours, &layer, &applied, &mut missing)?;
+        let around = scene.around(frame, neighbours, &mut layer, &applied, &mut missing)?;
         let plate = Plate {
-            frame: &frame.image,
-            number,
             inverse_depth: around.inverse_depth.as_ref(),
             flow: around.flow.as_ref(),
             with_and_without: around.renders.as_ref().map(|[with, without]| (with, without)),
+            holdout: around.holdout.as_ref(),
+            ..Plate::new(&frame.image, number)
         };
         let model = track.at(number);
         let of_frame = |e| of_frame(clip, number, e);
@@ -454,7 +583,7 @@ fn distorted_with_alpha(
     let &SynthesisOptions { bokeh, no_noise, seed, unclipped } = options;
     let (width, height) = layer.color.0.size();
     let black = Encoded(Raster::filled(width, height, [0.0; 3]));
-    let plate = Plate { frame: &black, number, inverse_depth: None, flow: None, with_and_without: None };
+    let plate = Plate::new(&black, number);
     let options = CompositeOptions { naive: false, no_noise, bokeh, seed, unclipped };
     let DistortedLayer { color, noise, .. } = composite::distorted_layer(&plate, layer, model, &options)?;
     let light = Linear(Raster::from_fn(width, height, |x, y| {

@@ -76,8 +76,7 @@ impl fmt::Display for Error {
             }
             Self::NoSceneScale { name, is_model: true } => write!(
                 f,
-                "{name}: its defocus is over relative inverse depth, but the layers are in metres: give the scene's scale, or estimate \
-                 again with depth in metres"
+                "{name}: its defocus is over relative inverse depth, but the layers are in metres"
             ),
             Self::AlreadyThere { name } => write!(f, "{name}: this is there already; give another name"),
             Self::NoLayers => f.write_str(

@@ -10,6 +10,7 @@ use crate::{
 use blindaug::{
     Sample, analysis,
     fit::{Estimation, Estimator, EstimatorOptions, FrameObservation, Shot},
+    model::SceneDepth,
 };
 
 /// An estimate and the frames that it rests on.
@@ -164,6 +165,13 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
         show(footage, operators, save, "estimating", &mut whole, observer)?;
     let mut estimation = whole.estimator.estimate().map_err(|e| of_clip(clip, e))?;
     estimation.model.stopped = stopped;
+    // Only the lens relates the depth to anything.
+    if let (Some(lens), Some((index, depth))) =
+        (estimation.model.defocus.known(), &estimation.diagnostics.inverse_depth)
+    {
+        let number = whole.numbers.get(*index).copied().unwrap_or(first);
+        estimation.model.scene_depth = SceneDepth::of(depth, lens.depth_kind, number);
+    }
     let diagnostics = &mut estimation.diagnostics;
     if !diagnostics.shots.is_empty() {
         diagnostics.notes.insert(0, words_of_shots(&diagnostics.shots, &whole.numbers));

@@ -170,9 +170,10 @@ impl Clip for blindaug_io::FrameSource {
     }
 
     fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {
-        // The frames of a video are numbered from 1 on and slow to count.
+        // The frames of a video are slow to count.
         if self.fps().is_some() {
-            return Ok(self.len_hint().is_none_or(|n| (1..=n as u64).any(wanted)));
+            let first = self.first_number();
+            return Ok(self.len_hint().is_none_or(|n| (first..first + n as u64).any(wanted)));
         }
         let found = AtomicBool::new(false);
         let mut none = self.frames_if(|number| {

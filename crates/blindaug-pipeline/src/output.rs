@@ -6,8 +6,8 @@ use crate::{
 };
 use blindaug::{Encoded, Plane, Raster, composite::DistortedLayer};
 use blindaug_io::{
-    Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, PngWriter, VideoWriter, check_folder,
-    is_stream, make_folder, remove_leftovers_in, write_distorted_layer,
+    Coding, Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, NamePattern, PngWriter, VideoWriter,
+    check_folder, is_stream, make_folder, remove_leftovers_in, write_distorted_layer,
 };
 use std::{
     collections::BTreeSet,
@@ -27,25 +27,28 @@ pub struct ImageFiles {
     pub format: FrameFormat,
     /// The head of an EXR file that the frame of this number is made from.
     pub heads: Box<dyn Fn(u64) -> Option<ExrHead> + Send>,
+    /// The colour spaces of the frames and of the files.
+    pub coding: Coding,
 }
 
 impl ImageFiles {
-    /// Files of this format, whose heads say nothing.
+    /// Files of this format, whose heads say nothing, for frames that are encoded as the files are.
     pub fn plain(format: FrameFormat) -> Self {
-        Self { format, heads: Box::new(|_| None) }
+        Self { format, heads: Box::new(|_| None), coding: Coding::default() }
     }
 }
 
 enum Kind {
     Folder {
         files: ImageFiles,
+        names: NamePattern,
         /// The numbers of the frames that exist already.
         done: BTreeSet<u64>,
         /// Whether the folder was made by this run.
         is_new: bool,
     },
     Image(ImageFiles),
-    Video(VideoWriter),
+    Video(VideoWriter, Coding),
 }
 
 /// A frame that was begun.
@@ -69,13 +72,17 @@ impl Output {
     /// # Errors
     /// If the folder cannot be used; the sentence says why.
     pub fn check_folder(path: &Path, inputs: &Inputs) -> Result<()> {
+        let pattern = NamePattern::of(path);
+        let path = pattern.as_ref().map_or(path, NamePattern::folder);
         if path.exists() && !path.is_dir() {
             let sentence =
                 "this is a file; give a folder, an image (exr, png, tif) or a video (mp4) by its extension";
             return Err(FileError::new(path, sentence).into());
         }
-        let is_frame = |name: &str| {
-            FileKind::of_name(Path::new(name)).is_some_and(|kind| number_of(name, kind).is_some())
+        let is_frame = |name: &str| match &pattern {
+            Some(pattern) => pattern.number(name).is_some(),
+            None => FileKind::of_name(Path::new(name))
+                .is_some_and(|kind| names(path, kind).number(name).is_some()),
         };
         inputs.check_output_folder(path, is_frame)?;
         check_folder(path)?;
@@ -88,19 +95,26 @@ impl Output {
         VideoWriter::is_video(path)
     }
 
-    /// Whether a name is that of a video or of an image, by its extension, and no folder has it.
+    /// Whether a name is that of a video or of one image, by its extension: no folder has it, and it is no pattern of many names.
     pub fn is_file(path: &Path) -> bool {
-        (Self::is_video(path) || FileKind::of_name(path).is_some()) && !path.is_dir()
+        (Self::is_video(path) || FileKind::of_name(path).is_some())
+            && !path.is_dir()
+            && NamePattern::of(path).is_none()
     }
 
-    /// An output into a video of `fps` frames per second. An existing file is replaced only with `overwrite`.
+    /// An output into a video of `fps` frames per second and of `bits`, 8 or 10, for each value. An existing file is replaced only with `overwrite`.
     ///
     /// # Errors
     /// [`Error::AlreadyThere`], or if the file cannot be written.
-    pub fn video(path: &Path, size: (usize, usize), fps: f64, overwrite: bool) -> Result<Self> {
+    pub fn video(
+        path: &Path,
+        (size, fps): ((usize, usize), f64),
+        (coding, bits): (Coding, u8),
+        overwrite: bool,
+    ) -> Result<Self> {
         check_new(path, overwrite)?;
-        let video = VideoWriter::create(path, size, fps)?;
-        Ok(Self { path: path.into(), kind: Kind::Video(video), begun: None })
+        let video = VideoWriter::create_in(path, size, fps, (coding.file(), bits))?;
+        Ok(Self { path: path.into(), kind: Kind::Video(video, coding), begun: None })
     }
 
     /// An output of the only frame of a job into an image. An existing file is replaced only with `overwrite`.
@@ -112,15 +126,22 @@ impl Output {
         Ok(Self { path: path.into(), kind: Kind::Image(files), begun: None })
     }
 
-    /// An output into a folder of images, which is made with the first frame if it does not exist. Frames of the same kind of file that
+    /// An output into a folder of images, or into images whose names follow a pattern ([`NamePattern`]). The folder is made with the first frame if it does not exist. Frames of the same kind of file that
     /// are in it already are kept, unless `overwrite` is set.
     ///
     /// # Errors
     /// If the folder cannot be read.
     pub fn folder(path: &Path, files: ImageFiles, overwrite: bool) -> Result<Self> {
-        let there = || numbers_there(path, files.format.kind());
-        let done = if overwrite || !path.exists() { BTreeSet::new() } else { there()? };
-        Ok(Self { path: path.into(), kind: Kind::Folder { files, done, is_new: false }, begun: None })
+        let names = names(path, files.format.kind());
+        let folder = names.folder();
+        let there = || -> Result<BTreeSet<u64>> {
+            let cannot = |e| FileError::new(folder, format!("the folder cannot be read ({e})"));
+            let entries = folder.read_dir().map_err(cannot)?;
+            Ok(entries.filter_map(|e| names.number(e.ok()?.file_name().to_str()?)).collect())
+        };
+        let done = if overwrite || !folder.exists() { BTreeSet::new() } else { there()? };
+        let path = folder.into();
+        Ok(Self { path, kind: Kind::Folder { files, names, done, is_new: false }, begun: None })
     }
 
     /// Whether the output is a folder with earlier frames that are kept.
@@ -144,7 +165,7 @@ impl Output {
     /// If a video cannot be completed.
     pub fn finish(self) -> Result<()> {
         match self.kind {
-            Kind::Video(video) => Ok(video.finish()?),
+            Kind::Video(video, _) => Ok(video.finish()?),
             Kind::Folder { .. } | Kind::Image(_) => Ok(()),
         }
     }
@@ -162,7 +183,7 @@ impl Sink for Output {
     fn done(&self) -> BTreeSet<u64> {
         match &self.kind {
             Kind::Folder { done, .. } => done.clone(),
-            Kind::Image(_) | Kind::Video(_) => BTreeSet::new(),
+            Kind::Image(_) | Kind::Video(..) => BTreeSet::new(),
         }
     }
 
@@ -174,9 +195,10 @@ impl Sink for Output {
             *is_new = true;
         }
         self.begun = Some(match &self.kind {
-            Kind::Folder { files, .. } if files.format == FrameFormat::PNG8 => {
-                let path = self.path.join(file_name(number, FileKind::Png));
-                Begun::Png(Box::new(PngWriter::create(path, size)?))
+            Kind::Folder { files, names, .. }
+                if files.format == FrameFormat::PNG8 && files.coding.keeps() =>
+            {
+                Begun::Png(Box::new(PngWriter::create(names.path(number), size)?))
             }
             _ => Begun::Whole {
                 number,
@@ -208,7 +230,7 @@ impl Sink for Output {
     fn put_layer(&mut self, of_frame: &DistortedLayer) -> Result<()> {
         let takes_layers = match &self.kind {
             Kind::Folder { files, .. } | Kind::Image(files) => files.format.kind() == FileKind::Exr,
-            Kind::Video(_) => false,
+            Kind::Video(..) => false,
         };
         match &mut self.begun {
             Some(Begun::Whole { layer, .. }) if takes_layers => *layer = Some(Box::new(of_frame.clone())),
@@ -230,16 +252,17 @@ impl Sink for Output {
         let write = |path: &Path, files: &ImageFiles| {
             let head = (files.heads)(number);
             match &layer {
-                Some(layer) => write_distorted_layer(path, layer, files.format.bits(), head.as_ref()),
-                None => files.format.write(path, &frame, alpha.as_ref(), head.as_ref()),
+                Some(layer) => {
+                    write_distorted_layer(path, layer, files.format.bits(), head.as_ref(), &files.coding)
+                }
+                None => files.format.write(path, &frame, alpha.as_ref(), head.as_ref(), &files.coding),
             }
         };
         match &mut self.kind {
-            Kind::Video(video) => video.write(&frame)?,
+            Kind::Video(video, coding) if coding.keeps() => video.write(&frame)?,
+            Kind::Video(video, coding) => video.write(&Encoded(frame.0.map(|p| coding.pixel(p))))?,
             Kind::Image(files) => write(&self.path, files)?,
-            Kind::Folder { files, .. } => {
-                write(&self.path.join(file_name(number, files.format.kind())), files)?;
-            }
+            Kind::Folder { files, names, .. } => write(&names.path(number), files)?,
         }
         Ok(())
     }
@@ -253,20 +276,7 @@ impl Sink for Output {
     }
 }
 
-/// The name of a frame's file.
-fn file_name(number: u64, kind: FileKind) -> String {
-    format!("{number:04}.{}", kind.extension())
-}
-
-/// The numbers of the frames that have been written to a folder in files of this kind.
-fn numbers_there(folder: &Path, kind: FileKind) -> Result<BTreeSet<u64>> {
-    let cannot = |e| FileError::new(folder, format!("the folder cannot be read ({e})"));
-    let entries = folder.read_dir().map_err(cannot)?;
-    Ok(entries.filter_map(|e| number_of(e.ok()?.file_name().to_str()?, kind)).collect())
-}
-
-/// The number of a frame whose file of this kind has this name.
-fn number_of(name: &str, kind: FileKind) -> Option<u64> {
-    let (stem, _) = name.rsplit_once('.')?;
-    stem.parse().ok().filter(|&n| file_name(n, kind) == name)
+/// The names of the frames' files: those of a pattern, or in a folder the number alone.
+fn names(path: &Path, kind: FileKind) -> NamePattern {
+    NamePattern::of(path).unwrap_or_else(|| NamePattern::plain(path, kind.extension()))
 }

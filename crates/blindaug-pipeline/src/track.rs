@@ -11,14 +11,14 @@ use crate::{
 use blindaug::{
     Sample,
     fit::{FrameObservation, track::Tracker},
-    model::{BlurSpace, CameraTrack, NoiseKind, TrackedCamera},
+    model::{CameraTrack, NoiseKind, Space, TrackedCamera},
 };
 
 /// The options of tracking a clip.
 #[derive(Default)]
 pub struct Job<'a> {
     /// The values that blur acts on: light or encoded values.
-    pub blur_space: BlurSpace,
+    pub space: Space,
     /// The kind of noise model.
     pub noise_kind: NoiseKind,
     /// Frames per second; `None`: the clip's.
@@ -84,11 +84,11 @@ pub fn track(
     observer: &dyn Observer,
     each: &mut dyn FnMut(&TrackedCamera) -> Result<()>,
 ) -> Result<Tracked> {
-    let Job { blur_space, noise_kind, fps, keep_samples, operators } = job;
+    let Job { space, noise_kind, fps, keep_samples, operators } = job;
     let clip = &*footage.clip;
     let reach = operators.as_ref().map_or(0, |o| o.reach());
     check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
-    let tracker = Tracker::new(blur_space, fps.or(clip.fps()));
+    let tracker = Tracker::new(space, fps.or(clip.fps()));
     let samples = Samples::new(clip, keep_samples);
     let mut following = Following { clip, tracker, noise_kind, each, cameras: Vec::new(), samples };
     let Seen { first, last, stopped, .. } =

@@ -20,6 +20,7 @@
 
 mod clip;
 mod defocus;
+mod depth_map;
 mod error;
 mod exposure;
 mod noise;

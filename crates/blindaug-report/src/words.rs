@@ -1,5 +1,6 @@
 //! A camera model in words and units, for a terminal, and the same numbers as JSON; per-frame models as a table.
 
+use crate::depth_map;
 use blindaug::{
     CameraModel,
     model::{
@@ -101,6 +102,7 @@ pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
             other => other_words(&mut text, model, other),
         };
     }
+    let _ = depth_map::words(&mut text, model);
     text
 }
 

@@ -160,11 +160,9 @@ impl Shot {
     /// A frame of the shot, in one of its forms, with what is known of the scene in it.
     pub(crate) fn plate<'a>(&'a self, number: usize, frame: &'a Encoded) -> Plate<'a> {
         Plate {
-            frame,
-            number: number as u64,
             inverse_depth: Some(&self.footage.inverse_depth[number]),
             flow: Some(&self.motion[number]),
-            with_and_without: None,
+            ..Plate::new(frame, number as u64)
         }
     }
 

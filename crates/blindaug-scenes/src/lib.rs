@@ -23,13 +23,7 @@
 //! // The ball is filmed, and it is composited as a virtual object over the frame without it.
 //! let (truth, frame) = (film(&scene.clone().with(ball.clone())), film(&scene));
 //! let (depth, motion) = (scene.inverse_depth(0.0), scene.motion(0.0));
-//! let plate = Plate {
-//!     frame: &frame,
-//!     number: 0,
-//!     inverse_depth: Some(&depth),
-//!     flow: Some(&motion),
-//!     with_and_without: None,
-//! };
+//! let plate = Plate { inverse_depth: Some(&depth), flow: Some(&motion), ..Plate::new(&frame, 0) };
 //! let setting = Setting { exposure: 0.0, lens, noise: 0.0, readout: 0.0, rolling_shutter: 0.0 };
 //! let layer = scene.layer(&ball, 0.0).into();
 //! let virtual_one = composite(&plate, &layer, &model(scene.size(), &setting), &CompositeOptions::default())?;

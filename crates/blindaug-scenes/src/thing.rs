@@ -362,13 +362,7 @@ mod tests {
     fn over(scene: &Scene, frame: &Linear, layer: VirtualLayer, model: &CameraModel, naive: bool) -> Encoded {
         let frame = frame.to_encoded(Transfer::Srgb);
         let (depth, motion) = (scene.inverse_depth(2.0), scene.motion(2.0));
-        let plate = Plate {
-            frame: &frame,
-            number: 0,
-            inverse_depth: Some(&depth),
-            flow: Some(&motion),
-            with_and_without: None,
-        };
+        let plate = Plate { inverse_depth: Some(&depth), flow: Some(&motion), ..Plate::new(&frame, 0) };
         let options = CompositeOptions {
             naive,
             no_noise: true,

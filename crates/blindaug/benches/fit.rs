@@ -86,14 +86,14 @@ fn bench(c: &mut Criterion) {
     let (seen, blurred) = (frame(&moved, 3), frame(&defocused, 4));
     g.bench_function("motion_blur/spectral", |b| {
         b.iter(|| {
-            let tiles =
-                spectral::tiles(black_box(&seen), Some(&flow), None, BlurSpace::Encoded).expect("one size");
+            let tiles = spectral::tiles(black_box(&seen), Some(&flow), None, BlurSpace::Encoded.into())
+                .expect("one size");
             spectral::fit_exposure(&[&tiles], &[], &noise)
         })
     });
     g.bench_function("defocus/spectral", |b| {
         b.iter(|| {
-            let tiles = spectral::tiles(black_box(&blurred), None, Some(&depth), BlurSpace::Encoded)
+            let tiles = spectral::tiles(black_box(&blurred), None, Some(&depth), BlurSpace::Encoded.into())
                 .expect("one size");
             spectral::fit_lens(&[&tiles], &noise, ExposureFraction(0.0), None)
         })

@@ -88,11 +88,10 @@ fn bench(c: &mut Criterion) {
         if (500..1300).contains(&x) && y > 600 { v.map(|v| 0.7 * v) } else { v }
     }));
     let plate = Plate {
-        frame: &frame,
-        number: 1,
         inverse_depth: Some(&real),
         flow: Some(&flow),
         with_and_without: Some((&with, &without)),
+        ..Plate::new(&frame, 1)
     };
     group.bench_function("composite", |b| {
         b.iter(|| composite(&plate, &layer, &model, &composite::CompositeOptions::default()))

@@ -1,19 +1,23 @@
 //! The virtual layer over the frame, as if the camera had filmed it.
 //!
 //! F is the frame, L and A are the colour and alpha of the blurred layer, V is the share of the layer that the blurred real things in front
-//! let through, B is the background's light that these things let through, and D the blurred shadows and reflections. The result is
+//! let through, and B is the background's light that these things let through. R is the blurred factor of the shadows, at most 1, and D the
+//! blurred light of the reflections. The result is
 //!
 //! ```text
-//! F + D (1 - A V) + V L - A B,      where B = F if nothing is in front
+//! F + (F (R - 1) + D) (1 - A V) + V L - A B,      where B = F if nothing is in front
 //! ```
+//!
+//! Shadows are a factor, the ratio of the renders with and without the object, so that they weaken the noise of the floor as they weaken its
+//! light (a difference would leave the bright floor's noise in the dark). Where the object adds light, the difference of the renders is added.
 //!
 //! If the camera sharpens, F is the unsharpened frame, and the difference of the result to F is sharpened and added to the frame.
 //! (The difference to the frame itself, sharpened, would leave a ghost of the background's detail on the object.) Finally, the
 //! noise that is missing is added.
 
-use crate::model::{CameraModel, NoiseModel, SharpeningModel};
-use crate::synth::{Blur, Space, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
-use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, Transfer, filter};
+use crate::model::{CameraModel, NoiseModel, SharpeningModel, Space};
+use crate::synth::{Blur, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
+use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter};
 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
@@ -37,8 +41,17 @@ pub struct Plate<'a> {
     pub inverse_depth: Option<&'a Plane>,
     /// Flow of the filmed scene, px per frame interval.
     pub flow: Option<&'a Flow>,
-    /// Sharp renders of the local scene with and without the object, for its shadows and reflections (Debevec 1998).
+    /// Sharp renders of the local scene with and without the object, for its shadows and reflections (after Debevec 1998).
     pub with_and_without: Option<(&'a Linear, &'a Linear)>,
+    /// A matte: the share of each pixel that things in front of the object cover, in [0, 1], with edges as soft as they are in the frame.
+    pub holdout: Option<&'a Plane>,
+}
+
+impl<'a> Plate<'a> {
+    /// A frame of this number, of whose scene nothing else is known.
+    pub fn new(frame: &'a Encoded, number: u64) -> Self {
+        Self { frame, number, inverse_depth: None, flow: None, with_and_without: None, holdout: None }
+    }
 }
 
 /// Options of [`composite`].
@@ -128,7 +141,7 @@ pub fn distorted_layer(
     let of_object = |x: usize, y: usize| {
         made.object.as_ref().and_then(|o| o.place.at(&o.pixels, (x + changed.x, y + changed.y)))
     };
-    let light = |v: [f32; 3]| v.map(|v| Transfer::Srgb.decode(v));
+    let light = |v: [f32; 3]| v.map(|v| model.transfer.decode(v));
     let clean = made.without_noise();
     let color = Raster::from_fn(changed.w, changed.h, |x, y| {
         let alpha = of_object(x, y).map_or(0.0, |o| o.cover);
@@ -190,7 +203,7 @@ impl Made {
     ) -> Result<Option<Self>> {
         let Changes { blur, sharpening, places, all } = Changes::new(plate, layer, model, options)?;
         let Some(changed) = all else { return Ok(None) };
-        let space = Space::new(model);
+        let space = model.space();
         let frame = changed.crop(&plate.frame.0);
         let unsharpened = sharpening.map(|m| sharpening::unsharpen(&frame, &m));
         let background = unsharpened.as_ref().unwrap_or(&frame);
@@ -209,14 +222,21 @@ impl Made {
             true => (f32::INFINITY, f32::INFINITY),
             false => (noise_model.map_or(1.0, |m| m.clip().min(1.0)), 1.0),
         };
+        // Encoded values end at 0; some cameras' curves encode light below 0, as noise in the dark has it.
+        let darkest = space.of_encoded([0.0; 3])[0].min(0.0);
         let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
             let f = space.of_encoded(background.at(x, y));
             let at = (x + changed.x, y + changed.y);
-            let d = shadows.as_ref().and_then(|s| s.place.at(&s.difference, at)).unwrap_or_default();
-            let o = object.as_ref().and_then(|o| o.place.at(&o.pixels, at)).unwrap_or_default();
+            let [r, g, b, d @ ..] =
+                shadows.as_ref().and_then(|s| s.place.at(&s.change, at)).unwrap_or([0.0; 6]);
+            let (lost, o) = ([r, g, b], object.as_ref().and_then(|o| o.place.at(&o.pixels, at)));
+            let untouched = o.is_none_or(|o| o.changes_nothing()) && lost == [0.0; 3] && d == [0.0; 3];
+            let o = o.unwrap_or_default();
+            let seen = 1.0 - o.cover;
             let light: [f32; 3] =
-                std::array::from_fn(|c| (f[c] + d[c] * (1.0 - o.cover) + o.added[c]).max(0.0));
-            Composited { light, kept: 1.0 - o.lost, untouched: o == ObjectPixel::default() && d == [0.0; 3] }
+                std::array::from_fn(|c| (f[c] + (f[c] * lost[c] + d[c]) * seen + o.added[c]).max(darkest));
+            let kept = lost.map(|lost| (1.0 - o.lost + lost * seen).max(0.0));
+            Composited { light, kept, untouched }
         });
         let clean = pixels.map(|p| space.encoded(p.light));
         let noise = noise_model
@@ -321,6 +341,7 @@ fn check_sizes(plate: &Plate, layer: &VirtualLayer) -> Result<()> {
     check("the virtual layer's flow", layer.flow.as_ref().map(|f| f.size()))?;
     check("the real depth", plate.inverse_depth.map(|d| d.size()))?;
     check("the real flow", plate.flow.map(|f| f.size()))?;
+    check("the holdout matte", plate.holdout.map(|m| m.size()))?;
     check("the render with the object", plate.with_and_without.map(|(w, _)| w.0.size()))?;
     check("the render without the object", plate.with_and_without.map(|(_, w)| w.0.size()))
 }
@@ -383,7 +404,8 @@ impl Place {
 /// The shadows and reflections that the object adds to the filmed scene, blurred like the scene.
 struct Shadows {
     place: Place,
-    difference: Raster<[f32; 3]>,
+    /// In R, G and B the factor of the scene's light, minus 1 (from -1 to 0), then the light that is added.
+    change: Raster<[f32; 6]>,
 }
 
 /// The layer's alpha above which the renders do not show the change of the background.
@@ -417,7 +439,7 @@ impl Shadows {
         blur: &Blur,
     ) -> Result<Option<Self>> {
         let Some((with, without)) = plate.with_and_without else { return Ok(None) };
-        // Where a render clips or the object is in front, the renders' difference is not that of the background.
+        // Where a render clips or the object is in front, the renders do not show the change of the background.
         let clipped = |v: [f32; 3]| v.iter().any(|v| (0.996..=1.0).contains(v) || !v.is_finite());
         let seen = |x, y| {
             layer.color.0.at(x, y)[3] <= OPAQUE && !clipped(with.0.at(x, y)) && !clipped(without.0.at(x, y))
@@ -425,16 +447,20 @@ impl Shadows {
         let sharp = Raster::from_fn(place.w, place.h, |x, y| {
             let at = (place.x + x, place.y + y);
             let [a, b] = [with, without].map(|i| space.of_linear(i.0.at(at.0, at.1)));
-            std::array::from_fn(|c| a[c] - b[c])
+            std::array::from_fn(|i| match i {
+                0..3 if a[i] < b[i] => a[i].max(0.0) / b[i] - 1.0,
+                3.. if a[i - 3] > b[i - 3] => a[i - 3] - b[i - 3],
+                _ => 0.0,
+            })
         });
-        // The difference is continued under the object, so that the object's soft edge lets it through.
+        // The change is continued under the object, so that the object's soft edge lets it through.
         let sharp = extended(&sharp, |x, y| if seen(place.x + x, place.y + y) { 1.0 } else { 0.0 });
-        let difference = blur.of(
+        let change = blur.of(
             &sharp,
             plate.inverse_depth.map(|d| place.crop(d)).as_ref(),
             plate.flow.map(|f| place.crop(f)).as_ref(),
         )?;
-        Ok(Some(Self { place, difference }))
+        Ok(Some(Self { place, change }))
     }
 }
 
@@ -449,6 +475,22 @@ struct ObjectPixel {
     lost: f32,
     /// The share of the object that real things in front let through: `V`, in [0, 1].
     visible: f32,
+}
+
+impl ObjectPixel {
+    fn changes_nothing(&self) -> bool {
+        self.added == [0.0; 3] && self.cover == 0.0 && self.lost == 0.0
+    }
+
+    /// The pixel, of whose object a matte lets only this share through.
+    fn times(self, share: f32) -> Self {
+        Self {
+            added: self.added.map(|v| v * share),
+            cover: self.cover * share,
+            lost: self.lost * share,
+            visible: self.visible * share,
+        }
+    }
 }
 
 impl Default for ObjectPixel {
@@ -500,12 +542,16 @@ impl Object {
             None => (color, depth),
         };
         let blurred = blur.of_layer(&color, depth.as_ref(), flow.as_ref())?;
+        let held_out = |x: usize, y: usize| {
+            let m = plate.holdout.map_or(0.0, |m| m.at(place.x + x, place.y + y));
+            if m.is_nan() { 0.0 } else { m.clamp(0.0, 1.0) }
+        };
         let pixels = Raster::from_fn(place.w, place.h, |x, y| {
             let [r, g, b, a] = blurred.at(x, y);
             if a <= 0.0 {
                 return ObjectPixel::default();
             }
-            match &front {
+            let pixel = match &front {
                 None => {
                     let f = space.of_encoded(plate.frame.0.at(place.x + x, place.y + y));
                     ObjectPixel {
@@ -524,7 +570,8 @@ impl Object {
                         visible: v,
                     }
                 }
-            }
+            };
+            pixel.times(1.0 - held_out(x, y))
         });
         Ok(Self { place, pixels })
     }
@@ -606,8 +653,8 @@ impl Front {
 #[derive(Clone, Copy, Debug, Default)]
 struct Composited {
     light: [f32; 3],
-    /// d light / d frame: the share of the frame's noise that is left.
-    kept: f32,
+    /// d light / d frame, of each channel: the share of the frame's noise that is left.
+    kept: [f32; 3],
     untouched: bool,
 }
 
@@ -626,7 +673,7 @@ fn missing_noise(
     let smooth = filter::gaussian_blur(frame, 1.5);
     let gain = Raster::from_fn(w, h, |x, y| {
         let (s, v, k) = (smooth.at(x, y), clean.at(x, y), pixels.at(x, y).kept);
-        let gain = |c: usize| (k * space.slope(v[c]) / space.slope(s[c])).clamp(0.0, 1.5);
+        let gain = |c: usize| (k[c] * space.slope(v[c]) / space.slope(s[c])).clamp(0.0, 1.5);
         std::array::from_fn::<f32, 3, _>(|c| if s[c] >= model.clip() { 0.0 } else { gain(c) })
     });
     let content = Raster::from_fn(w, h, |x, y| {
@@ -691,7 +738,7 @@ mod tests {
     }
 
     fn plate(frame: &Encoded) -> Plate<'_> {
-        Plate { frame, number: 7, inverse_depth: None, flow: None, with_and_without: None }
+        Plate::new(frame, 7)
     }
 
     fn close(a: [f32; 3], b: [f32; 3], tolerance: f32) -> bool {
@@ -838,7 +885,7 @@ mod tests {
         let t = Transfer::Srgb;
         let frame = Encoded(Raster::filled(W, H, [0.6; 3]));
         let layer = square(GREY, 1.0, 2.0, [0.0; 2]);
-        // The renders differ by a shadow that halves the light right of x = 30; both are darker than the frame.
+        // The renders differ by a shadow that halves the light right of x = 30; both are darker than the frame, which is halved all the same.
         let without = Linear(Raster::filled(W, H, [0.2; 3]));
         let with = Linear(Raster::from_fn(W, H, |x, y| match layer.color.0.at(x, y) {
             [r, g, b, a] if a > 0.0 => [r, g, b],
@@ -847,12 +894,97 @@ mod tests {
         }));
         let plate = Plate { with_and_without: Some((&with, &without)), ..plate(&frame) };
         let out = composite(&plate, &layer, &camera(), &CompositeOptions::default()).unwrap();
-        let shadow = t.decode(0.6) - 0.1;
+        let shadow = 0.5 * t.decode(0.6);
         assert_eq!(out.0.at(10, 60), frame.0.at(10, 60));
         assert!(close(out.0.at(140, 60), [t.encode(shadow); 3], 1e-4));
         // The middle of the edge is half object, half shadowed frame.
         let edge = 0.5 * (t.decode(out.0.at(49, 60)[0]) + t.decode(out.0.at(50, 60)[0]));
         assert!((edge - 0.5 * (GREY[0] + shadow)).abs() < 0.01, "{edge}");
+    }
+
+    #[test]
+    fn light_that_the_object_adds_is_added_and_not_multiplied() {
+        let frame = Encoded(Raster::filled(W, H, [0.3; 3]));
+        let layer = square(GREY, 0.0, 2.0, [0.0; 2]);
+        let without = Linear(Raster::filled(W, H, [0.1, 0.1, 0.1]));
+        // The object reflects red onto the scene and takes away half of its blue.
+        let with = Linear(Raster::from_fn(W, H, |x, _| if x < 80 { [0.3, 0.1, 0.05] } else { [0.1; 3] }));
+        let plate = Plate { with_and_without: Some((&with, &without)), ..plate(&frame) };
+        let out = composite(&plate, &layer, &camera(), &CompositeOptions::default()).unwrap();
+        let light = Transfer::Srgb.decode(0.3);
+        let want = [light + 0.2, light, 0.5 * light].map(|v| Transfer::Srgb.encode(v));
+        assert!(close(out.0.at(20, 60), want, 1e-4), "{:?}", out.0.at(20, 60));
+        assert_eq!(out.0.at(140, 60), frame.0.at(140, 60));
+    }
+
+    #[test]
+    fn a_shadow_has_the_noise_of_its_own_luminance() {
+        // The floor is bright and noisy, and the noise falls with the luminance.
+        let model = with_noise(camera(), 0.06, 0.002, 1.0);
+        let t = Transfer::Srgb;
+        let floor = |number: u64| {
+            let clean = Raster::filled(W, H, [0.75; 3]);
+            let Estimate::Known(m) = &model.noise else { panic!("the noise is known") };
+            let grain = noise::noise(m, &clean, 5, number);
+            Encoded(Raster::from_fn(W, H, |x, y| {
+                std::array::from_fn(|c| clean.at(x, y)[c] + grain.at(x, y)[c])
+            }))
+        };
+        let without = Linear(Raster::filled(W, H, [0.2; 3]));
+        let with = Linear(Raster::from_fn(W, H, |x, _| if x > 30 { [0.2 * 0.05; 3] } else { [0.2; 3] }));
+        let layer = square(GREY, 0.0, 2.0, [0.0; 2]);
+        let dark = t.encode(0.05 * t.decode(0.75));
+        let (mut ours, mut of_difference, mut count) = (0.0, 0.0, 0.0);
+        for number in 0..6 {
+            let frame = floor(number);
+            let plate = Plate { number, with_and_without: Some((&with, &without)), ..plate(&frame) };
+            let out = composite(&plate, &layer, &model, &CompositeOptions::default()).unwrap();
+            for y in 20..100 {
+                for x in 60..150 {
+                    ours += (out.0.at(x, y)[0] - dark).powi(2);
+                    // Negative control: the difference of the renders, scaled to the frame, leaves all the noise of the floor's light.
+                    let light = t.decode(frame.0.at(x, y)[0]) - 0.95 * t.decode(0.75);
+                    of_difference += (t.encode(light.max(0.0)) - dark).powi(2);
+                    count += 1.0;
+                }
+            }
+        }
+        let want = {
+            let Estimate::Known(m) = &model.noise else { panic!("the noise is known") };
+            let clean = Raster::filled(W, H, [dark; 3]);
+            let grain = noise::noise(m, &clean, 9, 0);
+            (grain.data().iter().map(|v| v[0] * v[0]).sum::<f32>() / grain.data().len() as f32).sqrt()
+        };
+        let [ours, of_difference] = [ours, of_difference].map(|v: f32| (v / count).sqrt());
+        assert!(ours < 1.5 * want && ours > 0.8 * want, "{ours} {want}");
+        assert!(of_difference > 4.0 * want, "{of_difference} {want}");
+    }
+
+    #[test]
+    fn a_matte_holds_the_object_out() {
+        let frame = background();
+        let layer = square([0.5, 0.2, 0.1], 1.0, 1.0, [0.0; 2]);
+        // Left of the middle of the object something is in front of it, with an edge of 4 px.
+        let matte = Plane::from_fn(W, H, |x, _| ((77.0 - x as f32) / 4.0).clamp(0.0, 1.0));
+        let all = CompositeOptions::default();
+        let open = composite(&plate(&frame), &layer, &camera(), &all).unwrap();
+        let held = Plate { holdout: Some(&matte), ..plate(&frame) };
+        let out = composite(&held, &layer, &camera(), &all).unwrap();
+        assert_eq!(out.0.at(60, 60), frame.0.at(60, 60));
+        assert_eq!(out.0.at(90, 60), open.0.at(90, 60));
+        // Halfway, light is mixed half and half.
+        let t = Transfer::Srgb;
+        for c in 0..3 {
+            let light = t.decode(out.0.at(75, 60)[c]);
+            let half = 0.5 * (t.decode(frame.0.at(75, 60)[c]) + t.decode(open.0.at(75, 60)[c]));
+            assert!((light - half).abs() < 1e-5, "{light} {half}");
+        }
+        // The layer for a compositing program says the same.
+        let apart = distorted_layer(&held, &layer, &camera(), &all).unwrap();
+        assert!((apart.holdout.at(75, 60) - 0.5).abs() < 1e-6 && apart.color.0.at(60, 60)[3] == 0.0);
+        let small = Plane::filled(3, 3, 0.0);
+        let e = composite(&Plate { holdout: Some(&small), ..held }, &layer, &camera(), &all).unwrap_err();
+        assert!(e.to_string().contains("matte"), "{e}");
     }
 
     /// Std of the red channel over the middle of the square, around its value `clean` without noise.

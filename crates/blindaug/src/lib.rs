@@ -42,7 +42,7 @@
 //!     inverse_depth: Some(Plane::filled(160, 128, 0.5)),
 //!     flow: Some(Flow::filled(160, 128, [8.0, 0.0])),
 //! };
-//! let plate = Plate { frame: &frame, number: 1, inverse_depth: None, flow: None, with_and_without: None };
+//! let plate = Plate::new(&frame, 1);
 //! let out = composite(&plate, &layer, &camera, &CompositeOptions::default())?;
 //! assert_eq!(out.0.at(5, 5), frame.0.at(5, 5));
 //! assert_ne!(out.0.at(80, 60), frame.0.at(80, 60));
@@ -63,6 +63,7 @@
 
 pub mod analysis;
 mod colour;
+pub mod colour_space;
 pub mod composite;
 mod error;
 pub mod export;
@@ -78,9 +79,11 @@ mod raster;
 mod strips;
 pub mod synth;
 pub mod text;
+mod transfer;
 
-pub use colour::{ByteRows, Encoded, LUMA, Linear, Premultiplied, Transfer, luma};
+pub use colour::{ByteRows, Encoded, LUMA, Linear, Premultiplied, luma};
 pub use error::{Error, Result};
 pub use frame::{Frame, Sample};
 pub use model::CameraModel;
 pub use raster::{Flow, Pixel, Plane, Raster};
+pub use transfer::Transfer;

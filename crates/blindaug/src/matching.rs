@@ -4,8 +4,8 @@
 //! the noise in each octave, channel and colour. Nothing is ever taken away: where the other camera blurs less or has less noise, the
 //! footage stays as it is. The blur that is added weakens the noise that is there, which is allowed for. Sharpening is left out.
 
-use crate::model::{CameraModel, NOISE_LEVELS, NoiseModel};
-use crate::synth::{Blur, Space, defocus::Bokeh, noise};
+use crate::model::{CameraModel, NOISE_LEVELS, NoiseModel, Space};
+use crate::synth::{Blur, defocus::Bokeh, noise};
 use crate::{Encoded, Flow, Plane, Raster, Result, filter};
 use std::{f32::consts::PI, sync::OnceLock};
 
@@ -42,7 +42,7 @@ impl Matching {
         Ok(Self {
             blur: Blur::missing(from, to, width, bokeh)?,
             excess: Blur::missing(to, from, width, bokeh)?,
-            space: Space::new(from),
+            space: from.space(),
             noise: noise.map(|(from, to)| [from.clone(), to.clone()]),
         })
     }

@@ -2,7 +2,7 @@
 
 use blindaug::fit::noise::{LumaNoise, NoiseEvidence};
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, spectral};
-use blindaug::model::{BlurSpace, ExposureFraction, Method};
+use blindaug::model::{ExposureFraction, Method};
 use blindaug::{Encoded, Flow, Plane, Raster, Transfer, filter, synth};
 use std::f32::consts::PI;
 
@@ -151,8 +151,10 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         assert!((found.exposure.0 - exposure).abs() < 0.1 && found.interval[1] - found.interval[0] < 0.5);
         assert!((found.interval[0]..=found.interval[1]).contains(&exposure));
         // Negative control: if no coding error is allowed for, the tiles are sure of a wrong exposure.
-        let tiles: Vec<Vec<spectral::Tile>> =
-            coded.iter().map(|f| spectral::tiles(f, Some(&flow), None, BlurSpace::Linear).unwrap()).collect();
+        let tiles: Vec<Vec<spectral::Tile>> = coded
+            .iter()
+            .map(|f| spectral::tiles(f, Some(&flow), None, Default::default()).unwrap())
+            .collect();
         let tiles: Vec<&[spectral::Tile]> = tiles.iter().map(Vec::as_slice).collect();
         let credulous = LumaNoise { coding_error: 0.0, ..noise };
         let wrong = spectral::fit_exposure(&tiles, &[], &credulous)

@@ -39,7 +39,11 @@ fn noisy(image: &Plane, std: f32, seed: u64) -> Encoded {
 }
 
 fn estimator(family: Family) -> Estimator {
-    Estimator::new(EstimatorOptions { family, blur_space: BlurSpace::Encoded, ..EstimatorOptions::default() })
+    Estimator::new(EstimatorOptions {
+        family,
+        space: BlurSpace::Encoded.into(),
+        ..EstimatorOptions::default()
+    })
 }
 
 /// The estimate from a single frame that is blurred along `moved` and whose given flow is `told`.
@@ -91,7 +95,7 @@ fn what_lens_and_noise_leave_of_a_texture_tells_its_exposure_without_bias() {
                 let blurred =
                     synth::motion_blur::motion_blur(&soft, &flow, ExposureFraction(lambda)).unwrap();
                 let frame = noisy(&blurred, STD, 50 + seed);
-                spectral::tiles(&frame, Some(&flow), None, BlurSpace::Encoded).unwrap()
+                spectral::tiles(&frame, Some(&flow), None, BlurSpace::Encoded.into()).unwrap()
             })
             .collect();
         let tiles: Vec<&[spectral::Tile]> = tiles.iter().map(Vec::as_slice).collect();

@@ -7,7 +7,7 @@ use blindaug::fit::{
     spectral::{EXPOSURES, ExposureObservation, numbers::EXPOSURE_STEP},
     track::{TileLook, TileObservations, TileObserver, Tracker},
 };
-use blindaug::model::{BlurSpace, CameraModel, Changes, DepthKind, Distortion};
+use blindaug::model::{CameraModel, Changes, DepthKind, Distortion};
 use blindaug::synth;
 use leaves::{CAMERA, Camera, Scene, Shot};
 
@@ -15,7 +15,7 @@ const SIZE: (usize, usize) = (256, 192);
 
 /// The tracker's models and changes for each frame of a clip, with motion and depth given.
 fn tracked(clip: &[Shot]) -> Vec<(CameraModel, Changes)> {
-    let mut tracker = Tracker::new(BlurSpace::Linear, None);
+    let mut tracker = Tracker::new(Default::default(), None);
     clip.windows(2)
         .map(|w| {
             let m = push(&mut tracker, &w[0], &w[1]);
@@ -161,7 +161,7 @@ fn a_steady_camera_is_told_three_times_as_steadily_as_by_single_frames_and_nothi
     let single: Vec<CameraModel> = clip
         .windows(2)
         .skip(30)
-        .map(|w| push(&mut Tracker::new(BlurSpace::Linear, None), &w[0], &w[1]))
+        .map(|w| push(&mut Tracker::new(Default::default(), None), &w[0], &w[1]))
         .collect();
     let blur = |m: &CameraModel| m.defocus.known().map_or(f32::NAN, |d| d.sigma_px(leaves::LAYERS[0]));
     let truth = CAMERA.sigma_at_infinity * (1.0 - leaves::LAYERS[0] / CAMERA.focus);
@@ -208,7 +208,7 @@ fn a_still_stretch_is_bridged_and_the_interval_widens() {
 #[test]
 fn frames_alone_are_enough() {
     let clip = Scene::new(1, SIZE).clip(30, |_| CAMERA);
-    let mut tracker = Tracker::new(BlurSpace::Linear, None);
+    let mut tracker = Tracker::new(Default::default(), None);
     for w in clip.windows(2) {
         let evidence = Evidence::default();
         let observation =
@@ -251,7 +251,7 @@ impl TileObserver for Claims {
 #[test]
 fn an_observer_looks_at_the_tiles_in_the_tracker_s_place() {
     let clip = Scene::new(3, SIZE).clip(4, |_| CAMERA);
-    let mut tracker = Tracker::new(BlurSpace::Linear, None);
+    let mut tracker = Tracker::new(Default::default(), None);
     let mut claims = Claims { exposure: 0.3, block: 0, told: vec![] };
     for pair in clip.windows(2) {
         tracker.push_with(&observation(&pair[0], &pair[1]), &mut claims).unwrap();

@@ -10,7 +10,7 @@ use blindaug::{
         Evidence, FrameObservation,
         track::{TileObserver, Tracker},
     },
-    model::{BlurSpace, DepthKind, Estimate, Reason, SceneScale, TrackedCamera},
+    model::{DepthKind, Estimate, Reason, SceneScale, Space, TrackedCamera},
 };
 use glam::DVec2;
 
@@ -69,7 +69,7 @@ impl LiveEstimator {
     /// An estimator for a camera that is nearly this pinhole, and for an object that is first at `home`; `fps` is in frames per second.
     pub fn new(pinhole: Pinhole, home: Home, fps: Option<f64>) -> Self {
         Self {
-            tracker: Tracker::new(BlurSpace::Linear, fps),
+            tracker: Tracker::new(Space::default(), fps),
             pinhole,
             home,
             placement: Placement::new(pinhole, home.at, home.distance),

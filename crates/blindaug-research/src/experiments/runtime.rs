@@ -141,7 +141,7 @@ fn timed(case: &Case, seed: u64) -> blindaug::Result<Vec<Timed>> {
         flow: Some(Raster::filled(w, h, [20.0, 4.0])),
     };
     let camera = model((w, h), &setting);
-    let plate = Plate { frame: &large, number: 0, inverse_depth: None, flow: None, with_and_without: None };
+    let plate = Plate::new(&large, 0);
     time(
         "composite of 2064 x 2208 px, object of a fifth of the view",
         "22 ms for two eyes, on a headset's graphics card",

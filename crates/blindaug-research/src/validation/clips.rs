@@ -174,11 +174,10 @@ impl Condition {
             let depth = blindaug_io::read_inverse_depth(&geometry, Default::default())?;
             let flow = blindaug_io::read_flow(&geometry)?;
             let plate = Plate {
-                frame: &frame,
-                number: n,
                 inverse_depth: Some(&depth),
                 flow: Some(&flow),
                 with_and_without: Some((&local_with, &local)),
+                ..Plate::new(&frame, n)
             };
             let area = object_area(&layer.color.0.map(|p| p[3]), 20);
             for (sum, (model, naive)) in sums.iter_mut().zip([(model, true), (model, false), (&real, false)])

@@ -206,10 +206,19 @@ impl Camera {
             lens,
             defocus: defocus.filter(|_| lens.is_some()),
             noise: match model.noise {
+                // Tools add noise to values that are encoded as sRGB.
+                Estimate::Known(noise) if model.transfer != Transfer::Srgb => {
+                    left.push(format!(
+                        "the noise was found over {} values; its std over sRGB is exported, by lines over luminance, without what channels \
+                         and frames share",
+                        model.transfer.name()
+                    ));
+                    Some(NoiseModel::Lines(noise.recoded(model.transfer, Transfer::Srgb)))
+                }
                 Estimate::Known(noise) => Some(noise),
                 Estimate::Unknown(_) => None,
             },
-            transfer: model.transfer,
+            transfer: Transfer::Srgb,
             left,
         })
     }

@@ -12,12 +12,12 @@ use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{
-    BlurSpace, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
-    Method, MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
+    CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
 };
 use crate::strips::largest_strip;
 use crate::synth::{self, defocus::Bokeh};
-use crate::{Encoded, Error, Flow, Linear, Plane, Result, Transfer, analysis, filter};
+use crate::{Encoded, Error, Flow, Plane, Result, analysis, filter};
 use std::borrow::Cow;
 use std::ops::Range;
 
@@ -281,13 +281,13 @@ impl Estimator {
         }
         let motion = at_frame.as_ref().or(to_next.as_deref());
         if self.options.family != Family::Removal {
-            kept.tiles = tiles::tiles(frame, motion, depth.as_ref(), self.options.blur_space)?;
+            kept.tiles = tiles::tiles(frame, motion, depth.as_ref(), self.options.space)?;
             kept.tiles.iter_mut().for_each(|t| t.speed_error = speed_error);
             if let (true, Some(before), Some(last), Some(own)) =
                 (measured && speed_error == 0.0, previous, &last, motion)
             {
                 let motions = [last.motion(), own];
-                kept.pairs = spectral::pairs([before, frame], &last.flow, motions, self.options.blur_space);
+                kept.pairs = spectral::pairs([before, frame], &last.flow, motions, self.options.space);
             }
         }
         // Removal is needed for distortions that no given image shows.
@@ -337,7 +337,7 @@ impl Estimator {
         let error = uneven::speed_error(change, kept.change.is_none());
         let turned = (error > 0.0).then(|| {
             let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
-            let angle = uneven::turn(frame, motion, change, &noise, self.options.blur_space);
+            let angle = uneven::turn(frame, motion, change, &noise, self.options.space);
             uneven::turned_by(motion, angle)
         });
         (error, turned)
@@ -404,11 +404,11 @@ impl Estimator {
         depth: Option<&Plane>,
     ) -> Vec<removal::Tile> {
         let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
-        let light = removal::NoisyLight::new(observation.frame, &noise.levels[0], self.options.blur_space);
+        let light = removal::NoisyLight::new(observation.frame, &noise.levels[0], self.options.space);
         let Some((flow, motion)) = flow_and_motion else { return removal::tiles(&light, None, depth) };
         let neighbours: Vec<(Plane, f32)> = [(observation.next, 1.0), (observation.previous, -1.0)]
             .into_iter()
-            .filter_map(|(other, later)| Some((tiles::light_of(other?, self.options.blur_space), later)))
+            .filter_map(|(other, later)| Some((tiles::light_of(other?, self.options.space), later)))
             .collect();
         removal::tiles(&removal::denoise(&light, &neighbours, flow), Some(motion), depth)
     }
@@ -422,7 +422,7 @@ impl Estimator {
         motion: Option<&Flow>,
         depth: Option<&Plane>,
     ) -> Result<()> {
-        let light = |image: &Encoded| tiles::light_of(image, self.options.blur_space);
+        let light = |image: &Encoded| tiles::light_of(image, self.options.space);
         let Evidence { denoised, motion_deblurred, defocus_deblurred, clean, .. } = evidence;
         if [denoised, motion_deblurred, defocus_deblurred, clean].iter().all(|image| image.is_none()) {
             return Ok(());
@@ -499,24 +499,22 @@ impl Estimator {
         motion: Option<&Flow>,
         depth: Option<&Plane>,
     ) -> Result<Encoded> {
-        let transfer = Transfer::Srgb;
-        let linear = self.options.blur_space == BlurSpace::Linear;
-        let mut image = if linear { clean.to_linear(transfer).0 } else { clean.0.clone() };
+        let space = self.options.space;
+        let mut image = clean.0.map(|v| space.of_encoded(v));
         if let (Some(l), Some(d)) = (&found.lens, depth) {
             image = synth::defocus::defocus(&image, &d.map(|d| l.lens.sigma_px(d)), BOKEH)?;
         }
         if let (Some(e), Some(f)) = (&found.exposure, motion) {
             image = synth::motion_blur::motion_blur(&image, f, e.exposure)?;
         }
-        Ok(if linear { Linear(image).to_encoded(transfer) } else { Encoded(image) })
+        Ok(Encoded(image.map(|v| space.encoded(v))))
     }
 
     /// The inverse std of the frame's noise in the light that is blurred, up to a constant: noise is nearly the same at all encoded values,
     /// so the std in light is in proportion to the inverse slope of the transfer curve.
     fn noise_weight(&self, frame: &Encoded) -> Plane {
-        let linear = self.options.blur_space == BlurSpace::Linear;
-        let smooth = filter::gaussian_blur(&frame.luma(), 1.5);
-        smooth.map(|v| if linear { Transfer::Srgb.slope(Transfer::Srgb.decode(v.clamp(0.02, 1.0))) } else { 1.0 } * 100.0)
+        let space = self.options.space;
+        filter::gaussian_blur(&frame.luma(), 1.5).map(|v| space.slope(v.clamp(0.02, 1.0)) * 100.0)
     }
 
     /// The flow to the next frame that was used for the frame added last, px; `None` if the frame was not used or its flow is unknown.
@@ -538,7 +536,7 @@ impl Estimator {
         let Some((width, height)) = self.size else { return Err(Error::new("no frame was given")) };
         let capture = Capture { width, height, fps: self.options.fps, frames_used: self.frames.len() };
         let mut model = CameraModel::unknown(capture, "not looked at");
-        model.blur_space = self.options.blur_space;
+        (model.blur_space, model.transfer) = (self.options.space.blur, self.options.space.transfer);
         let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
         if self.unfollowed > 0 {
             diagnostics.notes.push(format!(

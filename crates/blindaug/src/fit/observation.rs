@@ -2,7 +2,7 @@
 
 use super::defocus::BlurPoint;
 use super::noise;
-use crate::model::{BlurSpace, CameraModel, DepthKind, Estimate, MotionBlurModel, NoiseKind};
+use crate::model::{CameraModel, DepthKind, Estimate, MotionBlurModel, NoiseKind, Space};
 use crate::{Encoded, Flow, Plane};
 use std::ops::Range;
 
@@ -35,8 +35,8 @@ pub struct EstimatorOptions {
     pub family: Family,
     /// The curve of defocus over inverse depth; a thin lens by default.
     pub curve: Curve,
-    /// The values that the shutter and the lens are taken to act on; light by default.
-    pub blur_space: BlurSpace,
+    /// The values that the shutter and the lens are taken to act on, and the curve of the frames' values; light, and sRGB, by default.
+    pub space: Space,
     /// The kind of noise model; curves by default.
     pub noise_kind: NoiseKind,
     /// Frames per second, if known, which are only copied into the model.

@@ -19,9 +19,9 @@ use super::noise::NoiseLine;
 use super::robust::median;
 use super::tiles::{SPEEDS, TILE, block_of};
 use super::{agreement, tiles};
-use crate::model::{BlurSpace, Estimate, ExposureFraction, Reason, Unknown};
+use crate::model::{Estimate, ExposureFraction, Reason, Space, Unknown};
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Flow, Plane, Raster, Result, Transfer, filter, par, raster};
+use crate::{Encoded, Flow, Plane, Raster, Result, filter, par, raster};
 
 /// The defocus stds that are tried, px.
 const DELTAS: [f32; 10] = [0.0, 0.35, 0.7, 1.05, 1.4, 1.9, 2.6, 3.6, 5.0, 7.0];
@@ -68,13 +68,10 @@ pub struct NoisyLight {
 
 impl NoisyLight {
     /// The light of a frame whose noise of luma has this std in the finest level; the noise is taken to be white.
-    pub fn new(frame: &Encoded, noise: &NoiseLine, space: BlurSpace) -> Self {
+    pub fn new(frame: &Encoded, noise: &NoiseLine, space: Space) -> Self {
         let white = white_band_std()[0];
         let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
-            let slope = match space {
-                BlurSpace::Linear => Transfer::Srgb.slope(Transfer::Srgb.decode(y.clamp(0.02, 1.0))),
-                BlurSpace::Encoded => 1.0,
-            };
+            let slope = space.slope(y.clamp(0.02, 1.0));
             // The least std is that of rounding to 8 bits.
             let std = ((noise.slope * y + noise.intercept) / white).max(0.29 / 255.0);
             (std / slope).powi(2)

@@ -143,7 +143,7 @@ mod tests {
     use super::*;
     use crate::fit::defocus::{self, Lens};
     use crate::fit::noise::NoiseLine;
-    use crate::model::{BlurSpace, Reason};
+    use crate::model::{BlurSpace, Reason, Space};
     use crate::synth::noise::white_band_std;
     use crate::{Encoded, Flow, LUMA, Plane, Raster, luma};
 
@@ -161,7 +161,7 @@ mod tests {
         let levels = white_band_std().map(|white| NoiseLine { slope: 0.0, intercept: std * white });
         let noise = LumaNoise { levels, coding_error: 0.0 };
         for space in [BlurSpace::Linear, BlurSpace::Encoded] {
-            let tiles = tiles(&frame, None, None, space).unwrap();
+            let tiles = tiles(&frame, None, None, space.into()).unwrap();
             // The mean power over the predicted power, with the noise moments of a tile of this colour or of a grey tile.
             let over = |moments: &dyn Fn(&Tile) -> [f32; 3]| {
                 let (mut power, mut predicted) = (0.0, 0.0);
@@ -175,7 +175,7 @@ mod tests {
             let own = over(&|tile| tile.noise_moments);
             assert!((own - 1.0).abs() < 0.03, "{space:?}: {own}");
             let grey = Encoded(frame.0.map(|p| [luma(p); 3]));
-            let of_grey = Light::new(&grey, space).noise_moments((0, 0));
+            let of_grey = Light::new(&grey, space.into()).noise_moments((0, 0));
             let other = over(&|_| of_grey);
             assert_eq!((other - 1.0).abs() > 0.1, space == BlurSpace::Linear, "{space:?}: {other}");
         }
@@ -192,7 +192,7 @@ mod tests {
         let depth = Plane::from_fn(w, h, |x, y| 0.3 + 0.0001 * (x + y) as f32);
         for space in [BlurSpace::Linear, BlurSpace::Encoded] {
             let found = |most: usize| {
-                let tiles = tiles_in_strips(&frame, Some(&flow), Some(&depth), space, most).unwrap();
+                let tiles = tiles_in_strips(&frame, Some(&flow), Some(&depth), space.into(), most).unwrap();
                 assert_eq!(tiles.iter().map(|t| t.scale as usize).max(), Some(4));
                 format!("{tiles:?}")
             };
@@ -254,7 +254,7 @@ mod tests {
         let side = 4 * TILE;
         let frame =
             Encoded(Raster::from_fn(side, side, |x, y| [0.3 + 0.2 * ((x / 5 + y / 7) % 2) as f32; 3]));
-        let tiles = tiles(&frame, None, None, BlurSpace::Linear).unwrap();
+        let tiles = tiles(&frame, None, None, Space::default()).unwrap();
         let std_of_factor = |std: f32, scale: f32| {
             let levels = white_band_std().map(|white| NoiseLine { slope: 0.0, intercept: std * white });
             let noise = LumaNoise { levels, coding_error: 0.0 };

@@ -3,7 +3,7 @@
 use super::noise::LumaNoise;
 use super::noise::NoiseLine;
 use super::robust::median;
-use crate::model::{BlurSpace, NOISE_LEVELS};
+use crate::model::{BlurSpace, NOISE_LEVELS, Space};
 use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
@@ -100,7 +100,7 @@ pub fn tiles(
     frame: &Encoded,
     flow: Option<&Flow>,
     inverse_depth: Option<&Plane>,
-    space: BlurSpace,
+    space: Space,
 ) -> Result<Vec<Tile>> {
     tiles_in_strips(frame, flow, inverse_depth, space, STRIP)
 }
@@ -110,7 +110,7 @@ pub(super) fn tiles_in_strips(
     frame: &Encoded,
     flow: Option<&Flow>,
     inverse_depth: Option<&Plane>,
-    space: BlurSpace,
+    space: Space,
     most: usize,
 ) -> Result<Vec<Tile>> {
     let (w, h) = frame.0.size();
@@ -178,17 +178,18 @@ fn searched_corners(
     frame: &Encoded,
     size: (usize, usize),
     scale: usize,
-    space: BlurSpace,
+    space: Space,
 ) -> Vec<(usize, usize)> {
     let mut of_block = vec![vec![]; BLOCK_COUNT];
     let all = corners(size);
     for (i, corner) in all.iter().enumerate() {
         of_block[block_of(*corner, size) as usize].push(i);
     }
-    let contrast = |i: usize| match space {
+    let contrast = |i: usize| match (space.blur, space.transfer) {
         // The square is nearly the light.
-        BlurSpace::Linear => contrast(frame, all[i], scale, |v| v * v),
-        BlurSpace::Encoded => contrast(frame, all[i], scale, |v| v),
+        (BlurSpace::Linear, Transfer::Srgb) => contrast(frame, all[i], scale, |v| v * v),
+        (BlurSpace::Linear, transfer) => contrast(frame, all[i], scale, |v| transfer.decode(v)),
+        (BlurSpace::Encoded, _) => contrast(frame, all[i], scale, |v| v),
     };
     let chosen = par::map(BLOCK_COUNT, |block| {
         let places = &of_block[block];
@@ -251,7 +252,7 @@ pub(super) fn tiles_at(
     corners: &[(usize, usize)],
     flow: Option<&Flow>,
     inverse_depth: Option<&Plane>,
-    space: BlurSpace,
+    space: Space,
 ) -> Vec<Tile> {
     let fft = FftPlanner::new().plan_fft_forward(TILE);
     let found = par::map(corners.len(), |i| {
@@ -274,12 +275,12 @@ pub(super) struct Light {
 }
 
 impl Light {
-    pub(super) fn new(frame: &Encoded, space: BlurSpace) -> Self {
+    pub(super) fn new(frame: &Encoded, space: Space) -> Self {
         Self::of_rows(frame, 0..frame.0.height(), space)
     }
 
     /// The light of some rows of a frame.
-    fn of_rows(Encoded(frame): &Encoded, rows: Range<usize>, space: BlurSpace) -> Self {
+    fn of_rows(Encoded(frame): &Encoded, rows: Range<usize>, space: Space) -> Self {
         let (w, h, top) = (frame.width(), rows.len(), rows.start);
         let moments = |of: &(dyn Fn([f32; 3]) -> f32 + Sync)| {
             Raster::from_fn(w / 2, h / 2, |x, y| {
@@ -288,10 +289,10 @@ impl Light {
                 [y * y * gain, y * gain, gain]
             })
         };
-        let (plane, moments) = match space {
+        let (plane, moments) = match space.blur {
             BlurSpace::Encoded => (frame.map_rows(rows, luma), moments(&|_| 1.0)),
             BlurSpace::Linear => {
-                let decoder = Decoder::new();
+                let decoder = Decoder::new(space.transfer);
                 let plane = frame.map_rows(rows, |[r, g, b]| {
                     luma([decoder.look_up(r, 0), decoder.look_up(g, 0), decoder.look_up(b, 0)])
                 });
@@ -335,24 +336,29 @@ fn noise_gain(slopes: [f32; 3]) -> f32 {
 }
 
 /// The light of encoded values, and the slope of the transfer curve there: from a table, which is ten times as fast as powers.
-struct Decoder(&'static [[f32; 2]]);
+struct Decoder {
+    transfer: Transfer,
+    table: &'static [[f32; 2]],
+}
 
 impl Decoder {
-    fn new() -> Self {
-        static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
-        Self(TABLE.get_or_init(|| (0..=STEPS).map(|i| exact(i as f32 / STEPS as f32)).collect()))
+    fn new(transfer: Transfer) -> Self {
+        static TABLES: [OnceLock<Vec<[f32; 2]>>; Transfer::ALL.len()] =
+            [const { OnceLock::new() }; Transfer::ALL.len()];
+        let of_all = || (0..=STEPS).map(|i| exact(transfer, i as f32 / STEPS as f32)).collect();
+        Self { transfer, table: TABLES[transfer as usize].get_or_init(of_all) }
     }
 
     /// The light (0) or the slope (1) at an encoded value.
     #[inline(always)]
     fn look_up(&self, encoded: f32, of: usize) -> f32 {
         if !(0.0..1.0).contains(&encoded) {
-            return exact(encoded)[of];
+            return exact(self.transfer, encoded)[of];
         }
         let at = encoded * STEPS as f32;
         let i = at as usize;
         let t = at - i as f32;
-        let (low, high) = (self.0[i][of], self.0[i + 1][of]);
+        let (low, high) = (self.table[i][of], self.table[i + 1][of]);
         low + t * (high - low)
     }
 }
@@ -361,9 +367,9 @@ impl Decoder {
 const STEPS: usize = 1024;
 
 #[cold]
-fn exact(encoded: f32) -> [f32; 2] {
-    let light = Transfer::Srgb.decode(encoded);
-    [light, Transfer::Srgb.slope(light)]
+fn exact(transfer: Transfer, encoded: f32) -> [f32; 2] {
+    let light = transfer.decode(encoded);
+    [light, transfer.slope(light)]
 }
 
 /// The tile at a corner in px of `light`'s resolution; `at` is the same corner within `light`. `None` if its parts move differently, too
@@ -407,7 +413,7 @@ pub(super) fn turned_tiles(
     corners: &[(usize, usize)],
     motion: &Flow,
     angles: &[f32],
-    space: BlurSpace,
+    space: Space,
 ) -> Vec<Vec<Tile>> {
     let fft = FftPlanner::new().plan_fft_forward(TILE);
     let found = par::map(corners.len(), |i| {
@@ -630,9 +636,9 @@ pub fn hann() -> &'static [f32; TILE] {
 }
 
 /// The light that is blurred, or encoded values, with luma's weights of R, G and B, since the noise of luma is known.
-pub(super) fn light_of(image: &Encoded, space: BlurSpace) -> Plane {
-    match space {
-        BlurSpace::Linear => image.0.map(|p| luma(p.map(|v| Transfer::Srgb.decode(v)))),
+pub(super) fn light_of(image: &Encoded, space: Space) -> Plane {
+    match space.blur {
+        BlurSpace::Linear => image.0.map(|p| luma(p.map(|v| space.transfer.decode(v)))),
         BlurSpace::Encoded => image.luma(),
     }
 }
@@ -651,7 +657,7 @@ mod tests {
             }));
             let size = (size.0 / scale, size.1 / scale);
             let all = corners(size);
-            let searched = searched_corners(&frame, size, scale, BlurSpace::Encoded);
+            let searched = searched_corners(&frame, size, scale, BlurSpace::Encoded.into());
             let of_block =
                 |of: &[(usize, usize)], b: u32| of.iter().filter(|c| block_of(**c, size) == b).count();
             for b in 0..BLOCK_COUNT as u32 {

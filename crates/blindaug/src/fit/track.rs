@@ -23,9 +23,9 @@ use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{
-    BlurSpace, CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion,
-    DistortionModel, Estimate, ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason,
-    SharpeningModel, ThinLensInterval, Unknown,
+    CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, DistortionModel,
+    Estimate, ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, Space,
+    ThinLensInterval, Unknown,
 };
 use crate::{Encoded, Error, Flow, Plane, Result, par};
 use std::borrow::Cow;
@@ -90,7 +90,7 @@ const SCALE_CONFIRMED: f32 = 0.6;
 /// # Ok::<(), blindaug::Error>(())
 /// ```
 pub struct Tracker {
-    blur_space: BlurSpace,
+    space: Space,
     fps: Option<f64>,
     size: Option<(usize, usize)>,
     frames: usize,
@@ -213,10 +213,10 @@ impl Tracker {
         OF_PIXEL * (width * height) as u64
     }
 
-    /// A tracker that has seen nothing yet. `fps` is only copied into the models.
-    pub fn new(blur_space: BlurSpace, fps: Option<f64>) -> Self {
+    /// A tracker that has seen nothing yet, of frames whose blur acts in this space. `fps` is only copied into the models.
+    pub fn new(space: Space, fps: Option<f64>) -> Self {
         Self {
-            blur_space,
+            space,
             fps,
             size: None,
             frames: 0,
@@ -273,7 +273,7 @@ impl Tracker {
         let geometry = self.geometry(observation)?;
         let neighbour = if observation.evidence.flow.is_some() { next } else { next.or(previous) };
         let mut model = CameraModel::unknown(capture, "");
-        model.blur_space = self.blur_space;
+        (model.blur_space, model.transfer) = (self.space.blur, self.space.transfer);
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
         let to_next = next.is_some() || observation.evidence.flow.is_some();
         // The shutter is open around the frame's own time, not on the way to the next frame.
@@ -531,7 +531,7 @@ impl Tracker {
         let turns = (all.len() / (2 * TILES)).max(1);
         let tried = all.into_iter().skip(self.frames % turns).step_by(turns);
         let chosen = tiles::of_most_contrast(frame, tried, flow, depth, TILES);
-        tiles::tiles_at(frame, &chosen, flow, depth, self.blur_space)
+        tiles::tiles_at(frame, &chosen, flow, depth, self.space)
     }
 
     fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {

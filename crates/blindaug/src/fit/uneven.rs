@@ -12,7 +12,7 @@ use super::likelihood::{
 use super::noise::LumaNoise;
 use super::robust::median;
 use super::tiles::{SPEEDS, TILE, corners, turned, turned_tiles};
-use crate::model::BlurSpace;
+use crate::model::Space;
 use crate::{Encoded, Flow, par};
 
 /// The change of motion from one frame interval to the next, as a share of the speed, up to which motion counts as even. Own scenes and
@@ -63,7 +63,7 @@ const ALIKE: f32 = 40.0;
 
 /// The likeliest angle, in radians, between the motion while the shutter was open and `motion`, by the direction and the length of the
 /// streaks in a part of the frame's tiles. `change` is the share by which the motion changes.
-pub(super) fn turn(frame: &Encoded, motion: &Flow, change: f32, noise: &LumaNoise, space: BlurSpace) -> f32 {
+pub(super) fn turn(frame: &Encoded, motion: &Flow, change: f32, noise: &LumaNoise, space: Space) -> f32 {
     let mut corners = corners(frame.0.size());
     // Every second tile is left out, as on a checkerboard: tiles overlap by half, so the others tell hardly more.
     corners.retain(|(x, y)| (x + y) % TILE == 0);
@@ -177,7 +177,8 @@ mod tests {
         let motion = |angle: f32| Flow::filled(w, h, turned([9.0, 0.0], angle));
         let blurred = motion_blur(&texture, &motion(0.3), ExposureFraction(1.0)).unwrap();
         let noise = LumaNoise::default();
-        let found = |frame: &Encoded| turn(frame, &motion(0.0), 0.8, &noise, BlurSpace::Encoded);
+        let found =
+            |frame: &Encoded| turn(frame, &motion(0.0), 0.8, &noise, crate::model::BlurSpace::Encoded.into());
         let angle = found(&Encoded(blurred));
         assert!((angle - 0.3).abs() < 0.01, "{angle}");
         let angle = found(&Encoded(motion_blur(&texture, &motion(0.0), ExposureFraction(1.0)).unwrap()));

@@ -1,5 +1,6 @@
 //! The size and frame rate of the footage, and the methods by which a camera's numbers were found.
 
+use crate::Transfer;
 use serde::{Deserialize, Serialize};
 
 /// The method by which a part of the model was estimated.
@@ -27,6 +28,69 @@ pub enum BlurSpace {
     Linear,
     /// Encoded values, as in the paper and in many engines.
     Encoded,
+}
+
+/// The space in which values are blurred and mixed, and the curve of the frame's encoded values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Space {
+    /// The values that blur acts on.
+    pub blur: BlurSpace,
+    /// The curve between light and the frame's values.
+    pub transfer: Transfer,
+}
+
+impl From<BlurSpace> for Space {
+    /// This space of frames that are encoded as sRGB.
+    fn from(blur: BlurSpace) -> Self {
+        Self { blur, transfer: Transfer::Srgb }
+    }
+}
+
+impl Space {
+    pub(crate) fn of_encoded(&self, v: [f32; 3]) -> [f32; 3] {
+        match self.blur {
+            BlurSpace::Linear => v.map(|v| self.transfer.decode(v)),
+            BlurSpace::Encoded => v,
+        }
+    }
+
+    pub(crate) fn encoded(&self, v: [f32; 3]) -> [f32; 3] {
+        match self.blur {
+            BlurSpace::Linear => v.map(|v| self.transfer.encode(v)),
+            BlurSpace::Encoded => v,
+        }
+    }
+
+    pub(crate) fn of_linear(&self, v: [f32; 3]) -> [f32; 3] {
+        match self.blur {
+            BlurSpace::Linear => v,
+            BlurSpace::Encoded => v.map(|v| self.transfer.encode(v)),
+        }
+    }
+
+    /// The premultiplied colour in this space; broken pixels (NaN, infinite) become empty.
+    pub(crate) fn of_premultiplied(&self, v: [f32; 4]) -> [f32; 4] {
+        let [r, g, b, a] = v;
+        if !v.iter().all(|v| v.is_finite()) || a < 0.0 {
+            return [0.0; 4];
+        }
+        let a = a.min(1.0);
+        match self.blur {
+            BlurSpace::Encoded if a > 0.0 => {
+                let [r, g, b] = self.of_linear([r / a, g / a, b / a]);
+                [r * a, g * a, b * a, a]
+            }
+            _ => [r, g, b, a],
+        }
+    }
+
+    /// The slope d encoded / d value of this space's values, at the one that is encoded as `v`.
+    pub(crate) fn slope(&self, v: f32) -> f32 {
+        match self.blur {
+            BlurSpace::Linear => self.transfer.slope(self.transfer.decode(v)),
+            BlurSpace::Encoded => 1.0,
+        }
+    }
 }
 
 /// The footage for which the model's numbers in px and in fractions of a frame interval hold.

@@ -8,11 +8,12 @@ mod facts;
 mod motion_blur;
 mod noise;
 mod noise_curves;
+mod scene_depth;
 mod sharpening;
 mod track;
 mod units;
 
-pub use capture::{BlurSpace, Capture, Method, Stopped};
+pub use capture::{BlurSpace, Capture, Method, Space, Stopped};
 pub use defocus::{DefocusCurve, DefocusModel, ThinLensInterval};
 pub use distortion::Parameter;
 pub use estimate::{Estimate, Reason, Unknown};
@@ -24,6 +25,7 @@ pub use noise::{
     NOISE_LEVELS, NoiseInterval, NoiseKind, NoiseLevel, NoiseLines, NoiseModel, total_of_levels,
 };
 pub use noise_curves::{CurveLevel, KNOTS, NOISE_KNOTS, NoiseCurves, place};
+pub use scene_depth::{KnownDistance, SceneDepth};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
 pub use units::{DepthKind, SceneScale};
@@ -105,6 +107,9 @@ pub struct CameraModel {
     /// The camera's own sharpening; unknown if the file has no such field.
     #[serde(default = "not_in_the_file")]
     pub sharpening: Estimate<SharpeningModel>,
+    /// The depth of the scene, where it is known and the lens too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scene_depth: Option<SceneDepth>,
 }
 
 fn not_in_the_file<T>() -> Estimate<T> {
@@ -149,7 +154,13 @@ impl CameraModel {
             motion_blur: Estimate::Unknown(why.clone()),
             defocus: Estimate::Unknown(why.clone()),
             sharpening: Estimate::Unknown(why),
+            scene_depth: None,
         }
+    }
+
+    /// The space in which blur acts, and the curve of the frames' values.
+    pub fn space(&self) -> Space {
+        Space { blur: self.blur_space, transfer: self.transfer }
     }
 
     /// The model of a distortion, or the reason why it is unknown.
@@ -164,6 +175,9 @@ impl CameraModel {
 
     /// The model with its distortions scaled to frames that are `s` times as wide.
     fn scaled(mut self, s: f32) -> Self {
+        if let Some(depth) = &mut self.scene_depth {
+            depth.cell_px *= s;
+        }
         // The compiler asks here for a distortion that is added.
         for distortion in Distortion::ALL {
             match distortion {
@@ -245,6 +259,7 @@ impl CameraModel {
         let Capture { width, height, fps, .. } = self.capture;
         check(width > 0 && height > 0, "capture.width and capture.height must be at least 1 px")?;
         check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
+        self.scene_depth.as_ref().map_or(Ok(()), SceneDepth::validate)?;
         let fits = self.motion_blur.why_unknown().and_then(|why| why.fits);
         check(
             fits.is_none_or(|[low, high]| 0.0 <= low && low <= high && high <= 1.0),

@@ -1,7 +1,7 @@
 use super::distortion::DistortionModel;
 use super::noise_curves::NoiseCurves;
 use super::{Estimate, Method, Parameter, check, lerp, lerp_all};
-use crate::{Result, luma};
+use crate::{Result, Transfer, luma};
 use serde::{Deserialize, Serialize};
 
 /// The number of levels of the Laplacian pyramid in which noise is modelled, finest first. The remaining low-pass has no noise.
@@ -137,6 +137,38 @@ impl NoiseModel {
             Self::Lines(lines) => lines,
             Self::Curves(curves) => &curves.lines,
         }
+    }
+
+    /// The nearest lines of the same noise over values of another encoding: each std is multiplied by the ratio of the curves' slopes.
+    pub fn recoded(&self, from: Transfer, to: Transfer) -> NoiseLines {
+        /// The luminances, in the other encoding, that the lines are fitted to; close to black slopes are huge.
+        const PLACES: [f32; 7] = [0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.9];
+        let lines = self.lines();
+        let level = |l: &NoiseLevel| {
+            let points = PLACES.map(|y| {
+                let light = to.decode(y);
+                (y, l.sigma(from.encode(light)).map(|std| std * to.slope(light) / from.slope(light)))
+            });
+            let n = PLACES.len() as f32;
+            let mean_y = PLACES.iter().sum::<f32>() / n;
+            let spread: f32 = PLACES.iter().map(|y| (y - mean_y).powi(2)).sum();
+            let line = |c: usize| {
+                let mean = points.iter().map(|p| p.1[c]).sum::<f32>() / n;
+                let slope =
+                    points.iter().map(|(y, std)| (y - mean_y) * (std[c] - mean)).sum::<f32>() / spread;
+                match mean - slope * mean_y {
+                    intercept if intercept >= 0.0 => (slope, intercept),
+                    // A std is never negative: the line then goes through 0.
+                    _ => {
+                        let squares = spread + n * mean_y * mean_y;
+                        (points.iter().map(|(y, std)| y * std[c]).sum::<f32>() / squares, 0.0)
+                    }
+                }
+            };
+            let lines = [0, 1, 2].map(line);
+            NoiseLevel { slope: lines.map(|l| l.0), intercept: lines.map(|l| l.1) }
+        };
+        NoiseLines { levels: lines.levels.each_ref().map(level), interval: None, clip: 1.0, ..lines.clone() }
     }
 
     /// [`NoiseModel::lines`], to be changed.
@@ -297,5 +329,43 @@ impl NoiseLines {
             "noise.levels' intercept must not be negative",
         )?;
         check(self.clip.is_finite() && self.clip > 0.0, "noise.clip must be a positive number")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_over_log_values_becomes_that_over_srgb() {
+        let level = NoiseLevel { slope: [0.004, 0.002, 0.0], intercept: [0.01, 0.012, 0.011] };
+        let lines = NoiseLines {
+            levels: [level; NOISE_LEVELS],
+            interval: None,
+            clip: 0.95,
+            method: Method::Given,
+            samples: 0,
+        };
+        let model = NoiseModel::Lines(lines);
+        let (log, srgb) = (Transfer::SLog3, Transfer::Srgb);
+        let recoded = model.recoded(log, srgb);
+        for y in [0.3, 0.5, 0.7] {
+            let light = srgb.decode(y);
+            for c in 0..3 {
+                let want = model.std(1, log.encode(light))[c] * srgb.slope(light) / log.slope(light);
+                let got = recoded.levels[1].sigma(y)[c];
+                assert!((got / want - 1.0).abs() < 0.15, "{y} {c}: {got} {want}");
+                // Negative control: taken as it is, the noise is another one.
+                let as_it_is = model.std(1, y)[c];
+                assert!((as_it_is / want - 1.0).abs() > 0.2, "{y} {c}: {as_it_is} {want}");
+            }
+        }
+        assert!(recoded.validate().is_ok());
+        // Nothing changes where the encoding stays.
+        let same = model.recoded(log, log);
+        assert!(
+            (same.levels[0].slope[0] - 0.004).abs() < 1e-5
+                && (same.levels[0].intercept[0] - 0.01).abs() < 1e-5
+        );
     }
 }

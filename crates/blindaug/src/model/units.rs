@@ -44,6 +44,11 @@ impl CameraModel {
     /// The camera with its lens over inverse depth in 1/m.
     pub fn to_metric(mut self, scale: SceneScale) -> Self {
         self.defocus = self.defocus.map(|lens| scale.lens_to_metric(lens));
+        if let Some(depth) = self.scene_depth.as_mut().filter(|d| d.kind == DepthKind::Relative) {
+            let known = depth.inverse_depth.iter_mut().flatten();
+            known.for_each(|d| *d = (*d - scale.offset) / scale.scale);
+            depth.kind = DepthKind::Metric;
+        }
         self
     }
 }

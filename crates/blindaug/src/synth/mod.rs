@@ -6,10 +6,10 @@ pub mod noise;
 pub mod sharpening;
 
 use crate::model::{
-    BlurSpace, CameraModel, DefocusModel, DepthKind, ExposureFraction, NoiseModel, SharpeningModel,
+    CameraModel, DefocusModel, DepthKind, ExposureFraction, NoiseModel, SharpeningModel, Space,
 };
 use crate::strips::{STRIP, Strip, grown, kept, largest_strip, strips};
-use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, Transfer, pyramid};
+use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, pyramid};
 use defocus::Bokeh;
 use std::ops::Range;
 
@@ -212,7 +212,7 @@ impl<'a> DistortedFrame<'a> {
         let mut distortion = Self {
             size,
             light,
-            space: Space::new(model),
+            space: model.space(),
             blurred: None,
             moving: None,
             sharpening: model.sharpening.known(),
@@ -558,63 +558,6 @@ impl Counts {
     }
 }
 
-/// The space in which values are blurred and mixed: linear light, or encoded values.
-pub(crate) struct Space {
-    blur: BlurSpace,
-    transfer: Transfer,
-}
-
-impl Space {
-    pub(crate) fn new(model: &CameraModel) -> Self {
-        Self { blur: model.blur_space, transfer: model.transfer }
-    }
-
-    pub(crate) fn of_encoded(&self, v: [f32; 3]) -> [f32; 3] {
-        match self.blur {
-            BlurSpace::Linear => v.map(|v| self.transfer.decode(v)),
-            BlurSpace::Encoded => v,
-        }
-    }
-
-    pub(crate) fn encoded(&self, v: [f32; 3]) -> [f32; 3] {
-        match self.blur {
-            BlurSpace::Linear => v.map(|v| self.transfer.encode(v)),
-            BlurSpace::Encoded => v,
-        }
-    }
-
-    pub(crate) fn of_linear(&self, v: [f32; 3]) -> [f32; 3] {
-        match self.blur {
-            BlurSpace::Linear => v,
-            BlurSpace::Encoded => v.map(|v| self.transfer.encode(v)),
-        }
-    }
-
-    /// The premultiplied colour in this space; broken pixels (NaN, infinite) become empty.
-    pub(crate) fn of_premultiplied(&self, v: [f32; 4]) -> [f32; 4] {
-        let [r, g, b, a] = v;
-        if !v.iter().all(|v| v.is_finite()) || a < 0.0 {
-            return [0.0; 4];
-        }
-        let a = a.min(1.0);
-        match self.blur {
-            BlurSpace::Encoded if a > 0.0 => {
-                let [r, g, b] = self.of_linear([r / a, g / a, b / a]);
-                [r * a, g * a, b * a, a]
-            }
-            _ => [r, g, b, a],
-        }
-    }
-
-    /// The slope d encoded / d value of this space's values, at the one that is encoded as `v`.
-    pub(crate) fn slope(&self, v: f32) -> f32 {
-        match self.blur {
-            BlurSpace::Linear => self.transfer.slope(self.transfer.decode(v)),
-            BlurSpace::Encoded => 1.0,
-        }
-    }
-}
-
 /// The values, continued into the pixels whose weight is 0 or whose value is unknown.
 pub(crate) fn extended<P: Pixel>(
     values: &Raster<P>,
@@ -629,8 +572,10 @@ pub(crate) fn extended<P: Pixel>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Transfer;
     use crate::model::{
-        Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel, Reason, SharpeningModel,
+        BlurSpace, Capture, Estimate, MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel, Reason,
+        SharpeningModel,
     };
 
     const W: usize = 200;

@@ -135,7 +135,7 @@ fn update(app: &mut App, times: usize) {
 
 /// The reference's composite of what the view was composited from.
 fn reference(frame: &Encoded, layer: &VirtualLayer, model: &CameraModel, naive: bool) -> Raster<[f32; 3]> {
-    let plate = Plate { frame, number: 3, inverse_depth: None, flow: None, with_and_without: None };
+    let plate = Plate::new(frame, 3);
     let options = CompositeOptions { naive, no_noise: true, ..default() };
     composite::composite(&plate, layer, model, &options).unwrap().0
 }

@@ -13,7 +13,7 @@ use super::super::tiles::{
     BAND, COLUMNS, Light, MIN_CONTRAST, SAMPLES, SPEEDS, TILE, block_of, common_motion, corners, frequencies,
     hidden, noise_density, transform,
 };
-use crate::model::BlurSpace;
+use crate::model::Space;
 use crate::{Encoded, Flow, par};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
@@ -70,7 +70,7 @@ struct Place {
 
 /// The pairs of two successive frames, given the flow from the first to the second and the motion of each frame at its own time (NaN:
 /// unknown).
-pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: BlurSpace) -> Vec<Pair> {
+pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Space) -> Vec<Pair> {
     let mut places = places(frames[0], flow, motions, 1);
     places.extend(self::places(frames[0], flow, motions, 2));
     places.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
@@ -121,7 +121,7 @@ fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usiz
     found.into_iter().flatten().collect()
 }
 
-fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: BlurSpace) -> Pair {
+fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Space) -> Pair {
     let scale = place.scale;
     let lights = [0, 1].map(|i| {
         let (x, y) = place.corners[i];

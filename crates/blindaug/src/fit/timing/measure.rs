@@ -6,7 +6,7 @@ use crate::fit::geometry::{enlarged, known_flow};
 use crate::fit::noise::{LumaNoise, NoiseEvidence};
 use crate::fit::robust::median;
 use crate::fit::{likelihood, spectral, tiles};
-use crate::model::{BlurSpace, Method};
+use crate::model::{Method, Space};
 use crate::{Encoded, Error, Flow, Plane, Result, luma, pyramid};
 use std::ops::Range;
 
@@ -209,7 +209,7 @@ impl Measurer {
         let motion = motion_at_frame(flow, before);
         let corners = tiles::corners(kept.image.0.size()).into_iter();
         let chosen = tiles::of_most_contrast(&kept.image, corners, Some(&motion), None, TILES);
-        let tiles = tiles::tiles_at(&kept.image, &chosen, Some(&motion), None, BlurSpace::Linear);
+        let tiles = tiles::tiles_at(&kept.image, &chosen, Some(&motion), None, Space::default());
         let found = spectral::exposure_observations(&[&tiles], &self.noise);
         if found.len() < FEWEST_STREAKS {
             return;

@@ -1,0 +1,475 @@
+//! What a compositor needs of the command line: colour spaces, numbering, mattes, a scale, and layers that lack depth or motion.
+
+mod common;
+
+use blindaug::{
+    CameraModel, Encoded, Linear, Plane, Raster, Transfer,
+    colour_space::{ColourSpace, Primaries, conversion, converted},
+    model::{
+        Capture, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS,
+        NoiseLevel, NoiseLines, NoiseModel, SceneDepth,
+    },
+};
+use blindaug_io::{
+    Coding, FileKind, FrameFormat, Reading, read_frame, read_linear, read_virtual_layer, write_camera,
+    write_png,
+};
+use common::*;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+const W: usize = 272;
+
+fn blindaug() -> std::process::Command {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_blindaug"));
+    command.stdin(std::process::Stdio::null());
+    command
+}
+
+/// The path of a file of the demo's clip.
+fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/demo").join(name)
+}
+
+/// A camera of known parameters, whose noise is over values of this curve.
+fn camera(transfer: Transfer) -> CameraModel {
+    let mut model =
+        CameraModel::unknown(Capture { width: W, height: W, fps: Some(25.0), frames_used: 3 }, "");
+    model.transfer = transfer;
+    model.noise = Estimate::Known(NoiseModel::Lines(NoiseLines {
+        levels: [NoiseLevel { slope: [0.0; 3], intercept: [0.006; 3] }; NOISE_LEVELS],
+        interval: None,
+        clip: 1.0,
+        method: Method::Temporal,
+        samples: 1000,
+    }));
+    model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
+    model.defocus = Estimate::Known(DefocusModel::given_lens(2.0, 0.5));
+    model
+}
+
+fn space(name: &str) -> ColourSpace {
+    name.parse().unwrap()
+}
+
+/// Writes the demo's frames 2 and 3 in a colour space, as files of this kind.
+fn write_plates(folder: &Path, file: ColourSpace, kind: FileKind, names: impl Fn(u64) -> String) {
+    std::fs::create_dir(folder).unwrap();
+    let bits = if kind == FileKind::Exr { 32 } else { 16 };
+    let format = FrameFormat::PNG8.with(Some(kind), Some(bits)).unwrap();
+    for n in 2..4 {
+        let frame = read_frame(asset(&format!("frames/{n:04}.png"))).unwrap();
+        let coding = Coding::new(ColourSpace::SRGB, file);
+        format.write(&folder.join(names(n)), &frame, None, None, &coding).unwrap();
+    }
+}
+
+/// The light of a file in linear sRGB.
+fn light(path: &Path, file: ColourSpace) -> Linear {
+    let reading = Reading { exr: Some(file), integers: file, transfer: Transfer::Linear };
+    let Encoded(image) = reading.read(path).unwrap();
+    Linear(match conversion(file.primaries, Primaries::REC709) {
+        Some(matrix) => image.map(|p| converted(&matrix, p)),
+        None => image,
+    })
+}
+
+/// The largest difference of two images, encoded as sRGB.
+fn differ(a: &Linear, b: &Linear) -> f32 {
+    let [a, b] = [a, b].map(|i| i.to_encoded(Transfer::Srgb).0);
+    let pairs = a.data().iter().flatten().zip(b.data().iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+#[test]
+fn a_composite_is_the_same_light_in_every_colour_space() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let layers = asset("virtual");
+    let layers = layers.display();
+    write_camera(d.join("srgb.json"), &camera(Transfer::Srgb)).unwrap();
+    let frames = asset("frames");
+    let options = "--no-noise --format tiff --bits 16";
+    succeeds(
+        d,
+        &format!(
+            "composite {} --virtual {layers} --camera srgb.json -o srgb --frames 2..3 {options}",
+            frames.display()
+        ),
+    );
+    let want = light(&d.join("srgb/0003.tif"), ColourSpace::SRGB);
+    let plate = light(&frames.join("0003.png"), ColourSpace::SRGB);
+    assert!(differ(&want, &plate) > 0.2, "the object is seen");
+    for (name, kind) in [
+        ("s-log3", FileKind::Png),
+        ("logc4", FileKind::Tiff),
+        ("pq", FileKind::Png),
+        ("acescg", FileKind::Exr),
+        ("aces2065-1", FileKind::Exr),
+    ] {
+        let (file, extension) = (space(name), kind.extension());
+        write_plates(&d.join(name), file, kind, |n| format!("{n:04}.{extension}"));
+        let transfer = file.transfer.worked_on();
+        write_camera(d.join("c.json"), &camera(transfer)).unwrap();
+        // EXR files say what they are.
+        let said = if kind == FileKind::Exr { String::new() } else { format!("--colour-space {name}") };
+        let output = run(
+            d,
+            &format!("composite {name} --virtual {layers} --camera c.json -o out-{name} --no-noise {said}"),
+        );
+        let told = text(&output.stderr);
+        assert!(output.status.success() && told.contains(name), "{told}");
+        let made = d.join(format!("out-{name}/0003.{extension}"));
+        let error = differ(&light(&made, file), &want);
+        // Steps of 16 bits of a curve that spans sixteen stops.
+        assert!(error < 0.004, "{name}: {error}");
+        // Negative control: the same file taken for sRGB is another picture.
+        assert!(
+            differ(&light(&made, ColourSpace { transfer: Transfer::Srgb, ..file }), &want) > 0.05,
+            "{name}"
+        );
+        // Pixels that are not changed are the plate's own, to the last bit.
+        let values =
+            Reading { exr: Some(ColourSpace::SRGB), integers: ColourSpace::SRGB, transfer: Transfer::Srgb };
+        let [before, after] =
+            [d.join(format!("{name}/0003.{extension}")), made].map(|p| values.read(p).unwrap());
+        let same = before.0.data().iter().zip(after.0.data()).filter(|(a, b)| a == b).count();
+        assert!(same > W * W / 4 || kind == FileKind::Exr, "{name}: {same}");
+    }
+    // A layer for a compositing program is in the plate's primaries, and light.
+    succeeds(
+        d,
+        &format!(
+            "composite s-log3 --colour-space s-log3 --virtual {layers} --camera c.json -o layer --layer --frames 3..3 --no-noise"
+        ),
+    );
+    let layer = read_virtual_layer(d.join("layer/0003.exr")).unwrap();
+    let plate = Reading { exr: None, integers: space("s-log3"), transfer: Transfer::Linear };
+    let plate = plate.read(d.join("s-log3/0003.png")).unwrap().0;
+    let over = Linear(Raster::from_fn(W, W, |x, y| {
+        let ([r, g, b, a], f) = (layer.color.0.at(x, y), plate.at(x, y));
+        let light = [r + (1.0 - a) * f[0], g + (1.0 - a) * f[1], b + (1.0 - a) * f[2]];
+        converted(&conversion(Primaries::S_GAMUT3, Primaries::REC709).unwrap(), light)
+    }));
+    assert!(differ(&over, &want) < 0.01, "{}", differ(&over, &want));
+    // The output may have another space than the input.
+    succeeds(
+        d,
+        &format!(
+            "composite acescg --virtual {layers} --camera srgb.json -o logc3 --no-noise --format png --output-colour-space logc3 --frames 3..3"
+        ),
+    );
+    assert!(differ(&light(&d.join("logc3/0003.png"), space("logc3")), &want) < 0.004);
+}
+
+#[test]
+fn a_camera_is_found_in_log_footage_as_in_srgb() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_plates(&d.join("log"), space("s-log3"), FileKind::Png, |n| format!("{n:04}.png"));
+    let depth = asset("scene");
+    let said = text(
+        &run(d, &format!("estimate log -o log.json --colour-space slog3 --depth {}", depth.display())).stderr,
+    );
+    assert!(said.contains("taken as s-log3, not srgb"), "{said}");
+    let frames = asset("frames");
+    succeeds(
+        d,
+        &format!("estimate {} --frames 2..3 -o srgb.json --depth {}", frames.display(), depth.display()),
+    );
+    let [log, srgb] = ["log.json", "srgb.json"]
+        .map(|name| CameraModel::from_json(&std::fs::read_to_string(d.join(name)).unwrap()).unwrap());
+    assert_eq!((log.transfer, srgb.transfer), (Transfer::SLog3, Transfer::Srgb));
+    // The same noise, over values that are closer together in log: at middle grey S-Log3 is three times as flat as sRGB.
+    let [a, b] = [&log, &srgb].map(|m| m.noise.known().expect("there is noise").total_std(0.45)[1]);
+    assert!(a < 0.7 * b && a > 0.1 * b, "{a} {b}");
+    if let (Some(a), Some(b)) = (log.motion_blur.known(), srgb.motion_blur.known()) {
+        assert!((a.exposure.0 - b.exposure.0).abs() < 0.1, "{a:?} {b:?}");
+    }
+    // What does not fit is said.
+    let said = text(&run(d, "estimate log -o x.json --colour-space linear-srgb --frames 2..2").stderr);
+    assert!(said.contains("log footage"), "{said}");
+    assert!(
+        !text(&run(d, "estimate log -o x.json --colour-space s-log3 --frames 2..2").stderr)
+            .contains("warning")
+    );
+    let output = run(d, "estimate log -o x.json --colour-space arriraw");
+    assert!(
+        output.status.code() == Some(2) && text(&output.stderr).contains("logc4"),
+        "{}",
+        text(&output.stderr)
+    );
+    let layers = asset("virtual");
+    let output = run(
+        d,
+        &format!(
+            "composite log --virtual {} --camera log.json -o x --layer-colour-space s-log3",
+            layers.display()
+        ),
+    );
+    assert!(text(&output.stderr).contains("renders hold light"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn numbers_and_patterns_are_taken_as_artists_type_them() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_camera(d.join("c.json"), &camera(Transfer::Srgb)).unwrap();
+    write_plates(&d.join("shot"), ColourSpace::SRGB, FileKind::Png, |n| format!("a_v02.{:04}.png", 999 + n));
+    // Another version lies beside it.
+    std::fs::write(d.join("shot/a_v01.1001.png"), "old").unwrap();
+    std::fs::create_dir(d.join("fx")).unwrap();
+    for n in 2..4 {
+        std::fs::copy(asset(&format!("virtual/{n:04}.exr")), d.join(format!("fx/ball.{}.exr", 999 + n)))
+            .unwrap();
+    }
+    succeeds(
+        d,
+        "composite shot/a_v02.%04d.png --virtual fx/ball.####.exr --camera c.json -o out/comp.%05d.png",
+    );
+    assert_eq!(files_in(&d.join("out")), ["comp.01001.png", "comp.01002.png"]);
+    // A second run has nothing to do; --frames are the numbers of the names.
+    let said = text(
+        &run(
+            d,
+            "composite shot/a_v02.%04d.png --virtual fx/ball.####.exr --camera c.json -o out/comp.%05d.png",
+        )
+        .stderr,
+    );
+    assert!(said.contains("2 frames there already"), "{said}");
+    succeeds(d, "composite shot/a_v02.%04d.png --virtual fx --camera c.json -o one.png --frames 1002..1002");
+    assert_eq!(
+        std::fs::read(d.join("one.png")).unwrap(),
+        std::fs::read(d.join("out/comp.01002.png")).unwrap()
+    );
+    // Frames are counted from another number on.
+    std::fs::create_dir(d.join("plain")).unwrap();
+    for n in 2..4 {
+        std::fs::copy(asset(&format!("frames/{n:04}.png")), d.join(format!("plain/{n:04}.png"))).unwrap();
+    }
+    succeeds(d, "composite plain --first 1001 --virtual fx --camera c.json -o again --bits 16");
+    assert_eq!(files_in(&d.join("again")), ["1001.png", "1002.png"]);
+    assert_eq!(
+        read_frame(d.join("again/1001.png")).unwrap(),
+        read_frame(d.join("out/comp.01001.png")).unwrap()
+    );
+    for (arguments, says) in [
+        ("composite shot/b.%04d.png --virtual fx --camera c.json -o x", "no file has a name of this pattern"),
+        ("composite plain --virtual fx --camera c.json -o x", "is a frame's"),
+        (
+            "composite plain --first 1001 --virtual fx --camera c.json -o x --frames 2..3",
+            "its frames are 1001 to 1002",
+        ),
+        (
+            "composite shot/a_v02.%04d.png --virtual fx --camera c.json -o shot/a_v02.%04d.png --overwrite",
+            "would be overwritten",
+        ),
+    ] {
+        let said = fails(d, arguments);
+        assert!(said.contains(says), "{arguments}: {said}");
+    }
+    assert!(!d.join("x").exists());
+}
+
+#[test]
+fn mattes_hold_the_object_out() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_camera(d.join("c.json"), &camera(Transfer::Srgb)).unwrap();
+    let [frames, layers] = ["frames", "virtual"].map(asset);
+    let (frames, layers) = (frames.display(), layers.display());
+    std::fs::create_dir(d.join("roto")).unwrap();
+    // Things in front of the object in the upper half, in frame 2 alone.
+    let matte = Encoded(Raster::from_fn(W, W, |_, y| if y < W / 2 { [1.0; 3] } else { [0.0; 3] }));
+    write_png(d.join("roto/0002.png"), &matte).unwrap();
+    let f = format!("composite {frames} --virtual {layers} --camera c.json --frames 2..3");
+    succeeds(d, &format!("{f} -o open"));
+    let output = run(d, &format!("{f} -o held --holdout roto"));
+    let said = text(&output.stderr);
+    assert!(
+        output.status.success() && said.contains("frame 3: no matte, so the object is not held out"),
+        "{said}"
+    );
+    succeeds(d, &format!("{f} -o behind --holdout roto --holdout-of behind"));
+    let read = |folder: &str, n: usize| read_frame(d.join(format!("{folder}/000{n}.png"))).unwrap();
+    let plate = read_frame(asset("frames/0002.png")).unwrap();
+    let (open, held, behind) = (read("open", 2), read("held", 2), read("behind", 2));
+    let half = |image: &Encoded, upper: bool| image.0.crop(0, if upper { 0 } else { W / 2 }, W, W / 2);
+    assert_eq!(half(&held, true), half(&plate, true));
+    assert_eq!(half(&held, false), half(&open, false));
+    assert_eq!(half(&behind, true), half(&open, true));
+    assert_eq!(half(&behind, false), half(&plate, false));
+    assert!(half(&open, true) != half(&plate, true) && half(&open, false) != half(&plate, false));
+    // A frame without a matte is composited without.
+    assert_eq!(read("held", 3), read("open", 3));
+    write_png(d.join("roto/0003.png"), &Encoded(Raster::filled(9, 9, [0.0; 3]))).unwrap();
+    let said = fails(d, &format!("{f} -o x --holdout roto"));
+    assert!(
+        said.contains("0003.png: mattes of frame 3: 9 x 9 pixels, but the frames are 272 x 272"),
+        "{said}"
+    );
+    assert_eq!(files_in(&d.join("x")), ["0002.png"]);
+}
+
+/// A camera over relative inverse depth d = 0.4 / Z + 0.1, with the depth of its scene.
+fn relative() -> (CameraModel, CameraModel) {
+    let metric = camera(Transfer::Srgb);
+    let mut relative = metric.clone();
+    // 2 px at infinity, in focus at 2 m.
+    let lens = DefocusModel::given_lens(2.0 * 0.3 / 0.2, 0.3);
+    relative.defocus = Estimate::Known(DefocusModel { depth_kind: DepthKind::Relative, ..lens });
+    // From 1 m on the left to 4 m on the right.
+    let metres = |x: usize| 1.0 + 3.0 * (x / 9) as f32 / 30.0;
+    let depth = Plane::from_fn(W, W, |x, y| if y < 200 { 0.4 / metres(x) + 0.1 } else { f32::NAN });
+    relative.scene_depth = SceneDepth::of(&depth, DepthKind::Relative, 2);
+    (metric, relative)
+}
+
+#[test]
+fn a_scale_is_found_by_known_distances_or_not_needed() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let (metric, model) = relative();
+    write_camera(d.join("metric.json"), &metric).unwrap();
+    write_camera(d.join("relative.json"), &model).unwrap();
+    let [frames, layers] = ["frames", "virtual"].map(asset);
+    let f = format!("composite {} --virtual {} --frames 3..3 --no-noise", frames.display(), layers.display());
+    let said = fails(d, &format!("{f} --camera relative.json -o x"));
+    assert!(said.contains("--at") && said.contains("--match-at") && said.contains("--scene-scale"), "{said}");
+    succeeds(d, &format!("{f} --camera metric.json -o metric"));
+    succeeds(d, &format!("{f} --camera relative.json -o at --at 4,50=1m --at 265,50=3.9"));
+    let read = |folder: &str| read_linear(d.join(folder).join("0003.png")).unwrap();
+    assert!(differ(&read("metric"), &read("at")) < 0.02, "{}", differ(&read("metric"), &read("at")));
+    // Negative control: wrong distances blur otherwise.
+    succeeds(d, &format!("{f} --camera relative.json -o wrong --at 4,50=0.2m --at 265,50=0.8"));
+    assert!(differ(&read("metric"), &read("wrong")) > 0.05);
+    // As blurred as what is seen at a place, whatever the layer's depth: at 1 m the blur is 2 px, about 2 m it is sharp.
+    let constant = |sigma: f32, name: &str| {
+        let mut model = metric.clone();
+        model.defocus = Estimate::Known(DefocusModel::given_lens(sigma, 1e-6));
+        // A lens that is focused at infinity blurs in proportion to inverse depth; the layers' own depth is 1 m here.
+        let curve = blindaug::model::DefocusCurve::Quadratic {
+            a: 0.0,
+            b: 0.0,
+            c: sigma,
+            inverse_depth_range: [0.0, 1.0],
+        };
+        model.defocus = Estimate::Known(DefocusModel::given(curve, DepthKind::Metric));
+        write_camera(d.join(name), &model).unwrap();
+    };
+    constant(2.0, "two.json");
+    succeeds(d, &format!("{f} --camera two.json -o two"));
+    succeeds(d, &format!("{f} --camera relative.json -o near --match-at 4,50"));
+    assert!(differ(&read("two"), &read("near")) < 0.01, "{}", differ(&read("two"), &read("near")));
+    succeeds(d, &format!("{f} --camera relative.json -o middle --match-at 95,50"));
+    assert!(differ(&read("two"), &read("middle")) > 0.05);
+    for (options, says) in [
+        ("--at 100,250=1m", "the footage does not tell the depth at 100,250 (frame 2); the nearest place"),
+        ("--match-at 100,250", "the footage does not tell the depth at 100,250"),
+        ("--match-at 1000,20", "outside the picture"),
+        ("--at 4,50=3m --at 265,50=1m", "contradict"),
+    ] {
+        let said = fails(d, &format!("{f} --camera relative.json -o x {options}"));
+        assert!(said.contains("relative.json: ") && said.contains(says), "{options}: {said}");
+    }
+    let said = fails(d, &format!("{f} --camera metric.json -o x --match-at 4,50"));
+    assert!(said.contains("metric.json: it holds no depth of its scene"), "{said}");
+    assert!(!d.join("x").exists());
+    // inspect shows where there is depth.
+    let shown = succeeds(d, "inspect relative.json");
+    assert!(shown.contains("found in frame 2") && shown.contains("--at 4,4=METRES"), "{shown}");
+}
+
+#[test]
+fn an_estimate_is_brought_to_metres_by_a_known_distance() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let frames = asset("frames");
+    let frames = frames.display();
+    let depth = asset("scene");
+    succeeds(d, &format!("estimate {frames} -o metric.json --depth {}", depth.display()));
+    let read = |name: &str| CameraModel::from_json(&std::fs::read_to_string(d.join(name)).unwrap()).unwrap();
+    let metric = read("metric.json");
+    let known = metric.scene_depth.clone().expect("the scene's depth is kept");
+    assert_eq!(known.kind, DepthKind::Metric);
+    let said = run(d, &format!("estimate {frames} -o at.json --depth {} --at 100,100=2m", depth.display()));
+    assert!(
+        !said.status.success() && text(&said.stderr).contains("metres already"),
+        "{}",
+        text(&said.stderr)
+    );
+    // The estimate itself is not lost.
+    assert_eq!(read("at.json").defocus, metric.defocus);
+}
+
+#[test]
+fn layers_without_depth_and_motion_are_given_some() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_camera(d.join("c.json"), &camera(Transfer::Srgb)).unwrap();
+    std::fs::create_dir(d.join("flat")).unwrap();
+    // The demo's layer without its Z and motion.
+    let layer = read_virtual_layer(asset("virtual/0003.exr")).unwrap();
+    let color = Encoded(layer.color.0.map(|[r, g, b, _]| [r, g, b]));
+    let alpha = layer.color.0.map(|p| p[3]);
+    let exr = FrameFormat::PNG8.with(Some(FileKind::Exr), Some(32)).unwrap();
+    let light = Coding::new(ColourSpace::LINEAR_SRGB, ColourSpace::LINEAR_SRGB);
+    exr.write(&d.join("flat/0003.exr"), &color, Some(&alpha), None, &light).unwrap();
+    let [frames, scene] = ["frames", "scene"].map(asset);
+    let f = format!("composite {} --frames 3..3 --camera c.json --no-noise --virtual flat", frames.display());
+    let made = |name: &str, options: &str| {
+        let output = run(d, &format!("{f} -o {name} {options}"));
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        (read_linear(d.join(name).join("0003.png")).unwrap(), text(&output.stderr))
+    };
+    let (bare, said) = made("bare", "");
+    assert!(said.contains("--layer-depth") && said.contains("--layer-motion"), "{said}");
+    let (deep, said) = made("deep", "--layer-depth 0.5");
+    assert!(differ(&bare, &deep) > 0.05 && !said.contains("--layer-depth"), "{said}");
+    let (moved, said) = made("moved", "--layer-motion -12,3");
+    assert!(differ(&bare, &moved) > 0.05 && !said.contains("--layer-motion"), "{said}");
+    let (of_plate, said) =
+        made("plate", &format!("--layer-depth plate --layer-motion plate --depth {}", scene.display()));
+    assert!(differ(&bare, &of_plate) > 0.01 && !said.contains("--layer-"), "{said}");
+    let said = fails(d, &format!("{f} -o x --layer-depth plate"));
+    assert!(said.contains("--layer-depth plate needs the depth of the footage"), "{said}");
+}
+
+#[test]
+fn video_of_ten_bits_stays_so() {
+    if !blindaug_io::VideoWriter::is_available() {
+        eprintln!("NOT TESTED: there is no ffmpeg program");
+        return;
+    }
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let pq = space("pq");
+    write_camera(d.join("c.json"), &camera(pq.transfer)).unwrap();
+    // A ramp whose steps are finer than those of 8 bits.
+    let ramp = Encoded(Raster::from_fn(W, W, |x, _| [0.4 + 0.1 * x as f32 / W as f32; 3]));
+    let mut video = blindaug_io::VideoWriter::create_in(d.join("in.mov"), (W, W), 25.0, (pq, 10)).unwrap();
+    for _ in 0..3 {
+        video.write(&ramp).unwrap();
+    }
+    video.finish().unwrap();
+    let layers = asset("virtual");
+    let f = format!("composite in.mov --virtual {} --camera c.json --frames 1..1 --naive", layers.display());
+    let output = run(d, &format!("{f} -o out.mp4"));
+    let said = text(&output.stderr);
+    assert!(output.status.success() && said.contains("in pq, as it says"), "{said}");
+    succeeds(d, &format!("{f} -o out"));
+    let still = read_frame(d.join("out/0001.png")).unwrap();
+    let again = text(&run(d, "estimate out.mp4 -o again.json").stderr);
+    assert!(again.contains("out.mp4: in pq, as it says"), "{again}");
+    // A row that the object does not cover has more levels than 8 bits would have.
+    let levels = |frame: &Encoded| {
+        let mut values: Vec<u32> = frame.0.row(2).iter().map(|p| (p[1] * 65535.0).round() as u32).collect();
+        values.dedup();
+        values.len()
+    };
+    assert!(levels(&still) > 60, "{}", levels(&still));
+    let eight = Encoded(still.0.map(|p| p.map(|v| (v * 255.0).round() / 255.0)));
+    assert!(levels(&eight) < 40, "{}", levels(&eight));
+    let said = fails(d, &format!("{f} -o x.mp4 --bits 16"));
+    assert!(said.contains("8 or 10 bits"), "{said}");
+}
