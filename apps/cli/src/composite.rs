@@ -329,7 +329,8 @@ pub fn run(args: &Composite) -> Result<()> {
         Some(path) if !args.naive => Some((read_camera_track(path)?, path)),
         _ => None,
     };
-    let footage = encoded_for(args.output.source.open(&args.input)?, track.as_ref().map(|(t, p)| (t, &***p)));
+    let source = args.output.source.open(&args.input)?.with_light_below_zero();
+    let footage = encoded_for(source, track.as_ref().map(|(t, p)| (t, p.as_path())));
     let (said, primaries) = (args.layer_colour_space, footage.space().primaries);
     let layers = opened(SideFolder::virtual_layers_in(&args.layers, said, primaries)?);
     let flow = match (&args.flow, &args.with, args.depth.folder()) {

@@ -17,12 +17,14 @@ pub struct Reading {
     pub integers: ColourSpace,
     /// The curve of the frames that come out.
     pub transfer: Transfer,
+    /// Whether light below 0, which EXR files may hold, is kept; else it becomes 0.
+    pub below_zero: bool,
 }
 
 impl Default for Reading {
     /// What files say, with integers as sRGB if they say nothing; frames come out as sRGB.
     fn default() -> Self {
-        Self { exr: None, integers: ColourSpace::SRGB, transfer: Transfer::Srgb }
+        Self { exr: None, integers: ColourSpace::SRGB, transfer: Transfer::Srgb, below_zero: false }
     }
 }
 
@@ -50,7 +52,7 @@ impl Reading {
         } else {
             self.integers.transfer
         };
-        Ok(recoded(read_values(path)?, from, self.transfer))
+        Ok(recoded(read_values(path, self.below_zero)?, from, self.transfer))
     }
 }
 
@@ -136,11 +138,11 @@ mod tests {
             // All these colours lie within the wide spaces; the camera's own are the only ones sure to hold them unclipped.
             let same = ColourSpace { primaries: frames.primaries, ..file };
             format.write(&path, &frame, None, None, &Coding::new(frames, same)).unwrap();
-            let reading = Reading { exr: Some(same), integers: same, transfer: log };
+            let reading = Reading { exr: Some(same), integers: same, transfer: log, below_zero: false };
             let lost = difference(&reading.read(&path).unwrap(), &frame);
             assert!(lost < 1e-3, "{name}: {lost}");
             // Negative control: the values themselves are others.
-            let as_log = Reading { exr: Some(frames), integers: frames, transfer: log };
+            let as_log = Reading { exr: Some(frames), integers: frames, ..reading };
             let values = difference(&as_log.read(&path).unwrap(), &frame);
             assert!((values > 0.01) == (file.transfer != log), "{name}: {values}");
         }

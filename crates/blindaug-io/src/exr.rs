@@ -106,7 +106,7 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         [0, 1, 2, 3].map(|c| match c {
             3 if a.is_nan() => 0.0,
             3 => a.clamp(0.0, 1.0),
-            c => light(planes[c].at(x, y)),
+            c => light(planes[c].at(x, y), 0.0),
         })
     });
     Ok(VirtualLayerFile {
@@ -258,8 +258,8 @@ pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
     Ok(open(path)?.size)
 }
 
-/// Reads the channels `R`, `G` and `B`.
-pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
+/// Reads the channels `R`, `G` and `B`. What is below 0 becomes 0, unless it is to be kept.
+pub(crate) fn read_colour(path: &Path, below_zero: bool) -> Result<Linear> {
     let file = open(path)?;
     let Some(rgb) = file.colour() else {
         return Err(file.lacks("channels R, G and B"));
@@ -267,7 +267,8 @@ pub(crate) fn read_colour(path: &Path) -> Result<Linear> {
     let p = file.read(&rgb)?;
     let (width, height) = p[0].size();
     mostly_numbers(path, p.iter().flat_map(|plane| plane.data().iter().copied()))?;
-    Ok(Linear(Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(p[c].at(x, y))))))
+    let least = if below_zero { -BRIGHTEST } else { 0.0 };
+    Ok(Linear(Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(p[c].at(x, y), least)))))
 }
 
 /// Reads the depth channel (`Z`, or the only channel) as it is stored.
@@ -322,9 +323,9 @@ pub(crate) fn mostly_numbers(path: &Path, values: impl Iterator<Item = f32>) -> 
     Ok(())
 }
 
-/// A light value, where a negative or NaN one becomes 0 and one above [`BRIGHTEST`] is clamped.
-fn light(v: f32) -> f32 {
-    if v.is_nan() { 0.0 } else { v.clamp(0.0, BRIGHTEST) }
+/// A light value, where NaN becomes 0 and all else is clamped between `least` and [`BRIGHTEST`].
+fn light(v: f32, least: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(least, BRIGHTEST) }
 }
 
 /// A channel: the index of its header, its index in that header, and its name with the layer's name in front.

@@ -33,10 +33,11 @@ pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
     Reading::default().read(path)
 }
 
-/// Reads a frame's values as they are stored, integers mapped to [0, 1]; negative and invalid ones become 0.
-pub(crate) fn read_values(path: &Path) -> Result<Encoded> {
+/// Reads a frame's values as they are stored, integers mapped to [0, 1]; invalid ones become 0, and negative ones too, unless those of EXR are
+/// to be kept.
+pub(crate) fn read_values(path: &Path, below_zero: bool) -> Result<Encoded> {
     if is_exr(path)? {
-        return Ok(Encoded(exr::read_colour(path)?.0));
+        return Ok(Encoded(exr::read_colour(path, below_zero)?.0));
     }
     let (image, orientation) = decode(path)?;
     encoded_from_image(path, image, orientation)

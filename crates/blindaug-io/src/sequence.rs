@@ -174,13 +174,19 @@ impl FrameSource {
 
     /// The same frames, whose files are in this colour space whatever they say themselves.
     pub fn in_space(self, space: ColourSpace) -> Self {
-        let reading = Reading { exr: Some(space), integers: space, transfer: space.transfer.worked_on() };
+        let transfer = space.transfer.worked_on();
+        let reading = Reading { exr: Some(space), integers: space, transfer, ..self.reading };
         Self { space, reading, ..self }
     }
 
     /// The same frames, encoded by this curve whatever their files are encoded by.
     pub fn encoded_as(self, transfer: Transfer) -> Self {
         Self { reading: Reading { transfer, ..self.reading }, ..self }
+    }
+
+    /// The same frames, with the light below 0 that EXR files may hold.
+    pub fn with_light_below_zero(self) -> Self {
+        Self { reading: Reading { below_zero: true, ..self.reading }, ..self }
     }
 
     /// The colour space of the files' values: what they say, or what was said in its place.

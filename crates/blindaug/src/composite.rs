@@ -65,7 +65,7 @@ pub struct CompositeOptions {
     pub bokeh: Bokeh,
     /// The seed of the noise, which is a function of the seed and the frame's number (default: 0).
     pub seed: u64,
-    /// Keep values above white, as scene-linear footage has them, instead of clipping as a sensor does (default: false).
+    /// Keep values above white and below black, as scene-linear footage has them, instead of clipping as a sensor does (default: false).
     pub unclipped: bool,
 }
 
@@ -191,6 +191,8 @@ struct Made {
     /// The encoded value at which the sensor clips, and that of the brightest that the frame holds.
     clip: f32,
     white: f32,
+    /// The least encoded value that the frame holds.
+    black: f32,
 }
 
 impl Made {
@@ -218,12 +220,12 @@ impl Made {
             shadows.map(|place| Shadows::new(filmed, place, layer, &space, &blur)).transpose()?.flatten();
         let object = object.map(|place| Object::new(filmed, place, layer, &space, &blur)).transpose()?;
         let noise_model = model.noise.known().filter(|_| !options.naive && !options.no_noise);
-        let (clip, white) = match options.unclipped {
-            true => (f32::INFINITY, f32::INFINITY),
-            false => (noise_model.map_or(1.0, |m| m.clip().min(1.0)), 1.0),
+        let (clip, white, black) = match options.unclipped {
+            true => (f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY),
+            false => (noise_model.map_or(1.0, |m| m.clip().min(1.0)), 1.0, 0.0),
         };
         // Encoded values end at 0; some cameras' curves encode light below 0, as noise in the dark has it.
-        let darkest = space.of_encoded([0.0; 3])[0].min(0.0);
+        let darkest = if options.unclipped { black } else { space.of_encoded([0.0; 3])[0].min(0.0) };
         let pixels = Raster::from_fn(changed.w, changed.h, |x, y| {
             let f = space.of_encoded(background.at(x, y));
             let at = (x + changed.x, y + changed.y);
@@ -245,11 +247,11 @@ impl Made {
             let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
                 true => [0.0; 3],
                 // The sensor clips before the camera sharpens.
-                false => std::array::from_fn(|c| clean.at(x, y)[c].clamp(0.0, clip) - background.at(x, y)[c]),
+                false => std::array::from_fn(|c| clean.at(x, y)[c].clamp(black, clip) - background.at(x, y)[c]),
             });
             sharpening::sharpen(&difference, &m)
         });
-        Ok(Some(Self { changed, frame, pixels, clean, sharpened, noise, object, clip, white }))
+        Ok(Some(Self { changed, frame, pixels, clean, sharpened, noise, object, clip, white, black }))
     }
 
     /// The composite in the changed place, with the noise; `then` gets the place in it and the value.
@@ -274,9 +276,9 @@ impl Made {
             (true, None) => f,
             // Around the object, sharpening may leave a halo; where it leaves none, v is f.
             (true, Some(_)) if v == f => f,
-            (true, Some(_)) => v.map(|v| v.clamp(0.0, self.white)),
+            (true, Some(_)) => v.map(|v| v.clamp(self.black, self.white)),
             (false, _) => std::array::from_fn(|c| {
-                if v[c] >= self.clip { self.clip } else { (v[c] + noise[c]).clamp(0.0, self.clip) }
+                if v[c] >= self.clip { self.clip } else { (v[c] + noise[c]).clamp(self.black, self.clip) }
             }),
         }
     }
