@@ -126,6 +126,7 @@ impl Mp4 {
                 frames: Some(shown.len()),
                 colour: Colour::new(sps.matrix_coefficients, avc1.height.into(), sps.full_range, false),
                 quarter_turns,
+                pixel_aspect: None,
                 notes: uneven(&times).into_iter().collect(),
             };
             Ok((

@@ -164,6 +164,13 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
         show(footage, operators, save, "estimating", &mut whole, observer)?;
     let mut estimation = whole.estimator.estimate().map_err(|e| of_clip(clip, e))?;
     estimation.model.stopped = stopped;
+    if let Some(aspect) = clip.pixel_aspect().filter(|&aspect| aspect != 1.0) {
+        estimation.model = estimation.model.measured_in_pixels_of(aspect);
+        estimation.diagnostics.notes.push(format!(
+            "the pixels are {aspect} times as wide as high: the lens was fitted as if its blur in px were round, then converted, so that its \
+             interval is too narrow"
+        ));
+    }
     let diagnostics = &mut estimation.diagnostics;
     if !diagnostics.shots.is_empty() {
         diagnostics.notes.insert(0, words_of_shots(&diagnostics.shots, &whole.numbers));
