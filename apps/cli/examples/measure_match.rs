@@ -76,7 +76,7 @@ fn matched(frames: &[Encoded], b: &Filming, [from, to]: [&CameraModel; 2], no_no
     let job = matching::matching(footage, (CameraTrack::from(from.clone()), "B"), to.clone(), None, &Silent)
         .expect("models");
     let mut sink = MemorySink::default();
-    let options = CompositeOptions { no_noise, bokeh: Bokeh::Disk, ..Default::default() };
+    let options = CompositeOptions { no_noise, bokeh: Some(Bokeh::Disk), ..Default::default() };
     job.run(&options, &mut sink, &Silent).expect("frames");
     sink.frames.into_values().collect()
 }

@@ -2,14 +2,12 @@
 
 use blindaug::{
     composite::CompositeOptions,
-    model::{ExposureFraction, KnownDistance},
-    synth::defocus::Bokeh,
+    model::{BLADES, Bokeh, ExposureFraction, KnownDistance, MOST_SQUEEZE},
 };
 use blindaug_pipeline::{
     ByHand,
     composite::{LayerDepth, LayerMotion},
 };
-use clap::ValueEnum;
 use std::ops::RangeInclusive;
 
 /// The options of applying a camera's distortions.
@@ -18,9 +16,6 @@ pub struct Style {
     /// Leave the noise out
     #[arg(long)]
     no_noise: bool,
-    /// The shape of an out-of-focus point
-    #[arg(long, value_enum, default_value = "gaussian")]
-    bokeh: BokehArg,
     /// The seed of the noise: the same seed gives the same noise
     #[arg(long, value_name = "N", default_value = "0")]
     seed: u64,
@@ -32,12 +27,25 @@ pub struct ByHandArgs {
     /// The shutter angle, degrees from 0 to 360, in place of the model's exposure
     #[arg(long, value_name = "DEGREES", value_parser = shutter_angle)]
     shutter: Option<f32>,
+    /// When the shutter opens, degrees after the frame's time, -180 to 180; minus half the shutter angle is centred [default: centred]
+    #[arg(long, value_name = "DEGREES", value_parser = shutter_phase, allow_hyphen_values = true)]
+    shutter_phase: Option<f32>,
     /// The distance in focus, m, in place of the model's
     #[arg(long, value_name = "METRES", value_parser = positive)]
     focus: Option<f32>,
     /// The blur at infinity (std in px of the frames), 0 to 100, in place of the model's
     #[arg(long, value_name = "PX", value_parser = blur_std)]
     blur: Option<f32>,
+    /// The shape of out-of-focus points: gaussian, disk, or polygon:N with N blades (3 to 16), their roundness (0 straight, 1 a disk) and the
+    /// rotation in degrees, in place of the model's
+    #[arg(long, value_name = "gaussian|disk|polygon:N[,ROUNDNESS[,ROTATION]]", value_parser = bokeh)]
+    bokeh: Option<Bokeh>,
+    /// How many times out-of-focus points are as high as wide, 0.25 to 4: 2 for an anamorphic lens of squeeze 2
+    #[arg(long, value_name = "RATIO", value_parser = squeeze)]
+    squeeze: Option<f32>,
+    /// How much out-of-focus points are cut towards the picture's edges, 0 to 1
+    #[arg(long, value_name = "STRENGTH", value_parser = share)]
+    cats_eye: Option<f32>,
     /// The factor of the noise's std, 0 to 100, such as x1.2
     #[arg(long, value_name = "xN", value_parser = factor)]
     grain: Option<f32>,
@@ -48,8 +56,12 @@ impl ByHandArgs {
     pub fn parts(&self) -> ByHand {
         ByHand {
             exposure: self.shutter.map(|degrees| ExposureFraction(degrees / 360.0)),
+            phase_degrees: self.shutter_phase,
             focus_m: self.focus,
             blur_px: self.blur,
+            bokeh: self.bokeh,
+            squeeze: self.squeeze,
+            cats_eye: self.cats_eye,
             grain: self.grain,
         }
     }
@@ -57,6 +69,46 @@ impl ByHandArgs {
 
 fn shutter_angle(text: &str) -> Result<f32, String> {
     within(text, 0.0..=360.0).map(|v| v as f32)
+}
+
+fn shutter_phase(text: &str) -> Result<f32, String> {
+    within(text, -180.0..=180.0).map(|v| v as f32)
+}
+
+fn squeeze(text: &str) -> Result<f32, String> {
+    let most = f64::from(MOST_SQUEEZE);
+    within(text, most.recip()..=most).map(|v| v as f32)
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    within(text, 0.0..=1.0).map(|v| v as f32)
+}
+
+/// Parses a shape of out-of-focus points.
+///
+/// # Errors
+/// Says which forms there are.
+pub fn bokeh(text: &str) -> Result<Bokeh, String> {
+    match text.trim() {
+        "gaussian" => return Ok(Bokeh::Gaussian),
+        "disk" => return Ok(Bokeh::Disk),
+        _ => {}
+    }
+    let form =
+        || "give gaussian, disk, or polygon:N[,ROUNDNESS[,ROTATION]] such as polygon:6,0.2,15".to_owned();
+    let numbers: Vec<&str> = text.trim().strip_prefix("polygon:").ok_or_else(form)?.split(',').collect();
+    let blades = numbers[0].trim().parse().ok().filter(|n| BLADES.contains(n));
+    let of = |i: usize, range: RangeInclusive<f64>| match numbers.get(i) {
+        Some(text) => within(text, range).map(|v| v as f32),
+        None => Ok(0.0),
+    };
+    let roundness = of(1, 0.0..=1.0).map_err(|e| format!("of the roundness, {e}"))?;
+    let rotation_degrees = of(2, -360.0..=360.0).map_err(|e| format!("of the rotation, {e}"))?;
+    match blades {
+        Some(blades) if numbers.len() <= 3 => Ok(Bokeh::Polygon { blades, roundness, rotation_degrees }),
+        None => Err("a polygon has 3 to 16 blades".into()),
+        _ => Err(form()),
+    }
 }
 
 fn blur_std(text: &str) -> Result<f32, String> {
@@ -67,22 +119,13 @@ fn factor(text: &str) -> Result<f32, String> {
     within(text.trim().trim_start_matches(['x', 'X']), 0.0..=100.0).map(|v| v as f32)
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum BokehArg {
-    Gaussian,
-    Disk,
-}
-
 impl Style {
     /// The options as a composite takes them.
     pub fn options(&self) -> CompositeOptions {
         CompositeOptions {
             naive: false,
             no_noise: self.no_noise,
-            bokeh: match self.bokeh {
-                BokehArg::Gaussian => Bokeh::Gaussian,
-                BokehArg::Disk => Bokeh::Disk,
-            },
+            bokeh: None,
             seed: self.seed,
             unclipped: false,
         }
@@ -168,6 +211,35 @@ pub fn frame_rate(text: &str) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
+    use blindaug::model::Bokeh;
+
+    #[test]
+    fn shapes_of_points_are_parsed() {
+        let polygon =
+            |blades, roundness, rotation_degrees| Bokeh::Polygon { blades, roundness, rotation_degrees };
+        for (text, shape) in [
+            ("gaussian", Bokeh::Gaussian),
+            ("disk", Bokeh::Disk),
+            ("polygon:6", polygon(6, 0.0, 0.0)),
+            ("polygon:9,0.5", polygon(9, 0.5, 0.0)),
+            ("polygon:5, 0.25, -18", polygon(5, 0.25, -18.0)),
+        ] {
+            assert_eq!(super::bokeh(text), Ok(shape), "{text}");
+        }
+        for text in [
+            "",
+            "square",
+            "polygon",
+            "polygon:2",
+            "polygon:17",
+            "polygon:6,2",
+            "polygon:6,0,x",
+            "polygon:6,0,0,0",
+        ] {
+            assert!(super::bokeh(text).is_err(), "{text}");
+        }
+    }
+
     #[test]
     fn places_and_what_is_there_are_parsed() {
         use super::*;

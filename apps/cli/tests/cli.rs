@@ -9,8 +9,9 @@ use blindaug::{
     colour_space::ColourSpace,
     export::Target,
     model::{
-        Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel, TrackedCamera, Unknown,
+        Aperture, Bokeh, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+        MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel,
+        TrackedCamera, Unknown,
     },
 };
 use blindaug_io::{Coding, FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera};
@@ -31,7 +32,7 @@ fn blindaug() -> Command {
 
 /// A camera of known parameters.
 fn camera(width: usize, height: usize, depth_kind: DepthKind) -> CameraModel {
-    let capture = Capture { width, height, fps: Some(25.0), frames_used: 3 };
+    let capture = Capture { width, height, fps: Some(25.0), frames_used: 3, pixel_aspect: 1.0 };
     let mut model = CameraModel::unknown(capture, "");
     model.noise = Estimate::Known(NoiseModel::Lines(NoiseLines {
         levels: [NoiseLevel { slope: [0.01; 3], intercept: [0.01; 3] }; NOISE_LEVELS],
@@ -45,10 +46,12 @@ fn camera(width: usize, height: usize, depth_kind: DepthKind) -> CameraModel {
         interval: [0.45, 0.55],
         method: Method::Spectral,
         samples: 100,
+        phase_degrees: None,
     });
     model.defocus = Estimate::Known(DefocusModel {
         curve: DefocusCurve::ThinLens { sigma_px_at_infinity: 2.0, focus_inverse_depth: 0.5, interval: None },
         depth_kind,
+        bokeh: Aperture::default(),
         method: Method::Spectral,
         samples: 100,
     });
@@ -204,8 +207,10 @@ fn a_camera_is_told_in_words_and_as_json() {
         assert!(words.contains(says), "{says} in {words}");
     }
     assert!(succeeds(dir.path(), "inspect c.json --json").contains("\"radius_px\": 1.25"));
-    let unknown =
-        CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 1 }, "nothing moves");
+    let unknown = CameraModel::unknown(
+        Capture { width: 4, height: 3, fps: None, frames_used: 1, pixel_aspect: 1.0 },
+        "nothing moves",
+    );
     write_camera(dir.path().join("c.json"), &unknown).unwrap();
     let words = succeeds(dir.path(), "inspect c.json --at-depth 1");
     assert_eq!(words.matches("unknown: nothing moves").count(), 3, "{words}");
@@ -632,6 +637,28 @@ fn parts_of_a_camera_are_set_by_hand() {
     assert_eq!(read("hand"), read("file"));
     succeeds(d, &format!("{f} c.json {by_hand} --grain x3 -o grainy"));
     assert_ne!(read("hand"), read("grainy"));
+    // The shape of out-of-focus points and the shutter's phase are the camera's, too.
+    let shape = "--bokeh polygon:6,0.25,10 --squeeze 1.5 --cats-eye 0.5 --shutter-phase 0";
+    succeeds(d, &format!("{f} c.json {by_hand} {shape} -o shape"));
+    assert_ne!(read("hand"), read("shape"));
+    if let (Estimate::Known(lens), Estimate::Known(shutter)) = (&mut same.defocus, &mut same.motion_blur) {
+        let bokeh = Bokeh::Polygon { blades: 6, roundness: 0.25, rotation_degrees: 10.0 };
+        lens.bokeh = Aperture { bokeh, squeeze: 1.5, cats_eye: 0.5 };
+        shutter.phase_degrees = Some(0.0);
+    }
+    write_camera(d.join("shape.json"), &same).unwrap();
+    succeeds(d, &format!("{f} shape.json -o shaped"));
+    assert_eq!(read("shape"), read("shaped"));
+    let said = succeeds(d, "inspect shape.json");
+    assert!(
+        said.contains("a polygon of 6 blades, 1.5 times as high as wide")
+            && said.contains("a phase of 0 degrees"),
+        "{said}"
+    );
+    let said = fails(d, &format!("{f} c.json {by_hand} --cats-eye 0.5 -o none"));
+    assert!(said.contains("a Gaussian has no edge"), "{said}");
+    let said = fails(d, &format!("{f} c.json {by_hand} --bokeh polygon:2 -o none"));
+    assert!(said.contains("3 to 16 blades"), "{said}");
     // The model's lens has no metres, so that its focus alone cannot be set.
     let said = fails(d, &format!("{f} c.json --focus 2 -o none"));
     assert!(said.contains("c.json: its lens is not known in metres"), "{said}");

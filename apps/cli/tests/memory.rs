@@ -31,7 +31,7 @@ fn folder() -> tempfile::TempDir {
     });
     let picture = Raster::from_fn(SIDE, SIDE, |x, y| tile.at(x % 64, y % 64));
     write_png(dir.path().join("large.png"), &Encoded(picture)).unwrap();
-    let capture = Capture { width: SIDE, height: SIDE, fps: None, frames_used: 1 };
+    let capture = Capture { width: SIDE, height: SIDE, fps: None, frames_used: 1, pixel_aspect: 1.0 };
     let mut camera = CameraModel::unknown(capture, "not measured");
     let level = NoiseLevel { slope: [0.01; 3], intercept: [0.005; 3] };
     camera.noise = Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 1.0));

@@ -11,7 +11,7 @@ mod spectra;
 mod stage;
 mod window;
 
-use blindaug::composite::CompositeOptions;
+use blindaug::{composite::CompositeOptions, model::Bokeh};
 use blindaug_cli::{
     arguments::{Style, memory_size, within},
     console::{self, Failure, Result, failure, note},
@@ -64,6 +64,9 @@ struct Live {
     /// Frames per second, where the input does not say it: of the clip, the animation and the video that is written
     #[arg(long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
     fps: Option<f64>,
+    /// The shape of an out-of-focus point, gaussian or disk
+    #[arg(long, value_name = "gaussian|disk", value_parser = round_bokeh)]
+    bokeh: Option<Bokeh>,
     #[command(flatten)]
     style: Style,
     /// Without a window: write as many frames as --frames says and print the last one's camera model; a clip starts again at its end
@@ -82,6 +85,14 @@ struct Live {
     /// the machine has]
     #[arg(long, value_name = "SIZE", value_parser = memory_size)]
     memory: Option<u64>,
+}
+
+/// Parses a shape of out-of-focus points that the processor and the graphics card have.
+fn round_bokeh(text: &str) -> std::result::Result<Bokeh, String> {
+    match blindaug_cli::arguments::bokeh(text)? {
+        Bokeh::Polygon { .. } => Err("here, it is gaussian or disk".into()),
+        shape => Ok(shape),
+    }
 }
 
 fn main() -> ExitCode {
@@ -155,7 +166,7 @@ fn run(args: &Live) -> Result<()> {
     let look = Look {
         split: args.split as f32,
         size: (args.size * scene.seen()) as f32,
-        options: CompositeOptions { naive: false, ..args.style.options() },
+        options: CompositeOptions { naive: false, bokeh: args.bokeh, ..args.style.options() },
         quality: Quality::default(),
     };
     let (true, Some(frames), Some(path)) = (args.headless, args.frames, &args.output) else {

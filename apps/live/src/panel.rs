@@ -160,9 +160,10 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
     ui.add(Slider::new(&mut home.at.y, 0.0..=1.0).text("down"));
     ui.separator();
     ui.heading("Composite");
-    ComboBox::from_label("bokeh").selected_text(lower(look.options.bokeh)).show_ui(ui, |ui| {
+    let shape = look.options.bokeh.unwrap_or_default();
+    ComboBox::from_label("bokeh").selected_text(lower(shape)).show_ui(ui, |ui| {
         for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-            ui.selectable_value(&mut look.options.bokeh, bokeh, lower(bokeh));
+            ui.selectable_value(&mut look.options.bokeh, Some(bokeh), lower(bokeh));
         }
     });
     // The processor has one quality, that of the reference.
@@ -257,6 +258,7 @@ mod tests {
                 interval: [0.45, 0.51],
                 method: Method::Spectral,
                 samples: 210,
+                phase_degrees: None,
             });
             let mut lens = DefocusModel::given_lens(4.31, 0.167);
             lens.depth_kind = DepthKind::Relative;

@@ -324,8 +324,10 @@ impl Scene {
     /// A scene of an object over a share of the frame. Its defocus std rises from 0 in the frame's middle column to 6 px at the left and the
     /// right edge, and its paths are up to 20 px long.
     fn new(gpu: &Gpu, [w, h, eyes]: [usize; 3], share: f32) -> Result<Self> {
-        let mut camera =
-            CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 1 }, "not given");
+        let mut camera = CameraModel::unknown(
+            Capture { width: w, height: h, fps: None, frames_used: 1, pixel_aspect: 1.0 },
+            "not given",
+        );
         let lens = DefocusModel::given_lens(10.0, 0.5);
         camera.defocus = Estimate::Known(lens);
         camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(EXPOSURE)));
@@ -491,7 +493,7 @@ impl Scene {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {
                 model: &camera,
-                options: CompositeOptions { bokeh, ..Default::default() },
+                options: CompositeOptions { bokeh: Some(bokeh), ..Default::default() },
                 quality,
                 number,
                 area: None,

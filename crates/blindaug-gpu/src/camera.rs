@@ -64,8 +64,8 @@ wgsl_struct! {
         pub(crate) frame: [u32; 2],
         /// 1 if every pass is to write all of its pixels, since the frame before had other passes.
         pub(crate) refresh: u32,
-        /// Unused.
-        more_padding: u32,
+        /// The middle of the exposure after the frame's time, in paths.
+        path_centre: f32,
         /// 1 if the lens may put the layer out of focus.
         pub(crate) defocuses: u32,
         /// 1 if the layer may move while the shutter is open.
@@ -122,7 +122,10 @@ impl Camera {
             };
         }
         if let Some(motion_blur) = model.motion_blur.known() {
-            uniforms.path_scale = velocity_scale.map(|s| s * motion_blur.exposure.0);
+            let shutter = motion_blur.shutter();
+            uniforms.path_scale = velocity_scale.map(|s| s * shutter.exposure.0);
+            uniforms.path_centre =
+                if shutter.exposure.0 > 0.0 { shutter.centre / shutter.exposure.0 } else { 0.0 };
         }
         if let Some(noise) = model.noise.known().filter(|_| !options.no_noise) {
             uniforms.noise = 1;

@@ -5,7 +5,7 @@ use crate::bound::Bound;
 use crate::camera::Camera;
 use crate::inputs::Inputs;
 use crate::passes::Passes;
-use crate::quality::{CONTINUED, DefocusQuality, Quality};
+use crate::quality::{self, CONTINUED, DefocusQuality, Quality};
 use crate::sharpening::{self, Sharpener};
 use crate::timer::{self, Timer};
 use blindaug::composite::CompositeOptions;
@@ -50,7 +50,7 @@ impl Area {
 /// One frame to composite.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
-    /// The camera that filmed the frame.
+    /// The camera that filmed the frame. Of its lens, out-of-focus points are Gaussians or round disks: see [`crate::rounded`].
     pub model: &'a CameraModel,
     /// The options of compositing. Layers that are composited one after the other need different seeds.
     pub options: CompositeOptions,
@@ -198,7 +198,7 @@ impl Compositor {
         camera.frame = [w, h];
         camera.refresh = u32::from(bound.passes_changed(defocuses, defocuses || moves));
         queue.write_buffer(&bound.views.camera, 0, bytemuck::bytes_of(&camera));
-        let defocus = DefocusQuality::new(quality, options.bokeh);
+        let defocus = DefocusQuality::new(quality, quality::shape_of(model, &options));
         queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&defocus));
         Ok(Plan { area, defocuses, blurs: defocuses || moves, sharpening })
     }

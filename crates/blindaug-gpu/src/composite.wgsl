@@ -180,10 +180,12 @@ fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
     }
     let path = path_at(at, part);
     let jitter = vec2<f32>(camera.key % vec2(64u));
+    // What is seen here in the middle of the exposure is elsewhere at the frame's time.
+    let middle = vec2<f32>(at) - camera.path_centre * path;
     if defocused {
-        return motion_blurred(focused, bilinear, vec2<f32>(at), path, part, camera.most_taps, jitter);
+        return motion_blurred(focused, bilinear, middle, path, part, camera.most_taps, jitter);
     }
-    return motion_blurred(sharp, bilinear, vec2<f32>(at), path, part, camera.most_taps, jitter);
+    return motion_blurred(sharp, bilinear, middle, path, part, camera.most_taps, jitter);
 }
 
 // The blurred layer at a pixel of the frame: premultiplied, in the space in which blur acts.

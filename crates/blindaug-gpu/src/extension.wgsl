@@ -113,7 +113,7 @@ fn gather(i: u32, at: vec2<u32>, part: u32) {
             count(LARGEST_STD, sigma);
             reach = select(0.0, 4.5 * sigma + 2.0, sigma > 0.0);
         }
-        count(LARGEST_REACH, reach + 0.5 * length(path));
+        count(LARGEST_REACH, reach + (0.5 + abs(camera.path_centre)) * length(path));
         d = select(UNKNOWN, d, known);
     }
     if any(colour != vec4(0.0)) {

@@ -33,7 +33,7 @@
 //!     view_formats: &[],
 //! });
 //! // The camera is usually estimated, or read from a file.
-//! let mut camera = CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 0 }, "not yet");
+//! let mut camera = CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 0, pixel_aspect: 1.0 }, "not yet");
 //! camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
 //! camera.defocus = Estimate::Known(DefocusModel::given_lens(3.0, 1.0));
 //!
@@ -94,6 +94,6 @@ pub use composite::{Area, Compositor, Frame};
 pub use gpu::{Gpu, array_view, texture};
 pub use inputs::{Depth, Inputs, Velocity};
 pub use kernel::{bind, full_screen};
-pub use quality::Quality;
+pub use quality::{Quality, rounded};
 pub use sharpening::unsharpening_steps;
 pub use timer::{STEPS, Timer};

@@ -1,5 +1,5 @@
 // Motion blur: the mean over the path that a pixel travels while the shutter is open (Potmesil & Chakravarty 1983). The path is centred on
-// the pixel.
+// `at`.
 
 // Interleaved gradient noise (Jimenez 2014), 0 to 1. Neighbouring pixels differ as much as they can.
 fn gradient_noise(at: vec2<f32>) -> f32 {

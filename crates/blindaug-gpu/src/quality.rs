@@ -1,7 +1,10 @@
 //! The quality of the compositor, that is, how closely it follows the reference, and the tables that defocus reads.
 
 use crate::layout::wgsl_struct;
+use blindaug::CameraModel;
+use blindaug::composite::CompositeOptions;
 use blindaug::filter;
+use blindaug::model::Aperture;
 use blindaug::synth::defocus::{self, Bokeh};
 
 /// The quality of the compositor, that is, how closely it follows the reference. docs/gpu.md has the cost of each quality.
@@ -64,7 +67,7 @@ impl Quality {
     /// px.
     pub fn octave(self, bokeh: Bokeh, sigma_px: f32) -> usize {
         let [gaussian, disk] = DefocusQuality::new(self, bokeh).least_variance;
-        let least = if bokeh == Bokeh::Disk { disk } else { gaussian };
+        let least = if bokeh == Bokeh::Gaussian { gaussian } else { disk };
         let ratio = (sigma_px * sigma_px + 1.0 / 3.0) / (least + 1.0 / 3.0);
         ((0.5 * ratio.max(1.0).log2()) as usize).min(OCTAVES - 1)
     }
@@ -84,7 +87,7 @@ impl Quality {
             }
             Bokeh::Gaussian => ((reach * left.sqrt()).ceil() as u32).pow(2),
             // The area of the disk with its rim.
-            Bokeh::Disk => (std::f32::consts::PI * (2.0 * left.sqrt() + 0.5).powi(2)).ceil() as u32,
+            _ => (std::f32::consts::PI * (2.0 * left.sqrt() + 0.5).powi(2)).ceil() as u32,
         }
     }
 
@@ -102,8 +105,41 @@ impl DefocusQuality {
             Quality::Medium => ([0.3, 1.5], 2.6),
             Quality::Low => ([0.15, 0.75], 2.2),
         };
-        Self { least_variance, reach, disk: u32::from(bokeh == Bokeh::Disk) }
+        Self { least_variance, reach, disk: u32::from(bokeh != Bokeh::Gaussian) }
     }
+}
+
+/// The aperture with which a camera's out-of-focus points are composited.
+fn aperture_of(model: &CameraModel, options: &CompositeOptions) -> Option<Aperture> {
+    let lens = model.defocus.known()?;
+    Some(Aperture { bokeh: options.bokeh.unwrap_or(lens.bokeh.bokeh), ..lens.bokeh })
+}
+
+/// The shape that the compositor gives to out-of-focus points.
+pub(crate) fn shape_of(model: &CameraModel, options: &CompositeOptions) -> Bokeh {
+    match aperture_of(model, options).map(|aperture| aperture.bokeh) {
+        None | Some(Bokeh::Gaussian) => Bokeh::Gaussian,
+        Some(_) => Bokeh::Disk,
+    }
+}
+
+/// A sentence about a camera's out-of-focus points whose shape the compositor does not have, without a full stop; `None` if it has the shape. It
+/// has Gaussians and disks that are round in px; the reference on the processor has all shapes.
+pub fn rounded(model: &CameraModel, options: &CompositeOptions) -> Option<String> {
+    let aperture = aperture_of(model, options)?;
+    let wide = model.capture.pixel_aspect;
+    let of_pixels = match wide {
+        1.0 => String::new(),
+        _ => format!(" in pixels {wide} times as wide as high"),
+    };
+    let shape = shape_of(model, options);
+    (aperture != shape.into() || wide != 1.0).then(|| {
+        format!(
+            "on the GPU, out-of-focus points are {} of the same second moment, round in px, instead of {}{of_pixels}",
+            Aperture::from(shape).words(),
+            aperture.words()
+        )
+    })
 }
 
 /// The right halves of discrete Gaussians of rising variance, 8 taps each, centre first.
@@ -126,6 +162,28 @@ pub(crate) fn disk_table() -> Vec<[f32; DISK_ROWS]> {
 
 #[cfg(test)]
 mod tests {
+    use super::rounded;
+    use blindaug::CameraModel;
+    use blindaug::composite::CompositeOptions;
+    use blindaug::model::{Aperture, Bokeh, Capture, DefocusModel, Estimate};
+
+    #[test]
+    fn shapes_that_the_compositor_does_not_have_are_told() {
+        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 1, pixel_aspect: 1.0 };
+        let of = |bokeh: Aperture, pixel_aspect| {
+            let mut model = CameraModel::unknown(Capture { pixel_aspect, ..capture }, "not needed");
+            model.defocus = Estimate::Known(DefocusModel { bokeh, ..DefocusModel::given_lens(3.0, 1.0) });
+            rounded(&model, &CompositeOptions::default())
+        };
+        assert_eq!(of(Bokeh::Gaussian.into(), 1.0), None);
+        assert_eq!(of(Bokeh::Disk.into(), 1.0), None);
+        let polygon = Bokeh::Polygon { blades: 6, roundness: 0.0, rotation_degrees: 0.0 };
+        let said = of(polygon.into(), 1.0).expect("polygons are not there");
+        assert!(said.contains("are a disk") && said.contains("of 6 blades"), "{said}");
+        assert!(of(Aperture { squeeze: 2.0, ..Bokeh::Gaussian.into() }, 1.0).is_some());
+        assert!(of(Bokeh::Disk.into(), 2.0).is_some_and(|said| said.contains("2 times as wide")));
+        assert_eq!(rounded(&CameraModel::unknown(capture, "not needed"), &CompositeOptions::default()), None);
+    }
 
     #[test]
     fn the_smoothing_of_the_shader_is_a_gaussian_of_the_reference_s_std() {

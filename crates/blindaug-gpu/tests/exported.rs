@@ -35,7 +35,7 @@ const CLIP: f32 = 0.95;
 
 /// A camera whose noise is `scale` times as strong as that of the comparison.
 fn camera(scale: f32) -> CameraModel {
-    let capture = Capture { width: SIDE, height: SIDE, fps: None, frames_used: 1 };
+    let capture = Capture { width: SIDE, height: SIDE, fps: None, frames_used: 1, pixel_aspect: 1.0 };
     let mut model = CameraModel::unknown(capture, "not given");
     let levels: [NoiseLevel; NOISE_LEVELS] = std::array::from_fn(|l| {
         let share = scale * [1.0, 0.8, 0.5, 0.2][l];

@@ -22,6 +22,7 @@ use ::exr::{
 };
 use blindaug::{
     Flow, Linear, Plane, Premultiplied, Raster, colour_space::Primaries, composite::DistortedLayer,
+    model::PIXEL_ASPECTS,
 };
 use std::{
     fs::File,
@@ -135,6 +136,12 @@ impl ExrHead {
         let first = file.reader.headers().first().ok_or_else(|| Error::damaged(path, "it has no layer"))?;
         let (image, layer) = (first.shared_attributes.clone(), first.own_attributes.clone());
         Ok(Self { image, layer: LayerAttributes { layer_name: None, ..layer } })
+    }
+
+    /// The width of a pixel over its height; 1 where the head says nothing, or what cannot be.
+    pub fn pixel_aspect(&self) -> f32 {
+        let aspect = self.image.pixel_aspect;
+        if PIXEL_ASPECTS.contains(&aspect) { aspect } else { 1.0 }
     }
 }
 

@@ -12,6 +12,7 @@ use crate::{
 use blindaug::{
     Encoded, Transfer,
     colour_space::{ColourSpace, Primaries},
+    model::PIXEL_ASPECTS,
 };
 use std::{
     ffi::{OsStr, OsString},
@@ -413,6 +414,7 @@ impl VideoStream {
         });
         let fields = split_outside_brackets(lines.next()?.split_once(": Video: ")?.1);
         let size = fields.iter().find_map(|f| size_of(f))?;
+        let pixel_aspect = fields.iter().find_map(|f| pixel_aspect_of(f));
         let fps = fields.iter().find_map(|f| f.strip_suffix(" fps")).and_then(|f| f.trim().parse().ok());
         let fps = fps.filter(|f: &f64| f.is_finite() && *f > 0.0).map(exact_fps);
         let frames = fps.and_then(|fps| Some((duration(text)? * fps).round() as usize)).filter(|&n| n > 0);
@@ -448,7 +450,11 @@ impl VideoStream {
         if words.iter().any(|w| w.contains(" first")) {
             notes.push(INTERLACED.into());
         }
-        Some(Self { size, pixels, head: VideoHead { fps, frames, colour, space, quarter_turns, notes } })
+        Some(Self {
+            size,
+            pixels,
+            head: VideoHead { fps, frames, colour, space, quarter_turns, pixel_aspect, notes },
+        })
     }
 }
 
@@ -488,6 +494,13 @@ fn split_outside_brackets(text: &str) -> Vec<&str> {
 fn size_of(field: &str) -> Option<(u64, u64)> {
     let (w, h) = field.split_whitespace().next()?.split_once('x')?;
     Some((w.parse().ok()?, h.parse().ok()?))
+}
+
+/// The width of a pixel over its height in a field like `1440x1080 [SAR 4:3 DAR 16:9]`.
+fn pixel_aspect_of(field: &str) -> Option<f32> {
+    let (w, h) = field.split_once("SAR ")?.1.split([' ', ']']).next()?.split_once(':')?;
+    let aspect = w.parse::<f32>().ok()? / h.parse::<f32>().ok()?;
+    Some(aspect).filter(|aspect| PIXEL_ASPECTS.contains(aspect))
 }
 
 /// The duration, s, in a text like `Duration: 00:00:10.00, start: ...`.
@@ -792,6 +805,7 @@ mod tests {
             "h264 (High) (avc1 / 0x31637661), yuv420p(progressive), 640x272 [SAR 1:1 DAR 40:17], 404 kb/s, 25 fps, 25 tbr, 12800 tbn (default)",
         );
         assert_eq!((s.size, s.head.fps, s.head.frames), ((640, 272), Some(25.0), Some(1763)));
+        assert_eq!(s.head.pixel_aspect, Some(1.0));
         assert_eq!(s.head.colour, Colour::new(6, 272, false, false));
         assert_eq!(s.pixels.name, "yuv420p");
         let s = parse(
@@ -811,8 +825,13 @@ mod tests {
         let s =
             parse("h264 (High), yuv420p(tv, bt709, top first), 1440x1080 [SAR 4:3 DAR 16:9], 25 fps, 25 tbr");
         assert!(s.head.notes == [INTERLACED] && s.size == (1440, 1080));
+        assert_eq!(s.head.pixel_aspect, Some(4.0 / 3.0));
         let s = parse("dvvideo, yuv420p(bottom coded first (swapped)), 720x576, 25 fps, 25 tbr");
         assert!(s.head.notes == [INTERLACED] && s.pixels.name == "yuv420p");
+        assert_eq!(s.head.pixel_aspect, None);
+        // A pixel without an extent says nothing.
+        let s = parse("h264 (Main), yuv420p, 640x480 [SAR 0:1 DAR 0:1], 25 fps");
+        assert_eq!(s.head.pixel_aspect, None);
         let s = parse("mjpeg (Baseline), yuvj422p(pc, bt470bg/unknown/unknown), 64x64, 1k tbn");
         assert_eq!((s.head.colour, s.pixels.chroma_shift), (Colour::new(5, 0, true, true), (1, 0)));
         assert_eq!((s.head.fps, s.head.frames), (None, None));

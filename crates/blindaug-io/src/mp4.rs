@@ -128,6 +128,7 @@ impl Mp4 {
                 colour: Colour::new(sps.matrix_coefficients, avc1.height.into(), sps.full_range, false),
                 space: ColourSpace::SRGB,
                 quarter_turns,
+                pixel_aspect: None,
                 notes: uneven(&times).into_iter().collect(),
             };
             Ok((

@@ -243,6 +243,18 @@ impl FrameSource {
         move |number| ExrHead::read(files.get(&number)?).ok()
     }
 
+    /// The width of a pixel over its height, as the picture is shown, if the head of the first EXR file or of a video tells it. (The built-in
+    /// decoder of videos does not read it.)
+    pub fn pixel_aspect(&self) -> Option<f32> {
+        match &self.kind {
+            Kind::Images(files) if self.format.is_exr() => {
+                files.first().and_then(|(_, first)| ExrHead::read(first).ok()).map(|head| head.pixel_aspect())
+            }
+            Kind::Images(_) => None,
+            Kind::Video(v, _) => v.pixel_aspect(),
+        }
+    }
+
     /// Frames per second, if the input gives them; images do not.
     pub fn fps(&self) -> Option<f64> {
         match &self.kind {

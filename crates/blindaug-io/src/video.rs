@@ -96,6 +96,12 @@ impl Video {
         self.head.frames
     }
 
+    /// The width of a pixel of the upright picture over its height, if the video's head tells it.
+    pub(crate) fn pixel_aspect(&self) -> Option<f32> {
+        let lies = self.head.quarter_turns % 2 == 1;
+        self.head.pixel_aspect.map(|aspect| if lies { aspect.recip() } else { aspect })
+    }
+
     pub(crate) fn notes(&self) -> &[String] {
         &self.head.notes
     }

@@ -15,6 +15,8 @@ pub(crate) struct VideoHead {
     pub space: ColourSpace,
     /// The number of quarter turns clockwise that show a frame upright, 0 to 3.
     pub quarter_turns: u8,
+    /// The width of a pixel of a frame as it is stored over its height; `None` if it is not known.
+    pub pixel_aspect: Option<f32>,
     /// Notes for the user, a sentence each.
     pub notes: Vec<String>,
 }

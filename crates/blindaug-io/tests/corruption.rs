@@ -24,7 +24,7 @@ fn samples() -> Vec<(&'static str, Vec<u8>, Read)> {
     }
     write_png(at("frame.png"), &Encoded(picture)).unwrap();
     write_flo(at("flow.flo"), &Raster::from_fn(7, 5, |x, y| [x as f32, -(y as f32)])).unwrap();
-    let capture = Capture { width: 4, height: 3, fps: Some(25.0), frames_used: 5 };
+    let capture = Capture { width: 4, height: 3, fps: Some(25.0), frames_used: 5, pixel_aspect: 1.0 };
     write_camera(at("camera.json"), &CameraModel::unknown(capture, "nothing moves")).unwrap();
     for (name, compression, tiled) in [
         ("raw.exr", exr::prelude::Compression::Uncompressed, false),

@@ -1,7 +1,10 @@
 //! EXR files that are written, read with the exr crate itself.
 
 use blindaug::{Encoded, Plane, Premultiplied, Raster, colour_space::ColourSpace, composite::DistortedLayer};
-use blindaug_io::{Coding, ExrHead, FileKind, FrameFormat, read_virtual_layer, write_distorted_layer};
+use blindaug_io::{
+    Coding, ExrHead, FileKind, FrameFormat, FrameRange, FrameSource, read_virtual_layer,
+    write_distorted_layer,
+};
 use exr::prelude::*;
 
 /// The values of all channels of a file, by name.
@@ -36,6 +39,9 @@ fn the_head_of_a_frame_goes_on_with_it() {
     Image::new(attributes.clone(), layer).write().to_file(at("in.exr")).unwrap();
 
     let head = ExrHead::read(at("in.exr")).unwrap();
+    assert_eq!(head.pixel_aspect(), 2.0);
+    let aspect = |name: &str| FrameSource::open(at(name), FrameRange::default()).unwrap().pixel_aspect();
+    assert_eq!(aspect("in.exr"), Some(2.0));
     let frame = Encoded(Raster::filled(6, 4, [0.5; 3]));
     let acescg: ColourSpace = "acescg".parse().unwrap();
     let in_acescg = Coding::new(acescg, acescg);
@@ -48,6 +54,21 @@ fn the_head_of_a_frame_goes_on_with_it() {
     assert_eq!(out.layer_data.attributes.owner, Some("a studio".into()));
     assert_eq!(out.layer_data.attributes.layer_position, Vec2(10, 20));
     assert_ne!(read("plain.exr").attributes, attributes);
+    assert_eq!(aspect("plain.exr"), Some(1.0));
+    // Images of other kinds say nothing, and an aspect that cannot be counts as none.
+    let png = FrameFormat::PNG8;
+    png.write(&at("plain.png"), &frame, None, None).unwrap();
+    assert_eq!(aspect("plain.png"), None);
+    attributes.pixel_aspect = 0.0;
+    let list = ["R", "G", "B"].map(|name| AnyChannel::new(name, values(0.5)));
+    let layer = Layer::new(
+        size,
+        LayerAttributes::default(),
+        Encoding::UNCOMPRESSED,
+        AnyChannels::sort(list.into_iter().collect()),
+    );
+    Image::new(attributes, layer).write().to_file(at("zero.exr")).unwrap();
+    assert_eq!(aspect("zero.exr"), Some(1.0));
 }
 
 #[test]

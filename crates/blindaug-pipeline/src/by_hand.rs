@@ -3,8 +3,8 @@
 use blindaug::{
     CameraModel, Error, Result,
     model::{
-        DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
-        NoiseLevel, NoiseModel,
+        Aperture, Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+        MotionBlurModel, NoiseLevel, NoiseModel,
     },
 };
 
@@ -13,10 +13,18 @@ use blindaug::{
 pub struct ByHand {
     /// The exposure fraction, in [0, 1].
     pub exposure: Option<ExposureFraction>,
+    /// When the shutter opens, after the frame's time, in degrees of which a frame interval has 360, in [-180, 180].
+    pub phase_degrees: Option<f32>,
     /// The distance in focus, m, > 0.
     pub focus_m: Option<f32>,
     /// The std of the blur at infinity, px of the model's own width, >= 0.
     pub blur_px: Option<f32>,
+    /// The shape of out-of-focus points.
+    pub bokeh: Option<Bokeh>,
+    /// The extent of out-of-focus points from top to bottom over that from left to right, in [0.25, 4].
+    pub squeeze: Option<f32>,
+    /// How much out-of-focus points are cut towards the picture's edges, in [0, 1].
+    pub cats_eye: Option<f32>,
     /// The factor of the noise's std, >= 0.
     pub grain: Option<f32>,
 }
@@ -25,14 +33,27 @@ impl ByHand {
     /// The model with the parts that are set.
     ///
     /// # Errors
-    /// If only one of the two numbers of a lens is set and the model does not have the other in metres, or noise that is unknown is to be
-    /// scaled.
+    /// If only one of the two numbers of a lens is set and the model does not have the other in metres, a phase is set and the exposure is
+    /// unknown, a Gaussian is to be cut, or noise that is unknown is to be scaled.
     pub fn applied(&self, mut model: CameraModel) -> Result<CameraModel> {
         if let Some(exposure) = self.exposure {
             model.motion_blur = Estimate::Known(MotionBlurModel::given(exposure));
         }
+        if let Some(phase) = self.phase_degrees {
+            match &mut model.motion_blur {
+                Estimate::Known(motion_blur) => motion_blur.phase_degrees = Some(phase),
+                _ => {
+                    return Err(Error::new(
+                        "its exposure is unknown, so that the shutter's phase can be set only together with the shutter's angle",
+                    ));
+                }
+            }
+        }
         if let Some(lens) = self.lens(&model)? {
             model.defocus = Estimate::Known(lens);
+        }
+        if let Estimate::Known(lens) = &mut model.defocus {
+            lens.bokeh = self.aperture(lens.bokeh)?;
         }
         if let Some(factor) = self.grain {
             match &mut model.noise {
@@ -58,11 +79,31 @@ impl ByHand {
         let [focus, infinity] = [self.focus_m.map(|m| 1.0 / m).or(inverse), self.blur_px.or(blur)];
         match (self.focus_m.is_some() || self.blur_px.is_some(), focus, infinity) {
             (false, ..) => Ok(None),
-            (true, Some(focus), Some(blur)) => Ok(Some(DefocusModel::given_lens(blur, focus))),
+            (true, Some(focus), Some(blur)) => {
+                let bokeh = known.map_or_else(Aperture::default, |lens| lens.bokeh);
+                Ok(Some(DefocusModel { bokeh, ..DefocusModel::given_lens(blur, focus) }))
+            }
             (true, ..) => Err(Error::new(
                 "its lens is not known in metres, so that the focus and the blur can be set only together",
             )),
         }
+    }
+}
+
+impl ByHand {
+    /// The aperture of a lens with the parts that are set.
+    fn aperture(&self, lens: Aperture) -> Result<Aperture> {
+        let aperture = Aperture {
+            bokeh: self.bokeh.unwrap_or(lens.bokeh),
+            squeeze: self.squeeze.unwrap_or(lens.squeeze),
+            cats_eye: self.cats_eye.unwrap_or(lens.cats_eye),
+        };
+        if aperture.bokeh == Bokeh::Gaussian && aperture.cats_eye > 0.0 {
+            return Err(Error::new(
+                "a Gaussian has no edge that a cat's eye could be cut from: set the shape of a disk or a polygon, too",
+            ));
+        }
+        Ok(aperture)
     }
 }
 
@@ -90,7 +131,7 @@ mod tests {
     use blindaug::model::{Capture, Reason};
 
     fn camera() -> CameraModel {
-        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 2 };
+        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 2, pixel_aspect: 1.0 };
         let mut model = CameraModel::unknown(capture, "");
         let level = NoiseLevel { slope: [0.01; 3], intercept: [0.002; 3] };
         model.noise = Estimate::Known(NoiseModel::given([level; 4], 1.0));
@@ -113,6 +154,30 @@ mod tests {
         let grainy = ByHand { grain: Some(1.5), ..ByHand::default() }.applied(model.clone()).unwrap();
         let std = |m: &CameraModel| m.noise.known().unwrap().std(1, 0.4)[2];
         assert!((std(&grainy) / std(&model) - 1.5).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_shape_and_the_phase_are_set_and_kept() {
+        let model = camera();
+        let disk = ByHand { bokeh: Some(Bokeh::Disk), cats_eye: Some(0.5), ..ByHand::default() };
+        let set = disk.applied(model.clone()).unwrap();
+        let lens = set.defocus.known().unwrap();
+        assert_eq!(lens.bokeh, Aperture { cats_eye: 0.5, ..Bokeh::Disk.into() });
+        assert_eq!(DefocusModel { bokeh: Aperture::default(), ..*lens }, *model.defocus.known().unwrap());
+        // The shape stays when the focus moves, and when the file is read again.
+        let near =
+            ByHand { focus_m: Some(1.0), squeeze: Some(2.0), ..ByHand::default() }.applied(set).unwrap();
+        let read = CameraModel::from_json(&near.to_json()).unwrap();
+        assert_eq!(
+            read.defocus.known().unwrap().bokeh,
+            Aperture { squeeze: 2.0, cats_eye: 0.5, bokeh: Bokeh::Disk }
+        );
+        let cut = ByHand { cats_eye: Some(0.5), ..ByHand::default() };
+        assert!(cut.applied(model.clone()).unwrap_err().to_string().contains("a Gaussian has no edge"));
+        let phase = ByHand { phase_degrees: Some(0.0), ..ByHand::default() };
+        assert!(phase.applied(model.clone()).unwrap_err().to_string().contains("only together"));
+        let both = ByHand { exposure: Some(ExposureFraction(0.5)), ..phase }.applied(model).unwrap();
+        assert_eq!(both.motion_blur.known().unwrap().shutter().centre, 0.25);
     }
 
     #[test]

@@ -28,7 +28,7 @@ const WITH_ALPHA: u64 = 324 + DISTORTED_LAYER;
 
 /// A camera that distorts nothing.
 pub fn naive((width, height): (usize, usize)) -> CameraModel {
-    CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0 }, "naive")
+    CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0, pixel_aspect: 1.0 }, "naive")
 }
 
 /// Real inverse depth, converted to the unit in which it is needed.
@@ -116,19 +116,31 @@ pub fn fitted_to(
 ) -> Result<(CameraTrack, Option<SceneScale>)> {
     let Fitting { by_hand, unknown, .. } = *fitting;
     let (width, height) = clip.size();
-    let Capture { width: w, height: h, .. } = track.frames()[0].camera.capture;
+    let Capture { width: w, height: h, pixel_aspect, .. } = track.frames()[0].camera.capture;
     if (w, h) != (width, height) {
         observer.note(&format!(
             "{name}: for frames of {w} x {h}; its blur is scaled by the width to {width} x {height}"
         ));
         let shape = (width * h) as f64 / (height * w) as f64;
-        if (shape - 1.0).abs() > 0.01 {
+        let aspects = clip.pixel_aspect().map_or(1.0, |a| f64::from(a / pixel_aspect));
+        if (shape * aspects - 1.0).abs() > 0.01 {
             observer.warning(
                 "these frames have another shape than the camera's; that is right only if they were cropped in height",
             );
         }
     }
     let mut track = track.map(|m| m.scaled_to(width, height));
+    if let Some(aspect) = clip.pixel_aspect().filter(|&aspect| aspect != pixel_aspect) {
+        let as_if_square = (w, h) == (width, height) && pixel_aspect == 1.0;
+        observer.note(&match as_if_square {
+            true => format!("{name}: says nothing of its pixels' shape, which is taken to be that of these frames, {aspect} to 1"),
+            false => format!("{name}: for pixels of {pixel_aspect} to 1; its blur is scaled to pixels of {aspect} to 1"),
+        });
+        track = track.map(|m| match as_if_square {
+            true => m.measured_in_pixels_of(aspect),
+            false => m.with_pixel_aspect(aspect),
+        });
+    }
     let scale = match &fitting.known[..] {
         [] => fitting.scale,
         known => {
@@ -606,5 +618,71 @@ impl crate::Side<VirtualLayer> for blindaug_io::SideFolder<blindaug_io::VirtualL
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<VirtualLayer>> {
         let layer = self.get(number, size)?;
         Ok(layer.map(|l| VirtualLayer { color: l.color, inverse_depth: l.inverse_depth, flow: l.flow }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        footage::{Frames, MemoryClip},
+        observer::Silent,
+    };
+    use blindaug::model::DefocusModel;
+
+    /// A clip whose pixels have a shape.
+    struct Wide(MemoryClip, f32);
+
+    impl Clip for Wide {
+        fn name(&self) -> String {
+            self.0.name()
+        }
+
+        fn size(&self) -> (usize, usize) {
+            self.0.size()
+        }
+
+        fn fps(&self) -> Option<f64> {
+            None
+        }
+
+        fn pixel_aspect(&self) -> Option<f32> {
+            Some(self.1)
+        }
+
+        fn len_hint(&self) -> Option<usize> {
+            self.0.len_hint()
+        }
+
+        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+            self.0.frames_if(wanted)
+        }
+    }
+
+    #[test]
+    fn a_camera_takes_the_shape_of_the_plate_s_pixels() {
+        let clip = |width, aspect| {
+            let frames = vec![Encoded(Raster::filled(width, 48, [0.5; 3]))];
+            Wide(MemoryClip { frames, fps: None }, aspect)
+        };
+        let camera = |width, pixel_aspect| {
+            let capture = Capture { width, height: 48, fps: None, frames_used: 1, pixel_aspect };
+            let mut model = CameraModel::unknown(capture, "not needed");
+            model.defocus = Estimate::Known(DefocusModel::given_lens(2.0, 0.5));
+            model
+        };
+        let fitted = |model: CameraModel, clip: &Wide| {
+            let (track, _) = fitted_to(model.into(), "camera", clip, &Fitting::default(), &Silent).unwrap();
+            let model = track.at(1);
+            (model.capture.pixel_aspect, model.defocus.known().unwrap().sigma_px(0.0))
+        };
+        assert_eq!(fitted(camera(64, 1.0), &clip(64, 1.0)), (1.0, 2.0));
+        // The camera's pixels are those of the plate, though the camera does not know their shape.
+        let (aspect, sigma) = fitted(camera(64, 1.0), &clip(64, 2.0));
+        assert!(aspect == 2.0 && (sigma - 2.0 / (0.5f32 * 1.25).sqrt()).abs() < 1e-4, "{sigma}");
+        // The camera knows it.
+        assert_eq!(fitted(camera(64, 2.0), &clip(64, 2.0)), (2.0, 2.0));
+        // A camera of the same view in square pixels.
+        assert_eq!(fitted(camera(128, 1.0), &clip(64, 2.0)), (2.0, 2.0));
     }
 }

@@ -74,10 +74,9 @@ impl fmt::Display for Error {
             Self::NoSceneScale { name, is_model: false } => {
                 write!(f, "{name}: relative depth must be brought to metres by the scene's scale")
             }
-            Self::NoSceneScale { name, is_model: true } => write!(
-                f,
-                "{name}: its defocus is over relative inverse depth, but the layers are in metres"
-            ),
+            Self::NoSceneScale { name, is_model: true } => {
+                write!(f, "{name}: its defocus is over relative inverse depth, but the layers are in metres")
+            }
             Self::AlreadyThere { name } => write!(f, "{name}: this is there already; give another name"),
             Self::NoLayers => f.write_str(
                 "layers are written to EXR files alone: give a folder, or a name that ends in .exr",

@@ -21,6 +21,11 @@ pub trait Clip: Sync {
     /// Frames per second, if that is known.
     fn fps(&self) -> Option<f64>;
 
+    /// The width of a pixel over its height, as the picture is shown, if that is known. By default nothing is known.
+    fn pixel_aspect(&self) -> Option<f32> {
+        None
+    }
+
     /// The number of frames, if it is known without going through them.
     fn len_hint(&self) -> Option<usize>;
 
@@ -159,6 +164,10 @@ impl Clip for blindaug_io::FrameSource {
 
     fn fps(&self) -> Option<f64> {
         self.fps()
+    }
+
+    fn pixel_aspect(&self) -> Option<f32> {
+        self.pixel_aspect()
     }
 
     fn len_hint(&self) -> Option<usize> {

@@ -66,6 +66,9 @@ impl Viewer for Following<'_> {
     ) -> Result<()> {
         let mut camera = self.tracker.push(observation).map_err(|e| of_frame(self.clip, number, e))?.clone();
         self.noise_kind.reduce(&mut camera.noise);
+        if let Some(aspect) = self.clip.pixel_aspect() {
+            camera = camera.measured_in_pixels_of(aspect);
+        }
         if let Some(last) = self.cameras.last() {
             (self.each)(last)?;
         }

@@ -119,6 +119,14 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
             rows.extend(quadratic_parameters(m, [a, b, c], [low, high], metric));
         }
     }
+    if !m.bokeh.is_default() {
+        rows.push(Row {
+            name: "Out-of-focus points".into(),
+            value: m.bokeh.words(),
+            interval: None,
+            meaning: "The shape of the blur. Its std is that of the equivalent Gaussian.".into(),
+        });
+    }
     rows
 }
 

@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn the_depth_is_drawn_with_what_is_in_focus() {
-        let capture = Capture { width: 64, height: 32, fps: None, frames_used: 1 };
+        let capture = Capture { width: 64, height: 32, fps: None, frames_used: 1, pixel_aspect: 1.0 };
         let mut model = CameraModel::unknown(capture, "test");
         let lens = DefocusModel { depth_kind: DepthKind::Relative, ..DefocusModel::given_lens(20.0, 0.5) };
         model.defocus = Estimate::Known(lens);

@@ -72,7 +72,7 @@ fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Row> {
                     .into(),
         },
     };
-    vec![
+    let mut rows = vec![
         Row {
             name: "Exposure".into(),
             value: format!("{} %", number(share)),
@@ -88,7 +88,14 @@ fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Row> {
             meaning: "The same in film makers' degrees: 360° is the whole frame interval, 180° the usual look of films.".into(),
         },
         time,
-    ]
+    ];
+    rows.extend(m.phase_degrees.map(|phase| Row {
+        name: "Shutter phase".into(),
+        value: format!("{}°", number(phase.into())),
+        interval: None,
+        meaning: "When the shutter opens: 0° is the frame's time, minus half the shutter angle is centred on it. It was given.".into(),
+    }));
+    rows
 }
 
 /// The shutter's card: its large text and the text below.

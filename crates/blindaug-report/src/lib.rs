@@ -8,7 +8,7 @@
 //! use blindaug::model::{Capture, Estimate, ExposureFraction, MotionBlurModel};
 //! use blindaug_report::{ReportInput, page, words};
 //!
-//! let capture = Capture { width: 640, height: 480, fps: Some(25.0), frames_used: 5 };
+//! let capture = Capture { width: 640, height: 480, fps: Some(25.0), frames_used: 5, pixel_aspect: 1.0 };
 //! let mut model = CameraModel::unknown(capture, "nobody looked");
 //! model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
 //! let diagnostics = Diagnostics::default();

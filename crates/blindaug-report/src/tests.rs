@@ -37,7 +37,7 @@ fn noise_model() -> NoiseModel {
 }
 
 fn capture_of(width: usize, height: usize) -> Capture {
-    Capture { width, height, fps: Some(30.0), frames_used: 5 }
+    Capture { width, height, fps: Some(30.0), frames_used: 5, pixel_aspect: 1.0 }
 }
 
 fn known_model(width: usize, height: usize) -> CameraModel {
@@ -55,6 +55,7 @@ fn known_model(width: usize, height: usize) -> CameraModel {
         interval: [0.45, 0.51],
         method: Method::Spectral,
         samples: 2105,
+        phase_degrees: None,
     });
     m.defocus = Estimate::Known(DefocusModel {
         curve: DefocusCurve::ThinLens {
@@ -66,6 +67,7 @@ fn known_model(width: usize, height: usize) -> CameraModel {
             }),
         },
         depth_kind: DepthKind::Metric,
+        bokeh: Default::default(),
         method: Method::Spectral,
         samples: 2805,
     });
@@ -392,7 +394,11 @@ fn odd_models_give_a_report() {
     let base = known_model(64, 64);
     let lens = |curve, depth_kind| {
         let mut m = base.clone();
-        m.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method: Method::Removal, samples: 1 });
+        m.defocus = Estimate::Known(DefocusModel {
+            method: Method::Removal,
+            samples: 1,
+            ..DefocusModel::given(curve, depth_kind)
+        });
         m
     };
     let thin = |s: f32, f: f32, interval| DefocusCurve::ThinLens {
@@ -421,6 +427,7 @@ fn odd_models_give_a_report() {
         interval: [0.0, f32::INFINITY],
         method: Method::Removal,
         samples: 0,
+        phase_degrees: None,
     });
     let still = NoiseLevel::default();
     wild.noise = Estimate::Known(NoiseModel::given([still; NOISE_LEVELS], 0.9));

@@ -88,11 +88,16 @@ const LUMINANCES: [f32; 3] = [0.1, 0.5, 0.9];
 
 /// The model in words, a line per fact; `at_depth` are depths (m, or relative inverse depths) whose blur is added.
 pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
-    let Capture { width, height, fps, frames_used } = model.capture;
+    let Capture { width, height, fps, frames_used, pixel_aspect } = model.capture;
     let rate = fps.map_or("at an unknown frame rate".into(), |f| format!("at {} frames a second", short(f)));
     let frames = count(frames_used as u64, "frame");
     let stopped = model.stopped.map_or(String::new(), |stopped| format!(" ({stopped})"));
-    let mut text = format!("Camera     {width} x {height} px {rate}; estimated from {frames}{stopped}\n");
+    let pixels = match pixel_aspect {
+        1.0 => String::new(),
+        wide => format!(" (pixels {} times as wide as high)", short(wide.into())),
+    };
+    let mut text =
+        format!("Camera     {width} x {height} px{pixels} {rate}; estimated from {frames}{stopped}\n");
     // Writing to a String cannot fail.
     for distortion in Distortion::ALL {
         let _ = match distortion {
@@ -153,6 +158,13 @@ fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result
         let fraction = if seconds > 0.0 { format!(", 1/{:.0} s", seconds.recip()) } else { String::new() };
         writeln!(text, "           {:.1} ms at {} frames a second{fraction}", 1e3 * seconds, short(fps))?;
     }
+    if let Some(phase) = blur.phase_degrees {
+        let phase = short(phase.into());
+        writeln!(
+            text,
+            "           the shutter opens at a phase of {phase} degrees (given), 0 being the frame's time"
+        )?;
+    }
     writeln!(text, "           {}", origin(blur.method, blur.samples, unit_of_samples(blur.method)))
 }
 
@@ -186,6 +198,9 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
         let of = if metric { "at infinity" } else { "at relative inverse depth 0" };
         let i = known_to(facts.sigma_interval, &|v| format!("{v:.2}"));
         writeln!(text, "           blur {of}: {s:.2} px{i}, the std of the equivalent Gaussian")?;
+    }
+    if !defocus.bokeh.is_default() {
+        writeln!(text, "           an out-of-focus point is {}", defocus.bokeh.words())?;
     }
     let shows = format!("           blur shows (over {VISIBLE_PX} px)");
     match facts.sharp.as_slice() {
@@ -416,7 +431,7 @@ mod tests {
     fn where_blur_shows_is_said_in_the_model_s_own_depth() {
         let told = |sigma, depth_kind| {
             let mut model = CameraModel::unknown(
-                Capture { width: 8, height: 8, fps: None, frames_used: 1 },
+                Capture { width: 8, height: 8, fps: None, frames_used: 1, pixel_aspect: 1.0 },
                 "not looked at",
             );
             let lens = DefocusModel::given_lens(sigma, 0.25);

@@ -176,8 +176,12 @@ impl Shot {
         model: &CameraModel,
         naive: bool,
     ) -> blindaug::Result<Encoded> {
-        let options =
-            CompositeOptions { naive, no_noise: true, bokeh: Bokeh::Disk, ..CompositeOptions::default() };
+        let options = CompositeOptions {
+            naive,
+            no_noise: true,
+            bokeh: Some(Bokeh::Disk),
+            ..CompositeOptions::default()
+        };
         composite(&self.plate(of.number, &of.plate), &of.layer, model, &options)
     }
 

@@ -68,8 +68,12 @@ impl Camera {
         let (without_noise, noisy) = match self {
             Self::Synthesis | Self::Heteroscedastic => {
                 let model = model(sharp.0.size(), setting);
-                let options =
-                    synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, seed, unclipped: false };
+                let options = synth::SynthesisOptions {
+                    bokeh: Some(Bokeh::Disk),
+                    no_noise: true,
+                    seed,
+                    unclipped: false,
+                };
                 let clean =
                     synth::distort_frame(sharp, &model, Some(inverse_depth), Some(motion), &options, time)?;
                 let noise = model.noise.known().filter(|_| self == Self::Synthesis);
@@ -122,8 +126,10 @@ pub fn in_steps(v: f32) -> f32 {
 
 /// The setting as a camera model.
 pub fn model((width, height): (usize, usize), setting: &Setting) -> CameraModel {
-    let mut model =
-        CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0 }, "the camera has none");
+    let mut model = CameraModel::unknown(
+        Capture { width, height, fps: None, frames_used: 0, pixel_aspect: 1.0 },
+        "the camera has none",
+    );
     if setting.exposure > 0.0 {
         model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(setting.exposure)));
     }

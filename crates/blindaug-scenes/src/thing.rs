@@ -366,7 +366,7 @@ mod tests {
         let options = CompositeOptions {
             naive,
             no_noise: true,
-            bokeh: blindaug::synth::defocus::Bokeh::Disk,
+            bokeh: Some(blindaug::synth::defocus::Bokeh::Disk),
             ..CompositeOptions::default()
         };
         composite(&plate, &layer, model, &options).unwrap()

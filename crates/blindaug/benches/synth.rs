@@ -35,7 +35,7 @@ fn sigma(least: f32, most: f32) -> Plane {
 }
 
 fn camera() -> CameraModel {
-    let capture = Capture { width: W, height: H, fps: None, frames_used: 0 };
+    let capture = Capture { width: W, height: H, fps: None, frames_used: 0, pixel_aspect: 1.0 };
     let mut model = CameraModel::unknown(capture, "not needed");
     let levels = white_band_std().map(|s| NoiseLevel { slope: [0.03 * s; 3], intercept: [0.01 * s; 3] });
     model.noise = Estimate::Known(NoiseModel::given(levels, 1.0));

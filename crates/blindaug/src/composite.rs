@@ -61,8 +61,8 @@ pub struct CompositeOptions {
     pub naive: bool,
     /// Leave out the noise (default: false).
     pub no_noise: bool,
-    /// The shape of out-of-focus points (default: Gaussian).
-    pub bokeh: Bokeh,
+    /// The shape of out-of-focus points, in place of the lens's own (default: the lens's own).
+    pub bokeh: Option<Bokeh>,
     /// The seed of the noise, which is a function of the seed and the frame's number (default: 0).
     pub seed: u64,
     /// Keep values above white and below black, as scene-linear footage has them, instead of clipping as a sensor does (default: false).
@@ -247,7 +247,9 @@ impl Made {
             let difference = Raster::from_fn(changed.w, changed.h, |x, y| match pixels.at(x, y).untouched {
                 true => [0.0; 3],
                 // The sensor clips before the camera sharpens.
-                false => std::array::from_fn(|c| clean.at(x, y)[c].clamp(black, clip) - background.at(x, y)[c]),
+                false => {
+                    std::array::from_fn(|c| clean.at(x, y)[c].clamp(black, clip) - background.at(x, y)[c])
+                }
             });
             sharpening::sharpen(&difference, &m)
         });
@@ -457,7 +459,7 @@ impl Shadows {
         });
         // The change is continued under the object, so that the object's soft edge lets it through.
         let sharp = extended(&sharp, |x, y| if seen(place.x + x, place.y + y) { 1.0 } else { 0.0 });
-        let change = blur.of(
+        let change = blur.cut_out((place.x, place.y)).of(
             &sharp,
             plate.inverse_depth.map(|d| place.crop(d)).as_ref(),
             plate.flow.map(|f| place.crop(f)).as_ref(),
@@ -543,7 +545,7 @@ impl Object {
             Some(front) => (front.uncut(&color), depth.map(|d| extended(&d, |_, _| 1.0))),
             None => (color, depth),
         };
-        let blurred = blur.of_layer(&color, depth.as_ref(), flow.as_ref())?;
+        let blurred = blur.cut_out((place.x, place.y)).of_layer(&color, depth.as_ref(), flow.as_ref())?;
         let held_out = |x: usize, y: usize| {
             let m = plate.holdout.map_or(0.0, |m| m.at(place.x + x, place.y + y));
             if m.is_nan() { 0.0 } else { m.clamp(0.0, 1.0) }
@@ -616,6 +618,8 @@ impl Front {
             let [r, g, b] = render.as_ref().map_or([0.0; 3], |r| space.of_linear(r.at(x, y)));
             if m > 0.0 { [r, g, b, m] } else { [0.0; 4] }
         });
+        // The things in front lie where the frame shows them, whenever the shutter opened.
+        let blur = blur.cut_out((place.x, place.y)).centred();
         let blurred = blur.of(&sharp, Some(&depth), flow.as_ref())?;
         let coverage = blurred.map(|v| v[3].clamp(0.0, 1.0));
         // The frame is c C + (1 - c) B0, a mix of the front C and the background B0. The first guess of each is the frame's own
@@ -703,7 +707,7 @@ mod tests {
     const H: usize = 120;
 
     fn camera() -> CameraModel {
-        let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
+        let capture = Capture { width: W, height: H, fps: None, frames_used: 1, pixel_aspect: 1.0 };
         let mut model = CameraModel::unknown(capture, "not needed");
         model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
         // The lens is sharp at 1 m, and its blur at infinity has a std of 3 px.
@@ -771,7 +775,7 @@ mod tests {
         let frame = background();
         let model = with_noise(camera(), 0.05, 0.02, 1.0);
         for bokeh in [Bokeh::Gaussian, Bokeh::Disk] {
-            let options = CompositeOptions { bokeh, ..CompositeOptions::default() };
+            let options = CompositeOptions { bokeh: Some(bokeh), ..CompositeOptions::default() };
             // The object is blurred by 3 px of defocus and 12 px of motion.
             let out =
                 composite(&plate(&frame), &square(GREY, 1.0, 2.0, [24.0, 0.0]), &model, &options).unwrap();

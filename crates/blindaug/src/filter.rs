@@ -91,19 +91,20 @@ pub(crate) fn convolve_map<S: Pixel, P: Pixel, R: Pixel>(
     out
 }
 
-/// [`convolve`] of the `w` x `h` rectangle at (x, y) alone, which may reach outside the image; it runs on this thread.
+/// [`convolve`] of the `w` x `h` rectangle at (x, y) alone, which may reach outside the image, with a kernel for rows and one for columns; it
+/// runs on this thread.
 pub(crate) fn convolve_rectangle<P: Pixel>(
     src: &Raster<P>,
-    half: &[f32],
+    [along, down]: [&[f32]; 2],
     (x, y): (isize, isize),
     (w, h): (usize, usize),
 ) -> Raster<P> {
     let c = P::CHANNELS;
-    let r = half.len() - 1;
-    let mut rows = Raster::filled(w, h + 2 * r, P::default());
+    let (r, below) = (along.len() - 1, down.len() - 1);
+    let mut rows = Raster::filled(w, h + 2 * below, P::default());
     let mut padded: Vec<P> = Vec::with_capacity(w + 2 * r);
-    for j in 0..h + 2 * r {
-        let line = src.row((y + j as isize - r as isize).clamp(0, src.height() as isize - 1) as usize);
+    for j in 0..h + 2 * below {
+        let line = src.row((y + j as isize - below as isize).clamp(0, src.height() as isize - 1) as usize);
         let inside = |i: isize| i.clamp(0, line.len() as isize) as usize;
         let (first, last) = (x - r as isize, x + (w + r) as isize);
         padded.clear();
@@ -113,14 +114,14 @@ pub(crate) fn convolve_rectangle<P: Pixel>(
         let padded = P::flat(&padded);
         for (b, block) in P::flat_mut(rows.row_mut(j)).chunks_mut(BLOCK).enumerate() {
             let at = b * BLOCK + r * c;
-            accumulate(block, half, |j, side| &padded[if side { at + j * c } else { at - j * c }..]);
+            accumulate(block, along, |j, side| &padded[if side { at + j * c } else { at - j * c }..]);
         }
     }
     let mut out = Raster::filled(w, h, P::default());
     for y in 0..h {
         for (b, block) in P::flat_mut(out.row_mut(y)).chunks_mut(BLOCK).enumerate() {
-            accumulate(block, half, |j, side| {
-                &P::flat(rows.row(if side { y + r + j } else { y + r - j }))[b * BLOCK..]
+            accumulate(block, down, |j, side| {
+                &P::flat(rows.row(if side { y + below + j } else { y + below - j }))[b * BLOCK..]
             });
         }
     }
@@ -203,7 +204,7 @@ mod tests {
         for (x0, y0, w, h) in
             [(0, 0, 70, 41), (5, 7, 33, 12), (60, 30, 10, 11), (-3, -2, 5, 6), (66, 38, 9, 9)]
         {
-            let part = convolve_rectangle(&p, &kernel, (x0, y0), (w, h));
+            let part = convolve_rectangle(&p, [&kernel; 2], (x0, y0), (w, h));
             for y in 0..h {
                 for x in 0..w {
                     let (fx, fy) = (x0 + x as isize, y0 + y as isize);
@@ -214,7 +215,7 @@ mod tests {
             }
         }
         // Far outside the image, every value is that of the corner pixel.
-        let far = convolve_rectangle(&p, &kernel, (200, -90), (2, 2));
+        let far = convolve_rectangle(&p, [&kernel; 2], (200, -90), (2, 2));
         assert!((far.at(1, 1)[0] - p.at(69, 0)[0]).abs() < 1e-4);
     }
 

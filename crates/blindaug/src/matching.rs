@@ -37,7 +37,13 @@ impl Matching {
     ///
     /// # Errors
     /// If a model is for another width, or its defocus is in relative inverse depth.
-    pub fn new(from: &CameraModel, to: &CameraModel, width: usize, bokeh: Bokeh) -> Result<Self> {
+    pub fn new(
+        from: &CameraModel,
+        to: &CameraModel,
+        width: usize,
+        bokeh: impl Into<Option<Bokeh>>,
+    ) -> Result<Self> {
+        let bokeh = bokeh.into();
         let noise = from.noise.known().zip(to.noise.known());
         Ok(Self {
             blur: Blur::missing(from, to, width, bokeh)?,

@@ -8,7 +8,7 @@ use blindaug::model::{
 };
 
 fn camera_model(exposure: f32, sigma: f32, focus_m: f32) -> CameraModel {
-    let capture = Capture { width: 1920, height: 1080, fps: Some(25.0), frames_used: 9 };
+    let capture = Capture { width: 1920, height: 1080, fps: Some(25.0), frames_used: 9, pixel_aspect: 1.0 };
     let mut model = CameraModel::unknown(capture, "nobody looked");
     model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
     model.defocus = Estimate::Known(DefocusModel::given_lens(sigma, focus_m.recip()));

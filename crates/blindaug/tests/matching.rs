@@ -13,8 +13,10 @@ const H: usize = 192;
 
 /// A camera whose noise is white, with this std at black and at white.
 fn camera(exposure: f32, sigma_at_infinity: f32, std: [f32; 2]) -> CameraModel {
-    let mut model =
-        CameraModel::unknown(Capture { width: W, height: H, fps: None, frames_used: 1 }, "not needed");
+    let mut model = CameraModel::unknown(
+        Capture { width: W, height: H, fps: None, frames_used: 1, pixel_aspect: 1.0 },
+        "not needed",
+    );
     model.blur_space = BlurSpace::Encoded;
     model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
     model.defocus = Estimate::Known(DefocusModel::given_lens(sigma_at_infinity, 1.0));

@@ -19,7 +19,7 @@ const HOSTILE: &str =
 
 /// Writes a camera file in which nothing is known, with the hostile text `why` as the reason.
 fn write_hostile_camera(path: &Path, why: &str) {
-    let capture = Capture { width: 64, height: 48, fps: None, frames_used: 1 };
+    let capture = Capture { width: 64, height: 48, fps: None, frames_used: 1, pixel_aspect: 1.0 };
     let json = CameraModel::unknown(capture, "REASON").to_json();
     std::fs::write(path, json.replace("\"REASON\"", &serde_json::to_string(why).unwrap())).unwrap();
 }

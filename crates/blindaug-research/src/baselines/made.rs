@@ -94,7 +94,8 @@ impl Ground<'_> {
             Method::ShutterAngleLike => {
                 let all: Vec<_> = frames.iter().zip(&shot.motion).collect();
                 let (width, height) = frames[0].0.size();
-                let capture = Capture { width, height, fps: None, frames_used: frames.len() };
+                let capture =
+                    Capture { width, height, fps: None, frames_used: frames.len(), pixel_aspect: 1.0 };
                 let mut model = CameraModel::unknown(capture, "the method does not tell it");
                 if let Some(found) = shutter_angle::measure(&all) {
                     model.motion_blur =
@@ -146,7 +147,7 @@ impl Found {
             }),
             Self::Nothing => {
                 let (width, height) = plate.frame.0.size();
-                let capture = Capture { width, height, fps: None, frames_used: 0 };
+                let capture = Capture { width, height, fps: None, frames_used: 0, pixel_aspect: 1.0 };
                 let unknown = CameraModel::unknown(capture, "the method finds nothing");
                 composite(plate, layer, &unknown, &CompositeOptions { naive: true, ..*options })
             }

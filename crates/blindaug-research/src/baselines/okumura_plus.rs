@@ -32,7 +32,7 @@ const LARGEST: f32 = 10.0;
 /// If the sizes of a frame and its evidence differ.
 pub fn measure(seen: &[Seen], reach: usize) -> Result<CameraModel> {
     let (width, height) = seen.first().map_or((1, 1), |s| s.frame.0.size());
-    let capture = Capture { width, height, fps: None, frames_used: seen.len() };
+    let capture = Capture { width, height, fps: None, frames_used: seen.len(), pixel_aspect: 1.0 };
     let unknown = CameraModel::unknown(capture, "the marker does not tell it");
     let windows: Vec<Window> = seen.iter().filter_map(|s| Window::new(s, reach)).collect();
     if windows.is_empty() {
@@ -116,7 +116,8 @@ impl Window {
         let mut camera = camera.clone();
         // The synthesis wants the width of the pictures that it is given; px stay px.
         (camera.capture.width, camera.capture.height) = (side, side);
-        let options = SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, ..SynthesisOptions::default() };
+        let options =
+            SynthesisOptions { bokeh: Some(Bokeh::Disk), no_noise: true, ..SynthesisOptions::default() };
         let sharp = self.sharp.to_linear(Transfer::Srgb);
         let made = distort_frame(&sharp, &camera, Some(&self.depth), Some(&self.motion), &options, 0)?;
         // Near the border, what lies outside is missing.
@@ -147,13 +148,13 @@ mod tests {
         };
         for (exposure, sigma) in [(0.6, 1.5), (0.3, 3.0), (0.8, 0.0)] {
             let mut camera = CameraModel::unknown(
-                Capture { width: N, height: N, fps: None, frames_used: 1 },
+                Capture { width: N, height: N, fps: None, frames_used: 1, pixel_aspect: 1.0 },
                 "nobody looked",
             );
             camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
             camera.defocus = Estimate::Known(everywhere(sigma));
             let options =
-                SynthesisOptions { bokeh: Bokeh::Disk, no_noise: true, ..SynthesisOptions::default() };
+                SynthesisOptions { bokeh: Some(Bokeh::Disk), no_noise: true, ..SynthesisOptions::default() };
             let depth = Plane::filled(N, N, 1.0);
             let linear = sharp.to_linear(Transfer::Srgb);
             let frame = distort_frame(&linear, &camera, Some(&depth), Some(&motion), &options, 0).unwrap();

@@ -78,7 +78,8 @@ fn outcome(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Outcom
         let start = Instant::now();
         let found = ground.estimate(method, networks).map_err(fails)?;
         let seconds = start.elapsed().as_secs_f64();
-        let options = CompositeOptions { no_noise: true, bokeh: Bokeh::Disk, ..CompositeOptions::default() };
+        let options =
+            CompositeOptions { no_noise: true, bokeh: Some(Bokeh::Disk), ..CompositeOptions::default() };
         let make = |c: &Compared| found.composite(&shot.plate(c.number, &c.plate), &c.layer, &options);
         let fidelity = shot.fidelity(make).map_err(fails)?;
         for c in &shot.compared {

@@ -101,7 +101,7 @@ fn outcome(case: &Take, folder: &Path) -> Result<Outcome> {
             let options = CompositeOptions {
                 naive,
                 no_noise: naive,
-                bokeh: Bokeh::Disk,
+                bokeh: Some(Bokeh::Disk),
                 seed: case.seed,
                 unclipped: false,
             };

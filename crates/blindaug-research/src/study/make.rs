@@ -122,8 +122,11 @@ fn files_of(case: &Case, folder: &Path, networks: &mut Networks) -> Result<Files
     let mut all = vec![written(REAL, &real.footage.frames)?];
     for method in METHODS {
         let found: Found = ground.estimate(method, networks).map_err(fails)?;
-        let options =
-            CompositeOptions { bokeh: Bokeh::Disk, seed: case.take.seed, ..CompositeOptions::default() };
+        let options = CompositeOptions {
+            bokeh: Some(Bokeh::Disk),
+            seed: case.take.seed,
+            ..CompositeOptions::default()
+        };
         let frames: Vec<Encoded> = layers
             .iter()
             .enumerate()

@@ -185,7 +185,7 @@ impl Condition {
                 let options = CompositeOptions {
                     naive,
                     no_noise: true,
-                    bokeh: Bokeh::Disk,
+                    bokeh: Some(Bokeh::Disk),
                     ..CompositeOptions::default()
                 };
                 let made = composite::composite(&plate, &layer, model, &options);

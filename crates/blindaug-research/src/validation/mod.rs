@@ -321,7 +321,7 @@ fn write_pictures(
             &estimation.model,
             Some(&footage.inverse_depth[t]),
             Some(&footage.flow[t]),
-            &synth::SynthesisOptions { bokeh: Bokeh::Disk, no_noise, seed: 1, unclipped: false },
+            &synth::SynthesisOptions { bokeh: Some(Bokeh::Disk), no_noise, seed: 1, unclipped: false },
             t as u64,
         )
         .map_err(|e| Error::new(pictures, e.to_string()))

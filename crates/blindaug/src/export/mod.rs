@@ -27,7 +27,8 @@ pub mod unity_urp;
 pub mod unreal;
 
 use crate::model::{
-    BlurSpace, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, ExposureFraction, NoiseModel,
+    Aperture, BlurSpace, Bokeh, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate,
+    ExposureFraction, NoiseModel,
 };
 use crate::{CameraModel, Error, Raster, Result, Transfer, text};
 use std::fmt;
@@ -191,6 +192,31 @@ impl Camera {
                 left.push("depth of field is off: this lens is sharp throughout".into());
                 lens = None;
             }
+        }
+        let shutter = model.motion_blur.known().map(|m| m.shutter());
+        if shutter.is_some_and(|s| s.centre != 0.0) {
+            left.push(
+                "the shutter's phase is not exported: the exposure is centred on the frame's time, or as the tool has it"
+                    .into(),
+            );
+        }
+        let aperture = defocus.filter(|_| lens.is_some()).map_or_else(Aperture::default, |d| d.bokeh);
+        let square = model.capture.pixel_aspect == 1.0;
+        if !square && lens.is_some() {
+            left.push(format!(
+                "pixels are taken to be square, though they are {} times as wide as high: blur is exported as it is down the picture",
+                short(model.capture.pixel_aspect)
+            ));
+        }
+        // Tools blur by a disk, or by what their own settings of blades say.
+        if !matches!(aperture.bokeh, Bokeh::Gaussian | Bokeh::Disk)
+            || aperture.squeeze != 1.0
+            || aperture.cats_eye > 0.0
+        {
+            left.push(format!(
+                "out-of-focus points are {} in the model; the tool's own shape is left as it is, of the same second moment as its disk",
+                aperture.words()
+            ));
         }
         if model.blur_space == BlurSpace::Encoded {
             left.push(
@@ -415,7 +441,7 @@ mod tests {
     use crate::model::{Capture, MotionBlurModel};
 
     fn model(curve: DefocusCurve, kind: DepthKind) -> CameraModel {
-        let capture = Capture { width: 960, height: 540, fps: Some(30.0), frames_used: 1 };
+        let capture = Capture { width: 960, height: 540, fps: Some(30.0), frames_used: 1, pixel_aspect: 1.0 };
         let mut model = CameraModel::unknown(capture, "nothing was filmed");
         model.defocus = Estimate::Known(DefocusModel::given(curve, kind));
         model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.5)));
@@ -481,7 +507,7 @@ mod tests {
             model(lens(1e-3, 1e-6), DepthKind::Metric),
             model(lens(400.0, 20.0), DepthKind::Metric),
         ];
-        let capture = Capture { width: 1, height: 1, fps: None, frames_used: 0 };
+        let capture = Capture { width: 1, height: 1, fps: None, frames_used: 0, pixel_aspect: 1.0 };
         models.push(CameraModel::unknown(capture, "it is empty"));
         models.push(models[0].scaled_to(1, 1));
         for model in &models {

@@ -534,7 +534,13 @@ impl Estimator {
     /// If there was no frame.
     pub fn estimate(&self) -> Result<Estimation> {
         let Some((width, height)) = self.size else { return Err(Error::new("no frame was given")) };
-        let capture = Capture { width, height, fps: self.options.fps, frames_used: self.frames.len() };
+        let capture = Capture {
+            width,
+            height,
+            fps: self.options.fps,
+            frames_used: self.frames.len(),
+            pixel_aspect: 1.0,
+        };
         let mut model = CameraModel::unknown(capture, "not looked at");
         (model.blur_space, model.transfer) = (self.options.space.blur, self.options.space.transfer);
         let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
@@ -709,6 +715,7 @@ impl Estimator {
             interval: interval.map(|v| v.min(1.0)),
             method: Method::Removal,
             samples: fits.iter().map(|(_, e)| e.samples as u64).sum(),
+            phase_degrees: None,
         };
         (interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY)
             .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
@@ -789,7 +796,11 @@ impl Estimator {
             ));
         }
         diagnostics.blur_points = points;
-        model.defocus = Estimate::Known(DefocusModel { curve, depth_kind, method, samples: samples as u64 });
+        model.defocus = Estimate::Known(DefocusModel {
+            method,
+            samples: samples as u64,
+            ..DefocusModel::given(curve, depth_kind)
+        });
         Ok(())
     }
 
@@ -878,7 +889,8 @@ impl Estimator {
 }
 
 fn blind_model(method: Method, fit: &agreement::ExposureFit) -> MotionBlurModel {
-    MotionBlurModel { exposure: fit.exposure, interval: fit.interval, method, samples: fit.samples as u64 }
+    let (interval, samples) = (fit.interval, fit.samples as u64);
+    MotionBlurModel { interval, method, samples, ..MotionBlurModel::given(fit.exposure) }
 }
 
 /// The reason why no single exposure fits all shots, if two shots are sure that their exposures differ.

@@ -267,7 +267,8 @@ impl Tracker {
         check_sizes(&mut self.size, observation)?;
         let FrameObservation { frame, next, previous, .. } = *observation;
         let (width, height) = frame.0.size();
-        let capture = Capture { width, height, fps: self.fps, frames_used: self.frames + 1 };
+        let capture =
+            Capture { width, height, fps: self.fps, frames_used: self.frames + 1, pixel_aspect: 1.0 };
         self.changes = Changes::default();
         self.begin_shot();
         let geometry = self.geometry(observation)?;
@@ -577,6 +578,7 @@ impl Tracker {
                     interval,
                     method: Method::Spectral,
                     samples: tiles.round() as u64,
+                    phase_degrees: None,
                 });
             }
         }
@@ -618,7 +620,8 @@ impl Tracker {
                     };
                     let (method, samples) = (Method::Spectral, fit.samples as u64);
                     memory.age = 0;
-                    self.known.lens = Some(DefocusModel { curve, depth_kind, method, samples });
+                    self.known.lens =
+                        Some(DefocusModel { method, samples, ..DefocusModel::given(curve, depth_kind) });
                 }
                 Estimate::Unknown(reason) => why = reason,
             }

@@ -105,6 +105,20 @@ pub struct Capture {
     pub fps: Option<f64>,
     /// The number of frames that gave evidence.
     pub frames_used: usize,
+    /// The width of a pixel over its height, as the picture is shown: 1 for square pixels, 2 for the plates of anamorphic lenses of squeeze 2.
+    #[serde(default = "square", skip_serializing_if = "is_square")]
+    pub pixel_aspect: f32,
+}
+
+/// The pixel aspects that a capture may have.
+pub const PIXEL_ASPECTS: std::ops::RangeInclusive<f32> = 0.1..=10.0;
+
+fn square() -> f32 {
+    1.0
+}
+
+fn is_square(aspect: &f32) -> bool {
+    *aspect == 1.0
 }
 
 /// The progress of an estimation that was stopped before the end of its clip.

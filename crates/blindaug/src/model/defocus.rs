@@ -1,3 +1,4 @@
+use super::bokeh::Aperture;
 use super::distortion::DistortionModel;
 use super::{DepthKind, Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
@@ -47,6 +48,9 @@ pub struct DefocusModel {
     pub curve: DefocusCurve,
     /// The unit of the curve's inverse depth.
     pub depth_kind: DepthKind,
+    /// The shape of out-of-focus points.
+    #[serde(default, skip_serializing_if = "Aperture::is_default")]
+    pub bokeh: Aperture,
     /// The method of the estimate.
     pub method: Method,
     /// The number of tiles (spectral) or places (removal) that the estimate rests on.
@@ -54,9 +58,9 @@ pub struct DefocusModel {
 }
 
 impl DefocusModel {
-    /// A model of a curve that is known beforehand.
+    /// A model of a curve that is known beforehand, whose points are Gaussians.
     pub fn given(curve: DefocusCurve, depth_kind: DepthKind) -> Self {
-        Self { curve, depth_kind, method: Method::Given, samples: 0 }
+        Self { curve, depth_kind, bokeh: Aperture::default(), method: Method::Given, samples: 0 }
     }
 
     /// A thin lens over metric depth that is known beforehand.
@@ -75,6 +79,17 @@ impl DefocusModel {
             DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] } => {
                 let d = d.clamp(lo, hi);
                 ((a * d + b) * d + c).max(0.0)
+            }
+        }
+    }
+
+    /// Whether inverse depth `d` is nearer than the focus, where the images of points are upside down.
+    pub fn is_before_focus(&self, d: f32) -> bool {
+        match self.curve {
+            DefocusCurve::ThinLens { focus_inverse_depth, .. } => d > focus_inverse_depth,
+            // Blur grows with nearness in front of the focus only.
+            DefocusCurve::Quadratic { a, b, inverse_depth_range: [lo, hi], .. } => {
+                2.0 * a * d.clamp(lo, hi) + b > 0.0
             }
         }
     }
@@ -166,13 +181,14 @@ impl DistortionModel for DefocusModel {
                     focus_inverse_depth: lerp(fa, fb, t),
                     interval,
                 };
-                DefocusModel { curve, ..nearer }
+                DefocusModel { curve, bokeh: self.bokeh.between(&other.bokeh, t), ..nearer }
             }
             _ => nearer,
         }
     }
 
     fn validate(&self) -> Result<()> {
+        self.bokeh.validate()?;
         match self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
                 check(s.is_finite() && s >= 0.0, "defocus.sigma_px_at_infinity must be a number >= 0")?;

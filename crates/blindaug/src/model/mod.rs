@@ -1,5 +1,6 @@
 //! The camera model: a small file that describes how a camera distorts its pictures.
 
+mod bokeh;
 mod capture;
 mod defocus;
 mod distortion;
@@ -13,12 +14,13 @@ mod sharpening;
 mod track;
 mod units;
 
-pub use capture::{BlurSpace, Capture, Method, Space, Stopped};
+pub use bokeh::{Aperture, BLADES, Bokeh, MOST_SQUEEZE};
+pub use capture::{BlurSpace, Capture, Method, PIXEL_ASPECTS, Space, Stopped};
 pub use defocus::{DefocusCurve, DefocusModel, ThinLensInterval};
 pub use distortion::Parameter;
 pub use estimate::{Estimate, Reason, Unknown};
 pub use facts::{DefocusFacts, Focus, VISIBLE_PX, thin_lens_sharp};
-pub use motion_blur::{ExposureFraction, MotionBlurModel};
+pub use motion_blur::{ExposureFraction, MotionBlurModel, Shutter};
 #[cfg(test)]
 pub(crate) use noise::BAND_COVARIANCE;
 pub use noise::{
@@ -256,10 +258,11 @@ impl CameraModel {
     /// # Errors
     /// Names the first field that is out of its range.
     pub fn validate(&self) -> Result<()> {
-        let Capture { width, height, fps, .. } = self.capture;
+        let Capture { width, height, fps, pixel_aspect, .. } = self.capture;
         check(width > 0 && height > 0, "capture.width and capture.height must be at least 1 px")?;
         check(fps.is_none_or(|f| f.is_finite() && f > 0.0), "capture.fps must be a positive number")?;
         self.scene_depth.as_ref().map_or(Ok(()), SceneDepth::validate)?;
+        check(PIXEL_ASPECTS.contains(&pixel_aspect), "capture.pixel_aspect must be a number from 0.1 to 10")?;
         let fits = self.motion_blur.why_unknown().and_then(|why| why.fits);
         check(
             fits.is_none_or(|[low, high]| 0.0 <= low && low <= high && high <= 1.0),
@@ -280,6 +283,30 @@ impl CameraModel {
             "the camera model is for frames {} px wide but the frame is {width}; scale it first (CameraModel::scaled_to)",
             self.capture.width
         )))
+    }
+
+    /// The model for frames of the same width in pixels that show the same view in pixels of another shape: the lens's std, which is measured in
+    /// px of the height, scales with the shown width.
+    pub fn with_pixel_aspect(&self, pixel_aspect: f32) -> Self {
+        let mut m = self.clone();
+        let wider = pixel_aspect / m.capture.pixel_aspect;
+        m.capture.pixel_aspect = pixel_aspect;
+        if wider != 1.0 {
+            m.defocus = m.defocus.map(|lens| lens.scaled(wider));
+        }
+        m
+    }
+
+    /// The model of footage whose pixels have this shape, given one that was estimated as if they were square: the lens's std, which was then
+    /// about the root mean square of those along and down the picture, becomes that down the picture.
+    pub fn measured_in_pixels_of(&self, pixel_aspect: f32) -> Self {
+        let mut m = self.clone();
+        m.capture.pixel_aspect = pixel_aspect;
+        if pixel_aspect != 1.0 {
+            let along = pixel_aspect.recip();
+            m.defocus = m.defocus.map(|lens| lens.scaled((0.5 * (1.0 + along * along)).sqrt().recip()));
+        }
+        m
     }
 
     /// The model for frames of another size: blur in px scales with the width, noise and exposure stay.
@@ -336,9 +363,67 @@ mod tests {
     }
 
     #[test]
+    fn pixels_that_are_not_square_are_kept_and_their_lens_s_blur_is_that_down_the_picture() {
+        let square = CameraModel::from_json(SAMPLE).unwrap();
+        assert!(!square.to_json().contains("pixel_aspect"));
+        let sigma = |m: &CameraModel| m.defocus.known().unwrap().sigma_px(0.0);
+        let wide = square.measured_in_pixels_of(2.0);
+        assert_eq!(CameraModel::from_json(&wide.to_json()).unwrap(), wide);
+        // Stds of 1 and 2 px along and down the picture have a root mean square of 2.5^(1/2).
+        assert!((sigma(&wide) / sigma(&square) - 2.0 / 2.5f32.sqrt()).abs() < 1e-5);
+        // Shown in half as many pixels, each twice as wide, the picture has the same height and the same blur down.
+        let squeezed = square.scaled_to(256, 512).with_pixel_aspect(2.0);
+        assert!((sigma(&squeezed) - sigma(&square)).abs() < 1e-5);
+        assert_eq!(square.measured_in_pixels_of(1.0), square);
+        assert_eq!(square.with_pixel_aspect(1.0), square);
+        let bad = wide.to_json().replace("\"pixel_aspect\": 2.0", "\"pixel_aspect\": 0.0");
+        assert!(CameraModel::from_json(&bad).unwrap_err().to_string().contains("pixel_aspect"));
+    }
+
+    #[test]
+    fn shapes_and_phases_round_trip_and_their_numbers_are_checked() {
+        let with = |shape: &str| {
+            let field = format!(r#""depth_kind": "metric", "bokeh": {{ {shape} }}"#);
+            CameraModel::from_json(&SAMPLE.replacen(r#""depth_kind": "metric""#, &field, 1))
+        };
+        for shape in [
+            r#""shape": "gaussian""#,
+            r#""shape": "disk", "cats_eye": 0.5"#,
+            r#""shape": "polygon", "blades": 7, "roundness": 0.25, "rotation_degrees": -12.5, "squeeze": 2.0"#,
+        ] {
+            let m = with(shape).unwrap();
+            assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
+        }
+        let polygon = Bokeh::Polygon { blades: 7, roundness: 0.0, rotation_degrees: 0.0 };
+        let m = with(r#""shape": "polygon", "blades": 7"#).unwrap();
+        assert_eq!(m.defocus.known().unwrap().bokeh, polygon.into());
+        for (shape, says) in [
+            (r#""shape": "polygon", "blades": 2"#, "blades"),
+            (r#""shape": "polygon", "blades": 7, "roundness": 1.5"#, "roundness"),
+            (r#""shape": "disk", "squeeze": 9.0"#, "squeeze"),
+            (r#""shape": "disk", "cats_eye": -1.0"#, "cats_eye"),
+            (r#""shape": "gaussian", "cats_eye": 0.5"#, "no edge"),
+            (r#""shape": "star""#, "star"),
+        ] {
+            let e = with(shape).unwrap_err().to_string();
+            assert!(e.contains(says), "{shape}: {e}");
+        }
+        let phase = |degrees: &str| {
+            let field = format!(r#""exposure": 0.48, "phase_degrees": {degrees}"#);
+            CameraModel::from_json(&SAMPLE.replacen(r#""exposure": 0.48"#, &field, 1))
+        };
+        let m = phase("0.0").unwrap();
+        assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
+        assert!((m.motion_blur.known().unwrap().shutter().centre - 0.24).abs() < 1e-6);
+        assert!(phase("200.0").unwrap_err().to_string().contains("phase_degrees"));
+    }
+
+    #[test]
     fn unknown_parts_round_trip() {
-        let m =
-            CameraModel::unknown(Capture { width: 4, height: 3, fps: None, frames_used: 0 }, "nothing moves");
+        let m = CameraModel::unknown(
+            Capture { width: 4, height: 3, fps: None, frames_used: 0, pixel_aspect: 1.0 },
+            "nothing moves",
+        );
         assert_eq!(CameraModel::from_json(&m.to_json()).unwrap(), m);
         let why = m.motion_blur.why_unknown().unwrap();
         assert_eq!((why.reason, why.sentence.as_str()), (Reason::NotEstimated, "nothing moves"));

@@ -19,6 +19,34 @@ impl ExposureFraction {
     }
 }
 
+/// When the shutter is open.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Shutter {
+    /// For how long.
+    pub exposure: ExposureFraction,
+    /// The middle of the exposure after the frame's time, in frame intervals: 0 if the exposure is centred on the frame's time.
+    pub centre: f32,
+}
+
+/// A centred shutter.
+impl From<ExposureFraction> for Shutter {
+    fn from(exposure: ExposureFraction) -> Self {
+        Self { exposure, centre: 0.0 }
+    }
+}
+
+impl Shutter {
+    /// The longest way from where a frame shows a thing, in frame intervals of its motion.
+    pub fn reach(self) -> f32 {
+        0.5 * self.exposure.0 + self.centre.abs()
+    }
+
+    /// Whether the frame shows anything elsewhere than where it is at the frame's time.
+    pub fn moves(self) -> bool {
+        self.exposure.0 > 0.0 || self.centre != 0.0
+    }
+}
+
 /// The camera's exposure, as a fraction of the frame interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MotionBlurModel {
@@ -26,6 +54,10 @@ pub struct MotionBlurModel {
     pub exposure: ExposureFraction,
     /// The 95 % confidence interval of the exposure fraction, low and high.
     pub interval: [f32; 2],
+    /// When the shutter opens, after the frame's time, in degrees of which a frame interval has 360, from -180 to 180. `None`: it opens half the
+    /// shutter angle before the frame's time, so that the exposure is centred on it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub phase_degrees: Option<f32>,
     /// The method of the estimate.
     pub method: Method,
     /// The number of tiles (spectral) or places (removal) that the estimate rests on.
@@ -35,7 +67,14 @@ pub struct MotionBlurModel {
 impl MotionBlurModel {
     /// A model of an exposure that is known beforehand.
     pub fn given(exposure: ExposureFraction) -> Self {
-        Self { exposure, interval: [exposure.0; 2], method: Method::Given, samples: 0 }
+        Self { exposure, interval: [exposure.0; 2], phase_degrees: None, method: Method::Given, samples: 0 }
+    }
+
+    /// When the shutter is open.
+    pub fn shutter(&self) -> Shutter {
+        let centre =
+            self.phase_degrees.map_or(0.0, |phase| (phase + 0.5 * self.exposure.shutter_angle()) / 360.0);
+        Shutter { exposure: self.exposure, centre }
     }
 
     /// The middle of the exposures that fit, where the exposure is unknown: a composite without motion blur looks pasted on, one whose
@@ -53,7 +92,13 @@ impl DistortionModel for MotionBlurModel {
     }
 
     fn between(&self, other: &Self, t: f32) -> Self {
+        let phase = |m: &Self| m.phase_degrees.unwrap_or(-0.5 * m.exposure.shutter_angle());
+        let phase_degrees = match (self.phase_degrees, other.phase_degrees) {
+            (None, None) => None,
+            _ => Some(lerp(phase(self), phase(other), t)),
+        };
         Self {
+            phase_degrees,
             exposure: ExposureFraction(lerp(self.exposure.0, other.exposure.0, t)),
             interval: lerp_all(self.interval, other.interval, t),
             ..if t < 0.5 { *self } else { *other }
@@ -62,6 +107,10 @@ impl DistortionModel for MotionBlurModel {
 
     fn validate(&self) -> Result<()> {
         check((0.0..=1.0).contains(&self.exposure.0), "motion_blur.exposure must lie in [0, 1]")?;
+        check(
+            self.phase_degrees.is_none_or(|phase| (-180.0..=180.0).contains(&phase)),
+            "motion_blur.phase_degrees must lie in [-180, 180]",
+        )?;
         let [lo, hi] = self.interval;
         check(0.0 <= lo && lo <= hi && hi.is_finite(), "motion_blur.interval must be two rising numbers >= 0")
     }

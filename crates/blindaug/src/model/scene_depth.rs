@@ -212,8 +212,10 @@ mod tests {
         let (w, h) = (321, 100);
         let metres = |x: usize| 1.0 + 3.0 * x as f32 / 320.0;
         let depth = Plane::from_fn(w, h, |x, y| if y < 50 { 0.5 / metres(x) + 0.1 } else { f32::NAN });
-        let mut model =
-            CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 1 }, "test");
+        let mut model = CameraModel::unknown(
+            Capture { width: w, height: h, fps: None, frames_used: 1, pixel_aspect: 1.0 },
+            "test",
+        );
         let lens = DefocusModel { depth_kind: DepthKind::Relative, ..DefocusModel::given_lens(3.0, 0.4) };
         model.defocus = Estimate::Known(lens);
         model.scene_depth = SceneDepth::of(&depth, DepthKind::Relative, 7);

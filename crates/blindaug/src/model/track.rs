@@ -184,8 +184,10 @@ mod tests {
     };
 
     fn camera(frame: u64, exposure: Option<f32>, focus: f32) -> TrackedCamera {
-        let mut camera =
-            CameraModel::unknown(Capture { width: 64, height: 48, fps: None, frames_used: 1 }, "dark");
+        let mut camera = CameraModel::unknown(
+            Capture { width: 64, height: 48, fps: None, frames_used: 1, pixel_aspect: 1.0 },
+            "dark",
+        );
         if let Some(e) = exposure {
             camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(e)));
         }

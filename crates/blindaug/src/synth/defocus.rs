@@ -2,17 +2,14 @@
 //!
 //! This is a gather: each pixel is the mean of its surroundings by its own kernel.
 
-use crate::{Error, Pixel, Plane, Raster, Result, filter, par, pyramid};
+mod aperture;
 
-/// The shape of an out-of-focus point.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Bokeh {
-    /// A Gaussian, as in the paper.
-    #[default]
-    Gaussian,
-    /// A uniform disk of the same std per axis, whose diameter is 4 std, as of a real lens with a round aperture.
-    Disk,
-}
+use crate::model::Aperture;
+use crate::{Error, Pixel, Plane, Raster, Result, filter, par, pyramid};
+pub(crate) use aperture::reach as aperture_reach;
+use aperture::{Apertures, Cut};
+
+pub use crate::model::Bokeh;
 
 /// The largest std, px, to which larger ones are cut; it bounds the work that an absurd depth can cause.
 pub const MAX_SIGMA_PX: f32 = 200.0;
@@ -28,6 +25,51 @@ const TILE: usize = 64;
 /// # Errors
 /// If the map of stds has another size than the image.
 pub fn defocus<P: Pixel>(src: &Raster<P>, sigma_px: &Plane, bokeh: Bokeh) -> Result<Raster<P>> {
+    let behind = sigma_px.map(|s| if s > 0.0 { s } else { 0.0 });
+    defocus_through(src, &behind, &Lens::new(bokeh.into(), src.size()))
+}
+
+/// The shape of a lens's blur, and the part of the picture that an image shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// The shape of out-of-focus points.
+    pub aperture: Aperture,
+    /// The width of a pixel over its height.
+    pub pixel_aspect: f32,
+    /// The size of the whole picture, px.
+    pub picture: (usize, usize),
+    /// The place of the image's top left pixel in the picture, px.
+    pub origin: (usize, usize),
+}
+
+impl Lens {
+    /// A lens before square pixels, and an image of the whole picture.
+    pub fn new(aperture: Aperture, picture: (usize, usize)) -> Self {
+        Self { aperture, pixel_aspect: 1.0, picture, origin: (0, 0) }
+    }
+
+    /// The std along x and along y, px, of a point whose equivalent Gaussian has a std of 1 px of the picture's height.
+    pub fn stds(&self) -> [f32; 2] {
+        self.aperture.stds(self.pixel_aspect)
+    }
+
+    /// The position of a pixel of the image from the picture's centre, as the picture is shown, in halves of its diagonal.
+    fn field(&self, x: usize, y: usize) -> [f32; 2] {
+        let (w, h) = (self.picture.0 as f32, self.picture.1 as f32);
+        let from = |at: usize, origin: usize, size: f32| (at + origin) as f32 - 0.5 * (size - 1.0);
+        let half = 0.5 * (w * self.pixel_aspect).hypot(h).max(1.0);
+        [from(x, self.origin.0, w) * self.pixel_aspect / half, from(y, self.origin.1, h) / half]
+    }
+}
+
+/// Blurs each pixel by its own std, px of the picture's height, through the aperture of a lens. A std is positive behind the focus and negative
+/// in front of it, where the aperture's image is upside down.
+///
+/// A std of 0 is the exact identity; NaN and infinite ones count as 0. Outside the image, the nearest pixel inside is repeated.
+///
+/// # Errors
+/// If the map of stds has another size than the image.
+pub fn defocus_through<P: Pixel>(src: &Raster<P>, sigma_px: &Plane, lens: &Lens) -> Result<Raster<P>> {
     let (w, h) = src.size();
     if (w, h) != sigma_px.size() {
         return Err(Error::new(format!(
@@ -36,19 +78,33 @@ pub fn defocus<P: Pixel>(src: &Raster<P>, sigma_px: &Plane, bokeh: Bokeh) -> Res
             sigma_px.height()
         )));
     }
-    let sigma = sigma_px.map(|s| if s > 0.0 && s.is_finite() { s.min(MAX_SIGMA_PX) } else { 0.0 });
-    let largest = sigma.data().iter().copied().fold(0.0, f32::max);
+    let sigma = sigma_px.map(|s| if s.is_finite() { s.clamp(-MAX_SIGMA_PX, MAX_SIGMA_PX) } else { 0.0 });
+    let largest = sigma.data().iter().map(|s| s.abs()).fold(0.0, f32::max);
     if largest == 0.0 {
         return Ok(src.clone());
     }
-    let blurred_tile: Box<dyn Fn(Tile) -> Raster<P> + Sync + Send> = match bokeh {
+    let stds = lens.stds();
+    let blurred_tile: Box<dyn Fn(Tile) -> Raster<P> + Sync + Send> = match lens.aperture.bokeh {
         Bokeh::Gaussian => {
-            let stack = GaussianStack::new(src, largest);
+            let greater = stds[0].max(stds[1]);
+            let stack = GaussianStack::new(src, greater * largest, stds.map(|s| s / greater));
+            let sigma = sigma.map(|s| greater * s.abs());
             Box::new(move |tile| stack.blurred(&sigma, tile))
         }
-        Bokeh::Disk => {
+        Bokeh::Disk if stds == [1.0; 2] && lens.aperture.cats_eye == 0.0 => {
             let disks = disks(largest);
-            Box::new(move |tile| disk_blurred(src, &sigma, &disks, tile))
+            Box::new(move |tile| {
+                let of = |s: f32| &disks[((s.abs() / DISK_STEP).round() as usize).min(disks.len() - 1)];
+                span_blurred(src, &sigma, (&of, &|_, _, _| None), tile)
+            })
+        }
+        _ => {
+            let apertures = Apertures::new(&lens.aperture, stds, &sigma);
+            let lens = *lens;
+            Box::new(move |tile| {
+                let cut = |x, y, s| apertures.cut(lens.field(x, y), s);
+                span_blurred(src, &sigma, (&|s| apertures.kernel(s), &cut), tile)
+            })
         }
     };
     let columns = w.div_ceil(TILE);
@@ -91,8 +147,8 @@ struct GaussianStack<P> {
     octaves: Vec<Raster<P>>,
     /// Variances in px^2, rising from 0.
     variances: Vec<f32>,
-    /// For each variance, the octave on which it is computed, and the kernel there.
-    kernels: Vec<(usize, Vec<f32>)>,
+    /// For each variance, the octave on which it is computed, and the kernels along and down the picture there.
+    kernels: Vec<(usize, [Vec<f32>; 2])>,
 }
 
 /// The ratio r of successive variances: between variances t and r t, the error of the response exp(-t w^2 / 2) is at most about
@@ -107,7 +163,8 @@ const LEVEL_DISTANCE: f32 = 0.03;
 const OCTAVE_VARIANCE: f32 = 8.0;
 
 impl<P: Pixel> GaussianStack<P> {
-    fn new(src: &Raster<P>, largest_sigma: f32) -> Self {
+    /// A stack up to a std along the axis of greater blur; `stds` are those of both axes, the greater one 1.
+    fn new(src: &Raster<P>, largest_sigma: f32, stds: [f32; 2]) -> Self {
         let largest = largest_sigma * largest_sigma;
         let mut variances = vec![0.0];
         let mut t: f32 = 0.0;
@@ -115,15 +172,22 @@ impl<P: Pixel> GaussianStack<P> {
             t = (t * LEVEL_RATIO).max(t + LEVEL_DISTANCE);
             variances.push(t);
         }
+        let shares = stds.map(|s| s * s);
+        let least = shares[0].min(shares[1]);
         let mut octaves = vec![src.clone()];
-        while octave_variance(octaves.len(), t) >= OCTAVE_VARIANCE {
+        while octave_variance(octaves.len(), least * t) >= OCTAVE_VARIANCE {
             octaves.push(pyramid::downsample(&octaves[octaves.len() - 1]));
         }
         let kernel = |i: usize| {
             let t = variances[i];
-            let octave =
-                (0..octaves.len()).rev().find(|&o| octave_variance(o, t) >= OCTAVE_VARIANCE).unwrap_or(0);
-            (octave, filter::gaussian_kernel(octave_variance(octave, t).max(0.0).sqrt()))
+            let octave = (0..octaves.len())
+                .rev()
+                .find(|&o| octave_variance(o, least * t) >= OCTAVE_VARIANCE)
+                .unwrap_or(0);
+            let of = |share: f32| filter::gaussian_kernel(octave_variance(octave, share * t).max(0.0).sqrt());
+            let along = of(shares[0]);
+            let down = if shares[0] == shares[1] { along.clone() } else { of(shares[1]) };
+            (octave, [along, down])
         };
         let kernels = par::map(variances.len(), kernel);
         Self { octaves, variances, kernels }
@@ -160,7 +224,8 @@ impl<P: Pixel> GaussianStack<P> {
 
     /// The tile of the image blurred by the variance of a level.
     fn level(&self, level: usize, Tile { x, y, w, h }: Tile) -> Raster<P> {
-        let (octave, kernel) = (self.kernels[level].0, &self.kernels[level].1);
+        let (octave, [along, down]) = &self.kernels[level];
+        let octave = *octave;
         // The rectangle of each octave, from the finest, that the tile needs: its first pixel and its size.
         let mut needed = vec![((x as isize, y as isize), (w, h))];
         for o in 0..octave {
@@ -168,7 +233,7 @@ impl<P: Pixel> GaussianStack<P> {
             needed.push(((x.div_euclid(2) - 1, y.div_euclid(2) - 1), (w / 2 + 4, h / 2 + 4)));
         }
         let (at, size) = needed[octave];
-        let mut image = filter::convolve_rectangle(&self.octaves[octave], kernel, at, size);
+        let mut image = filter::convolve_rectangle(&self.octaves[octave], [along, down], at, size);
         for o in (0..octave).rev() {
             let ((cx, cy), (x, y), (w, h)) = (needed[o + 1].0, needed[o].0, needed[o].1);
             let doubled = pyramid::upsample(&image, 2 * image.width(), 2 * image.height());
@@ -184,10 +249,44 @@ fn octave_variance(o: usize, t: f32) -> f32 {
     (t - 2.0 * (scale - 1.0) / 3.0) / scale
 }
 
-/// A disk as rows of spans: row dy extends `half_widths[|dy|]` px on either side of the centre, and pixels at the ends count in part.
+/// A uniform convex shape as rows of spans, pixels at whose ends count in part.
+#[derive(Debug, Default)]
+struct Spans {
+    rows: Vec<Span>,
+    /// The sum of the rows' lengths, px.
+    area: f32,
+}
+
+/// A row of a shape, px from its centre.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    dy: i32,
+    left: f32,
+    right: f32,
+}
+
+impl Spans {
+    /// The distance in px to which the shape reaches along an axis, rounded up.
+    fn reach(&self) -> usize {
+        let of = |s: &Span| (s.dy.unsigned_abs() as usize + 1).max(s.right.max(-s.left).ceil() as usize);
+        self.rows.iter().map(of).max().unwrap_or(0)
+    }
+}
+
+/// A disk as rows of spans: row dy extends `half_widths[|dy|]` px on either side of the centre.
 struct Disk {
     half_widths: Vec<f32>,
     area: f32,
+}
+
+impl From<Disk> for Spans {
+    fn from(disk: Disk) -> Self {
+        let span = |dy: i32, half: f32| Span { dy, left: -half, right: half };
+        let rows = (0..).zip(&disk.half_widths).flat_map(|(dy, &half)| {
+            [Some(span(dy, half)), (dy > 0).then(|| span(-dy, half))].into_iter().flatten()
+        });
+        Self { rows: rows.collect(), area: disk.area }
+    }
 }
 
 /// The distance between the stds for which a disk is prepared, px.
@@ -265,9 +364,9 @@ pub fn disk_half_widths(sigma_px: f32) -> Vec<f32> {
 }
 
 /// The disks of std 0, [`DISK_STEP`], 2 [`DISK_STEP`], .. up to `largest_sigma`.
-fn disks(largest_sigma: f32) -> Vec<Disk> {
+fn disks(largest_sigma: f32) -> Vec<Spans> {
     let n = (largest_sigma / DISK_STEP).round() as usize + 1;
-    par::map(n, |i| Disk::of_variance((i as f64 * f64::from(DISK_STEP)).powi(2)))
+    par::map(n, |i| Disk::of_variance((i as f64 * f64::from(DISK_STEP)).powi(2)).into())
 }
 
 /// The values of some pixels of an image blurred by disks of several constant stds, as `[place][std]`; each is that of [`defocus`].
@@ -279,8 +378,7 @@ pub(crate) fn disk_values_at<const N: usize>(
     let largest = sigmas.iter().copied().fold(0.0, f32::max);
     let all = disks(largest);
     let used = sigmas.map(|s| &all[((s / DISK_STEP).round() as usize).min(all.len() - 1)]);
-    let reach =
-        used.iter().map(|d| d.half_widths.len().max(d.half_widths[0].ceil() as usize)).max().unwrap_or(0);
+    let reach = used.iter().map(|d| d.reach()).max().unwrap_or(0);
     let (w, h) = src.size();
     // The sums of each row's pixels before each column, from `reach` px left of the image on; the mean is subtracted for precision.
     let mean = src.data().iter().sum::<f32>() / src.data().len().max(1) as f32;
@@ -300,28 +398,27 @@ pub(crate) fn disk_values_at<const N: usize>(
                 return src.at(x, y);
             }
             let mut sum = 0.0;
-            for (dy, &half) in used[k].half_widths.iter().enumerate() {
-                let mut span = |y: usize| {
-                    let row = sums.row(y);
-                    let up_to =
-                        |e: f32| f32::lerp(row[e as usize], row[(e as usize + 1).min(width)], e.fract());
-                    sum += up_to(centre + half) - up_to(centre - half);
-                };
-                span((y + dy).min(h - 1));
-                if dy > 0 {
-                    span(y.saturating_sub(dy));
-                }
+            for &Span { dy, left, right } in &used[k].rows {
+                let row = sums.row((y as isize + dy as isize).clamp(0, h as isize - 1) as usize);
+                let up_to = |e: f32| f32::lerp(row[e as usize], row[(e as usize + 1).min(width)], e.fract());
+                sum += up_to(centre + right) - up_to(centre + left);
             }
             mean + sum / used[k].area
         })
     })
 }
 
-/// The tile, each pixel blurred by the disk of its std; O(radius) per pixel by sums along the rows.
-fn disk_blurred<P: Pixel>(src: &Raster<P>, sigma: &Plane, disks: &[Disk], tile: Tile) -> Raster<P> {
-    let disk_of = |s: f32| &disks[((s / DISK_STEP).round() as usize).min(disks.len() - 1)];
-    let widest = disk_of(tile.pixels(sigma).fold(0.0, f32::max));
-    let reach = widest.half_widths.len().max(widest.half_widths[0].ceil() as usize) as isize;
+/// The tile, each pixel blurred by the shape of its std, which is cut where there is a cut for the pixel (x, y, std); O(radius) per pixel by
+/// sums along the rows. The shapes are those of points in front of the focus; behind it, they are turned by 180 degrees, and a gather turns
+/// them once more.
+fn span_blurred<'a, P: Pixel>(
+    src: &Raster<P>,
+    sigma: &Plane,
+    (kernel, cut): (&dyn Fn(f32) -> &'a Spans, &dyn Fn(usize, usize, f32) -> Option<Cut<'a>>),
+    tile: Tile,
+) -> Raster<P> {
+    let widest = kernel(tile.pixels(sigma).fold(0.0, |a, s| s.abs().max(a)));
+    let reach = widest.reach() as isize;
     // sums(i, j) is the sum of the first i pixels of row j; columns and rows are counted from `reach` px before the tile.
     let width = tile.w + 2 * reach as usize;
     let mut sums = Raster::filled(width + 1, tile.h + 2 * reach as usize, P::default());
@@ -338,26 +435,35 @@ fn disk_blurred<P: Pixel>(src: &Raster<P>, sigma: &Plane, disks: &[Disk], tile: 
     for y in 0..tile.h {
         for x in 0..tile.w {
             let s = sigma.at(tile.x + x, tile.y + y);
-            out.row_mut(y)[x] = if s < 0.5 * DISK_STEP {
+            out.row_mut(y)[x] = if s.abs() < 0.5 * DISK_STEP {
                 src.at(tile.x + x, tile.y + y)
             } else {
-                let disk = disk_of(s);
                 let centre = (x as isize + reach) as f32 + 0.5;
                 let mut sum = P::default();
-                for (dy, &a) in disk.half_widths.iter().enumerate() {
-                    let mut span = |row: &[P]| {
-                        let up_to =
-                            |e: f32| P::lerp(row[e as usize], row[(e as usize + 1).min(width)], e.fract());
-                        sum.add_scaled(up_to(centre + a), 1.0);
-                        sum.add_scaled(up_to(centre - a), -1.0);
-                    };
-                    span(sums.row((y as isize + reach) as usize + dy));
-                    if dy > 0 {
-                        span(sums.row((y as isize + reach) as usize - dy));
+                let mut span = |Span { dy, left, right }: Span| {
+                    let row = sums.row((y as isize + reach + dy as isize) as usize);
+                    let up_to =
+                        |e: f32| P::lerp(row[e as usize], row[(e as usize + 1).min(width)], e.fract());
+                    sum.add_scaled(up_to(centre + right), 1.0);
+                    sum.add_scaled(up_to(centre + left), -1.0);
+                };
+                let spans = kernel(s);
+                let area = match cut(tile.x + x, tile.y + y, s) {
+                    None => {
+                        spans.rows.iter().copied().for_each(&mut span);
+                        spans.area
                     }
-                }
+                    Some(cut) => {
+                        let mut area = 0.0;
+                        for row in spans.rows.iter().filter_map(|&row| cut.of(row)) {
+                            area += row.right - row.left;
+                            span(row);
+                        }
+                        area
+                    }
+                };
                 let mut mean = P::default();
-                mean.add_scaled(sum, 1.0 / disk.area);
+                mean.add_scaled(sum, 1.0 / area);
                 mean
             };
         }

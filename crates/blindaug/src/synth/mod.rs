@@ -6,11 +6,12 @@ pub mod noise;
 pub mod sharpening;
 
 use crate::model::{
-    CameraModel, DefocusModel, DepthKind, ExposureFraction, NoiseModel, SharpeningModel, Space,
+    Bokeh, CameraModel, Capture, DefocusModel, DepthKind, ExposureFraction, NoiseModel, SharpeningModel,
+    Shutter, Space,
 };
 use crate::strips::{STRIP, Strip, grown, kept, largest_strip, strips};
 use crate::{Encoded, Error, Flow, Linear, Pixel, Plane, Raster, Result, pyramid};
-use defocus::Bokeh;
+use defocus::Lens;
 use std::ops::Range;
 
 /// The blur of a camera's lens and shutter, as far as it is known.
@@ -19,38 +20,78 @@ pub struct Blur {
     defocus: Option<DefocusModel>,
     /// The lens whose blur the image has already.
     already: Option<DefocusModel>,
-    exposure: Option<ExposureFraction>,
-    bokeh: Bokeh,
+    shutter: Option<Shutter>,
+    /// The shape of the lens's blur; `None` without a lens.
+    lens: Option<Lens>,
+    /// The distance, in stds of the lens's blur, to which it spreads a point, and what is added to it, px.
+    lens_reach: [f32; 2],
 }
 
 impl Blur {
-    /// The blur of a camera model for frames of `width` px; unknown parts blur nothing.
+    /// The blur of a camera model for frames of `width` px; unknown parts blur nothing. `bokeh` is the shape of out-of-focus points, in place of
+    /// the model's.
     ///
     /// # Errors
     /// If the model is for another width, or its defocus is in relative inverse depth (the depths here are metric).
-    pub fn new(model: &CameraModel, width: usize, bokeh: Bokeh) -> Result<Self> {
-        let defocus = metric_lens(model, width)?;
-        Ok(Self { defocus, already: None, exposure: model.motion_blur.known().map(|m| m.exposure), bokeh })
+    pub fn new(model: &CameraModel, width: usize, bokeh: impl Into<Option<Bokeh>>) -> Result<Self> {
+        let shutter = model.motion_blur.known().map(|m| m.shutter());
+        Ok(Self { shutter, ..Self::default() }.with_lens(model, metric_lens(model, width)?, bokeh.into()))
     }
 
     /// The blur that footage of camera `from` lacks to look like that of camera `to`. Variances add, so the differences of variances are
-    /// taken; where `from` blurs more, nothing is blurred. What is unknown of either camera blurs nothing.
+    /// taken; where `from` blurs more, nothing is blurred. What is unknown of either camera blurs nothing. The phases of the shutters are
+    /// left out: footage stays where it is.
     ///
     /// # Errors
     /// The same as [`Blur::new`], for either model.
-    pub fn missing(from: &CameraModel, to: &CameraModel, width: usize, bokeh: Bokeh) -> Result<Self> {
+    pub fn missing(
+        from: &CameraModel,
+        to: &CameraModel,
+        width: usize,
+        bokeh: impl Into<Option<Bokeh>>,
+    ) -> Result<Self> {
         let lenses = metric_lens(from, width)?.zip(metric_lens(to, width)?);
         let exposures = from.motion_blur.known().zip(to.motion_blur.known());
-        let exposure = exposures.map(|(from, to)| {
+        let shutter = exposures.map(|(from, to)| {
             let [from, to] = [from, to].map(|m| m.exposure.0);
-            ExposureFraction((to * to - from * from).max(0.0).sqrt())
+            ExposureFraction((to * to - from * from).max(0.0).sqrt()).into()
         });
-        Ok(Self { defocus: lenses.map(|l| l.1), already: lenses.map(|l| l.0), exposure, bokeh })
+        let blur = Self { already: lenses.map(|l| l.0), shutter, ..Self::default() };
+        Ok(blur.with_lens(to, lenses.map(|l| l.1), bokeh.into()))
+    }
+
+    fn with_lens(mut self, model: &CameraModel, defocus: Option<DefocusModel>, bokeh: Option<Bokeh>) -> Self {
+        self.defocus = defocus;
+        self.lens = defocus.map(|defocus| {
+            let mut aperture = defocus.bokeh;
+            aperture.bokeh = bokeh.unwrap_or(aperture.bokeh);
+            let Capture { width, height, pixel_aspect, .. } = model.capture;
+            Lens { pixel_aspect, ..Lens::new(aperture, (width, height)) }
+        });
+        let shape = self.lens.map_or(bokeh.unwrap_or_default(), |lens| lens.aperture.bokeh);
+        let [x, y] = self.lens.map_or([1.0; 2], |lens| lens.stds());
+        let edge = if shape == Bokeh::Gaussian { 0.0 } else { 1.0 };
+        self.lens_reach = [defocus::aperture_reach(shape) * x.max(y), edge];
+        self
+    }
+
+    /// The same blur for an image that is cut out of the picture, or of such an image, from pixel (x, y) on.
+    pub(crate) fn cut_out(mut self, (x, y): (usize, usize)) -> Self {
+        if let Some(lens) = &mut self.lens {
+            lens.origin = (lens.origin.0 + x, lens.origin.1 + y);
+        }
+        self
+    }
+
+    /// The same blur with a shutter that is centred on the frame's time.
+    pub(crate) fn centred(mut self) -> Self {
+        self.shutter = self.shutter.map(|s| s.exposure.into());
+        self
     }
 
     /// The exposure fraction over which motion is blurred; 0 if it is unknown.
     pub fn exposure(&self) -> ExposureFraction {
-        self.exposure.unwrap_or_default()
+        self.shutter.unwrap_or_default().exposure
     }
 
     /// The defocus std at inverse depth `d` in 1/m, px; 0 where the depth is unknown (NaN) and where the std is below 1/128 px, so
@@ -72,12 +113,9 @@ impl Blur {
 
     /// The distance, px, to which blur spreads a point of this inverse depth (1/m) and flow (px per frame interval).
     pub fn reach_px(&self, d: f32, [u, v]: [f32; 2]) -> f32 {
-        let path = self.exposure.map_or(0.0, |e| 0.5 * e.0 * u.hypot(v));
-        let lens = match self.bokeh {
-            Bokeh::Gaussian => 4.5 * self.sigma_px(d),
-            Bokeh::Disk => 2.0 * self.sigma_px(d) + 1.0,
-        };
-        lens + if path.is_finite() { path } else { 0.0 }
+        let path = self.shutter.map_or(0.0, |s| s.reach() * u.hypot(v));
+        let [stds, edge] = self.lens_reach;
+        stds * self.sigma_px(d) + edge + if path.is_finite() { path } else { 0.0 }
     }
 
     /// Applies defocus, then motion blur, each only if its model and its evidence are known.
@@ -90,14 +128,16 @@ impl Blur {
         inverse_depth: Option<&Plane>,
         flow: Option<&Flow>,
     ) -> Result<Raster<P>> {
-        let focused = match inverse_depth {
-            Some(d) if self.defocus.is_some() => {
-                defocus::defocus(image, &d.map(|d| self.sigma_px(d)), self.bokeh)?
+        let focused = match (inverse_depth, self.defocus, self.lens) {
+            (Some(d), Some(defocus), Some(lens)) => {
+                let sigma =
+                    |d: f32| if defocus.is_before_focus(d) { -self.sigma_px(d) } else { self.sigma_px(d) };
+                defocus::defocus_through(image, &d.map(sigma), &lens)?
             }
             _ => image.clone(),
         };
-        match (flow, self.exposure) {
-            (Some(flow), Some(exposure)) => motion_blur::motion_blur(&focused, flow, exposure),
+        match (flow, self.shutter) {
+            (Some(flow), Some(shutter)) => motion_blur::motion_blur(&focused, flow, shutter),
             _ => Ok(focused),
         }
     }
@@ -119,8 +159,8 @@ fn metric_lens(model: &CameraModel, width: usize) -> Result<Option<DefocusModel>
 /// Options of [`distort_frame`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SynthesisOptions {
-    /// The shape of out-of-focus points (default: Gaussian).
-    pub bokeh: Bokeh,
+    /// The shape of out-of-focus points, in place of the lens's own (default: the lens's own).
+    pub bokeh: Option<Bokeh>,
     /// Leave out the noise (default: false).
     pub no_noise: bool,
     /// The seed of the noise, which is a function of the seed and the frame's number (default: 0).
@@ -188,7 +228,7 @@ struct DistortedFrame<'a> {
     space: Space,
     /// The whole frame, blurred slab by slab, if depth is known: surfaces at different depths hide each other.
     blurred: Option<Raster<[f32; 3]>>,
-    moving: Option<(&'a Flow, ExposureFraction)>,
+    moving: Option<(&'a Flow, Shutter)>,
     sharpening: Option<&'a SharpeningModel>,
     noise: Option<&'a NoiseModel>,
     /// The encoded value at which the sensor clips, at most 1; infinite if nothing is to be clipped.
@@ -224,14 +264,14 @@ impl<'a> DistortedFrame<'a> {
             seed: options.seed,
             number,
         };
-        match (inverse_depth, flow, blur.exposure) {
+        match (inverse_depth, flow, blur.shutter) {
             (Some(depth), ..) => {
                 distortion.blurred =
                     Some(blur.of_scene(&distortion.sharp(&(0..size.1)), Some(depth), flow)?);
             }
-            (None, Some(flow), Some(exposure)) => {
+            (None, Some(flow), Some(shutter)) => {
                 motion_blur::check_size(size, flow)?;
-                distortion.moving = (exposure.0 > 0.0).then_some((flow, exposure));
+                distortion.moving = shutter.moves().then_some((flow, shutter));
             }
             _ => {}
         }
@@ -253,10 +293,10 @@ impl<'a> DistortedFrame<'a> {
         let height = self.size.1;
         let blurred = match (&self.blurred, self.moving) {
             (Some(whole), _) => whole.map_rows(rows.clone(), |v| v),
-            (None, Some((flow, exposure))) => {
-                let seen = grown(rows, motion_blur::reach_px(flow, exposure, rows.clone()), height);
+            (None, Some((flow, shutter))) => {
+                let seen = grown(rows, motion_blur::reach_px(flow, shutter, rows.clone()), height);
                 let sharp = motion_blur::Rows { rows: &self.sharp(&seen), top: seen.start, height };
-                sharp.blurred(flow, exposure, rows.clone())
+                sharp.blurred(flow, shutter, rows.clone())
             }
             (None, None) => self.sharp(rows),
         };
@@ -379,7 +419,7 @@ impl Blur {
         let [lo, hi] = range(&mut depth.data().iter().step_by(16).copied().collect());
         let sigma = |i: usize| self.sigma_px(lo + (hi - lo) * i as f32 / 16.0);
         let mut spread: f32 = (0..16).map(|i| (sigma(i + 1) - sigma(i)).abs()).sum();
-        if let (Some(flow), Some(exposure)) = (flow, self.exposure) {
+        if let (Some(flow), Some(Shutter { exposure, .. })) = (flow, self.shutter) {
             for c in 0..2 {
                 let [a, b] = range(&mut flow.data().iter().step_by(16).map(|f| f[c]).collect());
                 spread = spread.max(exposure.0 * (b - a) / 12f32.sqrt());
@@ -436,8 +476,8 @@ impl Blur {
                     let ([r, g, b, a], nearer) = (own.at(x, y), slabs.at(x, y) > slab);
                     [r, g, b, a, if nearer { color.at(x, y)[3] } else { 0.0 }]
                 });
-                let focused = Self { exposure: None, ..*self }.of(&part, depth.as_ref(), None)?;
-                Self { defocus: None, ..*self }.of(&seen(&focused, &part), None, flow.as_ref())?
+                let focused = Self { shutter: None, ..*self }.of(&part, depth.as_ref(), None)?;
+                Self { defocus: None, lens: None, ..*self }.of(&seen(&focused, &part), None, flow.as_ref())?
             } else {
                 self.of(&own, depth.as_ref(), flow.as_ref())?
             };
@@ -582,7 +622,7 @@ mod tests {
     const H: usize = 140;
 
     fn camera(sigma_at_infinity: f32, focus: f32, exposure: f32) -> CameraModel {
-        let capture = Capture { width: W, height: H, fps: None, frames_used: 1 };
+        let capture = Capture { width: W, height: H, fps: None, frames_used: 1, pixel_aspect: 1.0 };
         let mut model = CameraModel::unknown(capture, "not needed");
         model.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
         model.defocus = Estimate::Known(DefocusModel::given_lens(sigma_at_infinity, focus));
@@ -667,7 +707,7 @@ mod tests {
             let blur = Blur::new(&model, W, Bokeh::Disk).unwrap();
             let (sharp, depth, flow) = (scene.sharp(), scene.inverse_depth(), scene.flow());
             let truth = scene.filmed(&blur, 0.5).to_encoded(Transfer::Srgb);
-            let options = SynthesisOptions { bokeh: Bokeh::Disk, ..SynthesisOptions::default() };
+            let options = SynthesisOptions { bokeh: Some(Bokeh::Disk), ..SynthesisOptions::default() };
             let slabs = distort_frame(&sharp, &model, Some(&depth), Some(&flow), &options, 0).unwrap();
             let gather =
                 Linear(blur.of(&sharp.0, Some(&depth), Some(&flow)).unwrap()).to_encoded(Transfer::Srgb);

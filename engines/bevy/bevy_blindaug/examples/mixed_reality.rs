@@ -250,8 +250,8 @@ fn keys(
     }
     if pressed.just_pressed(KeyCode::KeyB) {
         camera.options.bokeh = match camera.options.bokeh {
-            Bokeh::Gaussian => Bokeh::Disk,
-            Bokeh::Disk => Bokeh::Gaussian,
+            Some(Bokeh::Disk) => Some(Bokeh::Gaussian),
+            _ => Some(Bokeh::Disk),
         };
     }
     for (key, factor) in [(KeyCode::ArrowUp, 1.1), (KeyCode::ArrowDown, 1.0 / 1.1)] {

@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn what_is_no_camera_is_said_in_one_line() {
-        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 1 };
+        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 1, pixel_aspect: 1.0 };
         let json = CameraModel::unknown(capture, "not given").to_json();
         assert_eq!(parsed(json.as_bytes()).unwrap().frames().len(), 1);
         let newer = json.replace("\"version\": 1", "\"version\": 2");

@@ -113,7 +113,7 @@ impl LiveCamera {
             RenderAssetUsages::RENDER_WORLD,
         );
         let capture =
-            blindaug::model::Capture { width: size.0, height: size.1, fps: source.fps(), frames_used: 0 };
+            blindaug::model::Capture { width: size.0, height: size.1, fps: source.fps(), frames_used: 0, pixel_aspect: 1.0 };
         Ok(Self {
             background: images.add(black),
             model: models.add(FilmedCamera::from(CameraModel::unknown(capture, "nothing was seen yet"))),

@@ -195,7 +195,7 @@ mod tests {
     use blindaug::model::DefocusModel;
 
     fn camera(width: usize, height: usize) -> CameraModel {
-        let capture = Capture { width, height, fps: None, frames_used: 1 };
+        let capture = Capture { width, height, fps: None, frames_used: 1, pixel_aspect: 1.0 };
         let mut camera = CameraModel::unknown(capture, "not given");
         camera.defocus = Estimate::Known(DefocusModel::given_lens(4.0, 0.5));
         camera

@@ -368,7 +368,7 @@ fn composite(
 
     let output = target.post_process_write().destination;
     let nothing = || {
-        let capture = Capture { width: w as usize, height: h as usize, fps: None, frames_used: 0 };
+        let capture = Capture { width: w as usize, height: h as usize, fps: None, frames_used: 0, pixel_aspect: 1.0 };
         CameraModel::unknown(capture, "there is no camera model")
     };
     let naive = CompositeOptions { naive: true, ..matching.options };
