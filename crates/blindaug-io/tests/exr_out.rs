@@ -57,7 +57,7 @@ fn the_head_of_a_frame_goes_on_with_it() {
     assert_eq!(aspect("plain.exr"), Some(1.0));
     // Images of other kinds say nothing, and an aspect that cannot be counts as none.
     let png = FrameFormat::PNG8;
-    png.write(&at("plain.png"), &frame, None, None).unwrap();
+    png.write(&at("plain.png"), &frame, None, None, &Coding::default()).unwrap();
     assert_eq!(aspect("plain.png"), None);
     attributes.pixel_aspect = 0.0;
     let list = ["R", "G", "B"].map(|name| AnyChannel::new(name, values(0.5)));
