@@ -60,6 +60,10 @@ kills *ARGS:
 bevy:
     engines/bevy/check.sh
 
+# The OpenFX plugin: built, linted, tested, and run in OpenFX's demo host; needs g++ and libexpat1-dev.
+ofx:
+    engines/ofx/check.sh
+
 # Licences and sources of the dependencies; needs cargo-deny.
 deny:
     cargo deny --all-features check licenses sources bans

@@ -5,7 +5,7 @@ use crate::{
     image::{decode, strips},
     limits::is_exr,
 };
-use blindaug::{Plane, Raster};
+use blindaug::{Plane, Raster, model::inverse_of_metric};
 use std::path::Path;
 
 /// The meaning of the numbers in a depth map.
@@ -55,7 +55,7 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
     let mut inverse = values;
     for v in inverse.data_mut() {
         *v = match format.values {
-            DepthValues::Metric => exr::inverse_of_metric(*v * scale),
+            DepthValues::Metric => inverse_of_metric(*v * scale),
             _ if *v >= 0.0 && v.is_finite() => *v * scale,
             _ => f32::NAN,
         };

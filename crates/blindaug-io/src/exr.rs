@@ -21,8 +21,10 @@ use ::exr::{
     prelude::f16,
 };
 use blindaug::{
-    Flow, Linear, Plane, Premultiplied, Raster, colour_space::Primaries, composite::DistortedLayer,
-    model::PIXEL_ASPECTS,
+    Flow, Linear, Plane, Premultiplied, Raster,
+    colour_space::Primaries,
+    composite::DistortedLayer,
+    model::{PIXEL_ASPECTS, inverse_of_metric},
 };
 use std::{
     fs::File,
@@ -32,9 +34,6 @@ use std::{
 
 /// The largest finite 16-bit float. Brighter values are clamped to it, so that sums over a renderer's fireflies stay finite.
 const BRIGHTEST: f32 = 65_504.0;
-
-/// The metric depth, m, from which on a pixel shows nothing (renderers write 1e10 for their background).
-const FARTHEST: f32 = 1e9;
 
 /// The depth, m, that is written where there is nothing, as renderers do.
 const NOTHING: f32 = 1e10;
@@ -310,11 +309,6 @@ pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
     };
     let p = file.read(&flow.channels)?;
     Ok(flow.join(&p[0], &p[1]))
-}
-
-/// The inverse depth 1/Z, 1/m; NaN if Z means that there is nothing.
-pub(crate) fn inverse_of_metric(z: f32) -> f32 {
-    if z > 0.0 && z < FARTHEST { 1.0 / z } else { f32::NAN }
 }
 
 /// Fails if more than half of a picture's values are NaN. The few that a renderer may leave become 0 elsewhere.

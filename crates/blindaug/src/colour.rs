@@ -112,6 +112,18 @@ impl Linear {
     }
 }
 
+impl Premultiplied {
+    /// A layer whose colour was display-encoded before it was premultiplied by its alpha, as programs have it that composite encoded values.
+    pub fn from_encoded(values: &Raster<[f32; 4]>, transfer: Transfer) -> Self {
+        Self(values.map(|[r, g, b, a]| {
+            // Colour without alpha is light that is added.
+            let alpha = if a > 0.0 { a } else { 1.0 };
+            let [r, g, b] = [r, g, b].map(|v| alpha * transfer.decode(v / alpha));
+            [r, g, b, a]
+        }))
+    }
+}
+
 /// Weights of R, G and B in Y of YCbCr (Rec. 601).
 pub const LUMA: [f32; 3] = [0.299, 0.587, 0.114];
 
@@ -176,5 +188,17 @@ mod tests {
         }
         let few = Encoded::from_nv12((4, 4), ByteRows::new(&[0; 16], 4), ByteRows::new(&[0; 7], 4));
         assert!(few.unwrap_err().to_string().contains("Cb and Cr"));
+    }
+
+    #[test]
+    fn an_encoded_layer_has_the_light_of_its_opaque_colour() {
+        let t = Transfer::Srgb;
+        let of = |v: [f32; 4]| Premultiplied::from_encoded(&Raster::filled(1, 1, v), t).0.at(0, 0);
+        let half = of([0.4, 0.2, 0.0, 0.5]);
+        assert!((half[0] - 0.5 * t.decode(0.8)).abs() < 1e-6 && (half[1] - 0.5 * t.decode(0.4)).abs() < 1e-6);
+        assert_eq!((half[2], half[3]), (0.0, 0.5));
+        // Negative control: the premultiplied value, decoded, is another light.
+        assert!((half[0] - t.decode(0.4)).abs() > 0.1);
+        assert_eq!(of([0.5, 0.0, 0.0, 0.0]), [t.decode(0.5), 0.0, 0.0, 0.0]);
     }
 }

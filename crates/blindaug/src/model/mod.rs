@@ -30,7 +30,7 @@ pub use noise_curves::{CurveLevel, KNOTS, NOISE_KNOTS, NoiseCurves, place};
 pub use scene_depth::{KnownDistance, SceneDepth};
 pub use sharpening::SharpeningModel;
 pub use track::{CameraTrack, Changes, TrackedCamera};
-pub use units::{DepthKind, SceneScale};
+pub use units::{DepthKind, SceneScale, inverse_of_metric};
 
 use crate::{Error, Result, Transfer, text};
 pub(crate) use distortion::DistortionModel;

@@ -14,6 +14,14 @@ pub enum DepthKind {
     Relative,
 }
 
+/// The depth, m, from which on a renderer means that there is nothing.
+const FARTHEST_M: f32 = 1e9;
+
+/// The inverse depth, 1/m, of a depth Z along the view axis, m; NaN if Z means that there is nothing (0 or less, 1e9 or more, NaN).
+pub fn inverse_of_metric(z: f32) -> f32 {
+    if z > 0.0 && z < FARTHEST_M { 1.0 / z } else { f32::NAN }
+}
+
 /// Relates relative inverse depth d to the depth Z in metres: d = scale / Z + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneScale {
@@ -68,6 +76,14 @@ impl CameraTrack {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_depth_that_means_nothing_has_no_inverse() {
+        assert_eq!(inverse_of_metric(4.0), 0.25);
+        assert!(
+            [0.0, -1.0, 1e10, f32::INFINITY, f32::NAN].into_iter().all(|z| inverse_of_metric(z).is_nan())
+        );
+    }
 
     #[test]
     fn depth_and_lens_are_brought_to_metres_alike() {
