@@ -199,13 +199,7 @@ impl Reference<'_> {
             flow: Some(motion.map(|m| -> [f32; 2] { [m[0], m[1]] }) as Flow),
         };
         let frame = Encoded(plate.map(|[r, g, b, _]| [r, g, b].map(|v| Transfer::Srgb.encode(v))));
-        let plate = Plate {
-            frame: &frame,
-            number: self.number,
-            inverse_depth: None,
-            flow: None,
-            with_and_without: None,
-        };
+        let plate = Plate::new(&frame, self.number);
         let options =
             CompositeOptions { seed: self.seed, unclipped: self.unclipped, ..CompositeOptions::default() };
         of(&plate, &layer, &options).unwrap()
