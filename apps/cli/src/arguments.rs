@@ -9,13 +9,13 @@ use std::ops::RangeInclusive;
 #[derive(clap::Args)]
 pub struct Style {
     /// Leave the noise out
-    #[arg(long)]
+    #[arg(help_heading = "Look", long)]
     no_noise: bool,
     /// The shape of an out-of-focus point
-    #[arg(long, value_enum, default_value = "gaussian")]
+    #[arg(help_heading = "Look", long, value_enum, default_value = "gaussian")]
     bokeh: BokehArg,
     /// The seed of the noise: the same seed gives the same noise
-    #[arg(long, value_name = "N", default_value = "0")]
+    #[arg(help_heading = "Look", long, value_name = "N", default_value = "0")]
     seed: u64,
 }
 
@@ -23,16 +23,16 @@ pub struct Style {
 #[derive(clap::Args)]
 pub struct ByHandArgs {
     /// The shutter angle, degrees from 0 to 360, in place of the model's exposure
-    #[arg(long, value_name = "DEGREES", value_parser = shutter_angle)]
+    #[arg(help_heading = "Set by hand", long, value_name = "DEGREES", value_parser = shutter_angle)]
     shutter: Option<f32>,
     /// The distance in focus, m, in place of the model's
-    #[arg(long, value_name = "METRES", value_parser = positive)]
+    #[arg(help_heading = "Set by hand", long, value_name = "METRES", value_parser = positive)]
     focus: Option<f32>,
     /// The blur at infinity (std in px of the frames), 0 to 100, in place of the model's
-    #[arg(long, value_name = "PX", value_parser = blur_std)]
+    #[arg(help_heading = "Set by hand", long, value_name = "PX", value_parser = blur_std)]
     blur: Option<f32>,
     /// The factor of the noise's std, 0 to 100, such as x1.2
-    #[arg(long, value_name = "xN", value_parser = factor)]
+    #[arg(help_heading = "Set by hand", long, value_name = "xN", value_parser = factor)]
     grain: Option<f32>,
 }
 

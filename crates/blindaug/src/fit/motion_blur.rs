@@ -107,3 +107,28 @@ pub fn fit_exposure(target: &Plane, weight: &Plane, sharp: &Plane, flow: &Flow) 
         curve,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean along a path of a wave, which is the wave times a sinc, is that of the taps to within the fourth order.
+    #[test]
+    fn the_mean_along_a_path_has_the_path_s_variance_however_short_it_is() {
+        const PERIOD: f32 = 24.0;
+        let wave = |x: f32| (std::f32::consts::TAU * x / PERIOD).cos();
+        let image = Plane::from_fn(96, 9, |x, _| wave(x as f32));
+        for length in [0.5f32, 1.0, 1.9, 2.4, 3.7, 8.0] {
+            let half = std::f32::consts::PI * length / PERIOD;
+            let mean = mean_along(&image, 48, 4, [2.0 * length, 0.0], 0.5);
+            let lost = 1.0 - mean;
+            let expected = 1.0 - half.sin() / half;
+            assert!((lost / expected - 1.0).abs() < 0.02, "{length} px: {lost} for {expected}");
+            // Negative control: taps in the middles of equal parts of the path lose too little.
+            let taps = length.ceil() + 1.0;
+            let middles = (0..taps as usize).map(|i| wave(length * ((i as f32 + 0.5) / taps - 0.5)));
+            let lost = 1.0 - middles.sum::<f32>() / taps;
+            assert!((lost / expected - 1.0).abs() > 0.01, "{length} px: {lost} for {expected}");
+        }
+    }
+}

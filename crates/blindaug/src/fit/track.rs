@@ -618,7 +618,9 @@ impl Tracker {
                     };
                     let (method, samples) = (Method::Spectral, fit.samples as u64);
                     memory.age = 0;
-                    self.known.lens = Some(DefocusModel { curve, depth_kind, method, samples });
+                    let inverse_depth_seen = Some(fit.inverse_depth_seen);
+                    self.known.lens =
+                        Some(DefocusModel { curve, depth_kind, method, samples, inverse_depth_seen });
                 }
                 Estimate::Unknown(reason) => why = reason,
             }
