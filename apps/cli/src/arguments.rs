@@ -14,10 +14,10 @@ use std::ops::RangeInclusive;
 #[derive(clap::Args)]
 pub struct Style {
     /// Leave the noise out
-    #[arg(long)]
+    #[arg(help_heading = "Look", long)]
     no_noise: bool,
     /// The seed of the noise: the same seed gives the same noise
-    #[arg(long, value_name = "N", default_value = "0")]
+    #[arg(help_heading = "Look", long, value_name = "N", default_value = "0")]
     seed: u64,
 }
 
@@ -25,16 +25,16 @@ pub struct Style {
 #[derive(clap::Args)]
 pub struct ByHandArgs {
     /// The shutter angle, degrees from 0 to 360, in place of the model's exposure
-    #[arg(long, value_name = "DEGREES", value_parser = shutter_angle)]
+    #[arg(help_heading = "Set by hand", long, value_name = "DEGREES", value_parser = shutter_angle)]
     shutter: Option<f32>,
     /// When the shutter opens, degrees after the frame's time, -180 to 180; minus half the shutter angle is centred [default: centred]
     #[arg(long, value_name = "DEGREES", value_parser = shutter_phase, allow_hyphen_values = true)]
     shutter_phase: Option<f32>,
     /// The distance in focus, m, in place of the model's
-    #[arg(long, value_name = "METRES", value_parser = positive)]
+    #[arg(help_heading = "Set by hand", long, value_name = "METRES", value_parser = positive)]
     focus: Option<f32>,
     /// The blur at infinity (std in px of the frames), 0 to 100, in place of the model's
-    #[arg(long, value_name = "PX", value_parser = blur_std)]
+    #[arg(help_heading = "Set by hand", long, value_name = "PX", value_parser = blur_std)]
     blur: Option<f32>,
     /// The shape of out-of-focus points: gaussian, disk, or polygon:N with N blades (3 to 16), their roundness (0 straight, 1 a disk) and the
     /// rotation in degrees, in place of the model's
@@ -47,7 +47,7 @@ pub struct ByHandArgs {
     #[arg(long, value_name = "STRENGTH", value_parser = share)]
     cats_eye: Option<f32>,
     /// The factor of the noise's std, 0 to 100, such as x1.2
-    #[arg(long, value_name = "xN", value_parser = factor)]
+    #[arg(help_heading = "Set by hand", long, value_name = "xN", value_parser = factor)]
     grain: Option<f32>,
 }
 

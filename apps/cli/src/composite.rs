@@ -36,6 +36,7 @@ use std::path::{Path, PathBuf};
 
 /// Composite a rendered object into footage so that it looks filmed by the same camera
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug composite shot.mp4 --virtual object/ --camera camera.json -o out/")]
 pub struct Composite {
     /// The footage: a video, one image, or a folder of images in the order of the numbers in their names
     input: PathBuf,
@@ -96,6 +97,7 @@ enum HoldoutArg {
 
 /// Apply a camera's blur and noise to a whole rendered clip
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug apply render/ --camera camera.json -o out/")]
 pub struct Apply {
     /// The clip: a video, one image, or a folder of images in the order of the numbers in their names
     input: PathBuf,
@@ -108,6 +110,7 @@ pub struct Apply {
 
 /// Make one camera's footage look like another's: add the blur and the noise that it lacks
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug match b.mp4 --from camera_b.json --to camera_a.json -o out/")]
 pub struct Match {
     /// The footage: a video, one image, or a folder of images in the order of the numbers in their names
     input: PathBuf,

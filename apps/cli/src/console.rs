@@ -103,7 +103,12 @@ pub fn begin(memory: Option<u64>) {
 pub fn ended(result: Result<()>) -> ExitCode {
     let Err(Failure(sentence)) = result else { return ExitCode::SUCCESS };
     // Standard error may be closed; there is nobody else to tell.
-    let _ = writeln!(std::io::stderr(), "blindaug: {}", for_terminal(&sentence));
+    let _ = writeln!(
+        std::io::stderr(),
+        "{} {}",
+        Paint::of_stderr().bold_red("blindaug:"),
+        for_terminal(&sentence)
+    );
     ExitCode::from(exit_status())
 }
 
@@ -114,8 +119,67 @@ pub fn said(e: &clap::Error) -> ExitCode {
         return ExitCode::from(2);
     }
     let help = e.render();
-    let help = if std::io::stdout().is_terminal() { help.ansi().to_string() } else { help.to_string() };
+    let help = if Paint::of_stdout().0 { help.ansi().to_string() } else { help.to_string() };
     ended(print(&help))
+}
+
+/// Whether text is coloured.
+#[derive(Clone, Copy)]
+struct Paint(bool);
+
+impl Paint {
+    /// Colours only for a terminal that has them, and not if the environment variable NO_COLOR is set (no-color.org).
+    fn of(stream: &impl IsTerminal) -> Self {
+        let set = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty());
+        Self(stream.is_terminal() && set("NO_COLOR").is_none() && set("TERM").is_none_or(|t| t != "dumb"))
+    }
+
+    fn of_stdout() -> Self {
+        Self::of(&std::io::stdout())
+    }
+
+    fn of_stderr() -> Self {
+        Self::of(&std::io::stderr())
+    }
+
+    fn with(self, code: &str, text: &str) -> String {
+        if self.0 { format!("\x1b[{code}m{text}\x1b[0m") } else { text.into() }
+    }
+
+    fn bold_red(self, text: &str) -> String {
+        self.with("1;31", text)
+    }
+
+    fn yellow(self, text: &str) -> String {
+        self.with("33", text)
+    }
+
+    fn bold(self, text: &str) -> String {
+        self.with("1", text)
+    }
+
+    /// A camera in words: the names at the beginning of lines are bold, what is unknown and warnings yellow.
+    fn words(self, text: &str) -> String {
+        let line = |line: &str| {
+            let end = line.find(' ').unwrap_or(line.len());
+            let (head, rest) = line.split_at(end);
+            let marked = head == "Warning" || rest.trim_start().starts_with("unknown");
+            match (head.is_empty(), marked) {
+                (true, _) => line.into(),
+                (false, true) => self.yellow(line),
+                (false, false) => self.bold(head) + rest,
+            }
+        };
+        text.split('\n').map(line).collect::<Vec<_>>().join("\n")
+    }
+}
+
+/// Prints a camera in words on standard output, with colours where the terminal has them.
+///
+/// # Errors
+/// The same as [`print`].
+pub fn print_words(text: &str) -> Result<()> {
+    print(&Paint::of_stdout().words(text))
 }
 
 /// Writes text to standard output. A reader that has gone away (`| head`) is no error.
@@ -138,6 +202,14 @@ pub fn print_beside(output: &Path, text: &str) -> Result<()> {
     print(text)
 }
 
+/// The same as [`print_beside`] of a camera in words, with colours where the terminal has them.
+///
+/// # Errors
+/// The same as [`print`].
+pub fn print_words_beside(output: &Path, text: &str) -> Result<()> {
+    print_beside(output, &Paint::of_stdout().words(text))
+}
+
 /// Makes text safe for a terminal: characters that control the terminal are shown as codes, and very long words and lines lose their
 /// middle.
 pub fn for_terminal(text: &str) -> String {
@@ -152,7 +224,10 @@ pub fn for_terminal(text: &str) -> String {
 
 /// Writes a line to standard error, above the progress bar if there is one.
 pub fn note(sentence: impl Display) {
-    let sentence = for_terminal(&sentence.to_string());
+    write_line(for_terminal(&sentence.to_string()));
+}
+
+fn write_line(sentence: String) {
     let write = || {
         // If standard error cannot be written, the message is lost.
         let _ = writeln!(std::io::stderr(), "{sentence}");
@@ -165,7 +240,7 @@ pub fn note(sentence: impl Display) {
 
 /// A note that something was left out or may be wrong.
 pub fn warn(sentence: impl Display) {
-    note(format_args!("warning: {sentence}"));
+    write_line(format!("{} {}", Paint::of_stderr().yellow("warning:"), for_terminal(&sentence.to_string())));
 }
 
 thread_local! {
@@ -178,6 +253,7 @@ pub struct Progress {
     unit: &'static str,
     done: u64,
     total: Option<u64>,
+    begun: Instant,
     last_said: Instant,
 }
 
@@ -194,15 +270,18 @@ impl Progress {
             let bar = ProgressBar::with_draw_target(total, ProgressDrawTarget::stderr());
             let template = match total {
                 Some(_) => format!("{{msg}} {{wide_bar}} {{pos}}/{{len}} {unit}, {{eta}} left"),
+                None if unit.is_empty() => "{msg} {spinner} {elapsed}".into(),
                 None => format!("{{msg}} {{spinner}} {{pos}} {unit}, {{elapsed}}"),
             };
             if let Ok(style) = ProgressStyle::with_template(&template) {
                 bar.set_style(style);
             }
             bar.set_message(what);
+            // The time goes on while a single item takes long.
+            bar.enable_steady_tick(Duration::from_millis(500));
             BAR.set(Some(bar));
         }
-        Self { what, unit, done: 0, total, last_said: Instant::now() }
+        Self { what, unit, done: 0, total, begun: Instant::now(), last_said: Instant::now() }
     }
 
     /// Counts one more item as done.
@@ -212,9 +291,22 @@ impl Progress {
         if !bar && self.last_said.elapsed() > Duration::from_secs(10) {
             self.last_said = Instant::now();
             let of = self.total.map_or(String::new(), |n| format!(" of {n}"));
-            note(format_args!("{}: {}{of} {}", self.what, self.done, self.unit));
+            let left = self.total.and_then(|n| left(self.begun.elapsed(), self.done, n));
+            let left = left.map_or(String::new(), |s| format!(", about {s} left"));
+            note(format_args!("{}: {}{of} {}{left}", self.what, self.done, self.unit));
         }
     }
+}
+
+/// The time that a loop will still take, in words, after `done` of `total` items; `None` if nothing is left.
+fn left(elapsed: Duration, done: u64, total: u64) -> Option<String> {
+    let rest = total.checked_sub(done).filter(|n| *n > 0)?;
+    let seconds = elapsed.as_secs_f64() * rest as f64 / done.max(1) as f64;
+    Some(match seconds {
+        s if s < 90.0 => format!("{s:.0} s"),
+        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    })
 }
 
 impl Drop for Progress {
@@ -324,4 +416,33 @@ pub fn check_outputs<'a>(inputs: &Inputs, outputs: impl IntoIterator<Item = &'a 
 pub fn write_page(path: &Path, page: blindaug_report::Result<String>) -> Result<()> {
     let page = page.map_err(|e| failure(path, e))?;
     Ok(write_atomically(path, |partial| std::fs::write(partial, page))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_coloured_only_where_they_may_be() {
+        let text = "Camera     8 x 8 px\nWarning    few frames\nExposure   unknown: still\n           more\n";
+        assert_eq!(Paint(false).words(text), text);
+        let painted = Paint(true).words(text);
+        assert!(
+            painted.starts_with("\x1b[1mCamera\x1b[0m     8 x 8 px\n\x1b[33mWarning    few"),
+            "{painted:?}"
+        );
+        assert!(
+            painted.contains("\x1b[33mExposure   unknown: still\x1b[0m\n           more\n"),
+            "{painted:?}"
+        );
+    }
+
+    #[test]
+    fn the_time_that_is_left_is_told_in_words() {
+        let after = |seconds, done, total| left(Duration::from_secs(seconds), done, total);
+        assert_eq!(after(10, 1, 4).as_deref(), Some("30 s"));
+        assert_eq!(after(60, 6, 66).as_deref(), Some("10 min"));
+        assert_eq!(after(3600, 10, 40).as_deref(), Some("3.0 h"));
+        assert_eq!((after(10, 4, 4), after(10, 5, 4)), (None, None));
+    }
 }

@@ -1,21 +1,21 @@
 //! `blindaug demo`: the main job on a built-in clip of known truth.
 
 use blindaug::{
-    CameraModel, Encoded, Raster,
+    CameraModel, Encoded, Plane, Raster,
     composite::CompositeOptions,
     fit,
     metrics::{object_area, psnr},
     model::{
         Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
-        NOISE_LEVELS, Unknown,
+        NOISE_LEVELS, Reason, SceneScale, Unknown,
     },
     pyramid,
     synth::noise,
 };
 use blindaug_cli::console::{self, CONSOLE, Failure, Result, note};
 use blindaug_io::{
-    DepthFormat, FrameSource, SideFolder, VideoWriter, make_folder, read_frame, write_atomically,
-    write_camera, write_png,
+    DepthFormat, FrameSource, SideFolder, VideoWriter, make_folder, read_camera, read_frame,
+    write_atomically, write_camera, write_png,
 };
 use blindaug_pipeline::{
     Footage, MemorySink,
@@ -31,6 +31,7 @@ use std::{
 
 /// Do the main job on a built-in clip of known truth: estimate, composite, report
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug demo -o demo")]
 pub struct Demo {
     /// A folder for the results
     #[arg(short, long, value_name = "DIR", default_value = "blindaug-demo")]
@@ -136,32 +137,55 @@ pub fn run(args: &Demo) -> Result<()> {
     write_clip(&clip)?;
     let truth = Truth::read()?;
 
-    // The camera is estimated once from the frames and their depth alone, and once with the sharp renders of the scene, which compositing
-    // shadows needs anyway. This clip is small and hard: the object stands where the blind estimate is least sure.
+    // The camera is estimated from the frames alone, which is what the demo shows; then with their depth; then with sharp renders of the
+    // scene too, which compositing shadows needs anyway.
     let (frames, depth) = (clip.join("frames"), clip.join("scene"));
     let options = fit::EstimatorOptions { fps: Some(truth.fps), ..fit::EstimatorOptions::default() };
-    let fit = |clean: Option<&Path>, keep_samples: bool| {
+    let fit = |depth_given: bool, clean: Option<&Path>| {
         let mut footage = Footage::new(FrameSource::open(&frames, Default::default())?);
-        footage.depth =
-            Some((Box::new(SideFolder::depth(&depth, DepthFormat::default())?), DepthKind::Metric));
+        if depth_given {
+            let maps = SideFolder::depth(&depth, DepthFormat::default())?;
+            footage.depth = Some((Box::new(maps), DepthKind::Metric));
+        }
         footage.clean = match clean {
             Some(clean) => Some(Box::new(SideFolder::frames(clean, "clean frames")?)),
             None => None,
         };
-        let job = estimate::Job { options, keep_samples, ..estimate::Job::default() };
+        let job = estimate::Job { options, keep_samples: !depth_given, ..estimate::Job::default() };
         Ok::<_, Failure>(estimate::estimate(&footage, job, CONSOLE)?)
     };
-    let blind = fit(None, false)?;
-    let fitted = fit(Some(&clip.join("without")), true)?;
-    let model = &fitted.estimation.model;
+    let fitted = fit(false, None)?;
+    let with_depth = fit(true, None)?;
+    let all_given = fit(true, Some(&clip.join("without")))?;
+    let estimated = &fitted.estimation.model;
     let camera = out.join("camera.json");
-    write_camera(&camera, model)?;
+    write_camera(&camera, estimated)?;
+    // What is composited here is what the file and the printed command say.
+    let written = read_camera(&camera)?;
 
-    let depth = SideFolder::depth(&depth, DepthFormat::default())?;
+    let maps = || SideFolder::depth(&depth, DepthFormat::default());
+    // Parallax tells depth without its unit, which the object's metres need.
+    let scale = match &fitted.estimation.diagnostics.inverse_depth {
+        Some((index, relative)) => {
+            maps()?.get(*index as u64 + 1, relative.size())?.and_then(|metric| scene_scale(relative, &metric))
+        }
+        None => None,
+    };
+    let blind = match scale {
+        Some(scale) => written.to_metric(scale),
+        None => {
+            let why = "no relation of its depth to metres was found";
+            let mut model = written;
+            model.defocus = Estimate::unknown(Reason::NoDepth, why);
+            model
+        }
+    };
+    let columns = [&blind, &with_depth.estimation.model, &all_given.estimation.model];
+
     let footage = Box::new(FrameSource::open(&frames, Default::default())?);
     let layers = Box::new(SideFolder::virtual_layers(clip.join("virtual"))?);
     let scene = Scene {
-        depth: Some(DepthMaps::as_they_are(Box::new(depth))),
+        depth: Some(DepthMaps::as_they_are(Box::new(maps()?))),
         flow: Some(Box::new(SideFolder::flow(clip.join("scene"))?)),
         renders: Some([
             Box::new(SideFolder::frames(clip.join("with"), "renders with the object")?),
@@ -184,7 +208,7 @@ pub fn run(args: &Demo) -> Result<()> {
         Ok::<_, Failure>(made.frames)
     };
     let naive = made(&composite::naive(size), false)?;
-    let composites = made(model, true)?;
+    let composites = made(&blind, true)?;
     for (name, frames) in [("naive", &naive), ("composite", &composites)] {
         let folder = out.join(name);
         make_folder(&folder)?;
@@ -193,42 +217,83 @@ pub fn run(args: &Demo) -> Result<()> {
         }
     }
 
-    let fidelity = Fidelity::measure(
-        &clip,
-        &scene,
-        [&naive, &made(model, false)?, &made(&truth.model(model.capture), false)?],
-    )?;
-    let mut rows = comparison(model, &truth);
-    let blind_rows = comparison(&blind.estimation.model, &truth).into_iter().take(3);
-    rows.extend(
-        blind_rows.map(|row| TruthRow { name: format!("from the frames alone: {}", row.name), ..row }),
-    );
-    console::print(&table(&rows, &fidelity))?;
+    // Composites without added noise are compared, since the truth has none.
+    let compared = |model: &CameraModel| fidelity(&clip, &scene, &made(model, false)?);
+    let fidelity = Fidelity {
+        naive: fidelity(&clip, &scene, &naive)?,
+        estimated: [compared(columns[0])?, compared(columns[1])?, compared(columns[2])?],
+        oracle: compared(&truth.model(blind.capture))?,
+    };
+    let of_columns = columns.map(|model| comparison(model, &truth));
+    console::print(&table(&of_columns, &fidelity))?;
+    let named = |(given, rows): (&str, &Vec<TruthRow>)| -> Vec<TruthRow> {
+        let row = |r: &TruthRow| TruthRow {
+            name: format!("{given}: {}", r.name),
+            estimated: r.estimated.clone(),
+            truth: r.truth.clone(),
+        };
+        rows.iter().map(row).collect()
+    };
+    let rows: Vec<TruthRow> = GIVEN.into_iter().zip(&of_columns).flat_map(named).collect();
 
     let frame = read_frame(clip.join(format!("frames/{SHOWN:04}.png")))?;
     let real = truth.with_noise(&read_frame(clip.join(format!("truth_with/{SHOWN:04}.png")))?);
     let pictures: Vec<Picture> = [
         ("The frame", Some(&frame)),
         ("The object pasted naively", naive.get(&SHOWN)),
-        ("The object with the estimated camera", composites.get(&SHOWN)),
+        ("The object with the camera that was estimated from the frames alone", composites.get(&SHOWN)),
         ("The truth: the object was really there", Some(&real)),
     ]
     .into_iter()
     .filter_map(|(title, image)| Some(Picture { title: title.into(), image: image?.clone() }))
     .collect();
     let images: Vec<&Encoded> = pictures.iter().map(|p| &p.image).collect();
-    write_png(out.join("comparison.png"), &side_by_side(&images))?;
+    write_png(out.join("comparison.png"), &enlarged(&two_by_two(&images)))?;
     let video = write_video(&out.join("comparison.mp4"), &naive, &composites);
     let report = ReportInput {
         title: "The demo's camera".into(),
-        model,
+        model: estimated,
         diagnostics: &fitted.estimation.diagnostics,
         samples: fitted.samples,
         comparison: rows,
         pictures,
+        provenance: Some(crate::provenance::of([frames.as_path()])?),
     };
     console::write_page(&out.join("report.html"), blindaug_report::page(&report))?;
-    console::print(&next_steps(out, &clip, &camera, video))
+    console::print(&next_steps(out, &clip, &camera, scale, video))
+}
+
+/// What is given to each of the demo's estimates.
+const GIVEN: [&str; 3] = ["frames alone", "frames and depth", "all given"];
+
+/// The relation of relative inverse depth to metric inverse depth of the same frame, by least squares, three times without the half that
+/// fits worst; `None` if there is too little to compare.
+fn scene_scale(relative: &Plane, metric: &Plane) -> Option<SceneScale> {
+    const LEAST: usize = 100;
+    let pairs = relative.data().iter().zip(metric.data()).map(|(r, m)| [*m, *r]);
+    let mut pairs: Vec<[f32; 2]> = pairs.filter(|p| p.iter().all(|v| v.is_finite())).collect();
+    let line = |pairs: &[[f32; 2]]| {
+        let n = pairs.len() as f64;
+        let mean = |of: &dyn Fn(&[f32; 2]) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+        let [x, y] = [mean(&|p| p[0].into()), mean(&|p| p[1].into())];
+        let spread = mean(&|p| (f64::from(p[0]) - x).powi(2));
+        let slope = mean(&|p| (f64::from(p[0]) - x) * (f64::from(p[1]) - y)) / spread;
+        SceneScale { scale: slope as f32, offset: (y - slope * x) as f32 }
+    };
+    for _ in 0..3 {
+        if pairs.len() < LEAST {
+            return None;
+        }
+        let SceneScale { scale, offset } = line(&pairs);
+        let off = |p: &[f32; 2]| (p[1] - scale * p[0] - offset).abs();
+        pairs.sort_by(|a, b| off(a).total_cmp(&off(b)));
+        pairs.truncate(pairs.len() / 2);
+    }
+    let SceneScale { scale, offset } = line(&pairs);
+    // As many decimals as are printed.
+    let rounded = |v: f32| (1e4 * v).round() / 1e4;
+    let found = SceneScale { scale: rounded(scale), offset: rounded(offset) };
+    Some(found).filter(|s| s.scale.is_finite() && s.scale > 0.0 && s.offset.is_finite())
 }
 
 fn write_clip(clip: &Path) -> Result<()> {
@@ -253,33 +318,26 @@ fn stop_if_interrupted(out: &Path) -> Result<()> {
 /// Mean PSNR over the object's area, against the render in which the object really was in front of the camera, dB.
 struct Fidelity {
     naive: f64,
-    estimated: f64,
+    /// With each of the estimated cameras, in the order of [`GIVEN`].
+    estimated: [f64; 3],
     oracle: f64,
 }
 
-impl Fidelity {
-    /// Compares composites without added noise, since the truth has none.
-    fn measure(clip: &Path, scene: &Scene, composites: [&BTreeMap<u64, Encoded>; 3]) -> Result<Self> {
-        let truth = SideFolder::frames(clip.join("truth_with"), "the truth")?;
-        let size = scene.footage.size();
-        let mut sums = [0.0; 3];
-        let mut compared = 0.0;
-        for &number in composites[0].keys() {
-            let (Some(truth), Some(layer)) = (truth.get(number, size)?, scene.layers.get(number, size)?)
-            else {
-                continue;
-            };
-            let area = object_area(&layer.color.0.map(|p| p[3]), GROWN_BY);
-            for (sum, frames) in sums.iter_mut().zip(composites) {
-                let Some(frame) = frames.get(&number) else { continue };
-                *sum += psnr(frame, &truth, Some(&area))
-                    .map_err(|e| console::failure(clip, format_args!("frame {number}: {e}")))?;
-            }
-            compared += 1.0;
-        }
-        let [naive, estimated, oracle] = sums.map(|sum| sum / compared);
-        Ok(Self { naive, estimated, oracle })
+/// [`Fidelity`] of some composites.
+fn fidelity(clip: &Path, scene: &Scene, composites: &BTreeMap<u64, Encoded>) -> Result<f64> {
+    let truth = SideFolder::frames(clip.join("truth_with"), "the truth")?;
+    let size = scene.footage.size();
+    let (mut sum, mut compared) = (0.0, 0.0);
+    for (&number, frame) in composites {
+        let (Some(truth), Some(layer)) = (truth.get(number, size)?, scene.layers.get(number, size)?) else {
+            continue;
+        };
+        let area = object_area(&layer.color.0.map(|p| p[3]), GROWN_BY);
+        sum += psnr(frame, &truth, Some(&area))
+            .map_err(|e| console::failure(clip, format_args!("frame {number}: {e}")))?;
+        compared += 1.0;
     }
+    Ok(sum / compared)
 }
 
 /// The estimated parameters beside the true ones.
@@ -327,19 +385,27 @@ fn comparison(model: &CameraModel, truth: &Truth) -> Vec<TruthRow> {
     rows
 }
 
-fn table(rows: &[TruthRow], fidelity: &Fidelity) -> String {
-    let name_width = rows.iter().map(|r| r.name.len()).max().unwrap_or(0);
-    let width = rows.iter().map(|r| r.estimated.len()).max().unwrap_or(0).max(9);
-    let mut text = format!("{:name_width$}  {:width$}  true\n", "", "estimated");
-    for TruthRow { name, estimated, truth } in rows {
-        let _ = writeln!(text, "{name:name_width$}  {estimated:width$}  {truth}");
-    }
+/// The estimates of each of [`GIVEN`] beside the truth, and how well composites with them match it.
+fn table(columns: &[Vec<TruthRow>; 3], fidelity: &Fidelity) -> String {
     let Fidelity { naive, estimated, oracle } = fidelity;
-    let _ = writeln!(
-        text,
-        "\ncomposite against the truth, PSNR over the object's area: naive {naive:.1} dB, estimated camera {estimated:.1} dB, true camera {oracle:.1} dB"
-    );
-    text
+    let mut lines: Vec<[String; 5]> =
+        vec![["".into(), GIVEN[0].into(), GIVEN[1].into(), GIVEN[2].into(), "true".into()]];
+    for (i, row) in columns[0].iter().enumerate() {
+        let [a, b, c] = [0, 1, 2].map(|k| columns[k][i].estimated.clone());
+        lines.push([row.name.clone(), a, b, c, row.truth.clone()]);
+    }
+    let db = |v: f64| format!("{v:.1}");
+    let [a, b, c] = estimated.map(db);
+    lines.push([format!("composite, PSNR in dB (pasted on: {naive:.1})"), a, b, c, db(*oracle)]);
+    let width = |k: usize| lines.iter().map(|l| l[k].chars().count()).max().unwrap_or(0);
+    let widths = [0, 1, 2, 3, 4].map(width);
+    let mut text = String::new();
+    for line in &lines {
+        let cells: Vec<String> =
+            line.iter().zip(widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+        let _ = writeln!(text, "{}", cells.join("  ").trim_end());
+    }
+    text + "\nIn brackets: 95 % intervals. PSNR is over the object's area, against renders in which the object really was there.\n"
 }
 
 /// Images of one height in a row, with a white gap.
@@ -357,6 +423,23 @@ fn side_by_side(images: &[&Encoded]) -> Encoded {
     }
     let width = row.len() / height.max(1);
     Encoded(Raster::from_fn(width, height, |x, y| row[y * width + x]))
+}
+
+/// Pictures of one size two by two, with white gaps.
+fn two_by_two(images: &[&Encoded]) -> Encoded {
+    let turned = |image: &Encoded| {
+        let (w, h) = image.0.size();
+        Encoded(Raster::from_fn(h, w, |x, y| image.0.at(y, x)))
+    };
+    let rows: Vec<Encoded> = images.chunks(2).map(|row| turned(&side_by_side(row))).collect();
+    turned(&side_by_side(&rows.iter().collect::<Vec<_>>()))
+}
+
+/// The picture with each pixel as a square of several, so that noise and blur stay as they are.
+fn enlarged(image: &Encoded) -> Encoded {
+    const ZOOM: usize = 3;
+    let (w, h) = image.0.size();
+    Encoded(Raster::from_fn(ZOOM * w, ZOOM * h, |x, y| image.0.at(x / ZOOM, y / ZOOM)))
 }
 
 /// Writes a video of the naive composite beside the other one, played to and fro; without an encoder, a note says so. Returns whether the
@@ -382,14 +465,15 @@ fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMa
     written.is_ok()
 }
 
-fn next_steps(out: &Path, clip: &Path, camera: &Path, video: bool) -> String {
+fn next_steps(out: &Path, clip: &Path, camera: &Path, scale: Option<SceneScale>, video: bool) -> String {
     let video = if video { ", comparison.mp4 (naive beside the estimated camera)" } else { "" };
     let (out, clip, camera) = (out.display(), clip.display(), camera.display());
+    let scale = scale.map_or(String::new(), |s| format!(" --scene-scale {:.4},{:.4}", s.scale, s.offset));
     format!(
-        "\nwritten to {out}: comparison.png (frame, naive, estimated camera, truth){video}, naive/, composite/, camera.json, report.html\n\
+        "\nwritten to {out}: comparison.png (frame and naive above, estimated from the frames alone and truth below){video}, naive/, composite/, camera.json, report.html\n\
          the same by hand, with the clip that is in {clip}:\n  \
-         blindaug estimate {clip}/frames --depth {clip}/scene --clean {clip}/without -o {camera}\n  \
-         blindaug composite {clip}/frames --virtual {clip}/virtual --camera {camera} --depth {clip}/scene \
+         blindaug estimate {clip}/frames -o {camera}\n  \
+         blindaug composite {clip}/frames --virtual {clip}/virtual --camera {camera}{scale} --depth {clip}/scene \
          --with {clip}/with --without {clip}/without -o {out}/by-hand\n"
     )
 }
@@ -404,6 +488,30 @@ mod tests {
         let row = side_by_side(&[&image(0.1), &image(0.2)]);
         assert_eq!(row.0.size(), (10, 2));
         assert_eq!((row.0.at(2, 1)[0], row.0.at(3, 1)[0], row.0.at(7, 1)[0]), (0.1, 1.0, 0.2));
+    }
+
+    #[test]
+    fn pictures_stand_two_by_two_and_are_enlarged() {
+        let image = |v: f32| Encoded(Raster::filled(3, 2, [v; 3]));
+        let [a, b, c, d] = [0.1, 0.2, 0.3, 0.4].map(image);
+        let grid = two_by_two(&[&a, &b, &c, &d]);
+        assert_eq!(grid.0.size(), (10, 8));
+        let corners = [(0, 0), (9, 0), (0, 7), (9, 7)].map(|(x, y)| grid.0.at(x, y)[0]);
+        assert_eq!(corners, [0.1, 0.2, 0.3, 0.4]);
+        assert_eq!(grid.0.at(0, 3)[0], 1.0);
+        let large = enlarged(&grid);
+        assert_eq!((large.0.size(), large.0.at(29, 23)[0]), ((30, 24), 0.4));
+    }
+
+    #[test]
+    fn the_scale_of_relative_depth_is_found_although_some_of_it_is_wrong() {
+        let metric = Plane::from_fn(40, 30, |x, y| 0.1 + 0.02 * x as f32 + 0.001 * y as f32);
+        let wrong = |x: usize, y: usize| (x + 3 * y).is_multiple_of(5);
+        let relative =
+            Plane::from_fn(40, 30, |x, y| if wrong(x, y) { 0.9 } else { 0.5 * metric.at(x, y) + 0.1 });
+        let found = scene_scale(&relative, &metric).unwrap();
+        assert!((found.scale - 0.5).abs() < 1e-3 && (found.offset - 0.1).abs() < 1e-3, "{found:?}");
+        assert_eq!(scene_scale(&Plane::filled(40, 30, f32::NAN), &metric), None);
     }
 
     #[test]

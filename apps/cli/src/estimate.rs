@@ -14,7 +14,7 @@ use blindaug_io::{
     CameraTrackWriter, DepthFormat, DepthValues, EvidenceWriter, Inputs, PaperScene, SideFolder, write_camera,
 };
 use blindaug_pipeline::{BoxedSide, ByHand, Footage, Networks, Side, estimate, track};
-use blindaug_report::{ReportInput, TrackReportInput, words};
+use blindaug_report::{Provenance, ReportInput, TrackReportInput, words};
 use clap::ValueEnum;
 use std::{
     fmt::Write,
@@ -23,37 +23,48 @@ use std::{
 
 /// Estimate a camera's noise, motion blur and defocus from its footage
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug estimate shot.mp4 -o camera.json --report report.html")]
 pub struct Estimate {
     /// A video, one image, or a folder of images in the order of the numbers in their names
     #[arg(required_unless_present = "evidence")]
     input: Option<PathBuf>,
     /// Where to write the camera model
-    #[arg(short, long, value_name = "camera.json")]
-    output: PathBuf,
+    #[arg(
+        help_heading = "Results",
+        short,
+        long,
+        value_name = "camera.json",
+        required_unless_present = "json"
+    )]
+    output: Option<PathBuf>,
+    /// Print the camera model as JSON on standard output, in place of its description in words; with --track a line for each frame, as it is
+    /// found
+    #[arg(help_heading = "Results", long)]
+    json: bool,
     #[command(flatten)]
     depth: DepthArgs,
     /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Evidence", long, value_name = "DIR")]
     flow: Option<PathBuf>,
     /// The frames without noise and blur, as far as they are known
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Evidence", long, value_name = "DIR")]
     clean: Option<PathBuf>,
     /// A folder in the layout of the paper's data (original, denoised, .., flow, each with a folder per scene)
-    #[arg(long, value_name = "DIR", requires = "scene")]
+    #[arg(help_heading = "Evidence", long, value_name = "DIR", requires = "scene")]
     evidence: Option<PathBuf>,
     /// The scene in the folder of --evidence
-    #[arg(long, value_name = "NAME", requires = "evidence")]
+    #[arg(help_heading = "Evidence", long, value_name = "NAME", requires = "evidence")]
     scene: Option<String>,
     /// How blur is estimated: from local spectra, or by its removal (with --clean: by comparison with those frames; else with
     /// networks, see --network); auto takes what is surer
-    #[arg(long, value_enum, default_value = "auto")]
+    #[arg(help_heading = "Estimation", long, value_enum, default_value = "auto")]
     method: MethodArg,
     /// A network that removes noise or blur, or finds flow or depth: a name of `blindaug models list`, or a manifest; may be
     /// repeated. `none`: no network [default: with --method removal the built-in ones]
-    #[arg(long, value_name = "NAME")]
+    #[arg(help_heading = "Estimation", long, value_name = "NAME")]
     network: Vec<String>,
     /// Write what the estimate rests on, every frame used, in the layout that --evidence reads
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["evidence", "track"])]
+    #[arg(help_heading = "Results", long, value_name = "DIR", conflicts_with_all = ["evidence", "track"])]
     save_evidence: Option<PathBuf>,
     #[command(flatten)]
     source: SourceArgs,
@@ -62,24 +73,24 @@ pub struct Estimate {
     #[arg(long, value_name = "X,Y=METRES", value_parser = known_distance)]
     at: Vec<KnownDistance>,
     /// Frames per second, where the input does not say it
-    #[arg(long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
+    #[arg(help_heading = "Frames", long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
     fps: Option<f64>,
     /// The curve of defocus over inverse depth
-    #[arg(long, value_enum, default_value = "thin-lens")]
+    #[arg(help_heading = "Estimation", long, value_enum, default_value = "thin-lens")]
     curve: CurveArg,
     /// The values that shutter and lens act on: light, as real ones do, or encoded values, as in the paper
-    #[arg(long, value_enum, default_value = "linear")]
+    #[arg(help_heading = "Estimation", long, value_enum, default_value = "linear")]
     blur_in: BlurIn,
     /// The noise model: curves over the picture's colour with what channels and frames share, or the paper's straight lines over luminance
-    #[arg(long, value_enum, default_value = "curves")]
+    #[arg(help_heading = "Estimation", long, value_enum, default_value = "curves")]
     noise_model: NoiseModelArg,
     #[command(flatten)]
     by_hand: ByHandArgs,
     /// Follow the camera: a model for each frame, as JSON lines, instead of one for all
-    #[arg(long, conflicts_with_all = ["clean", "evidence"])]
+    #[arg(help_heading = "Estimation", long, conflicts_with_all = ["clean", "evidence"])]
     track: bool,
     /// Also write a report: one HTML file with what the estimate rests on
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(help_heading = "Results", long, value_name = "FILE.html")]
     report: Option<PathBuf>,
 }
 
@@ -87,13 +98,13 @@ pub struct Estimate {
 #[derive(clap::Args)]
 pub struct DepthArgs {
     /// Depth: EXR with Z in metres, or PNG or PGM of 16 bit in millimetres
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Evidence", long, value_name = "DIR")]
     depth: Option<PathBuf>,
     /// Units per metre in integer depth files
-    #[arg(long, value_name = "N", default_value = "1000", value_parser = blindaug_cli::arguments::positive, requires = "depth")]
+    #[arg(help_heading = "Evidence", long, value_name = "N", default_value = "1000", value_parser = blindaug_cli::arguments::positive, requires = "depth")]
     depth_scale: f32,
     /// The kind of the depth's values
-    #[arg(long, value_enum, default_value = "metric", requires = "depth")]
+    #[arg(help_heading = "Evidence", long, value_enum, default_value = "metric", requires = "depth")]
     depth_kind: DepthKindArg,
 }
 
@@ -153,17 +164,18 @@ enum DepthKindArg {
 
 /// Runs the command.
 pub fn run(args: &Estimate) -> Result<()> {
-    let options = args.options();
+    let mut options = args.options();
     let inputs = args.inputs();
     console::check_outputs(
         &inputs,
-        [Some(&args.output), args.report.as_ref()].into_iter().flatten().map(PathBuf::as_path),
+        [args.output.as_ref(), args.report.as_ref()].into_iter().flatten().map(PathBuf::as_path),
     )?;
     if args.track {
         return run_track(args, &options);
     }
-    let (footage, source, transfer) = args.footage()?;
-    let options = with_transfer(options, transfer);
+    let (footage, source, transfer, saved_fps) = args.footage()?;
+    options = with_transfer(options, transfer);
+    options.fps = options.fps.or(saved_fps);
     let given = footage.has_removed();
     let mut networks = Networks::named(&args.network, options.family == Family::Removal && !given, CONSOLE)?;
     if networks.remove() && (given || options.family == Family::Spectral) {
@@ -182,10 +194,11 @@ pub fn run(args: &Estimate) -> Result<()> {
         save: save.as_mut().map(|s| s as &mut dyn blindaug_pipeline::EvidenceSink),
     };
     let fitted = estimate::estimate(&footage, job, CONSOLE)?;
-    if let Some(save) = &save {
+    let Estimation { model, diagnostics } = &fitted.estimation;
+    if let Some(save) = &mut save {
+        save.finish(model.capture.fps)?;
         tell_evidence(save);
     }
-    let Estimation { model, diagnostics } = &fitted.estimation;
     let set = match &args.at[..] {
         [] => Ok(model.clone()),
         known => model.scale_by(known).map(|scale| model.clone().to_metric(scale)),
@@ -193,12 +206,15 @@ pub fn run(args: &Estimate) -> Result<()> {
     let model = &match set.and_then(|model| args.by_hand.parts().applied(model)) {
         Ok(model) => model,
         Err(e) => {
+            let Some(output) = &args.output else { return Err(Failure(e.to_string())) };
             // An estimate that took long is not thrown away.
-            write_camera(&args.output, model)?;
-            return Err(failure(&args.output, format_args!("written as it was estimated, since {e}")));
+            write_camera(output, model)?;
+            return Err(failure(output, format_args!("written as it was estimated, since {e}")));
         }
     };
-    write_camera(&args.output, model)?;
+    if let Some(output) = &args.output {
+        write_camera(output, model)?;
+    }
     let mut text = words::words(model, &[]);
     for sentence in &diagnostics.notes {
         // Writing to a String cannot fail.
@@ -210,11 +226,11 @@ pub fn run(args: &Estimate) -> Result<()> {
             "Note       --frames FIRST..LAST estimates one shot alone, --track a model for each frame"
         );
     }
-    console::print_beside(&args.output, &text)?;
-    note(format_args!("written: {}", args.output.display()));
+    args.tell(&text, &model.to_json())?;
     if let Some(path) = &args.report {
         let input = ReportInput {
             samples: fitted.samples,
+            provenance: Some(args.provenance(&source)?),
             ..ReportInput::new(&report_title(&source), model, diagnostics)
         };
         console::write_page(path, blindaug_report::page(&input))?;
@@ -222,7 +238,7 @@ pub fn run(args: &Estimate) -> Result<()> {
     }
     stopped(
         model,
-        &args.output,
+        args.output.as_deref().unwrap_or(&source),
         format_args!(
             "stopped: the model rests on frames {} to {}; for the others, run it again with --frames {}..",
             fitted.first,
@@ -251,7 +267,7 @@ fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
     if networks.remove() {
         return Err(Failure("--track does not remove blur: name only networks of flow and depth".into()));
     }
-    let (footage, source, transfer) = args.footage()?;
+    let (footage, source, transfer, _) = args.footage()?;
     let options = &with_transfer(*options, transfer);
     let job = track::Job {
         space: options.space,
@@ -260,21 +276,32 @@ fn run_track(args: &Estimate, options: &EstimatorOptions) -> Result<()> {
         keep_samples: args.report.is_some(),
         operators: Some(&mut networks),
     };
-    let mut writer = CameraTrackWriter::create(&args.output)?;
-    let tracked = track::track(&footage, job, CONSOLE, &mut |camera| Ok(writer.write(camera)?))?;
-    writer.finish()?;
-    console::print_beside(&args.output, &words::table(&tracked.track))?;
-    note(format_args!("written: {}", args.output.display()));
+    let mut writer = args.output.as_ref().map(CameraTrackWriter::create).transpose()?;
+    let mut printed = Ok(());
+    let tracked = track::track(&footage, job, CONSOLE, &mut |camera| {
+        if let Some(writer) = &mut writer {
+            writer.write(camera)?;
+        }
+        if args.json && printed.is_ok() {
+            printed = console::print(&(camera.to_json_line() + "\n"));
+        }
+        Ok(())
+    })?;
+    printed?;
+    writer.map(CameraTrackWriter::finish).transpose()?;
+    // The lines are printed already.
+    args.tell(&words::table(&tracked.track), "")?;
     if let Some(path) = &args.report {
         let (title, samples) = (report_title(&source), tracked.samples);
-        let input = TrackReportInput { title, track: &tracked.track, samples };
+        let provenance = Some(args.provenance(&source)?);
+        let input = TrackReportInput { title, track: &tracked.track, samples, provenance };
         console::write_page(path, blindaug_report::track_page(&input))?;
         note(format_args!("written: {}", path.display()));
     }
     let frames = tracked.track.frames();
     stopped(
         &frames[frames.len() - 1].camera,
-        &args.output,
+        args.output.as_deref().unwrap_or(&source),
         format_args!(
             "stopped: it holds frames {} to {}; for the others, run it again with --frames {}.. and another -o",
             tracked.first,
@@ -302,6 +329,25 @@ fn tell_evidence(writer: &EvidenceWriter) {
 }
 
 impl Estimate {
+    /// Prints the result, in words or as JSON, and says what was written.
+    fn tell(&self, words: &str, json: &str) -> Result<()> {
+        match (&self.output, self.json) {
+            (_, true) => console::print(json)?,
+            (Some(output), false) => console::print_words_beside(output, words)?,
+            (None, false) => console::print_words(words)?,
+        }
+        if let Some(output) = &self.output {
+            note(format_args!("written: {}", output.display()));
+        }
+        Ok(())
+    }
+
+    /// Where the estimate comes from: the frames, and the folders of evidence that were given.
+    fn provenance(&self, source: &Path) -> Result<Provenance> {
+        let given = [&self.depth.depth, &self.flow, &self.clean].into_iter().flatten().map(PathBuf::as_path);
+        crate::provenance::of([source].into_iter().chain(given))
+    }
+
     /// All files and folders that the command reads.
     fn inputs(&self) -> Inputs {
         let mut paths: Vec<PathBuf> = [&self.input, &self.depth.depth, &self.flow, &self.clean]
@@ -341,7 +387,9 @@ impl Estimate {
     }
 
     /// The footage with its evidence, the path of its frames, and their curve.
-    fn footage(&self) -> Result<(Footage, PathBuf, Transfer)> {
+    ///
+    /// The frame rate is that which was saved with the evidence, if any.
+    fn footage(&self) -> Result<(Footage, PathBuf, Transfer, Option<f64>)> {
         let paper = match (&self.evidence, &self.scene) {
             (Some(dir), Some(scene)) => Some(PaperScene::open(dir, scene)?),
             _ => None,
@@ -353,6 +401,7 @@ impl Estimate {
         let (path, transfer) = (source.path().to_path_buf(), source.space().transfer);
         let reading = source.reading();
         let mut footage = Footage::new(source);
+        let fps = paper.as_ref().and_then(|p| p.saved.as_ref()?.fps);
         if let Some(paper) = paper {
             footage.depth = paper.depth.map(|d| (Box::new(opened(d)) as _, DepthKind::Relative));
             footage.flow = paper.flow.map(boxed);
@@ -365,6 +414,16 @@ impl Estimate {
                 None => footage.defocus_deblurred = last,
             }
             footage.by_network = true;
+            if let Some(saved) = &paper.saved {
+                footage.by_network = saved.by_network;
+                footage.flow_found = saved.flow_found;
+                if let (Some((_, kind)), Some(saved)) = (&mut footage.depth, saved.depth_kind) {
+                    *kind = saved;
+                }
+                if saved.clean {
+                    footage.clean = footage.clean.or(footage.defocus_deblurred.take());
+                }
+            }
         }
         if let Some((depth, kind)) = self.depth.open()? {
             footage.depth = Some((Box::new(depth), kind));
@@ -376,7 +435,7 @@ impl Estimate {
             footage.clean = Some(boxed(SideFolder::frames_beside(path, "clean frames", reading)?));
             footage.by_network = false;
         }
-        Ok((footage, path, transfer))
+        Ok((footage, path, transfer, fps))
     }
 }
 

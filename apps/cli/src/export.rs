@@ -3,7 +3,7 @@
 use crate::composite::scene_scale;
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
 use blindaug::model::{DepthKind, SceneScale};
-use blindaug_cli::console::{self, Failure, Result, failure, note, print};
+use blindaug_cli::console::{self, Failure, Progress, Result, failure, note, print};
 use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
 use blindaug_report::words::count;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// Write the camera as settings of another tool: an engine, a compositor, an encoder
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug export camera.json --to blender -o blindaug_camera.py")]
 pub struct Export {
     /// The camera model, as written by estimate
     #[arg(value_name = "camera.json", required_unless_present = "list")]
@@ -143,6 +144,7 @@ fn write_one(export: &Exported, output: &Path, inputs: &Inputs) -> Result<()> {
 }
 
 fn write_all(camera: &Camera, folder: &Path, inputs: &Inputs) -> Result<()> {
+    let mut progress = Progress::counting("exporting", "tools", Some(Target::ALL.len()));
     for target in Target::ALL {
         if console::interrupted() {
             return Err(failure(folder, format_args!("stopped before {target}; run it again for the rest")));
@@ -156,7 +158,9 @@ fn write_all(camera: &Camera, folder: &Path, inputs: &Inputs) -> Result<()> {
             write(file, path)?;
         }
         say_lost(&format!("{target}: "), &export);
+        progress.step();
     }
+    drop(progress);
     note(format_args!("wrote {} folders into {}", Target::ALL.len(), folder.display()));
     Ok(())
 }

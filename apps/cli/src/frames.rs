@@ -5,12 +5,13 @@ use blindaug::fit::timing::{Event, Finding, Interpolation, Kind, Timing};
 use blindaug_cli::console::{self, CONSOLE, Result, failure, note};
 use blindaug_io::{Error, Inputs, write_atomically};
 use blindaug_pipeline::timing::{self, Timed};
-use blindaug_report::words::count;
+use blindaug_report::{tidy, words::count};
 use serde_json::{Value, json};
 use std::{collections::BTreeMap, fmt::Write, path::PathBuf};
 
 /// Find doubled, dropped and interpolated frames of a clip
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug frames clip.mp4 -o report.json")]
 pub struct Frames {
     /// The clip: a video, or a folder of images in the order of the numbers in their names
     input: PathBuf,
@@ -36,7 +37,7 @@ pub fn run(args: &Frames) -> Result<()> {
             report["clip"] = json!(name);
             (report["first"], report["last"]) = (json!(first), json!(last));
             report["stopped"] = stopped.map_or(Value::Null, |s| json!(s));
-            let text = serde_json::to_string_pretty(&report).unwrap_or_default() + "\n";
+            let text = serde_json::to_string_pretty(&tidy(report)).unwrap_or_default() + "\n";
             write_atomically(path, |partial| std::fs::write(partial, text))?;
             console::print_beside(path, &table)?;
             note(format_args!("written: {}", path.display()));

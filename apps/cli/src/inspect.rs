@@ -1,13 +1,14 @@
 //! `blindaug inspect`: a camera model in words and units, or per-frame models in a table.
 
 use blindaug::model::TrackedCamera;
-use blindaug_cli::console::{Result, print};
+use blindaug_cli::console::{Result, print, print_words};
 use blindaug_report::words::{derived, table, words};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Show a camera model in words and units
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug inspect camera.json --at-depth 0.5,1,2")]
 pub struct Inspect {
     /// The camera model, or per-frame models
     camera: PathBuf,
@@ -23,7 +24,7 @@ pub struct Inspect {
 pub fn run(args: &Inspect) -> Result<()> {
     let track = blindaug_io::read_camera_track(&args.camera)?;
     match (track.frames(), args.json) {
-        ([one], false) => print(&words(&one.camera, &args.at_depth)),
+        ([one], false) => print_words(&words(&one.camera, &args.at_depth)),
         (_, false) => print(&table(&track)),
         (frames, true) => {
             let values: Vec<Value> = frames.iter().map(|f| derived(&f.camera, &args.at_depth)).collect();

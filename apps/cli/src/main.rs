@@ -9,6 +9,7 @@ mod frames;
 mod inspect;
 mod live;
 mod models;
+mod provenance;
 mod reproduce;
 mod shell;
 mod source;
@@ -16,17 +17,70 @@ mod study;
 mod validate;
 
 use blindaug_cli::{arguments::memory_size, console};
-use clap::{CommandFactory, Parser};
-use std::process::ExitCode;
+use clap::{
+    CommandFactory, FromArgMatches, Parser,
+    builder::styling::{AnsiColor, Styles},
+};
+use std::{fmt::Write, process::ExitCode};
 
 // Whole images are allocated and freed all the time: see the note in Cargo.toml.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
+/// The colours of help on a terminal.
+const STYLES: Styles = Styles::styled()
+    .header(AnsiColor::Yellow.on_default().bold())
+    .usage(AnsiColor::Yellow.on_default().bold())
+    .literal(AnsiColor::Green.on_default().bold())
+    .placeholder(AnsiColor::Cyan.on_default());
+
+/// The commands by what they are for, with an example of each group.
+const GROUPS: [(&str, &[&str], &str); 4] = [
+    (
+        "From footage to a composite",
+        &["demo", "estimate", "composite", "apply", "inspect", "export", "live"],
+        "blindaug estimate shot.mp4 -o camera.json --report report.html",
+    ),
+    (
+        "Footage alone",
+        &["match", "frames"],
+        "blindaug match b.mp4 --from camera_b.json --to camera_a.json -o out/",
+    ),
+    ("Research", &["validate", "reproduce", "study"], "blindaug reproduce --quick -o results"),
+    (
+        "Networks, the shell, manuals",
+        &["models", "completions", "man"],
+        "blindaug models install ffdnet-color",
+    ),
+];
+
+/// The command line with its commands in groups: clap itself lists them without.
+fn command_line() -> clap::Command {
+    let command = Cli::command();
+    let width = command.get_subcommands().map(|c| c.get_name().len()).max().unwrap_or(0);
+    let (head, literal) = (STYLES.get_header(), STYLES.get_literal());
+    let mut text = String::new();
+    for (group, names, example) in GROUPS {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{head}{group}:{head:#}");
+        for name in names {
+            let about = command.find_subcommand(name).and_then(clap::Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            let _ = writeln!(text, "  {literal}{name:width$}{literal:#}  {about}");
+        }
+        let _ = writeln!(text, "  for example: {example}\n");
+    }
+    let template = format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{text}{head}Options:{head:#}\n{{options}}\n\n\
+         blindaug help COMMAND says all of a command; blindaug demo needs nothing else.\n"
+    );
+    command.help_template(template)
+}
+
 /// Makes rendered objects look filmed: estimates a camera's noise, motion blur and defocus from its footage alone, and
 /// gives virtual layers the same.
 #[derive(Parser)]
-#[command(name = "blindaug", version, max_term_width = 110, arg_required_else_help = true)]
+#[command(name = "blindaug", version, max_term_width = 110, arg_required_else_help = true, styles = STYLES)]
 struct Cli {
     /// How much memory may be taken: a number with M or G (millions or billions of bytes), from 64M to 1000G [default: half of what
     /// the machine has]
@@ -56,7 +110,8 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let parsed = command_line().try_get_matches().and_then(|m| Cli::from_arg_matches(&m));
+    let cli = match parsed {
         Ok(cli) => cli,
         Err(e) => return console::said(&e),
     };
@@ -92,7 +147,17 @@ fn main() -> ExitCode {
 mod tests {
     #[test]
     fn the_arguments_are_consistent() {
+        super::command_line().debug_assert();
+    }
+
+    #[test]
+    fn every_command_stands_in_one_group() {
         use clap::CommandFactory;
-        super::Cli::command().debug_assert();
+        let mut grouped: Vec<&str> = super::GROUPS.iter().flat_map(|g| g.1).copied().collect();
+        let mut all: Vec<String> =
+            super::Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
+        grouped.sort_unstable();
+        all.sort_unstable();
+        assert_eq!(grouped, all);
     }
 }

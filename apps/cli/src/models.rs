@@ -1,7 +1,7 @@
 //! `blindaug models`: lists, installs and checks networks.
 
 use blindaug::{Encoded, Raster};
-use blindaug_cli::console::{self, Failure, Result, note, warn};
+use blindaug_cli::console::{self, Failure, Progress, Result, note, warn};
 use blindaug_io::memory;
 use blindaug_nets::{Manifest, Slot, State, Store, install, manifest::Kind};
 use std::{
@@ -13,6 +13,7 @@ use std::{
 
 /// List, install and check networks that remove noise or blur, or find flow or depth
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug models install ffdnet-color")]
 pub struct Models {
     #[command(subcommand)]
     command: Command,
@@ -116,7 +117,9 @@ fn get(store: &Store, args: &Install) -> Result<()> {
             return Err(Failure("nothing was installed".into()));
         }
     }
+    let progress = Progress::counting("installing", "", None);
     let manifest = install::install(store, name, from.as_deref(), &|step| note(step))?;
+    drop(progress);
     note(format_args!("installed: {}", manifest.display()));
     Ok(())
 }

@@ -11,6 +11,7 @@ use std::path::PathBuf;
 
 /// Run the paper's experiments: tables (CSV, LaTeX), figures (SVG, PDF), pictures, and a page with all of them
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug reproduce --quick -o results")]
 pub struct Reproduce {
     /// The experiments [default: all]
     #[arg(value_name = "EXPERIMENT", value_parser = experiments())]

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 /// Run the paper's user study anew: make its stimuli and its questionnaire, analyse the answers
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug study make --quick -o kit")]
 pub struct Study {
     #[command(subcommand)]
     command: Command,

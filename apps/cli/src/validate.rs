@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// Measure how far estimates lie from the truth: the paper's experiments, on scenes that are made here
 #[derive(clap::Args)]
+#[command(after_help = "Example: blindaug validate --quick -o validation")]
 pub struct Validate {
     /// A folder for the results: index.html, validate.json, and a file per case, so that a run that was stopped goes on
     #[arg(short, long, value_name = "DIR", default_value = "blindaug-validate")]

@@ -11,7 +11,7 @@ use blindaug::{
     model::{
         Aperture, Bokeh, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
         MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseLines, NoiseModel, Reason, SharpeningModel,
-        TrackedCamera, Unknown,
+        ThinLensInterval, TrackedCamera, Unknown,
     },
 };
 use blindaug_io::{Coding, FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera};
@@ -54,6 +54,7 @@ fn camera(width: usize, height: usize, depth_kind: DepthKind) -> CameraModel {
         bokeh: Aperture::default(),
         method: Method::Spectral,
         samples: 100,
+        inverse_depth_seen: None,
     });
     model
 }
@@ -192,6 +193,8 @@ fn a_camera_is_told_in_words_and_as_json() {
     near("/defocus/depth_m_with_sigma_below_half_px/1", 1.0 / 0.375);
     near("/defocus/at/0/sigma_px", 2.0);
     assert!(!words.contains("sharpen") && json.get("sharpening").is_none());
+    near("/motion_blur/shutter_angle_interval/0", 162.0);
+    near("/motion_blur/exposure_time_interval/1", 0.022);
     let mut sharpening = camera(640, 480, DepthKind::Metric);
     sharpening.sharpening = Estimate::Known(SharpeningModel {
         amount: 0.7,
@@ -214,6 +217,181 @@ fn a_camera_is_told_in_words_and_as_json() {
     write_camera(dir.path().join("c.json"), &unknown).unwrap();
     let words = succeeds(dir.path(), "inspect c.json --at-depth 1");
     assert_eq!(words.matches("unknown: nothing moves").count(), 3, "{words}");
+}
+
+#[test]
+fn intervals_stand_beside_values_and_numbers_have_no_dust() {
+    let dir = TempDir::new().unwrap();
+    let told = |model: &CameraModel| {
+        write_camera(dir.path().join("c.json"), model).unwrap();
+        (
+            succeeds(dir.path(), "inspect c.json --at-depth 1"),
+            succeeds(dir.path(), "inspect c.json --at-depth 1 --json"),
+        )
+    };
+    let mut model = camera(640, 480, DepthKind::Metric);
+    let lens = |s: f32, low: f32, f: f32| DefocusModel {
+        inverse_depth_seen: Some([0.25, 0.8]),
+        ..DefocusModel::given(
+            DefocusCurve::ThinLens {
+                sigma_px_at_infinity: s,
+                focus_inverse_depth: f,
+                interval: Some(ThinLensInterval {
+                    sigma_px_at_infinity: [low, s + 0.3],
+                    focus_inverse_depth: [0.8 * f, 1.25 * f],
+                }),
+            },
+            DepthKind::Metric,
+        )
+    };
+    // 0.1 + 0.7 - 0.32 is 0.48000002 in f32.
+    model.motion_blur = Estimate::Known(MotionBlurModel {
+        exposure: ExposureFraction(0.1 + 0.7 - 0.32),
+        interval: [0.44, 0.52],
+        method: Method::Spectral,
+        samples: 100,
+        phase_degrees: None,
+    });
+    model.warnings = vec!["the model rests on one frame only".into()];
+    model.defocus = Estimate::Known(lens(2.0, 1.7, 0.5));
+    let (words, json) = told(&model);
+    assert!(words.lines().nth(1).unwrap().starts_with("Warning    the model rests on one frame"), "{words}");
+    assert!(words.contains("in focus at 2 m (1.6 m to 2.5 m)"), "{words}");
+    assert!(words.contains("at 1 m: 2.00 px ("), "{words}");
+    assert!(!words.contains('\x1b'), "{words}");
+    let value: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(value["motion_blur"]["exposure"].to_string(), "0.48");
+    assert_eq!(value["defocus"]["focus_distance_m_interval"].to_string(), "[1.6,2.5]");
+    assert_eq!(value["defocus"]["sigma_px_at_infinity_interval"].to_string(), "[1.7,2.3]");
+    assert!(value["defocus"]["at"][0]["interval"].is_array() && value["warnings"].is_array());
+    let file = std::fs::read_to_string(dir.path().join("c.json")).unwrap();
+    assert!(file.contains("\"exposure\": 0.48,"), "{file}");
+    // No number in either has more than six digits.
+    for text in [&json, &file] {
+        for number in text.split(|c: char| !(c.is_ascii_digit() || c == '.')).filter(|n| n.contains('.')) {
+            let digits = number.replace('.', "");
+            assert!(digits.trim_start_matches('0').len() <= 6, "{number}");
+        }
+    }
+    // A focus outside of what was seen is no number, and blur that cannot be told from none is a bound.
+    model.defocus = Estimate::Known(lens(2.0, 1.7, 1.5));
+    let (words, json) = told(&model);
+    assert!(
+        words.contains("in focus nearer than all that is seen") && !words.contains("in focus at"),
+        "{words}"
+    );
+    assert!(json.contains("\"focus_outside_of_what_was_seen\": \"nearer than all that is seen\""), "{json}");
+    model.defocus = Estimate::Known(lens(2.0, 1.7, 0.1));
+    assert!(told(&model).0.contains("in focus beyond all that is seen, that is beyond 4 m"));
+    model.defocus = Estimate::Known(lens(1e-6, 0.0, 0.5));
+    let (words, _) = told(&model);
+    assert!(words.contains("everything is in focus") && words.contains("below 0.30 px"), "{words}");
+}
+
+#[test]
+fn estimates_are_printed_as_json_with_and_without_a_file() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    write_frames(&folder.join("clip"), 1..=4, (160, 128));
+    let printed = succeeds(folder, "estimate clip --json");
+    let model = CameraModel::from_json(&printed).unwrap();
+    assert!(model.warnings.iter().any(|w| w.contains("4 frames only")), "{:?}", model.warnings);
+    assert_eq!(files_in(folder).len(), 4);
+    assert_eq!(succeeds(folder, "estimate clip --json -o camera.json"), printed);
+    assert_eq!(std::fs::read_to_string(folder.join("camera.json")).unwrap(), printed);
+    // Negative control: without --json the words are printed, and -o is needed.
+    assert!(succeeds(folder, "estimate clip -o camera.json").starts_with("Camera "));
+    assert_eq!(run(folder, "estimate clip").status.code(), Some(2));
+    let lines = succeeds(folder, "estimate clip --track --json -o track.jsonl");
+    assert_eq!(lines.lines().count(), 4);
+    assert_eq!(std::fs::read_to_string(folder.join("track.jsonl")).unwrap(), lines);
+    assert_eq!(succeeds(folder, "estimate clip --track --json"), lines);
+}
+
+#[test]
+fn saved_evidence_gives_the_same_estimate_again() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    let demo = |options: &str| {
+        let frames = asset("frames");
+        succeeds(folder, &format!("estimate {} --fps 24 --json {options}", frames.display()))
+    };
+    let again = "estimate --evidence saved --scene frames --json";
+    for options in ["", &format!("--depth {}", asset("scene").display())] {
+        let first = demo(&format!("--save-evidence saved {options}"));
+        let second = succeeds(folder, again);
+        let [a, b] = [&first, &second].map(|text| CameraModel::from_json(text).unwrap());
+        assert_eq!(a.capture, b.capture);
+        assert_eq!(a.capture.fps, Some(24.0));
+        assert_eq!(a.motion_blur, b.motion_blur, "{options}");
+        let [lens_a, lens_b] = [&a, &b].map(|m| *m.defocus.known().expect("depth is known"));
+        assert_eq!(lens_a.depth_kind, lens_b.depth_kind);
+        // Depth has 16 bits in files.
+        for d in [0.1, 0.3, 0.5] {
+            let [s, t] = [lens_a, lens_b].map(|lens| lens.sigma_px(d));
+            assert!((s - t).abs() < 0.02 * s.max(0.5), "{options}: {s} {t}");
+        }
+    }
+    // Negative control: without the file beside them, the unit of depth and the frame rate are not known.
+    std::fs::remove_file(folder.join("saved/frames.json")).unwrap();
+    let without = CameraModel::from_json(&succeeds(folder, again)).unwrap();
+    assert_eq!(without.capture.fps, None);
+    assert_ne!(without.defocus.known().map(|d| d.depth_kind), Some(DepthKind::Metric));
+    std::fs::write(folder.join("saved/frames.json"), "{}").unwrap();
+    let sentence = fails(folder, again);
+    assert!(sentence.contains("frames.json: it does not describe evidence"), "{sentence}");
+}
+
+#[test]
+fn what_was_read_is_said_with_its_unit_once_and_help_has_groups_and_examples() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    write_frames(&folder.join("clip"), 1..=2, (160, 128));
+    let output = run(
+        folder,
+        &format!("estimate {} --depth {} -o c.json", asset("frames").display(), asset("scene").display()),
+    );
+    let said = text(&output.stderr);
+    assert!(said.contains("depth: 5 EXR files, metres") && !said.contains("units"), "{said}");
+    let grey = blindaug::Plane::from_fn(160, 128, |x, _| 0.01 + 0.0001 * x as f32);
+    std::fs::create_dir(folder.join("depth")).unwrap();
+    blindaug_io::write_grey16(folder.join("depth/0001.png"), &grey).unwrap();
+    let said = text(&run(folder, "estimate clip --depth depth -o c.json").stderr);
+    assert!(said.contains("depth: 1 PNG file, 1000 units a metre"), "{said}");
+    let help = succeeds(folder, "--help");
+    for part in ["From footage to a composite:", "Research:", "for example: blindaug estimate shot.mp4"] {
+        assert!(help.contains(part), "{part} in {help}");
+    }
+    let help = succeeds(folder, "estimate --help");
+    for part in ["Evidence:", "Results:", "Set by hand:", "Example: blindaug estimate"] {
+        assert!(help.contains(part), "{part} in {help}");
+    }
+}
+
+#[test]
+fn a_report_begins_with_warnings_and_ends_with_where_it_comes_from() {
+    let folder = TempDir::new().unwrap();
+    let folder = folder.path();
+    write_frames(&folder.join("clip"), 1..=3, (160, 128));
+    succeeds(folder, "estimate clip -o c.json --report r.html");
+    let html = std::fs::read_to_string(folder.join("r.html")).unwrap();
+    let at = |part: &str| html.find(part).unwrap_or_else(|| panic!("{part}"));
+    let order = [
+        "The model rests on 3 frames only",
+        "aria-label=\"In short\"",
+        "<h2>Before and after</h2>",
+        "<h2>Frames</h2>",
+    ];
+    assert!(order.windows(2).all(|pair| at(pair[0]) < at(pair[1])));
+    let hash = blindaug_io::fingerprint(folder.join("clip")).unwrap().unwrap().sha256;
+    for part in [
+        "blindaug estimate clip -o c.json --report r.html",
+        " UTC",
+        &hash,
+        "3 files, their names and contents",
+    ] {
+        assert!(html[at("<footer")..].contains(part), "{part}");
+    }
 }
 
 #[cfg(target_os = "linux")]
@@ -961,9 +1139,16 @@ fn the_demo_finds_the_truth_and_beats_the_naive_composite() {
     for y in [0.2, 0.5, 0.8] {
         close(&format!("noise std at luminance {y}, steps of 8 bit"), 1.5);
     }
-    let fidelity = numbers_after(&table, "PSNR over the object's area:");
-    let [naive, estimated, oracle] = fidelity[..] else { panic!("{fidelity:?}") };
-    assert!(estimated > naive + 5.0 && oracle > naive + 5.0, "{fidelity:?}");
+    let fidelity = numbers_after(&table, "composite, PSNR in dB (pasted on:");
+    let [naive, blind, with_depth, all_given, oracle] = fidelity[..] else { panic!("{fidelity:?}") };
+    assert!([blind, with_depth, all_given, oracle].iter().all(|v| *v > naive + 5.0), "{fidelity:?}");
+    // Every interval of the exposure covers the truth: what is given, the clean frames too, makes it sure of nothing wrong.
+    let exposures = numbers_after(&table, "exposure, fraction of the frame interval");
+    let (estimates, truth) = (&exposures[..9], exposures[9]);
+    for known in estimates.chunks(3) {
+        assert!(known[1] <= truth && truth <= known[2], "{table}");
+        assert!(known[2] - known[1] < 0.4, "{table}");
+    }
     let made = files_in(&d.join("out"));
     for name in ["camera.json", "comparison.png", "report.html", "naive/0003.png", "composite/0005.png"] {
         assert!(made.iter().any(|m| m == name), "{name} in {made:?}");

@@ -3,13 +3,58 @@
 
 use crate::{
     DepthFormat, DepthValues, Error, Inputs, Result, SideFolder, check_folder, remove_leftovers_in,
-    write_flo, write_grey16, write_png16,
+    write_atomically, write_flo, write_grey16, write_png16,
 };
 use blindaug::{
     Encoded, Flow, Plane,
     fit::{Estimator, Evidence},
+    model::DepthKind,
 };
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+
+/// What is to be known of evidence beside its images, so that an estimate from it is that of the run that saved it. It lies beside the
+/// folders of the kinds of evidence, as `SCENE.json`; the paper's data have no such file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SavedEvidence {
+    /// Frames per second, if they were known.
+    #[serde(default)]
+    pub fps: Option<f64>,
+    /// The unit of inverse depth; `None` if there is no depth.
+    #[serde(default)]
+    pub depth_kind: Option<DepthKind>,
+    /// The inverse depth, in that unit, of the largest integer in the files of depth; integer 0 is no reading.
+    #[serde(default)]
+    pub depth_of_largest: Option<f32>,
+    /// Whether the flow was found in the frames, not given.
+    pub flow_found: bool,
+    /// Whether the frames in `de_focus_blurred` are clean: without motion blur too, although no others stand in `de_motion_blurred`.
+    pub clean: bool,
+    /// Whether networks made the frames from which something was removed.
+    pub by_network: bool,
+}
+
+impl SavedEvidence {
+    fn path(dir: &Path, scene: &str) -> PathBuf {
+        dir.join(format!("{scene}.json"))
+    }
+
+    /// Reads the file beside the evidence of a scene; `None` if there is none.
+    fn read(dir: &Path, scene: &str) -> Result<Option<Self>> {
+        let path = Self::path(dir, scene);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let text = std::fs::read_to_string(&path).map_err(|e| Error::cannot_read(&path, &e))?;
+        let read: Self = serde_json::from_str(&text)
+            .map_err(|e| Error::new(&path, format!("it does not describe evidence ({e}); save it again")))?;
+        let positive = |v: Option<f64>| v.is_none_or(|v| v.is_finite() && v > 0.0);
+        if !positive(read.fps) || !positive(read.depth_of_largest.map(f64::from)) {
+            return Err(Error::new(&path, "its numbers must be greater than 0; save the evidence again"));
+        }
+        Ok(Some(read))
+    }
+}
 
 /// A scene in the layout of the paper's released data: a folder for each kind of evidence. A folder that is missing is `None`.
 pub struct PaperScene {
@@ -25,6 +70,8 @@ pub struct PaperScene {
     pub depth: Option<SideFolder<Plane>>,
     /// Optical flow to the next frame, px.
     pub flow: Option<SideFolder<Flow>>,
+    /// What is known of evidence that this program saved; `None` of other evidence. Depth is then in its own unit.
+    pub saved: Option<SavedEvidence>,
 }
 
 impl PaperScene {
@@ -55,14 +102,21 @@ impl PaperScene {
             ));
         };
         let frames = |kind: &'static str| folder(kind).map(|p| SideFolder::frames(p, kind)).transpose();
+        let saved = SavedEvidence::read(dir, scene)?;
         let relative = DepthFormat { values: DepthValues::RelativeInverse, ..DepthFormat::default() };
         Ok(Self {
             original,
             denoised: frames("denoised")?,
             de_motion_blurred: frames("de_motion_blurred")?,
             de_focus_blurred: frames("de_focus_blurred")?,
-            depth: folder("depth").map(|p| SideFolder::depth(p, relative)).transpose()?,
+            depth: folder("depth")
+                .map(|p| match saved.and_then(|s| s.depth_of_largest) {
+                    Some(scale) => SideFolder::saved_depth(p, scale),
+                    None => SideFolder::depth(p, relative),
+                })
+                .transpose()?,
             flow: folder("flow").map(SideFolder::flow).transpose()?,
+            saved,
         })
     }
 }
@@ -71,8 +125,7 @@ impl PaperScene {
 pub struct EvidenceWriter {
     folder: PathBuf,
     scene: String,
-    /// The divisor of inverse depth, from the first frame that has depth.
-    depth_scale: Option<f32>,
+    saved: SavedEvidence,
 }
 
 impl EvidenceWriter {
@@ -88,7 +141,21 @@ impl EvidenceWriter {
             inputs.check_output_folder(&files, |_| true)?;
             remove_leftovers_in(&files, |_| true);
         }
-        Ok(Self { folder: folder.into(), scene, depth_scale: None })
+        // A file of an earlier run would speak of other images.
+        let path = SavedEvidence::path(folder, &scene);
+        if path.exists() {
+            std::fs::remove_file(&path)
+                .map_err(|e| Error::new(&path, format!("it cannot be replaced ({e})")))?;
+        }
+        let saved = SavedEvidence {
+            fps: None,
+            depth_kind: None,
+            depth_of_largest: None,
+            flow_found: true,
+            clean: false,
+            by_network: false,
+        };
+        Ok(Self { folder: folder.into(), scene, saved })
     }
 
     fn path(&self, kind: &str, number: u64, extension: &str) -> Result<PathBuf> {
@@ -103,6 +170,9 @@ impl EvidenceWriter {
     /// # Errors
     /// If a file cannot be written.
     pub fn images(&mut self, number: u64, frame: &Encoded, evidence: &Evidence) -> Result<()> {
+        self.saved.flow_found &= evidence.flow.is_none() || evidence.found_before;
+        self.saved.clean |= evidence.clean.is_some() && evidence.motion_deblurred.is_none();
+        self.saved.by_network |= evidence.by_network;
         let images = [
             ("original", Some(frame)),
             ("denoised", evidence.denoised),
@@ -125,13 +195,28 @@ impl EvidenceWriter {
         if let Some(flow) = estimator.flow() {
             write_flo(self.path("flow", number, "flo")?, flow)?;
         }
-        if let Some((depth, _)) = estimator.inverse_depth() {
+        if let Some((depth, kind)) = estimator.inverse_depth() {
             // The divisor is twice the largest value, since other frames may show nearer objects.
             let most = || 2.0 * depth.data().iter().copied().filter(|d| d.is_finite()).fold(1e-6, f32::max);
-            let scale = *self.depth_scale.get_or_insert_with(most);
-            write_grey16(self.path("depth", number, "png")?, &depth.map(|d| d / scale))?;
+            let scale = *self.saved.depth_of_largest.get_or_insert_with(most);
+            self.saved.depth_kind = Some(kind);
+            // What is infinitely far is the smallest integer that is a reading.
+            let stored = |d: f32| if d.is_finite() { (d / scale).max(1.0 / 65535.0) } else { f32::NAN };
+            write_grey16(self.path("depth", number, "png")?, &depth.map(stored))?;
         }
         Ok(())
+    }
+
+    /// Writes what is to be known beside the images, once all are written; `fps`: frames per second, if known.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn finish(&mut self, fps: Option<f64>) -> Result<()> {
+        self.saved.fps = fps;
+        let text = serde_json::to_string_pretty(&self.saved).unwrap_or_default() + "\n";
+        write_atomically(SavedEvidence::path(&self.folder, &self.scene), |partial| {
+            std::fs::write(partial, text)
+        })
     }
 
     /// The folder that is written to.
@@ -146,6 +231,6 @@ impl EvidenceWriter {
 
     /// The divisor of the inverse depth that was written; `None` if there was no depth.
     pub fn depth_scale(&self) -> Option<f32> {
-        self.depth_scale
+        self.saved.depth_of_largest
     }
 }

@@ -14,6 +14,7 @@
 //! | frames in order | folders, single images, videos, cameras | [`FrameSource`] |
 //! | frames' depth, flow, layers | folders, by number | [`SideFolder`] |
 //! | evidence of an estimate | the paper's layout | [`PaperScene`], [`EvidenceWriter`] |
+//! | what an input was | any file or folder | [`fingerprint`] |
 //! | optical flow | `.flo`, EXR | [`read_flow`], [`write_flo`] |
 //! | frames out | PNG, TIFF, EXR | [`FrameFormat::write`]; [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
@@ -29,6 +30,7 @@ mod evidence;
 mod exr;
 mod ffmpeg;
 mod files;
+mod fingerprint;
 mod flow;
 mod format;
 mod image;
@@ -51,12 +53,13 @@ pub use camera::{CameraTrackWriter, read_camera, read_camera_track, write_camera
 pub use coding::{Coding, Reading};
 pub use depth::{DepthFormat, DepthValues, read_inverse_depth};
 pub use error::{Error, Result, guarded, one_line};
-pub use evidence::{EvidenceWriter, PaperScene};
+pub use evidence::{EvidenceWriter, PaperScene, SavedEvidence};
 pub use exr::{
     ExrContents, ExrHead, VirtualLayerFile, exr_contents, read_virtual_layer, write_distorted_layer,
 };
 pub use ffmpeg::{VideoCoding, VideoWriter};
 pub use files::{Inputs, open_file, read_file, read_text, same_file};
+pub use fingerprint::{Fingerprint, fingerprint};
 pub use flow::{read_flow, write_flo};
 pub use format::{FileKind, FrameFormat};
 pub use image::{PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture};

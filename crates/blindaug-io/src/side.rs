@@ -43,6 +43,15 @@ enum Files {
     One(PathBuf),
 }
 
+impl Files {
+    fn first(&self) -> Option<&Path> {
+        match self {
+            Self::Numbered(files) => files.values().next().map(PathBuf::as_path),
+            Self::One(path) => Some(path),
+        }
+    }
+}
+
 impl SideFolder<Encoded> {
     /// Opens frames of another kind; `what` ("the clean frames", say) names them in messages.
     ///
@@ -89,7 +98,8 @@ impl SideFolder<Encoded> {
         let files =
             |path: &Path, notes: &mut Vec<String>| Ok(frame_files(path, notes)?.into_iter().collect());
         let kind = SideKind { what, accepted: "images", size_of: |i: &Encoded| i.0.size() };
-        Self::open(path, kind, files, read, unit)
+        let unit = unit.to_owned();
+        Self::open(path, kind, files, read, |_| unit)
     }
 }
 
@@ -99,11 +109,13 @@ impl SideFolder<Plane> {
     /// # Errors
     /// If there is no such folder or no depth in it, or two files have the same number.
     pub fn depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Self> {
-        let per_metre = format.per_metre;
-        let unit = match format.values {
-            DepthValues::Metric => format!("depth in metres ({per_metre} units per metre in integer files)"),
-            DepthValues::Inverse => format!("inverse depth in 1/m (integers divided by {per_metre})"),
-            DepthValues::RelativeInverse => "relative inverse depth".into(),
+        // The scale is said only of integer files, since EXR has metres.
+        let unit = |files: &Files| match (format.values, files.first().is_some_and(is_exr_name)) {
+            (DepthValues::Metric, true) => "metres".into(),
+            (DepthValues::Metric, false) => format!("{} units a metre", format.per_metre),
+            (DepthValues::Inverse, true) => "inverse depth in 1/m".into(),
+            (DepthValues::Inverse, false) => format!("inverse depth, {} units for 1/m", format.per_metre),
+            (DepthValues::RelativeInverse, _) => "relative inverse depth".into(),
         };
         let files = |path: &Path, notes: &mut Vec<String>| {
             let exr = numbered_files(path, &["exr"], notes)?;
@@ -122,8 +134,27 @@ impl SideFolder<Plane> {
         };
         let accepted = "EXR with a channel Z, PGM, PNG or TIFF";
         let kind = SideKind { what: "depth", accepted, size_of: Plane::size };
-        Self::open(path.as_ref(), kind, files, Box::new(move |p| read_inverse_depth(p, format)), &unit)
+        Self::open(path.as_ref(), kind, files, Box::new(move |p| read_inverse_depth(p, format)), unit)
     }
+
+    /// Opens inverse depth that [`crate::EvidenceWriter`] wrote, in its own unit: `scale` is the inverse depth of the largest integer; 0 is
+    /// no reading.
+    ///
+    /// # Errors
+    /// If there is no such folder or no depth in it, or two files have the same number.
+    pub(crate) fn saved_depth(path: impl AsRef<Path>, scale: f32) -> Result<Self> {
+        let format = DepthFormat { values: DepthValues::RelativeInverse, ..DepthFormat::default() };
+        let mut folder = Self::depth(path, format)?;
+        folder.read = Box::new(move |p| {
+            let stored = read_inverse_depth(p, format)?;
+            Ok(stored.map(|d| if d > 0.0 { d * scale } else { f32::NAN }))
+        });
+        Ok(folder)
+    }
+}
+
+fn is_exr_name(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
 }
 
 /// The side of an object on which the things lie that a matte shows.
@@ -163,7 +194,7 @@ impl SideFolder<Plane> {
             MatteSide::Front => "white is in front of the object",
             MatteSide::Behind => "white is behind the object",
         };
-        Self::open(path.as_ref(), kind, files, Box::new(read), unit)
+        Self::open(path.as_ref(), kind, files, Box::new(read), |_| unit.into())
     }
 }
 
@@ -180,7 +211,7 @@ impl SideFolder<Flow> {
                 _ => numbered_files(path, &["flo"], notes),
             }
         };
-        let unit = "px to the next frame";
+        let unit = |_: &Files| "px to the next frame".into();
         let accepted = ".flo, or EXR with channels forward.u and forward.v";
         let kind = SideKind { what: "flow", accepted, size_of: Flow::size };
         Self::open(path.as_ref(), kind, files, Box::new(|p| read_flow(p)), unit)
@@ -221,7 +252,7 @@ impl SideFolder<VirtualLayerFile> {
         let accepted = "EXR with channels R G B A";
         let kind =
             SideKind { what: "virtual layers", accepted, size_of: |v: &VirtualLayerFile| v.color.0.size() };
-        Self::open(path.as_ref(), kind, files, Box::new(read), "premultiplied, scene-linear")
+        Self::open(path.as_ref(), kind, files, Box::new(read), |_| "premultiplied, scene-linear".into())
     }
 }
 
@@ -231,7 +262,7 @@ impl<T> SideFolder<T> {
         kind: SideKind<T>,
         list: impl FnOnce(&Path, &mut Vec<String>) -> Result<BTreeMap<u64, PathBuf>>,
         read: Reader<T>,
-        unit: &str,
+        unit: impl FnOnce(&Files) -> String,
     ) -> Result<Self> {
         let what = kind.what;
         let mut notes = Vec::new();
@@ -263,7 +294,7 @@ impl<T> SideFolder<T> {
             }
             Files::One(_) => "one file, for every frame".into(),
         };
-        notes.insert(0, format!("{what}: {said}, {unit}"));
+        notes.insert(0, format!("{what}: {said}, {}", unit(&files)));
         Ok(Self { path: path.into(), kind, files, read, notes })
     }
 

@@ -3,7 +3,7 @@
 use crate::{
     Error, Result,
     footage::{Clip, Footage, READ_AHEAD},
-    observer::Observer,
+    observer::{Observer, Steps},
     operators::{EvidenceSink, Operators},
     window::{Seen, Viewer, show},
 };
@@ -94,6 +94,7 @@ impl<'a> Samples<'a> {
             self.kept.push(Sample {
                 number,
                 frame: frame.clone(),
+                next: next.cloned(),
                 flow,
                 inverse_depth: evidence.inverse_depth.map(|d| d.0.clone()),
                 clean: evidence.clean.cloned(),
@@ -163,7 +164,9 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     let mut whole = WholeClip { clip, estimator, numbers: vec![], samples: Samples::new(clip, keep_samples) };
     let Seen { first, last, stopped, .. } =
         show(footage, operators, save, "estimating", &mut whole, observer)?;
+    let fitting = Steps::begin(observer, "fitting", "", None);
     let mut estimation = whole.estimator.estimate().map_err(|e| of_clip(clip, e))?;
+    drop(fitting);
     estimation.model.stopped = stopped;
     if let Some(aspect) = clip.pixel_aspect().filter(|&aspect| aspect != 1.0) {
         estimation.model = estimation.model.measured_in_pixels_of(aspect);

@@ -244,6 +244,8 @@ pub struct Footage {
     pub clean: Option<BoxedSide<Encoded>>,
     /// Whether networks made the frames from which something was removed, which widens intervals.
     pub by_network: bool,
+    /// Whether the flow was found in these frames by an earlier estimate, rather than given.
+    pub flow_found: bool,
 }
 
 impl Footage {
@@ -258,6 +260,7 @@ impl Footage {
             defocus_deblurred: None,
             clean: None,
             by_network: false,
+            flow_found: false,
         }
     }
 

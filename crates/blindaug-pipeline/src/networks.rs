@@ -121,6 +121,7 @@ fn or_removed<'a>(given: Evidence<'a>, removed: &'a Removed) -> Evidence<'a> {
         clean: given.clean.or(clean),
         by_network: given.by_network
             || [denoised, motion_deblurred, defocus_deblurred].iter().any(|i| i.is_some()),
+        found_before: given.found_before,
     }
 }
 

@@ -134,6 +134,7 @@ impl Given {
             defocus_deblurred: self.defocus_deblurred.as_ref(),
             clean: self.clean.as_ref(),
             by_network: footage.by_network,
+            found_before: footage.flow_found,
         }
     }
 }

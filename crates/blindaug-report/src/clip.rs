@@ -3,8 +3,8 @@
 use crate::defocus::{defocus_section, focus_card};
 use crate::exposure::{motion_blur_section, shutter_card};
 use crate::noise::{noise_card, noise_section};
-use crate::page::{Part, capture, card, cards, footer, page_with, picture, reduced, section};
-use crate::samples::sample_section;
+use crate::page::{Part, capture, card, cards, footer, page_of, picture, reduced, section, warnings};
+use crate::samples::{before_and_after, sample_section};
 use crate::{Picture, ReportInput, TruthRow, pictures};
 use blindaug::CameraModel;
 use blindaug::fit::Diagnostics;
@@ -12,12 +12,14 @@ use blindaug::model::{CameraTrack, Distortion};
 use maud::{Markup, html};
 
 pub(crate) fn page(input: &ReportInput) -> Part {
-    let ReportInput { title, model, diagnostics, samples, comparison, pictures } = input;
+    let ReportInput { title, model, diagnostics, samples, comparison, pictures, provenance } = input;
     let full = samples.iter().map(|s| if s.clean.is_some() { 2 } else { 1 }).sum::<usize>() + pictures.len();
     let share = pictures::share_of_budget(full);
     let track = CameraTrack::from((*model).clone());
     let body = html! {
+        (warnings(model))
         (summary(model))
+        (before_and_after(&track, samples))
         (truth(comparison))
         (picture_section(pictures, share))
         @for distortion in Distortion::ALL {
@@ -31,7 +33,7 @@ pub(crate) fn page(input: &ReportInput) -> Part {
         (sample_section(&track, samples, share))
         (notes(diagnostics))
     };
-    Ok(page_with(title, &capture(model), &body, &footer(model)))
+    Ok(page_of(title, &capture(model), &body, &footer(model), provenance.as_ref()))
 }
 
 fn summary(model: &CameraModel) -> Markup {

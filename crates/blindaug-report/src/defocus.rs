@@ -1,13 +1,13 @@
 //! The section of defocus.
 
 use crate::numbers::{distance, interval, metres, number, tick};
-use crate::page::{Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
+use crate::page::{Card, Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
 use crate::plots::{self, ESTIMATE, POINTS};
 use blindaug::CameraModel;
 use blindaug::fit::Diagnostics;
 use blindaug::model::{
-    DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, Focus, ThinLensInterval, VISIBLE_PX,
-    thin_lens_sharp,
+    DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, Focus, OutsideFocus, ThinLensInterval,
+    VISIBLE_PX, thin_lens_sharp,
 };
 use maud::html;
 
@@ -58,10 +58,8 @@ pub(crate) fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) ->
 
 fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
     let metric = m.depth_kind == DepthKind::Metric;
-    let place = |d: f64| if metric { metres(d) } else { number(d) };
-    let place_interval = |[a, b]: [f64; 2]| {
-        if metric { interval([distance(a), distance(b)], " m") } else { interval([a, b], "") }
-    };
+    let place = |d: f64| place(d, metric);
+    let place_interval = |i: [f64; 2]| place_interval(i, metric);
     let focus_name = if metric { "Focus distance" } else { "Focus (relative inverse depth)" };
     let facts = m.facts();
     let range_value = if facts.sharp.is_empty() {
@@ -80,9 +78,15 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
     let focus = match facts.focus {
         Focus::At(d) => Some(Row {
             name: focus_name.into(),
-            value: place(d.into()),
+            value: match facts.outside {
+                Some(outside) => format!("{}\n({})", outside.words(), place(outside.limit().into())),
+                None => place(d.into()),
+            },
             interval: facts.focus_interval.map(|i| place_interval(i.map(f64::from))),
-            meaning: "What lies here is sharp.".into(),
+            meaning: match facts.outside {
+                Some(_) => "How far outside, blur hardly tells.".into(),
+                None => "What lies here is sharp.".into(),
+            },
         }),
         Focus::LeastBlurred { inverse_depth, sigma_px } => Some(Row {
             name: if metric { "Least blur at" } else { "Least blur at (relative inverse depth)" }.into(),
@@ -105,12 +109,16 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
             rows.push(range(ends));
             rows.push(Row {
                 name: if metric { "Blur at infinity" } else { "Blur at relative inverse depth 0" }.into(),
-                value: format!("{} px", number(s.into())),
+                value: match facts.sigma_below {
+                    Some(most) => format!("below {} px", number(most.into())),
+                    None => format!("{} px", number(s.into())),
+                },
                 interval: known.map(|i| interval(i.sigma_px_at_infinity.map(f64::from), " px")),
                 meaning: format!(
                     "Std of the Gaussian that is equivalent to the blur of what is very far. A round aperture turns a point of light \
-                     there into a disk {} px across.",
-                    number(4.0 * f64::from(s))
+                     there into a disk {}{} px across.",
+                    if facts.sigma_below.is_some() { "of less than " } else { "" },
+                    number(4.0 * f64::from(facts.sigma_below.unwrap_or(s)))
                 ),
             });
         }
@@ -175,22 +183,49 @@ fn sharp_ends(interval: ThinLensInterval) -> [[f64; 2]; 2] {
     })
 }
 
-/// The lens's card: its large text and the text below.
-pub(crate) fn focus_card(m: &DefocusModel) -> (String, String) {
+/// The lens's card.
+pub(crate) fn focus_card(m: &DefocusModel) -> Card {
     let metric = m.depth_kind == DepthKind::Metric;
     let relative = "in relative inverse depth: no unit, larger is nearer";
     let facts = m.facts();
-    match facts.focus {
-        Focus::Everywhere => ("No blur seen".into(), "everything that was seen is sharp".into()),
-        Focus::At(d) if metric => {
-            let sharp = facts.sharp.first().map_or(String::new(), |r| format!("sharp {}", metric_range(*r)));
-            (format!("Focus at {}", metres(d.into())), sharp)
+    let known_to = facts.focus_interval.map(|i| place_interval(i.map(f64::from), metric));
+    let card = |big: String, interval: Option<String>, more: String| Card { big, interval, more };
+    match (facts.focus, facts.outside) {
+        (Focus::Everywhere, _) => match facts.sigma_below {
+            Some(most) => card(
+                format!("Sharp: blur below {} px", number(most.into())),
+                None,
+                "at infinity, 95 % bound; less cannot be told from none".into(),
+            ),
+            None => card("No blur seen".into(), None, "everything that was seen is sharp".into()),
+        },
+        (Focus::At(_), Some(outside)) => {
+            let limit = place(outside.limit().into(), metric);
+            let end = if matches!(outside, OutsideFocus::Nearer(_)) { "nearest" } else { "farthest" };
+            card(
+                format!("Focus {}", outside.words()),
+                None,
+                format!("the {end} thing that tells is at {limit}{}", if metric { "" } else { ", relative" }),
+            )
         }
-        Focus::At(d) => (format!("Focus at {}", number(d.into())), relative.into()),
-        Focus::LeastBlurred { inverse_depth: d, sigma_px } => {
-            let place = if metric { metres(d.into()) } else { number(d.into()) };
+        (Focus::At(d), None) if metric => {
+            let sharp = facts.sharp.first().map_or(String::new(), |r| format!("sharp {}", metric_range(*r)));
+            card(format!("Focus at {}", metres(d.into())), known_to, sharp)
+        }
+        (Focus::At(d), None) => card(format!("Focus at {}", number(d.into())), known_to, relative.into()),
+        (Focus::LeastBlurred { inverse_depth: d, sigma_px }, _) => {
             let more = format!("no distance is quite sharp: {} px there", number(sigma_px.into()));
-            (format!("Least blur at {place}"), more)
+            card(format!("Least blur at {}", place(d.into(), metric)), None, more)
         }
     }
+}
+
+/// A place, given as an inverse depth.
+fn place(inverse_depth: f64, metric: bool) -> String {
+    if metric { metres(inverse_depth) } else { number(inverse_depth) }
+}
+
+/// An interval of places, given as inverse depths.
+fn place_interval([a, b]: [f64; 2], metric: bool) -> String {
+    if metric { interval([distance(a), distance(b)], " m") } else { interval([a, b], "") }
 }

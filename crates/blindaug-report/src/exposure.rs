@@ -1,7 +1,7 @@
 //! The section of motion blur.
 
 use crate::numbers::{interval, number, tick};
-use crate::page::{Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
+use crate::page::{Card, Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
 use crate::plots::{self, ESTIMATE, POINTS};
 use blindaug::CameraModel;
 use blindaug::fit::Diagnostics;
@@ -98,13 +98,19 @@ fn shutter_parameters(m: &MotionBlurModel, fps: Option<f64>) -> Vec<Row> {
     rows
 }
 
-/// The shutter's card: its large text and the text below.
-pub(crate) fn shutter_card(m: &MotionBlurModel, fps: Option<f64>) -> (String, String) {
+/// The shutter's card.
+pub(crate) fn shutter_card(m: &MotionBlurModel, fps: Option<f64>) -> Card {
+    let angles = m.interval.map(|v| f64::from(ExposureFraction(v).shutter_angle()));
     let more = match fps {
         Some(fps) => format!("open for {} of each frame", seconds(m.exposure.seconds(fps))),
         None => format!("open for {} % of each frame", number(100.0 * f64::from(m.exposure.0))),
     };
-    (format!("{}° shutter", number(m.exposure.shutter_angle().into())), more)
+    let estimated = m.method != Method::Given;
+    Card {
+        big: format!("{}° shutter", number(m.exposure.shutter_angle().into())),
+        interval: estimated.then(|| interval(angles, "°")),
+        more,
+    }
 }
 
 /// A short time in words.

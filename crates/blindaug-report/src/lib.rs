@@ -18,6 +18,7 @@
 //! # Ok::<(), blindaug_report::Error>(())
 //! ```
 
+mod balls;
 mod clip;
 mod defocus;
 mod depth_map;
@@ -37,6 +38,7 @@ use blindaug::fit::Diagnostics;
 use blindaug::model::CameraTrack;
 use blindaug::{CameraModel, Encoded, Sample};
 pub use error::{Error, Result};
+pub use numbers::tidy;
 pub use page::page_with;
 pub use pictures::{Shown, shown};
 
@@ -54,6 +56,30 @@ pub struct ReportInput<'a> {
     pub comparison: Vec<TruthRow>,
     /// More pictures, such as composites.
     pub pictures: Vec<Picture>,
+    /// Where the estimate comes from.
+    pub provenance: Option<Provenance>,
+}
+
+/// Where an estimate comes from, for a line of its report.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Provenance {
+    /// The command line.
+    pub command: String,
+    /// The version of the program.
+    pub version: String,
+    /// The date and the time.
+    pub date: String,
+    /// What was read.
+    pub inputs: Vec<ReadInput>,
+}
+
+/// An input of an estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadInput {
+    /// The input's name.
+    pub name: String,
+    /// Its SHA-256, and what was hashed; `None` where there is nothing to hash, as of a live camera.
+    pub sha256: Option<(String, String)>,
 }
 
 /// A row of the table of estimated and true values.
@@ -78,7 +104,7 @@ impl<'a> ReportInput<'a> {
     /// The report of a model alone, without frames, truth or pictures.
     pub fn new(title: &str, model: &'a CameraModel, diagnostics: &'a Diagnostics) -> Self {
         let (samples, comparison, pictures) = (vec![], vec![], vec![]);
-        Self { title: title.into(), model, diagnostics, samples, comparison, pictures }
+        Self { title: title.into(), model, diagnostics, samples, comparison, pictures, provenance: None }
     }
 }
 
@@ -90,6 +116,8 @@ pub struct TrackReportInput<'a> {
     pub track: &'a CameraTrack,
     /// A few frames with what is known of their motion and depth.
     pub samples: Vec<Sample>,
+    /// Where the estimate comes from.
+    pub provenance: Option<Provenance>,
 }
 
 /// The page of one model.

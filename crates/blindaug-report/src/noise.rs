@@ -1,7 +1,7 @@
 //! The section of noise.
 
 use crate::numbers::number;
-use crate::page::{Part, basis, heading, rgb, steps, swatch, unknown, zoomed};
+use crate::page::{Card, Part, basis, heading, rgb, steps, swatch, unknown, zoomed};
 use crate::pictures;
 use crate::plots::{self, CHANNELS};
 use blindaug::CameraModel;
@@ -11,7 +11,7 @@ use blindaug::model::{CameraTrack, Distortion, Estimate, NOISE_LEVELS, NoiseMode
 use maud::{Markup, html};
 
 /// The std of the whole noise of each channel at luminance `y`; each band's std is moved by `shift` times half its interval.
-fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
+pub(crate) fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
     let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| {
         let std = m.std(level, y);
         std::array::from_fn(|c| (std[c] + shift * m.half_width(level, c, y)).max(0.0))
@@ -19,11 +19,14 @@ fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
     total_of_levels(&std)
 }
 
-/// The noise's card: its large text and the text below.
-pub(crate) fn noise_card(m: &NoiseModel) -> (String, String) {
-    let mean = m.total_std(0.5).iter().sum::<f32>() / 3.0;
-    let more = "std of the noise at middle brightness, mean of red, green and blue";
-    (format!("{} of 255", steps(mean)), more.into())
+/// The noise's card.
+pub(crate) fn noise_card(m: &NoiseModel) -> Card {
+    let [low, mean, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(m, 0.5, shift).iter().sum::<f32>() / 3.0);
+    Card {
+        big: format!("{} of 255", steps(mean)),
+        interval: m.lines().interval.is_some().then(|| format!("{} to {}", steps(low), steps(high))),
+        more: "std of the noise at middle brightness, mean of red, green and blue".into(),
+    }
 }
 
 const CHANNEL_NAMES: [&str; 3] = ["Red", "Green", "Blue"];
@@ -133,8 +136,15 @@ pub(crate) fn patches(samples: &[Sample], track: &CameraTrack) -> Markup {
             p.soft { "The frames shown have no flat part that is large enough." }
         } @else {
             p {
-                "The flattest parts of the frames, each beside noise of the model for the same brightness, four times as large. Shading is taken "
-                "out of both and contrast is raised alike: grain, colour and strength should look the same. What is left of the scene's own texture is in the real patch only. "
+                @if patches.iter().all(|p| p.temporal) {
+                    "Left of each pair: the difference of two successive frames along the motion, in which the scene's own texture cancels, where "
+                    "they match best. Right: the same of noise of the model over the same picture. Both are four times as large, and have about "
+                    "√2 times the noise of one frame. "
+                } @else {
+                    "The flattest parts of single frames, each beside noise of the model for the same brightness, four times as large; what is left of the "
+                    "scene's own texture is in the real patch only. "
+                }
+                "Shading is taken out of both and contrast is raised alike: grain, colour and strength should look the same. "
                 "Below each pair stands what a two-sample test finds, of strength and colour in the two finest octaves."
             }
             div.patches { @for p in &patches { figure {
@@ -151,7 +161,7 @@ pub(crate) fn patches(samples: &[Sample], track: &CameraTrack) -> Markup {
                     br;
                     @if p.test.told_apart() { "differs (p = " (format!("{:.3}", p.test.p)) "): " (p.test.most) }
                     @else { "no difference found (p = " (format!("{:.2}", p.test.p)) ")" }
-                    @if !p.flat { br; "no part is flat: this one has texture of the scene" }
+                    @if !p.flat { br; @if p.temporal { "no part matches the next frame well: this one has texture of the scene" } @else { "no part is flat: this one has texture of the scene" } }
                 }
             } } }
         }

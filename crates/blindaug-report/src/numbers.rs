@@ -1,5 +1,7 @@
 //! Numbers formatted for people.
 
+use serde_json::{Value, json};
+
 /// The number with three significant figures, without an exponent.
 pub fn number(v: f64) -> String {
     if v.is_nan() {
@@ -55,9 +57,30 @@ pub fn metres(inverse_depth: f64) -> String {
     }
 }
 
+/// The value with its numbers at six significant digits, as they are written: a number that went through f32 has no dust behind it then.
+pub fn tidy(value: Value) -> Value {
+    match value {
+        Value::Number(n) => match (n.is_f64(), n.as_f64()) {
+            (true, Some(v)) => format!("{v:.5e}").parse::<f64>().map_or(Value::Number(n), |v| json!(v)),
+            _ => Value::Number(n),
+        },
+        Value::Array(values) => values.into_iter().map(tidy).collect(),
+        Value::Object(fields) => fields.into_iter().map(|(key, value)| (key, tidy(value))).collect(),
+        other => other,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn json_has_no_dust() {
+        let dusty = json!({ "a": [0.48f32, 1234.5678f32, 5, -0.0], "b": null, "c": "0.47999998211860657" });
+        assert!(dusty.to_string().contains("0.479999"));
+        let tidied = tidy(dusty).to_string();
+        assert_eq!(tidied, r#"{"a":[0.48,1234.57,5,-0.0],"b":null,"c":"0.47999998211860657"}"#);
+    }
 
     #[test]
     fn numbers_have_three_figures() {

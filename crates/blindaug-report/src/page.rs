@@ -1,5 +1,6 @@
 //! The parts of the pages: the frame around them, tables, cards, and texts that several sections share.
 
+use crate::Provenance;
 use crate::numbers::{count, interval, number, tick};
 use crate::pictures::Shown;
 use crate::plots::PlotError;
@@ -13,6 +14,17 @@ pub(crate) type Part = std::result::Result<Markup, PlotError>;
 
 /// A page without outside resources.
 pub fn page_with(title: &str, about: &str, body: &Markup, footer: &str) -> Markup {
+    page_of(title, about, body, footer, None)
+}
+
+/// The same as [`page_with`], with a line on where the page comes from.
+pub(crate) fn page_of(
+    title: &str,
+    about: &str,
+    body: &Markup,
+    footer: &str,
+    from: Option<&Provenance>,
+) -> Markup {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -30,7 +42,10 @@ pub fn page_with(title: &str, about: &str, body: &Markup, footer: &str) -> Marku
                     p.soft { (about) }
                 }
                 main { (body) }
-                footer.soft { p { "Written by blindaug " (env!("CARGO_PKG_VERSION")) ". " (footer) } }
+                footer.soft {
+                    p { "Written by blindaug " (env!("CARGO_PKG_VERSION")) ". " (footer) }
+                    (provenance(from))
+                }
             }
         }
     }
@@ -82,7 +97,8 @@ pub(crate) fn unknown(distortion: Distortion, why: &Unknown) -> Markup {
 }
 
 pub(crate) fn swatch(RGBColor(r, g, b): RGBColor) -> Markup {
-    html! { span.swatch style=(format!("background:rgb({r},{g},{b})")) {} }
+    // A plot's colours are brighter on a dark page.
+    html! { span.swatch style=(format!("background:var(--c{r:02x}{g:02x}{b:02x},rgb({r},{g},{b}))")) {} }
 }
 
 pub(crate) fn picture(shown: &Shown, alt: &str, class: &str) -> Markup {
@@ -138,8 +154,9 @@ pub(crate) fn heading(distortion: Distortion) -> String {
     format!("{}: {}", title(distortion), distortion.part())
 }
 
-fn capitalised(text: &str) -> String {
-    text[..1].to_uppercase() + &text[1..]
+pub(crate) fn capitalised(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
 /// The section of a distortion that has numbers but no plot of its own.
@@ -167,32 +184,76 @@ fn row(p: &Parameter) -> Row {
     }
 }
 
+/// The headline of a distortion.
+pub(crate) struct Card {
+    /// The value, or what can be said in its place.
+    pub big: String,
+    /// The 95 % interval of the value, with its unit.
+    pub interval: Option<String>,
+    /// What the value means.
+    pub more: String,
+}
+
 /// A distortion's card: its first number, or the answer that none of the distortion is seen.
-pub(crate) fn card(model: &CameraModel, distortion: Distortion) -> Option<(String, String)> {
+pub(crate) fn card(model: &CameraModel, distortion: Distortion) -> Option<Card> {
     match model.why_unknown(distortion) {
-        Some(why) if why.reason == Reason::NotSeen => Some(("None seen".into(), why.sentence.clone())),
+        Some(why) if why.reason == Reason::NotSeen => {
+            Some(Card { big: "None seen".into(), interval: None, more: why.sentence.clone() })
+        }
         _ => {
             let p = model.parameters(distortion).into_iter().next()?;
-            Some((format!("{} {} {}", capitalised(p.name), number(p.value.into()), p.unit), p.meaning.into()))
+            Some(Card {
+                big: format!("{} {} {}", capitalised(p.name), number(p.value.into()), p.unit),
+                interval: p.interval.map(|i| interval(i.map(f64::from), &p.unit_after_value())),
+                more: p.meaning.into(),
+            })
         }
     }
 }
 
-/// The cards of all distortions: for each known one, its large text and the text below.
-pub(crate) fn cards(known: impl Fn(Distortion) -> Option<(String, String)>) -> Markup {
+/// The cards of all distortions.
+pub(crate) fn cards(known: impl Fn(Distortion) -> Option<Card>) -> Markup {
     html! {
         section aria-label="In short" {
             div.cards { @for distortion in Distortion::ALL {
                 div.card {
                     h3 { (title(distortion)) }
                     @match known(distortion) {
-                        Some((big, more)) => { p.big { (big) } p { (more) } }
+                        Some(Card { big, interval, more }) => {
+                            p.big { (big) }
+                            @if let Some(interval) = interval { p.interval { (interval) " (95 %)" } }
+                            p { (more) }
+                        }
                         None => { p.big { "Unknown" } p { "The footage cannot tell; the reason is given below." } }
                     }
                 }
             } }
         }
     }
+}
+
+/// What makes the numbers less sure, above all else.
+pub(crate) fn warnings(model: &CameraModel) -> Markup {
+    let stopped = model.stopped.map(|s| format!("the estimation was {s}"));
+    let all: Vec<&str> = stopped.iter().chain(&model.warnings).map(String::as_str).collect();
+    html! {
+        @if !all.is_empty() {
+            div.warnings role="note" {
+                strong { "Before you rely on this" }
+                ul { @for sentence in all { li { (capitalised(sentence)) "." } } }
+            }
+        }
+    }
+}
+
+/// One line on where the page comes from, for the footer.
+pub(crate) fn provenance(of: Option<&Provenance>) -> Markup {
+    html! { @if let Some(p) = of {
+        p.provenance {
+            code { (p.command) } " · blindaug " (p.version) " · " (p.date)
+            @for input in &p.inputs { " · " (input.name) @if let Some((hash, of)) = &input.sha256 { ": SHA-256 " code { (hash) } " (" (of) ")" } }
+        }
+    } }
 }
 
 /// An encoded value in steps of 8 bits.

@@ -8,6 +8,7 @@ use blindaug::synth::{Blur, defocus::Bokeh, noise};
 use blindaug::{CameraModel, Encoded, Flow, Linear, Plane, Raster, Result, filter, luma, pyramid};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, codecs::png::PngEncoder, imageops};
 use plotters::style::colors::colormaps::{ColorMap, ViridisRGB};
+use std::borrow::Cow;
 
 /// A picture ready for a page.
 pub struct Shown {
@@ -195,7 +196,10 @@ const PATCH: usize = 48;
 /// A part is flat if smoothing leaves at most this fraction of its std: of white noise it leaves 0.14, of coarser grain more.
 const FLAT: f32 = 0.35;
 
-/// A flat part of a frame beside a synthetic one of the same brightness, contrast raised alike.
+/// The fastest motion, px per frame interval, of the parts whose noise is shown.
+const FASTEST: f32 = 24.0;
+
+/// Noise of a part of a frame beside noise of the model for the same brightness, contrast raised alike.
 pub struct NoisePatch {
     /// The frame's number.
     pub number: u64,
@@ -203,12 +207,15 @@ pub struct NoisePatch {
     pub y: f32,
     /// Mean encoded colour.
     pub colour: [f32; 3],
-    /// A patch of the frame.
+    /// A patch of the frame's noise.
     pub real: Shown,
-    /// An even patch of the same colour with the model's noise.
+    /// A patch of the model's noise over the same picture.
     pub synthetic: Shown,
     /// Std of the luminance of the real and of the synthetic patch.
     pub sigma: [f32; 2],
+    /// Whether the patch is a difference of two frames along the motion, in which the scene's own texture cancels; else it is a part of one
+    /// frame.
+    pub temporal: bool,
     /// Whether the real patch is flat: smoothing leaves little of it, as of noise.
     pub flat: bool,
     /// The factor by which contrast was raised.
@@ -217,34 +224,104 @@ pub struct NoisePatch {
     pub test: TwoSample,
 }
 
-/// The flattest patches among dark, middle and bright parts of the frames, as far as flat ones exist; without any, the flattest
-/// patch of all.
-pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch> {
-    type Found<'a> = Option<(f32, &'a Sample, [usize; 2])>;
-    let mut flat: [Found; 3] = [None; 3];
-    let mut flattest: Found = None;
-    for sample in samples {
-        let (w, h) = sample.frame.0.size();
-        let camera = track.at(sample.number);
-        let Some(model) = camera.noise.known().filter(|_| w >= PATCH && h >= PATCH) else { continue };
+/// What a sample tells of its frame's noise.
+struct Residual<'a> {
+    sample: &'a Sample,
+    /// The frame minus the next one, moved back along the motion (NaN where that is not known), or the frame itself.
+    raster: Cow<'a, Raster<[f32; 3]>>,
+    temporal: bool,
+    /// The frame without its noise.
+    smooth: Raster<[f32; 3]>,
+}
+
+impl<'a> Residual<'a> {
+    fn of(sample: &'a Sample) -> Self {
+        let size = sample.frame.0.size();
+        let pair = sample.next.as_ref().zip(sample.flow.as_ref());
+        let pair = pair.filter(|(next, flow)| next.0.size() == size && flow.size() == size);
+        let raster = match pair {
+            Some((next, flow)) => Cow::Owned(difference(&sample.frame.0, &next.0, flow, [0; 2])),
+            None => Cow::Borrowed(&sample.frame.0),
+        };
         // What smoothing leaves is structure, or only the coarsest part of the noise.
         let smooth = filter::gaussian_blur(&sample.frame.0, 2.0);
+        Self { sample, raster, temporal: pair.is_some(), smooth }
+    }
+
+    /// The same of noise of the model in the patch at this place, without its shading; each seed gives another.
+    fn drawn(&self, model: &NoiseModel, [x0, y0]: [usize; 2], seed: u64) -> Raster<[f32; 3]> {
+        let number = self.sample.number;
+        let margin = if self.temporal { FASTEST as usize + 2 } else { 0 };
+        let side = PATCH + 2 * margin;
+        let at = |x: usize, from: usize| (from + x) as isize - margin as isize;
+        let content = Raster::from_fn(side, side, |x, y| self.smooth.at_clamped(at(x, x0), at(y, y0)));
+        let noise = noise::noise(model, &content, seed, number);
+        let Some(flow) = self.sample.flow.as_ref().filter(|_| self.temporal) else {
+            return without_plane(&noise);
+        };
+        let next = noise::noise(model, &content, seed, number + 1);
+        let flow = flow.crop(x0, y0, PATCH, PATCH);
+        without_plane(&difference(&noise, &next, &flow, [margin; 2]))
+    }
+}
+
+/// The pixels of `flow`'s size from `from` on of an image, minus where the flow leads in the next one.
+fn difference(
+    image: &Raster<[f32; 3]>,
+    next: &Raster<[f32; 3]>,
+    flow: &Flow,
+    [x0, y0]: [usize; 2],
+) -> Raster<[f32; 3]> {
+    let (w, h) = next.size();
+    Raster::from_fn(flow.width(), flow.height(), |x, y| {
+        let [u, v] = flow.at(x, y);
+        let to = [(x0 + x) as f32 + u, (y0 + y) as f32 + v];
+        let inside = |v: f32, size: usize| v >= 0.0 && v <= (size - 1) as f32;
+        if !inside(to[0], w) || !inside(to[1], h) {
+            return [f32::NAN; 3];
+        }
+        let (a, b) = (image.at(x0 + x, y0 + y), next.cubic(to[0], to[1]));
+        [0, 1, 2].map(|c| a[c] - b[c])
+    })
+}
+
+/// Patches of noise among dark, middle and bright parts of the frames: those that match the next frame best, or of single frames the
+/// flattest ones, as far as flat ones exist; without any, the flattest patch of all.
+pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch> {
+    let residuals: Vec<Residual> = samples.iter().map(Residual::of).collect();
+    type Found<'a> = Option<(f32, &'a Residual<'a>, [usize; 2])>;
+    let mut flat: [Found; 3] = [None; 3];
+    let mut flattest: Found = None;
+    for residual in &residuals {
+        let frame = &residual.sample.frame.0;
+        let (w, h) = frame.size();
+        let camera = track.at(residual.sample.number);
+        let Some(model) = camera.noise.known().filter(|_| w >= PATCH && h >= PATCH) else { continue };
         for at in squares(w, h, PATCH) {
             let [x0, y0] = at;
-            let patch = sample.frame.0.crop(x0, y0, PATCH, PATCH);
+            let picture = frame.crop(x0, y0, PATCH, PATCH);
             let clips = |v: &f32| !(*v > 0.02 && *v < model.clip() - 0.02);
-            if patch.data().as_flattened().iter().any(clips) {
+            if picture.data().as_flattened().iter().any(clips) {
                 continue;
             }
-            let (rough, structure) = (roughness(&patch), roughness(&smooth.crop(x0, y0, PATCH, PATCH)));
-            let mean = patch.data().iter().map(|p| luma(*p)).sum::<f32>() / (PATCH * PATCH) as f32;
+            let fast = |f: &[f32; 2]| f[0].hypot(f[1]) > FASTEST;
+            let flow = residual.sample.flow.as_ref().filter(|_| residual.temporal);
+            if flow.is_some_and(|f| f.crop(x0, y0, PATCH, PATCH).data().iter().any(fast)) {
+                continue;
+            }
+            let patch = residual.raster.crop(x0, y0, PATCH, PATCH);
+            if patch.data().as_flattened().iter().any(|v| !v.is_finite()) {
+                continue;
+            }
+            let (rough, structure) = (roughness(&patch), roughness(&filter::gaussian_blur(&patch, 2.0)));
+            let mean = picture.data().iter().map(|p| luma(*p)).sum::<f32>() / (PATCH * PATCH) as f32;
             let flatter_than = |other: Found| other.is_none_or(|(least, ..)| structure < least);
             let third = ((3.0 * mean) as usize).min(2);
             if structure <= FLAT * rough && flatter_than(flat[third]) {
-                flat[third] = Some((structure, sample, at));
+                flat[third] = Some((structure, residual, at));
             }
             if flatter_than(flattest) {
-                flattest = Some((structure, sample, at));
+                flattest = Some((structure, residual, at));
             }
         }
     }
@@ -252,8 +329,8 @@ pub fn noise_patches(samples: &[Sample], track: &CameraTrack) -> Vec<NoisePatch>
     if !any_flat {
         flat[0] = flattest;
     }
-    let patch = |(_, sample, at): (f32, &Sample, [usize; 2])| {
-        let patch = noise_patch(sample, at, track.at(sample.number).noise.known()?)?;
+    let patch = |(_, residual, at): (f32, &Residual, [usize; 2])| {
+        let patch = noise_patch(residual, at, track.at(residual.sample.number).noise.known()?)?;
         Some(NoisePatch { flat: any_flat, ..patch })
     };
     flat.into_iter().flatten().filter_map(patch).collect()
@@ -264,26 +341,27 @@ fn roughness(patch: &Raster<[f32; 3]>) -> f32 {
     (0..3).map(|c| deviation(&patch.map(|p| p[c])).powi(2)).sum::<f32>().sqrt()
 }
 
-fn noise_patch(sample: &Sample, [x0, y0]: [usize; 2], model: &NoiseModel) -> Option<NoisePatch> {
-    let real = sample.frame.0.crop(x0, y0, PATCH, PATCH);
-    let planes = planes_of(&real);
-    let shading = Raster::from_fn(PATCH, PATCH, |x, y| planes.map(|p| at_plane(p, x, y)));
-    let shading = Encoded(shading);
-    let grain = noise::noise(model, &shading.0, 1, sample.number);
-    let residual = without_plane(&real);
-    let test = two_sample(model, &residual, &shading.0, without_plane);
+fn noise_patch(residual: &Residual, at: [usize; 2], model: &NoiseModel) -> Option<NoisePatch> {
+    // A seed that the test does not use.
+    const SEED: u64 = 1;
+    let [x0, y0] = at;
+    let real = without_plane(&residual.raster.crop(x0, y0, PATCH, PATCH));
+    let grain = residual.drawn(model, at, SEED);
+    let colour = planes_of(&residual.smooth.crop(x0, y0, PATCH, PATCH)).map(|p| p[0]);
+    let y = luma(colour);
+    let test = two_sample(model, y, &real, |seed| residual.drawn(model, at, seed));
     let std = |r: &Raster<[f32; 3]>| deviation(&r.map(luma));
-    let sigma = [std(&residual), std(&grain)];
+    let sigma = [std(&real), std(&grain)];
     let gain = (0.1 / sigma[0].max(sigma[1]).max(1e-4)).clamp(1.0, 24.0);
     let stretched = |r: &Raster<[f32; 3]>| shown(&Encoded(r.map(|p| p.map(|v| 0.5 + gain * v))), usize::MAX);
-    let colour = planes.map(|p| p[0]);
     Some(NoisePatch {
-        number: sample.number,
-        y: luma(colour),
+        number: residual.sample.number,
+        y,
         colour,
-        real: stretched(&residual)?,
+        real: stretched(&real)?,
         synthetic: stretched(&grain)?,
         sigma,
+        temporal: residual.temporal,
         flat: true,
         gain,
         test,

@@ -8,6 +8,7 @@ use blindaug::model::{
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::{Shift, types::RangedCoordf64};
 use plotters::prelude::*;
+use std::cell::RefCell;
 use std::ops::Range;
 
 /// The colour of the estimate. People who see no red or no green can tell it from [`POINTS`].
@@ -34,15 +35,53 @@ type Result<T> = std::result::Result<T, PlotError>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-fn svg(height: u32, label: &str, draw: impl FnOnce(&Area) -> Result<()>) -> Result<Markup> {
+/// The values that a plot tells under the pointer: a text for each of its circles, in the order in which they are drawn.
+#[derive(Default)]
+struct Hover(RefCell<Vec<String>>);
+
+impl Hover {
+    /// The text of the next circle.
+    fn say(&self, text: String) {
+        self.0.borrow_mut().push(text);
+    }
+
+    /// The plot with the texts as titles of its circles, which browsers show under the pointer without a script.
+    fn titled(self, svg: &str) -> String {
+        let mut texts = self.0.into_inner().into_iter();
+        let mut titled = String::with_capacity(svg.len());
+        let mut rest = svg;
+        while let Some(at) = rest.find("<circle") {
+            let Some(end) = rest[at..].find("/>").map(|end| at + end) else { break };
+            titled += &rest[..end];
+            match texts.next() {
+                Some(text) => {
+                    titled += "><title>";
+                    titled += &html! { (text) }.into_string();
+                    titled += "</title></circle>";
+                }
+                None => titled += "/>",
+            }
+            rest = &rest[end + 2..];
+        }
+        titled + rest
+    }
+}
+
+fn svg(height: u32, label: &str, draw: impl FnOnce(&Area, &Hover) -> Result<()>) -> Result<Markup> {
     let mut text = String::new();
+    let hover = Hover::default();
     {
         let area = SVGBackend::with_string(&mut text, (WIDTH, height)).into_drawing_area();
-        draw(&area)?;
+        draw(&area, &hover)?;
         area.present()?;
     }
-    Ok(in_page(&text, (WIDTH, height), label))
+    Ok(in_page(&hover.titled(&text), (WIDTH, height), label))
 }
+
+/// The radius of the invisible circles that tell a curve's values.
+const REACH: i32 = 16;
+/// The most such circles along a curve.
+const MOST_TOLD: usize = 48;
 
 /// A plot of this size, an SVG file, as a part of a page. Its root element needs a label for readers who cannot see it, but no namespace,
 /// and its size on the page is that of its column.
@@ -103,6 +142,31 @@ impl<'a> Axes<'a> {
     ) -> Result<()> {
         let points: Vec<_> = points.into_iter().filter_map(|p| self.inside(p)).collect();
         chart.draw_series(LineSeries::new(points, style)).map(drop)
+    }
+
+    /// Draws circles with what each tells.
+    fn circles(
+        &self,
+        chart: &mut Chart,
+        (radius, style): (i32, ShapeStyle),
+        hover: &Hover,
+        points: impl IntoIterator<Item = ([f64; 2], String)>,
+    ) -> Result<()> {
+        let shown = points.into_iter().filter_map(|(p, text)| {
+            let at = self.inside(p)?;
+            hover.say(text);
+            Some(Circle::new(at, radius, style))
+        });
+        // They are collected, since the texts must be said in the order of drawing.
+        let shown: Vec<_> = shown.collect();
+        chart.draw_series(shown).map(drop)
+    }
+
+    /// Lets some points of a curve tell their values: `[x, y]` with what to say.
+    fn told(&self, chart: &mut Chart, hover: &Hover, points: Vec<([f64; 2], String)>) -> Result<()> {
+        let step = points.len().div_ceil(MOST_TOLD).max(1);
+        let some = points.into_iter().step_by(step);
+        self.circles(chart, (REACH, TRANSPARENT.filled()), hover, some)
     }
 
     /// Draws the area between two curves over the same places: `[x, low, high]`.
@@ -203,24 +267,26 @@ pub fn exposure(curve: &[[f32; 2]], model: Option<&MotionBlurModel>) -> Result<O
         };
         Some((axes, part))
     });
-    let panel = |area: &Area, axes: &Axes, points: &[[f64; 2]]| -> Result<()> {
+    let panel = |area: &Area, hover: &Hover, axes: &Axes, points: &[[f64; 2]]| -> Result<()> {
         let mut chart = axes.chart(area)?;
         if let Some((m, interval)) = model.zip(interval) {
             axes.mark(&mut chart, f64::from(m.exposure.0), interval)?;
         }
-        axes.line(&mut chart, points.iter().copied(), POINTS.stroke_width(4))
+        axes.line(&mut chart, points.iter().copied(), POINTS.stroke_width(4))?;
+        let said = |&[e, l]: &[f64; 2]| ([e, l], format!("exposure {}: {} nats", percent(e), tick(l)));
+        axes.told(&mut chart, hover, points.iter().map(said).collect())
     };
     let label = match model {
         Some(m) => format!("Log-likelihood over exposure, largest at {}", percent(f64::from(m.exposure.0))),
         None => "Log-likelihood over exposure".into(),
     };
-    svg(560, &label, |area| match &near {
+    svg(560, &label, |area, hover| match &near {
         Some((axes, part)) => {
             let (left, right) = area.split_horizontally(WIDTH * 11 / 20);
-            panel(&left, &whole, &curve)?;
-            panel(&right, axes, part)
+            panel(&left, hover, &whole, &curve)?;
+            panel(&right, hover, axes, part)
         }
-        None => panel(area, &Axes { title: "", ..whole_copy(&whole) }, &curve),
+        None => panel(area, hover, &Axes { title: "", ..whole_copy(&whole) }, &curve),
     })
     .map(Some)
 }
@@ -265,7 +331,7 @@ pub fn exposure_per_frame(
         x_tick: &whole,
         x_ticks: (last - first).min(11.0) as usize + 1,
     };
-    svg(400, &format!("Exposure of each of {} frames", points.len()), |area| {
+    svg(400, &format!("Exposure of each of {} frames", points.len()), |area, hover| {
         let mut chart = axes.chart(area)?;
         let all = model.filter(|_| shots.is_empty()).map(|m| ([axes.x.start, axes.x.end], m));
         let each = shots.iter().filter_map(|s| {
@@ -277,11 +343,10 @@ pub fn exposure_per_frame(
             axes.band(&mut chart, &[[left, low, high], [right, low, high]], ESTIMATE)?;
             axes.line(&mut chart, [[left, at], [right, at]], ESTIMATE.stroke_width(4))?;
         }
-        chart
-            .draw_series(
-                points.iter().map(|&(i, v)| Circle::new((i, 100.0 * v), 7, POINTS.mix(0.8).filled())),
-            )
-            .map(drop)
+        let said = points.iter().map(|&(i, v)| {
+            ([i, 100.0 * v], format!("frame {i} in the order of reading: {} %", tick(100.0 * v)))
+        });
+        axes.circles(&mut chart, (7, POINTS.mix(0.8).filled()), hover, said)
     })
     .map(Some)
 }
@@ -318,7 +383,7 @@ pub fn over_time(
         x_tick: &whole,
         x_ticks: (last - first).min(11.0) as usize + 1,
     };
-    svg(400, &format!("{name} over time; {} changes noticed", changes.len()), |area| {
+    svg(400, &format!("{name} over time; {} changes noticed", changes.len()), |area, hover| {
         let mut chart = axes.chart(area)?;
         for Course { stretches, colour } in courses {
             for stretch in stretches {
@@ -326,6 +391,10 @@ pub fn over_time(
                 let band: Vec<[f64; 3]> = shown.iter().map(|&[x, _, low, high]| [x, low, high]).collect();
                 axes.band(&mut chart, &band, *colour)?;
                 axes.line(&mut chart, shown.iter().map(|p| [p[0], p[1]]), colour.stroke_width(4))?;
+                let said = |&[frame, v, low, high]: &[f64; 4]| {
+                    ([frame, v], format!("frame {frame}: {} ({} to {})", tick(v), tick(low), tick(high)))
+                };
+                axes.told(&mut chart, hover, stretch.iter().map(said).collect())?;
             }
         }
         changes.iter().try_for_each(|&x| dashed(&mut chart, [(x, axes.y.start), (x, axes.y.end)]))
@@ -409,16 +478,25 @@ pub fn defocus(points: &[BlurPoint], model: Option<&DefocusModel>) -> Result<Opt
     svg(
         680,
         &format!("Blur over inverse depth: {} measured places and the fitted curve", points.len()),
-        |area| {
+        |area, hover| {
             let mut chart = axes.chart(area)?;
             axes.band(&mut chart, &band, ESTIMATE)?;
-            chart.draw_series(points.iter().filter_map(|p| {
+            let place = |d: f64| if metric { format!("{} m", tick(distance(d))) } else { tick(d) };
+            for p in &points {
                 let opacity = 0.06 + 0.64 * f64::from((p.weight / heaviest).min(1.0));
-                let at = axes.inside([f64::from(p.inverse_depth), f64::from(p.sigma_px)])?;
-                Some(Circle::new(at, 6, POINTS.mix(opacity).filled()))
-            }))?;
+                let at = [f64::from(p.inverse_depth), f64::from(p.sigma_px)];
+                let said = format!("at {}: {} px by itself", place(at[0]), tick(at[1]));
+                let style = POINTS.mix(opacity).filled();
+                axes.circles(&mut chart, (6, style), hover, [(at, said)])?;
+            }
             axes.horizontal(&mut chart, f64::from(VISIBLE_PX))?;
-            axes.line(&mut chart, curve, ESTIMATE.stroke_width(5))
+            axes.line(&mut chart, curve.iter().copied(), ESTIMATE.stroke_width(5))?;
+            let said = |&[d, s]: &[f64; 2]| {
+                let known = model.and_then(|m| defocus_interval(m, d));
+                let known = known.map_or(String::new(), |[l, h]| format!(" ({} to {})", tick(l), tick(h)));
+                ([d, s], format!("at {}: {} px{known}", place(d), tick(s)))
+            };
+            axes.told(&mut chart, hover, curve.iter().map(said).collect())
         },
     )
     .map(Some)
@@ -447,7 +525,7 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
     }
     const LUMINANCES: [f32; 11] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0];
     let steps = |v: f32| 255.0 * f64::from(v);
-    let panel = |area: &Area, level: usize| -> Result<()> {
+    let panel = |area: &Area, hover: &Hover, level: usize| -> Result<()> {
         let points: Vec<_> = points.iter().filter(|p| p.level == level).collect();
         let lines: Vec<[[f64; 2]; 11]> = (0..3)
             .filter_map(|c| {
@@ -482,17 +560,32 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
         for (line, colour) in lines.into_iter().zip(CHANNELS) {
             axes.line(&mut chart, line, colour.stroke_width(4))?;
         }
+        const NAMES: [&str; 3] = ["red", "green", "blue"];
         for (c, colour) in CHANNELS.into_iter().enumerate() {
-            chart.draw_series(points.iter().filter_map(|p| {
-                let at = axes.inside([f64::from(p.y), steps(p.sigma[c])])?;
-                Some(Circle::new(at, 6, colour.mix(0.75).filled()))
-            }))?;
+            let said = points.iter().map(|p| {
+                let at = [f64::from(p.y), steps(p.sigma[c])];
+                (at, format!("{} at Y = {}: measured {} of 255", NAMES[c], tick(at[0]), tick(at[1])))
+            });
+            axes.circles(&mut chart, (6, colour.mix(0.75).filled()), hover, said)?;
+        }
+        if let Some(m) = model {
+            for (c, name) in NAMES.into_iter().enumerate() {
+                let said = LUMINANCES.map(|y| {
+                    let (std, half) = (steps(m.std(level, y)[c]), steps(m.half_width(level, c, y)));
+                    let [low, high] = [(std - half).max(0.0), std + half].map(tick);
+                    (
+                        [f64::from(y), std],
+                        format!("{name} at Y = {y}: {} ({low} to {high}) of 255", tick(std)),
+                    )
+                });
+                axes.told(&mut chart, hover, said.into())?;
+            }
         }
         Ok(())
     };
-    svg(980, "Noise over luminance: four pyramid bands, three channels", |area| {
+    svg(980, "Noise over luminance: four pyramid bands, three channels", |area, hover| {
         for (level, area) in area.split_evenly((2, 2)).iter().enumerate() {
-            panel(area, level)?;
+            panel(area, hover, level)?;
         }
         Ok(())
     })
@@ -510,7 +603,7 @@ pub fn true_and_estimated(name: &str, most: f64, groups: &[Vec<[f64; 4]>]) -> Re
         x_tick: &tick,
         x_ticks: 6,
     };
-    svg(1100, &format!("True and estimated {name}"), |area| {
+    svg(1100, &format!("True and estimated {name}"), |area, hover| {
         let mut chart = axes.chart(area)?;
         axes.line(&mut chart, [[0.0, 0.0], [most, most]], INK.mix(0.6).stroke_width(2))?;
         for (i, group) in groups.iter().enumerate() {
@@ -519,8 +612,9 @@ pub fn true_and_estimated(name: &str, most: f64, groups: &[Vec<[f64; 4]>]) -> Re
                 // Groups are drawn side by side, so that both are seen.
                 let x = truth + most * (0.008 * i as f64 - 0.004);
                 axes.line(&mut chart, [[x, low], [x, high]], colour.mix(0.35).stroke_width(3))?;
-                let at = axes.inside([x, estimate]);
-                chart.draw_series(at.map(|at| Circle::new(at, 8, colour.mix(0.75).filled())))?;
+                let [t, e, l, h] = [truth, estimate, low, high].map(tick);
+                let said = [([x, estimate], format!("true {t}: estimated {e} ({l} to {h})"))];
+                axes.circles(&mut chart, (8, colour.mix(0.75).filled()), hover, said)?;
             }
         }
         Ok(())
@@ -534,7 +628,7 @@ pub fn curves(x_name: &str, y_name: &str, truth: &[[f64; 2]], recovered: &[Vec<[
     let y = extent(all().map(|p| p[1])).unwrap_or([0.0, 1.0]);
     let x = padded(x, 0.03);
     let axes = Axes { title: "", x, y: 0.0..1.08 * y[1].max(1.0), x_name, y_name, x_tick: &tick, x_ticks: 7 };
-    svg(680, &format!("{y_name} over {x_name}, true and recovered"), |area| {
+    svg(680, &format!("{y_name} over {x_name}, true and recovered"), |area, hover| {
         let mut chart = axes.chart(area)?;
         for (i, curve) in recovered.iter().enumerate() {
             let t = i as f64 / (recovered.len().max(2) - 1) as f64;
@@ -546,7 +640,9 @@ pub fn curves(x_name: &str, y_name: &str, truth: &[[f64; 2]], recovered: &[Vec<[
             );
             axes.line(&mut chart, curve.iter().copied(), colour.mix(0.8).stroke_width(5))?;
         }
-        axes.line(&mut chart, truth.iter().copied(), INK.stroke_width(4))
+        axes.line(&mut chart, truth.iter().copied(), INK.stroke_width(4))?;
+        let said = |&[x, y]: &[f64; 2]| ([x, y], format!("true at {}: {}", tick(x), tick(y)));
+        axes.told(&mut chart, hover, truth.iter().map(said).collect())
     })
 }
 
@@ -558,12 +654,12 @@ pub fn scatter(x_name: &str, y_name: &str, groups: &[Vec<[f64; 2]>]) -> Result<M
     let x = padded(x, 0.05);
     let axes =
         Axes { title: "", x, y: 0.0..1.08 * y[1].max(1e-6), x_name, y_name, x_tick: &tick, x_ticks: 7 };
-    svg(600, &format!("{y_name} over {x_name}"), |area| {
+    svg(600, &format!("{y_name} over {x_name}"), |area, hover| {
         let mut chart = axes.chart(area)?;
         for (i, group) in groups.iter().enumerate() {
             let colour = GROUPS[i % GROUPS.len()].mix(0.75);
-            let points = group.iter().filter_map(|&p| axes.inside(p));
-            chart.draw_series(points.map(|at| Circle::new(at, 8, colour.filled())))?;
+            let said = group.iter().map(|&[x, y]| ([x, y], format!("{}: {}", tick(x), tick(y))));
+            axes.circles(&mut chart, (8, colour.filled()), hover, said)?;
         }
         Ok(())
     })

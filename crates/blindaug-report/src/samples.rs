@@ -1,8 +1,8 @@
 //! The section of frames, with the motion and depth that were found in them.
 
 use crate::numbers::{metres, number};
-use crate::page::{picture, reduced, zoomed};
-use crate::pictures;
+use crate::page::{capitalised, picture, reduced, zoomed};
+use crate::{balls, pictures};
 use blindaug::Sample;
 use blindaug::model::{CameraTrack, DepthKind};
 use blindaug::{CameraModel, Encoded};
@@ -24,6 +24,33 @@ pub(crate) fn sample_section(track: &CameraTrack, samples: &[Sample], share: usi
             }
         }
     }
+}
+
+/// A virtual object in a frame, pasted on and with the camera: of the frames, the one of which most is known.
+pub(crate) fn before_and_after(track: &CameraTrack, samples: &[Sample]) -> Markup {
+    let known = |s: &Sample| usize::from(s.flow.is_some()) + usize::from(s.inverse_depth.is_some());
+    let made = samples
+        .iter()
+        .max_by_key(|s| known(s))
+        .and_then(|s| balls::before_after(s, &track.at(s.number)).ok().flatten());
+    html! { @if let Some(balls::BeforeAfter { number: frame, pasted, matched, left_out }) = made {
+        section {
+            h2 { "Before and after" }
+            div.row.pair {
+                @for (image, what) in [(&pasted, "pasted on"), (&matched, "with this camera")] {
+                    @if let Some(shown) = pictures::shown(image, usize::MAX) { figure {
+                        (picture(&shown, &format!("A grey ball and a mirror ball in frame {frame}, {what}"), "fill"))
+                        figcaption { (capitalised(what)) }
+                    } }
+                }
+            }
+            p.soft {
+                "A grey ball and a mirror ball of the program's own in the middle of frame " (frame) ", lit by the picture, as far away as what is behind "
+                "them and moving along with it. The camera is all that differs."
+                @if !left_out.is_empty() { " Left out, since it or what it needs is unknown: " (left_out.join(", ")) "." }
+            }
+        }
+    } }
 }
 
 pub(crate) fn sample(model: &CameraModel, s: &Sample, share: usize) -> Markup {

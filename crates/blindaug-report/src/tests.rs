@@ -2,7 +2,7 @@ use super::*;
 use blindaug::Raster;
 use blindaug::fit::{BlurPoint, Shot, noise::NoisePoint};
 use blindaug::model::{
-    Capture, Changes, CurveLevel, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate,
+    CameraTrack, Capture, Changes, CurveLevel, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate,
     ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS, NoiseCurves, NoiseInterval, NoiseLevel,
     NoiseLines, NoiseModel, Reason, SharpeningModel, ThinLensInterval, TrackedCamera, Unknown,
     total_of_levels,
@@ -70,6 +70,7 @@ fn known_model(width: usize, height: usize) -> CameraModel {
         bokeh: Default::default(),
         method: Method::Spectral,
         samples: 2805,
+        inverse_depth_seen: Some([0.1, 1.2]),
     });
     m
 }
@@ -130,6 +131,7 @@ fn full_sample(w: usize, h: usize) -> Sample {
     Sample {
         number: 3,
         frame: frame(w, h),
+        next: None,
         flow: Some(Raster::from_fn(w, h, |x, y| if x == 0 { [f32::NAN; 2] } else { [6.0, y as f32 / 40.0] })),
         inverse_depth: Some(Raster::from_fn(
             w,
@@ -230,6 +232,7 @@ fn a_full_report_has_every_part() {
             truth: "0.50".into(),
         }],
         pictures: vec![Picture { title: "Composite".into(), image: frame(80, 60) }],
+        provenance: None,
     });
     check(&html);
     for part in [
@@ -270,6 +273,7 @@ fn each_shot_has_its_own_exposure() {
             samples: vec![],
             comparison: vec![],
             pictures: vec![],
+            provenance: None,
         });
         check(&html);
         let plot = html.split("<svg").find(|svg| svg.contains("Exposure of each")).unwrap();
@@ -298,6 +302,7 @@ fn what_is_unknown_is_said() {
         samples,
         comparison: vec![],
         pictures: vec![],
+        provenance: None,
     };
     let html = written(&input(vec![]));
     check(&html);
@@ -331,6 +336,7 @@ fn the_middle_of_what_fits_and_shared_noise_are_told() {
             samples: vec![],
             comparison: vec![],
             pictures: vec![],
+            provenance: None,
         })
     };
     let told = ["the exposures that fit, 0.450 of the frame interval", "with the frame before is 0.250"];
@@ -384,6 +390,7 @@ fn odd_frames_and_numbers_give_a_report() {
             samples: vec![full_sample(w, h), odd, mismatched, not_finite],
             comparison: vec![],
             pictures: vec![Picture { title: "none".into(), image: Encoded(Raster::filled(w, h, [nan; 3])) }],
+            provenance: None,
         });
         check(&html);
     }
@@ -440,6 +447,7 @@ fn odd_models_give_a_report() {
             samples: vec![full_sample(64, 64)],
             comparison: vec![],
             pictures: vec![],
+            provenance: None,
         });
         check(&html);
         assert!(html.contains(says), "{says}");
@@ -455,7 +463,9 @@ fn tracked(frame: impl Fn(u64, &mut CameraModel, &mut Changes)) -> (Vec<String>,
     };
     let track = CameraTrack::from_json(&(1..=20).map(line).collect::<String>()).unwrap();
     let samples = vec![Sample { clean: None, ..full_sample(200, 150) }];
-    let html = track_page(&TrackReportInput { title: "<clip>".into(), track: &track, samples }).unwrap();
+    let html =
+        track_page(&TrackReportInput { title: "<clip>".into(), track: &track, samples, provenance: None })
+            .unwrap();
     check_page(&html);
     let svgs = html.split("<svg").skip(1).map(|s| s.split("</svg>").next().unwrap().into());
     (svgs.collect(), html.clone())
@@ -526,7 +536,14 @@ fn what_a_track_does_not_know_is_left_out_and_said() {
 fn large_noisy_frames_do_not_make_a_large_file() {
     let model = known_model(1920, 1080);
     let frame = frame(1920, 1080);
-    let sample = || Sample { number: 1, frame: frame.clone(), flow: None, inverse_depth: None, clean: None };
+    let sample = || Sample {
+        number: 1,
+        frame: frame.clone(),
+        next: None,
+        flow: None,
+        inverse_depth: None,
+        clean: None,
+    };
     let html = written(&ReportInput {
         title: "large".into(),
         model: &model,
@@ -534,6 +551,7 @@ fn large_noisy_frames_do_not_make_a_large_file() {
         samples: (0..4).map(|_| sample()).collect(),
         comparison: vec![],
         pictures: vec![Picture { title: "a".into(), image: frame.clone() }],
+        provenance: None,
     });
     check(&html);
     assert!(html.len() < 6_000_000, "{}", html.len());
@@ -546,4 +564,118 @@ fn the_noise_of_even_content_is_that_of_its_bands() {
     for std in total_of_levels(&std::array::from_fn(|level| [0.02 * band[level]; 3])) {
         assert!((std / 0.02 - 1.0).abs() < 0.03, "{std}");
     }
+}
+
+/// The report of a model alone.
+fn alone(model: &CameraModel) -> String {
+    written(&ReportInput::new("alone", model, &Diagnostics::default()))
+}
+
+/// The part of a page that shows the headlines.
+fn headlines(html: &str) -> &str {
+    let from = html.find("aria-label=\"In short\"").unwrap();
+    &html[from..from + html[from..].find("</section>").unwrap()]
+}
+
+#[test]
+fn headlines_have_intervals_and_a_focus_outside_of_what_was_seen_is_no_number() {
+    let model = known_model(200, 150);
+    let html = alone(&model);
+    for part in [
+        "173° shutter",
+        "162 to 184° (95 %)",
+        "Focus at 1.30 m",
+        "1.27 to 1.33 m (95 %)",
+        "0.500 to 0.900 (95 %)",
+    ] {
+        assert!(headlines(&html).contains(part), "{part}");
+    }
+    assert_eq!(headlines(&html).matches("class=\"interval\"").count(), 4);
+    let lens = |s: f32, low: f32, f: f32| {
+        let mut m = model.clone();
+        let interval =
+            Some(ThinLensInterval { sigma_px_at_infinity: [low, s + 0.3], focus_inverse_depth: [f, f] });
+        let curve = DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval };
+        let known = DefocusModel::given(curve, DepthKind::Metric);
+        m.defocus = Estimate::Known(DefocusModel { inverse_depth_seen: Some([0.1, 1.25]), ..known });
+        m
+    };
+    for (model, says) in [
+        (lens(3.0, 2.0, 5.0), "Focus nearer than all that is seen"),
+        (lens(3.0, 2.0, 0.05), "Focus beyond all that is seen"),
+        (lens(1e-6, 0.0, 0.5), "Sharp: blur below 0.300 px"),
+    ] {
+        let html = alone(&model);
+        assert!(headlines(&html).contains(says), "{says}");
+        assert!(!headlines(&html).contains("Focus at"), "{says}");
+        assert!(words::words(&model, &[]).contains(if model.defocus.known().unwrap().sigma_px(0.0) < 1.0 {
+            "below 0.30 px"
+        } else {
+            "that is seen"
+        }));
+    }
+}
+
+#[test]
+fn warnings_stand_above_the_headlines() {
+    let mut model = known_model(64, 64);
+    assert!(!alone(&model).contains("Before you rely on this"));
+    model.warnings = vec!["the footage was <compressed>".into()];
+    let html = alone(&model);
+    check(&html);
+    let at = |part: &str| html.find(part).unwrap();
+    assert!(at("The footage was &lt;compressed&gt;.") < at("aria-label=\"In short\""));
+}
+
+#[test]
+fn plots_tell_their_values_under_the_pointer() {
+    let model = known_model(64, 64);
+    let diagnostics = diagnostics(&model);
+    let html = written(&ReportInput::new("hover", &model, &diagnostics));
+    check(&html);
+    assert_eq!(html.matches("<circle").count(), html.matches("<title>").count() - 1);
+    for part in [
+        "<title>exposure 48 %: 0 nats</title>",
+        "<title>frame 1 in the order of reading: 50 %</title>",
+        "px by itself</title>",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+}
+
+/// A frame of cloth and the next one, moved by 3 px, each with its own noise.
+fn cloth(noise_of: &NoiseModel) -> Sample {
+    let (w, h) = (220, 160);
+    let weave = |x: f32, y: f32| 0.5 + 0.12 * (1.9 * x).sin() * (1.7 * y).cos();
+    let picture = |t: usize| {
+        let clean = Raster::from_fn(w, h, |x, y| [weave((x as f32) - 3.0 * t as f32, y as f32); 3]);
+        let grain = noise(noise_of, &clean, 7, t as u64);
+        Encoded(Raster::from_fn(w, h, |x, y| std::array::from_fn(|c| clean.at(x, y)[c] + grain.at(x, y)[c])))
+    };
+    Sample {
+        number: 0,
+        frame: picture(0),
+        next: Some(picture(1)),
+        flow: Some(Raster::filled(w, h, [3.0, 0.0])),
+        inverse_depth: None,
+        clean: None,
+    }
+}
+
+#[test]
+fn real_noise_is_compared_along_the_motion_so_that_cloth_is_no_noise() {
+    let camera = known_model(220, 160);
+    let track = CameraTrack::from(camera);
+    let ratio = |sample: Sample| {
+        let patches = pictures::noise_patches(&[sample], &track);
+        let p = patches.first().expect("the frame is large enough");
+        (p.temporal, p.sigma[0] / p.sigma[1], p.test.told_apart())
+    };
+    let (temporal, strength, told) = ratio(cloth(&noise_model()));
+    assert!(temporal && (strength - 1.0).abs() < 0.12 && !told, "{strength}");
+    // Negative controls: cloth in a single frame is far stronger than noise, and other noise is told from the model's.
+    let (temporal, strength, told) = ratio(Sample { next: None, ..cloth(&noise_model()) });
+    assert!(!temporal && strength > 2.0 && told, "{strength}");
+    let weak = NoiseModel::given([NoiseLevel { slope: [0.0; 3], intercept: [0.004; 3] }; NOISE_LEVELS], 1.0);
+    assert!(ratio(cloth(&weak)).2);
 }

@@ -1,23 +1,25 @@
 //! The report of a tracked camera: each number over time.
 
 use crate::noise::{channel_key, patches};
-use crate::numbers::{distance, number};
-use crate::page::{Part, capture, cards, footer, heading, page_with};
+use crate::numbers::{distance, interval, number};
+use crate::page::{Card, Part, capture, cards, footer, heading, page_of, warnings};
 use crate::plots::{self, CHANNELS, Course, ESTIMATE};
-use crate::samples::sample_section;
+use crate::samples::{before_and_after, sample_section};
 use crate::{TrackReportInput, pictures};
 use blindaug::CameraModel;
 use blindaug::model::{DefocusCurve, DepthKind, Distortion, TrackedCamera};
 use maud::{Markup, html};
 use plotters::style::RGBColor;
 
-pub(crate) fn page(TrackReportInput { title, track, samples }: &TrackReportInput) -> Part {
+pub(crate) fn page(TrackReportInput { title, track, samples, provenance }: &TrackReportInput) -> Part {
     let frames = track.frames();
     let last = &frames[frames.len() - 1].camera;
     let metric = is_metric(frames);
     let noise_lines = [0, 1, 2].map(|c| (CHANNELS[c], move |m: &CameraModel| noise(m, c)));
     let body = html! {
+        (warnings(last))
         (summary(frames, metric))
+        (before_and_after(track, samples))
         p.soft {
             "Each number is what a frame and those before it tell. Where the footage says nothing of it for a while, the last value stays and its "
             "interval (shaded, 95 %) widens; where nothing was seen of it yet, it is left out. Dashed lines: a change was noticed, which takes up to "
@@ -44,7 +46,7 @@ pub(crate) fn page(TrackReportInput { title, track, samples }: &TrackReportInput
         }
         (sample_section(track, samples, pictures::share_of_budget(samples.len())))
     };
-    Ok(page_with(title, &capture(last), &body, &footer(last)))
+    Ok(page_of(title, &capture(last), &body, &footer(last), provenance.as_ref()))
 }
 
 fn defocus_figures(frames: &[TrackedCamera], metric: bool) -> Part {
@@ -118,15 +120,31 @@ fn is_metric(frames: &[TrackedCamera]) -> bool {
 }
 
 fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
-    // A card shows the range of a number and the count of frames in which it is known.
-    let card = |of: &dyn Fn(&CameraModel) -> Option<f64>, text: &dyn Fn(String) -> String, more: &str| {
-        let known: Vec<f64> = frames.iter().filter_map(|f| of(&f.camera)).collect();
-        let [low, high] = plots::extent(known.iter().copied())?.map(number);
-        let range = if low == high { low } else { format!("{low} to {high}") };
-        Some((text(range), format!("{more}; known in {} of {} frames", known.len(), frames.len())))
+    // A card shows the range of a number, that of its intervals, and the count of frames in which it is known.
+    let card =
+        |of: &dyn Fn(&CameraModel) -> Known, text: &dyn Fn(String) -> String, unit: &str, more: &str| {
+            let known: Vec<[f64; 3]> = frames.iter().filter_map(|f| of(&f.camera)).collect();
+            let [low, high] = plots::extent(known.iter().map(|k| k[0]))?.map(number);
+            let range = if low == high { low } else { format!("{low} to {high}") };
+            // Infinite ends, as of distances, are ends too.
+            let end = |pick: fn(f64, f64) -> f64| known.iter().flat_map(|k| [k[1], k[2]]).reduce(pick);
+            let intervals = end(f64::min).zip(end(f64::max));
+            Some(Card {
+                big: text(range),
+                interval: intervals
+                    .map(|(low, high)| format!("all intervals {}", interval([low, high], unit))),
+                more: format!("{more}; known in {} of {} frames", known.len(), frames.len()),
+            })
+        };
+    let degrees = |m: &CameraModel| {
+        let m = m.motion_blur.known()?;
+        Some([m.exposure.0, m.interval[0], m.interval[1]].map(|v| 360.0 * f64::from(v)))
     };
-    let degrees = |m: &CameraModel| Some(f64::from(m.motion_blur.known()?.exposure.shutter_angle()));
-    let focus = |m: &CameraModel| lens(m).map(|[_, [f, ..]]| if metric { distance(f) } else { f });
+    let outside = |m: &CameraModel| m.defocus.known().and_then(|lens| lens.facts().outside);
+    let focus = |m: &CameraModel| {
+        let [_, known] = lens(m).filter(|_| outside(m).is_none())?;
+        Some(if metric { known.map(distance) } else { known })
+    };
     let focus_meaning = if metric {
         "what lies there is sharp"
     } else {
@@ -135,17 +153,24 @@ fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
     cards(|distortion| match distortion {
         Distortion::Defocus => {
             let unit = if metric { " m" } else { "" };
-            card(&focus, &|range| format!("Focus at {range}{unit}"), focus_meaning)
+            let within = card(&focus, &|range| format!("Focus at {range}{unit}"), unit, focus_meaning);
+            within.or_else(|| {
+                let outside: Vec<_> = frames.iter().filter_map(|f| outside(&f.camera)).collect();
+                let more = format!("in {} of {} frames", outside.len(), frames.len());
+                let big = format!("Focus {}", outside.last()?.words());
+                Some(Card { big, interval: None, more })
+            })
         }
         Distortion::MotionBlur => {
-            card(&degrees, &|range| format!("{range}° shutter"), "360° is the whole frame interval")
+            card(&degrees, &|range| format!("{range}° shutter"), "°", "360° is the whole frame interval")
         }
         Distortion::Noise => card(
-            &|m| Some(noise(m, 1)?[0]),
+            &|m| noise(m, 1),
             &|range| format!("{range} of 255"),
+            "",
             "std of the finest grain of green at middle brightness",
         ),
-        other => card(&|m| Some(first(m, other)?[0]), &|range| range, "as in the plot below"),
+        other => card(&|m| first(m, other), &|range| range, "", "as in the plot below"),
     })
 }
 

@@ -1,11 +1,14 @@
 //! A camera model in words and units, for a terminal, and the same numbers as JSON; per-frame models as a table.
 
 use crate::depth_map;
+use crate::noise::total_std;
+use crate::numbers::tidy;
+use crate::plots::defocus_interval;
 use blindaug::{
     CameraModel,
     model::{
-        CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, Focus, Method,
-        NoiseModel, Parameter, TrackedCamera, VISIBLE_PX,
+        CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, ExposureFraction,
+        Focus, Method, NoiseModel, OutsideFocus, Parameter, TrackedCamera, VISIBLE_PX,
     },
 };
 use serde_json::{Map, Value, json};
@@ -39,7 +42,7 @@ pub fn table(track: &CameraTrack) -> String {
         let [frame, exposure, sigma, focus, noise, changed] = cells;
         let others: String = others.iter().map(|cell| format!("{cell:<18}  ")).collect();
         let line =
-            format!("{frame:>7}  {exposure:<18}  {sigma:<15}  {focus:<21}  {noise:<12}  {others}{changed}");
+            format!("{frame:>7}  {exposure:<18}  {sigma:<18}  {focus:<21}  {noise:<18}  {others}{changed}");
         format!("{}\n", line.trim_end())
     };
     let names: Vec<String> = others.iter().map(|d| d.name().into()).collect();
@@ -53,9 +56,30 @@ pub fn table(track: &CameraTrack) -> String {
             f.camera.motion_blur.known().map_or_else(unknown, |m| with_interval(m.exposure.0, m.interval));
         let facts = f.camera.defocus.known().map(DefocusModel::facts);
         let metric = lens.ends_with(" m");
-        let number = |v: Option<f32>| v.map_or_else(unknown, |v| format!("{v:.2}"));
-        let focus = facts.as_ref().and_then(|d| d.in_focus()).map(|d| if metric { d.recip() } else { d });
-        let noise = f.camera.noise.known().map(|n| 255.0 * n.total_std(0.5)[1]);
+        let sigma = facts.as_ref().and_then(|d| match (d.sigma_below, d.sigma_px_at_infinity) {
+            (Some(most), _) => Some(format!("below {most:.2}")),
+            (None, Some(s)) => Some(with_interval(s, d.sigma_interval.unwrap_or([s; 2]))),
+            _ => None,
+        });
+        let focus = facts.as_ref().map(|d| match (d.focus, d.outside) {
+            (_, Some(OutsideFocus::Nearer(_))) => "nearer than all seen".into(),
+            (_, Some(OutsideFocus::Beyond(_))) => "beyond all seen".into(),
+            (Focus::At(f), None) => {
+                let [low, high] = d.focus_interval.unwrap_or([f; 2]);
+                let metres = |d: f32| if d > 1e-4 { d.recip() } else { f32::INFINITY };
+                if metric {
+                    with_interval(metres(f), [metres(high), metres(low)])
+                } else {
+                    with_interval(f, [low, high])
+                }
+            }
+            (Focus::LeastBlurred { .. }, None) => unknown(),
+            (Focus::Everywhere, None) => "everywhere".into(),
+        });
+        let noise = f.camera.noise.known().map(|n| {
+            let [low, std, high] = noise_std(n, 0.5).map(|s| s[1]);
+            with_interval(std, [low, high])
+        });
         let changed: Vec<&str> =
             Distortion::ALL.into_iter().filter(|d| f.changed.of(*d)).map(changed_name).collect();
         let other = |&d: &Distortion| f.camera.parameters(d).first().map_or_else(unknown, first_number);
@@ -63,9 +87,9 @@ pub fn table(track: &CameraTrack) -> String {
         let cells = [
             &f.frame.to_string(),
             &exposure,
-            &number(facts.as_ref().and_then(|d| d.sigma_px_at_infinity)),
-            &number(focus),
-            &number(noise),
+            &sigma.unwrap_or_else(unknown),
+            &focus.unwrap_or_else(unknown),
+            &noise.unwrap_or_else(unknown),
             &changed.join(", "),
         ];
         text += &row(cells.map(String::as_str), &others);
@@ -98,6 +122,9 @@ pub fn words(model: &CameraModel, at_depth: &[f32]) -> String {
     };
     let mut text =
         format!("Camera     {width} x {height} px{pixels} {rate}; estimated from {frames}{stopped}\n");
+    for sentence in &model.warnings {
+        let _ = writeln!(text, "Warning    {sentence}");
+    }
     // Writing to a String cannot fail.
     for distortion in Distortion::ALL {
         let _ = match distortion {
@@ -118,8 +145,12 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
     };
     writeln!(text, "Noise      std in R, G, B, in steps of 8 bit (1/255):")?;
     for y in LUMINANCES {
-        let [r, g, b] = noise.total_std(y).map(|v| 255.0 * v);
-        writeln!(text, "             at luminance {y}: {r:.2}, {g:.2}, {b:.2}")?;
+        let [low, std, high] = noise_std(noise, y);
+        let of = |c: usize| match noise.lines().interval {
+            Some(_) => format!("{:.2} ({:.2} to {:.2})", std[c], low[c], high[c]),
+            None => format!("{:.2}", std[c]),
+        };
+        writeln!(text, "             at luminance {y}: {}, {}, {}", of(0), of(1), of(2))?;
     }
     writeln!(
         text,
@@ -139,6 +170,11 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
         )?;
     }
     writeln!(text, "           {}", origin(noise.method(), noise.samples(), "local measurements"))
+}
+
+/// The lower ends, the values and the upper ends of the std of the whole noise of R, G and B at a luminance, in steps of 8 bit.
+fn noise_std(noise: &NoiseModel, y: f32) -> [[f32; 3]; 3] {
+    [-1.0, 0.0, 1.0].map(|shift| total_std(noise, y, shift).map(|v| 255.0 * v))
 }
 
 fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result {
@@ -179,25 +215,42 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
     let known_to = |i: Option<[f32; 2]>, text: &dyn Fn(f32) -> String| {
         i.map_or(String::new(), |[lo, hi]| format!(" ({} to {})", text(lo), text(hi)))
     };
-    match facts.focus {
-        Focus::At(d) => {
+    match (facts.focus, facts.outside) {
+        (Focus::At(_), Some(outside)) => {
+            writeln!(
+                text,
+                "Defocus    in focus {}, that is {}",
+                outside.words(),
+                match outside {
+                    OutsideFocus::Nearer(d) => format!("nearer than {}", place(d)),
+                    OutsideFocus::Beyond(d) => format!("beyond {}", place(d)),
+                }
+            )?;
+        }
+        (Focus::At(d), None) => {
             // The far end of the interval of inverse depth is the larger depth.
             let i = facts.focus_interval.map(|[lo, hi]| if metric { [hi, lo] } else { [lo, hi] });
             writeln!(text, "Defocus    in focus at {}{}", place(d), known_to(i, &place))?;
         }
-        Focus::LeastBlurred { inverse_depth, sigma_px } => {
+        (Focus::LeastBlurred { inverse_depth, sigma_px }, _) => {
             let place = place(inverse_depth);
             writeln!(
                 text,
                 "Defocus    nothing in its range is in focus; least blurred ({sigma_px:.2} px) at {place}"
             )?;
         }
-        Focus::Everywhere => writeln!(text, "Defocus    no blur: everything is in focus")?,
+        (Focus::Everywhere, _) => writeln!(text, "Defocus    no blur: everything is in focus")?,
     }
     if let Some(s) = facts.sigma_px_at_infinity {
         let of = if metric { "at infinity" } else { "at relative inverse depth 0" };
         let i = known_to(facts.sigma_interval, &|v| format!("{v:.2}"));
-        writeln!(text, "           blur {of}: {s:.2} px{i}, the std of the equivalent Gaussian")?;
+        match facts.sigma_below {
+            Some(most) => writeln!(
+                text,
+                "           blur {of}: below {most:.2} px (95 % bound; less cannot be told from none), the std of the equivalent Gaussian"
+            )?,
+            None => writeln!(text, "           blur {of}: {s:.2} px{i}, the std of the equivalent Gaussian")?,
+        }
     }
     if !defocus.bokeh.is_default() {
         writeln!(text, "           an out-of-focus point is {}", defocus.bokeh.words())?;
@@ -225,7 +278,9 @@ fn defocus_words(text: &mut String, defocus: &Estimate<DefocusModel>, at_depth: 
     for &at in at_depth {
         let d = if metric { at.recip() } else { at };
         let what = if metric { format!("{at} m") } else { format!("relative inverse depth {at}") };
-        writeln!(text, "           at {what}: {:.2} px", defocus.sigma_px(d))?;
+        let known = defocus_interval(defocus, d.into());
+        let known = known.map_or(String::new(), |[low, high]| format!(" ({low:.2} to {high:.2})"));
+        writeln!(text, "           at {what}: {:.2} px{known}", defocus.sigma_px(d))?;
     }
     writeln!(text, "           {}", origin(defocus.method, defocus.samples, unit_of_samples(defocus.method)))
 }
@@ -284,7 +339,13 @@ fn lens_rows(lens: &DefocusModel) -> Vec<(&'static str, String)> {
         DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
             let i = interval.map_or([[s; 2], [f; 2]], |i| [i.sigma_px_at_infinity, i.focus_inverse_depth]);
             let unit = if lens.depth_kind == DepthKind::Metric { "focus, 1/m" } else { "focus, relative" };
-            vec![("blur at infinity, px", with_interval(s, i[0])), (unit, with_interval(f, i[1]))]
+            let facts = lens.facts();
+            let blur = match facts.sigma_below {
+                Some(most) => format!("below {most:.2}"),
+                None => with_interval(s, i[0]),
+            };
+            let focus = facts.outside.map_or_else(|| with_interval(f, i[1]), |o| o.words().into());
+            vec![("blur at infinity, px", blur), (unit, focus)]
         }
         DefocusCurve::Quadratic { a, b, c, .. } => {
             vec![("lens", format!("{a:.2} d² + {b:.2} d + {c:.2} px"))]
@@ -292,11 +353,19 @@ fn lens_rows(lens: &DefocusModel) -> Vec<(&'static str, String)> {
     }
 }
 
-/// The values that follow from the model, for programs.
+/// The values that follow from the model, for programs: each with its 95 % interval where there is one, and numbers at six digits.
 pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
+    tidy(derived_exactly(model, at_depth))
+}
+
+fn derived_exactly(model: &CameraModel, at_depth: &[f32]) -> Value {
     let noise = match &model.noise {
         Estimate::Known(n) => {
-            let std = LUMINANCES.map(|y| json!({ "luminance": y, "std": n.total_std(y) }));
+            let std = LUMINANCES.map(|y| {
+                let [low, std, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(n, y, shift));
+                let interval = n.lines().interval.map(|_| [0, 1, 2].map(|c| [low[c], high[c]]));
+                json!({ "luminance": y, "std": std, "interval": interval })
+            });
             let correlation = n.curves().map(|c| json!({ "of_channels_rg_rb_gb": c.levels.map(|l| l.correlation()), "of_frames": c.temporal_correlation }));
             json!({ "std_of_encoded_rgb": std, "correlation": correlation, "clip": n.clip(), "method": n.method(), "samples": n.samples() })
         }
@@ -306,7 +375,9 @@ pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
         Estimate::Known(m) => json!({
             "exposure": m.exposure, "interval": m.interval,
             "shutter_angle_degrees": m.exposure.shutter_angle(),
+            "shutter_angle_interval": m.interval.map(|v| ExposureFraction(v).shutter_angle()),
             "exposure_time_s": model.capture.fps.map(|f| m.exposure.seconds(f)),
+            "exposure_time_interval": model.capture.fps.map(|f| m.interval.map(|v| ExposureFraction(v).seconds(f))),
             "method": m.method, "samples": m.samples
         }),
         Estimate::Unknown(why) => json!(why),
@@ -319,6 +390,9 @@ pub fn derived(model: &CameraModel, at_depth: &[f32]) -> Value {
         json!({ "capture": model.capture, "noise": noise, "motion_blur": motion_blur, "defocus": defocus });
     if let Some(stopped) = &model.stopped {
         value["stopped"] = json!(stopped);
+    }
+    if !model.warnings.is_empty() {
+        value["warnings"] = json!(model.warnings);
     }
     // The other distortions are written as in camera.json.
     let file = json!(model);
@@ -338,7 +412,12 @@ fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
     let mut put = |key: &str, value: Value| values.insert(key.into(), value);
     put("depth_kind", json!(model.depth_kind));
     put("sigma_px_at_infinity", json!(facts.sigma_px_at_infinity));
+    put("sigma_px_at_infinity_interval", json!(facts.sigma_interval));
+    put("sigma_px_at_infinity_below", json!(facts.sigma_below));
     put("focus_inverse_depth", json!(facts.in_focus()));
+    put("focus_inverse_depth_interval", json!(facts.focus_interval));
+    put("inverse_depth_seen", json!(model.inverse_depth_seen));
+    put("focus_outside_of_what_was_seen", json!(facts.outside.map(OutsideFocus::words)));
     // The sharp range runs from the far end of the farthest range to the near end of the nearest one.
     let finite = |d: f32| d.is_finite().then_some(d);
     let sharp = facts.sharp.first().zip(facts.sharp.last()).map(|(far, near)| [far[0], near[1]]);
@@ -348,13 +427,15 @@ fn defocus_derived(model: &DefocusModel, at_depth: &[f32]) -> Value {
         // Null means infinitely far.
         let metres = |d: f32| (d > 0.0).then(|| d.recip());
         put("focus_distance_m", json!(facts.in_focus().and_then(metres)));
+        let distances = facts.focus_interval.map(|[far, near]| [near, far].map(metres));
+        put("focus_distance_m_interval", json!(distances));
         put("depth_m_with_sigma_below_half_px", json!(sharp.map(|[far, near]| [near, far].map(metres))));
     }
     let at: Vec<_> = at_depth
         .iter()
         .map(|&z| {
             let (key, d) = if metric { ("depth_m", z.recip()) } else { ("relative_inverse_depth", z) };
-            json!({ key: z, "sigma_px": model.sigma_px(d) })
+            json!({ key: z, "sigma_px": model.sigma_px(d), "interval": defocus_interval(model, d.into()) })
         })
         .collect();
     put("at", json!(at));
@@ -389,8 +470,10 @@ fn unit_of_samples(method: Method) -> &'static str {
 }
 
 /// A value with its interval, such as "0.48 [0.45, 0.51]".
-pub fn with_interval(value: f32, [lo, hi]: [f32; 2]) -> String {
-    format!("{value:.2} [{lo:.2}, {hi:.2}]")
+pub fn with_interval(value: f32, interval: [f32; 2]) -> String {
+    let text = |v: f32| if v.is_infinite() { "∞".into() } else { format!("{v:.2}") };
+    let [lo, hi] = interval.map(text);
+    format!("{} [{lo}, {hi}]", text(value))
 }
 
 /// A number with about three significant digits, without zeros at the end.

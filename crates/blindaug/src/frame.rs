@@ -16,6 +16,8 @@ pub struct Sample {
     pub number: u64,
     /// The frame as it was filmed.
     pub frame: Encoded,
+    /// The frame after it, which the flow leads to.
+    pub next: Option<Encoded>,
     /// Optical flow to the next frame, px.
     pub flow: Option<Flow>,
     /// Inverse depth, in the unit of the model's defocus.

@@ -3,6 +3,10 @@
 //! Nothing that a file says may end a comment of another language, move a terminal's cursor, or fill a screen. So every such text
 //! passes one of these functions where it enters a message or a model, and once more where it is shown.
 
+use serde::Serialize;
+use serde_json::ser::{CompactFormatter, Formatter, PrettyFormatter};
+use std::io::Write;
+
 /// The largest number of characters that a message shows of a text from outside.
 pub const LONGEST: usize = 500;
 
@@ -40,6 +44,67 @@ pub fn cut(text: &str, most: usize) -> String {
     format!("{first} .. {}", &text[if end == 0 { text.len() } else { skip }..])
 }
 
+/// The number of significant digits of numbers in files.
+const DIGITS: usize = 6;
+
+/// The number with six significant digits: beyond those lie the errors of arithmetic with f32, which make 0.48 a 0.47999998.
+pub fn rounded(v: f32) -> f32 {
+    format!("{v:.*e}", DIGITS - 1).parse().unwrap_or(v)
+}
+
+/// Writes numbers of type f32 with six significant digits, all else as the formatter within does.
+struct Rounded<F>(F);
+
+impl<F: Formatter> Formatter for Rounded<F> {
+    fn write_f32<W: ?Sized + Write>(&mut self, writer: &mut W, v: f32) -> std::io::Result<()> {
+        self.0.write_f32(writer, rounded(v))
+    }
+    fn begin_array<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.begin_array(writer)
+    }
+    fn end_array<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.end_array(writer)
+    }
+    fn begin_array_value<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> std::io::Result<()> {
+        self.0.begin_array_value(writer, first)
+    }
+    fn end_array_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.end_array_value(writer)
+    }
+    fn begin_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.begin_object(writer)
+    }
+    fn end_object<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.end_object(writer)
+    }
+    fn begin_object_key<W: ?Sized + Write>(&mut self, writer: &mut W, first: bool) -> std::io::Result<()> {
+        self.0.begin_object_key(writer, first)
+    }
+    fn begin_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.begin_object_value(writer)
+    }
+    fn end_object_value<W: ?Sized + Write>(&mut self, writer: &mut W) -> std::io::Result<()> {
+        self.0.end_object_value(writer)
+    }
+}
+
+/// A value whose maps have only string keys, as JSON over several lines; numbers of type f32 have six significant digits.
+pub(crate) fn json_pretty(value: &impl Serialize) -> String {
+    json(value, PrettyFormatter::new())
+}
+
+/// The same as [`json_pretty`] in one line.
+pub(crate) fn json_line(value: &impl Serialize) -> String {
+    json(value, CompactFormatter)
+}
+
+fn json(value: &impl Serialize, formatter: impl Formatter) -> String {
+    let mut out = vec![];
+    let mut serializer = serde_json::Serializer::with_formatter(&mut out, Rounded(formatter));
+    value.serialize(&mut serializer).expect("all keys are strings, and a Vec takes all bytes");
+    String::from_utf8(out).expect("JSON is text")
+}
+
 fn shown(text: &str, hidden: impl Fn(char) -> bool) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -60,6 +125,15 @@ mod tests {
         assert_eq!(one_line("a\u{2028}b\u{85}c\u{202e}d\0"), "a b c\\u{202e}d\\u{0}");
         assert_eq!(printable("two\nlines\tkept\u{1b}"), "two\nlines\tkept\\u{1b}");
         assert_eq!(one_line("größe, 日本, 1/255 ±"), "größe, 日本, 1/255 ±");
+    }
+
+    #[test]
+    fn numbers_in_files_have_six_digits() {
+        let dust = 0.1f32 + 0.7 - 0.32;
+        assert_ne!(dust.to_string(), "0.48");
+        assert_eq!(json_line(&[dust, 0.0, 123.456_79, -7.614_714e-7]), "[0.48,0.0,123.457,-7.61471e-7]");
+        assert_eq!(json_pretty(&[0.5f64]), "[\n  0.5\n]");
+        assert!(rounded(f32::NAN).is_nan());
     }
 
     #[test]

@@ -144,8 +144,8 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
             estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
         }
         let found = estimator.estimate().unwrap();
-        let notes = &found.diagnostics.notes;
-        assert!(notes.iter().any(|n| n.contains("compressed")), "{notes:?}");
+        let warnings = &found.model.warnings;
+        assert!(warnings.iter().any(|n| n.contains("compressed")), "{warnings:?}");
         let found = *found.model.motion_blur.known().expect("much moves");
         println!("{exposure}: {:?} {:?}", found.exposure, found.interval);
         assert!((found.exposure.0 - exposure).abs() < 0.1 && found.interval[1] - found.interval[0] < 0.5);

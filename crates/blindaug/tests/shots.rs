@@ -60,7 +60,7 @@ fn shots_of_one_shutter_are_measured_together() {
     let samples = |i: usize| diagnostics.shots[i].motion_blur.known().map_or(0, |m| m.samples);
     assert_eq!(found.samples, samples(0) + samples(1));
     // All frames can be followed to a neighbour within their shot.
-    assert!(diagnostics.notes.iter().all(|n| !n.contains("followed")), "{:?}", diagnostics.notes);
+    assert!(model.warnings.iter().all(|n| !n.contains("followed")), "{:?}", model.warnings);
 }
 
 #[test]

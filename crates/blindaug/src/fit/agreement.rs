@@ -79,6 +79,8 @@ pub struct LensFit {
     pub samples: usize,
     /// The blur of each tile by itself, at its inverse depth.
     pub points: Vec<BlurPoint>,
+    /// The inverse depths of the farthest and of the nearest tile.
+    pub inverse_depth_seen: [f32; 2],
 }
 
 impl LensFit {
@@ -420,7 +422,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         return Ok(Estimate::unknown(Reason::Uncertain, why));
     }
     let of = |f: &dyn Fn(&Lens) -> f32, floor: f32| {
-        interval(f(&lens), &replicas.iter().map(f).collect::<Vec<f32>>(), floor * f(&lens))
+        interval(f(&lens), &replicas.iter().map(f).collect::<Vec<f32>>(), floor)
     };
     let points = observations
         .iter()
@@ -432,16 +434,33 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
             BlurPoint { inverse_depth: w.inverse_depth, sigma_px: sigma_of(at), weight }
         })
         .collect();
-    let texture = TEXTURE_BLUR / lens.sigma_px_at_infinity().max(TEXTURE_BLUR);
+    let sigma = lens.sigma_px_at_infinity();
+    let texture = TEXTURE_BLUR / sigma.max(TEXTURE_BLUR);
     // The change of the blur in the middle of the scene per change of the log of the focus, over the blur at infinity.
     let nearness = (mean(&|d| d.abs()) / lens.focus.max(1e-6)).max(0.1);
     Ok(Estimate::Known(LensFit {
         lens,
-        sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), LENS_FLOORS.0.hypot(texture)),
-        focus_inverse_depth: of(&|l| l.focus, LENS_FLOORS.1.hypot(texture / nearness)),
+        sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), (LENS_FLOORS.0 * sigma).hypot(TEXTURE_BLUR)),
+        focus_inverse_depth: of(
+            &|l| l.focus,
+            lens.focus * LENS_FLOORS.1.hypot(texture / nearness) + unseen_focus(lens, TEXTURE_BLUR, range.1),
+        ),
         samples: tiles.round() as usize,
         points,
+        inverse_depth_seen: seen(observations.iter().map(|w| w.inverse_depth)),
     }))
+}
+
+/// The least and the largest of these inverse depths.
+pub(super) fn seen(inverse_depths: impl Iterator<Item = f32>) -> [f32; 2] {
+    inverse_depths.fold([f32::MAX, f32::MIN], |[far, near], d| [far.min(d), near.max(d)])
+}
+
+/// What a floor (std) of the focus lacks that is in proportion to the focus, where blur at infinity is less than blur that is not told from
+/// none (px): such a lens may be in focus wherever its blur at infinity is no more than that. `nearest` bounds it where nothing is blurred.
+pub(super) fn unseen_focus(lens: Lens, untold_px: f32, nearest: f32) -> f32 {
+    let share = (1.0 - lens.sigma_px_at_infinity() / untold_px).max(0.0);
+    share * (untold_px / lens.slope.max(1e-9)).min(nearest.abs())
 }
 
 /// The weight of each observation, 1 on average over the tiles. Tiles of one depth mostly show one surface, whose texture misleads all of

@@ -130,10 +130,13 @@ const BOKEH: Bokeh = Bokeh::Disk;
 /// The largest change at which the alternating fits of exposure and lens to clean frames stop: of the exposure fraction, of the blur at
 /// infinity in px, and of the inverse depth in focus.
 const SETTLED: f32 = 1e-3;
-/// The std of the exposure fraction that stands for errors of the comparison with clean frames.
-const REMOVAL_EXPOSURE_FLOOR: f32 = 0.01;
+/// The std of the exposure fraction that stands for errors of the comparison with clean frames: about the errors on rendered clips, whose
+/// camera shares nothing with the fit (docs/accuracy.md).
+const REMOVAL_EXPOSURE_FLOOR: f32 = 0.02;
 /// The relative std of the lens's numbers that stands for errors of the comparison with clean frames.
 const REMOVAL_LENS_FLOOR: f32 = 0.04;
+/// The std of the blur, px, that comparison with clean frames does not tell from none.
+const REMOVAL_UNTOLD_PX: f32 = 0.1;
 /// The std of the exposure fraction if a network made the clean frames: its errors on other scenes (docs/lab-log.md).
 const NETWORK_EXPOSURE_FLOOR: f32 = 0.1;
 /// The relative std of the lens's numbers if a network made the clean frames: its errors on other scenes (docs/lab-log.md).
@@ -143,6 +146,8 @@ const NETWORK_LENS_FLOOR: f32 = 0.3;
 const NOISE_WHOLE: usize = 1 << 20;
 /// The fewest rows of such a part: as many again around it are computed with it.
 const NOISE_ROWS: usize = 256;
+/// An estimate from fewer frames comes with a warning.
+const FEW_FRAMES: usize = 5;
 /// In how many frames each part is measured at least.
 const NOISE_SEEN: usize = 4;
 
@@ -248,6 +253,7 @@ impl Estimator {
         let mut kept = FrameEvidence::new(index, self.shots.len() - 1, flow.is_some(), depth.is_some());
         // Given flow leads to the next frame.
         let mut still = false;
+        let flow_given = evidence.flow.is_some() && !evidence.found_before;
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
         if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
             still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(index))?;
@@ -269,11 +275,9 @@ impl Estimator {
         let mut at_frame =
             to_next.as_ref().zip(last.as_ref()).map(|(flow, last)| motion_at_frame(flow, &last.flow));
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
-        let measured = next.is_some() || evidence.flow.is_some();
+        let measured = next.is_some() || flow_given;
         let mut speed_error = 0.0;
-        if let (Some(to_next), true) =
-            (&to_next, self.options.family != Family::Removal && evidence.flow.is_none())
-        {
+        if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal && !flow_given) {
             let motion = at_frame.as_ref().unwrap_or(to_next);
             let turned;
             (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), motion);
@@ -363,7 +367,7 @@ impl Estimator {
             // Given depth of some frames is not mixed with depth from parallax, which is in another unit.
             None if self.depth_given => None,
             None => {
-                if let (None, Some(flow)) = (&parallax, evidence.flow) {
+                if let (None, Some(flow), false) = (&parallax, evidence.flow, evidence.found_before) {
                     parallax = Some(parallax_of(flow)?);
                 }
                 match parallax {
@@ -375,7 +379,13 @@ impl Estimator {
                         self.why_no_depth = no_parallax(&why);
                         None
                     }
-                    None => None,
+                    None => {
+                        if evidence.found_before && evidence.flow.is_some() {
+                            let why = "no depth was given, and none was found when this evidence was saved";
+                            self.why_no_depth = Unknown::new(Reason::NoDepth, why);
+                        }
+                        None
+                    }
                 }
             }
         })
@@ -544,8 +554,16 @@ impl Estimator {
         let mut model = CameraModel::unknown(capture, "not looked at");
         (model.blur_space, model.transfer) = (self.options.space.blur, self.options.space.transfer);
         let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
+        if self.frames.len() < FEW_FRAMES {
+            let few = if self.frames.len() == 1 {
+                "one frame".into()
+            } else {
+                format!("{} frames", self.frames.len())
+            };
+            model.warnings.push(format!("the model rests on {few} only: more frames would make it surer"));
+        }
         if self.unfollowed > 0 {
-            diagnostics.notes.push(format!(
+            model.warnings.push(format!(
                 "{} of {} frames could not be followed to their neighbour (too much changed)",
                 self.unfollowed,
                 self.frames.len()
@@ -583,7 +601,7 @@ impl Estimator {
         }
         let coding_error = fit.luma.map_or(0.0, |l| l.coding_error);
         if coding_error >= NOTABLE_CODING_ERROR {
-            diagnostics.notes.push(format!(
+            model.warnings.push(format!(
                 "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
                 100.0 * coding_error
             ));
@@ -754,9 +772,10 @@ impl Estimator {
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];
         let of_tiles = |b: agreement::LensFit| {
-            (b.lens, b.sigma_px_at_infinity, b.focus_inverse_depth, blind_method, b.samples, b.points)
+            let (sigma, focus) = (b.sigma_px_at_infinity, b.focus_inverse_depth);
+            (b.lens, sigma, focus, blind_method, b.samples, b.points, b.inverse_depth_seen)
         };
-        let (lens, sigma, focus, method, samples, points) = match (blind, compared) {
+        let (lens, sigma, focus, method, samples, points, seen) = match (blind, compared) {
             (Estimate::Known(b), Some(c))
                 if blind_method != Method::Removal && width(b.sigma_px_at_infinity) <= width(c.1) =>
             {
@@ -764,7 +783,9 @@ impl Estimator {
             }
             (_, Some((lens, sigma, focus, samples))) => {
                 let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
-                (lens, sigma, focus, Method::Removal, samples, searched)
+                let ranges = self.frames.iter().filter_map(|f| f.lens.as_ref()).map(|l| l.range);
+                let seen = agreement::seen(ranges.flat_map(|(far, near)| [far, near]));
+                (lens, sigma, focus, Method::Removal, samples, searched, seen)
             }
             (Estimate::Known(b), None) => of_tiles(b),
             (Estimate::Unknown(why), None) => {
@@ -799,6 +820,7 @@ impl Estimator {
         model.defocus = Estimate::Known(DefocusModel {
             method,
             samples: samples as u64,
+            inverse_depth_seen: Some(seen),
             ..DefocusModel::given(curve, depth_kind)
         });
         Ok(())
@@ -859,11 +881,13 @@ impl Estimator {
     /// depth in focus, and the number of samples; `None` if there is no such frame or the blur is too uncertain.
     fn aggregate_lens(&self) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
         let fits: Vec<&defocus::LensFit> = self.frames.iter().filter_map(|f| f.lens.as_ref()).collect();
-        let of = |value: &dyn Fn(defocus::Lens) -> f32, variance: &dyn Fn(&defocus::LensFit) -> f64| {
+        let of = |value: &dyn Fn(defocus::Lens) -> f32,
+                  variance: &dyn Fn(&defocus::LensFit) -> f64,
+                  least: &dyn Fn(&defocus::LensFit) -> f32| {
             let values: Vec<(f32, f64)> = fits.iter().map(|f| (value(f.lens), variance(f))).collect();
             let middle = median(values.iter().map(|v| v.0).collect())?;
             let floor = if self.by_network { NETWORK_LENS_FLOOR } else { REMOVAL_LENS_FLOOR };
-            aggregate(&values, floor * middle)
+            aggregate(&values, (floor * middle).hypot(median(fits.iter().map(|f| least(f)).collect())?))
         };
         let infinity = |f: &defocus::LensFit| {
             let g = [f64::from(f.lens.focus), f64::from(f.lens.slope)];
@@ -872,8 +896,9 @@ impl Estimator {
                 .map(|(i, j)| g[i] * f.covariance[i][j] * g[j])
                 .sum::<f64>()
         };
-        let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity)?;
-        let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1])?;
+        let (sigma, sigma_interval) = of(&|l| l.sigma_px_at_infinity(), &infinity, &|_| REMOVAL_UNTOLD_PX)?;
+        let unseen = |f: &defocus::LensFit| agreement::unseen_focus(f.lens, REMOVAL_UNTOLD_PX, f.range.1);
+        let (focus, focus_interval) = of(&|l| l.focus, &|f| f.covariance[1][1], &unseen)?;
         // The lens is that of one frame, the nearest to both medians: the two medians together may be a lens that no frame has.
         let off = |f: &defocus::LensFit| {
             let share = |v: f32, of: f32| (v - of).abs() / of.max(1e-3);

@@ -73,6 +73,9 @@ pub struct Evidence<'a> {
     pub clean: Option<&'a Encoded>,
     /// Whether a network made these images from the frame; the intervals are then wider, to allow for the blur and noise that it leaves.
     pub by_network: bool,
+    /// Whether flow and depth are what an estimator found in these frames before ([`super::Estimator::flow`]), rather than knowledge from
+    /// elsewhere: then the same is made of them as if they were found now.
+    pub found_before: bool,
 }
 
 /// The result of an estimator.

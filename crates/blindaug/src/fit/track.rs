@@ -620,8 +620,13 @@ impl Tracker {
                     };
                     let (method, samples) = (Method::Spectral, fit.samples as u64);
                     memory.age = 0;
-                    self.known.lens =
-                        Some(DefocusModel { method, samples, ..DefocusModel::given(curve, depth_kind) });
+                    let inverse_depth_seen = Some(fit.inverse_depth_seen);
+                    self.known.lens = Some(DefocusModel {
+                        method,
+                        samples,
+                        inverse_depth_seen,
+                        ..DefocusModel::given(curve, depth_kind)
+                    });
                 }
                 Estimate::Unknown(reason) => why = reason,
             }

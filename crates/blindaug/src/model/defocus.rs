@@ -55,12 +55,16 @@ pub struct DefocusModel {
     pub method: Method,
     /// The number of tiles (spectral) or places (removal) that the estimate rests on.
     pub samples: u64,
+    /// The inverse depths, the farthest and the nearest, of what the estimate rests on; `None` if that is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub inverse_depth_seen: Option<[f32; 2]>,
 }
 
 impl DefocusModel {
     /// A model of a curve that is known beforehand, whose points are Gaussians.
     pub fn given(curve: DefocusCurve, depth_kind: DepthKind) -> Self {
-        Self { curve, depth_kind, bokeh: Aperture::default(), method: Method::Given, samples: 0 }
+        let bokeh = Aperture::default();
+        Self { curve, depth_kind, bokeh, method: Method::Given, samples: 0, inverse_depth_seen: None }
     }
 
     /// A thin lens over metric depth that is known beforehand.
@@ -145,6 +149,7 @@ impl DefocusModel {
                 *inverse_depth_range = inverse_depth_range.map(|d| (d - offset) / scale);
             }
         }
+        self.inverse_depth_seen = self.inverse_depth_seen.map(|seen| seen.map(|d| (d - offset) / scale));
         self.depth_kind = DepthKind::Metric;
         self
     }
@@ -189,6 +194,11 @@ impl DistortionModel for DefocusModel {
 
     fn validate(&self) -> Result<()> {
         self.bokeh.validate()?;
+        check(
+            self.inverse_depth_seen
+                .is_none_or(|[far, near]| far.is_finite() && near.is_finite() && far <= near),
+            "defocus.inverse_depth_seen must be two rising numbers",
+        )?;
         match self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
                 check(s.is_finite() && s >= 0.0, "defocus.sigma_px_at_infinity must be a number >= 0")?;

@@ -8,6 +8,9 @@ pub const VISIBLE_PX: f32 = 0.5;
 /// Blur below this std, in px, counts as none: a curve that stays below this std everywhere says nothing of a focus.
 const NONE_PX: f32 = 0.01;
 
+/// Blur of a smaller std, px, is not told from none: textures add or hide as much.
+const LEAST_TOLD_PX: f32 = 0.2;
+
 /// The inverse depth that a lens brings into focus, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Focus {
@@ -24,17 +27,47 @@ pub enum Focus {
     Everywhere,
 }
 
+/// A place of the focus outside of what was seen: how far outside, blur does not tell well.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OutsideFocus {
+    /// The focus is nearer than all that was seen, the nearest of which is at this inverse depth.
+    Nearer(f32),
+    /// The focus is beyond all that was seen, the farthest of which is at this inverse depth.
+    Beyond(f32),
+}
+
+impl OutsideFocus {
+    /// The place in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Nearer(_) => "nearer than all that is seen",
+            Self::Beyond(_) => "beyond all that is seen",
+        }
+    }
+
+    /// The inverse depth of what was seen next to the focus.
+    pub fn limit(self) -> f32 {
+        match self {
+            Self::Nearer(d) | Self::Beyond(d) => d,
+        }
+    }
+}
+
 /// Facts that follow from a defocus model, in the model's own unit of inverse depth and in px.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DefocusFacts {
     /// The inverse depth in focus, if there is one.
     pub focus: Focus,
+    /// The place of a focus that lies outside of what was seen; `None` if it lies within, or if what was seen is not known.
+    pub outside: Option<OutsideFocus>,
     /// The 95 % interval of the inverse depth that is in focus; only a thin lens has one.
     pub focus_interval: Option<[f32; 2]>,
     /// The std of the blur at inverse depth 0, px; only a thin lens has one, since other curves are not known that far.
     pub sigma_px_at_infinity: Option<f32>,
     /// The 95 % interval of `sigma_px_at_infinity`.
     pub sigma_interval: Option<[f32; 2]>,
+    /// The upper end of `sigma_interval`, px, where the blur cannot be told from none: then only this bound is known.
+    pub sigma_below: Option<f32>,
     /// The ranges of inverse depth, far and near end, in which the std is at most [`VISIBLE_PX`], from far to near. An end of 0 lies
     /// infinitely far away, and an end of infinity touches the lens. The list is empty if blur is visible everywhere.
     pub sharp: Vec<[f32; 2]>,
@@ -45,8 +78,26 @@ impl DefocusModel {
     pub fn facts(&self) -> DefocusFacts {
         match self.curve {
             DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
+                let is_none = |s: f32| s < LEAST_TOLD_PX;
+                let sigma_below = interval
+                    .map(|i| i.sigma_px_at_infinity)
+                    .filter(|i| is_none(s) && i[0] < NONE_PX)
+                    .map(|i| i[1]);
+                // A lens that is in focus very far away blurs what is near, although its blur at infinity is none.
+                let largest = self
+                    .inverse_depth_seen
+                    .map_or(s, |seen| seen.into_iter().map(|d| self.sigma_px(d)).fold(0.0, f32::max));
+                let everywhere = s == 0.0 || sigma_below.is_some() && is_none(largest);
+                let outside = match self.inverse_depth_seen {
+                    _ if everywhere => None,
+                    Some([_, nearest]) if f > nearest => Some(OutsideFocus::Nearer(nearest)),
+                    Some([farthest, _]) if f < farthest => Some(OutsideFocus::Beyond(farthest)),
+                    _ => None,
+                };
                 DefocusFacts {
-                    focus: if s > 0.0 { Focus::At(f) } else { Focus::Everywhere },
+                    focus: if everywhere { Focus::Everywhere } else { Focus::At(f) },
+                    outside,
+                    sigma_below,
                     focus_interval: interval.map(|i| i.focus_inverse_depth),
                     sigma_px_at_infinity: Some(s),
                     sigma_interval: interval.map(|i| i.sigma_px_at_infinity),
@@ -86,7 +137,15 @@ impl DefocusModel {
             }
             inside = is_sharp;
         }
-        DefocusFacts { focus, focus_interval: None, sigma_px_at_infinity: None, sigma_interval: None, sharp }
+        DefocusFacts {
+            focus,
+            outside: None,
+            focus_interval: None,
+            sigma_px_at_infinity: None,
+            sigma_interval: None,
+            sigma_below: None,
+            sharp,
+        }
     }
 }
 
@@ -114,7 +173,7 @@ impl DefocusFacts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::DepthKind;
+    use crate::model::{DepthKind, ThinLensInterval};
 
     fn quadratic(a: f32, b: f32, c: f32) -> DefocusModel {
         let curve = DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [0.0, 1.0] };
@@ -143,6 +202,35 @@ mod tests {
             assert_eq!(facts.focus, Focus::Everywhere);
             assert_eq!((facts.in_focus(), facts.sharp.len(), facts.sharp[0][0]), (None, 1, 0.0));
         }
+    }
+
+    #[test]
+    fn a_focus_outside_of_what_was_seen_and_blur_that_cannot_be_told_are_told_as_such() {
+        let seen = |s: f32, low: f32, f: f32, seen| {
+            let interval = Some(ThinLensInterval {
+                sigma_px_at_infinity: [low, s + 0.4],
+                focus_inverse_depth: [0.5 * f, 2.0 * f],
+            });
+            let curve = DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval };
+            let model = DefocusModel::given(curve, DepthKind::Metric);
+            DefocusModel { inverse_depth_seen: seen, ..model }.facts()
+        };
+        let near_and_far = Some([0.2, 0.8]);
+        assert_eq!(seen(3.0, 2.0, 1.0, near_and_far).outside, Some(OutsideFocus::Nearer(0.8)));
+        assert_eq!(seen(3.0, 2.0, 0.1, near_and_far).outside, Some(OutsideFocus::Beyond(0.2)));
+        // Negative controls: within what was seen, or where that is not known, the focus is a number.
+        assert_eq!(seen(3.0, 2.0, 0.5, near_and_far).outside, None);
+        assert_eq!(seen(3.0, 2.0, 1.0, None).outside, None);
+        assert_eq!(seen(3.0, 2.0, 0.5, near_and_far).sigma_below, None);
+        // A sharp lens has a bound; one that is in focus at infinity has it there, and still blurs what is near.
+        let sharp = seen(1e-6, 0.0, 0.5, near_and_far);
+        assert_eq!(
+            (sharp.focus, sharp.outside, sharp.sigma_below),
+            (Focus::Everywhere, None, Some(0.400001))
+        );
+        let far = seen(1e-4, 0.0, 1e-5, near_and_far);
+        assert!(far.sigma_below.is_some() && far.in_focus().is_some(), "{far:?}");
+        assert_eq!(far.outside, Some(OutsideFocus::Beyond(0.2)));
     }
 
     #[test]

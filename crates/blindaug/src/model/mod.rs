@@ -19,7 +19,7 @@ pub use capture::{BlurSpace, Capture, Method, PIXEL_ASPECTS, Space, Stopped};
 pub use defocus::{DefocusCurve, DefocusModel, ThinLensInterval};
 pub use distortion::Parameter;
 pub use estimate::{Estimate, Reason, Unknown};
-pub use facts::{DefocusFacts, Focus, VISIBLE_PX, thin_lens_sharp};
+pub use facts::{DefocusFacts, Focus, OutsideFocus, VISIBLE_PX, thin_lens_sharp};
 pub use motion_blur::{ExposureFraction, MotionBlurModel, Shutter};
 #[cfg(test)]
 pub(crate) use noise::BAND_COVARIANCE;
@@ -95,6 +95,9 @@ pub struct CameraModel {
     /// The progress of an estimation that was stopped before the end of the clip; `None` if it was not stopped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stopped: Option<Stopped>,
+    /// What makes the numbers less sure than their intervals say, a clause each without a full stop: compressed footage, few frames.
+    #[serde(default, skip_serializing_if = "Vec::is_empty", deserialize_with = "printable_lines")]
+    pub warnings: Vec<String>,
     /// The curve between the light that blur acts on and the frame's values.
     pub transfer: Transfer,
     /// The values that blur acts on.
@@ -112,6 +115,13 @@ pub struct CameraModel {
     /// The depth of the scene, where it is known and the lens too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_depth: Option<SceneDepth>,
+}
+
+/// Sentences of a file, each as one printable line.
+fn printable_lines<'de, D: Deserializer<'de>>(d: D) -> std::result::Result<Vec<String>, D::Error> {
+    const MOST: usize = 20;
+    let lines = Vec::<String>::deserialize(d)?;
+    Ok(lines.iter().take(MOST).map(|line| text::one_line(line)).collect())
 }
 
 fn not_in_the_file<T>() -> Estimate<T> {
@@ -150,6 +160,7 @@ impl CameraModel {
             version: Version(VERSION),
             capture,
             stopped: None,
+            warnings: vec![],
             transfer: Transfer::Srgb,
             blur_space: BlurSpace::Linear,
             noise: Estimate::Unknown(why.clone()),
@@ -247,10 +258,7 @@ impl CameraModel {
 
     /// The text of camera.json.
     pub fn to_json(&self) -> String {
-        let mut text =
-            serde_json::to_string_pretty(self).expect("a model has only string keys and finite numbers");
-        text.push('\n');
-        text
+        text::json_pretty(self) + "\n"
     }
 
     /// Checks that every number is in its range.

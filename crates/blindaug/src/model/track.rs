@@ -71,8 +71,7 @@ impl TrackedCamera {
             camera: &'a CameraModel,
         }
         let Self { frame, changed, camera } = self;
-        serde_json::to_string(&Line { frame: *frame, changed: *changed, camera })
-            .expect("a model has only string keys and finite numbers")
+        text::json_line(&Line { frame: *frame, changed: *changed, camera })
     }
 
     fn from_json_line(line: &str) -> Result<Self> {
