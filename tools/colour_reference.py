@@ -27,17 +27,24 @@ SPACES = {
 CURVES = {"pq": "CURVE - ST-2084_to_LINEAR", "hlg": "CURVE - HLG-OETF-INVERSE"}
 COLOURS = [(0.05, 0.3, 0.1), (0.2, 0.4, 0.5), (0.45, 0.45, 0.45), (0.6, 0.35, 0.7), (0.9, 0.8, 0.55)]
 
-config = ocio.Config.CreateFromBuiltinConfig("studio-config-latest")
-rec2020 = config.getProcessor("Linear Rec.2020", "ACES2065-1").getDefaultCPUProcessor()
-lines = ["space,r,g,b,aces_r,aces_g,aces_b"]
-for name in [*SPACES, *CURVES]:
-    for colour in COLOURS:
-        if name in SPACES:
-            to_aces = config.getProcessor(SPACES[name], "ACES2065-1").getDefaultCPUProcessor()
-            aces = to_aces.applyRGB(list(colour))
-        else:
-            curve = config.getProcessor(ocio.BuiltinTransform(CURVES[name])).getDefaultCPUProcessor()
-            aces = rec2020.applyRGB(curve.applyRGB(list(colour)))
-        lines.append(",".join([name, *(f"{v:.7g}" for v in (*colour, *aces))]))
-path = pathlib.Path(__file__).parent.parent / "crates/blindaug/tests/colour_reference.csv"
-path.write_text("\n".join(lines) + "\n")
+
+
+def main():
+    config = ocio.Config.CreateFromBuiltinConfig("studio-config-latest")
+    rec2020 = config.getProcessor("Linear Rec.2020", "ACES2065-1").getDefaultCPUProcessor()
+    lines = ["space,r,g,b,aces_r,aces_g,aces_b"]
+    for name in [*SPACES, *CURVES]:
+        for colour in COLOURS:
+            if name in SPACES:
+                to_aces = config.getProcessor(SPACES[name], "ACES2065-1").getDefaultCPUProcessor()
+                aces = to_aces.applyRGB(list(colour))
+            else:
+                curve = config.getProcessor(ocio.BuiltinTransform(CURVES[name])).getDefaultCPUProcessor()
+                aces = rec2020.applyRGB(curve.applyRGB(list(colour)))
+            lines.append(",".join([name, *(f"{v:.7g}" for v in (*colour, *aces))]))
+    path = pathlib.Path(__file__).parent.parent / "crates/blindaug/tests/colour_reference.csv"
+    path.write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,5 +1,6 @@
 //! The section of defocus.
 
+use crate::depth_map;
 use crate::numbers::{distance, interval, metres, number, tick};
 use crate::page::{Card, Part, Row, basis, blur_samples, heading, parameter_table, swatch, unknown};
 use crate::plots::{self, ESTIMATE, POINTS};
@@ -52,6 +53,7 @@ pub(crate) fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) ->
                 } },
                 None => @if known.is_some() { p.soft { "There is nothing to plot for this estimate." } },
             }
+            (depth_map::picture(model))
         }
     })
 }

@@ -1,10 +1,15 @@
-//! The depth of a camera's scene as a picture of characters, with what is in focus.
+//! The depth of a camera's scene as a picture, of characters or drawn, with what is in focus.
 
-use crate::words::short;
+use crate::{
+    numbers::{metres, number},
+    pictures::of_nearness,
+    words::short,
+};
 use blindaug::{
     CameraModel,
     model::{DepthKind, SceneDepth, VISIBLE_PX},
 };
+use maud::{Markup, html};
 use std::fmt::Write;
 
 /// The scene's depth as lines of text, and how to bring it to metres if it is relative; empty if the model holds none.
@@ -47,6 +52,52 @@ pub(crate) fn words(text: &mut String, model: &CameraModel) -> std::fmt::Result 
     }
 }
 
+/// The scene's depth as a drawing in which each cell tells its place, its depth and its blur; what is in focus has a frame.
+pub(crate) fn picture(model: &CameraModel) -> Markup {
+    /// The side of a cell in the drawing's own units.
+    const SIDE: usize = 10;
+    let Some(depth) = &model.scene_depth else { return html! {} };
+    let lens = model.defocus.known();
+    let known = || depth.inverse_depth.iter().flatten().copied();
+    let (far, near) = known().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), d| (a.min(d), b.max(d)));
+    let shown = |d: f32| match depth.kind {
+        DepthKind::Metric => metres(d.into()),
+        DepthKind::Relative => number(d.into()),
+    };
+    let cell = |(i, d): (usize, &Option<f32>)| {
+        let [x, y] = depth.middle(i).map(|v| format!("{v:.0}"));
+        let (column, row) = (i % depth.columns * SIDE, i / depth.columns * SIDE);
+        let Some(d) = *d else {
+            return html! { rect x=(column) y=(row) width=(SIDE) height=(SIDE) fill="none" { title { (x) "," (y) ": depth unknown" } } };
+        };
+        let sigma = lens.map(|lens| lens.sigma_px(d));
+        let focused = sigma.is_some_and(|s| s < VISIBLE_PX);
+        let [r, g, b] = of_nearness((d - far) / (near - far).max(1e-9)).map(|v| (255.0 * v).round() as u8);
+        html! {
+            rect x=(column) y=(row) width=(SIDE) height=(SIDE) fill=(format!("#{r:02x}{g:02x}{b:02x}")) {
+                title { (x) "," (y) ": " (shown(d)) @if let Some(s) = sigma { ", blur " (number(s.into())) " px" } }
+            }
+            @if focused { rect x=(column + 2) y=(row + 2) width=(SIDE - 4) height=(SIDE - 4) fill="none" stroke="#D03A2F" stroke-width="1.5" pointer-events="none" {} }
+        }
+    };
+    let (width, height) = (depth.columns * SIDE, depth.rows() * SIDE);
+    let place = place_of(depth, near);
+    html! {
+        figure {
+            svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {width} {height}")) role="img" aria-label="The depth of the scene" {
+                @for c in depth.inverse_depth.iter().enumerate() { (cell(c)) }
+            }
+            figcaption {
+                "The depth that was found in frame " (depth.frame) ": dark is far (" (shown(far)) "), bright is near (" (shown(near)) "); framed: in focus, with less than "
+                (number(VISIBLE_PX.into())) " px of blur. Point at a place for its numbers."
+                @if depth.kind == DepthKind::Relative {
+                    " Name the distance of a place, as --at " (place) "=METRES, to have this camera in metres, or let composite --match-at " (place) " blur an object like what is seen there."
+                }
+            }
+        }
+    }
+}
+
 /// The middle of the first cell of this inverse depth, as X,Y.
 fn place_of(depth: &SceneDepth, d: f32) -> String {
     let cell = depth.inverse_depth.iter().position(|v| *v == Some(d)).unwrap_or(0);
@@ -85,6 +136,9 @@ mod tests {
         assert_eq!(row.find('*'), Some(16), "{text}");
         assert_eq!(lines[16].trim(), ".".repeat(32));
         assert!(text.contains("--at 63,1=METRES --at 1,1=METRES"), "{text}");
+        let svg = picture(&model).into_string();
+        assert_eq!(svg.matches("fill=\"none\" stroke").count(), text.matches('*').count() - 1);
+        assert!(svg.contains("depth unknown") && svg.contains("63,1: 0.97"), "{svg}");
         // Negative control: in metres nothing is asked for.
         let metric = model.to_metric(blindaug::model::SceneScale { scale: 1.0, offset: 0.0 });
         assert!(!drawn(&metric).contains("--at"));

@@ -93,6 +93,12 @@ fn flow_colour([u, v]: [f32; 2], full: f32) -> [f32; 3] {
     })
 }
 
+/// The colour of a nearness, from 0 (far, dark) to 1 (near, bright).
+pub(crate) fn of_nearness(nearness: f32) -> [f32; 3] {
+    let c = ViridisRGB.get_color(nearness.clamp(0.0, 1.0));
+    [c.0, c.1, c.2].map(|v| f32::from(v) / 255.0)
+}
+
 /// The picture of inverse depth from dark (far) to bright (near), and the two ends of the scale.
 pub fn inverse_depth(depth: &Plane) -> Option<(Shown, [f32; 2])> {
     let mut values: Vec<f32> = depth.data().iter().copied().filter(|d| d.is_finite()).collect();
@@ -104,8 +110,7 @@ pub fn inverse_depth(depth: &Plane) -> Option<(Shown, [f32; 2])> {
         if !d.is_finite() {
             return NO_VALUE;
         }
-        let c = ViridisRGB.get_color(((d - low) / span).clamp(0.0, 1.0));
-        [c.0, c.1, c.2].map(|v| f32::from(v) / 255.0)
+        of_nearness((d - low) / span)
     });
     Some((shown(&Encoded(picture), SMALL)?, [low, high]))
 }
