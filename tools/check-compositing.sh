@@ -34,7 +34,7 @@ PY
 "$BLINDAUG" estimate "$clip/frames" --depth "$clip/scene" -o "$out/camera.json" >/dev/null
 common=("$out/plate.exr" --virtual "$clip/virtual/0003.exr" --camera "$out/camera.json" --overwrite --depth "$clip/scene/0003.exr")
 "$BLINDAUG" composite "${common[@]}" -o "$out/composite.exr"
-"$BLINDAUG" composite "${common[@]}" -o "$out/layer.exr" --layer
+"$BLINDAUG" composite "${common[@]}" -o "$out/layer.exr" --layer --bits 16
 "$python" tools/blender/over.py "$out"/{plate,layer,composite,over}.exr >"$out/blender.log" 2>&1 ||
     { tail -5 "$out/blender.log" >&2; exit 1; }
 grep 'largest difference' "$out/blender.log"

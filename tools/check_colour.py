@@ -76,7 +76,8 @@ def colours(space):
     """A ramp of grey beside colours that are not too saturated for any space, as values of the space."""
     y, x = np.indices(SIZE)
     level = 0.12 + 0.7 * x / SIZE[1]
-    tint = 0.04 * np.stack([np.sin(y / 7.0), np.sin(y / 7.0 + 2), np.sin(y / 7.0 + 4)], axis=-1)
+    # No colour may lie outside of the smallest space, in which it would be cut off.
+    tint = (0.01 if space in LINEAR else 0.04) * np.stack([np.sin(y / 7.0), np.sin(y / 7.0 + 2), np.sin(y / 7.0 + 4)], axis=-1)
     values = level[..., None] + tint
     return values**2.2 if space in LINEAR else values
 
@@ -121,7 +122,7 @@ with tempfile.TemporaryDirectory() as folder:
         if done.returncode:
             sys.exit(f"{kind} {space}: {done.stderr}")
         # Both are brought to ACES2065-1 by OpenColorIO; the error is relative to the colour's brightest channel.
-        want, got = to_aces(values, space), to_aces(read(made), out_space)
+        want, got = to_aces(values.copy(), space), to_aces(read(made), out_space)
         brightest = np.maximum(np.abs(want).max(axis=-1, keepdims=True), 0.01)
         error = np.max(np.abs(got - want) / brightest)
         # A step of the coarser file is this share of a value in the middle; codes of ten bits in YCbCr lose one more.

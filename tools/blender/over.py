@@ -38,18 +38,16 @@ def made(with_noise):
     for node in list(tree.nodes):
         tree.nodes.remove(node)
     under, over = image(plate), image(layer)
-    print("layers", over.has_layers, [s.name for s in over.outputs])
+    print("outputs:", [s.name for s in over.outputs])
     alpha_over = tree.nodes.new("CompositorNodeAlphaOver")
     tree.links.new(output(under, "Image", "Combined"), alpha_over.inputs[1])
     tree.links.new(output(over, "Combined", "Image"), alpha_over.inputs[2])
     last = alpha_over.outputs[0]
     if with_noise:
-        noise = image(layer)
-        noise.layer = "noise"
         add = tree.nodes.new("CompositorNodeMixRGB")
         add.blend_type = "ADD"
         tree.links.new(last, add.inputs[1])
-        tree.links.new(output(noise, "Image", "Combined"), add.inputs[2])
+        tree.links.new(output(over, "noise"), add.inputs[2])
         last = add.outputs[0]
     tree.links.new(last, tree.nodes.new("CompositorNodeComposite").inputs[0])
     width, height = under.image.size

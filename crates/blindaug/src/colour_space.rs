@@ -58,7 +58,7 @@ impl Primaries {
     pub const ARRI_WIDE_GAMUT4: Self =
         primaries([0.734_7, 0.265_3], [0.142_4, 0.857_6], [0.099_1, -0.030_8], Adaptation::Cat02);
     /// Panasonic V-Gamut.
-    pub const V_GAMUT: Self = primaries([0.73, 0.28], [0.165, 0.84], [0.1, -0.03], Adaptation::Cat02);
+    pub const V_GAMUT: Self = primaries([0.73, 0.28], [0.165, 0.84], [0.1, -0.03], Adaptation::Bradford);
     /// RED Wide Gamut RGB.
     pub const RED_WIDE_GAMUT: Self = primaries(
         [0.780_308, 0.304_253],
