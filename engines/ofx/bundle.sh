@@ -7,7 +7,6 @@ cargo build --locked --release -p blindaug_ofx
 folder=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
 case "$(uname -s)-$(uname -m)" in
     Linux-x86_64) place=Linux-x86-64 library=libblindaug_ofx.so ;;
-    Linux-aarch64) place=Linux-aarch64 library=libblindaug_ofx.so ;;
     Darwin-*) place=MacOS library=libblindaug_ofx.dylib ;;
     MINGW*-* | MSYS*-* | CYGWIN*-*) place=Win64 library=blindaug_ofx.dll ;;
     *) echo "there is no name for the plugin's folder on $(uname -s) $(uname -m)" >&2; exit 1 ;;

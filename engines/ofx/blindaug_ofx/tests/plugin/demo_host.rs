@@ -144,7 +144,9 @@ fn the_demo_host_renders_the_library_s_frames() {
         Kind { depth: kOfxBitDepthByte, srgb: true, moves: false, way: "down" },
     ] {
         let (folder, out) = folder_of("out");
-        let (said, ended_well) = run(folder.path(), &job(folder.path(), &out, kind, &model));
+        let context = if kind.way == "up" { "general" } else { "filter" };
+        let job = job(folder.path(), &out, kind, &model) + "context " + context + "\n";
+        let (said, ended_well) = run(folder.path(), &job);
         assert!(ended_well && !said.contains("MESSAGE"), "{said}");
         let Kind { depth, srgb, way, .. } = kind;
         let output = format!("OUTPUT {} OfxImageComponentRGBA varying 1", depth.to_str().unwrap());
