@@ -1,23 +1,19 @@
 #!/usr/bin/env bash
 # Builds the plugin and puts it into its bundle: ./bundle.sh [FOLDER], which becomes FOLDER/blindaug.ofx.bundle [default: bundle].
-# BLINDAUG_OFX_PROFILE=dev builds without the release's optimisation.
 set -euo pipefail
 cd "$(dirname "$0")"
 to="${1:-bundle}/blindaug.ofx.bundle/Contents"
-profile="${BLINDAUG_OFX_PROFILE:-release}"
-cargo build --locked --profile "$profile" -p blindaug_ofx
+cargo build --locked --release -p blindaug_ofx
 folder=$(cargo metadata --locked --no-deps --format-version 1 | sed 's/.*"target_directory":"\([^"]*\)".*/\1/')
-folder="$folder/$([ "$profile" = dev ] && echo debug || echo "$profile")"
 case "$(uname -s)-$(uname -m)" in
     Linux-x86_64) place=Linux-x86-64 library=libblindaug_ofx.so ;;
-    Linux-aarch64) place=Linux-aarch64 library=libblindaug_ofx.so ;;
     Darwin-*) place=MacOS library=libblindaug_ofx.dylib ;;
     MINGW*-* | MSYS*-* | CYGWIN*-*) place=Win64 library=blindaug_ofx.dll ;;
     *) echo "there is no name for the plugin's folder on $(uname -s) $(uname -m)" >&2; exit 1 ;;
 esac
 mkdir -p "$to/$place"
 # A host may have the old file open: it is replaced, not written into.
-cp "$folder/$library" "$to/$place/blindaug.ofx.new"
+cp "$folder/release/$library" "$to/$place/blindaug.ofx.new"
 mv "$to/$place/blindaug.ofx.new" "$to/$place/blindaug.ofx"
 cp Info.plist "$to/"
 echo "$to/$place/blindaug.ofx"

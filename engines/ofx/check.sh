@@ -32,6 +32,6 @@ g++ "${objects[@]}" -lexpat -ldl -o "$build/host"
 cargo fmt --all --check
 cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
 RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
-BLINDAUG_OFX_PROFILE=dev ./bundle.sh "$build/bundle"
+./bundle.sh "$build/bundle"
 export BLINDAUG_OFX_HOST="$build/host" BLINDAUG_OFX_BUNDLE="$build/bundle"
 cargo test --locked --workspace -- --include-ignored

@@ -9,6 +9,7 @@
 //     clip NAME DEPTH COMPONENTS X1 Y1 X2 Y2 up|down FOLDER     FOLDER/FRAME.raw has the rows from the lowest one on, without padding;
 //                                                               "down": the rows are stored from the top in memory
 //     output X1 Y1 X2 Y2 up|down FOLDER                         the render window, and where FRAME.raw is written
+//     context filter|general                                    [general]
 //     set PARAMETER VALUE
 //     press BUTTON                                              as if a person pressed it, before the frames are rendered
 //
@@ -57,6 +58,7 @@ struct Job {
   ClipJob output;
   std::vector<std::pair<std::string, std::string>> values;
   std::vector<std::string> presses;
+  std::string context = kOfxImageEffectContextGeneral;
 } job;
 
 int bytesOf(const std::string &depth) {
@@ -371,6 +373,10 @@ bool readJob(const char *path) {
         job.clips[name] = clip;
       else
         job.output = clip;
+    } else if (what == "context") {
+      words >> name;
+      if (name == "filter")
+        job.context = kOfxImageEffectContextFilter;
     } else if (what == "set") {
       std::string value;
       words >> name >> std::ws;
@@ -410,7 +416,7 @@ int main(int count, char **words) {
   if (!plugin)
     return failed("the plugin is not in OFX_PLUGIN_PATH", kOfxStatFailed);
   {
-    std::unique_ptr<ImageEffect::Instance> made(plugin->createInstance(kOfxImageEffectContextGeneral, nullptr));
+    std::unique_ptr<ImageEffect::Instance> made(plugin->createInstance(job.context, nullptr));
     Effect *effect = dynamic_cast<Effect *>(made.get());
     if (!effect)
       return failed("no instance", kOfxStatFailed);

@@ -43,26 +43,38 @@ pub fn camera(exposure: f32) -> CameraModel {
     model(SIZE, &setting)
 }
 
+/// A frame of the clip, in any size: the same scene, without noise.
+pub fn inputs_of(size: (usize, usize), number: u64) -> Inputs {
+    let (scene, scale) = (Scene::new(3, size), size.0 as f32 / SIZE.0 as f32);
+    let middle = [44.0 * scale, 40.0 * scale];
+    let ball = Thing::ball(scene.point_at(1.0, middle, 1.2), 0.24, TextureKind::Bricks, 7);
+    let exposure = Exposure { fraction: 0.5, lens: Some((2.5 * scale, 1.6)), readout: 0.0 };
+    let t = number as f32;
+    let layer = scene.layer(&ball, t);
+    let plate = scene.picture(t, exposure, number);
+    Inputs {
+        depth: layer.inverse_depth.map(|d| [if d > 0.0 { 1.0 / d } else { 1e10 }; 4]),
+        motion: layer.motion.map(|[u, v]| [u, v, 0.0, 0.0]),
+        layer: layer.color.0,
+        plate: plate.0.map(|[r, g, b]| [1.6 * r, 1.6 * g, 1.6 * b, 1.0]),
+    }
+}
+
+/// Light with a camera's noise.
+pub fn noisy(light: &Values, model: &CameraModel, number: u64) -> Values {
+    let clean = encoded(light).map(|[r, g, b, _]| [r, g, b]);
+    let noise = blindaug::synth::noise::noise(model.noise.known().unwrap(), &clean, 5, number);
+    Raster::from_fn(light.width(), light.height(), |x, y| {
+        let (v, n) = (clean.at(x, y), noise.at(x, y));
+        let [r, g, b] = [0, 1, 2].map(|c| Transfer::Srgb.decode((v[c] + n[c]).max(0.0)));
+        [r, g, b, 1.0]
+    })
+}
+
 /// The frame of this number, from 1 on.
 pub fn inputs(number: u64) -> &'static Inputs {
     static ALL: OnceLock<Vec<Inputs>> = OnceLock::new();
-    let all = ALL.get_or_init(|| {
-        let scene = Scene::new(3, SIZE);
-        let ball = Thing::ball(scene.point_at(1.0, [44.0, 40.0], 0.9), 0.18, TextureKind::Bricks, 7);
-        let exposure = Exposure { fraction: 0.5, lens: Some((2.5, 1.6)), readout: 0.0 };
-        let of = |number: u64| {
-            let t = number as f32;
-            let layer = scene.layer(&ball, t);
-            let plate = scene.picture(t, exposure, number);
-            Inputs {
-                depth: layer.inverse_depth.map(|d| [if d > 0.0 { 1.0 / d } else { 1e10 }; 4]),
-                motion: layer.motion.map(|[u, v]| [u, v, 0.0, 0.0]),
-                layer: layer.color.0,
-                plate: plate.0.map(|[r, g, b]| [1.6 * r, 1.6 * g, 1.6 * b, 1.0]),
-            }
-        };
-        (1..=FRAMES).map(of).collect()
-    });
+    let all = ALL.get_or_init(|| (1..=FRAMES).map(|number| inputs_of(SIZE, number)).collect());
     &all[number as usize - 1]
 }
 
