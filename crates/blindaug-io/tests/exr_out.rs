@@ -59,7 +59,7 @@ fn the_head_of_a_frame_goes_on_with_it() {
     let png = FrameFormat::PNG8;
     png.write(&at("plain.png"), &frame, None, None, &Coding::default()).unwrap();
     assert_eq!(aspect("plain.png"), None);
-    attributes.pixel_aspect = 0.0;
+    attributes.pixel_aspect = 0.001;
     let list = ["R", "G", "B"].map(|name| AnyChannel::new(name, values(0.5)));
     let layer = Layer::new(
         size,
@@ -67,8 +67,8 @@ fn the_head_of_a_frame_goes_on_with_it() {
         Encoding::UNCOMPRESSED,
         AnyChannels::sort(list.into_iter().collect()),
     );
-    Image::new(attributes, layer).write().to_file(at("zero.exr")).unwrap();
-    assert_eq!(aspect("zero.exr"), Some(1.0));
+    Image::new(attributes, layer).write().to_file(at("thin.exr")).unwrap();
+    assert_eq!(aspect("thin.exr"), Some(1.0));
 }
 
 #[test]

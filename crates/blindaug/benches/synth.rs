@@ -20,6 +20,7 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const W: usize = 1920;
 const H: usize = 1080;
+const HEXAGON: Bokeh = Bokeh::Polygon { blades: 6, roundness: 0.0, rotation_degrees: 15.0 };
 
 fn frame() -> Raster<[f32; 3]> {
     Raster::from_fn(W, H, |x, y| {
@@ -50,7 +51,7 @@ fn bench(c: &mut Criterion) {
     let frame = frame();
     let flow = Flow::from_fn(W, H, |x, _| [10.0 + 10.0 * (x as f32 / W as f32), 5.0]);
     group.bench_function("motion_blur", |b| b.iter(|| motion_blur(&frame, &flow, ExposureFraction(0.5))));
-    for (bokeh, name) in [(Bokeh::Gaussian, "gaussian"), (Bokeh::Disk, "disk")] {
+    for (bokeh, name) in [(Bokeh::Gaussian, "gaussian"), (Bokeh::Disk, "disk"), (HEXAGON, "hexagon")] {
         for most in [4.0, 10.0] {
             let sigma = sigma(0.0, most);
             group.bench_function(format!("defocus_{name}_to_{most}_px"), |b| {

@@ -793,6 +793,47 @@ mod tests {
     }
 
     #[test]
+    fn the_lens_s_shape_and_the_shutter_s_phase_act_on_the_object_as_on_a_whole_picture() {
+        let frame = Encoded(Raster::filled(W, H, [0.0; 3]));
+        let composited = |model: &CameraModel| {
+            let layer = square([0.5; 3], 1.0, 3.0, [24.0, 0.0]);
+            let out = composite(&plate(&frame), &layer, model, &CompositeOptions::default()).unwrap();
+            out.to_linear(Transfer::Srgb).0
+        };
+        let middle = |light: &Raster<[f32; 3]>| {
+            let sum = |g: &dyn Fn(usize, usize) -> f32| -> f32 {
+                (0..W * H).map(|i| light.data()[i][1] * g(i % W, i / W)).sum()
+            };
+            let all = sum(&|_, _| 1.0);
+            [sum(&|x, _| x as f32) / all, sum(&|_, y| y as f32) / all]
+        };
+        let [x, y] = middle(&composited(&camera()));
+        assert!((x - 74.5).abs() < 0.1 && (y - 59.5).abs() < 0.1, "{x} {y}");
+        // A shutter of 180 degrees that opens at the frame's time shows the object a quarter of its motion later.
+        let mut later = camera();
+        if let Estimate::Known(m) = &mut later.motion_blur {
+            m.phase_degrees = Some(0.0);
+        }
+        let [later, _] = middle(&composited(&later));
+        assert!((later - x - 6.0).abs() < 0.15, "{later} {x}");
+        // The composite looks at a part of the frame; the cat's eye depends on the place in the whole of it.
+        let mut cut = camera();
+        if let Estimate::Known(lens) = &mut cut.defocus {
+            lens.bokeh = crate::model::Aperture { cats_eye: 1.0, ..Bokeh::Disk.into() };
+        }
+        let blur = Blur::new(&cut, W, None).unwrap();
+        let layer = square([0.5; 3], 1.0, 3.0, [24.0, 0.0]);
+        let whole = blur.of_layer(&layer.color.0, layer.inverse_depth.as_ref(), layer.flow.as_ref()).unwrap();
+        let error = |light: &Raster<[f32; 3]>| {
+            light.data().iter().zip(whole.data()).map(|(a, b)| (a[1] - b[1]).abs()).fold(0.0, f32::max)
+        };
+        assert!(error(&composited(&cut)) < 2e-3, "{}", error(&composited(&cut)));
+        let disk = CompositeOptions { bokeh: Some(Bokeh::Disk), ..CompositeOptions::default() };
+        let round = composite(&plate(&frame), &layer, &camera(), &disk).unwrap().to_linear(Transfer::Srgb).0;
+        assert!(error(&round) > 0.02, "{}", error(&round));
+    }
+
+    #[test]
     fn the_silhouette_is_blurred_beyond_itself_and_mixes_light() {
         let frame = Encoded(Raster::filled(W, H, [0.0; 3]));
         let out = composite(
