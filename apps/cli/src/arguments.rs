@@ -28,7 +28,7 @@ pub struct ByHandArgs {
     #[arg(help_heading = "Set by hand", long, value_name = "DEGREES", value_parser = shutter_angle)]
     shutter: Option<f32>,
     /// When the shutter opens, degrees after the frame's time, -180 to 180; minus half the shutter angle is centred [default: centred]
-    #[arg(long, value_name = "DEGREES", value_parser = shutter_phase, allow_hyphen_values = true)]
+    #[arg(help_heading = "Set by hand", long, value_name = "DEGREES", value_parser = shutter_phase, allow_hyphen_values = true)]
     shutter_phase: Option<f32>,
     /// The distance in focus, m, in place of the model's
     #[arg(help_heading = "Set by hand", long, value_name = "METRES", value_parser = positive)]
@@ -38,13 +38,13 @@ pub struct ByHandArgs {
     blur: Option<f32>,
     /// The shape of out-of-focus points: gaussian, disk, or polygon:N with N blades (3 to 16), their roundness (0 straight, 1 a disk) and the
     /// rotation in degrees, in place of the model's
-    #[arg(long, value_name = "gaussian|disk|polygon:N[,ROUNDNESS[,ROTATION]]", value_parser = bokeh)]
+    #[arg(help_heading = "Set by hand", long, value_name = "gaussian|disk|polygon:N[,ROUNDNESS[,ROTATION]]", value_parser = bokeh)]
     bokeh: Option<Bokeh>,
     /// How many times out-of-focus points are as high as wide, 0.25 to 4: 2 for an anamorphic lens of squeeze 2
-    #[arg(long, value_name = "RATIO", value_parser = squeeze)]
+    #[arg(help_heading = "Set by hand", long, value_name = "RATIO", value_parser = squeeze)]
     squeeze: Option<f32>,
     /// How much out-of-focus points are cut towards the picture's edges, 0 to 1
-    #[arg(long, value_name = "STRENGTH", value_parser = share)]
+    #[arg(help_heading = "Set by hand", long, value_name = "STRENGTH", value_parser = share)]
     cats_eye: Option<f32>,
     /// The factor of the noise's std, 0 to 100, such as x1.2
     #[arg(help_heading = "Set by hand", long, value_name = "xN", value_parser = factor)]

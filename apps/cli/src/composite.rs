@@ -50,40 +50,40 @@ pub struct Composite {
     output: OutputArgs,
     #[command(flatten)]
     depth: DepthArgs,
-    /// Renders of the local scene with the object, for its shadows and reflections (frame + with - without)
-    #[arg(long, value_name = "DIR", requires = "without")]
+    /// Sharp renders of the local scene with the object, for its shadows (their ratio to --without, below 1) and reflections (what is added)
+    #[arg(help_heading = "Scene", long, value_name = "DIR", requires = "without")]
     with: Option<PathBuf>,
-    /// Renders of the local scene without the object
-    #[arg(long, value_name = "DIR", requires = "with")]
+    /// Sharp renders of the local scene without the object
+    #[arg(help_heading = "Scene", long, value_name = "DIR", requires = "with")]
     without: Option<PathBuf>,
     /// The footage's optical flow to the next frame, which blurs shadows and reflections [default: estimated]
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Scene", long, value_name = "DIR")]
     flow: Option<PathBuf>,
     /// Mattes of things in front of the object, an image per frame: white hides the object
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Scene", long, value_name = "DIR")]
     holdout: Option<PathBuf>,
     /// What the mattes show: things in front of the object, or the part behind it, where alone it is seen
-    #[arg(long, value_enum, default_value = "front", requires = "holdout")]
+    #[arg(help_heading = "Scene", long, value_enum, default_value = "front", requires = "holdout")]
     holdout_of: HoldoutArg,
     /// Blur the object as much as the footage is blurred at this place, px, whatever its depth, so that no scale is needed
-    #[arg(long, value_name = "X,Y", value_parser = place)]
+    #[arg(help_heading = "Scene", long, value_name = "X,Y", value_parser = place)]
     match_at: Option<[f32; 2]>,
     /// The depth of layers that have no Z: a distance in metres, or `plate` for the median of --depth where the object is
-    #[arg(long, value_name = "METRES|plate", value_parser = layer_depth)]
+    #[arg(help_heading = "Scene", long, value_name = "METRES|plate", value_parser = layer_depth)]
     layer_depth: Option<LayerDepth>,
     /// The motion of layers that have none: U,V in px to the next frame (x right, y down), or `plate` for the footage's own where the object is
-    #[arg(long, value_name = "U,V|plate", value_parser = layer_motion, allow_hyphen_values = true)]
+    #[arg(help_heading = "Scene", long, value_name = "U,V|plate", value_parser = layer_motion, allow_hyphen_values = true)]
     layer_motion: Option<LayerMotion>,
     /// The colour space of the rendered object and of --with and --without: linear-srgb, acescg or aces2065-1 [default: what the files say,
     /// else linear-srgb]
-    #[arg(long, value_name = "SPACE", value_parser = linear_space)]
+    #[arg(help_heading = "Scene", long, value_name = "SPACE", value_parser = linear_space)]
     layer_colour_space: Option<ColourSpace>,
     /// Paste the object as it is, without noise and blur
-    #[arg(long)]
+    #[arg(help_heading = "Look", long)]
     naive: bool,
     /// Write, instead of the composite, what it adds to the footage, for a compositing program: EXR with the distorted R G B A
     /// (premultiplied, scene-linear), noise, holdout, Z and forward
-    #[arg(long)]
+    #[arg(help_heading = "Results", long)]
     layer: bool,
     #[command(flatten)]
     look: Look,
@@ -132,7 +132,7 @@ struct FramesArgs {
     #[command(flatten)]
     depth: DepthArgs,
     /// Optical flow to the next frame, in px: .flo, or EXR with forward.u and forward.v [default: estimated]
-    #[arg(long, value_name = "DIR")]
+    #[arg(help_heading = "Evidence", long, value_name = "DIR")]
     flow: Option<PathBuf>,
     #[command(flatten)]
     look: Look,
@@ -145,23 +145,23 @@ struct OutputArgs {
     output: PathBuf,
     /// The kind of images: exr (scene-linear, not clipped), png or tiff [default: by the extension of OUT; else EXR stays EXR, PNG and TIFF
     /// of 16 bits stay what they are, and all others become PNG of 8 bits]
-    #[arg(long, value_name = "KIND")]
+    #[arg(help_heading = "Results", long, value_name = "KIND")]
     format: Option<FileKind>,
     /// Bits per value: 8 or 16 of png and tiff, 16 (half) or 32 (float) of exr, 8 (H.264) or 10 (HEVC) of videos [default: as many as the
     /// input has]
-    #[arg(long, value_name = "N")]
+    #[arg(help_heading = "Results", long, value_name = "N")]
     bits: Option<u8>,
     /// Make frames anew that are there already
-    #[arg(long)]
+    #[arg(help_heading = "Results", long)]
     overwrite: bool,
     #[command(flatten)]
     source: SourceArgs,
     /// The colour space of what is written [default: that of the input; of EXR made from other files, their light; of other files made from
     /// light, srgb]
-    #[arg(long, value_name = "SPACE")]
+    #[arg(help_heading = "Results", long, value_name = "SPACE")]
     output_colour_space: Option<ColourSpace>,
     /// Frames per second of a video, where the input does not say it
-    #[arg(long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
+    #[arg(help_heading = "Frames", long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
     fps: Option<f64>,
 }
 
@@ -252,14 +252,14 @@ impl OutputArgs {
 #[derive(clap::Args)]
 struct Look {
     /// Relates a model in relative inverse depth d to metres: d = S / Z + O
-    #[arg(long, value_name = "S[,O]", value_parser = scene_scale)]
+    #[arg(help_heading = "Scene", long, value_name = "S[,O]", value_parser = scene_scale)]
     scene_scale: Option<SceneScale>,
     /// A place in the picture whose distance is known, px and m, such as 640,360=2.5m, which brings a model in relative inverse depth to metres;
     /// once, or twice for two places. `inspect` shows which places have a depth
-    #[arg(long, value_name = "X,Y=METRES", value_parser = known_distance, conflicts_with = "scene_scale")]
+    #[arg(help_heading = "Scene", long, value_name = "X,Y=METRES", value_parser = known_distance, conflicts_with = "scene_scale")]
     at: Vec<KnownDistance>,
     /// What to apply of an exposure that is unknown
-    #[arg(long, value_enum, default_value = "leave")]
+    #[arg(help_heading = "Look", long, value_enum, default_value = "leave")]
     unknown: UnknownArg,
     #[command(flatten)]
     by_hand: ByHandArgs,

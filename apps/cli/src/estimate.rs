@@ -70,7 +70,7 @@ pub struct Estimate {
     source: SourceArgs,
     /// A place in the picture whose distance is known, px and m, such as 640,360=2.5m; once, or twice for two places. It brings relative
     /// depth to metres
-    #[arg(long, value_name = "X,Y=METRES", value_parser = known_distance)]
+    #[arg(help_heading = "Evidence", long, value_name = "X,Y=METRES", value_parser = known_distance)]
     at: Vec<KnownDistance>,
     /// Frames per second, where the input does not say it
     #[arg(help_heading = "Frames", long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]

@@ -7,17 +7,16 @@ use std::path::Path;
 
 /// What is said of the frames of an input.
 #[derive(clap::Args)]
-#[command(next_help_heading = "Input")]
 pub struct SourceArgs {
     /// Use only these frames, by number, both ends included
-    #[arg(long, value_name = "FIRST..LAST")]
+    #[arg(help_heading = "Frames", long, value_name = "FIRST..LAST")]
     pub frames: Option<FrameRange>,
     /// The number of the input's first frame, from which the others are counted on [default: the number in its name; 1 of a video]
-    #[arg(long, value_name = "N")]
+    #[arg(help_heading = "Frames", long, value_name = "N")]
     first: Option<u64>,
     /// The colour space of the input: srgb, rec709, linear-srgb, acescg, aces2065-1, s-log3, s-log3-cine, logc3, logc4, v-log, log3g10,
     /// canon-log3, pq, hlg or display-p3 [default: what the file says; else linear-srgb for EXR, srgb for all other files]
-    #[arg(long, value_name = "SPACE")]
+    #[arg(help_heading = "Frames", long, value_name = "SPACE")]
     colour_space: Option<ColourSpace>,
 }
 

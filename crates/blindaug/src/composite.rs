@@ -532,8 +532,11 @@ impl Object {
 
     fn new(plate: &Plate, place: Place, layer: &VirtualLayer, space: &Space, blur: &Blur) -> Result<Self> {
         let color = place.crop(&layer.color.0).map(|v| space.of_premultiplied(v));
+        // Of an object without a single known depth or motion nothing can be continued.
         let depth = layer.inverse_depth.as_ref().map(|d| place.crop(d));
+        let depth = depth.filter(|d| d.data().iter().any(|d| d.is_finite()));
         let flow = layer.flow.as_ref().map(|f| place.crop(f));
+        let flow = flow.filter(|f| f.data().iter().flatten().any(|v| v.is_finite()));
         let front = match (&depth, plate.inverse_depth) {
             (Some(depth), Some(real)) => {
                 let depth = extended(depth, coverage_weight(&color));
@@ -1005,6 +1008,23 @@ mod tests {
         let [ours, of_difference] = [ours, of_difference].map(|v: f32| (v / count).sqrt());
         assert!(ours < 1.5 * want && ours > 0.8 * want, "{ours} {want}");
         assert!(of_difference > 4.0 * want, "{of_difference} {want}");
+    }
+
+    #[test]
+    fn an_object_of_unknown_depth_and_motion_is_not_blurred() {
+        let frame = background();
+        let bare = VirtualLayer { inverse_depth: None, flow: None, ..square(GREY, 1.0, 2.0, [24.0, 0.0]) };
+        let unknown = VirtualLayer {
+            inverse_depth: Some(Plane::filled(W, H, f32::NAN)),
+            flow: Some(Flow::filled(W, H, [f32::NAN; 2])),
+            ..bare.clone()
+        };
+        let made = |layer: &VirtualLayer| {
+            composite(&plate(&frame), layer, &camera(), &CompositeOptions::default()).unwrap()
+        };
+        assert!(made(&unknown) == made(&bare));
+        // Negative control: what is known is blurred.
+        assert!(made(&square(GREY, 1.0, 2.0, [24.0, 0.0])) != made(&bare));
     }
 
     #[test]
