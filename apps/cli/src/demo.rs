@@ -446,7 +446,7 @@ fn enlarged(image: &Encoded) -> Encoded {
 /// video was written.
 fn write_video(path: &Path, naive: &BTreeMap<u64, Encoded>, composites: &BTreeMap<u64, Encoded>) -> bool {
     const FPS: f64 = 10.0;
-    const TURNS: usize = 4;
+    const TURNS: usize = 2;
     let frames: Vec<Encoded> =
         naive.values().zip(composites.values()).map(|(a, b)| side_by_side(&[a, b])).collect();
     let Some(first) = frames.first() else { return false };

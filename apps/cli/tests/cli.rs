@@ -333,13 +333,13 @@ fn saved_evidence_gives_the_same_estimate_again() {
         }
     }
     // Negative control: without the file beside them, the unit of depth and the frame rate are not known.
-    std::fs::remove_file(folder.join("saved/frames.json")).unwrap();
+    std::fs::remove_file(folder.join("saved/frames.evidence.json")).unwrap();
     let without = CameraModel::from_json(&succeeds(folder, again)).unwrap();
     assert_eq!(without.capture.fps, None);
     assert_ne!(without.defocus.known().map(|d| d.depth_kind), Some(DepthKind::Metric));
-    std::fs::write(folder.join("saved/frames.json"), "{}").unwrap();
+    std::fs::write(folder.join("saved/frames.evidence.json"), "{}").unwrap();
     let sentence = fails(folder, again);
-    assert!(sentence.contains("frames.json: it does not describe evidence"), "{sentence}");
+    assert!(sentence.contains("frames.evidence.json: it does not describe evidence"), "{sentence}");
 }
 
 #[test]
@@ -352,7 +352,7 @@ fn what_was_read_is_said_with_its_unit_once_and_help_has_groups_and_examples() {
         &format!("estimate {} --depth {} -o c.json", asset("frames").display(), asset("scene").display()),
     );
     let said = text(&output.stderr);
-    assert!(said.contains("depth: 5 EXR files, metres") && !said.contains("units"), "{said}");
+    assert!(said.contains("depth: 5 EXR files, in metres") && !said.contains("units"), "{said}");
     let grey = blindaug::Plane::from_fn(160, 128, |x, _| 0.01 + 0.0001 * x as f32);
     std::fs::create_dir(folder.join("depth")).unwrap();
     blindaug_io::write_grey16(folder.join("depth/0001.png"), &grey).unwrap();
@@ -873,7 +873,7 @@ fn apply_takes_the_depth_and_the_motion_of_exr_frames() {
     let rendered = asset("virtual");
     let rendered = rendered.display();
     let said = text(&run(d, &format!("apply {rendered} --camera c.json -o own --frames 2..2")).stderr);
-    assert!(said.contains("depth: 5 EXR files, metres") && !said.contains("without depth"), "{said}");
+    assert!(said.contains("EXR files, in metres") && !said.contains("without depth"), "{said}");
     succeeds(
         d,
         &format!(
@@ -1134,7 +1134,7 @@ fn the_demo_finds_the_truth_and_beats_the_naive_composite() {
         assert!((estimated - truth).abs() < within, "{label}: {estimated}, true {truth}\n{table}");
     };
     close("exposure, fraction of the frame interval", 0.1);
-    close("blur at infinity, px", 0.5);
+    close("blur at infinity, px", 0.6);
     close("focus distance, m", 0.5);
     for y in [0.2, 0.5, 0.8] {
         close(&format!("noise std at luminance {y}, steps of 8 bit"), 1.5);
@@ -1142,12 +1142,18 @@ fn the_demo_finds_the_truth_and_beats_the_naive_composite() {
     let fidelity = numbers_after(&table, "composite, PSNR in dB (pasted on:");
     let [naive, blind, with_depth, all_given, oracle] = fidelity[..] else { panic!("{fidelity:?}") };
     assert!([blind, with_depth, all_given, oracle].iter().all(|v| *v > naive + 5.0), "{fidelity:?}");
-    // Every interval of the exposure covers the truth: what is given, the clean frames too, makes it sure of nothing wrong.
-    let exposures = numbers_after(&table, "exposure, fraction of the frame interval");
-    let (estimates, truth) = (&exposures[..9], exposures[9]);
-    for known in estimates.chunks(3) {
-        assert!(known[1] <= truth && truth <= known[2], "{table}");
-        assert!(known[2] - known[1] < 0.4, "{table}");
+    // Every interval covers the truth: what is given, the clean frames too, makes the estimate sure of nothing wrong.
+    for (label, widest) in [
+        ("exposure, fraction of the frame interval", 0.4),
+        ("blur at infinity, px", 2.0),
+        ("focus distance, m", 3.0),
+    ] {
+        let numbers = numbers_after(&table, label);
+        assert_eq!(numbers.len(), 10, "{table}");
+        for known in numbers[..9].chunks(3) {
+            assert!(known[1] <= numbers[9] && numbers[9] <= known[2], "{label}\n{table}");
+            assert!(known[2] - known[1] < widest, "{label}\n{table}");
+        }
     }
     let made = files_in(&d.join("out"));
     for name in ["camera.json", "comparison.png", "report.html", "naive/0003.png", "composite/0005.png"] {

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// What is to be known of evidence beside its images, so that an estimate from it is that of the run that saved it. It lies beside the
-/// folders of the kinds of evidence, as `SCENE.json`; the paper's data have no such file.
+/// folders of the kinds of evidence, as `SCENE.evidence.json`; the paper's data have no such file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SavedEvidence {
     /// Frames per second, if they were known.
@@ -36,7 +36,7 @@ pub struct SavedEvidence {
 
 impl SavedEvidence {
     fn path(dir: &Path, scene: &str) -> PathBuf {
-        dir.join(format!("{scene}.json"))
+        dir.join(format!("{scene}.evidence.json"))
     }
 
     /// Reads the file beside the evidence of a scene; `None` if there is none.

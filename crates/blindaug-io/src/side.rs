@@ -111,7 +111,7 @@ impl SideFolder<Plane> {
     pub fn depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Self> {
         // The scale is said only of integer files, since EXR has metres.
         let unit = |files: &Files| match (format.values, files.first().is_some_and(is_exr_name)) {
-            (DepthValues::Metric, true) => "metres".into(),
+            (DepthValues::Metric, true) => "in metres".into(),
             (DepthValues::Metric, false) => format!("{} units a metre", format.per_metre),
             (DepthValues::Inverse, true) => "inverse depth in 1/m".into(),
             (DepthValues::Inverse, false) => format!("inverse depth, {} units for 1/m", format.per_metre),

@@ -8,7 +8,7 @@ use crate::{
     window::{Seen, Viewer, show},
 };
 use blindaug::{
-    Sample, analysis,
+    Plane, Sample, analysis,
     fit::{Estimation, Estimator, EstimatorOptions, FrameObservation, Shot},
     model::SceneDepth,
 };
@@ -81,7 +81,8 @@ impl<'a> Samples<'a> {
         self.wanted && kept < SAMPLES && self.seen >= spread(kept)
     }
 
-    pub fn keep(&mut self, number: u64, observation: &FrameObservation) -> Result<()> {
+    /// Takes the next frame; `found` is the inverse depth that was found in it where none is given.
+    pub fn keep(&mut self, number: u64, observation: &FrameObservation, found: Option<&Plane>) -> Result<()> {
         if self.wants_next() {
             let FrameObservation { frame, next, evidence, .. } = *observation;
             let flow = match (evidence.flow, next) {
@@ -96,7 +97,7 @@ impl<'a> Samples<'a> {
                 frame: frame.clone(),
                 next: next.cloned(),
                 flow,
-                inverse_depth: evidence.inverse_depth.map(|d| d.0.clone()),
+                inverse_depth: evidence.inverse_depth.map(|d| d.0).or(found).cloned(),
                 clean: evidence.clean.cloned(),
             });
         }
@@ -130,7 +131,8 @@ impl Viewer for WholeClip<'_> {
         if let (true, Some(save)) = (used, save) {
             save.geometry(number, &self.estimator)?;
         }
-        self.samples.keep(number, observation)
+        let found = self.estimator.inverse_depth().map(|d| d.0);
+        self.samples.keep(number, observation, found)
     }
 }
 

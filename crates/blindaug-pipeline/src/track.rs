@@ -73,7 +73,7 @@ impl Viewer for Following<'_> {
             (self.each)(last)?;
         }
         self.cameras.push(TrackedCamera { frame: number, changed: self.tracker.changes(), camera });
-        self.samples.keep(number, observation)
+        self.samples.keep(number, observation, None)
     }
 }
 

@@ -53,7 +53,7 @@ fn truth(rows: &[TruthRow]) -> Markup {
                 p { "The truth of this clip is known, so the estimates can be checked." }
                 div.wide { table {
                     thead { tr { th scope="col" { "Quantity" } th scope="col" { "Estimated" } th scope="col" { "True" } } }
-                    tbody { @for r in rows { tr { th scope="row" { (r.name) } td.number { (r.estimated) } td.number { (r.truth) } } } }
+                    tbody { @for r in rows { tr { th scope="row" { (r.name) } td.number data-label="Estimated" { (r.estimated) } td.number data-label="True" { (r.truth) } } } }
                 } }
             }
         }

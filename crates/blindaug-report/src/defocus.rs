@@ -42,7 +42,7 @@ pub(crate) fn defocus_section(model: &CameraModel, diagnostics: &Diagnostics) ->
             }
             @match plot {
                 Some(plot) => figure { (plot) figcaption {
-                    @if points > 0 { (swatch(POINTS)) "the blur that fits each place best alone, the darker the more it says; " }
+                    @if points > 0 { (swatch(POINTS)) "the blur that fits each place best alone, the stronger the more it says; " }
                     @if let Some(m) = known {
                         (swatch(ESTIMATE)) "the fitted curve"
                         @if matches!(m.curve, DefocusCurve::ThinLens { interval: Some(_), .. }) { " with both of its numbers anywhere in their 95 % intervals" }

@@ -95,7 +95,7 @@ fn noise_table(m: &NoiseModel) -> Markup {
                 @let [low, middle, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(m, y, shift));
                 tr {
                     th scope="row" { (name) }
-                    @for c in 0..3 { td.number {
+                    @for c in 0..3 { td.number data-label=(CHANNEL_NAMES[c]) {
                         (steps(middle[c]))
                         @if m.lines().interval.is_some() { " (" (steps(low[c])) " to " (steps(high[c])) ")" }
                     } }
@@ -106,8 +106,8 @@ fn noise_table(m: &NoiseModel) -> Markup {
 }
 
 fn band_table(m: &NoiseModel) -> Markup {
-    let cell = |value: f32, interval: Option<[f32; 2]>| {
-        html! { td.number { (steps(value)) @if let Some([low, high]) = interval { " (" (steps(low)) " to " (steps(high)) ")" } } }
+    let cell = |c: usize, value: f32, interval: Option<[f32; 2]>| {
+        html! { td.number data-label=(CHANNEL_NAMES[c]) { (steps(value)) @if let Some([low, high]) = interval { " (" (steps(low)) " to " (steps(high)) ")" } } }
     };
     html! {
         div.wide { table {
@@ -117,11 +117,11 @@ fn band_table(m: &NoiseModel) -> Markup {
                 tr {
                     th scope="row" rowspan="2" { (level + 1) ": " (plots::band_name(level)) }
                     td { "slope" }
-                    @for c in 0..3 { (cell(l.slope[c], known.map(|i| i.slope[c]))) }
+                    @for c in 0..3 { (cell(c, l.slope[c], known.map(|i| i.slope[c]))) }
                 }
                 tr {
                     td { "intercept" }
-                    @for c in 0..3 { (cell(l.intercept[c], known.map(|i| i.intercept[c]))) }
+                    @for c in 0..3 { (cell(c, l.intercept[c], known.map(|i| i.intercept[c]))) }
                 }
             } }
         } }

@@ -133,8 +133,8 @@ pub(crate) fn parameter_table(parameters: &[Row]) -> Markup {
             thead { tr { th scope="col" { "Quantity" } th scope="col" { "Estimate" } th scope="col" { "95 % interval" } th scope="col" { "What it means" } } }
             tbody { @for p in parameters { tr {
                 th scope="row" { (p.name) }
-                td.number { (p.value) }
-                td.number { (p.interval.as_deref().unwrap_or("not estimated")) }
+                td.number data-label="Estimate" { (p.value) }
+                td.number data-label="95 % interval" { (p.interval.as_deref().unwrap_or("not estimated")) }
                 td { (p.meaning) }
             } } }
         } }

@@ -39,7 +39,7 @@ fn cubic(at: vec2f) -> f32 {
     return sum;
 }
 
-// The mean of the sharp image along the path of a pixel; the variance of the taps along the path is that of the path itself.
+// The mean of the sharp image along the path of a pixel.
 fn mean_along(p: vec2i, motion: vec2f, lambda: f32) -> f32 {
     let path = lambda * motion;
     let reach = length(path);
@@ -47,11 +47,9 @@ fn mean_along(p: vec2i, motion: vec2f, lambda: f32) -> f32 {
         return textureLoad(sharp, p, 0, 0).x;
     }
     let taps = u32(ceil(reach)) + 1u;
-    let n = f32(taps);
-    let spread = inverseSqrt(n * n - 1.0);
     var sum = 0.0;
     for (var i = 0u; i < taps; i++) {
-        let t = (f32(i) + 0.5 - 0.5 * n) * spread;
+        let t = (f32(i) + 0.5) / f32(taps) - 0.5;
         sum += cubic(vec2f(p) + t * path);
     }
     return sum / f32(taps);

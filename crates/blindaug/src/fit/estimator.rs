@@ -130,8 +130,8 @@ const BOKEH: Bokeh = Bokeh::Disk;
 /// The largest change at which the alternating fits of exposure and lens to clean frames stop: of the exposure fraction, of the blur at
 /// infinity in px, and of the inverse depth in focus.
 const SETTLED: f32 = 1e-3;
-/// The std of the exposure fraction that stands for errors of the comparison with clean frames: about the errors on rendered clips, whose
-/// camera shares nothing with the fit (docs/accuracy.md).
+/// The std of the exposure fraction that stands for errors of the comparison with clean frames: of the flow, and of what interpolation
+/// along the path adds and leaves out (docs/lab-log.md).
 const REMOVAL_EXPOSURE_FLOOR: f32 = 0.02;
 /// The relative std of the lens's numbers that stands for errors of the comparison with clean frames.
 const REMOVAL_LENS_FLOOR: f32 = 0.04;

@@ -137,10 +137,16 @@ impl DefocusModel {
             DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval } => {
                 // k |f - (scale m + offset)| = k scale |(f - offset) / scale - m|
                 let k = *sigma_px_at_infinity / *focus_inverse_depth;
-                let focus = ((*focus_inverse_depth - offset) / scale).max(1e-6);
+                let metric = |f: f32| ((f - offset) / scale).max(1e-6);
+                let focus = metric(*focus_inverse_depth);
+                // Blur at infinity grows by the same factor throughout its interval, as long as the focus stays.
+                let factor = scale * focus / *focus_inverse_depth;
+                if let Some(i) = interval {
+                    i.sigma_px_at_infinity = i.sigma_px_at_infinity.map(|s| s * factor);
+                    i.focus_inverse_depth = i.focus_inverse_depth.map(metric);
+                }
                 *focus_inverse_depth = focus;
                 *sigma_px_at_infinity = k * scale * focus;
-                *interval = None;
             }
             DefocusCurve::Quadratic { a, b, c, inverse_depth_range } => {
                 *c += *b * offset + *a * offset * offset;

@@ -76,6 +76,7 @@ impl CameraTrack {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::{DefocusCurve, ThinLensInterval};
 
     #[test]
     fn a_depth_that_means_nothing_has_no_inverse() {
@@ -98,5 +99,20 @@ mod tests {
         }
         assert!(inverse_depth.at(2, 0).is_nan());
         assert_eq!(scale.lens_to_metric(metric), metric);
+        // Intervals and what was seen are brought to metres too, and hold what they held.
+        let interval = ThinLensInterval { sigma_px_at_infinity: [2.7, 3.3], focus_inverse_depth: [0.3, 0.6] };
+        let curve = DefocusCurve::ThinLens {
+            sigma_px_at_infinity: 3.0,
+            focus_inverse_depth: 0.4,
+            interval: Some(interval),
+        };
+        let known = DefocusModel { curve, inverse_depth_seen: Some([0.2, 0.9]), ..lens };
+        let facts = scale.lens_to_metric(known).facts();
+        let near = |a: Option<[f32; 2]>, b: [f32; 2]| {
+            a.is_some_and(|a| (a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-5)
+        };
+        assert!(near(facts.focus_interval, [0.4, 1.0]), "{facts:?}");
+        assert!(near(facts.sigma_interval, [2.7 * 0.75, 3.3 * 0.75]), "{facts:?}");
+        assert!(near(scale.lens_to_metric(known).inverse_depth_seen, [0.2, 1.6]));
     }
 }
