@@ -250,7 +250,8 @@ mod tests {
     }
 
     fn camera(w: usize, h: usize) -> CameraModel {
-        CameraModel::unknown(Capture { width: w, height: h, fps: None, frames_used: 5 }, "not looked at")
+        let capture = Capture { width: w, height: h, fps: None, frames_used: 5, pixel_aspect: 1.0 };
+        CameraModel::unknown(capture, "not looked at")
     }
 
     /// How strongly neighbouring pixels of a row differ on the balls.
