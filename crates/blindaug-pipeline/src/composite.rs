@@ -272,7 +272,8 @@ pub fn matched_at(track: CameraTrack, name: &str, place: [f32; 2]) -> Result<Cam
             lens.ok_or_else(|| blindaug::Error::new("its lens is unknown, so that no place has a blur"))?;
         let sigma = lens.sigma_px(camera.depth_at(place)?);
         let curve = DefocusCurve::Quadratic { a: 0.0, b: 0.0, c: sigma, inverse_depth_range: [0.0, 1.0] };
-        camera.defocus = Estimate::Known(DefocusModel::given(curve, DepthKind::Metric));
+        let constant = DefocusModel::given(curve, DepthKind::Metric);
+        camera.defocus = Estimate::Known(DefocusModel { bokeh: lens.bokeh, ..constant });
         Ok(TrackedCamera { camera, ..*f })
     };
     let frames: blindaug::Result<Vec<TrackedCamera>> = track.frames().iter().map(matched).collect();
