@@ -390,7 +390,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         return Ok(Estimate::unknown(Reason::Flat, "too few textured places whose depth is known"));
     }
     let range = lens_range(observations);
-    if range.1 - range.0 < MIN_DEPTH_SPAN * range.1.abs() {
+    if range.1 - range.0 <= MIN_DEPTH_SPAN * range.1.abs() {
         let why = "the textured places all lie at about one depth, through which many lenses fit";
         return Ok(Estimate::unknown(Reason::OneDepth, why));
     }
@@ -566,4 +566,31 @@ fn interval_of_median(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
 fn std_of(v: &[f32]) -> f32 {
     let mean = v.iter().sum::<f32>() / v.len() as f32;
     (v.iter().map(|x| (x - mean).powi(2)).sum::<f32>() / v.len() as f32).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_of_one_depth_do_not_tell_the_lens_not_even_far_away() {
+        // Blur of about 1 px is likeliest in all places.
+        let table: Vec<f32> = (0..SIGMAS).map(|i| -(sigma_of(i) - 1.0).powi(2)).collect();
+        let observed = |depth: &dyn Fn(u32) -> f32| {
+            let of = |i: u32| LensObservation {
+                inverse_depth: depth(i),
+                table: table.clone(),
+                tiles: 1.0,
+                block: i % 25,
+                part: 0,
+            };
+            lens_of(&(0..50).map(of).collect::<Vec<_>>(), 24).unwrap()
+        };
+        for depth in [0.0, 0.5] {
+            let why = observed(&|_| depth).why_unknown().map(|why| why.reason);
+            assert_eq!(why, Some(Reason::OneDepth), "{depth}");
+        }
+        // Negative control: places of many depths do.
+        assert!(observed(&|i| 0.02 * i as f32).known().is_some());
+    }
 }
