@@ -408,13 +408,19 @@ pub(crate) fn disk_values_at<const N: usize>(
     })
 }
 
+/// The shape of a std, px.
+type ShapeOf<'f, 'a> = &'f dyn Fn(f32) -> &'a Spans;
+
+/// The cut of the shape at a pixel (x, y) of a std, px.
+type CutAt<'f, 'a> = &'f dyn Fn(usize, usize, f32) -> Option<Cut<'a>>;
+
 /// The tile, each pixel blurred by the shape of its std, which is cut where there is a cut for the pixel (x, y, std); O(radius) per pixel by
 /// sums along the rows. The shapes are those of points in front of the focus; behind it, they are turned by 180 degrees, and a gather turns
 /// them once more.
 fn span_blurred<'a, P: Pixel>(
     src: &Raster<P>,
     sigma: &Plane,
-    (kernel, cut): (&dyn Fn(f32) -> &'a Spans, &dyn Fn(usize, usize, f32) -> Option<Cut<'a>>),
+    (kernel, cut): (ShapeOf<'_, 'a>, CutAt<'_, 'a>),
     tile: Tile,
 ) -> Raster<P> {
     let widest = kernel(tile.pixels(sigma).fold(0.0, |a, s| s.abs().max(a)));

@@ -62,11 +62,12 @@ impl Outline {
         let height = |i: usize| 2.0 * i as f64 / CELLS as f64 - 1.0;
         for [a, b, c, d] in edges() {
             let cell = |y: f64| (0.5 * (y + 1.0) * CELLS as f64).clamp(0.0, CELLS as f64);
-            for i in cell(b.min(d)).ceil() as usize..=cell(b.max(d)).floor() as usize {
+            let (first, last) = (cell(b.min(d)).ceil() as usize, cell(b.max(d)).floor() as usize);
+            for (i, end) in ends.iter_mut().enumerate().take(last + 1).skip(first) {
                 let t = if b == d { 0.0 } else { ((height(i) - b) / (d - b)).clamp(0.0, 1.0) };
-                let [left, right] = ends[i];
+                let [left, right] = *end;
                 let x = a + t * (c - a);
-                ends[i] = [left.min(x), right.max(x)];
+                *end = [left.min(x), right.max(x)];
             }
         }
         let row = |i: usize| {
