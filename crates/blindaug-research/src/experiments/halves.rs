@@ -42,10 +42,7 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
         return Ok(None);
     }
     let outcomes: Vec<(Case, Halves)> = run.cases("cameras/footage", cases, |case| halves(&case.clip))?;
-    let names: Vec<String> = outcomes
-        .iter()
-        .map(|(c, _)| c.clip.file_name().unwrap_or_default().to_string_lossy().into())
-        .collect();
+    let names = names(&outcomes.iter().map(|(c, _)| c.clip.as_path()).collect::<Vec<_>>());
     let mut tables = vec![];
     let mut won = vec![];
     for (what, caption, distance) in MEASURES {
@@ -79,6 +76,25 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
         won.join(", ")
     );
     Ok(Some((tables, said)))
+}
+
+/// The clips' names in the tables: of each its file's name, with as many of the folders around it as tell it from the others, and its place
+/// in the list if it is given twice.
+fn names(clips: &[&Path]) -> Vec<String> {
+    let last = |clip: &Path, parts: usize| {
+        let all: Vec<_> = clip.iter().map(|p| p.to_string_lossy()).collect();
+        all[all.len().saturating_sub(parts)..].join("/")
+    };
+    let longest = clips.iter().map(|c| c.iter().count()).max().unwrap_or(0);
+    let name = |(i, clip): (usize, &&Path)| {
+        let others = || clips.iter().enumerate().filter(move |(k, _)| *k != i);
+        let own = |parts: &usize| others().all(|(_, o)| last(o, *parts) != last(clip, *parts));
+        match (1..=longest).find(own) {
+            Some(parts) => last(clip, parts),
+            None => format!("{} ({})", last(clip, 1), i + 1),
+        }
+    };
+    clips.iter().enumerate().map(name).collect()
 }
 
 /// A name, a caption and a distance between two cameras, `None` where a part is unknown.
@@ -136,6 +152,15 @@ mod tests {
     use crate::run::Provenance;
     use blindaug::{Encoded, Raster};
     use rand::{Rng, SeedableRng, rngs::StdRng};
+
+    #[test]
+    fn clips_of_one_name_are_told_apart() {
+        let told = |clips: &[&str]| names(&clips.iter().map(Path::new).collect::<Vec<_>>());
+        assert_eq!(told(&["a/b/x.mp4", "a/c/x.mp4", "y.mp4"]), ["b/x.mp4", "c/x.mp4", "y.mp4"]);
+        assert_eq!(told(&["desk/color", "room/color"]), ["desk/color", "room/color"]);
+        assert_eq!(told(&["x.mp4", "x.mp4"]), ["x.mp4 (1)", "x.mp4 (2)"]);
+        assert_eq!(told(&["x.mp4", "a/x.mp4"]), ["x.mp4", "a/x.mp4"]);
+    }
 
     #[test]
     fn a_clips_own_half_has_its_noise() {
