@@ -128,7 +128,7 @@ mod tests {
         let log = Transfer::SLog3;
         let frames = ColourSpace { transfer: log, .."s-log3".parse().unwrap() };
         let frame =
-            Encoded(Raster::from_fn(9, 7, |x, y| [0.2 + 0.05 * x as f32, 0.25 + 0.05 * y as f32, 0.4]));
+            Encoded(Raster::from_fn(9, 7, |x, y| [0.2 + 0.04 * x as f32, 0.25 + 0.04 * y as f32, 0.4]));
         for (name, file, _) in ColourSpace::NAMED {
             let kind = if file.transfer == Transfer::Linear { FileKind::Exr } else { FileKind::Tiff };
             let format = FrameFormat::PNG8

@@ -38,13 +38,8 @@
 //!     inverse_depth: Some(Plane::filled(96, 64, 0.5)),
 //!     flow: None,
 //! };
-//! let scene = composite::Scene {
-//!     footage: Box::new(MemoryClip { frames, fps: None }),
-//!     layers: Box::new(BTreeMap::from([(2, layer)])),
-//!     depth: None,
-//!     flow: None,
-//!     renders: None,
-//! };
+//! let footage = Box::new(MemoryClip { frames, fps: None });
+//! let scene = composite::Scene::new(footage, Box::new(BTreeMap::from([(2, layer)])));
 //! let mut made = MemorySink::default();
 //! let options = (&CompositeOptions::default(), Product::Composite);
 //! composite::composite(&scene, &tracked.track, options, &mut made, &Silent)?;

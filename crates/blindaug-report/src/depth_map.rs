@@ -138,7 +138,7 @@ mod tests {
         assert!(text.contains("--at 63,1=METRES --at 1,1=METRES"), "{text}");
         let svg = picture(&model).into_string();
         assert_eq!(svg.matches("fill=\"none\" stroke").count(), text.matches('*').count() - 1);
-        assert!(svg.contains("depth unknown") && svg.contains("63,1: 0.97"), "{svg}");
+        assert!(svg.contains("depth unknown") && svg.contains("63,1: 0.969"), "{svg}");
         // Negative control: in metres nothing is asked for.
         let metric = model.to_metric(blindaug::model::SceneScale { scale: 1.0, offset: 0.0 });
         assert!(!drawn(&metric).contains("--at"));

@@ -639,7 +639,8 @@ fn plots_tell_their_values_under_the_pointer() {
         "<title>frame 1 in the order of reading: 50 %</title>",
         "px by itself</title>",
     ] {
-        assert!(html.contains(part), "{part}");
+        let told: Vec<&str> = html.split("<title>").skip(1).filter_map(|t| t.split('<').next()).collect();
+        assert!(html.contains(part), "{part}: {told:?}");
     }
 }
 

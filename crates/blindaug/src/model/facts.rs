@@ -224,10 +224,8 @@ mod tests {
         assert_eq!(seen(3.0, 2.0, 0.5, near_and_far).sigma_below, None);
         // A sharp lens has a bound; one that is in focus at infinity has it there, and still blurs what is near.
         let sharp = seen(1e-6, 0.0, 0.5, near_and_far);
-        assert_eq!(
-            (sharp.focus, sharp.outside, sharp.sigma_below),
-            (Focus::Everywhere, None, Some(0.400001))
-        );
+        assert_eq!((sharp.focus, sharp.outside), (Focus::Everywhere, None));
+        assert!(sharp.sigma_below.is_some_and(|s| (s - 0.4).abs() < 1e-5), "{sharp:?}");
         let far = seen(1e-4, 0.0, 1e-5, near_and_far);
         assert!(far.sigma_below.is_some() && far.in_focus().is_some(), "{far:?}");
         assert_eq!(far.outside, Some(OutsideFocus::Beyond(0.2)));
