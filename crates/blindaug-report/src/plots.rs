@@ -166,7 +166,8 @@ impl<'a> Axes<'a> {
     fn told(&self, chart: &mut Chart, hover: &Hover, points: Vec<([f64; 2], String)>) -> Result<()> {
         let step = points.len().div_ceil(MOST_TOLD).max(1);
         let some = points.into_iter().step_by(step);
-        self.circles(chart, (REACH, TRANSPARENT.filled()), hover, some)
+        // What is wholly transparent is not drawn at all, and would not be found by the pointer.
+        self.circles(chart, (REACH, WHITE.mix(0.001).filled()), hover, some)
     }
 
     /// Draws the area between two curves over the same places: `[x, low, high]`.
