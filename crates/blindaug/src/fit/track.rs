@@ -7,7 +7,8 @@
 //!
 //! **Changes** of shutter, focus or gain: if each of the last three frames with evidence finds the value that these three
 //! agree on much more likely than the value of the frames before them (a generalised likelihood ratio), the older evidence is
-//! dropped. One frame that errs is not enough.
+//! dropped. One frame that errs is not enough. The noise has another test, since a video coder leaves more of it in some frames than in
+//! others: see [`NoiseMemory`].
 //!
 //! **Bridges**: a frame that says nothing of a parameter leaves the parameter's last value; the interval widens with the time since the
 //! parameter was last estimated, like that of a random walk.
@@ -17,6 +18,7 @@ use super::defocus::{self, Lens};
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
 use super::observation::FrameObservation;
+use super::robust::median;
 use super::sharpening;
 use super::{agreement, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
@@ -41,14 +43,14 @@ const SAME_EXPOSURE: f32 = 0.1;
 const SAME_BLUR: (f32, f32) = (0.25, 0.1);
 /// The largest share of the old lens's loss (minus its log-likelihood) that a new lens may have: some lens always suits a few tiles better.
 const LEFT_OF_LENS: f32 = 0.33;
-/// The largest absolute log of a ratio of noise stds that is not a change.
-const SAME_NOISE: f32 = 0.15;
 /// The share of its weight that evidence of the exposure keeps from one frame to the next.
 const KEPT_EXPOSURE: f32 = 0.93;
 /// The share of its weight that evidence of the lens keeps from one frame to the next.
 const KEPT_LENS: f32 = 0.98;
-/// The number of frames that the noise is estimated from.
-const NOISE_FRAMES: usize = 24;
+/// The number of frames that the noise is estimated from: more than two of a coder's usual groups of pictures.
+const NOISE_FRAMES: usize = 48;
+/// The number of frames of a shot after which the noise is no longer that of the kinds of frames that a coder begins with.
+const SETTLED_NOISE: usize = 24;
 /// The share of a frame's new estimate of the noise in what is told, unless the noise has jumped: the estimates of successive frames look at
 /// different parts of the picture, and noise that differs from frame to frame would be seen to flicker.
 const NEW_NOISE: f32 = 0.2;
@@ -401,6 +403,17 @@ impl Tracker {
         Ok(())
     }
 
+    /// Whether the noise rests on so few frames of this shot that those to come will correct it: a video coder leaves more noise in the
+    /// first frames than in those that follow.
+    pub fn noise_settles(&self) -> bool {
+        self.noise.seen < SETTLED_NOISE
+    }
+
+    /// Whether the next frame belongs to another shot.
+    pub fn cut_ahead(&self) -> bool {
+        self.cut_ahead
+    }
+
     /// The model of the last frame; `None` before the first.
     pub fn model(&self) -> Option<&CameraModel> {
         self.model.as_ref()
@@ -475,23 +488,25 @@ impl Tracker {
         neighbour: Option<(&Encoded, &Flow)>,
     ) -> Result<Estimate<NoiseModel>> {
         let mut evidence = NoiseEvidence::new(Method::Temporal);
+        let mut part = 0;
         if let Some((other, flow)) = neighbour {
             // Strips of the frame are used in turn. Their height is a multiple of the side of the coarsest level's blocks.
             const STEP: usize = 32;
             let (w, h) = frame.0.size();
             let parts = (w * h).div_ceil(NOISE_PART).min((h / STEP).max(1));
             let edge = |part: usize| if part == parts { h } else { part * (h / STEP) / parts * STEP };
-            let part = self.frames % parts;
+            part = self.frames % parts;
             evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
         }
-        let jumped = self.noise.push(evidence, &self.luma_noise.levels[0]);
+        let model = self.luma_noise.levels[0];
+        let jumped = self.noise.push(evidence, part, &model);
         self.changes.set(Distortion::Noise, jumped);
         if jumped {
             // The recent evidence of blur was found with the wrong noise.
             self.exposure.forget_recent();
             self.lens.forget_recent();
         }
-        let mut fit = self.noise.fit();
+        let mut fit = self.noise.fit(&model);
         if fit.luma.is_none() && self.known.noise.is_none() {
             let mut single = NoiseEvidence::new(Method::Spatial);
             single.add_single(frame);
@@ -831,46 +846,135 @@ fn lens_changed(memory: &Memory) -> bool {
 }
 
 /// The local variances of the last frames that gave evidence of noise.
+///
+/// In footage that was compressed, the noise differs from frame to frame with the kind of each frame, while the camera stays the same. So
+/// the noise is that of the frames in the middle, and a change is one of all kinds of frames.
 #[derive(Default)]
 struct NoiseMemory {
-    /// The evidence of up to [`NOISE_FRAMES`] frames.
-    frames: VecDeque<NoiseEvidence>,
-    /// The log of the noise std of each of the last frames over that of the model at the time.
-    ratios: VecDeque<f32>,
+    /// The evidence of up to [`NOISE_FRAMES`] frames, each with the index of the part of the picture that it is about.
+    frames: VecDeque<(NoiseEvidence, usize)>,
     /// The number of frames since the last evidence.
     age: usize,
+    /// The number of frames of the shot.
+    seen: usize,
 }
 
 impl NoiseMemory {
-    /// Adds a frame's evidence, and says whether the noise has changed from that of `model`.
-    fn push(&mut self, evidence: NoiseEvidence, model: &NoiseLine) -> bool {
+    /// Adds the evidence of the part of a frame with this index, and says whether the noise has changed. The frames are compared with each
+    /// other by how much their noise exceeds that of `model`.
+    fn push(&mut self, evidence: NoiseEvidence, part: usize, model: &NoiseLine) -> bool {
         self.age += 1;
-        let Some(ratio) = evidence.log_ratio(model) else { return false };
+        self.seen += 1;
+        if evidence.log_ratio(model).is_none() {
+            return false;
+        }
         self.age = 0;
-        self.frames.push_back(evidence);
-        self.ratios.push_back(ratio);
+        self.frames.push_back((evidence, part));
         if self.frames.len() > NOISE_FRAMES {
             self.frames.pop_front();
         }
-        if self.ratios.len() > AGREEING {
-            self.ratios.pop_front();
+        let changed = noise_changed(&self.excesses(model));
+        if let Some(since) = changed {
+            self.frames.drain(..self.frames.len() - since);
         }
-        let agree = |sign: f32| self.ratios.iter().all(|r| sign * r > SAME_NOISE);
-        let enough = self.frames.len() > AGREEING && self.ratios.len() == AGREEING;
-        let changed = enough && (agree(1.0) || agree(-1.0));
-        if changed {
-            // The first of the agreeing frames is dropped, since its neighbour may lie on the other side of the change.
-            self.frames.drain(..self.frames.len() - (AGREEING - 1));
-            self.ratios.clear();
-        }
-        changed
+        changed.is_some()
     }
 
-    fn fit(&self) -> NoiseFit {
+    /// The log of each frame's noise std over that of `model`, and the index of the frame's part.
+    fn excesses(&self, model: &NoiseLine) -> Vec<Excess> {
+        /// The least std, a quarter of a step of 8 bits: what is less cannot be seen, and says nothing of a camera.
+        const LEAST: f32 = 0.25 / 255.0;
+        let least = (LEAST / (0.4 * model.slope + model.intercept).max(1e-4)).ln();
+        let of = |(frame, part): &(NoiseEvidence, usize)| Excess {
+            part: *part,
+            log: frame.log_ratio(model).unwrap_or(least).max(least),
+        };
+        self.frames.iter().map(of).collect()
+    }
+
+    /// The noise of the frames in the middle: the half of each part's frames whose noise differs least from the part's median, and all that
+    /// differ by no more than [`LIKE_MEDIAN`].
+    fn fit(&self, model: &NoiseLine) -> NoiseFit {
+        let excesses = self.excesses(model);
+        let apart = apart(&excesses, &excesses);
+        let mut sorted: Vec<f32> = apart.iter().map(|v| v.abs()).collect();
+        sorted.sort_by(f32::total_cmp);
+        let most = sorted.get(sorted.len() / 2).map_or(LIKE_MEDIAN, |m| m.max(LIKE_MEDIAN));
         let mut all = NoiseEvidence::new(Method::Temporal);
-        self.frames.iter().for_each(|f| all.merge(f));
+        let middle = self.frames.iter().zip(&apart).filter(|(_, apart)| apart.abs() <= most);
+        middle.for_each(|((frame, _), _)| all.merge(frame));
         all.fit()
     }
+}
+
+/// By how much the noise of a frame exceeds a model's.
+#[derive(Clone, Copy)]
+struct Excess {
+    /// The index of the part of the picture.
+    part: usize,
+    /// The log of the ratio of the stds.
+    log: f32,
+}
+
+/// The difference of the logs of noise stds of frames that count as alike.
+const LIKE_MEDIAN: f32 = 0.15;
+
+/// The differences of some frames from the median of the others that are about the same part of the picture, or of all others if none is.
+fn apart(some: &[Excess], others: &[Excess]) -> Vec<f32> {
+    let of = |e: &Excess| {
+        let same = |o: &&Excess| o.part == e.part;
+        let median = median(others.iter().filter(same).map(|o| o.log).collect())
+            .or_else(|| median(others.iter().map(|o| o.log).collect()));
+        e.log - median.unwrap_or(e.log)
+    };
+    some.iter().map(of).collect()
+}
+
+/// The number of last frames whose noise is another than that of the frames before them, if there are such.
+///
+/// Either the last few frames all lie beyond the whole range of those before, or the median of the last dozen is away from that of those
+/// before by much more than both scatter. A dozen frames are those of a coder's usual group of pictures, or half of it.
+fn noise_changed(frames: &[Excess]) -> Option<usize> {
+    /// The numbers of last frames: a few, and a dozen.
+    const LAST: [usize; 2] = [5, 12];
+    /// The fewest and the most frames before these that they are compared with.
+    const BEFORE: (usize, usize) = (12, 36);
+    /// How far beyond the range of those before the few must lie, as a difference of logs of stds.
+    const BEYOND: f32 = 0.1;
+    /// The least difference of the medians that is a change, as a difference of logs of stds, and as a multiple of its standard error.
+    const SHIFT: (f32, f32) = (0.3, 4.5);
+    /// The share of the dozen that must lie on the same side.
+    const SAME_SIDE: f32 = 0.8;
+    /// The largest drift within the frames before, as a share of the shift, that lets the shift be a jump: what drifts is followed anyway.
+    const DRIFT: f32 = 0.5;
+    /// The least std by which frames scatter, as a difference of logs of stds.
+    const SCATTER: f32 = 0.03;
+    LAST.into_iter().find(|&last| {
+        let Some(first) = frames.len().checked_sub(last) else { return false };
+        let before = &frames[first.saturating_sub(BEFORE.1)..first];
+        if before.len() < BEFORE.0 {
+            return false;
+        }
+        let (now, usual) = (apart(&frames[first..], before), apart(before, before));
+        let middle = |v: &[f32]| median(v.to_vec()).unwrap_or(0.0);
+        let shift = middle(&now);
+        let (early, late) = usual.split_at(usual.len() / 2);
+        if (middle(late) - middle(early)).abs() > DRIFT * shift.abs() {
+            return false;
+        }
+        if last == LAST[0] {
+            let beyond = |sign: f32| {
+                let most = usual.iter().map(|v| sign * v).fold(0.0, f32::max);
+                now.iter().all(|v| sign * v > most + BEYOND)
+            };
+            return beyond(1.0) || beyond(-1.0);
+        }
+        // The median absolute deviation of normal numbers is their std over 1.48; the median of n has 1.25 times the error of the mean.
+        let scatter = (1.48 * middle(&usual.iter().map(|v| v.abs()).collect::<Vec<_>>())).max(SCATTER);
+        let error = 1.25 * scatter * (1.0 / last as f32 + 1.0 / usual.len() as f32).sqrt();
+        let same_side = now.iter().filter(|v| *v * shift > 0.0).count() as f32;
+        shift.abs() > SHIFT.0.max(SHIFT.1 * error) && same_side >= SAME_SIDE * last as f32
+    })
 }
 
 #[cfg(test)]
@@ -882,5 +986,34 @@ mod tests {
         let [low, high] = walked([0.4, 0.6], 0.5, 0.01, 100);
         assert!((high - 0.5 - 0.1f32.hypot(0.196)).abs() < 1e-5 && (low + high - 1.0).abs() < 1e-5);
         assert_eq!(walked([0.4, 0.6], 0.5, 0.01, 0).map(|v| (v * 1e4).round()), [4000.0, 6000.0]);
+    }
+
+    #[test]
+    fn kinds_of_frames_are_no_change_of_the_noise_and_a_gain_is() {
+        // Two parts of the picture in turn, scatter of a std of 0.2, and a frame of another kind in every twelfth place.
+        let frame = |t: usize, gain: f32, scatter: f32| {
+            let noise: f32 = (0..6).map(|k| crate::fit::uniform(7 + k, t as u64) - 0.5).sum();
+            let kind = if t.is_multiple_of(12) { 1.0 } else { 0.0 };
+            let part = t % 2;
+            Excess { part, log: gain + 0.5 * part as f32 + scatter * (kind + 0.2 * 1.41 * noise) }
+        };
+        let noticed = |gain: &dyn Fn(usize) -> f32, scatter: f32| -> Vec<usize> {
+            let all: Vec<Excess> = (0..400).map(|t| frame(t, gain(t), scatter)).collect();
+            (1..=all.len())
+                .filter(|&n| noise_changed(&all[n.saturating_sub(NOISE_FRAMES)..n]).is_some())
+                .map(|n| n - 1)
+                .collect()
+        };
+        assert!(noticed(&|_| 0.0, 1.0).is_empty());
+        // What drifts is no jump either.
+        assert!(noticed(&|t| 0.004 * t as f32, 1.0).is_empty());
+        for factor in [1.7f32, 1.0 / 1.7] {
+            let jump = |t: usize| if t < 200 { 0.0 } else { factor.ln() };
+            let found = noticed(&jump, 1.0);
+            assert!(found.first().is_some_and(|t| (200..230).contains(t)), "{factor}: {found:?}");
+            // Without a coder it is found at once.
+            let found = noticed(&jump, 0.1);
+            assert!(found.first().is_some_and(|t| (202..206).contains(t)), "{factor}: {found:?}");
+        }
     }
 }
