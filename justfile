@@ -64,6 +64,10 @@ bevy:
 ofx:
     engines/ofx/check.sh
 
+# The Python package: built, linted, tested; needs Python 3.10 or later and PyPI.
+python:
+    python/check.sh
+
 # Licences and sources of the dependencies; needs cargo-deny.
 deny:
     cargo deny --all-features check licenses sources bans

@@ -415,7 +415,7 @@ fn bytes_of<const N: usize>(image: &Raster<[f32; N]>) -> Vec<u8> {
 
 /// The values as 16-bit integers in the byte order of this machine, as encoders expect.
 fn bytes16_of(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0).round() as u16).to_ne_bytes()).collect()
+    values.iter().flat_map(|&v| word_from_encoded(v).to_ne_bytes()).collect()
 }
 
 fn write_png_of(path: &Path, size: (usize, usize), bytes: &[u8], color: ExtendedColorType) -> Result<()> {
@@ -441,8 +441,13 @@ fn write_image(
     })
 }
 
-/// The 8-bit value nearest to an encoded value.
-pub(crate) fn byte_from_encoded(v: f32) -> u8 {
+/// The 8-bit value nearest to an encoded value, as it is written to files.
+pub fn byte_from_encoded(v: f32) -> u8 {
     // The cast saturates, and maps NaN to 0.
     (255.0 * v + 0.5) as u8
+}
+
+/// The 16-bit value nearest to an encoded value, as it is written to files.
+pub fn word_from_encoded(v: f32) -> u16 {
+    (v.clamp(0.0, 1.0) * 65535.0).round() as u16
 }

@@ -47,6 +47,12 @@ pub trait Clip: Sync {
         Ok(found.into_inner())
     }
 
+    /// Whether frames may be read ahead in a thread of their own, as they are by default. A clip whose frames come out of the caller's own code
+    /// says no: that code then runs in the caller's thread.
+    fn reads_ahead(&self) -> bool {
+        true
+    }
+
     /// Fails if `what` takes more bytes than the memory budget has. By default any number is fine.
     ///
     /// # Errors
@@ -65,9 +71,12 @@ pub(crate) fn all_frames(clip: &dyn Clip) -> Frames<'_> {
 /// How many frames beside those that are looked at are in memory while a clip is read ahead: one waits, one is being read.
 pub(crate) const READ_AHEAD: usize = 2;
 
-/// What `look` makes of all frames of a clip, which are read ahead in a thread of their own.
+/// What `look` makes of all frames of a clip, which are read ahead in a thread of their own if the clip allows it.
 #[cfg(feature = "threads")]
 pub(crate) fn read_ahead<R>(clip: &dyn Clip, look: impl FnOnce(Frames) -> R) -> R {
+    if !clip.reads_ahead() {
+        return look(all_frames(clip));
+    }
     std::thread::scope(|scope| {
         let (sender, frames) = std::sync::mpsc::sync_channel(READ_AHEAD - 1);
         let reader = scope.spawn(move || {
@@ -251,8 +260,13 @@ pub struct Footage {
 impl Footage {
     /// Frames without any evidence.
     pub fn new(clip: impl Clip + 'static) -> Self {
+        Self::of(Box::new(clip))
+    }
+
+    /// [`Footage::new`] of a clip that is boxed already.
+    pub fn of(clip: Box<dyn Clip>) -> Self {
         Self {
-            clip: Box::new(clip),
+            clip,
             depth: None,
             flow: None,
             denoised: None,
@@ -304,6 +318,58 @@ mod tests {
             Box::new(self.0.frames_if(wanted).inspect(|frame| {
                 assert!(frame.as_ref().is_ok_and(|f| f.number != self.1), "the frame that panics");
             }))
+        }
+    }
+
+    /// A clip that notes in which threads its frames are asked for.
+    struct Threads {
+        clip: MemoryClip,
+        reads_ahead: bool,
+        seen: std::sync::Mutex<Vec<std::thread::ThreadId>>,
+    }
+
+    impl Clip for Threads {
+        fn name(&self) -> String {
+            self.clip.name()
+        }
+
+        fn size(&self) -> (usize, usize) {
+            self.clip.size()
+        }
+
+        fn fps(&self) -> Option<f64> {
+            None
+        }
+
+        fn len_hint(&self) -> Option<usize> {
+            None
+        }
+
+        fn reads_ahead(&self) -> bool {
+            self.reads_ahead
+        }
+
+        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+            Box::new(self.clip.frames_if(wanted).inspect(|_| {
+                self.seen.lock().unwrap().push(std::thread::current().id());
+            }))
+        }
+    }
+
+    #[test]
+    fn the_frames_of_a_clip_that_is_not_read_ahead_are_asked_for_in_the_caller_s_thread() {
+        for reads_ahead in [false, true] {
+            let frames = vec![Encoded(Raster::filled(2, 2, [0.5; 3])); 3];
+            let clip =
+                Threads { clip: MemoryClip { frames, fps: None }, reads_ahead, seen: Default::default() };
+            assert_eq!(read_ahead(&clip, |frames| frames.count()), 3);
+            let seen = clip.seen.into_inner().unwrap();
+            // Negative control: read ahead, they come from another thread.
+            assert!(
+                seen.iter().all(|&id| (id == std::thread::current().id()) != reads_ahead),
+                "{reads_ahead}"
+            );
+            assert_eq!(seen.len(), 3);
         }
     }
 

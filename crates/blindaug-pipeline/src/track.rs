@@ -9,9 +9,9 @@ use crate::{
     window::{Seen, Viewer, show},
 };
 use blindaug::{
-    Sample,
-    fit::{FrameObservation, track::Tracker},
-    model::{CameraTrack, Distortion, NoiseKind, Space, TrackedCamera},
+    Flow, Frame, Plane, Sample,
+    fit::{Evidence, FrameObservation, track::Tracker},
+    model::{CameraTrack, DepthKind, Distortion, NoiseKind, Space, TrackedCamera},
 };
 
 /// The options of tracking a clip.
@@ -94,19 +94,105 @@ impl Viewer for Following<'_> {
             self.hand_on(true)?;
             self.shot = self.cameras.len();
         }
-        let mut camera = self.tracker.push(observation).map_err(|e| of_frame(self.clip, number, e))?.clone();
-        self.noise_kind.reduce(&mut camera.noise);
-        if let Some(aspect) = self.clip.pixel_aspect() {
-            camera = camera.measured_in_pixels_of(aspect);
-        }
-        if self.tracker.changes().of(Distortion::Noise) && self.handed_on == self.shot {
+        let aspect = self.clip.pixel_aspect();
+        let camera = tracked(&mut self.tracker, (number, observation), (self.noise_kind, aspect));
+        let camera = camera.map_err(|e| of_frame(self.clip, number, e))?;
+        if camera.changed.of(Distortion::Noise) && self.handed_on == self.shot {
             // What came before the change has another noise.
             self.hand_on(true)?;
             self.shot = self.cameras.len();
         }
-        self.cameras.push(TrackedCamera { frame: number, changed: self.tracker.changes(), camera });
+        self.cameras.push(camera);
         self.hand_on(false)?;
         self.samples.keep(number, observation, None)
+    }
+}
+
+/// The model of the frame of this number.
+fn tracked(
+    tracker: &mut Tracker,
+    (frame, observation): (u64, &FrameObservation),
+    (noise_kind, pixel_aspect): (NoiseKind, Option<f32>),
+) -> blindaug::Result<TrackedCamera> {
+    let mut camera = tracker.push(observation)?.clone();
+    noise_kind.reduce(&mut camera.noise);
+    if let Some(aspect) = pixel_aspect {
+        camera = camera.measured_in_pixels_of(aspect);
+    }
+    Ok(TrackedCamera { frame, changed: tracker.changes(), camera })
+}
+
+/// What is given beside a frame that is handed to a [`FrameTracker`].
+#[derive(Clone, Debug, Default)]
+pub struct Beside {
+    /// Inverse depth (NaN: no reading) and its kind.
+    pub depth: Option<(Plane, DepthKind)>,
+    /// Optical flow to the next frame, px.
+    pub flow: Option<Flow>,
+}
+
+/// The estimation of a model for each frame where frames are handed over one after another, instead of being taken from a clip. The models
+/// are those of [`track`], except for the noise of the first frames of a shot, which `track` knows only once it has settled.
+pub struct FrameTracker {
+    tracker: Tracker,
+    noise_kind: NoiseKind,
+    pixel_aspect: Option<f32>,
+    /// The frame before the one that waits.
+    previous: Option<Frame>,
+    /// The last frame, whose model needs the next one.
+    waiting: Option<(Frame, Beside)>,
+}
+
+impl FrameTracker {
+    /// A tracker that has seen nothing yet, of frames whose blur acts in this space. `fps` is only copied into the models; `pixel_aspect` is the
+    /// width of a pixel over its height, as the picture is shown, if that is known.
+    pub fn new(space: Space, noise_kind: NoiseKind, fps: Option<f64>, pixel_aspect: Option<f32>) -> Self {
+        Self { tracker: Tracker::new(space, fps), noise_kind, pixel_aspect, previous: None, waiting: None }
+    }
+
+    /// Takes the next frame in the order of time, and gives the model of the frame before it; `None` for the first frame. A gap in the
+    /// frames' numbers is a gap in time.
+    ///
+    /// # Errors
+    /// If the frame before, or what was given beside it, cannot be used. That frame is then left out.
+    pub fn push(&mut self, frame: Frame, beside: Beside) -> blindaug::Result<Option<TrackedCamera>> {
+        let camera = self.look(Some(&frame));
+        self.waiting = Some((frame, beside));
+        camera
+    }
+
+    /// The model of the last frame; `None` if there is none that waits. Frames that are pushed later are taken to follow after a gap.
+    ///
+    /// # Errors
+    /// The same as [`FrameTracker::push`].
+    pub fn finish(&mut self) -> blindaug::Result<Option<TrackedCamera>> {
+        let camera = self.look(None);
+        self.previous = None;
+        camera
+    }
+
+    /// The model of the frame that waits, which `next` follows.
+    fn look(&mut self, next: Option<&Frame>) -> blindaug::Result<Option<TrackedCamera>> {
+        let Some((frame, beside)) = self.waiting.take() else { return Ok(None) };
+        let number = frame.number;
+        let observation = FrameObservation {
+            frame: &frame.image,
+            next: next.filter(|n| number.checked_add(1) == Some(n.number)).map(|n| &n.image),
+            previous: self
+                .previous
+                .as_ref()
+                .filter(|p| p.number.checked_add(1) == Some(number))
+                .map(|p| &p.image),
+            evidence: Evidence {
+                flow: beside.flow.as_ref(),
+                inverse_depth: beside.depth.as_ref().map(|(depth, kind)| (depth, *kind)),
+                ..Evidence::default()
+            },
+        };
+        let shape = (self.noise_kind, self.pixel_aspect);
+        let camera = tracked(&mut self.tracker, (number, &observation), shape);
+        self.previous = Some(frame);
+        camera.map(Some)
     }
 }
 
@@ -141,8 +227,57 @@ pub fn track(
     Ok(Tracked { track, samples: samples.kept, first, last })
 }
 
-#[cfg(all(test, feature = "files"))]
+#[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::{MemoryClip, Silent};
+    use blindaug::{Encoded, Raster};
+
+    /// A moving texture with noise.
+    fn frame(t: usize) -> Encoded {
+        let hash = |x: usize, y: usize, t: usize| {
+            let mut h = (x as u32) ^ ((y as u32) << 12) ^ ((t as u32) << 24);
+            (0..3).for_each(|_| h = (h ^ (h >> 15)).wrapping_mul(0x2c1b_3c6d));
+            (h >> 16) as f32 / 65536.0 - 0.5
+        };
+        let texture =
+            |x: usize, y: usize| 0.5 + 0.3 * hash((x + 2 * t) / 4, y / 4, 0) + 0.03 * hash(x, y, t + 1);
+        Encoded(Raster::from_fn(160, 128, |x, y| [texture(x, y); 3]))
+    }
+
+    #[test]
+    fn frames_that_are_pushed_give_the_models_of_a_clip() {
+        let frames: Vec<Encoded> = (0..5).map(frame).collect();
+        let footage = Footage::new(MemoryClip { frames: frames.clone(), fps: Some(25.0) });
+        let wanted = track(&footage, Job::default(), &Silent, &mut |_| Ok(())).unwrap().track;
+        let pushed = |number: &dyn Fn(u64) -> u64| {
+            let mut tracker = FrameTracker::new(Space::default(), NoiseKind::default(), Some(25.0), None);
+            let mut cameras = vec![];
+            for (i, image) in (1..).zip(&frames) {
+                let frame = Frame { number: number(i), image: image.clone() };
+                cameras.extend(tracker.push(frame, Beside::default()).unwrap());
+                assert_eq!(cameras.len() as u64, i - 1);
+            }
+            cameras.extend(tracker.finish().unwrap());
+            assert_eq!(tracker.finish().unwrap(), None);
+            CameraTrack::from_frames(cameras).unwrap()
+        };
+        // The noise of these few frames has not settled; that of the last one is all frames' in the end.
+        let found = pushed(&|i| i);
+        let last = found.frames()[4].camera.noise.clone();
+        let settled = found.map(|mut camera| {
+            camera.noise = last.clone();
+            camera
+        });
+        assert_eq!(settled, wanted);
+        assert!(wanted.frames()[4].camera.noise.known().is_some());
+        // Negative control: with gaps between them, the frames show no motion, and their noise is not told.
+        assert_ne!(pushed(&|i| 2 * i).frames()[4].camera.noise, wanted.frames()[4].camera.noise);
+    }
+}
+
+#[cfg(all(test, feature = "files"))]
+mod coded {
     use super::*;
     use crate::{Silent, estimate};
     use blindaug::{Encoded, Raster, filter, luma, model::CameraModel, model::total_of_levels};

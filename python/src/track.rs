@@ -1,0 +1,289 @@
+//! `blindaug.track` and `blindaug.Tracker`.
+
+use crate::{
+    camera::Camera,
+    estimate::{open_depth, open_flow},
+    failure::{self, of},
+    footage::{self, Footage, PythonClip, Said},
+    listener::{Listener, check_process},
+    pixels::{self, DepthUnit},
+};
+use blindaug::{
+    Flow, Frame, Plane,
+    colour_space::ColourSpace,
+    fit::track::Tracker as Fit,
+    model::{NoiseKind, Space, TrackedCamera},
+};
+use blindaug_io::memory;
+use blindaug_pipeline::track::{Beside, FrameTracker};
+use pyo3::prelude::*;
+use std::{
+    path::Path,
+    sync::{
+        Mutex, PoisonError,
+        mpsc::{Receiver, RecvTimeoutError, sync_channel},
+    },
+    time::Duration,
+};
+
+/// A state that one thread at a time works on.
+struct Exclusive<T>(Mutex<Option<T>>);
+
+impl<T> Exclusive<T> {
+    fn new(state: T) -> Self {
+        Self(Mutex::new(Some(state)))
+    }
+
+    /// Works on the state; fails if another thread does.
+    fn work<R>(&self, name: &str, work: impl FnOnce(&mut T) -> PyResult<R>) -> PyResult<R> {
+        // Arrays become frames by the threads that compute, too.
+        check_process()?;
+        /// Puts the state back, also after a panic.
+        struct Taken<'a, T>(&'a Mutex<Option<T>>, Option<T>);
+        impl<T> Drop for Taken<'_, T> {
+            fn drop(&mut self) {
+                *self.0.lock().unwrap_or_else(PoisonError::into_inner) = self.1.take();
+            }
+        }
+        let state = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let mut taken = Taken(&self.0, state);
+        match &mut taken.1 {
+            Some(state) => work(state),
+            None => {
+                // The state is put back by whoever has it.
+                std::mem::forget(taken);
+                Err(of(name, "another thread is at work on it; give each thread its own, or take turns"))
+            }
+        }
+    }
+}
+
+/// Hands a frame on to the tracker without the interpreter's lock.
+fn pushed(
+    py: Python<'_>,
+    tracker: &mut FrameTracker,
+    frame: Option<(Frame, Beside)>,
+) -> PyResult<Option<Camera>> {
+    let camera: Option<TrackedCamera> = py
+        .detach(|| match frame {
+            Some((frame, beside)) => tracker.push(frame, beside),
+            None => tracker.finish(),
+        })
+        .map_err(|e| failure::Error::new_err(e.to_string()))?;
+    camera.as_ref().map(Camera::of_frame).transpose()
+}
+
+/// Follows a camera by frames that are pushed one after another.
+#[pyclass(frozen, module = "blindaug")]
+pub struct Tracker {
+    space: ColourSpace,
+    unit: DepthUnit,
+    state: Exclusive<State>,
+}
+
+struct State {
+    tracker: FrameTracker,
+    /// The number of the last frame.
+    number: u64,
+    /// The size of the first frame.
+    size: Option<(usize, usize)>,
+}
+
+#[pymethods]
+impl Tracker {
+    #[new]
+    #[pyo3(signature = (*, fps = None, colour_space = None, depth_kind = "metric"))]
+    fn new(fps: Option<f64>, colour_space: Option<&str>, depth_kind: &str) -> PyResult<Self> {
+        if fps.is_some_and(|fps| !(fps.is_finite() && fps > 0.0)) {
+            return Err(of("fps", "must be a positive number"));
+        }
+        let space =
+            colour_space.map_or(Ok(ColourSpace::SRGB), |name| pixels::colour_space(name, "colour_space"))?;
+        let blur = Space { transfer: space.transfer.worked_on(), ..Space::default() };
+        let tracker = FrameTracker::new(blur, NoiseKind::default(), fps, None);
+        let state = Exclusive::new(State { tracker, number: 0, size: None });
+        Ok(Self { space, unit: DepthUnit::named(depth_kind)?, state })
+    }
+
+    /// Takes the next frame, and gives the camera of the frame before it; None for the first frame.
+    #[pyo3(signature = (frame, *, depth = None, flow = None, number = None))]
+    fn push(
+        &self,
+        py: Python<'_>,
+        frame: &Bound<'_, PyAny>,
+        depth: Option<&Bound<'_, PyAny>>,
+        flow: Option<&Bound<'_, PyAny>>,
+        number: Option<u64>,
+    ) -> PyResult<Option<Camera>> {
+        self.state.work("Tracker", |state| {
+            let number = number.unwrap_or(state.number + 1);
+            if number <= state.number {
+                return Err(of(
+                    "number",
+                    format!("must rise from frame to frame, and the last one was {}", state.number),
+                ));
+            }
+            let (image, _) =
+                pixels::frame(frame, "frame", (self.space, self.space.transfer.worked_on()), false)?;
+            let size = image.0.size();
+            let first @ (width, height) = *state.size.get_or_insert(size);
+            if size != first {
+                let (w, h) = size;
+                return Err(of(
+                    "frame",
+                    format!("has {w} x {h} pixels, but the first has {width} x {height}"),
+                ));
+            }
+            let depth = depth.map(|d| pixels::depth(d, "depth", size, self.unit)).transpose()?;
+            let beside = Beside {
+                depth: depth.map(|d| (d, self.unit.kind())),
+                flow: flow.map(|f| pixels::flow(f, "flow", size)).transpose()?,
+            };
+            state.number = number;
+            pushed(py, &mut state.tracker, Some((Frame { number, image }, beside)))
+        })
+    }
+
+    /// The camera of the last frame, or None if there is none that waits.
+    fn finish(&self, py: Python<'_>) -> PyResult<Option<Camera>> {
+        self.state.work("Tracker", |state| pushed(py, &mut state.tracker, None))
+    }
+}
+
+/// The cameras of the frames of some footage, found while they are asked for.
+#[pyclass(frozen, module = "blindaug")]
+pub struct Track {
+    state: Exclusive<Following>,
+    len: Option<usize>,
+    listener: Listener,
+}
+
+struct Following {
+    tracker: FrameTracker,
+    frames: FramesSource,
+    size: (usize, usize),
+    depth: Option<footage::Beside<Plane>>,
+    flow: Option<footage::Beside<Flow>>,
+    unit: DepthUnit,
+    /// Whether there are no more frames, or one could not be had.
+    ended: bool,
+}
+
+enum FramesSource {
+    /// The frames of a file, which a thread of their own reads.
+    Files(Receiver<blindaug_io::Result<Frame>>),
+    /// Frames of Python, and the number of the next one.
+    Python(PythonClip, u64),
+}
+
+impl FramesSource {
+    fn next(&mut self, py: Python<'_>) -> PyResult<Option<Frame>> {
+        /// How often signals are looked for while a frame is waited for.
+        const PAUSE: Duration = Duration::from_millis(100);
+        match self {
+            Self::Python(clip, number) => {
+                let frame = clip.frame(py, *number)?;
+                *number += 1;
+                Ok(frame)
+            }
+            Self::Files(frames) => loop {
+                // A receiver is not shared between threads, so that it is lent as a whole.
+                let frames = &mut *frames;
+                let received = py.detach(move || frames.recv_timeout(PAUSE));
+                match received {
+                    Ok(frame) => return frame.map(Some).map_err(failure::of_file),
+                    Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+                    Err(RecvTimeoutError::Disconnected) => return Ok(None),
+                }
+            },
+        }
+    }
+}
+
+impl Following {
+    /// The next camera; `None` at the end.
+    fn next(&mut self, py: Python<'_>) -> PyResult<Option<Camera>> {
+        while !self.ended {
+            py.check_signals()?;
+            // After an error there are no more frames.
+            self.ended = true;
+            let Some(frame) = self.frames.next(py)? else { return pushed(py, &mut self.tracker, None) };
+            let number = frame.number;
+            let depth = self.depth.as_ref().map(|d| d.get(py, number, self.size)).transpose()?.flatten();
+            let beside = Beside {
+                depth: depth.map(|d| (d, self.unit.kind())),
+                flow: self.flow.as_ref().map(|f| f.get(py, number, self.size)).transpose()?.flatten(),
+            };
+            let camera = pushed(py, &mut self.tracker, Some((frame, beside)))?;
+            self.ended = false;
+            if camera.is_some() {
+                return Ok(camera);
+            }
+        }
+        Ok(None)
+    }
+}
+
+#[pymethods]
+impl Track {
+    fn __iter__(slf: Bound<'_, Self>) -> Bound<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Camera>> {
+        use blindaug_pipeline::Observer;
+        let camera = self.state.work("track", |following| following.next(py))?;
+        if camera.is_some() {
+            self.listener.step();
+            self.listener.check()?;
+        }
+        Ok(camera)
+    }
+
+    fn __length_hint__(&self) -> usize {
+        self.len.unwrap_or(0)
+    }
+}
+
+/// Estimates a camera for each frame of some footage, one after another.
+#[pyfunction]
+#[pyo3(signature = (footage, *, depth = None, flow = None, fps = None, frames = None, colour_space = None, depth_kind = "metric",
+    progress = None))]
+#[allow(clippy::too_many_arguments, reason = "these are the keyword arguments of a function in Python")]
+pub fn track(
+    py: Python<'_>,
+    footage: &Bound<'_, PyAny>,
+    depth: Option<&Bound<'_, PyAny>>,
+    flow: Option<&Bound<'_, PyAny>>,
+    fps: Option<f64>,
+    frames: Option<(Option<u64>, Option<u64>)>,
+    colour_space: Option<&str>,
+    depth_kind: &str,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<Track> {
+    use blindaug_pipeline::Observer;
+    let listener = Listener::new(progress)?;
+    let unit = DepthUnit::named(depth_kind)?;
+    let opened = Footage::open(footage, &Said { frames, colour_space, fps }, &listener)?;
+    let depth = open_depth(depth, unit, &opened, &listener)?;
+    let flow = open_flow(flow, &opened, &listener)?;
+    let clip = opened.clip();
+    let (size, len, aspect) = (clip.size(), clip.len_hint(), clip.pixel_aspect());
+    memory::fits(Path::new(&clip.name()), "tracking its camera", Fit::bytes(size))
+        .map_err(failure::of_file)?;
+    let space = Space { transfer: opened.transfer(), ..Space::default() };
+    let tracker = FrameTracker::new(space, NoiseKind::default(), fps.or(clip.fps()), aspect);
+    let frames = match opened {
+        Footage::Python(clip) => FramesSource::Python(clip, 1),
+        Footage::Files(source) => {
+            let (sender, receiver) = sync_channel(1);
+            // The thread ends when nobody takes frames any more.
+            std::thread::spawn(move || source.frames().try_for_each(|frame| sender.send(frame)).ok());
+            FramesSource::Files(receiver)
+        }
+    };
+    listener.begin("tracking", "frames", len);
+    listener.tell(py)?;
+    let following = Following { tracker, frames, size, depth, flow, unit, ended: false };
+    Ok(Track { state: Exclusive::new(following), len, listener })
+}
