@@ -254,7 +254,7 @@ impl Camera {
     fn _repr_html_(&self) -> String {
         let escaped = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let mut html = String::from("<table><caption>");
-        html += &escaped(&self.__repr__().trim_matches(['<', '>']).to_owned());
+        html += &escaped(self.__repr__().trim_matches(['<', '>']));
         html += "</caption>";
         for (name, value) in words::parameters(&self.model) {
             // Writing to a String cannot fail.
