@@ -7,8 +7,8 @@
 //!
 //! **Changes** of shutter, focus or gain: if each of the last three frames with evidence finds the value that these three
 //! agree on much more likely than the value of the frames before them (a generalised likelihood ratio), the older evidence is
-//! dropped. One frame that errs is not enough. The noise has another test, since a video coder leaves more of it in some frames than in
-//! others: see [`NoiseMemory`].
+//! dropped. One frame that errs is not enough. A video coder leaves more noise in some kinds of frames than in others, which is no change of
+//! the camera: the noise has changed if five frames lie beyond the whole range of those before, or a dozen away from their median.
 //!
 //! **Bridges**: a frame that says nothing of a parameter leaves the parameter's last value; the interval widens with the time since the
 //! parameter was last estimated, like that of a random walk.
