@@ -177,7 +177,7 @@ impl Paint {
 /// Prints a camera in words on standard output, with colours where the terminal has them.
 ///
 /// # Errors
-/// The same as [`print`].
+/// The same as [`print()`].
 pub fn print_words(text: &str) -> Result<()> {
     print(&Paint::of_stdout().words(text))
 }
@@ -205,7 +205,7 @@ pub fn print_beside(output: &Path, text: &str) -> Result<()> {
 /// The same as [`print_beside`] of a camera in words, with colours where the terminal has them.
 ///
 /// # Errors
-/// The same as [`print`].
+/// The same as [`print()`].
 pub fn print_words_beside(output: &Path, text: &str) -> Result<()> {
     print_beside(output, &Paint::of_stdout().words(text))
 }
