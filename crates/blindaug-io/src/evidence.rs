@@ -2,8 +2,8 @@
 //! and in it a folder per scene.
 
 use crate::{
-    DepthFormat, DepthValues, Error, Inputs, Result, SideFolder, check_folder, remove_leftovers_in,
-    write_atomically, write_flo, write_grey16, write_png16,
+    DepthFormat, DepthValues, Error, Inputs, Result, SideFolder, check_folder, read_text,
+    remove_leftovers_in, write_atomically, write_flo, write_grey16, write_png16,
 };
 use blindaug::{
     Encoded, Flow, Plane,
@@ -41,11 +41,13 @@ impl SavedEvidence {
 
     /// Reads the file beside the evidence of a scene; `None` if there is none.
     fn read(dir: &Path, scene: &str) -> Result<Option<Self>> {
+        /// The most bytes of such a file, which has six numbers.
+        const MAX_BYTES: u64 = 1 << 16;
         let path = Self::path(dir, scene);
         if !path.is_file() {
             return Ok(None);
         }
-        let text = std::fs::read_to_string(&path).map_err(|e| Error::cannot_read(&path, &e))?;
+        let text = read_text(&path, MAX_BYTES)?;
         let read: Self = serde_json::from_str(&text)
             .map_err(|e| Error::new(&path, format!("it does not describe evidence ({e}); save it again")))?;
         let positive = |v: Option<f64>| v.is_none_or(|v| v.is_finite() && v > 0.0);

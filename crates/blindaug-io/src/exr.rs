@@ -214,8 +214,8 @@ pub(crate) fn write(
 
 /// Writes a distorted layer as an EXR file for a compositing program: `R G B A` premultiplied and scene-linear, `noise.R noise.G noise.B`,
 /// `holdout.A`, `Z` in metres (1e10 where there is nothing), and `forward.u forward.v` in px. Over the frame in linear light, colour and
-/// alpha give the composite without noise, to which the noise is added. Light comes out in the primaries of `coding`. `bits` are those of colour, noise and holdout, 16 or 32; the others
-/// are floats.
+/// alpha give the composite without noise, to which the noise is added. Light comes out in the primaries of `coding`. `bits`
+/// are those of colour, noise and holdout, 16 or 32; the others are floats.
 ///
 /// # Errors
 /// If the file cannot be written; no part of it is left.

@@ -707,8 +707,7 @@ impl VideoWriter {
             let pixels = frame.0.row(y.min(height - 1));
             let values = pixels.iter().flatten();
             if self.deep {
-                let word = |v: f32| (v.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16;
-                self.row.extend(values.flat_map(|&v| word(v).to_le_bytes()));
+                self.row.extend(values.flat_map(|&v| crate::image::word_from_encoded(v).to_le_bytes()));
             } else {
                 self.row.extend(values.map(|&v| crate::image::byte_from_encoded(v)));
             }
