@@ -521,7 +521,7 @@ impl NoiseEvidence {
             if self.method == Method::Spatial && level > 0 {
                 // For estimators that look at luma, coarse noise is at most that of white noise: to take structure for noise would blind
                 // them.
-                at_most(&mut bins, &finest, (white[level] / white[0]).powi(2));
+                limit(&mut bins, &finest, (white[level] / white[0]).powi(2));
             }
             let expected = if level == 0 || self.windowed { vec![] } else { by_spectrum(&bins, &finest) };
             let of_line: Vec<Bin> = bins.iter().copied().chain(expected).collect();
@@ -533,7 +533,7 @@ impl NoiseEvidence {
                 bins.clone()
             } else if self.method == Method::Spatial && level > 0 {
                 bins = measured;
-                at_most(&mut bins, &finest, single.ratios[level].powi(2));
+                limit(&mut bins, &finest, single.ratios[level].powi(2));
                 bins.clone()
             } else {
                 of_line
@@ -1022,8 +1022,13 @@ fn products_of_neighbours(band: &Raster<[f32; 4]>, (x0, y0): (usize, usize), sid
     products.map(|s| s / (side * side) as f32)
 }
 
-/// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance.
-fn at_most(bins: &mut [Bin], finest: &[Bin], share: f32) {
+/// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance. A small frame may have no bin of
+/// that level; then the finest level's bins with this share of their variances stand for them.
+fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32) {
+    if bins.is_empty() {
+        let of = |f: &Bin| Bin { variance: f.variance.map(|v| share * v), ..*f };
+        bins.extend(finest.iter().map(of));
+    }
     let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c));
     for b in bins {
         for (variance, finest) in b.variance.iter_mut().zip(&finest) {
@@ -1659,6 +1664,35 @@ pub(super) mod tests {
             e.add_denoised(&noisy(512, 512, seed, 0.02), &clean).unwrap();
         }
         assert!(worst(&e, 0.02) < 0.12, "{}", worst(&e, 0.02));
+    }
+
+    #[test]
+    fn a_small_single_frame_has_the_noise_of_all_levels_and_its_channels_what_they_share() {
+        // All channels are the same, as after a camera has removed the noise of colour.
+        let std = 0.02;
+        for (w, h, levels_with_blocks) in [(96, 96, 2), (128, 128, 4)] {
+            let noise = white(w, h, 5);
+            let grey = Encoded(noise.map(|n| [0.5 + std * n[1]; 3]));
+            let mut e = NoiseEvidence::new(Method::Spatial);
+            e.add_single(&grey);
+            let found = (0..NOISE_LEVELS).filter(|&l| !e.bins(l, [1.0; 3], false).is_empty()).count();
+            assert!(found >= levels_with_blocks, "{found}");
+            let fit = e.fit();
+            let Estimate::Known(NoiseModel::Curves(curves)) = fit.model else {
+                panic!("{w} x {h}: no curves, {found} levels")
+            };
+            let luma = fit.luma.expect("it is known");
+            for (l, white) in white_band_std().into_iter().enumerate() {
+                let of_lines = curves.lines.levels[l].sigma(0.5)[1] / (std * white);
+                let of_luma = luma.levels[l].intercept + 0.5 * luma.levels[l].slope;
+                assert!((0.5..1.5).contains(&of_lines), "level {l}: {of_lines} of the noise");
+                assert!((0.5..1.5).contains(&(of_luma / (std * white))), "level {l}: {of_luma}");
+            }
+            let [a, b] = [0, 1].map(|c| curves.levels[0].mixing[c]);
+            let product = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f32>();
+            let shared = product(a, b) / (product(a, a) * product(b, b)).sqrt();
+            assert!(shared > 0.9, "the channels share {shared}");
+        }
     }
 
     #[test]

@@ -86,14 +86,16 @@ impl Spectrum {
 }
 
 /// The curves through the blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but
-/// noise. `prior`: the coarse levels follow from the finest one by this spectrum, where their blocks show more.
+/// noise. `prior`: the coarse levels follow from the finest one by this spectrum where their blocks show more, so that only the finest
+/// level needs blocks.
 pub(super) fn fit(
     levels: &[Vec<Block>; NOISE_LEVELS],
     lines: NoiseLines,
     pure: bool,
     prior: Option<&Spectrum>,
 ) -> Option<NoiseCurves> {
-    if levels.iter().any(|blocks| blocks.len() < 8) {
+    let measured = if prior.is_some() { 1 } else { NOISE_LEVELS };
+    if levels[..measured].iter().any(|blocks| blocks.len() < 8) {
         return None;
     }
     let mut fitted = [CurveLevel::default(); NOISE_LEVELS];
@@ -150,7 +152,7 @@ fn limited(
         }
     }
     std::array::from_fn(|c| {
-        let share = share.min(shown[c] / expected[c]);
+        let share = if blocks.is_empty() { share } else { share.min(shown[c] / expected[c]) };
         finest[c].map(|curve| curve.map(|v| share * v))
     })
 }
