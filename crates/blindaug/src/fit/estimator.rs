@@ -1,6 +1,7 @@
 //! The estimate of one camera model from the frames of a clip.
 
 use super::defocus::BlurPoint;
+use super::distant::{DistantPairs, is_compressed};
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
 use super::observation::{
@@ -34,6 +35,7 @@ pub struct Estimator {
     stride: usize,
     frames: Vec<FrameEvidence>,
     follower: Follower,
+    distant: DistantPairs,
     /// The reason why parallax gave no depth for the last frame whose depth is unknown.
     why_no_depth: Unknown,
     depth_kind: Option<DepthKind>,
@@ -146,6 +148,8 @@ const NETWORK_LENS_FLOOR: f32 = 0.3;
 const NOISE_WHOLE: usize = 1 << 20;
 /// The fewest rows of such a part: as many again around it are computed with it.
 const NOISE_ROWS: usize = 256;
+/// The most pairs of distant frames in which the noise is measured.
+const DISTANT_PAIRS: usize = 10;
 /// An estimate from fewer frames comes with a warning.
 const FEW_FRAMES: usize = 5;
 /// In how many frames each part is measured at least.
@@ -163,7 +167,7 @@ impl Estimator {
     pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
         /// The measured bytes for each pixel: of a strip, of the motion of a frame, of removal, and of the evidence kept of each frame.
         const OF_STRIP: u64 = 80;
-        const MOTION: u64 = 60;
+        const MOTION: u64 = 72;
         const REMOVAL: u64 = 120;
         const KEPT: u64 = 1;
         let pixels = (width * height) as u64;
@@ -190,6 +194,7 @@ impl Estimator {
             stride: 1,
             frames: vec![],
             follower: Follower::new(Self::FLOW_WIDTH, false),
+            distant: DistantPairs::new(DISTANT_PAIRS, 0),
             why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given and there is only one frame"),
             depth_kind: None,
             depth_given: false,
@@ -206,6 +211,7 @@ impl Estimator {
     pub fn expecting(mut self, frames: usize) -> Self {
         self.expected = frames;
         self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
+        self.distant = DistantPairs::new(DISTANT_PAIRS, frames);
         self
     }
 
@@ -230,6 +236,7 @@ impl Estimator {
         if opens {
             self.shots.push(index);
             self.follower.forget_scale();
+            self.distant.begin_shot();
             self.last_motion = None;
         }
         self.cut_ahead = next.map_or(Ok(false), |next| cut_between(frame, next))?;
@@ -262,6 +269,9 @@ impl Estimator {
                 kept.temporal.add_successive([before, frame, next]);
             }
         }
+        let coded = || kept.temporal.fit().luma.is_some_and(|l| is_compressed(&l));
+        let part = self.noise_turn(index);
+        self.distant.push((index, frame), coded, &mut self.follower, part)?;
         if !kept.temporal.is_enough() {
             kept.spatial.add_single(frame);
         }
@@ -580,7 +590,8 @@ impl Estimator {
         let merged = |method: Method, of: &dyn Fn(&FrameEvidence) -> &NoiseEvidence| {
             let mut all = NoiseEvidence::new(method);
             self.frames.iter().for_each(|f| all.merge(of(f)));
-            all.fit()
+            let fit = all.fit();
+            if method == Method::Temporal { self.distant.complete(&all, fit) } else { fit }
         };
         // The difference between frames holds nothing of the image's structure, so temporal noise comes first; clean frames come next.
         let temporal = || merged(Method::Temporal, &|f| &f.temporal);

@@ -8,6 +8,7 @@
 
 mod agreement;
 pub mod defocus;
+mod distant;
 mod estimator;
 mod geometry;
 mod likelihood;

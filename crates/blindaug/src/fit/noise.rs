@@ -132,6 +132,8 @@ pub struct NoiseEvidence {
     method: Method,
     /// Whether the variances are those of the paper's windows, which are used without a choice or a correction.
     windowed: bool,
+    /// Whether all flat parts of the picture count, rather than those that match best.
+    flat: bool,
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// The histogram of the 8-bit value of each pixel's brightest channel.
     brightest: Box<[u64; 256]>,
@@ -166,11 +168,18 @@ impl NoiseEvidence {
         Self {
             method,
             windowed: false,
+            flat: false,
             levels: Default::default(),
             brightest: Box::new([0; 256]),
             coloured: false,
             successive: vec![],
         }
+    }
+
+    /// No evidence yet of frames that lie apart in compressed footage, with their differences along the flow. A coder copies some blocks
+    /// and renews others, and what matches best was copied: so all flat parts of the picture count.
+    pub(super) fn of_flat_parts() -> Self {
+        Self { flat: true, ..Self::new(Method::Temporal) }
     }
 
     /// The number of local variances.
@@ -480,6 +489,7 @@ impl NoiseEvidence {
     /// Adds the evidence of another collection of the same method.
     pub fn merge(&mut self, other: &Self) {
         self.windowed |= other.windowed;
+        self.flat |= other.flat;
         self.coloured |= other.coloured;
         self.successive.extend_from_slice(&other.successive);
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
@@ -606,6 +616,9 @@ impl NoiseEvidence {
     /// The blocks of a level that are known to hold nothing but noise. Where nothing moves between two frames, light may still flicker and
     /// small things may move; that shows in the next coarser band, in which noise is weaker.
     fn pure_blocks(&self, level: usize) -> Vec<&LocalVariance> {
+        if self.flat {
+            return self.flat_blocks(level);
+        }
         let blocks = || self.levels[level].iter().filter(|b| b.pure);
         if self.method != Method::Temporal {
             return blocks().collect();
@@ -619,6 +632,33 @@ impl NoiseEvidence {
         blocks().filter(|b| b.coarser <= APART[level] * usual[luminance_bin(b.y)]).collect()
     }
 
+    /// The blocks in which the picture has least texture, so that what differs between two frames is noise and a coder's doing, however
+    /// well or badly it matches; without those that differ so much more than most that something else is seen.
+    fn flat_blocks(&self, level: usize) -> Vec<&LocalVariance> {
+        /// The share of the blocks of a luminance that are taken, and the fewest.
+        const FLATTEST: (f32, usize) = (0.25, 8);
+        /// The most of a block's variance, over the median.
+        const MOST: f32 = 2.0;
+        fn undoubted(mut blocks: Vec<&LocalVariance>) -> Vec<&LocalVariance> {
+            blocks.sort_by(|a, b| a.texture.total_cmp(&b.texture));
+            blocks.truncate(((FLATTEST.0 * blocks.len() as f32) as usize).max(FLATTEST.1));
+            if let Some(usual) = super::robust::median(blocks.iter().map(|b| b.variance[3]).collect()) {
+                blocks.retain(|b| b.variance[3] <= MOST * usual);
+            }
+            blocks
+        }
+        let mut bins: [Vec<&LocalVariance>; LUMINANCES] = Default::default();
+        self.sound_blocks(level).for_each(|b| bins[luminance_bin(b.y)].push(b));
+        bins.into_iter().flat_map(undoubted).collect()
+    }
+
+    /// The mean variance of the finest level's luma where the picture has least texture; `None` if there are no such parts.
+    pub(super) fn flat_power(&self) -> Option<f32> {
+        let blocks = self.flat_blocks(0);
+        let sum: f32 = blocks.iter().map(|b| b.variance[3]).sum();
+        (!blocks.is_empty()).then(|| sum / blocks.len() as f32)
+    }
+
     /// Whether most blocks are of residuals that are known to hold nothing but noise, and are found to hold nothing else.
     fn is_pure(&self) -> bool {
         /// The least share of blocks in which nothing flickers or moves.
@@ -626,6 +666,9 @@ impl NoiseEvidence {
         /// The most by which the variance where the picture has most texture exceeds that where it has least. Of noise it was 0.8 to 1.2 in
         /// coded footage of a camera that stands still, of leaves in the wind 2.4.
         const BY_TEXTURE: f32 = 1.8;
+        if self.flat {
+            return true;
+        }
         let pure = self.levels[1].iter().filter(|b| b.pure).count();
         2 * pure > self.levels[1].len()
             && self.pure_blocks(1).len() as f32 >= CALM * pure as f32

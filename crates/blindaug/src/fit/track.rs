@@ -15,8 +15,9 @@
 
 use super::agreement::{ExposureObservation, FineTables, LensObservation};
 use super::defocus::{self, Lens};
+use super::distant::{DISTANCES, DistantPairs, is_compressed};
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
-use super::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine};
+use super::noise::{LumaNoise, NoiseEvidence, NoiseLine};
 use super::observation::FrameObservation;
 use super::robust::median;
 use super::sharpening;
@@ -49,6 +50,8 @@ const KEPT_EXPOSURE: f32 = 0.93;
 const KEPT_LENS: f32 = 0.98;
 /// The number of frames that the noise is estimated from: more than two of a coder's usual groups of pictures.
 const NOISE_FRAMES: usize = 48;
+/// The pairs of distant frames that the noise of compressed footage is estimated from.
+const DISTANT_PAIRS: usize = 4;
 /// The number of frames of a shot after which the noise is no longer that of the kinds of frames that a coder begins with.
 const SETTLED_NOISE: usize = 24;
 /// The share of a frame's new estimate of the noise in what is told, unless the noise has jumped: the estimates of successive frames look at
@@ -104,6 +107,7 @@ pub struct Tracker {
     /// The last inverse depth that parallax gave.
     inverse_depth: Option<Plane>,
     noise: NoiseMemory,
+    distant: DistantPairs,
     luma_noise: LumaNoise,
     exposure: Memory,
     lens: Memory,
@@ -211,7 +215,7 @@ impl Tracker {
     /// The most bytes, approximately, that a tracker takes for frames of this size, beside the frames and their given evidence.
     pub fn bytes((width, height): (usize, usize)) -> u64 {
         /// The bytes for each pixel of a frame; measured.
-        const OF_PIXEL: u64 = 50;
+        const OF_PIXEL: u64 = 62;
         OF_PIXEL * (width * height) as u64
     }
 
@@ -227,6 +231,7 @@ impl Tracker {
             spare: Flow::filled(0, 0, [0.0; 2]),
             inverse_depth: None,
             noise: NoiseMemory::default(),
+            distant: DistantPairs::new(DISTANT_PAIRS, 0),
             luma_noise: Default::default(),
             exposure: Memory::new(CURVES + 3, KEPT_EXPOSURE),
             lens: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
@@ -351,6 +356,7 @@ impl Tracker {
             self.exposure.forget();
             self.lens.forget();
             (self.noise, self.known) = (NoiseMemory::default(), Known::default());
+            self.distant.forget();
             self.last_flow.flow = None;
         }
     }
@@ -502,11 +508,18 @@ impl Tracker {
         let jumped = self.noise.push(evidence, part, &model);
         self.changes.set(Distortion::Noise, jumped);
         if jumped {
+            self.distant.forget();
             // The recent evidence of blur was found with the wrong noise.
             self.exposure.forget_recent();
             self.lens.forget_recent();
         }
-        let mut fit = self.noise.fit(&model);
+        let near = self.noise.middle(&model);
+        // Distant frames are compared seldom, so a larger part of them.
+        let (w, h) = frame.0.size();
+        let turns = (w * h).div_ceil(4 * NOISE_PART).min((h / 64).max(1));
+        let (coded, turn) = (is_compressed(&self.luma_noise), self.frames / DISTANCES.start() % turns);
+        self.distant.push((self.frames, frame), || coded, &mut self.follower, (turn, turns))?;
+        let mut fit = self.distant.complete(&near, near.fit());
         if fit.luma.is_none() && self.known.noise.is_none() {
             let mut single = NoiseEvidence::new(Method::Spatial);
             single.add_single(frame);
@@ -892,9 +905,9 @@ impl NoiseMemory {
         self.frames.iter().map(of).collect()
     }
 
-    /// The noise of the frames in the middle: the half of each part's frames whose noise differs least from the part's median, and all that
+    /// The evidence of the frames in the middle: the half of each part's frames whose noise differs least from the part's median, and all that
     /// differ by no more than [`LIKE_MEDIAN`].
-    fn fit(&self, model: &NoiseLine) -> NoiseFit {
+    fn middle(&self, model: &NoiseLine) -> NoiseEvidence {
         let excesses = self.excesses(model);
         let apart = apart(&excesses, &excesses);
         let mut sorted: Vec<f32> = apart.iter().map(|v| v.abs()).collect();
@@ -903,7 +916,7 @@ impl NoiseMemory {
         let mut all = NoiseEvidence::new(Method::Temporal);
         let middle = self.frames.iter().zip(&apart).filter(|(_, apart)| apart.abs() <= most);
         middle.for_each(|((frame, _), _)| all.merge(frame));
-        all.fit()
+        all
     }
 }
 

@@ -223,6 +223,14 @@ impl NoiseModel {
         total_of_levels(&std)
     }
 
+    /// The same noise with this correlation between successive frames, in [0, 1), if it is one by curves: lines have none.
+    pub(crate) fn with_temporal_correlation(mut self, correlation: f32) -> Self {
+        if let Self::Curves(curves) = &mut self {
+            curves.temporal_correlation = correlation;
+        }
+        self
+    }
+
     /// The encoded value at and above which the sensor clips, so that there is no noise.
     pub fn clip(&self) -> f32 {
         self.lines().clip

@@ -1,0 +1,174 @@
+//! The noise of frames that lie several frame intervals apart.
+//!
+//! A video coder predicts each frame from those before it and takes their noise along, as a denoiser over time does. So the difference of
+//! successive frames shows only the noise that is new, while the frames hold more. Frames farther apart have less noise in common: their
+//! difference shows nearly all of it, and the ratio of both tells the correlation of noise between successive frames.
+
+use super::geometry::Follower;
+use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
+use crate::model::Estimate;
+use crate::{Encoded, Flow, Result};
+use std::collections::VecDeque;
+use std::ops::RangeInclusive;
+
+/// The distance between the two frames of a pair, in frame intervals. Coders renew most of the noise within it, and most of the picture can
+/// still be found again.
+pub(super) const DISTANCES: RangeInclusive<usize> = 12..=24;
+
+/// The least distance that short footage is content with.
+const SHORTEST: usize = 4;
+
+/// The largest correlation between successive frames that is told.
+const MOST_CORRELATED: f32 = 0.9;
+
+/// Pairs of frames of one shot that lie several frame intervals apart, and what they tell of the noise.
+pub(super) struct DistantPairs {
+    /// The distance between the frames of a pair.
+    distance: usize,
+    /// The first frame of the next pair, with its index.
+    held: Option<(usize, Encoded)>,
+    /// The evidence of the last pairs.
+    pairs: VecDeque<NoiseEvidence>,
+    /// The most pairs that are kept.
+    most: usize,
+}
+
+impl DistantPairs {
+    /// No pairs yet. At most the last `most` are kept, of footage of about `expected` frames (0: unknown).
+    pub fn new(most: usize, expected: usize) -> Self {
+        let distance = match expected {
+            0 => *DISTANCES.start(),
+            n if n <= 2 * DISTANCES.start() => (n / 2).max(SHORTEST),
+            n => (n / most).clamp(*DISTANCES.start(), *DISTANCES.end()),
+        };
+        Self { distance, held: None, pairs: VecDeque::new(), most }
+    }
+
+    /// Forgets the frame of the next pair, since the next frame belongs to another shot.
+    pub fn begin_shot(&mut self) {
+        self.held = None;
+    }
+
+    /// Forgets all.
+    pub fn forget(&mut self) {
+        self.held = None;
+        self.pairs.clear();
+    }
+
+    /// Looks at a frame of this index. Pairs are made of compressed footage only, since elsewhere successive frames show all of the noise.
+    /// `part`: the part of the frame's rows that is looked at, and of how many.
+    pub fn push(
+        &mut self,
+        (index, frame): (usize, &Encoded),
+        is_compressed: impl FnOnce() -> bool,
+        follower: &mut Follower,
+        part: (usize, usize),
+    ) -> Result<()> {
+        let Some((held_at, held)) = &self.held else {
+            self.held = Some((index, frame.clone()));
+            return Ok(());
+        };
+        if index < held_at + self.distance {
+            return Ok(());
+        }
+        if is_compressed() {
+            let followed = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?;
+            if let Some(flow) = followed.flow {
+                let mut pair = NoiseEvidence::of_flat_parts();
+                pair.add_pair_in_turn(held, frame, &flow, part)?;
+                self.pairs.push_back(pair);
+                if self.pairs.len() > self.most {
+                    self.pairs.pop_front();
+                }
+            }
+        }
+        self.held = Some((index, frame.clone()));
+        Ok(())
+    }
+
+    /// The noise that frames hold, from `near`, what successive frames tell, and `fit`, their fit: the same but for the model, if the footage
+    /// is compressed and distant frames were found again.
+    pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
+        if self.pairs.is_empty() || !fit.luma.is_some_and(|l| is_compressed(&l)) {
+            return fit;
+        }
+        let mut distant = NoiseEvidence::of_flat_parts();
+        self.pairs.iter().for_each(|p| distant.merge(p));
+        let powers = near.flat_power().zip(distant.flat_power());
+        let found = distant.fit();
+        let (Some((new, all)), Estimate::Known(model)) = (powers, found.model) else { return fit };
+        // The difference of two frames holds twice the part of the noise that they do not share.
+        let correlation = (1.0 - new / all.max(1e-12)).clamp(0.0, MOST_CORRELATED);
+        fit.model = Estimate::Known(model.with_temporal_correlation(correlation));
+        fit.points = found.points;
+        fit
+    }
+}
+
+/// Whether a coder has taken noise away.
+pub(super) fn is_compressed(noise: &LumaNoise) -> bool {
+    noise.coding_error >= NOTABLE_CODING_ERROR
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::noise::tests::white;
+    use crate::fit::{Estimator, FrameObservation};
+    use crate::{Raster, filter};
+
+    /// The std of the noise, which is the same in all channels, as a coder leaves it.
+    const STD: f32 = 0.012;
+
+    /// Frames of a camera that pans over a texture by 1 px a frame. Noise that is there moves along, and a share of its variance is renewed in each
+    /// frame, as by a coder, so that successive frames have the correlation `shared`.
+    fn frames(count: usize, shared: f32) -> Vec<Encoded> {
+        let (w, h) = (192, 144);
+        let texture = filter::gaussian_blur(&white(w + count, h, 1).map(|n| n[1]), 3.0);
+        let mut noise = white(w + count, h, 2).map(|n| n[1]);
+        (0..count)
+            .map(|t| {
+                if t > 0 {
+                    let new = white(w + count, h, 2 + t as u64);
+                    noise = Raster::from_fn(w + count, h, |x, y| {
+                        shared * noise.at(x, y) + (1.0 - shared * shared).sqrt() * new.at(x, y)[1]
+                    });
+                }
+                // The upper half is nearly flat.
+                let strength = |y: usize| if y < h / 2 { 0.05 } else { 1.0 };
+                Encoded(Raster::from_fn(w, h, |x, y| {
+                    let v = strength(y) * texture.at(x + t, y) + STD * noise.at(x + t, y);
+                    [0.55 + v, 0.5 + v, 0.45 + v]
+                }))
+            })
+            .collect()
+    }
+
+    /// The std of green's finest level over that of the noise, and the correlation between successive frames.
+    fn estimated(frames: &[Encoded]) -> (f32, f32) {
+        let mut estimator = Estimator::new(Default::default()).expecting(frames.len());
+        for (i, frame) in frames.iter().enumerate() {
+            let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|p| &frames[p]));
+            let evidence = Default::default();
+            estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
+        }
+        let model = estimator.estimate().unwrap().model;
+        let noise = model.noise.known().expect("it is known").clone();
+        (
+            noise.std(0, 0.5)[1] / (STD * crate::synth::noise::white_band_std()[0]),
+            noise.temporal_correlation(),
+        )
+    }
+
+    #[test]
+    fn noise_that_a_coder_takes_along_is_found_in_frames_that_lie_apart() {
+        let (std, correlation) = estimated(&frames(40, 0.85));
+        assert!((std - 1.0).abs() < 0.2 && (correlation - 0.85).abs() < 0.1, "{std}, {correlation}");
+        // Negative control: two frames that follow each other show a part of it only.
+        let (std, correlation) = estimated(&frames(3, 0.85));
+        assert!(std < 0.75 && correlation == 0.0, "{std}, {correlation}");
+        // Noise that is new in every frame is told from it.
+        let (std, correlation) = estimated(&frames(40, 0.0));
+        assert!((std - 1.0).abs() < 0.2 && correlation < 0.1, "{std}, {correlation}");
+    }
+}
