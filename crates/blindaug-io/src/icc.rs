@@ -6,7 +6,7 @@ use blindaug::{
     colour_space::{ColourSpace, Primaries},
     text::{cut, one_line},
 };
-use moxcms::{ColorProfile, DataColorSpace, ProfileText, ToneReprCurve, Xyzd};
+use moxcms::{ColorProfile, DataColorSpace, ParametricCurve, ProfileText, ToneReprCurve, Xyzd};
 use std::{path::Path, sync::Arc};
 
 /// The most bytes of a profile that is read from a file of its own.
@@ -42,11 +42,12 @@ impl IccProfile {
         let damaged = Error::new(path, format!("its ICC profile is damaged or cut short: {WHAT_TO_DO}"));
         // The head tells how many bytes there are: what was cut between two tags could be read as a whole profile.
         let told = bytes.first_chunk().map_or(0, |b| u32::from_be_bytes(*b));
-        let parsed = guarded(path, || Ok(ColorProfile::new_from_slice(bytes).ok()));
+        let parsed = guarded(path, || {
+            let profile = ColorProfile::new_from_slice(bytes).ok();
+            Ok(profile.map(|p| Self { bytes: bytes.into(), name: name_of(&p), space: space_of(&p) }))
+        });
         match parsed {
-            Ok(Some(profile)) if bytes.len() as u64 >= u64::from(told) => {
-                Ok(Self { bytes: bytes.into(), name: name_of(&profile), space: space_of(&profile) })
-            }
+            Ok(Some(profile)) if bytes.len() as u64 >= u64::from(told) => Ok(profile),
             _ => Err(damaged),
         }
     }
@@ -118,16 +119,35 @@ fn space_of(profile: &ColorProfile) -> std::result::Result<ColourSpace, &'static
     }
 }
 
+/// The light of a value by a profile's curve; NaN if it is none.
+fn light(curve: &ToneReprCurve, v: f32) -> f32 {
+    match curve {
+        ToneReprCurve::Lut(table) => match table[..] {
+            [] => v,
+            // The power, in 1/256.
+            [power] => v.powf(f32::from(power) / 256.0),
+            [.., _, _] => {
+                let at = v * (table.len() - 1) as f32;
+                let i = (at as usize).min(table.len() - 2);
+                let [a, b] = [table[i], table[i + 1]].map(|entry| f32::from(entry) / 65535.0);
+                a + (at - i as f32) * (b - a)
+            }
+        },
+        ToneReprCurve::Parametric(numbers) => {
+            ParametricCurve::new(numbers).map_or(f32::NAN, |curve| curve.eval(v))
+        }
+    }
+}
+
 /// The curve that this one is, but for roundings.
 fn transfer_of(curve: &ToneReprCurve) -> Option<Transfer> {
     /// The largest difference of light. Profiles store powers in steps of 1/256 and tables of as few as 256 entries.
     const ROUNDING: f32 = 6e-4;
     const STEPS: usize = 256;
-    let light = curve.make_linear_evaluator().ok()?;
     let known = [Transfer::Srgb, Transfer::Linear, Transfer::Bt1886, Transfer::AdobeRgb, Transfer::Prophoto];
-    let apart = |t: &Transfer| {
+    let is = |t: &Transfer| {
         let at = (0..=STEPS).map(|i| i as f32 / STEPS as f32);
-        at.map(|v| (light.evaluate_value(v) - t.decode(v)).abs()).fold(0.0, f32::max)
+        at.map(|v| (light(curve, v) - t.decode(v)).abs()).all(|apart| apart < ROUNDING)
     };
-    known.into_iter().find(|t| apart(t) < ROUNDING)
+    known.into_iter().find(is)
 }
