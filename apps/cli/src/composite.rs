@@ -208,7 +208,10 @@ impl OutputArgs {
                 "layers hold light: --output-colour-space must be a linear one",
             ));
         }
-        Ok(ImageFiles { format, heads: Box::new(source.heads()), coding: Coding::new(source.space(), file) })
+        // Values that stay what they are go on being what their profile says.
+        let profile = source.profile().filter(|_| file == source.file_space()).cloned();
+        let coding = Coding::new(source.space(), file).with_profile(profile);
+        Ok(ImageFiles { format, heads: Box::new(source.heads()), coding })
     }
 
     /// The colour space of files of this kind that are made from frames of a source.
@@ -356,6 +359,11 @@ pub fn run(args: &Composite) -> Result<()> {
     let holdout = args.holdout.as_ref().map(|path| SideFolder::mattes(path, side)).transpose()?.map(boxed);
     let (size, expected) = (footage.size(), args.output.expected(&footage));
     let files = args.output.files(&footage, args.layer)?;
+    // The frames' surroundings go on into composites. A layer has its own.
+    let files = match args.layer {
+        true => files,
+        false => ImageFiles { heads: Box::new(footage.heads_with_overscan()), ..files },
+    };
     let unclipped = is_unclipped(&footage, &files);
     let depth = args.depth.open()?;
     let footage: Box<dyn blindaug_pipeline::Clip> = Box::new(footage);

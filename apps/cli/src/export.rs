@@ -94,8 +94,8 @@ fn list() -> String {
     let entry = |target: &Target| {
         let a = target.abilities();
         format!(
-            "{target}\n  tool            {}\n  motion blur     {}\n  depth of field  {}\n  grain           {}\n  checked         {}\n",
-            a.tool, a.motion_blur, a.defocus, a.grain, a.checked
+            "{target}\n  tool            {}\n  motion blur     {}\n  depth of field  {}\n  its shape       {}\n  grain           {}\n  checked         {}\n",
+            a.tool, a.motion_blur, a.defocus, a.bokeh, a.grain, a.checked
         )
     };
     let entries: Vec<String> = Target::ALL.iter().map(entry).collect();

@@ -33,6 +33,7 @@ mod files;
 mod fingerprint;
 mod flow;
 mod format;
+mod icc;
 mod image;
 mod limits;
 pub mod memory;
@@ -62,6 +63,7 @@ pub use files::{Inputs, open_file, read_file, read_text, same_file};
 pub use fingerprint::{Fingerprint, fingerprint};
 pub use flow::{read_flow, write_flo};
 pub use format::{FileKind, FrameFormat};
+pub use icc::IccProfile;
 pub use image::{
     PngWriter, byte_from_encoded, read_frame, read_linear, word_from_encoded, write_grey16, write_png,
     write_png16, write_texture,

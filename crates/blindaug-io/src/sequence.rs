@@ -1,11 +1,11 @@
 //! Frames in order, from a folder of numbered images, one image, a video or a camera.
 
 use crate::{
-    Error, ExrContents, ExrHead, FrameFormat, NamePattern, Reading, Result,
+    Error, ExrContents, ExrHead, FrameFormat, IccProfile, NamePattern, Reading, Result,
     coding::recoded,
     exr,
     files::{check_regular, has_extension},
-    image::{frame_size, has_colour},
+    image::{frame_size, has_colour, icc_profile},
     limits::is_exr,
     video::{Video, VideoFrames},
 };
@@ -75,6 +75,10 @@ pub struct FrameSource {
     reading: Reading,
     kind: Kind,
     notes: Vec<String>,
+    /// The ICC profile of the first image.
+    profile: Option<IccProfile>,
+    /// Why the colour space that the files tell is not known; no frame is read then.
+    unread: Option<Error>,
 }
 
 #[derive(Debug)]
@@ -92,7 +96,8 @@ impl FrameSource {
     /// counts where no other image has its number).
     ///
     /// # Errors
-    /// If the path does not exist, the range has no frame, two frames have the same number, or the first frame is damaged.
+    /// If the path does not exist, the range has no frame, two frames have the same number, or the first frame is damaged. An ICC profile that is not
+    /// known is an error only when frames are read whose colour space was not said ([`FrameSource::in_space`]).
     pub fn open(path: impl AsRef<Path>, range: FrameRange) -> Result<Self> {
         Self::open_from(path, range, None)
     }
@@ -131,7 +136,7 @@ impl FrameSource {
         let (size, format, space) = (video.size(), FrameFormat::of_video(video.bits()), video.space());
         let kind = Kind::Video(Box::new(video), first.unwrap_or(1));
         let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
-        Ok(Self { path: path.into(), range, size, format, space, reading, kind, notes })
+        Ok(Self::new(path, (range, size, format), (space, reading), kind, notes))
     }
 
     /// The images, in the order of their numbers, that are in the range.
@@ -152,10 +157,38 @@ impl FrameSource {
             return Err(Error::new(path, format!("no frame in {range} ({have})")));
         };
         notes.extend(missing_numbers(files.iter().map(|f| f.0)));
+        let (low, high) = (all.iter().min(), all.iter().max());
+        let beyond = range.first.is_some_and(|first| low.is_some_and(|low| first < *low))
+            || range.last.is_some_and(|last| high.is_some_and(|high| last > *high));
+        if let (true, Some(low), Some(high)) = (beyond, low, high) {
+            notes.push(format!("{range} reaches beyond its frames, which are {low} to {high}"));
+        }
         let (size, format) = (frame_size(first)?, FrameFormat::of_file(first)?);
-        let space = Reading::default().space_of(first)?;
+        let icc = if format.is_exr() { None } else { icc_profile(first)? };
+        let (profile, told) = match icc.map(|bytes| IccProfile::of(first, &bytes)) {
+            None => (None, Reading::default().space_of(first)),
+            Some(Ok(profile)) => (Some(profile.clone()), profile.space(first)),
+            Some(Err(damaged)) => (None, Err(damaged)),
+        };
+        let (space, unread) = match told {
+            Ok(space) => (space, None),
+            Err(e) => (ColourSpace::SRGB, Some(e)),
+        };
         let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
-        Ok(Self { path: path.into(), range, size, format, space, reading, kind: Kind::Images(files), notes })
+        let reading = if format.is_exr() { reading } else { Reading { integers: space, ..reading } };
+        let source = Self::new(path, (range, size, format), (space, reading), Kind::Images(files), notes);
+        Ok(Self { profile, unread, ..source })
+    }
+
+    fn new(
+        path: &Path,
+        (range, size, format): (FrameRange, (usize, usize), FrameFormat),
+        (space, reading): (ColourSpace, Reading),
+        kind: Kind,
+        notes: Vec<String>,
+    ) -> Self {
+        let (profile, unread) = (None, None);
+        Self { path: path.into(), range, size, format, space, reading, kind, notes, profile, unread }
     }
 
     /// Opens a camera: `name` is its number, or the name by which ffmpeg lists it (on Windows always the name). Its frames have no end.
@@ -169,14 +202,14 @@ impl FrameSource {
         let (space, reading) = (video.space(), Reading::default());
         let kind = Kind::Video(Box::new(video), 1);
         let (range, format) = (FrameRange::default(), FrameFormat::PNG8);
-        Ok(Self { path, range, size, format, space, reading, kind, notes })
+        Ok(Self::new(&path, (range, size, format), (space, reading), kind, notes))
     }
 
     /// The same frames, whose files are in this colour space whatever they say themselves.
     pub fn in_space(self, space: ColourSpace) -> Self {
         let transfer = space.transfer.worked_on();
         let reading = Reading { exr: Some(space), integers: space, transfer, ..self.reading };
-        Self { space, reading, ..self }
+        Self { space, reading, unread: None, ..self }
     }
 
     /// The same frames, encoded by this curve whatever their files are encoded by.
@@ -187,6 +220,11 @@ impl FrameSource {
     /// The same frames, with the light below 0 that EXR files may hold.
     pub fn with_light_below_zero(self) -> Self {
         Self { reading: Reading { below_zero: true, ..self.reading }, ..self }
+    }
+
+    /// The ICC profile of the first image, if it has one that is whole.
+    pub fn profile(&self) -> Option<&IccProfile> {
+        self.profile.as_ref()
     }
 
     /// The colour space of the files' values: what they say, or what was said in its place.
@@ -235,12 +273,26 @@ impl FrameSource {
 
     /// The heads of the frames' files, if they are EXR files.
     pub fn heads(&self) -> impl Fn(u64) -> Option<ExrHead> + Send + use<> {
+        self.heads_by(|path| ExrHead::read(path))
+    }
+
+    /// The heads of the frames' files, if they are EXR files, with the colour that the files have beyond the frames: it is written, as it is, into
+    /// the EXR files that get these heads.
+    pub fn heads_with_overscan(&self) -> impl Fn(u64) -> Option<ExrHead> + Send + use<> {
+        let space = self.space;
+        self.heads_by(move |path| ExrHead::read_with_overscan(path, space))
+    }
+
+    fn heads_by<R>(&self, read: R) -> impl Fn(u64) -> Option<ExrHead> + Send + use<R>
+    where
+        R: Fn(&Path) -> Result<ExrHead> + Send,
+    {
         let files: BTreeMap<u64, PathBuf> = match &self.kind {
             Kind::Images(files) if self.format.is_exr() => files.iter().cloned().collect(),
             _ => BTreeMap::new(),
         };
         // A file without a head that can be read is no frame, which is said when it is read as one.
-        move |number| ExrHead::read(files.get(&number)?).ok()
+        move |number| read(files.get(&number)?).ok()
     }
 
     /// The width of a pixel over its height, as the picture is shown, if the head of the first EXR file or of a video tells it. (The built-in
@@ -315,6 +367,10 @@ impl Iterator for Frames<'_> {
     fn next(&mut self) -> Option<Self::Item> {
         if self.ended {
             return None;
+        }
+        if let Some(e) = &self.source.unread {
+            self.ended = true;
+            return Some(Err(e.clone()));
         }
         let frame = match &self.source.kind {
             Kind::Images(files) => self.next_image(files),

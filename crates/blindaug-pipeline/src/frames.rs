@@ -6,7 +6,7 @@ use crate::{
     footage::Clip,
     observer::{Observer, Steps},
 };
-use blindaug::{Encoded, Flow, Frame, Plane, Raster, analysis, composite::DistortedLayer};
+use blindaug::{Encoded, Flow, Frame, Overscan, Plane, Raster, analysis, composite::DistortedLayer};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes per pixel of a frame, of flow, and of depth.
@@ -33,13 +33,14 @@ pub trait Sink {
     /// If the rows cannot be kept.
     fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()>;
 
-    /// Takes the alpha by which the frame's colour is premultiplied; by default it is left out.
+    /// Takes a whole frame, premultiplied by its alpha, which reaches beyond the frame as far as `overscan` says. By default alpha and what
+    /// lies beyond are left out.
     ///
     /// # Errors
-    /// If alpha cannot be kept.
-    fn put_alpha(&mut self, alpha: &Plane) -> Result<()> {
+    /// If the frame cannot be kept.
+    fn put_with_alpha(&mut self, picture: &Encoded, alpha: &Plane, overscan: Overscan) -> Result<()> {
         let _ = alpha;
-        Ok(())
+        self.put(&overscan.frame_of(&picture.0))
     }
 
     /// Takes the frame's virtual layer, distorted, in place of the frame itself.

@@ -3,18 +3,23 @@
 //! - `render.motion_blur_shutter = lambda` (frames), position CENTER.
 //! - The camera is a thin lens whose rays have the same angle wherever it focuses: the circle of confusion at infinity has the
 //!   diameter `H (f / N) (f / h) / P` px. The script solves N for the camera's own angle, or sets the angle first.
+//! - `dof.aperture_blades`, `aperture_rotation` and `aperture_ratio` are the shape of out-of-focus points. Blades are straight; a ratio narrows
+//!   the shape along x.
 //! - The noise is added in encoded values by compositor nodes, octave by octave.
 //!
 //! Source: Blender's `camera.cpp` and manual. The script was run in Blender 4.5 and its render estimated again: docs/engines.md.
 
-use super::{Abilities, Camera, Export, File, filled, grain, head, number, numbers};
+use std::f32::consts::FRAC_PI_2;
+
+use super::{Abilities, Camera, Export, File, Shapes, filled, grain, head, number, numbers, polygon_std};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Blender 4.2 to 4.5, Cycles (and EEVEE for shutter and lens)",
     motion_blur: "exact",
     defocus: "exact",
+    bokeh: Shapes { blades: Some([3, 16]), roundness: false, rotation: true, squeeze: true },
     grain: "compositor nodes: the whole model",
-    checked: "script run in Blender 4.5, its render estimated blindly",
+    checked: "script run in Blender 4.5, its render estimated blindly, its out-of-focus points measured",
 };
 
 /// The script and its texture.
@@ -33,12 +38,24 @@ pub(super) fn export(camera: &Camera) -> Export {
         }
         None => [none(), none()],
     };
+    let blades = camera.blades(ABILITIES.bokeh);
+    // Blender's corners lie beside its x axis, counted against the clock; the model's first corner lies on top, and is turned clockwise.
+    let rotation = blades.map_or(0.0, |(n, _, degrees)| {
+        let turn = std::f32::consts::PI / f32::from(n);
+        (FRAC_PI_2 - degrees.to_radians() - turn).rem_euclid(2.0 * turn)
+    });
+    // The diameter is that through the corners, down the picture, of blades that are straight.
+    let larger = camera.aperture.stds(1.0)[1] / blades.map_or(1.0, |(n, ..)| polygon_std(n, 1.0));
     let text = filled(
         include_str!("effects/blender.py"),
         &[
             ("exposure", camera.exposure.map_or_else(none, |e| number(e.0))),
             ("sigma", camera.lens.map_or_else(none, |l| number(l.sigma_px_at_infinity))),
             ("focus", camera.lens.map_or_else(none, |l| number(l.focus_m))),
+            ("blades", blades.map_or(0, |b| b.0).to_string()),
+            ("rotation", number(rotation)),
+            ("ratio", number(camera.aperture.squeeze)),
+            ("larger", number(larger)),
             ("height", camera.height.to_string()),
             ("fov", camera.fov_y_degrees.map_or_else(none, number)),
             ("slope", slope),

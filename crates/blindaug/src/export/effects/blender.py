@@ -9,6 +9,12 @@ EXPOSURE = @exposure@
 SIGMA_PX_AT_INFINITY = @sigma@
 FOCUS_M = @focus@
 HEIGHT = @height@
+# The shape of out-of-focus points: the number of blades (0: a disk), their rotation in radians, how many times it is as high as wide, and by how
+# much its diameter exceeds that of the disk of the same std.
+BLADES = @blades@
+ROTATION = @rotation@
+RATIO = @ratio@
+LARGER = @larger@
 # Vertical field of view in degrees; None: the camera keeps its own.
 FOV_Y = @fov@
 # Std of the noise's octaves, finest first, over encoded luminance Y, for R, G and B: slope * Y + intercept.
@@ -40,11 +46,13 @@ def set_lens(scene, camera):
     focal_m = camera.lens / 1000.0
     per_height = 0.5 / math.tan(0.5 * angle_y(scene, camera))
     # A Gaussian of the same std as a disk has a quarter of its diameter.
-    diameter = 4.0 * SIGMA_PX_AT_INFINITY / HEIGHT
+    diameter = LARGER * 4.0 * SIGMA_PX_AT_INFINITY / HEIGHT
     camera.dof.use_dof = True
     camera.dof.focus_distance = FOCUS_M
     camera.dof.aperture_fstop = focal_m * per_height / (diameter * FOCUS_M)
-    camera.dof.aperture_blades = 0
+    camera.dof.aperture_blades = BLADES
+    camera.dof.aperture_rotation = ROTATION
+    camera.dof.aperture_ratio = RATIO
 
 
 def angle_y(scene, camera):
