@@ -89,7 +89,7 @@ for target in "${targets[@]}"; do
         rows+=("$target|not built|$why")
         continue
     fi
-    for what in program wheel; do
+    for what in wheel program; do
         # Not in a condition, which would turn off that a command's failure ends the function.
         set +e
         (set -e; "build_$what" "$target"; echo "$built" >"$work/built") >"$work/log" 2>&1

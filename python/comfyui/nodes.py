@@ -102,7 +102,9 @@ class MatchCamera:
                 "layer_metres": ("FLOAT", {"default": 0.0, "min": 0.0, "max": 100000.0, "tooltip": "One depth for all of the object, m; 0: not known, so that it is not defocused"}),
                 "layer_flow": ("FLOW", {"tooltip": "Motion of the object to the next frame, px"}),
                 "depth": ("IMAGE", {"tooltip": "Depth of the background, m, in the first channel: what is nearer hides the object"}),
-                "scene_scale": ("FLOAT", {"default": 0.0, "min": 0.0, "max": 100000.0, "step": 0.01, "tooltip": "Of a camera over relative depth: the inverse depth at 1 m, which brings it to metres; 0: not known"}),
+                "at_x": ("INT", {"default": 0, "min": 0, "max": 65535, "tooltip": "A place of the frames whose distance is known, px from the left"}),
+                "at_y": ("INT", {"default": 0, "min": 0, "max": 65535, "tooltip": "The same, px from the top"}),
+                "at_metres": ("FLOAT", {"default": 0.0, "min": 0.0, "max": 100000.0, "tooltip": "The distance of that place, m, which brings a camera over relative depth to metres; 0: not known"}),
                 "noise": ("BOOLEAN", {"default": True}),
             },
         }
@@ -119,7 +121,9 @@ class MatchCamera:
         layer_metres: float = 0.0,
         layer_flow: Any = None,
         depth: Any = None,
-        scene_scale: float = 0.0,
+        at_x: int = 0,
+        at_y: int = 0,
+        at_metres: float = 0.0,
         noise: bool = True,
     ) -> tuple[Any]:
         frames = _colour(background, "background")
@@ -135,8 +139,12 @@ class MatchCamera:
         z = None if layer_depth is None else of_each("layer_depth", _first_channel(layer_depth, "layer_depth"))
         motion = None if layer_flow is None else of_each("layer_flow", _array(layer_flow, "layer_flow", 4, (2,)))
         scene = None if depth is None else of_each("depth", _first_channel(depth, "depth"))
-        if scene_scale > 0.0:
-            camera = camera.to_metric(scene_scale)
+        if camera.defocus.depth_kind == "relative":
+            if at_metres <= 0.0:
+                raise ba.Error(
+                    "camera: its lens is over relative depth: say how far away a place of the frames is (at_x, at_y, at_metres), or estimate it with depth in metres"
+                )
+            camera = camera.to_metric(at=[(at_x, at_y, at_metres)])
         made = []
         for i, frame in enumerate(frames):
             premultiplied = np.dstack([_light(colour[i]) * alpha[i][..., None], alpha[i]])

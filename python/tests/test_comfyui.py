@@ -128,15 +128,20 @@ def test_one_layer_is_for_all_frames(nodes, frames, camera, layers) -> None:
     assert np.array_equal(made.numpy(), same.numpy())
 
 
-def test_a_camera_over_relative_depth_takes_a_scale(nodes, frames, layers) -> None:
+def test_a_camera_over_relative_depth_takes_a_distance(nodes, frames, layers) -> None:
     match = nodes["BlindaugMatchCamera"].match
     colour, alpha = layers
     camera = ba.estimate(frames, fps=30)
     assert camera.defocus.depth_kind == "relative"
     arguments = (image(frames[:1]), image(colour[:1]), image(alpha[:1]))
-    (scaled,) = match(*arguments, camera, layer_metres=3.0, scene_scale=0.8)
-    (wanted,) = match(*arguments, camera.to_metric(0.8), layer_metres=3.0)
+    (scaled,) = match(*arguments, camera, layer_metres=3.0, at_x=136, at_y=136, at_metres=4.0)
+    (wanted,) = match(*arguments, camera.to_metric(at=[(136, 136, 4.0)]), layer_metres=3.0)
     assert np.array_equal(scaled.numpy(), wanted.numpy())
+    # Negative control: at another distance it is blurred in another way.
+    (other,) = match(*arguments, camera, layer_metres=3.0, at_x=136, at_y=136, at_metres=2.0)
+    assert not np.array_equal(other.numpy(), wanted.numpy())
+    with pytest.raises(ba.Error, match="at_metres"):
+        match(*arguments, camera, layer_metres=3.0)
 
 
 def test_what_does_not_fit_is_one_sentence(nodes, frames, camera, layers) -> None:
