@@ -97,7 +97,7 @@ IMAGES = {"." + name for name in "png jpg jpeg tif tiff bmp ppm exr".split()}
 # The most blocks of clips that are handed to Ray: each costs its driver some kilobytes.
 BLOCKS = 10_000
 # The rows of a group of the table, which are in memory at once.
-GROUP = 4096
+GROUP = 1024
 
 
 @dataclass(frozen=True)
@@ -393,16 +393,18 @@ def _on_ray(
         raise ba.Error("ray: is not installed here: pip install blindaug[ray]") from e
     begun_here = not ray.is_initialized()
     if begun_here:
-        quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+        options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
         if address == "local":
-            ray.init(address="local", num_cpus=workers, include_dashboard=False, _node_ip_address="127.0.0.1", **quiet)
-        else:
-            ray.init(address=address, **quiet)
+            options |= {"num_cpus": workers, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+        try:
+            ray.init(address=address, **options)
+        except Exception as e:  # Ray has no kind of exception for this.
+            raise ba.Error(f"ray: cannot be started, or reached at {address} ({' '.join(str(e).split())})") from e
     try:
         context = ray.data.DataContext.get_current()
         context.enable_progress_bars = False
-        # Room for 128 MB would be kept for what each task gives, which are some kilobytes.
-        context.target_max_block_size = 1 << 20
+        # The rows of a clip are handed on when they are there, not with those of the clips after it, and no room is kept for more.
+        context.target_max_block_size = 1 << 14
         logging.getLogger("ray.data").setLevel(logging.ERROR)
         items = [{"id": name, "path": path} for name, path in clips]
         # Ray Data gives a task out again as often as its process or its machine dies.

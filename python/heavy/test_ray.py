@@ -69,9 +69,9 @@ def cluster():
     """A head without processors, and two machines with one each."""
     own = Cluster(
         initialize_head=True,
-        head_node_args={"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False},
+        head_node_args={"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False, "node_ip_address": "127.0.0.1"},
     )
-    nodes = [own.add_node(num_cpus=1, object_store_memory=STORE) for _ in range(2)]
+    nodes = [own.add_node(num_cpus=1, object_store_memory=STORE, node_ip_address="127.0.0.1") for _ in range(2)]
     ray.init(address=own.address, logging_level="ERROR", log_to_driver=False)
     yield own, nodes
     ray.shutdown()
@@ -101,7 +101,9 @@ def test_ray_gives_the_rows_of_one_machine(clips, alone, tmp_path) -> None:
     print(f"\nRay, one worker: {times[0]:.1f} s, two: {times[1]:.1f} s")
 
 
-def test_a_killed_worker_of_ray_costs_no_row(clips, alone, cluster, tmp_path) -> None:
+def test_a_killed_worker_of_ray_costs_no_row(clips, alone, cluster, tmp_path, monkeypatch) -> None:
+    # Three or four clips in a task, so that some rows of the killed one have been handed on.
+    monkeypatch.setattr(archive, "BLOCKS", 4)
     killed = []
 
     def kill() -> None:
@@ -134,15 +136,14 @@ def test_a_killed_driver_is_followed_by_one_that_goes_on(clips, alone, tmp_path)
     driver = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     partial = tmp_path / "t.parquet.partial"
     kept = lambda: sum(p.read_bytes().count(b"\n") for p in partial.glob("*.jsonl"))  # noqa: E731
-    until = time.monotonic() + 300
     while kept() < 5:
-        assert driver.poll() is None and time.monotonic() < until
+        assert driver.poll() is None
         time.sleep(0.1)
     driver.kill()
     driver.communicate()
     before = kept()
     assert not table.exists()
-    again = subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=600)
+    again = subprocess.run(command, stderr=subprocess.PIPE, text=True)
     assert again.returncode == 0, again.stderr
     looked_at = int(again.stderr.split("rows; ")[1].split(" of 13")[0])
     # The broken clip, if it was done, is tried again.
