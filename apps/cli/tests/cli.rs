@@ -566,7 +566,8 @@ fn frames_that_are_made_by_ranges_are_those_of_the_whole_clip() {
             ),
         ),
     ] {
-        let make = |to: &str, options: &str| succeeds(d, &format!("{command} --seed 3 -o {name}_{to} {options}"));
+        let make =
+            |to: &str, options: &str| succeeds(d, &format!("{command} --seed 3 -o {name}_{to} {options}"));
         let read = |to: &str, n: usize| std::fs::read(d.join(format!("{name}_{to}/{n:04}.png"))).unwrap();
         make("whole", "");
         for range in ["5..5", "1..2", "3..4"] {

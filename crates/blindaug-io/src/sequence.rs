@@ -142,7 +142,8 @@ impl FrameSource {
         mut notes: Vec<String>,
     ) -> Result<Self> {
         let all: Vec<u64> = files.iter().map(|f| f.0).collect();
-        let before = files.iter().rfind(|(number, _)| range.first.is_some_and(|first| *number < first)).cloned();
+        let before =
+            files.iter().rfind(|(number, _)| range.first.is_some_and(|first| *number < first)).cloned();
         let after = files.iter().find(|(number, _)| range.last.is_some_and(|last| *number > last)).cloned();
         files.retain(|(number, _)| range.contains(*number));
         let Some((_, first)) = files.first() else {
@@ -350,10 +351,7 @@ impl Iterator for Frames<'_> {
 }
 
 impl Frames<'_> {
-    fn next_image<'f>(
-        &mut self,
-        files: impl Iterator<Item = &'f (u64, PathBuf)>,
-    ) -> Option<Result<Frame>> {
+    fn next_image<'f>(&mut self, files: impl Iterator<Item = &'f (u64, PathBuf)>) -> Option<Result<Frame>> {
         let mut files = files.skip(self.next);
         let (number, path) = loop {
             let (number, path) = files.next()?;
