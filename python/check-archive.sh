@@ -16,5 +16,7 @@ if [ -z "${PYTHON:-}" ]; then
 fi
 # Ray's workers give way to all other processes unless they are told not to; here they are timed.
 export RAY_worker_niceness=0
+# The machines of the tests' cluster are this one, at 127.0.0.1.
+export RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER=0
 cd heavy
 exec "$PYTHON" -m pytest -q -s -p no:cacheprovider "$@" .

@@ -386,6 +386,9 @@ def _on_ray(
 ) -> _Looks:
     """Looks at clips by Ray Data: Ray hands them out, and hands out again what a dead process or machine had."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address == "local":
+        # Ray listens at 127.0.0.1 alone, as it does where it cannot have other machines; this is read when Ray is imported.
+        os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")
     try:
         import ray
         import ray.data
@@ -395,7 +398,7 @@ def _on_ray(
     if begun_here:
         options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
         if address == "local":
-            options |= {"num_cpus": workers, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+            options |= {"num_cpus": workers, "include_dashboard": False}
         try:
             ray.init(address=address, **options)
         except Exception as e:  # Ray has no kind of exception for this.
@@ -572,11 +575,12 @@ class _Kept:
             raise ba.Error(f"{self.output}: is no table of blindaug; choose another name") from e
 
     def _take_lock(self) -> None:
-        self.lock = (self.folder / "lock").open("w")
         try:
             import fcntl
         except ImportError:
+            # Windows has no such lock.
             return
+        self.lock = (self.folder / "lock").open("w")
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as e:
@@ -656,7 +660,8 @@ class _Kept:
             for path in self.folder.iterdir():
                 path.unlink()
             self.folder.rmdir()
-        self.lock.close()
+        if self.lock:
+            self.lock.close()
 
 
 # ---- The whole ----

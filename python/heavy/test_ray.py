@@ -69,10 +69,11 @@ def cluster():
     """A head without processors, and two machines with one each."""
     own = Cluster(
         initialize_head=True,
-        head_node_args={"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False, "node_ip_address": "127.0.0.1"},
+        head_node_args={"num_cpus": 0, "object_store_memory": STORE, "include_dashboard": False},
     )
-    nodes = [own.add_node(num_cpus=1, object_store_memory=STORE, node_ip_address="127.0.0.1") for _ in range(2)]
+    nodes = [own.add_node(num_cpus=1, object_store_memory=STORE) for _ in range(2)]
     ray.init(address=own.address, logging_level="ERROR", log_to_driver=False)
+    assert {node["NodeManagerAddress"] for node in ray.nodes()} == {"127.0.0.1"}
     yield own, nodes
     ray.shutdown()
     own.shutdown()
