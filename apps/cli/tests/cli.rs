@@ -586,15 +586,15 @@ fn frames_that_are_made_by_ranges_are_those_of_the_whole_clip() {
         assert_eq!(read("short", 1), read("whole", 1));
         assert_ne!(read("short", 2), read("whole", 2));
     }
-    // Evidence: frames, and the motion of all but a range's last frame. Parallax is followed from frame to frame, so that depth is not.
+    // Evidence: the frames, and the motion of all but a range's last frame. Depth is not the same, as parallax is followed from frame to frame.
     succeeds(d, &format!("estimate {frames} -o e.json --save-evidence whole"));
     for range in ["1..3", "4..5"] {
         succeeds(d, &format!("estimate {frames} -o e.json --save-evidence parts --frames {range}"));
     }
-    let read = |of: &str, file: &str| std::fs::read(d.join(of).join(file)).unwrap();
+    let read = |of: &str, file: &str| std::fs::read(d.join(of).join(file)).ok();
     for n in 1..=5 {
         let file = format!("original/frames/{n:04}.png");
-        assert_eq!(read("parts", &file), read("whole", &file), "{file}");
+        assert!(read("whole", &file).is_some() && read("parts", &file) == read("whole", &file), "{file}");
         let file = format!("flow/frames/{n:04}.flo");
         assert_eq!(read("parts", &file) == read("whole", &file), n != 3, "{file}");
     }
