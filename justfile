@@ -68,6 +68,18 @@ ofx:
 python:
     python/check.sh
 
+# Archives on Ray while workers, machines and drivers are killed; needs PyPI and some minutes.
+archive:
+    python/check-archive.sh
+
+# The job for render farms, by ranges of frames and with a killed task; needs PyPI.
+farm:
+    engines/openjd/check.sh
+
+# The programs and wheels of a release, for every platform whose toolchain is at hand.
+release *ARGS:
+    tools/release.sh {{ARGS}}
+
 # Licences and sources of the dependencies; needs cargo-deny.
 deny:
     cargo deny --all-features check licenses sources bans

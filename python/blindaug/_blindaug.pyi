@@ -214,6 +214,10 @@ class Camera:
     def notes(self) -> list[str]:
         """What was chosen in the estimate, why, and what was left out."""
     @property
+    def shots(self) -> list[tuple[int, int]]:
+        """The numbers of the first and last frame of each shot of the footage, for `estimate(.., frames=shot)`; empty if the camera is not from
+        `estimate`."""
+    @property
     def frame(self) -> int | None:
         """The number of the frame, of a tracked camera."""
     @property

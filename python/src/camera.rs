@@ -34,6 +34,7 @@ pub struct Camera {
     /// The frame that the camera is that of, and what had changed just before it, if the camera was tracked.
     pub tracked: Option<(u64, Changes)>,
     notes: Vec<String>,
+    shots: Vec<(u64, u64)>,
     kept: Option<Arc<Kept>>,
 }
 
@@ -45,7 +46,7 @@ impl Camera {
     pub fn new(model: &CameraModel, notes: Vec<String>, kept: Option<Kept>) -> PyResult<Self> {
         let model =
             CameraModel::from_json(&model.to_json()).map_err(|e| failure::Error::new_err(e.to_string()))?;
-        Ok(Self { model, tracked: None, notes, kept: kept.map(Arc::new) })
+        Ok(Self { model, tracked: None, notes, shots: vec![], kept: kept.map(Arc::new) })
     }
 
     /// The camera of one frame, with the same rounding.
@@ -70,7 +71,7 @@ impl Camera {
         let of_frame =
             json.trim_start_matches('\u{feff}').lines().next().is_some_and(|l| l.contains("\"frame\""));
         let tracked = of_frame.then_some((one.frame, one.changed));
-        Self { model: one.camera.clone(), tracked, notes: vec![], kept: None }
+        Self { model: one.camera.clone(), tracked, notes: vec![], shots: vec![], kept: None }
     }
 
     /// The camera as one of a track.
@@ -79,9 +80,15 @@ impl Camera {
         Some(TrackedCamera { frame, changed, camera: self.model.clone() })
     }
 
+    /// The camera of footage with these shots, by the numbers of their first and last frames.
+    pub fn of_shots(self, shots: Vec<(u64, u64)>) -> Self {
+        Self { shots, ..self }
+    }
+
     /// The camera with another model.
     fn with(&self, model: &CameraModel) -> PyResult<Self> {
-        Ok(Self { tracked: self.tracked, ..Self::new(model, self.notes.clone(), None)? })
+        let shots = self.shots.clone();
+        Ok(Self { tracked: self.tracked, shots, ..Self::new(model, self.notes.clone(), None)? })
     }
 }
 
@@ -173,6 +180,12 @@ impl Camera {
     #[getter]
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
+    }
+
+    /// The numbers of the first and last frame of each shot of the footage.
+    #[getter]
+    fn shots(&self) -> Vec<(u64, u64)> {
+        self.shots.clone()
     }
 
     /// The number of the frame, of a tracked camera.

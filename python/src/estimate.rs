@@ -97,5 +97,6 @@ pub fn estimate(
     })?;
     let Estimation { model, diagnostics } = fitted.estimation;
     let notes = diagnostics.notes.clone();
-    Camera::new(&model, notes, samples.then_some(Kept { title, diagnostics, samples: fitted.samples }))
+    let kept = samples.then_some(Kept { title, diagnostics, samples: fitted.samples });
+    Ok(Camera::new(&model, notes, kept)?.of_shots(fitted.shots))
 }

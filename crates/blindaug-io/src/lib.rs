@@ -19,7 +19,8 @@
 //! | frames out | PNG, TIFF, EXR | [`FrameFormat::write`]; [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
 //!
-//! The `ffmpeg` program reads cameras and decodes videos. Without ffmpeg, a built-in decoder reads H.264 in MP4. The environment
+//! The `ffmpeg` program reads cameras and decodes videos. Without ffmpeg, a built-in decoder reads H.264 in MP4, unless the feature `openh264`
+//! is turned off. The environment
 //! variable `BLINDAUG_FFMPEG` names another program; with `none`, ffmpeg is never used.
 
 mod camera;
@@ -37,7 +38,9 @@ mod icc;
 mod image;
 mod limits;
 pub mod memory;
+#[cfg(feature = "openh264")]
 mod mp4;
+#[cfg(feature = "openh264")]
 mod mp4_boxes;
 mod partial;
 mod pattern;

@@ -83,8 +83,8 @@ pub struct FrameSource {
 
 #[derive(Debug)]
 enum Kind {
-    /// The numbers and paths of the images, in the order of the numbers.
-    Images(Vec<(u64, PathBuf)>),
+    /// The numbers and paths of the images, in the order of the numbers: those in the range, and at most one on each side of it.
+    Images { files: Vec<(u64, PathBuf)>, before: Option<(u64, PathBuf)>, after: Option<(u64, PathBuf)> },
     /// A video, and the number of its first frame.
     Video(Box<Video>, u64),
 }
@@ -147,6 +147,9 @@ impl FrameSource {
         mut notes: Vec<String>,
     ) -> Result<Self> {
         let all: Vec<u64> = files.iter().map(|f| f.0).collect();
+        let before =
+            files.iter().rfind(|(number, _)| range.first.is_some_and(|first| *number < first)).cloned();
+        let after = files.iter().find(|(number, _)| range.last.is_some_and(|last| *number > last)).cloned();
         files.retain(|(number, _)| range.contains(*number));
         let Some((_, first)) = files.first() else {
             let have = match all[..] {
@@ -176,7 +179,8 @@ impl FrameSource {
         };
         let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
         let reading = if format.is_exr() { reading } else { Reading { integers: space, ..reading } };
-        let source = Self::new(path, (range, size, format), (space, reading), Kind::Images(files), notes);
+        let kind = Kind::Images { files, before, after };
+        let source = Self::new(path, (range, size, format), (space, reading), kind, notes);
         Ok(Self { profile, unread, ..source })
     }
 
@@ -264,7 +268,7 @@ impl FrameSource {
     /// The kinds of channels in the first frame's file, if that is an EXR file.
     pub fn exr_contents(&self) -> Option<ExrContents> {
         match &self.kind {
-            Kind::Images(files) if self.format.is_exr() => {
+            Kind::Images { files, .. } if self.format.is_exr() => {
                 files.first().and_then(|(_, first)| crate::exr_contents(first).ok())
             }
             _ => None,
@@ -288,7 +292,7 @@ impl FrameSource {
         R: Fn(&Path) -> Result<ExrHead> + Send,
     {
         let files: BTreeMap<u64, PathBuf> = match &self.kind {
-            Kind::Images(files) if self.format.is_exr() => files.iter().cloned().collect(),
+            Kind::Images { files, .. } if self.format.is_exr() => files.iter().cloned().collect(),
             _ => BTreeMap::new(),
         };
         // A file without a head that can be read is no frame, which is said when it is read as one.
@@ -299,10 +303,10 @@ impl FrameSource {
     /// decoder of videos does not read it.)
     pub fn pixel_aspect(&self) -> Option<f32> {
         match &self.kind {
-            Kind::Images(files) if self.format.is_exr() => {
+            Kind::Images { files, .. } if self.format.is_exr() => {
                 files.first().and_then(|(_, first)| ExrHead::read(first).ok()).map(|head| head.pixel_aspect())
             }
-            Kind::Images(_) => None,
+            Kind::Images { .. } => None,
             Kind::Video(v, _) => v.pixel_aspect(),
         }
     }
@@ -310,7 +314,7 @@ impl FrameSource {
     /// Frames per second, if the input gives them; images do not.
     pub fn fps(&self) -> Option<f64> {
         match &self.kind {
-            Kind::Images(_) => None,
+            Kind::Images { .. } => None,
             Kind::Video(v, _) => v.fps(),
         }
     }
@@ -318,7 +322,7 @@ impl FrameSource {
     /// The number of frames in the range; for a video the number that its head gives, if any.
     pub fn len_hint(&self) -> Option<usize> {
         match &self.kind {
-            Kind::Images(files) => Some(files.len()),
+            Kind::Images { files, .. } => Some(files.len()),
             Kind::Video(v, begin) => v.len_hint().map(|n| {
                 let end = begin.saturating_add(n as u64);
                 let last = self.range.last.map_or(end, |last| last.saturating_add(1)).min(end);
@@ -330,7 +334,7 @@ impl FrameSource {
     /// The number of the first frame in the range, if the input has it.
     pub fn first_number(&self) -> u64 {
         match &self.kind {
-            Kind::Images(files) => files.first().map_or(1, |f| f.0),
+            Kind::Images { files, .. } => files.first().map_or(1, |f| f.0),
             Kind::Video(_, begin) => self.range.first.map_or(*begin, |first| first.max(*begin)),
         }
     }
@@ -347,13 +351,30 @@ impl FrameSource {
 
     /// The frames for whose number `wanted` holds; the image files of other frames are not read.
     pub fn frames_if<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
-        Frames { source: self, wanted: Box::new(wanted), next: 0, video: None, ended: false }
+        self.frames_of(false, Box::new(wanted))
+    }
+
+    /// [`FrameSource::frames_if`], and besides the input's frames next to the range, one on each side of it, if they are wanted: what is made
+    /// of a part of a clip with the help of a frame's neighbours is then what is made of the whole clip.
+    pub fn frames_and_beside<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
+        self.frames_of(true, Box::new(wanted))
+    }
+
+    fn frames_of<'a>(&'a self, beside: bool, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        Frames { source: self, beside, wanted, next: 0, video: None, ended: false }
+    }
+
+    /// Whether the range contains this number.
+    pub fn contains(&self, number: u64) -> bool {
+        self.range.contains(number)
     }
 }
 
 /// The frames of a [`FrameSource`], in order. After an error there are no more frames.
 pub struct Frames<'a> {
     source: &'a FrameSource,
+    /// Whether the frames next to the range are given, too.
+    beside: bool,
     wanted: Box<dyn Fn(u64) -> bool + Send + 'a>,
     /// Index of the next file, or number of frames decoded from the video.
     next: usize,
@@ -373,7 +394,11 @@ impl Iterator for Frames<'_> {
             return Some(Err(e.clone()));
         }
         let frame = match &self.source.kind {
-            Kind::Images(files) => self.next_image(files),
+            Kind::Images { files, before, after } => {
+                let beside = self.beside;
+                let [before, after] = [before, after].map(|file| file.iter().filter(move |_| beside));
+                self.next_image(before.chain(files).chain(after))
+            }
             Kind::Video(video, begin) => self.next_video_frame(video, *begin),
         };
         self.ended = !matches!(frame, Some(Ok(_)));
@@ -382,9 +407,10 @@ impl Iterator for Frames<'_> {
 }
 
 impl Frames<'_> {
-    fn next_image(&mut self, files: &[(u64, PathBuf)]) -> Option<Result<Frame>> {
+    fn next_image<'f>(&mut self, files: impl Iterator<Item = &'f (u64, PathBuf)>) -> Option<Result<Frame>> {
+        let mut files = files.skip(self.next);
         let (number, path) = loop {
-            let (number, path) = files.get(self.next)?;
+            let (number, path) = files.next()?;
             self.next += 1;
             if (self.wanted)(*number) {
                 break (*number, path);
@@ -397,7 +423,8 @@ impl Frames<'_> {
     fn next_video_frame(&mut self, video: &Video, begin: u64) -> Option<Result<Frame>> {
         loop {
             let number = begin.saturating_add(self.next as u64);
-            if self.source.range.last.is_some_and(|last| number > last) {
+            let range = self.read_range();
+            if range.last.is_some_and(|last| number > last) {
                 return None;
             }
             if self.video.is_none() {
@@ -421,7 +448,7 @@ impl Frames<'_> {
                         Err(Error::new(&self.source.path, format!("no frame in {range} ({have})")))
                     });
                 }
-                Ok(Some(frame)) if self.source.range.contains(number) && (self.wanted)(number) => {
+                Ok(Some(frame)) if range.contains(number) && (self.wanted)(number) => {
                     let FrameSource { path, space, reading, .. } = self.source;
                     let image = recoded(video.encoded(&frame), space.transfer, reading.transfer);
                     return Some(self.checked(path, number, image));
@@ -429,6 +456,16 @@ impl Frames<'_> {
                 Ok(Some(_)) => {}
                 Err(e) => return Some(Err(e)),
             }
+        }
+    }
+
+    /// The numbers of the frames that are given if they are wanted.
+    fn read_range(&self) -> FrameRange {
+        let FrameRange { first, last } = self.source.range;
+        let wider = u64::from(self.beside);
+        FrameRange {
+            first: first.map(|n| n.saturating_sub(wider)),
+            last: last.map(|n| n.saturating_add(wider)),
         }
     }
 

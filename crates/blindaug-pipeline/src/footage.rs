@@ -32,6 +32,18 @@ pub trait Clip: Sync {
     /// The frames whose numbers are wanted.
     fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a>;
 
+    /// [`Clip::frames_if`], and besides the frames next to the clip's own, one on each side, where the clip is a part of a longer one and they are
+    /// wanted. By default there are none.
+    fn frames_and_beside<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        self.frames_if(wanted)
+    }
+
+    /// Whether a frame of this number, which the clip gave, is one of its own, rather than one next to them.
+    fn contains(&self, number: u64) -> bool {
+        let _ = number;
+        true
+    }
+
     /// Whether `wanted` holds for the number of any frame. By default the numbers are gone through without reading a frame.
     ///
     /// # Errors
@@ -194,6 +206,14 @@ impl Clip for blindaug_io::FrameSource {
 
     fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
         Box::new(self.frames_if(wanted).map(|frame| Ok(frame?)))
+    }
+
+    fn frames_and_beside<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        Box::new(self.frames_and_beside(wanted).map(|frame| Ok(frame?)))
+    }
+
+    fn contains(&self, number: u64) -> bool {
+        self.contains(number)
     }
 
     fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {

@@ -152,7 +152,8 @@ impl Neighbours<'_> {
 }
 
 /// Calls `make` for each frame that is not done, which puts the rows of the result into the sink. Only with `neighbours` are the frames
-/// before and after that frame at hand; else one frame is in memory at a time.
+/// before and after that frame at hand, those next to a part of a longer clip among them, so that a frame is the same whichever part it is made
+/// with; else one frame is in memory at a time.
 pub(crate) fn for_each_frame(
     what: &'static str,
     clip: &dyn Clip,
@@ -162,20 +163,22 @@ pub(crate) fn for_each_frame(
     mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
 ) -> Result<Made> {
     let done = sink.done();
+    let is_due = |n: u64| clip.contains(n) && !done.contains(&n);
     let needed = |n: u64| {
-        let beside = |n: u64| neighbours && !done.contains(&n);
-        !done.contains(&n) || beside(n + 1) || beside(n.saturating_sub(1))
+        let beside = |n: u64| neighbours && is_due(n);
+        is_due(n) || beside(n + 1) || beside(n.saturating_sub(1))
     };
     let mut made = Made::default();
     let steps = Steps::begin(observer, what, "frames", clip.len_hint().map(|n| n.saturating_sub(done.len())));
-    let mut frames = clip.frames_if(Box::new(needed));
+    let needed = Box::new(needed);
+    let mut frames = if neighbours { clip.frames_and_beside(needed) } else { clip.frames_if(needed) };
     let mut previous: Option<Frame> = None;
     let mut current = frames.next().transpose()?;
     while let Some(frame) = current.take() {
         let number = frame.number;
         // If the next frame is damaged, the loop ends here, since without it this frame's motion would be another.
         let next = if neighbours { frames.next().transpose()? } else { None };
-        if !done.contains(&number) {
+        if is_due(number) {
             let around = Neighbours {
                 clip,
                 previous: previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image),
@@ -196,7 +199,7 @@ pub(crate) fn for_each_frame(
             drop(frame);
             (None, frames.next().transpose()?)
         };
-        if let (true, Some(next)) = (observer.stops(), &current) {
+        if let (true, Some(next)) = (observer.stops(), current.as_ref().filter(|f| clip.contains(f.number))) {
             made.stopped = Some((number, next.number));
             break;
         }
