@@ -1,13 +1,16 @@
 //! Blender: a Python script that sets shutter and lens, and builds the noise in the compositor.
 //!
-//! - `render.motion_blur_shutter = lambda` (frames), position CENTER.
+//! - `render.motion_blur_shutter = lambda` (frames). The position is START, CENTER or END, whichever is nearest to the shutter's phase.
 //! - The camera is a thin lens whose rays have the same angle wherever it focuses: the circle of confusion at infinity has the
 //!   diameter `H (f / N) (f / h) / P` px. The script solves N for the camera's own angle, or sets the angle first.
 //! - The noise is added in encoded values by compositor nodes, octave by octave.
 //!
+//! What sets the scene is the same text in the script and in the add-on (`engines/blender`).
+//!
 //! Source: Blender's `camera.cpp` and manual. The script was run in Blender 4.5 and its render estimated again: docs/engines.md.
 
-use super::{Abilities, Camera, Export, File, filled, grain, head, number, numbers};
+use super::{Abilities, Camera, Export, File, filled, grain, head, number, numbers, short};
+use crate::model::NoiseModel;
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Blender 4.2 to 4.5, Cycles (and EEVEE for shutter and lens)",
@@ -17,41 +20,68 @@ pub(super) const ABILITIES: Abilities = Abilities {
     checked: "script run in Blender 4.5, its render estimated blindly",
 };
 
+/// The positions of Blender's shutter, each with the middle of the exposure after the frame's time, in exposures.
+const POSITIONS: [(&str, f32); 3] = [("CENTER", 0.0), ("START", 0.5), ("END", -0.5)];
+
+/// The noise as a dictionary of Python.
+fn noise(model: &NoiseModel) -> String {
+    let rows = |v: [[f32; 4]; 3]| format!("[{}]", v.map(|v| format!("[{}]", numbers(&v))).join(", "));
+    let (slope, intercept) = grain::by_channel(model);
+    let offsets = grain::CHANNEL_OFFSETS.map(|[x, y]| format!("({x}, {y})")).join(", ");
+    format!(
+        "{{\n        \"slope\": {},\n        \"intercept\": {},\n        \"clip\": {},\n        \"gain\": {},\n        \"side\": {},\n        \
+         \"offsets\": [{offsets}],\n    }}",
+        rows(slope),
+        rows(intercept),
+        number(model.clip()),
+        number(grain::GAIN),
+        grain::SIDE,
+    )
+}
+
 /// The script and its texture.
 pub(super) fn export(camera: &Camera) -> Export {
     let none = || String::from("None");
     let mut lost = camera.left.clone();
-    lost.extend(grain::full_pass_lost(camera));
     if camera.noise.is_some() {
+        // The add-on leaves out what begins so: it puts the picture over a clip, and adds what the clip's own noise lacks.
+        lost.push(
+            "this script adds noise to all of the picture alike, where the object is transparent, too".into(),
+        );
         lost.push("the view transform is set to Standard, through which values are saved as they are".into());
     }
-    let rows = |v: [[f32; 4]; 3]| format!("[{}]", v.map(|v| format!("[{}]", numbers(&v))).join(", "));
-    let [slope, intercept] = match &camera.noise {
-        Some(noise) => {
-            let (slope, intercept) = grain::by_channel(noise);
-            [rows(slope), rows(intercept)]
+    let exposure = camera.exposure.map_or(0.0, |e| e.0);
+    let off = |centre: f32| (centre * exposure - camera.shutter_centre).abs();
+    let [mut nearest, others @ ..] = POSITIONS;
+    for other in others {
+        // With an exposure of 0 all are the same.
+        if off(other.1) < off(nearest.1) {
+            nearest = other;
         }
-        None => [none(), none()],
-    };
+    }
+    if off(nearest.1) > 0.005 {
+        lost.push(format!(
+            "the middle of the exposure is off by {} of the frame interval: Blender's shutter has no phase but the positions \
+             START, CENTER and END",
+            short(off(nearest.1))
+        ));
+    }
     let text = filled(
-        include_str!("effects/blender.py"),
+        include_str!("effects/blender_camera.py"),
         &[
             ("exposure", camera.exposure.map_or_else(none, |e| number(e.0))),
+            ("position", format!("\"{}\"", nearest.0)),
             ("sigma", camera.lens.map_or_else(none, |l| number(l.sigma_px_at_infinity))),
             ("focus", camera.lens.map_or_else(none, |l| number(l.focus_m))),
             ("height", camera.height.to_string()),
             ("fov", camera.fov_y_degrees.map_or_else(none, number)),
-            ("slope", slope),
-            ("intercept", intercept),
-            ("clip", camera.noise.as_ref().map_or_else(none, |n| number(n.clip()))),
+            ("noise", camera.noise.as_ref().map_or_else(none, noise)),
             ("bands", grain::BANDS.into()),
-            ("gain", number(grain::GAIN)),
-            ("side", grain::SIDE.to_string()),
-            ("offsets", grain::CHANNEL_OFFSETS.map(|[x, y]| format!("({x}, {y})")).join(", ")),
         ],
     );
     let text =
         head("#", "A camera for Blender: run in the text editor, or blender FILE --python this", &lost)
+            + include_str!("effects/blender_scene.py")
             + &text;
     let mut files = vec![File::text("blindaug_camera.py", text)];
     if camera.noise.is_some() {
