@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the extension, installs it from its archive into Blender as a module, and runs the tests, with renders; about five minutes after the build.
+# Builds the extension, installs it from its archive into Blender as a module, and runs the tests, with renders: some minutes after the build.
 #
 # Needs Python 3.11, PyPI and Rust. PYTHON: the interpreter; with bpy, OpenEXR and pytest in it, and without blindaug, nothing is installed.
 # BLINDAUG=PROGRAM is the command line to compare with, WHEELS=FOLDER has the wheel; without them they are built. BLINDAUG_BLENDER_PICTURES=FOLDER
