@@ -87,12 +87,14 @@ def test_the_archive_says_what_is_in_it(archive):
     assert scene == (ROOT / "crates/blindaug/src/export/effects/blender_scene.py").read_text()
 
 
-def test_the_exported_script_and_the_add_on_share_their_text(archive, blindaug, tmp_path):
-    script = tmp_path / "camera.py"
-    blindaug("export", ROOT / "tools/blender/camera.json", "--to", "blender", "-o", script)
+def test_the_exported_scripts_and_the_add_on_share_their_text(installed, archive, blindaug, tmp_path):
     with zipfile.ZipFile(archive) as files:
-        shared = files.read("scene.py").decode() in script.read_text()
-    assert shared, "the program and the archive were built from different sources"
+        shared = files.read("scene.py").decode()
+    model = ROOT / "tools/blender/camera.json"
+    package = next(iter(installed.state.blindaug.Camera.read(model).export("blender").files.values()))
+    assert shared in package, "the wheel and the archive were built from different sources"
+    blindaug("export", model, "--to", "blender", "-o", tmp_path / "camera.py")
+    assert shared in (tmp_path / "camera.py").read_text(), "the program and the archive were built from different sources"
 
 
 def test_it_can_be_turned_off_and_on(installed, scene):
