@@ -64,6 +64,10 @@ bevy:
 ofx:
     engines/ofx/check.sh
 
+# The add-on for Blender: built, installed, tested through renders; needs Python 3.11 and PyPI.
+blender-addon:
+    engines/blender/check.sh
+
 # The Python package: built, linted, tested; needs Python 3.10 or later and PyPI.
 python:
     python/check.sh

@@ -242,6 +242,8 @@ class Camera:
         `fov`: the vertical field of view of the tool's camera, degrees. `size`: width and height of its pictures, px; the footage's by default.
         `scene_scale`: scale and offset as of `to_metric`.
         """
+    def facts(self) -> dict[str, Any]:
+        """What follows from the camera, with all intervals: what `blindaug inspect --json` prints."""
     def report(self, path: _Path) -> None:
         """Writes a page of HTML with what the estimate rests on. Needs `estimate(.., samples=True)`."""
     def _repr_html_(self) -> str: ...

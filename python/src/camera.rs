@@ -264,6 +264,11 @@ impl Camera {
         written.map_err(failure::Error::new_err)?.map_err(failure::of_file)
     }
 
+    /// What follows from the camera, with all intervals: what `blindaug inspect --json` prints.
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        py.import("json")?.call_method1("loads", (words::derived(&self.model, &[]).to_string(),))
+    }
+
     fn _repr_html_(&self) -> String {
         let escaped = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let mut html = String::from("<table><caption>");

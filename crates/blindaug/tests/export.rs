@@ -99,8 +99,12 @@ fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
         }
         Target::Blender => {
             // The formulas are those of the exported script.
-            let (sigma, p, height, fov) =
-                (v("SIGMA_PX_AT_INFINITY ="), v("FOCUS_M ="), v("\nHEIGHT ="), v("\nFOV_Y =").to_radians());
+            let (sigma, p, height, fov) = (
+                v("\"sigma_px_at_infinity\":"),
+                v("\"focus_m\":"),
+                v("\"height\":"),
+                v("\"fov_y_degrees\":").to_radians(),
+            );
             let per_height = 0.5 / (0.5 * fov).tan();
             let f = 0.024 * per_height;
             let n = f * per_height / (4.0 * sigma / height * p);
@@ -205,12 +209,36 @@ fn exposure_by_target_as_is_known() {
         (Target::Unreal, "a shutter angle of", 180.0),
         (Target::Godot, "motion_blur_intensity =", 0.5),
         (Target::Bevy, "shutter_angle:", 0.5),
-        (Target::Blender, "EXPOSURE =", 0.5),
+        (Target::Blender, "\"exposure\":", 0.5),
         (Target::Three, "exposure:", 0.5),
         (Target::Nuke, "\n exposure", 0.5),
     ] {
         let export = exported(&model, target);
         assert!((value(text(&export), key) - want).abs() < 1e-6, "{target}: {key}");
+    }
+}
+
+#[test]
+fn the_shutter_s_phase_is_a_position_in_blender_and_told_elsewhere() {
+    // An exposure of 0.5 is 180 degrees long.
+    for (phase, position, told) in [
+        (None, "CENTER", None),
+        (Some(-90.0), "CENTER", None),
+        (Some(0.0), "START", None),
+        (Some(-180.0), "END", None),
+        (Some(-10.0), "START", Some("off by 0.0278 of the frame interval")),
+    ] {
+        let mut model = camera_model(0.5, 4.0, 3.0);
+        let given = MotionBlurModel::given(ExposureFraction(0.5));
+        model.motion_blur = Estimate::Known(MotionBlurModel { phase_degrees: phase, ..given });
+        let export = exported(&model, Target::Blender);
+        assert!(text(&export).contains(&format!("\"position\": \"{position}\"")), "{phase:?}");
+        let off = export.lost.iter().find(|s| s.contains("the middle of the exposure"));
+        assert_eq!(off.is_some(), told.is_some(), "{phase:?}: {off:?}");
+        assert!(told.is_none_or(|told| off.unwrap().contains(told)), "{off:?}");
+        let nuke = exported(&model, Target::Nuke).lost;
+        let left = nuke.iter().any(|s| s.contains("the shutter's phase is not exported"));
+        assert_eq!(left, position != "CENTER", "{phase:?}");
     }
 }
 

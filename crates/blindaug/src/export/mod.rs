@@ -118,6 +118,8 @@ pub struct Camera {
     pub fov_y_degrees: Option<f32>,
     /// The exposure, if it is known.
     pub exposure: Option<ExposureFraction>,
+    /// The middle of the exposure after the frame's time, in frame intervals; 0 if it is unknown or centred. Of all tools, only Blender takes it.
+    pub shutter_centre: f32,
     /// The lens, if it is known and not sharp throughout.
     pub lens: Option<ThinLens>,
     /// The defocus model that `lens` approximates, in px of the tool's pictures.
@@ -195,13 +197,6 @@ impl Camera {
                 lens = None;
             }
         }
-        let shutter = model.motion_blur.known().map(|m| m.shutter());
-        if shutter.is_some_and(|s| s.centre != 0.0) {
-            left.push(
-                "the shutter's phase is not exported: the exposure is centred on the frame's time, or as the tool has it"
-                    .into(),
-            );
-        }
         let aperture = defocus.filter(|_| lens.is_some()).map_or_else(Aperture::default, |d| d.bokeh);
         let square = model.capture.pixel_aspect == 1.0;
         if !square && lens.is_some() {
@@ -221,6 +216,7 @@ impl Camera {
             height,
             fov_y_degrees: view.fov_y_degrees,
             exposure: model.motion_blur.known().map(|m| m.exposure),
+            shutter_centre: model.motion_blur.known().map_or(0.0, |m| m.shutter().centre),
             lens,
             defocus: defocus.filter(|_| lens.is_some()),
             aperture,
@@ -460,8 +456,14 @@ macro_rules! targets {
 
             /// The camera as settings of this tool.
             pub fn export(self, camera: &Camera) -> Export {
-                let camera = &camera.with_shape_note(self.abilities().bokeh);
-                match self { $(Self::$variant => $module::export(camera)),* }
+                let mut camera = camera.with_shape_note(self.abilities().bokeh);
+                if camera.shutter_centre != 0.0 && self != Self::Blender {
+                    camera.left.push(
+                        "the shutter's phase is not exported: the exposure is centred on the frame's time, or as the tool has it"
+                            .into(),
+                    );
+                }
+                match self { $(Self::$variant => $module::export(&camera)),* }
             }
         }
     };
