@@ -9,12 +9,14 @@ use crate::{
 use blindaug::{
     CameraModel, Sample,
     fit::Diagnostics,
-    model::{CameraTrack, Changes, Distortion, KnownDistance, SceneScale, TrackedCamera},
+    model::{CameraTrack, Changes, Distortion, ExposureFraction, KnownDistance, SceneScale, TrackedCamera},
 };
+use blindaug_cli::arguments::bokeh as shape;
 use blindaug_io::{CameraTrackWriter, read_camera_track, write_atomically, write_camera};
+use blindaug_pipeline::ByHand;
 use blindaug_report::{ReportInput, words};
 use pyo3::{prelude::*, types::PyType};
-use std::{fmt::Write, path::PathBuf, sync::Arc};
+use std::{fmt::Write, ops::RangeInclusive, path::PathBuf, sync::Arc};
 
 /// What an estimate keeps for its report.
 pub struct Kept {
@@ -228,6 +230,45 @@ impl Camera {
             _ => return Err(of("scale", "give either the scene's scale, or at=[(X, Y, METRES)]")),
         };
         self.with(&self.model.clone().to_metric(scale))
+    }
+
+    /// The camera with parts that are set by hand.
+    #[pyo3(signature = (*, shutter = None, shutter_phase = None, focus = None, blur = None, bokeh = None, squeeze = None, cats_eye = None,
+        grain = None))]
+    #[allow(clippy::too_many_arguments, reason = "these are the keyword arguments of a function in Python")]
+    fn replace(
+        &self,
+        shutter: Option<f64>,
+        shutter_phase: Option<f64>,
+        focus: Option<f64>,
+        blur: Option<f64>,
+        bokeh: Option<&str>,
+        squeeze: Option<f64>,
+        cats_eye: Option<f64>,
+        grain: Option<f64>,
+    ) -> PyResult<Self> {
+        let within = |name: &str, value: Option<f64>, range: RangeInclusive<f64>| match value {
+            Some(v) if !range.contains(&v) => {
+                Err(of(name, format!("must be a number from {} to {}", range.start(), range.end())))
+            }
+            value => Ok(value.map(|v| v as f32)),
+        };
+        if focus.is_some_and(|m| !(m.is_finite() && m > 0.0)) {
+            return Err(of("focus", "must be a positive distance, in metres"));
+        }
+        let angle = within("shutter", shutter, ByHand::SHUTTER_DEGREES)?;
+        let by_hand = ByHand {
+            exposure: angle.map(|degrees| ExposureFraction(degrees / 360.0)),
+            phase_degrees: within("shutter_phase", shutter_phase, ByHand::PHASE_DEGREES)?,
+            focus_m: focus.map(|m| m as f32),
+            blur_px: within("blur", blur, ByHand::BLUR_PX)?,
+            bokeh: bokeh.map(|text| shape(text).map_err(|e| of("bokeh", e))).transpose()?,
+            squeeze: within("squeeze", squeeze, ByHand::SQUEEZE)?,
+            cats_eye: within("cats_eye", cats_eye, ByHand::CATS_EYE)?,
+            grain: within("grain", grain, ByHand::GRAIN)?,
+        };
+        let set = by_hand.applied(self.model.clone()).map_err(|e| of("cam", e))?;
+        self.with(&set)
     }
 
     /// The camera as settings of another tool.

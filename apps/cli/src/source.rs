@@ -1,7 +1,7 @@
 //! The frames that a command reads, and what is said of them.
 
+use crate::console::{Result, note};
 use blindaug::colour_space::{ColourSpace, doubts};
-use blindaug_cli::console::{Result, note};
 use blindaug_io::{FrameRange, FrameSource, IccProfile};
 use std::path::Path;
 

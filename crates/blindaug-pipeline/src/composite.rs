@@ -250,6 +250,14 @@ pub enum LayerDepth {
     OfFootage,
 }
 
+impl LayerDepth {
+    /// The depth of layers that have none, for a lens whose blur does not depend on depth ([`matched_at`]), which needs some all the same: that
+    /// of the footage if it is known.
+    pub fn any(footage_is_known: bool) -> Self {
+        if footage_is_known { Self::OfFootage } else { Self::Metres(1.0) }
+    }
+}
+
 /// The motion of a whole layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LayerMotion {
