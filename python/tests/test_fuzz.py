@@ -25,21 +25,23 @@ def arrays(draw, shapes=SHAPES):
     shape = draw(shapes)
     seed = draw(st.integers(0, 2**32 - 1))
     rng = np.random.default_rng(seed)
-    array = np.asarray(rng.random(shape))
+    array = rng.random(shape)
     if kind == "O":
-        array = array.astype(object)
+        array = np.asarray(array, object)
     elif np.dtype(kind).kind in "iu":
         array = (array * 100).astype(kind)
     elif np.dtype(kind).kind == "M":
         array = (array * 1e9).astype("int64").astype(kind)
     else:
         array = array.astype(kind)
+    # What is computed of an array without axes is no array.
+    array = np.asarray(array)
     if np.dtype(kind).kind == "f" and array.size and draw(st.booleans()):
         array[tuple(draw(st.integers(0, n - 1)) for n in shape)] = draw(
             st.sampled_from([np.nan, np.inf, -np.inf, -1.0, 1e30, 1e-45, 255.0])
         )
     layout = draw(st.sampled_from(["plain", "backward", "turned", "every second", "read-only", "broadcast"]))
-    if layout == "backward":
+    if layout == "backward" and array.ndim:
         array = array[::-1]
     elif layout == "turned":
         array = array.T
