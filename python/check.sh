@@ -14,7 +14,7 @@ wheels="$CARGO_TARGET_DIR/wheels-$profile"
 
 python3 -c 'import sys, venv, ensurepip; assert sys.version_info >= (3, 10)'
 python3 -m venv "$environment"
-"$environment/bin/pip" install --quiet --upgrade "maturin>=1.16,<2" numpy "pytest>=8" hypothesis mypy pillow OpenEXR nbclient ipykernel \
+"$environment/bin/pip" install --quiet --upgrade "maturin>=1.16,<2" numpy "pytest>=8" hypothesis mypy pillow OpenEXR pyarrow nbclient ipykernel \
     mkdocs mkdocs-jupyter av opencv-python-headless
 [ "${1:-}" != environment ] || exit 0
 
