@@ -64,9 +64,25 @@ bevy:
 ofx:
     engines/ofx/check.sh
 
+# The add-on for Blender: built, installed, tested through renders; needs Python 3.11 and PyPI.
+blender-addon:
+    engines/blender/check.sh
+
 # The Python package: built, linted, tested; needs Python 3.10 or later and PyPI.
 python:
     python/check.sh
+
+# Archives on Ray while workers, machines and drivers are killed; needs PyPI and some minutes.
+archive:
+    python/check-archive.sh
+
+# The job for render farms, by ranges of frames and with a killed task; needs PyPI.
+farm:
+    engines/openjd/check.sh
+
+# The programs and wheels of a release, for every platform whose toolchain is at hand.
+release *ARGS:
+    tools/release.sh {{ARGS}}
 
 # Licences and sources of the dependencies; needs cargo-deny.
 deny:

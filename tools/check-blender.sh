@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The closed loop: a camera is exported to Blender, a scene is rendered with the script that was written, and the camera is
+# The closed loop, and the shape of out-of-focus points. A camera is exported to Blender, a scene is rendered with the script that was written, and the camera is
 # estimated blindly from that render (depth given). The numbers that went in must lie within the intervals that come out.
 #
 #     tools/check-blender.sh [DIR]      # DIR: where the render is kept [default: a temporary folder]; about five minutes
@@ -28,3 +28,21 @@ source tools/common.sh
 "$BLINDAUG" inspect tools/blender/camera.json --json >"$out/truth.txt"
 "$BLINDAUG" inspect "$out/estimate.json" --json >"$out/found.txt"
 "$python" tools/blender/compare.py tools/blender/camera.json "$out/estimate.json" "$out/truth.txt" "$out/found.txt"
+
+# A point behind the focus, through blades that are turned and squeezed, and through a disk: its image must be the model's.
+for shape in "0 0 1" "6 0 1" "5 15 1.5"; do
+    read -r blades rotation squeeze <<<"$shape"
+    "$python" - "$blades" "$rotation" "$squeeze" >"$out/shape.json" <<'PYTHON'
+import json, sys
+blades, rotation, squeeze = int(sys.argv[1]), float(sys.argv[2]), float(sys.argv[3])
+camera = json.load(open("tools/blender/camera.json"))
+shape = {"shape": "polygon", "blades": blades, "rotation_degrees": rotation} if blades else {"shape": "disk"}
+camera["defocus"]["bokeh"] = {**shape, "squeeze": squeeze}
+json.dump(camera, sys.stdout)
+PYTHON
+    "$BLINDAUG" export "$out/shape.json" --to blender -o "$out/shape.py"
+    echo "blades $blades, rotation $rotation, squeeze $squeeze:"
+    "$python" tools/blender/shape.py "$out/shape.py" "$blades" "$rotation" "$squeeze" >"$out/shape.log" 2>&1 ||
+        { tail -5 "$out/shape.log" >&2; exit 1; }
+    grep -E "^(stds|corners)" "$out/shape.log"
+done

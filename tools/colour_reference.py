@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
 """Writes crates/blindaug/tests/colour_reference.csv: colours in each colour space and what they are in ACES2065-1, by OpenColorIO.
 
-The numbers are those of OpenColorIO's own studio config and built-in transforms, not of blindaug.
-Needs: pip install opencolorio (2.6.0 was used).
+The numbers are those of OpenColorIO's own studio config and built-in transforms, not of blindaug. ProPhoto RGB, which is not among these, is that of
+colour-science.
+Needs: pip install opencolorio colour-science (2.6.0 and 0.4.7 were used).
 """
 
 import pathlib
 
+import colour as science
 import PyOpenColorIO as ocio
 
 SPACES = {
@@ -16,6 +18,7 @@ SPACES = {
     "acescg": "ACEScg",
     "aces2065-1": "ACES2065-1",
     "display-p3": "sRGB Encoded P3-D65",
+    "adobe-rgb": "Gamma 2.2 Encoded AdobeRGB",
     "s-log3": "S-Log3 S-Gamut3",
     "s-log3-cine": "S-Log3 S-Gamut3.Cine",
     "logc3": "ARRI LogC3 (EI800)",
@@ -42,6 +45,13 @@ def main():
                 curve = config.getProcessor(ocio.BuiltinTransform(CURVES[name])).getDefaultCPUProcessor()
                 aces = rec2020.applyRGB(curve.applyRGB(list(colour)))
             lines.append(",".join([name, *(f"{v:.7g}" for v in (*colour, *aces))]))
+    # The matrix of the chromaticities: the standard's own has four digits.
+    science.RGB_COLOURSPACES["ProPhoto RGB"].use_derived_matrix_RGB_to_XYZ = True
+    for rgb in COLOURS:
+        aces = science.RGB_to_RGB(
+            rgb, "ProPhoto RGB", "ACES2065-1", chromatic_adaptation_transform="Bradford", apply_cctf_decoding=True
+        )
+        lines.append(",".join(["prophoto", *(f"{v:.7g}" for v in (*rgb, *aces))]))
     path = pathlib.Path(__file__).parent.parent / "crates/blindaug/tests/colour_reference.csv"
     path.write_text("\n".join(lines) + "\n")
 

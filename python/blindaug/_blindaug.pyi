@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Literal, TypeAlias, final, overload
+from typing import Any, Literal, TypeAlias, TypedDict, final, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,12 @@ _Footage: TypeAlias = _Path | _Array | Iterable[_Array]
 # What belongs to frames: a file or folder, an array for all frames or with the frames first, or an array or None for each frame.
 _Beside: TypeAlias = _Path | _Array | Sequence[_Array | None]
 _DepthKind: TypeAlias = Literal["metric", "inverse", "relative-inverse"]
+# What is applied of an exposure that is unknown: nothing, or the middle of those that fit.
+_Unknown: TypeAlias = Literal["leave", "middle"]
 # Called with the number of frames that are done, and of all frames or None.
 _Progress: TypeAlias = Callable[[int, int | None], object]
 
+__all__: list[str]
 __version__: str
 COLOUR_SPACES: list[str]
 EXPORT_TARGETS: list[str]
@@ -214,6 +217,10 @@ class Camera:
     def notes(self) -> list[str]:
         """What was chosen in the estimate, why, and what was left out."""
     @property
+    def shots(self) -> list[tuple[int, int]]:
+        """The numbers of the first and last frame of each shot of the footage, for `estimate(.., frames=shot)`; empty if the camera is not from
+        `estimate`."""
+    @property
     def frame(self) -> int | None:
         """The number of the frame, of a tracked camera."""
     @property
@@ -225,6 +232,26 @@ class Camera:
     def to_metric(self, *, at: Sequence[tuple[float, float, float]]) -> Camera:
         """The camera with its lens over metres: by the scene's scale, where relative inverse depth is scale / Z + offset, or by one or two
         places (x, y, metres) of the frames whose distance is known."""
+    def replace(
+        self,
+        *,
+        shutter: float | None = None,
+        shutter_phase: float | None = None,
+        focus: float | None = None,
+        blur: float | None = None,
+        bokeh: str | None = None,
+        squeeze: float | None = None,
+        cats_eye: float | None = None,
+        grain: float | None = None,
+    ) -> Camera:
+        """The camera with parts that are set by hand.
+
+        shutter: the shutter angle, degrees, 0 to 360. shutter_phase: when the shutter opens, degrees after the frame's time, -180 to 180.
+        focus: the distance in focus, m. blur: the blur at infinity, std in px of the camera's width, 0 to 100.
+        bokeh: the shape of out-of-focus points: "gaussian", "disk" or "polygon:N[,ROUNDNESS[,ROTATION]]". squeeze: how many times these are
+            as high as wide, 0.25 to 4. cats_eye: how much they are cut towards the picture's edges, 0 to 1.
+        grain: the factor of the noise's std, 0 to 100.
+        """
     def export(
         self,
         target: str,
@@ -238,6 +265,8 @@ class Camera:
         `fov`: the vertical field of view of the tool's camera, degrees. `size`: width and height of its pictures, px; the footage's by default.
         `scene_scale`: scale and offset as of `to_metric`.
         """
+    def facts(self) -> dict[str, Any]:
+        """What follows from the camera, with all intervals: what `blindaug inspect --json` prints."""
     def report(self, path: _Path) -> None:
         """Writes a page of HTML with what the estimate rests on. Needs `estimate(.., samples=True)`."""
     def _repr_html_(self) -> str: ...
@@ -252,6 +281,11 @@ def estimate(
     frames: tuple[int | None, int | None] | None = None,
     colour_space: str | None = None,
     depth_kind: _DepthKind = "metric",
+    method: Literal["auto", "spectral", "removal"] = "auto",
+    networks: Sequence[str] | None = None,
+    curve: Literal["thin-lens", "quadratic"] = "thin-lens",
+    blur_in: Literal["linear", "encoded"] = "linear",
+    noise_model: Literal["curves", "lines"] = "curves",
     samples: bool = False,
     progress: _Progress | None = None,
 ) -> Camera:
@@ -266,6 +300,10 @@ def estimate(
     fps: frames per second, where the footage does not say it.
     frames: the numbers of the first and last frame of a file or folder that are used; None: from the beginning, to the end.
     colour_space: what the frames are encoded in, one of COLOUR_SPACES; what a file says by default, else sRGB.
+    method: how blur is estimated: from local spectra, or by its removal (by comparison with `clean`, or by networks); "auto" takes the surer.
+    networks: names of installed networks (`blindaug models list`) that remove noise or blur, or find flow or depth, or their manifests;
+        "none": none. By default method="removal" takes the built-in ones.
+    curve, blur_in, noise_model: the curve of defocus over inverse depth, the values that shutter and lens act on, the kind of noise model.
     samples: keep a few frames, for `Camera.report`.
     progress: is called with the numbers of frames that are done and of all frames (None if that is not known).
 
@@ -281,6 +319,7 @@ def apply(
     number: int | None = None,
     seed: int = 0,
     noise: bool = True,
+    unknown: _Unknown = "leave",
     colour_space: str | None = None,
     depth_kind: _DepthKind = "metric",
 ) -> _Array:
@@ -288,35 +327,81 @@ def apply(
     noise. The result has the type and the colour space of `rgb`.
 
     number: the frame's number, by default the camera's or 1; each number and seed has its own noise.
+    unknown: what is applied of an exposure that is unknown, "leave" for nothing or "middle" for the middle of those that fit.
     """
 
+class _DistortedLayer(TypedDict):
+    """What a composite adds to a frame F: layer's colour + (1 - its alpha) F + noise is the composite, in scene-linear values."""
+
+    layer: npt.NDArray[np.float32]
+    noise: npt.NDArray[np.float32]
+    holdout: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+    motion: npt.NDArray[np.float32]
+
+@overload
 def composite(
     frame: _Array,
     layer: _Array,
-    cam: Camera,
+    cam: Camera | None,
     *,
-    layer_depth: _Array | float | None = None,
-    layer_motion: _Array | tuple[float, float] | None = None,
+    layer_depth: _Array | float | Literal["plate"] | None = None,
+    layer_motion: _Array | tuple[float, float] | Literal["plate"] | None = None,
     depth: _Array | None = None,
     flow: _Array | None = None,
     with_: _Array | None = None,
     without: _Array | None = None,
+    holdout: _Array | None = None,
+    match_at: tuple[float, float] | None = None,
     number: int | None = None,
     seed: int = 0,
     noise: bool = True,
+    unknown: _Unknown = "leave",
+    product: Literal["composite"] = "composite",
     colour_space: str | None = None,
     layer_colour_space: str | None = None,
 ) -> _Array:
     """A rendered object over a frame (H, W, 3) as if the camera had filmed it. The result has the type and the colour space of `frame`.
 
     layer: (H, W, 4), premultiplied by alpha, scene-linear floats.
-    layer_depth: the object's depth in metres, (H, W) or one number; without it, the object is not defocused and nothing is in front of it.
-    layer_motion: the object's motion to the next frame, px, (H, W, 2) or one pair; without it, the object is not motion-blurred.
+    cam: the camera; None pastes the object as it is.
+    layer_depth: the object's depth in metres, (H, W) or one number, or "plate" for the median of `depth` where the object is; without it, the
+        object is not defocused and nothing is in front of it.
+    layer_motion: the object's motion to the next frame, px, (H, W, 2) or one pair, or "plate" for the median of `flow` where the object is;
+        without it, the object is not motion-blurred.
     depth: the depth of the filmed scene in metres, (H, W): what is nearer hides the object.
     with_, without: sharp renders of the local scene with and without the object, for its shadows and reflections; integers are sRGB, floats
         scene-linear. flow: the motion of the filmed scene, by which these are blurred.
+    holdout: a matte of things in front of the object, (H, W) of uint8, uint16 or floats in [0, 1]: white hides it.
+    match_at: a place x, y in px: the object is as blurred as the frame is there, whatever its depth, so that no scale is needed.
     number: the frame's number, by default the camera's or 1; each number and seed has its own noise.
+    unknown: what is applied of an exposure that is unknown, "leave" for nothing or "middle" for the middle of those that fit.
+    product: "layer" gives, instead of the composite, what it adds to the frame, as arrays by their names: layer (H, W, 4), noise (H, W, 3),
+        holdout (H, W), depth (H, W) and motion (H, W, 2).
     """
+
+@overload
+def composite(
+    frame: _Array,
+    layer: _Array,
+    cam: Camera | None,
+    *,
+    layer_depth: _Array | float | Literal["plate"] | None = None,
+    layer_motion: _Array | tuple[float, float] | Literal["plate"] | None = None,
+    depth: _Array | None = None,
+    flow: _Array | None = None,
+    with_: _Array | None = None,
+    without: _Array | None = None,
+    holdout: _Array | None = None,
+    match_at: tuple[float, float] | None = None,
+    number: int | None = None,
+    seed: int = 0,
+    noise: bool = True,
+    unknown: _Unknown = "leave",
+    product: Literal["layer"],
+    colour_space: str | None = None,
+    layer_colour_space: str | None = None,
+) -> _DistortedLayer: ...
 
 @final
 class Track(Iterator[Camera]):
@@ -364,3 +449,6 @@ def write_track(path: _Path, cameras: Sequence[Camera]) -> None:
 
 def set_memory_budget(bytes: int) -> None:
     """Sets how much memory may be taken, in bytes; 0 for the default, half of what the machine has."""
+
+def run(arguments: Sequence[_Path]) -> int:
+    """Runs the command line of these arguments, of which the first is the program's name, and gives its exit status."""

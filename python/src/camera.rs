@@ -9,12 +9,14 @@ use crate::{
 use blindaug::{
     CameraModel, Sample,
     fit::Diagnostics,
-    model::{CameraTrack, Changes, Distortion, KnownDistance, SceneScale, TrackedCamera},
+    model::{CameraTrack, Changes, Distortion, ExposureFraction, KnownDistance, SceneScale, TrackedCamera},
 };
+use blindaug_cli::arguments::bokeh as shape;
 use blindaug_io::{CameraTrackWriter, read_camera_track, write_atomically, write_camera};
+use blindaug_pipeline::ByHand;
 use blindaug_report::{ReportInput, words};
 use pyo3::{prelude::*, types::PyType};
-use std::{fmt::Write, path::PathBuf, sync::Arc};
+use std::{fmt::Write, ops::RangeInclusive, path::PathBuf, sync::Arc};
 
 /// What an estimate keeps for its report.
 pub struct Kept {
@@ -34,6 +36,7 @@ pub struct Camera {
     /// The frame that the camera is that of, and what had changed just before it, if the camera was tracked.
     pub tracked: Option<(u64, Changes)>,
     notes: Vec<String>,
+    shots: Vec<(u64, u64)>,
     kept: Option<Arc<Kept>>,
 }
 
@@ -45,7 +48,7 @@ impl Camera {
     pub fn new(model: &CameraModel, notes: Vec<String>, kept: Option<Kept>) -> PyResult<Self> {
         let model =
             CameraModel::from_json(&model.to_json()).map_err(|e| failure::Error::new_err(e.to_string()))?;
-        Ok(Self { model, tracked: None, notes, kept: kept.map(Arc::new) })
+        Ok(Self { model, tracked: None, notes, shots: vec![], kept: kept.map(Arc::new) })
     }
 
     /// The camera of one frame, with the same rounding.
@@ -70,7 +73,7 @@ impl Camera {
         let of_frame =
             json.trim_start_matches('\u{feff}').lines().next().is_some_and(|l| l.contains("\"frame\""));
         let tracked = of_frame.then_some((one.frame, one.changed));
-        Self { model: one.camera.clone(), tracked, notes: vec![], kept: None }
+        Self { model: one.camera.clone(), tracked, notes: vec![], shots: vec![], kept: None }
     }
 
     /// The camera as one of a track.
@@ -79,9 +82,15 @@ impl Camera {
         Some(TrackedCamera { frame, changed, camera: self.model.clone() })
     }
 
+    /// The camera of footage with these shots, by the numbers of their first and last frames.
+    pub fn of_shots(self, shots: Vec<(u64, u64)>) -> Self {
+        Self { shots, ..self }
+    }
+
     /// The camera with another model.
     fn with(&self, model: &CameraModel) -> PyResult<Self> {
-        Ok(Self { tracked: self.tracked, ..Self::new(model, self.notes.clone(), None)? })
+        let shots = self.shots.clone();
+        Ok(Self { tracked: self.tracked, shots, ..Self::new(model, self.notes.clone(), None)? })
     }
 }
 
@@ -175,6 +184,12 @@ impl Camera {
         self.notes.clone()
     }
 
+    /// The numbers of the first and last frame of each shot of the footage.
+    #[getter]
+    fn shots(&self) -> Vec<(u64, u64)> {
+        self.shots.clone()
+    }
+
     /// The number of the frame, of a tracked camera.
     #[getter]
     fn frame(&self) -> Option<u64> {
@@ -217,6 +232,45 @@ impl Camera {
         self.with(&self.model.clone().to_metric(scale))
     }
 
+    /// The camera with parts that are set by hand.
+    #[pyo3(signature = (*, shutter = None, shutter_phase = None, focus = None, blur = None, bokeh = None, squeeze = None, cats_eye = None,
+        grain = None))]
+    #[allow(clippy::too_many_arguments, reason = "these are the keyword arguments of a function in Python")]
+    fn replace(
+        &self,
+        shutter: Option<f64>,
+        shutter_phase: Option<f64>,
+        focus: Option<f64>,
+        blur: Option<f64>,
+        bokeh: Option<&str>,
+        squeeze: Option<f64>,
+        cats_eye: Option<f64>,
+        grain: Option<f64>,
+    ) -> PyResult<Self> {
+        let within = |name: &str, value: Option<f64>, range: RangeInclusive<f64>| match value {
+            Some(v) if !range.contains(&v) => {
+                Err(of(name, format!("must be a number from {} to {}", range.start(), range.end())))
+            }
+            value => Ok(value.map(|v| v as f32)),
+        };
+        if focus.is_some_and(|m| !(m.is_finite() && m > 0.0)) {
+            return Err(of("focus", "must be a positive distance, in metres"));
+        }
+        let angle = within("shutter", shutter, ByHand::SHUTTER_DEGREES)?;
+        let by_hand = ByHand {
+            exposure: angle.map(|degrees| ExposureFraction(degrees / 360.0)),
+            phase_degrees: within("shutter_phase", shutter_phase, ByHand::PHASE_DEGREES)?,
+            focus_m: focus.map(|m| m as f32),
+            blur_px: within("blur", blur, ByHand::BLUR_PX)?,
+            bokeh: bokeh.map(|text| shape(text).map_err(|e| of("bokeh", e))).transpose()?,
+            squeeze: within("squeeze", squeeze, ByHand::SQUEEZE)?,
+            cats_eye: within("cats_eye", cats_eye, ByHand::CATS_EYE)?,
+            grain: within("grain", grain, ByHand::GRAIN)?,
+        };
+        let set = by_hand.applied(self.model.clone()).map_err(|e| of("cam", e))?;
+        self.with(&set)
+    }
+
     /// The camera as settings of another tool.
     #[pyo3(signature = (target, *, fov = None, size = None, scene_scale = None))]
     fn export(
@@ -249,6 +303,11 @@ impl Camera {
             Ok(write_atomically(&path, |partial| std::fs::write(partial, &page)))
         });
         written.map_err(failure::Error::new_err)?.map_err(failure::of_file)
+    }
+
+    /// What follows from the camera, with all intervals: what `blindaug inspect --json` prints.
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        py.import("json")?.call_method1("loads", (words::derived(&self.model, &[]).to_string(),))
     }
 
     fn _repr_html_(&self) -> String {

@@ -2,16 +2,17 @@
 
 use crate::{
     camera::{Camera, Kept},
+    failure::one_of,
     footage::{Beside, Footage, Said, path},
     listener::Listener,
     pixels::{self, DepthUnit},
 };
 use blindaug::{
-    fit::{Estimation, EstimatorOptions},
-    model::Space,
+    fit::{Curve, Estimation, EstimatorOptions, Family},
+    model::{BlurSpace, NoiseKind, Space},
 };
 use blindaug_io::{DepthFormat, DepthValues, SideFolder};
-use blindaug_pipeline::estimate as job;
+use blindaug_pipeline::{Networks, estimate as job};
 use pyo3::prelude::*;
 
 impl DepthUnit {
@@ -50,7 +51,8 @@ pub fn open_flow(
 /// Estimates a camera from its footage.
 #[pyfunction]
 #[pyo3(signature = (footage, *, depth = None, flow = None, clean = None, fps = None, frames = None, colour_space = None,
-    depth_kind = "metric", samples = false, progress = None))]
+    depth_kind = "metric", method = "auto", networks = None, curve = "thin-lens", blur_in = "linear", noise_model = "curves",
+    samples = false, progress = None))]
 #[allow(clippy::too_many_arguments, reason = "these are the keyword arguments of a function in Python")]
 pub fn estimate(
     py: Python<'_>,
@@ -62,11 +64,29 @@ pub fn estimate(
     frames: Option<(Option<u64>, Option<u64>)>,
     colour_space: Option<&str>,
     depth_kind: &str,
+    method: &str,
+    networks: Option<Vec<String>>,
+    curve: &str,
+    blur_in: &str,
+    noise_model: &str,
     samples: bool,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<Camera> {
     let listener = Listener::new(progress)?;
     let unit = DepthUnit::named(depth_kind)?;
+    let families = [("auto", Family::Auto), ("spectral", Family::Spectral), ("removal", Family::Removal)];
+    let options = EstimatorOptions {
+        family: one_of("method", method, &families)?,
+        curve: one_of("curve", curve, &[("thin-lens", Curve::ThinLens), ("quadratic", Curve::Quadratic)])?,
+        space: one_of("blur_in", blur_in, &[("linear", BlurSpace::Linear), ("encoded", BlurSpace::Encoded)])?
+            .into(),
+        noise_kind: one_of(
+            "noise_model",
+            noise_model,
+            &[("curves", NoiseKind::Curves), ("lines", NoiseKind::Lines)],
+        )?,
+        fps,
+    };
     let title = match path(footage).as_deref().and_then(std::path::Path::file_name) {
         Some(name) => format!("The camera of {}", name.to_string_lossy()),
         None => "The camera".into(),
@@ -89,13 +109,20 @@ pub fn estimate(
         clean: clean.map(Beside::boxed),
         ..blindaug_pipeline::Footage::of(opened.boxed())
     };
-    let space = Space { transfer, ..Space::default() };
-    let options = EstimatorOptions { space, fps, ..EstimatorOptions::default() };
+    let options = EstimatorOptions { space: Space { transfer, ..options.space }, ..options };
     let fitted = listener.run(py, || {
-        let job = job::Job { options, keep_samples: samples, ..job::Job::default() };
+        let names = networks.unwrap_or_default();
+        let mut networks = Networks::for_estimate(&names, options.family, &footage, &listener)?;
+        let job = job::Job {
+            options,
+            keep_samples: samples,
+            operators: Some(&mut networks),
+            ..job::Job::default()
+        };
         job::estimate(&footage, job, &listener)
     })?;
     let Estimation { model, diagnostics } = fitted.estimation;
     let notes = diagnostics.notes.clone();
-    Camera::new(&model, notes, samples.then_some(Kept { title, diagnostics, samples: fitted.samples }))
+    let kept = samples.then_some(Kept { title, diagnostics, samples: fitted.samples });
+    Ok(Camera::new(&model, notes, kept)?.of_shots(fitted.shots))
 }

@@ -1,6 +1,6 @@
 //! The exceptions of the package.
 
-use pyo3::{PyErr, create_exception, exceptions::PyValueError};
+use pyo3::{PyErr, PyResult, create_exception, exceptions::PyValueError};
 
 create_exception!(
     blindaug,
@@ -26,6 +26,14 @@ pub fn of(argument: &str, sentence: impl std::fmt::Display) -> PyErr {
     Error::new_err(format!("{argument}: {sentence}"))
 }
 
+/// The value that an argument names, one of these.
+pub fn one_of<T: Copy>(argument: &str, name: &str, values: &[(&str, T)]) -> PyResult<T> {
+    values.iter().find(|v| v.0 == name).map(|v| v.1).ok_or_else(|| {
+        let names: Vec<String> = values.iter().map(|v| format!("\"{}\"", v.0)).collect();
+        of(argument, format!("\"{name}\" is none of {}", names.join(", ")))
+    })
+}
+
 /// The error of a file.
 pub fn of_file(e: blindaug_io::Error) -> PyErr {
     match e.is_over_budget() {
@@ -40,7 +48,8 @@ pub fn of_job(e: blindaug_pipeline::Error) -> PyErr {
     match e {
         E::File(e) => of_file(e),
         E::NoSceneScale { .. } => Error::new_err(format!(
-            "{e}: cam.to_metric(at=[(X, Y, METRES)]) brings it to metres by a place whose distance is known, cam.to_metric(S) by the scene's scale"
+            "{e}: cam.to_metric(at=[(X, Y, METRES)]) brings it to metres by a place whose distance is known, cam.to_metric(S) by the scene's scale; \
+             composite(.., match_at=(X, Y)) blurs the object like what is seen at a place"
         )),
         e => Error::new_err(e.to_string()),
     }

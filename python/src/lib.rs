@@ -2,7 +2,8 @@
 //!
 //! Nothing is computed here. Arrays become frames and back (`pixels`), what Python hands in becomes a clip with its accompanying data
 //! (`footage`), and the jobs of `blindaug-pipeline` run without the interpreter's lock (`listener`), which is taken again only to fetch a
-//! frame from Python, to tell it of progress, and to see whether a signal has come.
+//! frame from Python, to tell it of progress, and to see whether a signal has come. The command line is here too, since the package installs
+//! it: a second copy of all this as a program would double the package, and could be of another version.
 
 mod camera;
 mod estimate;
@@ -16,6 +17,7 @@ mod synthesis;
 mod track;
 
 use pyo3::prelude::*;
+use std::ffi::OsString;
 
 // Whole images are allocated and freed all the time, as in the command line.
 #[global_allocator]
@@ -25,6 +27,12 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 #[pyfunction]
 fn set_memory_budget(bytes: u64) {
     blindaug_io::memory::set_budget(bytes);
+}
+
+/// Runs the command line of these arguments, of which the first is the program's name, and gives its exit status.
+#[pyfunction]
+fn run(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    py.detach(|| blindaug_cli::run(arguments))
 }
 
 /// The module.
@@ -51,5 +59,6 @@ fn _blindaug(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(track::track, m)?)?;
     m.add_function(wrap_pyfunction!(camera::read_track, m)?)?;
     m.add_function(wrap_pyfunction!(camera::write_track, m)?)?;
-    m.add_function(wrap_pyfunction!(set_memory_budget, m)?)
+    m.add_function(wrap_pyfunction!(set_memory_budget, m)?)?;
+    m.add_function(wrap_pyfunction!(run, m)?)
 }

@@ -176,7 +176,7 @@ impl Noise {
     }
 
     /// The std of R, G and B over an even grey of this luminance; of one level of the pyramid, or of all together.
-    #[pyo3(signature = (luminance = None, *, level = None))]
+    #[pyo3(signature = (luminance = None, *, level = None), text_signature = "($self, luminance=0.5, *, level=None)")]
     fn std<'py>(
         &self,
         py: Python<'py>,

@@ -1,10 +1,11 @@
 //! Arrays of numpy as frames, depth, flow and layers, and frames as arrays.
 
-use crate::failure::{self, of};
+use crate::failure::{self, of, one_of};
 use blindaug::{
     Encoded, Flow, Pixel, Plane, Premultiplied, Raster, Transfer,
     colour_space::{ColourSpace, conversion, converted},
     model::{DepthKind, inverse_of_metric},
+    text::one_line,
 };
 use blindaug_io::{MAX_SIDE, byte_from_encoded, memory, word_from_encoded};
 use half::f16;
@@ -36,6 +37,25 @@ impl Kind {
     }
 }
 
+/// The array of numpy over the memory of another library's, such as a tensor of PyTorch; `None` if this is no such array, or it cannot be lent.
+fn by_dlpack<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+    /// The memory that the processor reads: its own, and that which it shares with a device of CUDA or ROCm.
+    const ON_CPU: [i64; 4] = [1, 3, 11, 13];
+    if value.cast::<PyUntypedArray>().is_ok() || !value.hasattr("__dlpack_device__")? {
+        return Ok(None);
+    }
+    let device = value.call_method0("__dlpack_device__").and_then(|d| d.extract::<(i64, i64)>());
+    match device {
+        Ok((device, _)) if !ON_CPU.contains(&device) => Err(of(
+            name,
+            "lies in the memory of another device than the CPU: bring it there, by tensor.cpu() (PyTorch), jax.device_get(array) (JAX) or \
+             cupy.asnumpy(array) (CuPy)",
+        )),
+        Ok(_) => Ok(value.py().import("numpy")?.call_method1("from_dlpack", (value,)).ok()),
+        Err(_) => Ok(None),
+    }
+}
+
 /// What is handed in as an array.
 fn array<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyUntypedArray>> {
     let py = value.py();
@@ -43,8 +63,13 @@ fn array<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyUn
         return Err(of(name, format!("must be an array, and is of type {}", value.get_type().name()?)));
     }
     let numpy = py.import("numpy")?;
-    let array = numpy.call_method1("asarray", (value,));
-    let array = array.map_err(|e| of(name, format!("cannot be taken as an array ({})", e.value(py))))?;
+    let array = match by_dlpack(value, name)? {
+        Some(array) => Ok(array),
+        None => numpy.call_method1("asarray", (value,)),
+    };
+    let array = array.map_err(|e| {
+        of(name, format!("cannot be taken as an array ({})", one_line(&e.value(py).to_string())))
+    })?;
     let mut array = array.cast_into::<PyUntypedArray>().map_err(|_| of(name, "is no array of numpy"))?;
     if array.dtype().is_native_byteorder() == Some(false) {
         let native = array.dtype().call_method1("newbyteorder", ("=",))?;
@@ -183,7 +208,7 @@ pub fn frame(
 
 /// Inverse depth from a depth map, NaN where it says nothing.
 pub fn depth(value: &Bound<'_, PyAny>, name: &str, size: (usize, usize), unit: DepthUnit) -> PyResult<Plane> {
-    let plane = plane(value, name, size)?;
+    let plane = plane(value, name, size, false)?;
     let known = |d: f32| if d.is_finite() { d } else { f32::NAN };
     Ok(plane.map(|v| match unit {
         DepthUnit::Metres => inverse_of_metric(v),
@@ -192,10 +217,16 @@ pub fn depth(value: &Bound<'_, PyAny>, name: &str, size: (usize, usize), unit: D
     }))
 }
 
-fn plane(value: &Bound<'_, PyAny>, name: &str, size: (usize, usize)) -> PyResult<Plane> {
+/// The share of each pixel that a matte shows, in [0, 1]; 0 where it is NaN.
+pub fn matte(value: &Bound<'_, PyAny>, name: &str, size: (usize, usize)) -> PyResult<Plane> {
+    let share = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
+    Ok(plane(value, name, size, true)?.map(share))
+}
+
+fn plane(value: &Bound<'_, PyAny>, name: &str, size: (usize, usize), integers: bool) -> PyResult<Plane> {
     let array = array(value, name)?;
     check_size(size_of(&array, name, 1, "it")?, size, name)?;
-    let (pixels, _) = pixels::<1>(&array, name, false)?;
+    let (pixels, _) = pixels::<1>(&array, name, integers)?;
     raster(size, name, pixels.into_iter().map(|[v]| v).collect())
 }
 
@@ -213,15 +244,12 @@ pub enum DepthUnit {
 impl DepthUnit {
     /// The unit of this name, as the command line has it.
     pub fn named(name: &str) -> PyResult<Self> {
-        match name {
-            "metric" => Ok(Self::Metres),
-            "inverse" => Ok(Self::Inverse),
-            "relative-inverse" => Ok(Self::RelativeInverse),
-            _ => Err(of(
-                "depth_kind",
-                format!("\"{name}\" is none of \"metric\", \"inverse\" and \"relative-inverse\""),
-            )),
-        }
+        let units = [
+            ("metric", Self::Metres),
+            ("inverse", Self::Inverse),
+            ("relative-inverse", Self::RelativeInverse),
+        ];
+        one_of("depth_kind", name, &units)
     }
 
     /// The kind of the inverse depth that comes out.

@@ -55,16 +55,22 @@ def camera(clip: Clip) -> ba.Camera:
 
 
 @pytest.fixture(scope="session")
-def blindaug():
-    """Runs the command line that was built from the same sources: BLINDAUG=PROGRAM, else the one in the target folder."""
+def program() -> str:
+    """The program `blindaug` that was built from the same sources: BLINDAUG=PROGRAM, else the one in the target folder."""
     folder = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     named = [Path(os.environ["BLINDAUG"])] if "BLINDAUG" in os.environ else []
     built = [p for p in [*named, folder / "release/blindaug", folder / "debug/blindaug"] if p.is_file()]
     if not built:
         pytest.skip("there is no command line to compare with: cargo build -p blindaug-cli")
+    return str(built[0])
+
+
+@pytest.fixture(scope="session")
+def blindaug(program):
+    """Runs the program, and gives what it prints."""
 
     def run(*arguments: object) -> str:
-        command = [str(built[0]), *map(str, arguments)]
+        command = [program, *map(str, arguments)]
         return subprocess.run(command, check=True, capture_output=True, text=True, encoding="utf-8").stdout
 
     return run

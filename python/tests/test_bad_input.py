@@ -296,3 +296,63 @@ def test_the_memory_budget_is_kept(clip):
     finally:
         ba.set_memory_budget(0)
     ba.estimate(clip.frames[:2])
+
+
+class Lent:
+    """An array of another library: its memory is lent by DLPack alone."""
+
+    def __init__(self, array: np.ndarray, device: int = 1) -> None:
+        self.array, self.device = array, device
+
+    def __dlpack__(self, **options):
+        return self.array.__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return self.device, 0
+
+
+def test_arrays_of_other_libraries_are_taken_from_the_cpu_and_refused_from_a_gpu(clip, camera):
+    wanted = ba.apply(clip.without[0], camera, depth=clip.depth[0], flow=clip.flow[0])
+    lent = [Lent(a) for a in (clip.without[0], clip.depth[0], clip.flow[0])]
+    assert np.array_equal(ba.apply(lent[0], camera, depth=lent[1], flow=lent[2]), wanted)
+    with pytest.raises(ba.Error, match=r"^depth: lies in the memory of another device than the CPU: .*tensor\.cpu\(\)") as caught:
+        ba.apply(lent[0], camera, depth=Lent(clip.depth[0], 2), flow=lent[2])
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ba.Error, match="^footage: frame 1: lies in the memory"):
+        ba.estimate([Lent(f, 10) for f in clip.frames])
+
+
+def test_bad_names_and_numbers(clip, camera):
+    frame, layer = clip.frames[0], clip.layers[0]
+    for named, sentence in [
+        (dict(unknown="ignore"), 'unknown: "ignore" is none of "leave", "middle"'),
+        (dict(product="mask"), 'product: "mask" is none of "composite", "layer"'),
+        (dict(match_at=(np.nan, 3)), "match_at: must be a place"),
+        (dict(match_at=(1e6, 3)), "outside|no depth|picture|frame"),
+        (dict(holdout=layer), "holdout: has the shape"),
+        (dict(holdout=np.zeros((9, 9))), "holdout: has 9 x 9 pixels"),
+        (dict(layer_depth="plate"), "layer_depth: needs the depth of the frame"),
+    ]:
+        with pytest.raises(ba.Error, match=sentence):
+            ba.composite(frame, layer, camera, **named)
+    for named, sentence in [
+        (dict(shutter=361), "shutter: must be a number from 0 to 360"),
+        (dict(shutter_phase=-181), "shutter_phase: must be"),
+        (dict(focus=0), "focus: must be a positive distance"),
+        (dict(blur=float("nan")), "blur: must be"),
+        (dict(bokeh="square"), "bokeh: give gaussian, disk, or polygon"),
+        (dict(squeeze=5), "squeeze: must be a number from 0.25 to 4"),
+        (dict(cats_eye=0.5), "cam: a Gaussian has no edge"),
+        (dict(grain=-1), "grain: must be"),
+    ]:
+        with pytest.raises(ba.Error, match=sentence):
+            camera.replace(**named)
+    for named, sentence in [
+        (dict(method="magic"), 'method: "magic" is none of "auto", "spectral", "removal"'),
+        (dict(curve="line"), "curve: "),
+        (dict(blur_in="film"), "blur_in: "),
+        (dict(noise_model="white"), "noise_model: "),
+        (dict(networks=["no-such-network"]), "no-such-network"),
+    ]:
+        with pytest.raises(ba.Error, match=sentence):
+            ba.estimate(clip.frames[:2], **named)

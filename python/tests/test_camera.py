@@ -53,6 +53,18 @@ def test_noise_maps_luminances_to_stds(camera):
         noise.std("bright")
 
 
+def test_facts_are_those_of_the_command_line(camera, blindaug, tmp_path):
+    camera.write(tmp_path / "camera.json")
+    facts = camera.facts()
+    assert facts == json.loads(blindaug("inspect", tmp_path / "camera.json", "--json"))
+    middle = facts["noise"]["std_of_encoded_rgb"][1]
+    assert middle["std"] == pytest.approx(camera.noise.std(middle["luminance"]), rel=1e-5)
+    assert all(low < std < high for (low, high), std in zip(middle["interval"], middle["std"]))
+    # Another camera has others.
+    other = camera.to_json().replace('"method": "spectral"', '"method": "given"')
+    assert ba.Camera.from_json(other).facts() != facts
+
+
 def test_defocus_maps_depths_to_stds(camera):
     lens = camera.defocus
     assert lens.depth_kind == "metric" and lens.focus_m == pytest.approx(1 / lens.focus_inverse_depth, rel=1e-5)

@@ -3,7 +3,10 @@
 import doctest
 import logging
 
+import av
+import numpy as np
 import pytest
+from PIL import Image
 
 import blindaug as ba
 from conftest import CLIP, ROOT
@@ -26,7 +29,14 @@ def test_the_lines_of_the_page_run(clip, tmp_path, monkeypatch):
         layer=clip.layers[2],
         object_z=clip.layer_depth[2],
         object_uv=clip.layer_motion[2],
+        matte=np.zeros((272, 272), np.uint8),
     )
+    Image.fromarray(clip.frames[2]).save(tmp_path / "frame.png")
+    with av.open(str(tmp_path / "clip.mp4"), "w") as video:
+        stream = video.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt, stream.bit_rate = 272, 272, "yuv420p", 8_000_000
+        for picture in [*clip.frames, None]:
+            video.mux(stream.encode(None if picture is None else av.VideoFrame.from_ndarray(picture, format="rgb24")))
     text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     # The fences are no part of what is expected.
     text = "\n".join("" if line.startswith("```") else line for line in text.splitlines())

@@ -2,7 +2,7 @@
 
 use blindaug::{
     composite::CompositeOptions,
-    model::{BLADES, Bokeh, ExposureFraction, KnownDistance, MOST_SQUEEZE},
+    model::{BLADES, Bokeh, ExposureFraction, KnownDistance},
 };
 use blindaug_pipeline::{
     ByHand,
@@ -68,20 +68,19 @@ impl ByHandArgs {
 }
 
 fn shutter_angle(text: &str) -> Result<f32, String> {
-    within(text, 0.0..=360.0).map(|v| v as f32)
+    within(text, ByHand::SHUTTER_DEGREES).map(|v| v as f32)
 }
 
 fn shutter_phase(text: &str) -> Result<f32, String> {
-    within(text, -180.0..=180.0).map(|v| v as f32)
+    within(text, ByHand::PHASE_DEGREES).map(|v| v as f32)
 }
 
 fn squeeze(text: &str) -> Result<f32, String> {
-    let most = f64::from(MOST_SQUEEZE);
-    within(text, most.recip()..=most).map(|v| v as f32)
+    within(text, ByHand::SQUEEZE).map(|v| v as f32)
 }
 
 fn share(text: &str) -> Result<f32, String> {
-    within(text, 0.0..=1.0).map(|v| v as f32)
+    within(text, ByHand::CATS_EYE).map(|v| v as f32)
 }
 
 /// Parses a shape of out-of-focus points.
@@ -112,11 +111,11 @@ pub fn bokeh(text: &str) -> Result<Bokeh, String> {
 }
 
 fn blur_std(text: &str) -> Result<f32, String> {
-    within(text, 0.0..=100.0).map(|v| v as f32)
+    within(text, ByHand::BLUR_PX).map(|v| v as f32)
 }
 
 fn factor(text: &str) -> Result<f32, String> {
-    within(text.trim().trim_start_matches(['x', 'X']), 0.0..=100.0).map(|v| v as f32)
+    within(text.trim().trim_start_matches(['x', 'X']), ByHand::GRAIN).map(|v| v as f32)
 }
 
 impl Style {

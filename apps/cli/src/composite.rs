@@ -2,7 +2,10 @@
 //! the difference of two cameras' on footage.
 
 use crate::{
+    arguments::{ByHandArgs, Style, known_distance, layer_depth, layer_motion, place},
+    console::{CONSOLE, Failure, Result, failure, note},
     estimate::{DepthArgs, boxed, opened},
+    output::{self, Expected},
     source::{SourceArgs, linear_space},
 };
 use blindaug::{
@@ -11,11 +14,6 @@ use blindaug::{
     composite::{CompositeOptions, VirtualLayer},
     model::{CameraTrack, DepthKind, KnownDistance, SceneScale},
     synth::SynthesisOptions,
-};
-use blindaug_cli::{
-    arguments::{ByHandArgs, Style, known_distance, layer_depth, layer_motion, place},
-    console::{CONSOLE, Failure, Result, failure, note},
-    output::{self, Expected},
 };
 use blindaug_io::{
     Coding, DepthFormat, Error, FileKind, FrameFormat, FrameSource, Inputs, MatteSide, NamePattern,
@@ -161,7 +159,7 @@ struct OutputArgs {
     #[arg(help_heading = "Results", long, value_name = "SPACE")]
     output_colour_space: Option<ColourSpace>,
     /// Frames per second of a video, where the input does not say it
-    #[arg(help_heading = "Frames", long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
+    #[arg(help_heading = "Frames", long, value_name = "N", value_parser = crate::arguments::frame_rate)]
     fps: Option<f64>,
 }
 
@@ -208,7 +206,10 @@ impl OutputArgs {
                 "layers hold light: --output-colour-space must be a linear one",
             ));
         }
-        Ok(ImageFiles { format, heads: Box::new(source.heads()), coding: Coding::new(source.space(), file) })
+        // Values that stay what they are go on being what their profile says.
+        let profile = source.profile().filter(|_| file == source.file_space()).cloned();
+        let coding = Coding::new(source.space(), file).with_profile(profile);
+        Ok(ImageFiles { format, heads: Box::new(source.heads()), coding })
     }
 
     /// The colour space of files of this kind that are made from frames of a source.
@@ -356,6 +357,11 @@ pub fn run(args: &Composite) -> Result<()> {
     let holdout = args.holdout.as_ref().map(|path| SideFolder::mattes(path, side)).transpose()?.map(boxed);
     let (size, expected) = (footage.size(), args.output.expected(&footage));
     let files = args.output.files(&footage, args.layer)?;
+    // The frames' surroundings go on into composites. A layer has its own.
+    let files = match args.layer {
+        true => files,
+        false => ImageFiles { heads: Box::new(footage.heads_with_overscan()), ..files },
+    };
     let unclipped = is_unclipped(&footage, &files);
     let depth = args.depth.open()?;
     let footage: Box<dyn blindaug_pipeline::Clip> = Box::new(footage);
@@ -367,9 +373,7 @@ pub fn run(args: &Composite) -> Result<()> {
         None => (naive(size).into(), args.look.scene_scale),
     };
     let depth = depth.map(|(maps, kind)| DepthMaps::in_metres(Box::new(maps), kind, scale)).transpose()?;
-    // A blur that does not depend on depth needs some depth all the same.
-    let any_depth = if depth.is_some() { LayerDepth::OfFootage } else { LayerDepth::Metres(1.0) };
-    let layer_depth = args.layer_depth.or(args.match_at.map(|_| any_depth));
+    let layer_depth = args.layer_depth.or(args.match_at.map(|_| LayerDepth::any(depth.is_some())));
     let layer_motion = args.layer_motion;
     if layer_depth == Some(LayerDepth::OfFootage) && depth.is_none() {
         return Err(Failure(

@@ -8,7 +8,6 @@ use std::{
     fmt::Display,
     io::{ErrorKind, IsTerminal, Write},
     path::Path,
-    process::ExitCode,
     sync::atomic::{AtomicI32, Ordering},
     time::{Duration, Instant},
 };
@@ -99,9 +98,9 @@ pub fn begin(memory: Option<u64>) {
     catch_size_limit();
 }
 
-/// Ends a program with the status of its command, and says why a command failed.
-pub fn ended(result: Result<()>) -> ExitCode {
-    let Err(Failure(sentence)) = result else { return ExitCode::SUCCESS };
+/// The exit status of a program whose command ended so; says why a command failed.
+pub fn ended(result: Result<()>) -> u8 {
+    let Err(Failure(sentence)) = result else { return 0 };
     // Standard error may be closed; there is nobody else to tell.
     let _ = writeln!(
         std::io::stderr(),
@@ -109,14 +108,14 @@ pub fn ended(result: Result<()>) -> ExitCode {
         Paint::of_stderr().bold_red("blindaug:"),
         for_terminal(&sentence)
     );
-    ExitCode::from(exit_status())
+    exit_status()
 }
 
-/// Prints what the argument parser has to say: help, or what is wrong with the arguments.
-pub fn said(e: &clap::Error) -> ExitCode {
+/// Prints what the argument parser has to say, help or what is wrong with the arguments, and gives the exit status.
+pub fn said(e: &clap::Error) -> u8 {
     if e.use_stderr() {
         let _ = write!(std::io::stderr(), "{}", for_terminal(&e.render().to_string()));
-        return ExitCode::from(2);
+        return 2;
     }
     let help = e.render();
     let help = if Paint::of_stdout().0 { help.ansi().to_string() } else { help.to_string() };

@@ -1,5 +1,6 @@
 //! `blindaug demo`: the main job on a built-in clip of known truth.
 
+use crate::console::{self, CONSOLE, Failure, Result, note};
 use blindaug::{
     CameraModel, Encoded, Plane, Raster,
     composite::CompositeOptions,
@@ -12,7 +13,6 @@ use blindaug::{
     pyramid,
     synth::noise,
 };
-use blindaug_cli::console::{self, CONSOLE, Failure, Result, note};
 use blindaug_io::{
     DepthFormat, FrameSource, SideFolder, VideoWriter, make_folder, read_camera, read_frame,
     write_atomically, write_camera, write_png,

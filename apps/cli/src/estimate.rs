@@ -1,14 +1,14 @@
 //! `blindaug estimate`: a camera model from footage.
 
-use crate::source::SourceArgs;
+use crate::{
+    arguments::{ByHandArgs, known_distance},
+    console::{self, CONSOLE, Failure, Result, failure, note},
+    source::SourceArgs,
+};
 use blindaug::{
     Plane, Transfer,
     fit::{Curve, Estimation, EstimatorOptions, Family},
     model::{BlurSpace, CameraModel, DepthKind, KnownDistance, NoiseKind, Space, Stopped},
-};
-use blindaug_cli::{
-    arguments::{ByHandArgs, known_distance},
-    console::{self, CONSOLE, Failure, Result, failure, note},
 };
 use blindaug_io::{
     CameraTrackWriter, DepthFormat, DepthValues, EvidenceWriter, Inputs, PaperScene, SideFolder, write_camera,
@@ -73,7 +73,7 @@ pub struct Estimate {
     #[arg(help_heading = "Evidence", long, value_name = "X,Y=METRES", value_parser = known_distance)]
     at: Vec<KnownDistance>,
     /// Frames per second, where the input does not say it
-    #[arg(help_heading = "Frames", long, value_name = "N", value_parser = blindaug_cli::arguments::frame_rate)]
+    #[arg(help_heading = "Frames", long, value_name = "N", value_parser = crate::arguments::frame_rate)]
     fps: Option<f64>,
     /// The curve of defocus over inverse depth
     #[arg(help_heading = "Estimation", long, value_enum, default_value = "thin-lens")]
@@ -101,7 +101,7 @@ pub struct DepthArgs {
     #[arg(help_heading = "Evidence", long, value_name = "DIR")]
     depth: Option<PathBuf>,
     /// Units per metre in integer depth files
-    #[arg(help_heading = "Evidence", long, value_name = "N", default_value = "1000", value_parser = blindaug_cli::arguments::positive, requires = "depth")]
+    #[arg(help_heading = "Evidence", long, value_name = "N", default_value = "1000", value_parser = crate::arguments::positive, requires = "depth")]
     depth_scale: f32,
     /// The kind of the depth's values
     #[arg(help_heading = "Evidence", long, value_enum, default_value = "metric", requires = "depth")]
@@ -176,15 +176,7 @@ pub fn run(args: &Estimate) -> Result<()> {
     let (footage, source, transfer, saved_fps) = args.footage()?;
     options = with_transfer(options, transfer);
     options.fps = options.fps.or(saved_fps);
-    let given = footage.has_removed();
-    let mut networks = Networks::named(&args.network, options.family == Family::Removal && !given, CONSOLE)?;
-    if networks.remove() && (given || options.family == Family::Spectral) {
-        let why = if given { "such frames are given" } else { "--method spectral removes nothing" };
-        return Err(Failure(format!("{why}: name only networks of flow and depth")));
-    }
-    if !networks.is_empty() {
-        note(format_args!("networks: {}", networks.names()));
-    }
+    let mut networks = Networks::for_estimate(&args.network, options.family, &footage, CONSOLE)?;
     let save = args.save_evidence.as_deref();
     let mut save = save.map(|d| EvidenceWriter::new(d, &source, &inputs)).transpose()?;
     let job = estimate::Job {

@@ -1,9 +1,9 @@
 //! `blindaug export`: the camera as settings of other people's tools.
 
 use crate::composite::scene_scale;
+use crate::console::{self, Failure, Progress, Result, failure, note, print};
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
 use blindaug::model::{DepthKind, SceneScale};
-use blindaug_cli::console::{self, Failure, Progress, Result, failure, note, print};
 use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
 use blindaug_report::words::count;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -23,7 +23,7 @@ pub struct Export {
     #[arg(short, long, value_name = "FILE", required_if_eq("to", "all"))]
     output: Option<PathBuf>,
     /// Vertical field of view of the tool's camera, degrees from 1 to 170 [default: the tool's own camera's where its script can ask, else 40]
-    #[arg(long, value_name = "DEGREES", value_parser = |t: &str| blindaug_cli::arguments::within(t, 1.0..=170.0))]
+    #[arg(long, value_name = "DEGREES", value_parser = |t: &str| crate::arguments::within(t, 1.0..=170.0))]
     fov: Option<f64>,
     /// Width and height of the tool's pictures, px [default: the footage's]
     #[arg(long, value_name = "WxH", value_parser = size)]
@@ -94,8 +94,8 @@ fn list() -> String {
     let entry = |target: &Target| {
         let a = target.abilities();
         format!(
-            "{target}\n  tool            {}\n  motion blur     {}\n  depth of field  {}\n  grain           {}\n  checked         {}\n",
-            a.tool, a.motion_blur, a.defocus, a.grain, a.checked
+            "{target}\n  tool            {}\n  motion blur     {}\n  depth of field  {}\n  its shape       {}\n  grain           {}\n  checked         {}\n",
+            a.tool, a.motion_blur, a.defocus, a.bokeh, a.grain, a.checked
         )
     };
     let entries: Vec<String> = Target::ALL.iter().map(entry).collect();

@@ -1,8 +1,8 @@
 //! `blindaug frames`: doubled, dropped and interpolated frames of a clip.
 
+use crate::console::{self, CONSOLE, Result, failure, note};
 use crate::source::SourceArgs;
 use blindaug::fit::timing::{Event, Finding, Interpolation, Kind, Timing};
-use blindaug_cli::console::{self, CONSOLE, Result, failure, note};
 use blindaug_io::{Error, Inputs, write_atomically};
 use blindaug_pipeline::timing::{self, Timed};
 use blindaug_report::{tidy, words::count};

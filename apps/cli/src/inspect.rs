@@ -1,7 +1,7 @@
 //! `blindaug inspect`: a camera model in words and units, or per-frame models in a table.
 
+use crate::console::{Result, print, print_words};
 use blindaug::model::TrackedCamera;
-use blindaug_cli::console::{Result, print, print_words};
 use blindaug_report::words::{derived, table, words};
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ pub struct Inspect {
     /// The camera model, or per-frame models
     camera: PathBuf,
     /// Also say the blur at these depths, in metres (in relative inverse depth, if that is what the model has)
-    #[arg(long, value_name = "DEPTHS", value_delimiter = ',', value_parser = blindaug_cli::arguments::positive)]
+    #[arg(long, value_name = "DEPTHS", value_delimiter = ',', value_parser = crate::arguments::positive)]
     at_depth: Vec<f32>,
     /// Print the derived values as JSON
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! `blindaug live`: hands over to the program with the window, which is built and installed apart from this one.
 
-use blindaug_cli::console::{Failure, Result};
+use crate::console::{Failure, Result};
 use std::{ffi::OsString, path::PathBuf, process::Command};
 
 /// The name of the program with the window.

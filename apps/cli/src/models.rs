@@ -1,7 +1,7 @@
 //! `blindaug models`: lists, installs and checks networks.
 
+use crate::console::{self, Failure, Progress, Result, note, warn};
 use blindaug::{Encoded, Raster};
-use blindaug_cli::console::{self, Failure, Progress, Result, note, warn};
 use blindaug_io::memory;
 use blindaug_nets::{Manifest, Slot, State, Store, install, manifest::Kind};
 use std::{

@@ -1,15 +1,32 @@
 //! Where a result comes from: the command, the version, the date, and the inputs with their hashes.
 
+use crate::console::Result;
 use blindaug::text::one_line;
-use blindaug_cli::console::Result;
 use blindaug_io::{Error, Fingerprint, fingerprint};
 use blindaug_report::{Provenance, ReadInput};
 use std::{
+    cell::RefCell,
+    ffi::OsString,
     path::Path,
     time::{SystemTime, UNIX_EPOCH},
 };
 
-/// The provenance of what this process makes from these inputs.
+thread_local! {
+    /// The command line that this thread runs.
+    static COMMAND: RefCell<String> = const { RefCell::new(String::new()) };
+}
+
+/// Keeps the arguments of the command line that this thread runs from now on, of which the first is the program's name.
+pub fn begin(arguments: &[OsString]) {
+    let quoted = |a: &OsString| match a.to_string_lossy() {
+        a if a.contains(char::is_whitespace) => format!("'{a}'"),
+        a => a.into_owned(),
+    };
+    let arguments: Vec<String> = arguments.iter().skip(1).map(quoted).collect();
+    COMMAND.set(one_line(&format!("blindaug {}", arguments.join(" "))));
+}
+
+/// The provenance of what this command makes from these inputs.
 ///
 /// # Errors
 /// If an input cannot be read.
@@ -18,14 +35,9 @@ pub fn of<'a>(inputs: impl IntoIterator<Item = &'a Path>) -> Result<Provenance> 
         let hash = fingerprint(path)?.map(|Fingerprint { sha256, of }| (sha256, of));
         Ok(ReadInput { name: Error::shown_path(path), sha256: hash })
     };
-    let arguments: Vec<String> = std::env::args_os()
-        .skip(1)
-        .map(|a| a.to_string_lossy().into_owned())
-        .map(|a| if a.contains(char::is_whitespace) { format!("'{a}'") } else { a })
-        .collect();
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     Ok(Provenance {
-        command: one_line(&format!("blindaug {}", arguments.join(" "))),
+        command: COMMAND.with_borrow(String::clone),
         version: env!("CARGO_PKG_VERSION").into(),
         date: date(seconds),
         inputs: inputs.into_iter().map(input).collect::<Result<_>>()?,

@@ -1,7 +1,7 @@
 //! `blindaug reproduce`: the experiments of the paper.
 
+use crate::console::{self, CONSOLE, Result, note};
 use crate::validate::finish;
-use blindaug_cli::console::{self, CONSOLE, Result, note};
 use blindaug_io::{FrameRange, FrameSource, Inputs};
 use blindaug_pipeline::Networks;
 use blindaug_research::experiments::Experiment;

@@ -1,6 +1,6 @@
 //! `blindaug completions` and `blindaug man`: what a shell and a manual reader know of the command line.
 
-use blindaug_cli::console::{Result, note, print};
+use crate::console::{Result, note, print};
 use blindaug_io::{check_folder, make_folder, write_atomically};
 use blindaug_report::words::count;
 use clap::Command;

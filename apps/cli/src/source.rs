@@ -1,8 +1,8 @@
 //! The frames that a command reads, and what is said of them.
 
+use crate::console::{Result, note};
 use blindaug::colour_space::{ColourSpace, doubts};
-use blindaug_cli::console::{Result, note};
-use blindaug_io::{FrameRange, FrameSource};
+use blindaug_io::{FrameRange, FrameSource, IccProfile};
 use std::path::Path;
 
 /// What is said of the frames of an input.
@@ -15,8 +15,9 @@ pub struct SourceArgs {
     #[arg(help_heading = "Frames", long, value_name = "N")]
     first: Option<u64>,
     /// The colour space of the input: srgb, rec709, linear-srgb, acescg, aces2065-1, s-log3, s-log3-cine, logc3, logc4, v-log, log3g10,
-    /// canon-log3, pq, hlg or display-p3 [default: what the file says; else linear-srgb for EXR, srgb for all other files]
-    #[arg(help_heading = "Frames", long, value_name = "SPACE")]
+    /// canon-log3, pq, hlg, display-p3, adobe-rgb, prophoto or an ICC profile's file [default: what the file says; else linear-srgb for EXR,
+    /// srgb for all other files]
+    #[arg(help_heading = "Frames", long, value_name = "SPACE", value_parser = colour_space)]
     colour_space: Option<ColourSpace>,
 }
 
@@ -38,7 +39,11 @@ impl SourceArgs {
             Some(_) if space != told => {
                 note(format_args!("{}: taken as {}, not {}", path.display(), space.name(), told.name()));
             }
-            None if !usual => note(format_args!("{}: in {}, as it says", path.display(), space.name())),
+            None if !usual => {
+                let said =
+                    source.profile().map_or("it".into(), |p| format!("its ICC profile ({})", p.name()));
+                note(format_args!("{}: in {}, as {said} says", path.display(), space.name()));
+            }
             _ => {}
         }
         if self.colour_space.is_some() || source.format().is_exr() {
@@ -48,6 +53,16 @@ impl SourceArgs {
             }
         }
         Ok(source)
+    }
+}
+
+/// Parses a colour space: a name, or the name of a file with an ICC profile.
+pub fn colour_space(text: &str) -> std::result::Result<ColourSpace, String> {
+    let is_file =
+        ["icc", "icm"].iter().any(|e| Path::new(text).extension().is_some_and(|x| x.eq_ignore_ascii_case(e)));
+    match is_file {
+        true => IccProfile::read(text).and_then(|profile| profile.space(text)).map_err(|e| e.to_string()),
+        false => text.parse().map_err(|e: blindaug::Error| e.to_string()),
     }
 }
 

@@ -1,6 +1,6 @@
 //! `blindaug study`: the kit of the paper's user study.
 
-use blindaug_cli::console::{self, CONSOLE, Result, failure, note};
+use crate::console::{self, CONSOLE, Result, failure, note};
 use blindaug_io::{Error, Inputs, VideoWriter};
 use blindaug_research::run::{Provenance, Run};
 use blindaug_research::study::{REAL, analyse, findings, make, read_answers};

@@ -1,6 +1,6 @@
 //! `blindaug validate`: measures how far estimates lie from the truth, on scenes that it makes, on rendered clips and on real pixels.
 
-use blindaug_cli::console::{self, CONSOLE, Result, failure, note};
+use crate::console::{self, CONSOLE, Result, failure, note};
 use blindaug_io::{Error, Inputs, write_atomically};
 use blindaug_pipeline::Networks;
 use blindaug_research::run::{Provenance, Run};

@@ -548,6 +548,59 @@ fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
 }
 
 #[test]
+fn frames_that_are_made_by_ranges_are_those_of_the_whole_clip() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let path = |name| asset(name).display().to_string();
+    let (frames, scene) = (path("frames"), path("scene"));
+    succeeds(d, &format!("estimate {frames} --depth {scene} -o c.json"));
+    let shadows = format!("--with {} --without {}", path("with"), path("without"));
+    // The motion of each frame is found: that of a range's last frame with the frame after it, that of the clip's last with the one before.
+    for (name, command) in [
+        ("applied", format!("apply {frames} --camera c.json")),
+        (
+            "composited",
+            format!(
+                "composite {frames} --virtual {} --camera c.json {shadows} --layer-motion plate",
+                path("virtual")
+            ),
+        ),
+    ] {
+        let make =
+            |to: &str, options: &str| succeeds(d, &format!("{command} --seed 3 -o {name}_{to} {options}"));
+        let read = |to: &str, n: usize| std::fs::read(d.join(format!("{name}_{to}/{n:04}.png"))).unwrap();
+        make("whole", "");
+        for range in ["5..5", "1..2", "3..4"] {
+            make("parts", &format!("--frames {range}"));
+        }
+        assert_eq!(files_in(&d.join(format!("{name}_parts"))).len(), 5);
+        for n in 1..=5 {
+            assert_eq!(read("parts", n), read("whole", n), "{name} {n}");
+        }
+        // Negative control: a clip that ends after frame 2 gives that frame another motion.
+        std::fs::create_dir_all(d.join("short")).unwrap();
+        for n in 1..=2 {
+            std::fs::copy(asset(&format!("frames/{n:04}.png")), d.join(format!("short/{n:04}.png"))).unwrap();
+        }
+        succeeds(d, &format!("{} --seed 3 -o {name}_short", command.replace(&frames, "short")));
+        assert_eq!(read("short", 1), read("whole", 1));
+        assert_ne!(read("short", 2), read("whole", 2));
+    }
+    // Evidence: the frames, and the motion of all but a range's last frame. Depth is not the same, as parallax is followed from frame to frame.
+    succeeds(d, &format!("estimate {frames} -o e.json --save-evidence whole"));
+    for range in ["1..3", "4..5"] {
+        succeeds(d, &format!("estimate {frames} -o e.json --save-evidence parts --frames {range}"));
+    }
+    let read = |of: &str, file: &str| std::fs::read(d.join(of).join(file)).ok();
+    for n in 1..=5 {
+        let file = format!("original/frames/{n:04}.png");
+        assert!(read("whole", &file).is_some() && read("parts", &file) == read("whole", &file), "{file}");
+        let file = format!("flow/frames/{n:04}.flo");
+        assert_eq!(read("parts", &file) == read("whole", &file), n != 3, "{file}");
+    }
+}
+
+#[test]
 fn a_doubled_frame_is_told_in_words_and_as_json() {
     let dir = TempDir::new().unwrap();
     let d = dir.path();

@@ -3,16 +3,17 @@
 mod common;
 
 use blindaug::{
-    CameraModel, Encoded, Linear, Plane, Raster, Transfer,
+    CameraModel, Encoded, Linear, Overscan, Plane, Premultiplied, Raster, Transfer,
     colour_space::{ColourSpace, Primaries, conversion, converted},
+    composite::DistortedLayer,
     model::{
         Capture, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel, NOISE_LEVELS,
         NoiseLevel, NoiseLines, NoiseModel, SceneDepth,
     },
 };
 use blindaug_io::{
-    Coding, FileKind, FrameFormat, Reading, read_frame, read_linear, read_virtual_layer, write_camera,
-    write_png,
+    Coding, FileKind, FrameFormat, FrameRange, FrameSource, IccProfile, Reading, read_frame, read_linear,
+    read_virtual_layer, write_camera, write_distorted_layer, write_png,
 };
 use common::*;
 use std::path::{Path, PathBuf};
@@ -537,4 +538,137 @@ fn every_command_of_the_page_works() {
             assert!(folder.is_file() || files_in(folder).len() == 5, "{command}: {}", made.display());
         }
     }
+}
+
+/// Writes a file with the channels of a virtual layer.
+fn write_layer(path: &Path, layer: &DistortedLayer) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    write_distorted_layer(path, layer, 32, None, &Coding::default()).unwrap();
+}
+
+#[test]
+fn a_layer_s_overscan_is_blurred_into_the_frame() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let overscan = Overscan { left: 40, top: 30, right: 24, bottom: 10 };
+    let (w, h) = overscan.picture_of((W, W));
+    // A striped square across the corner of the frame, out of focus and moving.
+    let inside = |x: usize, y: usize| (15..90).contains(&x) && (12..80).contains(&y);
+    let object = |x: usize, y: usize| match inside(x, y) {
+        true => [0.1 + 0.8 * ((x / 12 + y / 9) % 2) as f32, 0.3, 0.1, 1.0],
+        false => [0.0; 4],
+    };
+    let layer = DistortedLayer {
+        color: Premultiplied(Raster::from_fn(w, h, object)),
+        inverse_depth: Plane::from_fn(w, h, |x, y| if inside(x, y) { 2.0 } else { f32::NAN }),
+        flow: Raster::filled(w, h, [9.0, -6.0]),
+        ..DistortedLayer::empty((w, h))
+    };
+    write_layer(&d.join("large/0001.exr"), &layer);
+    let around = DistortedLayer { overscan, ..layer };
+    write_layer(&d.join("layer/0001.exr"), &around);
+    let bare = DistortedLayer {
+        color: Premultiplied(overscan.frame_of(&around.color.0)),
+        inverse_depth: overscan.frame_of(&around.inverse_depth),
+        flow: overscan.frame_of(&around.flow),
+        ..DistortedLayer::empty((W, W))
+    };
+    write_layer(&d.join("bare/0001.exr"), &bare);
+    let plate = Encoded(Raster::from_fn(w, h, |x, y| [0.2 + 0.001 * x as f32, 0.3, 0.1 + 0.002 * y as f32]));
+    let float = FrameFormat::PNG8.with(Some(FileKind::Exr), Some(32)).unwrap();
+    let coding = Coding::new(ColourSpace::SRGB, ColourSpace::LINEAR_SRGB);
+    for (name, plate) in [("whole", plate.clone()), ("plate", Encoded(overscan.frame_of(&plate.0)))] {
+        std::fs::create_dir(d.join(name)).unwrap();
+        float.write(&d.join(name).join("0001.exr"), &plate, None, None, &coding).unwrap();
+    }
+    let small = camera(Transfer::Srgb);
+    let mut large = small.clone();
+    (large.capture.width, large.capture.height) = (w, h);
+    write_camera(d.join("small.json"), &small).unwrap();
+    write_camera(d.join("large.json"), &large).unwrap();
+    let composite = |plate: &str, layers: &str, camera: &str, options: &str| {
+        let out = format!("{plate}-{layers}{options}");
+        succeeds(
+            d,
+            &format!(
+                "composite {plate} --virtual {layers} --camera {camera}.json -o {out} --no-noise {options}"
+            ),
+        );
+        d.join(out).join("0001.exr")
+    };
+    let want = read_linear(composite("whole", "large", "large", "")).unwrap();
+    let want = Linear(overscan.frame_of(&want.0));
+    let made = read_linear(composite("plate", "layer", "small", "")).unwrap();
+    assert!(differ(&made, &want) < 1e-4, "{}", differ(&made, &want));
+    // Negative control: without what lies beyond the frame it is another picture.
+    let without = read_linear(composite("plate", "bare", "small", "")).unwrap();
+    assert!(differ(&without, &want) > 0.03, "{}", differ(&without, &want));
+    // The layer apart, and what `apply` makes of it, keep its data window.
+    let apart = read_virtual_layer(composite("plate", "layer", "small", "--layer")).unwrap();
+    assert_eq!((apart.overscan, apart.color.0.size()), (overscan, (w, h)));
+    succeeds(d, "apply layer --camera small.json -o applied --no-noise");
+    let applied = read_virtual_layer(d.join("applied/0001.exr")).unwrap();
+    assert_eq!(applied.overscan, overscan);
+    let pairs = applied.color.0.data().iter().flatten().zip(apart.color.0.data().iter().flatten());
+    let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    // The layer over the plate has no light of the plate, and half floats have 11 bits.
+    assert!(worst < 2e-3, "{worst}");
+    assert_eq!(
+        read_virtual_layer(composite("plate", "bare", "small", "--layer")).unwrap().overscan,
+        Overscan::default()
+    );
+}
+
+#[test]
+fn a_plate_s_icc_profile_is_believed_and_given_back() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let icc = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../crates/blindaug-io/tests/icc");
+    write_camera(d.join("c.json"), &camera(Transfer::AdobeRgb)).unwrap();
+    let frame = read_frame(asset("frames/0003.png")).unwrap();
+    let write = |name: &str| {
+        let profile = IccProfile::read(icc.join(format!("{name}.icc"))).unwrap();
+        let coding = Coding::default().with_profile(Some(profile.clone()));
+        FrameFormat::PNG8.write(&d.join("0003.png"), &frame, None, None, &coding).unwrap();
+        profile
+    };
+    let profile = write("adobe-rgb");
+    let layers = asset("virtual");
+    let composite = format!("composite 0003.png --virtual {} --camera c.json --no-noise", layers.display());
+    let said = text(&run(d, &format!("{composite} -o out")).stderr);
+    assert!(said.contains("in adobe-rgb, as its ICC profile (Adobe RGB (1998)) says"), "{said}");
+    let source = FrameSource::open(d.join("out/0003.png"), FrameRange::default()).unwrap();
+    assert_eq!(source.profile(), Some(&profile));
+    // The object is the same light, whatever the plate's space is.
+    let [of_adobe, of_srgb] = [("out/0003.png", "adobe-rgb"), ("plain/0003.png", "srgb")];
+    succeeds(d, &format!("{composite} -o plain --colour-space srgb"));
+    let [a, b] = [of_adobe, of_srgb].map(|(path, name)| light(&d.join(path), space(name)).0.at(136, 136));
+    let object = read_virtual_layer(layers.join("0003.exr")).unwrap().color.0.at(136, 136);
+    assert!(object[3] > 0.99, "{object:?}");
+    for c in 0..3 {
+        assert!((a[c] - b[c]).abs() < 0.02, "{a:?} {b:?}");
+    }
+    // Of other spaces nothing says what the profile said.
+    succeeds(d, &format!("{composite} -o p3 --output-colour-space display-p3"));
+    let p3 = FrameSource::open(d.join("p3/0003.png"), FrameRange::default()).unwrap();
+    assert!(p3.profile().is_none());
+    // A profile may be given as a file.
+    let said = text(
+        &run(d, &format!("{composite} -o p --colour-space {}", icc.join("display-p3.icc").display())).stderr,
+    );
+    assert!(said.contains("taken as display-p3, not adobe-rgb"), "{said}");
+    for (name, says) in [("table", "by a table"), ("cmyk", "CMYK"), ("gamma-1.4", "has a curve")] {
+        write(name);
+        let said = fails(d, &format!("{composite} -o bad"));
+        assert!(
+            said.contains(says) && said.contains("0003.png") && said.contains("--colour-space"),
+            "{said}"
+        );
+        assert!(!d.join("bad").exists());
+        succeeds(d, &format!("{composite} -o said-{name} --colour-space adobe-rgb"));
+    }
+    let output = run(d, &format!("{composite} -o bad --colour-space none.icc"));
+    assert!(
+        output.status.code() == Some(2) && text(&output.stderr).contains("none.icc: there is no such file")
+    );
 }

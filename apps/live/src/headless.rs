@@ -28,6 +28,7 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
         note(format_args!("{sentence}"));
     }
     let mut told = Told::new(frames);
+    let mut rounded = None;
     while let Some(shot) = clip.next_frame()? {
         let start = Instant::now();
         let of_frame =
@@ -35,6 +36,10 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
         let observer = spectra.as_mut().filter(|s| s.works()).map(|s| s as &mut dyn TileObserver);
         let estimate = estimation.push(&shot, scene.home, observer).map_err(of_frame)?;
         let estimated = start.elapsed();
+        if rounded.is_none() {
+            rounded =
+                stage.rounded(&estimate.camera, look).inspect(|sentence| note(format_args!("{sentence}")));
+        }
         let times = match stage.draw(&shot, &estimate, look) {
             Ok(times) => times,
             Err(e) => {

@@ -98,11 +98,11 @@ fn round_bokeh(text: &str) -> std::result::Result<Bokeh, String> {
 fn main() -> ExitCode {
     let live = match Live::try_parse() {
         Ok(live) => live,
-        Err(e) => return console::said(&e),
+        Err(e) => return ExitCode::from(console::said(&e)),
     };
     console::begin(live.memory);
     console::catch_signals();
-    console::ended(run(&live))
+    ExitCode::from(console::ended(run(&live)))
 }
 
 /// The footage, and the object that is put into it.

@@ -54,6 +54,8 @@ pub struct Shown {
     pub message: String,
     /// A sentence about what is slow here, if anything is.
     pub slow: Option<String>,
+    /// A sentence about the shape of out-of-focus points, if it is not the camera's.
+    pub rounded: Option<String>,
     /// The number of frames that came, but were not shown, since drawing or estimating took longer.
     pub skipped: u64,
     number: u64,
@@ -207,8 +209,8 @@ fn beside(ui: &mut Ui, shown: &Shown, controls: &mut Controls) -> Option<Action>
         }
     });
     ui.add(egui::Label::new(shown.skips()).wrap());
-    if let Some(slow) = &shown.slow {
-        ui.add(egui::Label::new(egui::RichText::new(slow).color(ui.visuals().warn_fg_color)).wrap());
+    for sentence in [&shown.slow, &shown.rounded].into_iter().flatten() {
+        ui.add(egui::Label::new(egui::RichText::new(sentence).color(ui.visuals().warn_fg_color)).wrap());
     }
     clicked.then_some(Action::Record)
 }

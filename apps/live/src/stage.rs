@@ -6,7 +6,7 @@ use super::{
     object::Object,
     render::{Moment, Renderer, attachment},
 };
-use blindaug::{Encoded, Error, Result, composite::CompositeOptions};
+use blindaug::{CameraModel, Encoded, Error, Result, composite::CompositeOptions};
 use blindaug_gpu::{Gpu, Quality, bind, full_screen, texture};
 use blindaug_pipeline::live::{LiveEstimate, LiveFrame, Pinhole};
 use bytemuck::bytes_of;
@@ -192,6 +192,11 @@ impl Stage {
                 self.gpu.info.name
             )
         })
+    }
+
+    /// A sentence for people where the device shapes out-of-focus points otherwise than the camera, without a full stop.
+    pub fn rounded(&self, camera: &CameraModel, look: &Look) -> Option<String> {
+        (self.by == By::Device).then(|| blindaug_gpu::rounded(camera, &look.options)).flatten()
     }
 
     /// The device.

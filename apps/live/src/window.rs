@@ -440,6 +440,11 @@ impl App {
         let of_device = |e: blindaug::Error| Failure(e.to_string());
         let times: Times = graphics.stage.draw(shot, estimate, &self.controls.look).map_err(of_device)?;
         self.shown.add(shot.number, estimate, *time, times, new);
+        let rounded = graphics.stage.rounded(&estimate.camera, &self.controls.look);
+        if let (Some(sentence), true) = (&rounded, self.shown.rounded != rounded) {
+            note(format_args!("{sentence}"));
+        }
+        self.shown.rounded = rounded;
         if let (Some(recording), true) = (&mut self.recording, new) {
             recording.write(shot.number, &graphics.stage.read().map_err(of_device)?);
         }

@@ -1,6 +1,6 @@
 //! The colour spaces of files, and the curve of the frames that are read from them and written to them.
 
-use crate::{Result, exr, image::read_values, limits::is_exr};
+use crate::{IccProfile, Result, exr, image::read_values, limits::is_exr};
 use blindaug::{
     Encoded, Transfer,
     colour_space::{ColourSpace, Matrix, conversion, converted},
@@ -65,11 +65,12 @@ pub(crate) fn recoded(values: Encoded, from: Transfer, to: Transfer) -> Encoded 
 }
 
 /// How frames are written: their own colour space, and that of the files.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Coding {
     frames: ColourSpace,
     file: ColourSpace,
     matrix: Option<Matrix>,
+    profile: Option<IccProfile>,
 }
 
 impl Default for Coding {
@@ -82,7 +83,17 @@ impl Default for Coding {
 impl Coding {
     /// Frames of one colour space into files of another.
     pub fn new(frames: ColourSpace, file: ColourSpace) -> Self {
-        Self { frames, file, matrix: conversion(frames.primaries, file.primaries) }
+        Self { frames, file, matrix: conversion(frames.primaries, file.primaries), profile: None }
+    }
+
+    /// The same, with an ICC profile that PNG and TIFF files get.
+    pub fn with_profile(self, profile: Option<IccProfile>) -> Self {
+        Self { profile, ..self }
+    }
+
+    /// The ICC profile that PNG and TIFF files get.
+    pub fn profile(&self) -> Option<&IccProfile> {
+        self.profile.as_ref()
     }
 
     /// The colour space of the files.
@@ -98,6 +109,14 @@ impl Coding {
     /// Whether files hold the frames' own values.
     pub fn keeps(&self) -> bool {
         self.frames == self.file
+    }
+
+    /// The values in the file of a pixel of another file, whose colour space has the frames' primaries.
+    pub(crate) fn pixel_of(&self, values: [f32; 3], space: &ColourSpace) -> [f32; 3] {
+        if *space == self.file {
+            return values;
+        }
+        self.light(values.map(|v| space.transfer.decode(v))).map(|v| self.file.transfer.encode(v))
     }
 
     /// The values of a frame's pixel in the file.

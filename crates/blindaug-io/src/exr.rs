@@ -21,8 +21,8 @@ use ::exr::{
     prelude::f16,
 };
 use blindaug::{
-    Flow, Linear, Plane, Premultiplied, Raster,
-    colour_space::Primaries,
+    Flow, Linear, Overscan, Plane, Premultiplied, Raster,
+    colour_space::{ColourSpace, Primaries},
     composite::DistortedLayer,
     model::{PIXEL_ASPECTS, inverse_of_metric},
 };
@@ -60,6 +60,8 @@ pub struct VirtualLayerFile {
     pub inverse_depth: Option<Plane>,
     /// Optical flow to the next frame, px; `None` if the file has no flow.
     pub flow: Option<Flow>,
+    /// How far all of these reach beyond the frame, px: the data window beyond the display window.
+    pub overscan: Overscan,
 }
 
 /// Reads from the head of an EXR file which kinds of channels it has.
@@ -78,7 +80,7 @@ pub fn exr_contents(path: impl AsRef<Path>) -> Result<ExrContents> {
 }
 
 /// Reads a virtual layer: `R G B A` premultiplied and scene-linear, `Z` in metres, `forward.u` and `forward.v` in px
-/// (or Blender's names for these).
+/// (or Blender's names for these). The frame is the display window; what the file has beyond it is read as well.
 ///
 /// # Errors
 /// If the file is missing, damaged, too large, no EXR, or lacks `R`, `G`, `B` or `A`.
@@ -88,18 +90,9 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         return Err(Error::new(path, "a virtual layer must be an EXR file with channels R G B A and Z"));
     }
     let file = open(path)?;
-    let Some(rgb) = file.colour() else {
-        return Err(file.lacks("channels R, G and B"));
-    };
-    let Some(alpha) = file.alpha(&rgb) else {
-        return Err(file.lacks("a channel A; render the object on a transparent background"));
-    };
-    let (depth, flow) = (file.depth(), file.flow());
-    let mut picks = rgb.to_vec();
-    picks.push(alpha);
-    picks.extend(depth);
-    picks.extend(flow.iter().flat_map(|f| f.channels));
-    let planes = file.read(&picks)?;
+    let LayerChannels { picks, depth, flow } = file.layer()?;
+    let overscan = file.overscan(&picks);
+    let planes = file.read(&picks, overscan)?;
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);
@@ -113,7 +106,17 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         color: Premultiplied(color),
         inverse_depth: depth.map(|_| planes[4].map(inverse_of_metric)),
         flow: flow.map(|f| f.join(&rest[0], &rest[1])),
+        overscan,
     })
+}
+
+/// How far a virtual layer's file reaches beyond the frame.
+///
+/// # Errors
+/// The same as [`read_virtual_layer`].
+pub(crate) fn overscan_of_layer(path: &Path) -> Result<Overscan> {
+    let file = open(path)?;
+    Ok(file.overscan(&file.layer()?.picks))
 }
 
 /// What the head of an EXR file says beside its channels: timecode, chromaticities, pixel aspect, the place of the display window, and
@@ -122,6 +125,16 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
 pub struct ExrHead {
     image: ImageAttributes,
     layer: LayerAttributes,
+    /// The picture that reaches beyond the display window, if it does.
+    pub(crate) beyond: Option<Box<Beyond>>,
+}
+
+/// A picture that reaches beyond the frame, in the values of its file.
+#[derive(Clone, Debug)]
+pub(crate) struct Beyond {
+    pub(crate) values: Linear,
+    pub(crate) overscan: Overscan,
+    pub(crate) space: ColourSpace,
 }
 
 impl ExrHead {
@@ -134,7 +147,28 @@ impl ExrHead {
         let file = open(path)?;
         let first = file.reader.headers().first().ok_or_else(|| Error::damaged(path, "it has no layer"))?;
         let (image, layer) = (first.shared_attributes.clone(), first.own_attributes.clone());
-        Ok(Self { image, layer: LayerAttributes { layer_name: None, ..layer } })
+        Ok(Self { image, layer: LayerAttributes { layer_name: None, ..layer }, beyond: None })
+    }
+
+    /// Reads the head, and the colour that a file of this colour space has beyond its display window: it goes on, as it is, into the file
+    /// that gets this head.
+    ///
+    /// # Errors
+    /// If the file is missing, damaged, too large, or no EXR with colour.
+    pub(crate) fn read_with_overscan(path: &Path, space: ColourSpace) -> Result<Self> {
+        let head = Self::read(path)?;
+        let file = open(path)?;
+        let Some(rgb) = file.colour() else {
+            return Err(file.lacks("channels R, G and B"));
+        };
+        let overscan = file.overscan(&rgb);
+        let beyond = match overscan.is_none() {
+            true => None,
+            false => {
+                Some(Box::new(Beyond { values: colour_of(file, &rgb, true, overscan)?, overscan, space }))
+            }
+        };
+        Ok(Self { beyond, ..head })
     }
 
     /// The width of a pixel over its height; 1 where the head says nothing, or what cannot be.
@@ -169,13 +203,14 @@ pub(crate) struct Written {
     pub(crate) values: Vec<f32>,
 }
 
-/// Writes channels, compressed without loss (ZIP), with the primaries of their colours. The data window is the display window.
+/// Writes channels, compressed without loss (ZIP), with the primaries of their colours. `size` is that of the data window, which reaches
+/// beyond the display window as far as `overscan` says.
 ///
 /// # Errors
 /// If the file cannot be written; no part of it is left.
 pub(crate) fn write(
     path: &Path,
-    size: (usize, usize),
+    (size, overscan): ((usize, usize), Overscan),
     channels: impl IntoIterator<Item = Written>,
     head: Option<&ExrHead>,
     primaries: &Primaries,
@@ -188,18 +223,20 @@ pub(crate) fn write(
         AnyChannel::new(name, samples)
     });
     let channels = AnyChannels::sort(channels.collect());
-    let size = Vec2(size.0, size.1);
+    let (display, size) = (overscan.frame_size(size), Vec2(size.0, size.1));
+    let display = Vec2(display.0, display.1);
     let (mut image, mut layer) = match head {
         Some(head) => (head.image.clone(), head.layer.clone()),
-        None => (ImageAttributes::new(IntegerBounds::from_dimensions(size)), LayerAttributes::default()),
+        None => (ImageAttributes::new(IntegerBounds::from_dimensions(display)), LayerAttributes::default()),
     };
-    image.display_window.size = size;
+    image.display_window.size = display;
     // Files that say nothing are taken to have the primaries of Rec. 709.
     if image.chromaticities.is_some() || *primaries != Primaries::REC709 {
         let [red, green, blue, white] = primaries.xy.map(|[x, y]| Vec2(x as f32, y as f32));
         image.chromaticities = Some(Chromaticities { red, green, blue, white });
     }
-    layer.layer_position = image.display_window.position;
+    let Vec2(x, y) = image.display_window.position;
+    layer.layer_position = Vec2(x - overscan.left as i32, y - overscan.top as i32);
     let layer = Layer::new(size, layer, Encoding::SMALL_LOSSLESS, channels);
     let image = Image::new(image, layer);
     write_atomically(path, |partial| {
@@ -251,7 +288,7 @@ pub fn write_distorted_layer(
         .chain(of(["noise.R", "noise.G", "noise.B"], &noise, bits))
         .chain(of(["forward.u", "forward.v"], &layer.flow, 32))
         .chain(plain);
-    write(path.as_ref(), layer.color.0.size(), channels, head, &coding.file().primaries)
+    write(path.as_ref(), (layer.color.0.size(), layer.overscan), channels, head, &coding.file().primaries)
 }
 
 /// The nearest half float; what is too large becomes the largest.
@@ -270,7 +307,12 @@ pub(crate) fn read_colour(path: &Path, below_zero: bool) -> Result<Linear> {
     let Some(rgb) = file.colour() else {
         return Err(file.lacks("channels R, G and B"));
     };
-    let p = file.read(&rgb)?;
+    colour_of(file, &rgb, below_zero, Overscan::default())
+}
+
+fn colour_of(file: ExrFile, rgb: &[usize; 3], below_zero: bool, overscan: Overscan) -> Result<Linear> {
+    let path = file.path;
+    let p = file.read(rgb, overscan)?;
     let (width, height) = p[0].size();
     mostly_numbers(path, p.iter().flat_map(|plane| plane.data().iter().copied()))?;
     let least = if below_zero { -BRIGHTEST } else { 0.0 };
@@ -283,7 +325,7 @@ pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
     let Some(z) = file.depth() else {
         return Err(file.lacks("a channel Z"));
     };
-    let mut planes = file.read(&[z])?;
+    let mut planes = file.read(&[z], Overscan::default())?;
     Ok(planes.swap_remove(0))
 }
 
@@ -296,7 +338,7 @@ pub(crate) fn read_matte(path: &Path) -> Result<Plane> {
     else {
         return Err(file.lacks("a channel A or R"));
     };
-    let plane = file.read(&[matte])?.swap_remove(0);
+    let plane = file.read(&[matte], Overscan::default())?.swap_remove(0);
     mostly_numbers(path, plane.data().iter().copied())?;
     Ok(plane)
 }
@@ -307,7 +349,7 @@ pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
     let Some(flow) = file.flow() else {
         return Err(file.lacks("channels forward.u and forward.v (or Blender's Vector pass)"));
     };
-    let p = file.read(&flow.channels)?;
+    let p = file.read(&flow.channels, Overscan::default())?;
     Ok(flow.join(&p[0], &p[1]))
 }
 
@@ -367,6 +409,14 @@ impl FlowChannels {
             known_flow([self.sign[0] * u.at(x, y), self.sign[1] * v.at(x, y)])
         })
     }
+}
+
+/// The channels of a virtual layer.
+struct LayerChannels {
+    /// R, G, B and A, then depth and the flow's two, if there are any.
+    picks: Vec<usize>,
+    depth: Option<usize>,
+    flow: Option<FlowChannels>,
 }
 
 /// An EXR file whose head has been read and checked.
@@ -463,6 +513,22 @@ impl ExrFile<'_> {
             .or_else(|| blender().map(|channels| FlowChannels { channels, sign: [-1.0, 1.0] }))
     }
 
+    /// The channels of a virtual layer.
+    fn layer(&self) -> Result<LayerChannels> {
+        let Some(rgb) = self.colour() else {
+            return Err(self.lacks("channels R, G and B"));
+        };
+        let Some(alpha) = self.alpha(&rgb) else {
+            return Err(self.lacks("a channel A; render the object on a transparent background"));
+        };
+        let (depth, flow) = (self.depth(), self.flow());
+        let mut picks = rgb.to_vec();
+        picks.push(alpha);
+        picks.extend(depth);
+        picks.extend(flow.iter().flat_map(|f| f.channels));
+        Ok(LayerChannels { picks, depth, flow })
+    }
+
     /// The error that the file has no `what`, with the names of the channels that it has.
     fn lacks(&self, what: &str) -> Error {
         let names: Vec<_> = self.channels.iter().take(12).map(|c| c.name.as_str()).collect();
@@ -471,9 +537,35 @@ impl ExrFile<'_> {
         Error::new(self.path, format!("the file has no {what} ({there})"))
     }
 
-    /// Reads the channels of these indices over the display window; pixels without data are 0.
-    fn read(self, picks: &[usize]) -> Result<Vec<Plane>> {
+    /// How far the data of the channels of these indices reach beyond the display window.
+    fn overscan(&self, picks: &[usize]) -> Overscan {
+        let px = |v: i64| v.max(0) as usize;
+        let mut all = Overscan::default();
+        for h in picks.iter().map(|&i| &self.reader.headers()[self.channels[i].header]) {
+            let display = h.shared_attributes.display_window;
+            // How far the data begin before the display window along an axis, and how far they end behind it.
+            let along = |data: i32, size: usize, from: i32, display: usize| {
+                let before = i64::from(from) - i64::from(data);
+                [px(before), px(size as i64 - before - display as i64)]
+            };
+            let (at, size) = (h.own_attributes.layer_position, h.layer_size);
+            let [left, right] = along(at.x(), size.x(), display.position.x(), display.size.x());
+            let [top, bottom] = along(at.y(), size.y(), display.position.y(), display.size.y());
+            all = Overscan {
+                left: all.left.max(left),
+                top: all.top.max(top),
+                right: all.right.max(right),
+                bottom: all.bottom.max(bottom),
+            };
+        }
+        all
+    }
+
+    /// Reads the channels of these indices over the display window and the overscan around it; pixels without data are 0.
+    fn read(self, picks: &[usize], overscan: Overscan) -> Result<Vec<Plane>> {
         let Self { path, reader, channels, size } = self;
+        let size = overscan.picture_of(size);
+        check_size(path, size.0 as u64, size.1 as u64)?;
         let picks: Vec<&Channel> = picks.iter().map(|&i| &channels[i]).collect();
         let length = path.metadata().map_err(|e| Error::cannot_read(path, &e))?.len();
         let mut largest_block = 0;
@@ -510,8 +602,8 @@ impl ExrFile<'_> {
                         let offset = |data: i32, display: i32, at: usize| {
                             i64::from(data) - i64::from(display) + at as i64
                         };
-                        let x = offset(data.x(), display.x(), line.location.position.x());
-                        let y = offset(data.y(), display.y(), line.location.position.y());
+                        let x = offset(data.x(), display.x(), line.location.position.x() + overscan.left);
+                        let y = offset(data.y(), display.y(), line.location.position.y() + overscan.top);
                         if (0..size.1 as i64).contains(&y) {
                             place_line(plane.row_mut(y as usize), x, sample_type, line.value);
                         }

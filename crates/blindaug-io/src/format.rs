@@ -2,10 +2,10 @@
 
 use crate::{
     Coding, Result, exr,
-    image::{decoded_bits, write_png, write_png16, write_tiff},
+    image::{decoded_bits, write_png_with, write_png16_with, write_tiff},
     limits::is_exr,
 };
-use blindaug::{Encoded, Plane};
+use blindaug::{Encoded, Overscan, Plane};
 use std::path::Path;
 
 /// The kinds of image files that frames are written to.
@@ -116,8 +116,8 @@ impl FrameFormat {
     }
 
     /// Writes a frame in the colour space of the file that `coding` says: light for EXR, unless EXR is to hold encoded values. Integers are
-    /// clipped to [0, 1] and rounded to the nearest; EXR is not clipped, and gets what `head` says. Alpha, by which colour is premultiplied, is
-    /// written to EXR alone.
+    /// clipped to [0, 1] and rounded to the nearest; EXR is not clipped, and gets what `head` says and what its file has beyond the frame. Alpha,
+    /// by which colour is premultiplied, is written to EXR alone.
     ///
     /// # Errors
     /// If the file cannot be written; no part of it is left.
@@ -129,13 +129,43 @@ impl FrameFormat {
         head: Option<&exr::ExrHead>,
         coding: &Coding,
     ) -> Result<()> {
+        self.write_around(path, (frame, Overscan::default()), alpha, head, coding)
+    }
+
+    /// [`FrameFormat::write`] of a picture that reaches beyond the frame as far as `overscan` says, which EXR alone can hold; what `head` has
+    /// there is left out.
+    ///
+    /// # Errors
+    /// If the file cannot be written; no part of it is left.
+    pub fn write_around(
+        self,
+        path: &Path,
+        (frame, overscan): (&Encoded, Overscan),
+        alpha: Option<&Plane>,
+        head: Option<&exr::ExrHead>,
+        coding: &Coding,
+    ) -> Result<()> {
         let coded = (!coding.keeps()).then(|| Encoded(frame.0.map(|p| coding.pixel(p))));
         let frame = coded.as_ref().unwrap_or(frame);
+        let cut = (!self.is_exr() && !overscan.is_none()).then(|| Encoded(overscan.frame_of(&frame.0)));
+        let frame = cut.as_ref().unwrap_or(frame);
         match (self.kind, self.bits) {
-            (FileKind::Png, 8) => write_png(path, frame),
-            (FileKind::Png, _) => write_png16(path, frame),
-            (FileKind::Tiff, bits) => write_tiff(path, frame, bits),
+            (FileKind::Png, 8) => write_png_with(path, frame, coding.profile()),
+            (FileKind::Png, _) => write_png16_with(path, frame, coding.profile()),
+            (FileKind::Tiff, bits) => write_tiff(path, frame, bits, coding.profile()),
             (FileKind::Exr, bits) => {
+                // Alpha ends with the frame, so that colour beyond it would not be premultiplied by any.
+                let beyond = head.and_then(|h| h.beyond.as_deref());
+                let beyond = beyond.filter(|b| {
+                    let around = b.overscan.frame_size(b.values.0.size()) == frame.0.size();
+                    around && alpha.is_none() && overscan.is_none()
+                });
+                let whole = beyond.map(|beyond| {
+                    let mut whole = beyond.values.0.map(|p| coding.pixel_of(p, &beyond.space));
+                    beyond.overscan.put_frame(&frame.0, &mut whole);
+                    (Encoded(whole), beyond.overscan)
+                });
+                let (frame, overscan) = whole.as_ref().map_or((frame, overscan), |(f, o)| (f, *o));
                 let channels = [0, 1, 2].map(|c| exr::Written {
                     name: ["R", "G", "B"][c],
                     bits,
@@ -143,7 +173,7 @@ impl FrameFormat {
                 });
                 let alpha = alpha.map(|a| exr::Written { name: "A", bits, values: a.data().to_vec() });
                 let channels = channels.into_iter().chain(alpha);
-                exr::write(path, frame.0.size(), channels, head, &coding.file().primaries)
+                exr::write(path, (frame.0.size(), overscan), channels, head, &coding.file().primaries)
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Reading frames from image files, and writing PNG and TIFF files.
 
 use crate::{
-    Error, Reading, Result,
+    Error, IccProfile, Reading, Result,
     error::guarded,
     exr,
     files::open_file,
@@ -12,7 +12,10 @@ use crate::{
 use ::image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat, ImageReader,
     Limits,
-    codecs::{png::PngEncoder, tiff::TiffEncoder},
+    codecs::{
+        png::PngEncoder,
+        tiff::{TiffDecoder, TiffEncoder},
+    },
     metadata::Orientation,
 };
 use blindaug::{Encoded, Linear, Plane, Raster, Transfer};
@@ -70,6 +73,21 @@ pub(crate) fn frame_size(path: &Path) -> Result<(usize, usize)> {
 /// Whether an image has colour channels, from the head of its file.
 pub(crate) fn has_colour(path: &Path) -> Result<bool> {
     with_decoder(path, |decoder, _| Ok(decoder.color_type().has_color()))
+}
+
+/// The ICC profile that an image's file holds, if any.
+pub(crate) fn icc_profile(path: &Path) -> Result<Option<Vec<u8>>> {
+    let profile = with_decoder(path, |mut decoder, _| Ok(decoder.icc_profile().unwrap_or(None)))?;
+    let is_tiff =
+        [b"II".as_slice(), b"MM"].iter().any(|mark| head(path).is_ok_and(|h| h.bytes.starts_with(mark)));
+    if profile.is_some() || !is_tiff {
+        return Ok(profile);
+    }
+    // Within the limits that the pixels need, a TIFF file's tags of more bytes than these are left out.
+    guarded(path, || {
+        let decoder = TiffDecoder::new(BufReader::new(open_file(path)?));
+        Ok(decoder.and_then(|mut decoder| decoder.icc_profile()).unwrap_or(None))
+    })
 }
 
 /// The bits of a value, 8, 16 or 32, from the head of an image's file.
@@ -266,14 +284,22 @@ pub(crate) fn strips(image: &DynamicImage) -> impl Iterator<Item = DynamicImage>
     (0..height).step_by(rows as usize).map(move |y| image.crop_imm(0, y, width, rows.min(height - y)))
 }
 
+/// Writes a frame as [`write_png`] does, with an ICC profile.
+///
+/// # Errors
+/// The same as [`write_png`].
+pub(crate) fn write_png_with(path: &Path, frame: &Encoded, profile: Option<&IccProfile>) -> Result<()> {
+    let mut png = PngWriter::create_with(path, frame.0.size(), profile)?;
+    png.write(frame.0.data())?;
+    png.finish()
+}
+
 /// Writes a frame as a PNG of 8 bits per value; values are clipped to [0, 1] and rounded to the nearest.
 ///
 /// # Errors
 /// If the file cannot be written; no part of it is left.
 pub fn write_png(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
-    let mut png = PngWriter::create(path, frame.0.size())?;
-    png.write(frame.0.data())?;
-    png.finish()
+    write_png_with(path.as_ref(), frame, None)
 }
 
 /// A writer of the same PNG as [`write_png`], a few rows at a time; the file gets its name in [`PngWriter::finish`].
@@ -289,11 +315,25 @@ impl PngWriter {
     ///
     /// # Errors
     /// If the file cannot be created, or the width or height is 0.
-    pub fn create(path: impl AsRef<Path>, (width, height): (usize, usize)) -> Result<Self> {
+    pub fn create(path: impl AsRef<Path>, size: (usize, usize)) -> Result<Self> {
+        Self::create_with(path, size, None)
+    }
+
+    /// [`PngWriter::create`] of a file with an ICC profile.
+    ///
+    /// # Errors
+    /// The same as [`PngWriter::create`].
+    pub fn create_with(
+        path: impl AsRef<Path>,
+        (width, height): (usize, usize),
+        profile: Option<&IccProfile>,
+    ) -> Result<Self> {
         let file = PartialFile::beside(path.as_ref())?;
         let begin = || -> io::Result<_> {
             let shared = Shared::new(File::create(file.path())?);
-            let mut encoder = png::Encoder::new(shared.clone(), width as u32, height as u32);
+            let mut info = png::Info::with_size(width as u32, height as u32);
+            info.icc_profile = profile.map(|p| p.bytes().to_vec().into());
+            let mut encoder = png::Encoder::with_info(shared.clone(), info)?;
             encoder.set_color(png::ColorType::Rgb);
             encoder.set_depth(png::BitDepth::Eight);
             encoder.set_compression(png::Compression::Fast);
@@ -375,7 +415,7 @@ impl Write for Shared {
 /// # Errors
 /// If the file cannot be written; no part of it is left.
 pub fn write_texture(path: impl AsRef<Path>, texture: &Raster<[f32; 4]>) -> Result<()> {
-    write_png_of(path.as_ref(), texture.size(), &bytes_of(texture), ExtendedColorType::Rgba8)
+    write_png_of(path.as_ref(), texture.size(), (&bytes_of(texture), ExtendedColorType::Rgba8), None)
 }
 
 /// Writes a frame as [`write_png`] does, with 16 bits per value.
@@ -383,21 +423,33 @@ pub fn write_texture(path: impl AsRef<Path>, texture: &Raster<[f32; 4]>) -> Resu
 /// # Errors
 /// If the file cannot be written; no part of it is left.
 pub fn write_png16(path: impl AsRef<Path>, frame: &Encoded) -> Result<()> {
-    let bytes = bytes16_of(frame.0.data().as_flattened());
-    write_png_of(path.as_ref(), frame.0.size(), &bytes, ExtendedColorType::Rgb16)
+    write_png16_with(path.as_ref(), frame, None)
 }
 
-/// Writes a frame as a TIFF of 8 or of 16 bits per value; values are clipped to [0, 1] and rounded to the nearest.
+/// Writes a frame as [`write_png16`] does, with an ICC profile.
+///
+/// # Errors
+/// The same as [`write_png16`].
+pub(crate) fn write_png16_with(path: &Path, frame: &Encoded, profile: Option<&IccProfile>) -> Result<()> {
+    let bytes = bytes16_of(frame.0.data().as_flattened());
+    write_png_of(path, frame.0.size(), (&bytes, ExtendedColorType::Rgb16), profile)
+}
+
+/// Writes a frame as a TIFF of 8 or of 16 bits per value, with an ICC profile; values are clipped to [0, 1] and rounded to the nearest.
 ///
 /// # Errors
 /// If the file cannot be written; no part of it is left.
-pub(crate) fn write_tiff(path: &Path, frame: &Encoded, bits: u8) -> Result<()> {
+pub(crate) fn write_tiff(path: &Path, frame: &Encoded, bits: u8, profile: Option<&IccProfile>) -> Result<()> {
     let (bytes, color) = match bits {
         8 => (bytes_of(&frame.0), ExtendedColorType::Rgb8),
         _ => (bytes16_of(frame.0.data().as_flattened()), ExtendedColorType::Rgb16),
     };
     write_image(path, frame.0.size(), |file, width, height| {
-        TiffEncoder::new(file).write_image(&bytes, width, height, color)
+        let mut tiff = TiffEncoder::new(file);
+        if let Some(profile) = profile {
+            tiff.set_icc_profile(profile.bytes().to_vec()).map_err(ImageError::Unsupported)?;
+        }
+        tiff.write_image(&bytes, width, height, color)
     })
 }
 
@@ -406,7 +458,7 @@ pub(crate) fn write_tiff(path: &Path, frame: &Encoded, bits: u8) -> Result<()> {
 /// # Errors
 /// If the file cannot be written; no part of it is left.
 pub fn write_grey16(path: impl AsRef<Path>, plane: &Plane) -> Result<()> {
-    write_png_of(path.as_ref(), plane.size(), &bytes16_of(plane.data()), ExtendedColorType::L16)
+    write_png_of(path.as_ref(), plane.size(), (&bytes16_of(plane.data()), ExtendedColorType::L16), None)
 }
 
 fn bytes_of<const N: usize>(image: &Raster<[f32; N]>) -> Vec<u8> {
@@ -418,9 +470,18 @@ fn bytes16_of(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|&v| word_from_encoded(v).to_ne_bytes()).collect()
 }
 
-fn write_png_of(path: &Path, size: (usize, usize), bytes: &[u8], color: ExtendedColorType) -> Result<()> {
+fn write_png_of(
+    path: &Path,
+    size: (usize, usize),
+    (bytes, color): (&[u8], ExtendedColorType),
+    profile: Option<&IccProfile>,
+) -> Result<()> {
     write_image(path, size, |file, width, height| {
-        PngEncoder::new(file).write_image(bytes, width, height, color)
+        let mut png = PngEncoder::new(file);
+        if let Some(profile) = profile {
+            png.set_icc_profile(profile.bytes().to_vec()).map_err(ImageError::Unsupported)?;
+        }
+        png.write_image(bytes, width, height, color)
     })
 }
 

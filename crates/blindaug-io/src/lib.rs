@@ -19,7 +19,8 @@
 //! | frames out | PNG, TIFF, EXR | [`FrameFormat::write`]; [`write_png`], [`write_png16`], [`write_grey16`], row by row [`PngWriter`] |
 //! | videos out | | [`VideoWriter`] |
 //!
-//! The `ffmpeg` program reads cameras and decodes videos. Without ffmpeg, a built-in decoder reads H.264 in MP4. The environment
+//! The `ffmpeg` program reads cameras and decodes videos. Without ffmpeg, a built-in decoder reads H.264 in MP4, unless the feature `openh264`
+//! is turned off. The environment
 //! variable `BLINDAUG_FFMPEG` names another program; with `none`, ffmpeg is never used.
 
 mod camera;
@@ -33,10 +34,13 @@ mod files;
 mod fingerprint;
 mod flow;
 mod format;
+mod icc;
 mod image;
 mod limits;
 pub mod memory;
+#[cfg(feature = "openh264")]
 mod mp4;
+#[cfg(feature = "openh264")]
 mod mp4_boxes;
 mod partial;
 mod pattern;
@@ -62,6 +66,7 @@ pub use files::{Inputs, open_file, read_file, read_text, same_file};
 pub use fingerprint::{Fingerprint, fingerprint};
 pub use flow::{read_flow, write_flo};
 pub use format::{FileKind, FrameFormat};
+pub use icc::IccProfile;
 pub use image::{
     PngWriter, byte_from_encoded, read_frame, read_linear, word_from_encoded, write_grey16, write_png,
     write_png16, write_texture,

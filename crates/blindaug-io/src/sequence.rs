@@ -1,11 +1,11 @@
 //! Frames in order, from a folder of numbered images, one image, a video or a camera.
 
 use crate::{
-    Error, ExrContents, ExrHead, FrameFormat, NamePattern, Reading, Result,
+    Error, ExrContents, ExrHead, FrameFormat, IccProfile, NamePattern, Reading, Result,
     coding::recoded,
     exr,
     files::{check_regular, has_extension},
-    image::{frame_size, has_colour},
+    image::{frame_size, has_colour, icc_profile},
     limits::is_exr,
     video::{Video, VideoFrames},
 };
@@ -75,12 +75,16 @@ pub struct FrameSource {
     reading: Reading,
     kind: Kind,
     notes: Vec<String>,
+    /// The ICC profile of the first image.
+    profile: Option<IccProfile>,
+    /// Why the colour space that the files tell is not known; no frame is read then.
+    unread: Option<Error>,
 }
 
 #[derive(Debug)]
 enum Kind {
-    /// The numbers and paths of the images, in the order of the numbers.
-    Images(Vec<(u64, PathBuf)>),
+    /// The numbers and paths of the images, in the order of the numbers: those in the range, and at most one on each side of it.
+    Images { files: Vec<(u64, PathBuf)>, before: Option<(u64, PathBuf)>, after: Option<(u64, PathBuf)> },
     /// A video, and the number of its first frame.
     Video(Box<Video>, u64),
 }
@@ -92,7 +96,8 @@ impl FrameSource {
     /// counts where no other image has its number).
     ///
     /// # Errors
-    /// If the path does not exist, the range has no frame, two frames have the same number, or the first frame is damaged.
+    /// If the path does not exist, the range has no frame, two frames have the same number, or the first frame is damaged. An ICC profile that is not
+    /// known is an error only when frames are read whose colour space was not said ([`FrameSource::in_space`]).
     pub fn open(path: impl AsRef<Path>, range: FrameRange) -> Result<Self> {
         Self::open_from(path, range, None)
     }
@@ -131,7 +136,7 @@ impl FrameSource {
         let (size, format, space) = (video.size(), FrameFormat::of_video(video.bits()), video.space());
         let kind = Kind::Video(Box::new(video), first.unwrap_or(1));
         let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
-        Ok(Self { path: path.into(), range, size, format, space, reading, kind, notes })
+        Ok(Self::new(path, (range, size, format), (space, reading), kind, notes))
     }
 
     /// The images, in the order of their numbers, that are in the range.
@@ -142,6 +147,9 @@ impl FrameSource {
         mut notes: Vec<String>,
     ) -> Result<Self> {
         let all: Vec<u64> = files.iter().map(|f| f.0).collect();
+        let before =
+            files.iter().rfind(|(number, _)| range.first.is_some_and(|first| *number < first)).cloned();
+        let after = files.iter().find(|(number, _)| range.last.is_some_and(|last| *number > last)).cloned();
         files.retain(|(number, _)| range.contains(*number));
         let Some((_, first)) = files.first() else {
             let have = match all[..] {
@@ -152,10 +160,39 @@ impl FrameSource {
             return Err(Error::new(path, format!("no frame in {range} ({have})")));
         };
         notes.extend(missing_numbers(files.iter().map(|f| f.0)));
+        let (low, high) = (all.iter().min(), all.iter().max());
+        let beyond = range.first.is_some_and(|first| low.is_some_and(|low| first < *low))
+            || range.last.is_some_and(|last| high.is_some_and(|high| last > *high));
+        if let (true, Some(low), Some(high)) = (beyond, low, high) {
+            notes.push(format!("{range} reaches beyond its frames, which are {low} to {high}"));
+        }
         let (size, format) = (frame_size(first)?, FrameFormat::of_file(first)?);
-        let space = Reading::default().space_of(first)?;
+        let icc = if format.is_exr() { None } else { icc_profile(first)? };
+        let (profile, told) = match icc.map(|bytes| IccProfile::of(first, &bytes)) {
+            None => (None, Reading::default().space_of(first)),
+            Some(Ok(profile)) => (Some(profile.clone()), profile.space(first)),
+            Some(Err(damaged)) => (None, Err(damaged)),
+        };
+        let (space, unread) = match told {
+            Ok(space) => (space, None),
+            Err(e) => (ColourSpace::SRGB, Some(e)),
+        };
         let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
-        Ok(Self { path: path.into(), range, size, format, space, reading, kind: Kind::Images(files), notes })
+        let reading = if format.is_exr() { reading } else { Reading { integers: space, ..reading } };
+        let kind = Kind::Images { files, before, after };
+        let source = Self::new(path, (range, size, format), (space, reading), kind, notes);
+        Ok(Self { profile, unread, ..source })
+    }
+
+    fn new(
+        path: &Path,
+        (range, size, format): (FrameRange, (usize, usize), FrameFormat),
+        (space, reading): (ColourSpace, Reading),
+        kind: Kind,
+        notes: Vec<String>,
+    ) -> Self {
+        let (profile, unread) = (None, None);
+        Self { path: path.into(), range, size, format, space, reading, kind, notes, profile, unread }
     }
 
     /// Opens a camera: `name` is its number, or the name by which ffmpeg lists it (on Windows always the name). Its frames have no end.
@@ -169,14 +206,14 @@ impl FrameSource {
         let (space, reading) = (video.space(), Reading::default());
         let kind = Kind::Video(Box::new(video), 1);
         let (range, format) = (FrameRange::default(), FrameFormat::PNG8);
-        Ok(Self { path, range, size, format, space, reading, kind, notes })
+        Ok(Self::new(&path, (range, size, format), (space, reading), kind, notes))
     }
 
     /// The same frames, whose files are in this colour space whatever they say themselves.
     pub fn in_space(self, space: ColourSpace) -> Self {
         let transfer = space.transfer.worked_on();
         let reading = Reading { exr: Some(space), integers: space, transfer, ..self.reading };
-        Self { space, reading, ..self }
+        Self { space, reading, unread: None, ..self }
     }
 
     /// The same frames, encoded by this curve whatever their files are encoded by.
@@ -187,6 +224,11 @@ impl FrameSource {
     /// The same frames, with the light below 0 that EXR files may hold.
     pub fn with_light_below_zero(self) -> Self {
         Self { reading: Reading { below_zero: true, ..self.reading }, ..self }
+    }
+
+    /// The ICC profile of the first image, if it has one that is whole.
+    pub fn profile(&self) -> Option<&IccProfile> {
+        self.profile.as_ref()
     }
 
     /// The colour space of the files' values: what they say, or what was said in its place.
@@ -226,7 +268,7 @@ impl FrameSource {
     /// The kinds of channels in the first frame's file, if that is an EXR file.
     pub fn exr_contents(&self) -> Option<ExrContents> {
         match &self.kind {
-            Kind::Images(files) if self.format.is_exr() => {
+            Kind::Images { files, .. } if self.format.is_exr() => {
                 files.first().and_then(|(_, first)| crate::exr_contents(first).ok())
             }
             _ => None,
@@ -235,22 +277,36 @@ impl FrameSource {
 
     /// The heads of the frames' files, if they are EXR files.
     pub fn heads(&self) -> impl Fn(u64) -> Option<ExrHead> + Send + use<> {
+        self.heads_by(|path| ExrHead::read(path))
+    }
+
+    /// The heads of the frames' files, if they are EXR files, with the colour that the files have beyond the frames: it is written, as it is, into
+    /// the EXR files that get these heads.
+    pub fn heads_with_overscan(&self) -> impl Fn(u64) -> Option<ExrHead> + Send + use<> {
+        let space = self.space;
+        self.heads_by(move |path| ExrHead::read_with_overscan(path, space))
+    }
+
+    fn heads_by<R>(&self, read: R) -> impl Fn(u64) -> Option<ExrHead> + Send + use<R>
+    where
+        R: Fn(&Path) -> Result<ExrHead> + Send,
+    {
         let files: BTreeMap<u64, PathBuf> = match &self.kind {
-            Kind::Images(files) if self.format.is_exr() => files.iter().cloned().collect(),
+            Kind::Images { files, .. } if self.format.is_exr() => files.iter().cloned().collect(),
             _ => BTreeMap::new(),
         };
         // A file without a head that can be read is no frame, which is said when it is read as one.
-        move |number| ExrHead::read(files.get(&number)?).ok()
+        move |number| read(files.get(&number)?).ok()
     }
 
     /// The width of a pixel over its height, as the picture is shown, if the head of the first EXR file or of a video tells it. (The built-in
     /// decoder of videos does not read it.)
     pub fn pixel_aspect(&self) -> Option<f32> {
         match &self.kind {
-            Kind::Images(files) if self.format.is_exr() => {
+            Kind::Images { files, .. } if self.format.is_exr() => {
                 files.first().and_then(|(_, first)| ExrHead::read(first).ok()).map(|head| head.pixel_aspect())
             }
-            Kind::Images(_) => None,
+            Kind::Images { .. } => None,
             Kind::Video(v, _) => v.pixel_aspect(),
         }
     }
@@ -258,7 +314,7 @@ impl FrameSource {
     /// Frames per second, if the input gives them; images do not.
     pub fn fps(&self) -> Option<f64> {
         match &self.kind {
-            Kind::Images(_) => None,
+            Kind::Images { .. } => None,
             Kind::Video(v, _) => v.fps(),
         }
     }
@@ -266,7 +322,7 @@ impl FrameSource {
     /// The number of frames in the range; for a video the number that its head gives, if any.
     pub fn len_hint(&self) -> Option<usize> {
         match &self.kind {
-            Kind::Images(files) => Some(files.len()),
+            Kind::Images { files, .. } => Some(files.len()),
             Kind::Video(v, begin) => v.len_hint().map(|n| {
                 let end = begin.saturating_add(n as u64);
                 let last = self.range.last.map_or(end, |last| last.saturating_add(1)).min(end);
@@ -278,7 +334,7 @@ impl FrameSource {
     /// The number of the first frame in the range, if the input has it.
     pub fn first_number(&self) -> u64 {
         match &self.kind {
-            Kind::Images(files) => files.first().map_or(1, |f| f.0),
+            Kind::Images { files, .. } => files.first().map_or(1, |f| f.0),
             Kind::Video(_, begin) => self.range.first.map_or(*begin, |first| first.max(*begin)),
         }
     }
@@ -295,13 +351,30 @@ impl FrameSource {
 
     /// The frames for whose number `wanted` holds; the image files of other frames are not read.
     pub fn frames_if<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
-        Frames { source: self, wanted: Box::new(wanted), next: 0, video: None, ended: false }
+        self.frames_of(false, Box::new(wanted))
+    }
+
+    /// [`FrameSource::frames_if`], and besides the input's frames next to the range, one on each side of it, if they are wanted: what is made
+    /// of a part of a clip with the help of a frame's neighbours is then what is made of the whole clip.
+    pub fn frames_and_beside<'a>(&'a self, wanted: impl Fn(u64) -> bool + Send + 'a) -> Frames<'a> {
+        self.frames_of(true, Box::new(wanted))
+    }
+
+    fn frames_of<'a>(&'a self, beside: bool, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        Frames { source: self, beside, wanted, next: 0, video: None, ended: false }
+    }
+
+    /// Whether the range contains this number.
+    pub fn contains(&self, number: u64) -> bool {
+        self.range.contains(number)
     }
 }
 
 /// The frames of a [`FrameSource`], in order. After an error there are no more frames.
 pub struct Frames<'a> {
     source: &'a FrameSource,
+    /// Whether the frames next to the range are given, too.
+    beside: bool,
     wanted: Box<dyn Fn(u64) -> bool + Send + 'a>,
     /// Index of the next file, or number of frames decoded from the video.
     next: usize,
@@ -316,8 +389,16 @@ impl Iterator for Frames<'_> {
         if self.ended {
             return None;
         }
+        if let Some(e) = &self.source.unread {
+            self.ended = true;
+            return Some(Err(e.clone()));
+        }
         let frame = match &self.source.kind {
-            Kind::Images(files) => self.next_image(files),
+            Kind::Images { files, before, after } => {
+                let beside = self.beside;
+                let [before, after] = [before, after].map(|file| file.iter().filter(move |_| beside));
+                self.next_image(before.chain(files).chain(after))
+            }
             Kind::Video(video, begin) => self.next_video_frame(video, *begin),
         };
         self.ended = !matches!(frame, Some(Ok(_)));
@@ -326,9 +407,10 @@ impl Iterator for Frames<'_> {
 }
 
 impl Frames<'_> {
-    fn next_image(&mut self, files: &[(u64, PathBuf)]) -> Option<Result<Frame>> {
+    fn next_image<'f>(&mut self, files: impl Iterator<Item = &'f (u64, PathBuf)>) -> Option<Result<Frame>> {
+        let mut files = files.skip(self.next);
         let (number, path) = loop {
-            let (number, path) = files.get(self.next)?;
+            let (number, path) = files.next()?;
             self.next += 1;
             if (self.wanted)(*number) {
                 break (*number, path);
@@ -341,7 +423,8 @@ impl Frames<'_> {
     fn next_video_frame(&mut self, video: &Video, begin: u64) -> Option<Result<Frame>> {
         loop {
             let number = begin.saturating_add(self.next as u64);
-            if self.source.range.last.is_some_and(|last| number > last) {
+            let range = self.read_range();
+            if range.last.is_some_and(|last| number > last) {
                 return None;
             }
             if self.video.is_none() {
@@ -365,7 +448,7 @@ impl Frames<'_> {
                         Err(Error::new(&self.source.path, format!("no frame in {range} ({have})")))
                     });
                 }
-                Ok(Some(frame)) if self.source.range.contains(number) && (self.wanted)(number) => {
+                Ok(Some(frame)) if range.contains(number) && (self.wanted)(number) => {
                     let FrameSource { path, space, reading, .. } = self.source;
                     let image = recoded(video.encoded(&frame), space.transfer, reading.transfer);
                     return Some(self.checked(path, number, image));
@@ -373,6 +456,16 @@ impl Frames<'_> {
                 Ok(Some(_)) => {}
                 Err(e) => return Some(Err(e)),
             }
+        }
+    }
+
+    /// The numbers of the frames that are given if they are wanted.
+    fn read_range(&self) -> FrameRange {
+        let FrameRange { first, last } = self.source.range;
+        let wider = u64::from(self.beside);
+        FrameRange {
+            first: first.map(|n| n.saturating_sub(wider)),
+            last: last.map(|n| n.saturating_add(wider)),
         }
     }
 

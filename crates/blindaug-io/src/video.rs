@@ -1,9 +1,10 @@
-//! Videos: decoded by the `ffmpeg` program where there is one (any format), else by the built-in decoder (H.264 in MP4).
+//! Videos: decoded by the `ffmpeg` program where there is one (any format), else by the built-in decoder (H.264 in MP4), if it is built in.
 
+#[cfg(feature = "openh264")]
+use crate::mp4::{Mp4, Mp4Frames};
 use crate::{
     Error, Result, ffmpeg,
     ffmpeg::Ffmpeg,
-    mp4::{Mp4, Mp4Frames},
     video_head::VideoHead,
     yuv::{YuvFrame, turned},
 };
@@ -22,6 +23,7 @@ pub(crate) struct Video {
 #[derive(Debug)]
 enum Decoder {
     Ffmpeg(Ffmpeg),
+    #[cfg(feature = "openh264")]
     BuiltIn(Mp4),
 }
 
@@ -51,6 +53,15 @@ impl Video {
         Self::with_first_frame(path, Decoder::Ffmpeg(ffmpeg), head)
     }
 
+    /// Says that there is nothing to decode it with, which the first bytes of a file that is no video do not change.
+    #[cfg(not(feature = "openh264"))]
+    pub(crate) fn open_built_in(path: &Path) -> Result<Self> {
+        crate::open_file(path)?;
+        let what = "not an image, and videos are read by the ffmpeg program alone, since this program was built without a decoder";
+        Err(Error::new(path, format!("{what}: install ffmpeg, or give the frames as a folder of images")))
+    }
+
+    #[cfg(feature = "openh264")]
     pub(crate) fn open_built_in(path: &Path) -> Result<Self> {
         let (mp4, head) = Mp4::open(path)?;
         Self::with_first_frame(path, Decoder::BuiltIn(mp4), head)
@@ -75,6 +86,7 @@ impl Video {
     pub(crate) fn bits(&self) -> u32 {
         match &self.decoder {
             Decoder::Ffmpeg(f) => f.bits(),
+            #[cfg(feature = "openh264")]
             Decoder::BuiltIn(_) => 8,
         }
     }
@@ -110,6 +122,7 @@ impl Video {
     pub(crate) fn frames(&self) -> Result<VideoFrames> {
         Ok(match &self.decoder {
             Decoder::Ffmpeg(f) => VideoFrames::Ffmpeg(f.frames(&self.path)?),
+            #[cfg(feature = "openh264")]
             Decoder::BuiltIn(m) => VideoFrames::BuiltIn(Box::new(m.frames(&self.path)?)),
         })
     }
@@ -118,6 +131,7 @@ impl Video {
 /// A video that is being decoded.
 pub(crate) enum VideoFrames {
     Ffmpeg(ffmpeg::FfmpegFrames),
+    #[cfg(feature = "openh264")]
     BuiltIn(Box<Mp4Frames>),
 }
 
@@ -126,12 +140,30 @@ impl VideoFrames {
     pub(crate) fn next_frame(&mut self) -> Result<Option<YuvFrame>> {
         match self {
             Self::Ffmpeg(f) => f.next_frame(),
+            #[cfg(feature = "openh264")]
             Self::BuiltIn(m) => m.next_frame(),
         }
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "openh264")))]
+mod tests_without_decoder {
+    use super::*;
+
+    #[test]
+    fn a_video_without_any_decoder_is_one_sentence() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.mp4");
+        std::fs::write(&path, b"\0\0\0\x18ftypmp42").unwrap();
+        let e = Video::open_built_in(&path).unwrap_err().to_string();
+        assert!(e.contains("a.mp4: ") && e.contains("install ffmpeg") && !e.contains('\n'), "{e}");
+        // Negative control: a file that is not there is another error.
+        let e = Video::open_built_in(&dir.path().join("b.mp4")).unwrap_err().to_string();
+        assert!(e.contains("b.mp4: ") && !e.contains("install ffmpeg"), "{e}");
+    }
+}
+
+#[cfg(all(test, feature = "openh264"))]
 mod tests {
     use super::*;
     use crate::VideoWriter;

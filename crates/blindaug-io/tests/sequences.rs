@@ -67,6 +67,24 @@ fn ranges_select_by_number() {
 }
 
 #[test]
+fn the_frames_beside_a_range_are_given_to_whoever_asks() {
+    let dir = folder(&["1.png", "2.png", "3.png", "7.png"]);
+    let beside = |text: &str, wanted: fn(u64) -> bool| -> Vec<u64> {
+        let source = FrameSource::open(dir.path(), text.parse().unwrap()).unwrap();
+        source.frames_and_beside(wanted).map(|f| f.unwrap().number).collect()
+    };
+    assert_eq!(beside("2..2", |_| true), [1, 2, 3]);
+    assert_eq!(beside("..2", |_| true), [1, 2, 3]);
+    assert_eq!(beside("3..", |_| true), [2, 3, 7]);
+    assert_eq!(beside("3..4", |n| n != 2), [3, 7]);
+    assert_eq!(beside("..", |_| true), [1, 2, 3, 7]);
+    // They are not the source's own.
+    let source = FrameSource::open(dir.path(), "2..2".parse().unwrap()).unwrap();
+    assert_eq!((numbers(&source), source.len_hint(), source.first_number()), (vec![2], Some(1), 2));
+    assert!(source.contains(2) && !source.contains(3));
+}
+
+#[test]
 fn one_image_is_a_clip_of_one_frame() {
     let dir = folder(&["portrait.png"]);
     for path in [dir.path().join("portrait.png"), dir.path().into()] {

@@ -4,9 +4,10 @@ use blindaug::{
     CameraModel, Error, Result,
     model::{
         Aperture, Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-        MotionBlurModel, NoiseLevel, NoiseModel,
+        MOST_SQUEEZE, MotionBlurModel, NoiseLevel, NoiseModel,
     },
 };
+use std::ops::RangeInclusive;
 
 /// The parts of a camera that are set by hand; `None` leaves a part as it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,6 +28,22 @@ pub struct ByHand {
     pub cats_eye: Option<f32>,
     /// The factor of the noise's std, >= 0.
     pub grain: Option<f32>,
+}
+
+/// The ranges that people are offered.
+impl ByHand {
+    /// The shutter angle, degrees: 360 times the exposure fraction.
+    pub const SHUTTER_DEGREES: RangeInclusive<f64> = 0.0..=360.0;
+    /// The shutter's phase, degrees.
+    pub const PHASE_DEGREES: RangeInclusive<f64> = -180.0..=180.0;
+    /// The std of the blur at infinity, px.
+    pub const BLUR_PX: RangeInclusive<f64> = 0.0..=100.0;
+    /// The squeeze.
+    pub const SQUEEZE: RangeInclusive<f64> = 1.0 / MOST_SQUEEZE as f64..=MOST_SQUEEZE as f64;
+    /// The strength of the cat's eye.
+    pub const CATS_EYE: RangeInclusive<f64> = 0.0..=1.0;
+    /// The factor of the noise's std.
+    pub const GRAIN: RangeInclusive<f64> = 0.0..=100.0;
 }
 
 impl ByHand {

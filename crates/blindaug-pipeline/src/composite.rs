@@ -8,7 +8,7 @@ use crate::{
     observer::Observer,
 };
 use blindaug::{
-    CameraModel, Encoded, Flow, Frame, Linear, Plane, Raster, Transfer,
+    CameraModel, Encoded, Flow, Frame, Linear, Overscan, Plane, Raster, Transfer,
     composite::{self, CompositeOptions, DistortedLayer, Plate, VirtualLayer},
     model::{
         CameraTrack, Capture, DefocusCurve, DefocusModel, DepthKind, Distortion, Estimate, KnownDistance,
@@ -250,6 +250,14 @@ pub enum LayerDepth {
     OfFootage,
 }
 
+impl LayerDepth {
+    /// The depth of layers that have none, for a lens whose blur does not depend on depth ([`matched_at`]), which needs some all the same: that
+    /// of the footage if it is known.
+    pub fn any(footage_is_known: bool) -> Self {
+        if footage_is_known { Self::OfFootage } else { Self::Metres(1.0) }
+    }
+}
+
 /// The motion of a whole layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LayerMotion {
@@ -287,9 +295,10 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// The places of a layer's object, as indices of its pixels.
-fn places(layer: &VirtualLayer) -> impl Iterator<Item = usize> + '_ {
-    layer.color.0.data().iter().enumerate().filter(|(_, p)| p[3] >= 0.5).map(|(i, _)| i)
+/// The places of a layer's object in the frame, as indices of the frame's pixels.
+fn places(layer: &VirtualLayer, overscan: Overscan) -> Vec<usize> {
+    let frame = overscan.frame_of(&layer.color.0);
+    frame.data().iter().enumerate().filter(|(_, p)| p[3] >= 0.5).map(|(i, _)| i).collect()
 }
 
 impl Scene {
@@ -318,7 +327,7 @@ impl Scene {
         &self,
         frame: &Frame,
         neighbours: &Neighbours,
-        layer: &mut VirtualLayer,
+        (layer, overscan): (&mut VirtualLayer, Overscan),
         applied: &Applied,
         missing: &mut Missing,
     ) -> Result<Around> {
@@ -347,7 +356,7 @@ impl Scene {
         };
         let no_matte = self.holdout.is_some() && holdout.is_none();
         missing.check(no_matte, number, "no matte", "the object is not held out");
-        self.complete(layer, (inverse_depth.as_ref(), flow.as_ref()));
+        self.complete(layer, overscan, (inverse_depth.as_ref(), flow.as_ref()));
         let has_depth = layer.inverse_depth.is_some();
         let no_layer_flow = applied.moving && layer.flow.is_none();
         let no_flow = "its virtual layer has no motion (--layer-motion gives it one)";
@@ -359,8 +368,14 @@ impl Scene {
     }
 
     /// Gives a layer the depth and the motion that it lacks, of those that the scene has for it.
-    fn complete(&self, layer: &mut VirtualLayer, (depth, flow): (Option<&Plane>, Option<&Flow>)) {
+    fn complete(
+        &self,
+        layer: &mut VirtualLayer,
+        overscan: Overscan,
+        (depth, flow): (Option<&Plane>, Option<&Flow>),
+    ) {
         let (w, h) = layer.color.0.size();
+        let places = |layer: &VirtualLayer| places(layer, overscan).into_iter();
         if layer.inverse_depth.is_none() {
             let inverse = match self.layer_depth {
                 Some(LayerDepth::Metres(metres)) => Some(1.0 / metres),
@@ -449,8 +464,10 @@ pub fn composite(
                 Product::Layer => sink.put_layer(&DistortedLayer::empty(clip.size())),
             };
         };
-        let around = scene.around(frame, neighbours, &mut layer, &applied, &mut missing)?;
+        let overscan = layers.overscan(number)?;
+        let around = scene.around(frame, neighbours, (&mut layer, overscan), &applied, &mut missing)?;
         let plate = Plate {
+            overscan,
             inverse_depth: around.inverse_depth.as_ref(),
             flow: around.flow.as_ref(),
             with_and_without: around.renders.as_ref().map(|[with, without]| (with, without)),
@@ -460,7 +477,7 @@ pub fn composite(
         let model = track.at(number);
         let of_frame = |e| of_frame(clip, number, e);
         let work = composite::bytes_beside(&plate, &layer, &model, options).map_err(of_frame)?;
-        check_memory(clip, given, false, work)?;
+        check_memory(clip, given, false, work + beyond_frame(&layer, clip.size(), LAYER + apart))?;
         match product {
             Product::Composite => {
                 sink.put(&composite::composite(&plate, &layer, &model, options).map_err(of_frame)?.0)
@@ -470,6 +487,12 @@ pub fn composite(
         }
     })?;
     Ok(Made { without_layer, ..made })
+}
+
+/// The bytes that a layer takes beyond a frame of this size, where a pixel takes so many.
+fn beyond_frame(layer: &VirtualLayer, frame: (usize, usize), per_pixel: u64) -> u64 {
+    let [all, within] = [layer.color.0.size(), frame].map(|(w, h)| (w * h) as u64);
+    per_pixel * all.saturating_sub(within)
 }
 
 /// A rendered clip with its depth and flow.
@@ -493,6 +516,8 @@ pub struct Application {
     track: CameraTrack,
     /// Whether motion blur is applied.
     moving: bool,
+    /// Whether the lens is over metric inverse depth, as the depth of layers is.
+    metric: bool,
 }
 
 /// Brings a rendered clip's depth and a camera's lens to one unit. Messages call the camera `name`.
@@ -506,6 +531,8 @@ pub fn applying(
     observer: &dyn Observer,
 ) -> Result<Application> {
     let Rendered { clip, layers, depth, flow } = rendered;
+    let metric =
+        !matches!(depth, Some((_, DepthKind::Relative))) || track.depth_kind() != Some(DepthKind::Relative);
     let (depth, track) = match (depth, track.depth_kind()) {
         (Some((maps, DepthKind::Relative)), Some(DepthKind::Relative)) => {
             // Depth and model are taken to be in the same unit, whatever it is.
@@ -534,7 +561,7 @@ pub fn applying(
     let with_alpha = if layers.is_some() { LAYER + WITH_ALPHA } else { 0 };
     let given = given + with_alpha + if depth.is_some() { DEPTH } else { 0 };
     check_memory(&*clip, given, finds_flow, work)?;
-    Ok(Application { clip, layers, depth, flow, track, moving })
+    Ok(Application { clip, layers, depth, flow, track, moving, metric })
 }
 
 impl Application {
@@ -548,7 +575,7 @@ impl Application {
         sink: &mut dyn Sink,
         observer: &dyn Observer,
     ) -> Result<Made> {
-        let Self { clip, layers, depth, flow, track, moving } = self;
+        let Self { clip, layers, depth, flow, track, moving, metric } = self;
         let (clip, moving) = (&**clip, *moving);
         let mut missing = Missing::new(observer);
         let neighbours = moving && flow.is_none();
@@ -571,12 +598,17 @@ impl Application {
                 Some(layers) => layers.get(number, size)?,
                 None => None,
             };
-            if let Some(VirtualLayer { color, .. }) = layer {
-                let layer = VirtualLayer { color, inverse_depth, flow };
-                let distorted = distorted_with_alpha(&layer, &model, options, number);
-                let (frame, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
-                sink.put(&frame.0)?;
-                return sink.put_alpha(&alpha);
+            if let Some((layers, own)) = layers.as_ref().zip(layer) {
+                let overscan = layers.overscan(number)?;
+                let layer = VirtualLayer {
+                    inverse_depth: around(inverse_depth, own.inverse_depth.filter(|_| *metric), overscan),
+                    flow: around(flow, own.flow, overscan),
+                    color: own.color,
+                };
+                check_memory(clip, 0, false, beyond_frame(&layer, size, LAYER + WITH_ALPHA))?;
+                let distorted = distorted_with_alpha(&layer, overscan, &model, (options, number));
+                let (picture, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
+                return sink.put_with_alpha(&picture, &alpha, overscan);
             }
             distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
                 .map_err(|e| of_frame(clip, number, e))?
@@ -585,18 +617,34 @@ impl Application {
     }
 }
 
+/// What is known of a frame and, beyond it, of the layer itself; where that does not tell it either, the frame's edge is repeated.
+fn around<T: Copy + Default + Send + Sync>(
+    of_frame: Option<Raster<T>>,
+    own: Option<Raster<T>>,
+    overscan: Overscan,
+) -> Option<Raster<T>> {
+    let of_frame = of_frame?;
+    if overscan.is_none() {
+        return Some(of_frame);
+    }
+    let mut whole = own.unwrap_or_else(|| overscan.continued(&of_frame));
+    overscan.put_frame(&of_frame, &mut whole);
+    Some(whole)
+}
+
 /// A rendered frame with alpha as the camera would have filmed it, premultiplied, and its alpha: the layer that a composite would lay over
 /// black, so that both are blurred past the silhouette.
 fn distorted_with_alpha(
     layer: &VirtualLayer,
+    overscan: Overscan,
     model: &CameraModel,
-    options: &SynthesisOptions,
-    number: u64,
+    (options, number): (&SynthesisOptions, u64),
 ) -> blindaug::Result<(Encoded, Plane)> {
     let &SynthesisOptions { bokeh, no_noise, seed, unclipped } = options;
     let (width, height) = layer.color.0.size();
-    let black = Encoded(Raster::filled(width, height, [0.0; 3]));
-    let plate = Plate::new(&black, number);
+    let frame = overscan.frame_size((width, height));
+    let black = Encoded(Raster::filled(frame.0, frame.1, [0.0; 3]));
+    let plate = Plate { overscan, ..Plate::new(&black, number) };
     let options = CompositeOptions { naive: false, no_noise, bokeh, seed, unclipped };
     let DistortedLayer { color, noise, .. } = composite::distorted_layer(&plate, layer, model, &options)?;
     let light = Linear(Raster::from_fn(width, height, |x, y| {
@@ -619,6 +667,10 @@ impl crate::Side<VirtualLayer> for blindaug_io::SideFolder<blindaug_io::VirtualL
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<VirtualLayer>> {
         let layer = self.get(number, size)?;
         Ok(layer.map(|l| VirtualLayer { color: l.color, inverse_depth: l.inverse_depth, flow: l.flow }))
+    }
+
+    fn overscan(&self, number: u64) -> Result<Overscan> {
+        Ok(self.overscan(number)?)
     }
 }
 

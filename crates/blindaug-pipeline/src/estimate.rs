@@ -24,6 +24,8 @@ pub struct Fitted {
     pub first: u64,
     /// The last frame's number.
     pub last: u64,
+    /// The numbers of the first and last frame of each shot, in the order of time. A clip without a cut is one shot.
+    pub shots: Vec<(u64, u64)>,
 }
 
 /// The most frames that are kept for a report.
@@ -188,7 +190,13 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     if !diagnostics.shots.is_empty() {
         diagnostics.notes.insert(0, words_of_shots(&diagnostics.shots, &whole.numbers));
     }
-    Ok(Fitted { estimation, samples: whole.samples.kept, first, last })
+    let number = |index: usize| whole.numbers[index];
+    let mut shots: Vec<(u64, u64)> =
+        diagnostics.shots.iter().map(|s| (number(s.frames.start), number(s.frames.end - 1))).collect();
+    if shots.is_empty() {
+        shots.push((first, last));
+    }
+    Ok(Fitted { estimation, samples: whole.samples.kept, first, last, shots })
 }
 
 /// A sentence about the shots: the frames and the exposure of each of the first ten.

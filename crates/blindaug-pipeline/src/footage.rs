@@ -1,7 +1,7 @@
 //! Frames and their accompanying data, from any source.
 
 use crate::{Error, Result};
-use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
+use blindaug::{Encoded, Flow, Frame, Overscan, Plane, model::DepthKind};
 use std::{
     collections::BTreeMap,
     sync::atomic::{AtomicBool, Ordering},
@@ -31,6 +31,18 @@ pub trait Clip: Sync {
 
     /// The frames whose numbers are wanted.
     fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a>;
+
+    /// [`Clip::frames_if`], and besides the frames next to the clip's own, one on each side, where the clip is a part of a longer one and they are
+    /// wanted. By default there are none.
+    fn frames_and_beside<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        self.frames_if(wanted)
+    }
+
+    /// Whether a frame of this number, which the clip gave, is one of its own, rather than one next to them.
+    fn contains(&self, number: u64) -> bool {
+        let _ = number;
+        true
+    }
 
     /// Whether `wanted` holds for the number of any frame. By default the numbers are gone through without reading a frame.
     ///
@@ -105,11 +117,20 @@ pub trait Side<T>: Sync {
     /// Whether there are data for the frame of this number.
     fn has(&self, number: u64) -> bool;
 
-    /// The data of a frame of this number and size, if there are any.
+    /// The data of a frame of this number and size, if there are any. They are larger than the frame by their overscan.
     ///
     /// # Errors
     /// If the data cannot be read, or have another size.
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>>;
+
+    /// How far the data of a frame of this number reach beyond the frame. By default they end with it.
+    ///
+    /// # Errors
+    /// If the data cannot be read.
+    fn overscan(&self, number: u64) -> Result<Overscan> {
+        let _ = number;
+        Ok(Overscan::default())
+    }
 }
 
 /// Accompanying data from any source.
@@ -185,6 +206,14 @@ impl Clip for blindaug_io::FrameSource {
 
     fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
         Box::new(self.frames_if(wanted).map(|frame| Ok(frame?)))
+    }
+
+    fn frames_and_beside<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        Box::new(self.frames_and_beside(wanted).map(|frame| Ok(frame?)))
+    }
+
+    fn contains(&self, number: u64) -> bool {
+        self.contains(number)
     }
 
     fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {

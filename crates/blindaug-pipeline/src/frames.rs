@@ -6,7 +6,7 @@ use crate::{
     footage::Clip,
     observer::{Observer, Steps},
 };
-use blindaug::{Encoded, Flow, Frame, Plane, Raster, analysis, composite::DistortedLayer};
+use blindaug::{Encoded, Flow, Frame, Overscan, Plane, Raster, analysis, composite::DistortedLayer};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes per pixel of a frame, of flow, and of depth.
@@ -33,13 +33,14 @@ pub trait Sink {
     /// If the rows cannot be kept.
     fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()>;
 
-    /// Takes the alpha by which the frame's colour is premultiplied; by default it is left out.
+    /// Takes a whole frame, premultiplied by its alpha, which reaches beyond the frame as far as `overscan` says. By default alpha and what
+    /// lies beyond are left out.
     ///
     /// # Errors
-    /// If alpha cannot be kept.
-    fn put_alpha(&mut self, alpha: &Plane) -> Result<()> {
+    /// If the frame cannot be kept.
+    fn put_with_alpha(&mut self, picture: &Encoded, alpha: &Plane, overscan: Overscan) -> Result<()> {
         let _ = alpha;
-        Ok(())
+        self.put(&overscan.frame_of(&picture.0))
     }
 
     /// Takes the frame's virtual layer, distorted, in place of the frame itself.
@@ -151,7 +152,8 @@ impl Neighbours<'_> {
 }
 
 /// Calls `make` for each frame that is not done, which puts the rows of the result into the sink. Only with `neighbours` are the frames
-/// before and after that frame at hand; else one frame is in memory at a time.
+/// before and after that frame at hand, those next to a part of a longer clip among them, so that a frame is the same whichever part it is made
+/// with; else one frame is in memory at a time.
 pub(crate) fn for_each_frame(
     what: &'static str,
     clip: &dyn Clip,
@@ -161,20 +163,22 @@ pub(crate) fn for_each_frame(
     mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
 ) -> Result<Made> {
     let done = sink.done();
+    let is_due = |n: u64| clip.contains(n) && !done.contains(&n);
     let needed = |n: u64| {
-        let beside = |n: u64| neighbours && !done.contains(&n);
-        !done.contains(&n) || beside(n + 1) || beside(n.saturating_sub(1))
+        let beside = |n: u64| neighbours && is_due(n);
+        is_due(n) || beside(n + 1) || beside(n.saturating_sub(1))
     };
     let mut made = Made::default();
     let steps = Steps::begin(observer, what, "frames", clip.len_hint().map(|n| n.saturating_sub(done.len())));
-    let mut frames = clip.frames_if(Box::new(needed));
+    let needed = Box::new(needed);
+    let mut frames = if neighbours { clip.frames_and_beside(needed) } else { clip.frames_if(needed) };
     let mut previous: Option<Frame> = None;
     let mut current = frames.next().transpose()?;
     while let Some(frame) = current.take() {
         let number = frame.number;
         // If the next frame is damaged, the loop ends here, since without it this frame's motion would be another.
         let next = if neighbours { frames.next().transpose()? } else { None };
-        if !done.contains(&number) {
+        if is_due(number) {
             let around = Neighbours {
                 clip,
                 previous: previous.as_ref().filter(|p| p.number + 1 == number).map(|p| &p.image),
@@ -195,7 +199,7 @@ pub(crate) fn for_each_frame(
             drop(frame);
             (None, frames.next().transpose()?)
         };
-        if let (true, Some(next)) = (observer.stops(), &current) {
+        if let (true, Some(next)) = (observer.stops(), current.as_ref().filter(|f| clip.contains(f.number))) {
             made.stopped = Some((number, next.number));
             break;
         }

@@ -1,7 +1,10 @@
 //! Neural networks in the five places of the paper's pipeline.
 
-use crate::{Error, Observer, Operators, Result};
-use blindaug::{Encoded, fit::Evidence};
+use crate::{Error, Footage, Observer, Operators, Result};
+use blindaug::{
+    Encoded,
+    fit::{Evidence, Family},
+};
 use blindaug_nets::{Chain, Network, Removed, Slot, Slots, Store};
 
 /// The networks of a job.
@@ -51,6 +54,29 @@ impl Networks {
             Store::built_in()?.into_iter().for_each(fill);
         }
         Ok(Self { chain: Chain::new(slots), names: used, removed: Removed::default() })
+    }
+
+    /// Opens the networks of an estimate as [`Networks::named`] does, and tells the observer which. The built-in ones are taken if blur is to be
+    /// estimated by its removal, no names are given, and no frames without blur are.
+    ///
+    /// # Errors
+    /// The same as [`Networks::named`], and if a network removes something and the estimate has no use for that.
+    pub fn for_estimate(
+        names: &[String],
+        family: Family,
+        footage: &Footage,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let given = footage.has_removed();
+        let networks = Self::named(names, family == Family::Removal && !given, observer)?;
+        if networks.remove() && (given || family == Family::Spectral) {
+            let why = if given { "such frames are given" } else { "--method spectral removes nothing" };
+            return Err(Error::Networks(format!("{why}: name only networks of flow and depth")));
+        }
+        if !networks.is_empty() {
+            observer.note(&format!("networks: {}", networks.names()));
+        }
+        Ok(networks)
     }
 
     /// The networks' names, joined by commas.

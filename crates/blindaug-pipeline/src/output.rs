@@ -4,7 +4,7 @@ use crate::{
     Error, Result,
     frames::{Sink, whole},
 };
-use blindaug::{Encoded, Plane, Raster, composite::DistortedLayer};
+use blindaug::{Encoded, Overscan, Plane, Raster, composite::DistortedLayer};
 use blindaug_io::{
     Coding, Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, NamePattern, PngWriter, VideoWriter,
     check_folder, is_stream, make_folder, remove_leftovers_in, write_distorted_layer,
@@ -60,6 +60,8 @@ enum Begun {
         /// The pixels so far.
         pixels: Vec<[f32; 3]>,
         alpha: Option<Plane>,
+        /// How far the pixels and alpha reach beyond the frame.
+        overscan: Overscan,
         /// The layer that is written in place of the pixels.
         layer: Option<Box<DistortedLayer>>,
     },
@@ -159,6 +161,14 @@ impl Output {
         self.end()
     }
 
+    /// Whether the files hold alpha, and pictures that reach beyond the frame.
+    fn takes_alpha(&self) -> bool {
+        match &self.kind {
+            Kind::Folder { files, .. } | Kind::Image(files) => files.format.is_exr(),
+            Kind::Video(..) => false,
+        }
+    }
+
     /// Completes the output.
     ///
     /// # Errors
@@ -198,13 +208,15 @@ impl Sink for Output {
             Kind::Folder { files, names, .. }
                 if files.format == FrameFormat::PNG8 && files.coding.keeps() =>
             {
-                Begun::Png(Box::new(PngWriter::create(names.path(number), size)?))
+                let profile = files.coding.profile();
+                Begun::Png(Box::new(PngWriter::create_with(names.path(number), size, profile)?))
             }
             _ => Begun::Whole {
                 number,
                 width,
                 pixels: Vec::with_capacity(width * height),
                 alpha: None,
+                overscan: Overscan::default(),
                 layer: None,
             },
         });
@@ -220,29 +232,32 @@ impl Sink for Output {
         Ok(())
     }
 
-    fn put_alpha(&mut self, of_frame: &Plane) -> Result<()> {
-        if let Some(Begun::Whole { alpha, .. }) = &mut self.begun {
-            *alpha = Some(of_frame.clone());
+    fn put_with_alpha(&mut self, picture: &Encoded, of_picture: &Plane, beyond: Overscan) -> Result<()> {
+        let takes_alpha = self.takes_alpha();
+        match &mut self.begun {
+            Some(Begun::Whole { width, pixels, alpha, overscan, .. }) if takes_alpha => {
+                *width = picture.0.width();
+                pixels.extend_from_slice(picture.0.data());
+                (*alpha, *overscan) = (Some(of_picture.clone()), beyond);
+                Ok(())
+            }
+            _ => self.put(&beyond.frame_of(&picture.0)),
         }
-        Ok(())
     }
 
     fn put_layer(&mut self, of_frame: &DistortedLayer) -> Result<()> {
-        let takes_layers = match &self.kind {
-            Kind::Folder { files, .. } | Kind::Image(files) => files.format.kind() == FileKind::Exr,
-            Kind::Video(..) => false,
-        };
+        let takes_alpha = self.takes_alpha();
         match &mut self.begun {
-            Some(Begun::Whole { layer, .. }) if takes_layers => *layer = Some(Box::new(of_frame.clone())),
+            Some(Begun::Whole { layer, .. }) if takes_alpha => *layer = Some(Box::new(of_frame.clone())),
             _ => return Err(Error::NoLayers),
         }
         Ok(())
     }
 
     fn end(&mut self) -> Result<()> {
-        let (number, width, pixels, alpha, layer) = match self.begun.take() {
-            Some(Begun::Whole { number, width, pixels, alpha, layer }) => {
-                (number, width, pixels, alpha, layer)
+        let (number, width, pixels, alpha, overscan, layer) = match self.begun.take() {
+            Some(Begun::Whole { number, width, pixels, alpha, overscan, layer }) => {
+                (number, width, pixels, alpha, overscan, layer)
             }
             Some(Begun::Png(png)) => return Ok(png.finish()?),
             None => return Ok(()),
@@ -255,7 +270,13 @@ impl Sink for Output {
                 Some(layer) => {
                     write_distorted_layer(path, layer, files.format.bits(), head.as_ref(), &files.coding)
                 }
-                None => files.format.write(path, &frame, alpha.as_ref(), head.as_ref(), &files.coding),
+                None if overscan.is_none() => {
+                    files.format.write(path, &frame, alpha.as_ref(), head.as_ref(), &files.coding)
+                }
+                None => {
+                    let picture = (&frame, overscan);
+                    files.format.write_around(path, picture, alpha.as_ref(), head.as_ref(), &files.coding)
+                }
             }
         };
         match &mut self.kind {

@@ -20,6 +20,7 @@ enum Adaptation {
 }
 
 const D65: [f64; 2] = [0.312_7, 0.329];
+const D50: [f64; 2] = [0.345_7, 0.358_5];
 const ACES_WHITE: [f64; 2] = [0.321_68, 0.337_67];
 
 const fn primaries(r: [f64; 2], g: [f64; 2], b: [f64; 2], adaptation: Adaptation) -> Primaries {
@@ -69,8 +70,16 @@ impl Primaries {
     /// Canon Cinema Gamut.
     pub const CINEMA_GAMUT: Self = primaries([0.74, 0.27], [0.17, 1.14], [0.08, -0.1], Adaptation::Cat02);
 
+    /// Adobe RGB (1998).
+    pub const ADOBE_RGB: Self = primaries([0.64, 0.33], [0.21, 0.71], [0.15, 0.06], Adaptation::Bradford);
+    /// ProPhoto RGB (ROMM), whose white is D50.
+    pub const PROPHOTO: Self = Self {
+        xy: [[0.734_7, 0.265_3], [0.159_6, 0.840_4], [0.036_6, 0.000_1], D50],
+        adaptation: Adaptation::Bradford,
+    };
+
     /// All primaries with a name.
-    const NAMED: [(Self, &str); 12] = [
+    const NAMED: [(Self, &str); 14] = [
         (Self::REC709, "Rec. 709"),
         (Self::REC2020, "Rec. 2020"),
         (Self::P3, "P3"),
@@ -83,6 +92,8 @@ impl Primaries {
         (Self::V_GAMUT, "V-Gamut"),
         (Self::RED_WIDE_GAMUT, "RED Wide Gamut"),
         (Self::CINEMA_GAMUT, "Cinema Gamut"),
+        (Self::ADOBE_RGB, "Adobe RGB"),
+        (Self::PROPHOTO, "ProPhoto RGB"),
     ];
 
     /// The primaries of red, green, blue and white with these chromaticities: those with a name, if they differ from these by roundings only.
@@ -102,6 +113,23 @@ impl Primaries {
         match sound {
             true => Ok(new),
             false => Err(Error::new("the chromaticities of red, green, blue and white span no colour space")),
+        }
+    }
+
+    /// The primaries of an ICC profile: `colorants` are the XYZ of red, green and blue as the profile has them, adapted to D50. Those with a name
+    /// are known whether their white is D50 or was adapted from D65, which profiles seldom tell; all others keep the white of D50.
+    ///
+    /// # Errors
+    /// If the colours lie on one line, so that they span no space.
+    pub fn of_icc(colorants: [[f64; 3]; 3]) -> Result<Self> {
+        let white: [f64; 3] = std::array::from_fn(|i| colorants.iter().map(|c| c[i]).sum());
+        let all = [colorants[0], colorants[1], colorants[2], white];
+        let xy = |v: [f64; 3]| [v[0], v[1]].map(|c| c / v.iter().sum::<f64>());
+        let to_d65 = adaptation(&BRADFORD, D50, D65);
+        let of_d65 = to_d65.map(|m| Self::new(all.map(|v| xy(product(&m, v)))));
+        match of_d65 {
+            Some(Ok(named)) if named.name().is_some() => Ok(named),
+            _ => Self::new(all.map(xy)),
         }
     }
 
@@ -149,12 +177,19 @@ fn inverse(m: &Matrix) -> Option<Matrix> {
         .then(|| std::array::from_fn(|i| std::array::from_fn(|j| cofactor(j, i) / determinant)))
 }
 
+const BRADFORD: Matrix =
+    [[0.895_1, 0.266_4, -0.161_4], [-0.750_2, 1.713_5, 0.036_7], [0.038_9, -0.068_5, 1.029_6]];
+const CAT02: Matrix = [[0.732_8, 0.429_6, -0.162_4], [-0.703_6, 1.697_5, 0.006_1], [0.003, 0.013_6, 0.983_4]];
+
+/// The matrix by which XYZ under a white become those under another, scaled in cone responses; `None` if these have no inverse.
+fn adaptation(cones: &Matrix, from: [f64; 2], to: [f64; 2]) -> Option<Matrix> {
+    let [before, after] = [from, to].map(|white| product(cones, xyz(white)));
+    let scaled = std::array::from_fn(|i| cones[i].map(|v| v * after[i] / before[i]));
+    Some(multiplied(&inverse(cones)?, &scaled))
+}
+
 /// The matrix by which light of these primaries becomes light of others; `None` if they are the same. White stays white.
 pub fn conversion(from: Primaries, to: Primaries) -> Option<Matrix> {
-    const BRADFORD: Matrix =
-        [[0.895_1, 0.266_4, -0.161_4], [-0.750_2, 1.713_5, 0.036_7], [0.038_9, -0.068_5, 1.029_6]];
-    const CAT02: Matrix =
-        [[0.732_8, 0.429_6, -0.162_4], [-0.703_6, 1.697_5, 0.006_1], [0.003, 0.013_6, 0.983_4]];
     if from.xy == to.xy {
         return None;
     }
@@ -162,9 +197,7 @@ pub fn conversion(from: Primaries, to: Primaries) -> Option<Matrix> {
     if from.xy[3] != to.xy[3] {
         let cat02 = [from, to].iter().any(|p| p.adaptation == Adaptation::Cat02);
         let cones = if cat02 { CAT02 } else { BRADFORD };
-        let [before, after] = [from, to].map(|p| product(&cones, xyz(p.xy[3])));
-        let scaled = std::array::from_fn(|i| cones[i].map(|v| v * after[i] / before[i]));
-        matrix = multiplied(&multiplied(&inverse(&cones)?, &scaled), &matrix);
+        matrix = multiplied(&adaptation(&cones, from.xy[3], to.xy[3])?, &matrix);
     }
     Some(multiplied(&inverse(&to.to_xyz())?, &matrix))
 }
@@ -194,7 +227,7 @@ impl ColourSpace {
     pub const LINEAR_SRGB: Self = space(Primaries::REC709, Transfer::Linear);
 
     /// The spaces that have a name, and what they are.
-    pub const NAMED: [(&str, Self, &str); 15] = [
+    pub const NAMED: [(&str, Self, &str); 17] = [
         ("srgb", Self::SRGB, "display-encoded sRGB"),
         ("rec709", space(Primaries::REC709, Transfer::Bt1886), "Rec. 709 as a display shows it (BT.1886)"),
         ("linear-srgb", Self::LINEAR_SRGB, "scene-linear, primaries of sRGB and Rec. 709"),
@@ -210,6 +243,8 @@ impl ColourSpace {
         ("pq", space(Primaries::REC2020, Transfer::Pq), "PQ (ST 2084), Rec. 2020"),
         ("hlg", space(Primaries::REC2020, Transfer::Hlg), "HLG (BT.2100), Rec. 2020"),
         ("display-p3", space(Primaries::P3, Transfer::Srgb), "Display P3, as phones record photographs"),
+        ("adobe-rgb", space(Primaries::ADOBE_RGB, Transfer::AdobeRgb), "Adobe RGB (1998)"),
+        ("prophoto", space(Primaries::PROPHOTO, Transfer::Prophoto), "ProPhoto RGB"),
     ];
 
     /// The space as people call it: its short name if it has one, else its primaries and its curve.
@@ -232,7 +267,9 @@ impl std::str::FromStr for ColourSpace {
         let found = Self::NAMED.iter().find(|(name, ..)| plain(name) == plain(text));
         found.map(|(_, space, _)| *space).ok_or_else(|| {
             let names = Self::NAMED.map(|(name, ..)| name).join(", ");
-            Error::new(format!("\"{text}\" is no colour space that is known here: give one of {names}"))
+            Error::new(format!(
+                "\"{text}\" is no colour space that is known here: give one of {names}; OpenColorIO's ocioconvert brings others to these"
+            ))
         })
     }
 }
@@ -260,7 +297,9 @@ pub fn doubts(coded: &ColourSpace, file: &ColourSpace, frame: &Encoded) -> Optio
             "said to be {named}, but its values lie between {dark:.2} and {bright:.2} as those of log footage do; if it is log, \
              give --colour-space s-log3, logc4, .."
         )),
-        Transfer::Srgb | Transfer::Bt1886 | Transfer::Linear => None,
+        Transfer::Srgb | Transfer::Bt1886 | Transfer::AdobeRgb | Transfer::Prophoto | Transfer::Linear => {
+            None
+        }
         curve => {
             // Cameras' curves encode black well above 0, and no camera reaches the end of its curve in a large part of the picture.
             let black = curve.encode(0.0);

@@ -17,7 +17,7 @@
 
 use crate::model::{CameraModel, NoiseModel, SharpeningModel, Space};
 use crate::synth::{Blur, coverage_weight, defocus::Bokeh, extended, noise, sharpening};
-use crate::{Encoded, Error, Flow, Linear, Plane, Premultiplied, Raster, Result, filter};
+use crate::{Encoded, Error, Flow, Linear, Overscan, Plane, Premultiplied, Raster, Result, filter};
 
 /// A rendered object, sharp.
 #[derive(Clone, Debug)]
@@ -45,12 +45,23 @@ pub struct Plate<'a> {
     pub with_and_without: Option<(&'a Linear, &'a Linear)>,
     /// A matte: the share of each pixel that things in front of the object cover, in [0, 1], with edges as soft as they are in the frame.
     pub holdout: Option<&'a Plane>,
+    /// How far the virtual layer reaches beyond the frame, px: what lies there is blurred into the frame.
+    pub overscan: Overscan,
 }
 
 impl<'a> Plate<'a> {
     /// A frame of this number, of whose scene nothing else is known.
     pub fn new(frame: &'a Encoded, number: u64) -> Self {
-        Self { frame, number, inverse_depth: None, flow: None, with_and_without: None, holdout: None }
+        let overscan = Overscan::default();
+        Self {
+            frame,
+            number,
+            inverse_depth: None,
+            flow: None,
+            with_and_without: None,
+            holdout: None,
+            overscan,
+        }
     }
 }
 
@@ -83,11 +94,36 @@ pub fn composite(
     options: &CompositeOptions,
 ) -> Result<Encoded> {
     let mut whole = plate.frame.clone();
-    if let Some(made) = Made::new(plate, layer, model, options)? {
-        let out = made.with_noise(|_, _, v| v);
-        made.changed.paste(&out, &mut whole.0);
-    }
+    continued(plate, layer, |plate| {
+        if let Some(made) = Made::new(plate, layer, model, options)? {
+            let out = made.with_noise(|_, _, v| v);
+            made.changed.paste_into_frame(&out, &mut whole.0, plate.overscan);
+        }
+        Ok(())
+    })?;
     Ok(whole)
+}
+
+/// Calls `make` with a plate that is as large as the layer: beyond the frame, all that was filmed is continued from the frame's edge.
+fn continued<T>(plate: &Plate, layer: &VirtualLayer, make: impl FnOnce(&Plate) -> Result<T>) -> Result<T> {
+    check_sizes(plate, layer)?;
+    let overscan = plate.overscan;
+    if overscan.is_none() {
+        return make(plate);
+    }
+    let frame = Encoded(overscan.continued(&plate.frame.0));
+    let [depth, holdout] = [plate.inverse_depth, plate.holdout].map(|p| p.map(|p| overscan.continued(p)));
+    let flow = plate.flow.map(|f| overscan.continued(f));
+    let renders = plate.with_and_without.map(|(a, b)| [a, b].map(|r| Linear(overscan.continued(&r.0))));
+    make(&Plate {
+        frame: &frame,
+        number: plate.number,
+        inverse_depth: depth.as_ref(),
+        flow: flow.as_ref(),
+        with_and_without: renders.as_ref().map(|[with, without]| (with, without)),
+        holdout: holdout.as_ref(),
+        overscan,
+    })
 }
 
 /// What a composite adds to a frame, apart, for a compositing program. For each pixel and channel, with F the frame in linear light,
@@ -98,6 +134,8 @@ pub fn composite(
 ///
 /// is the composite's light. The colour holds all that the object changes besides what alpha says, so that it may be below 0: shadows,
 /// the background's light where real things are in front, and halos of a camera that sharpens.
+///
+/// It is as large as the virtual layer. Beyond the frame, F is taken to go on as it is at the frame's edge.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DistortedLayer {
     /// Premultiplied colour in linear light, and alpha: the blurred layer's coverage, less what real things hide.
@@ -110,6 +148,8 @@ pub struct DistortedLayer {
     pub inverse_depth: Plane,
     /// Flow of the object, px per frame interval, continued under its blurred edge; 0 where alpha is 0 or it has none.
     pub flow: Flow,
+    /// How far the layer reaches beyond the frame, px.
+    pub overscan: Overscan,
 }
 
 impl DistortedLayer {
@@ -121,6 +161,7 @@ impl DistortedLayer {
             holdout: Plane::filled(width, height, 1.0),
             inverse_depth: Plane::filled(width, height, f32::NAN),
             flow: Flow::filled(width, height, [0.0; 2]),
+            overscan: Overscan::default(),
         }
     }
 }
@@ -135,7 +176,18 @@ pub fn distorted_layer(
     model: &CameraModel,
     options: &CompositeOptions,
 ) -> Result<DistortedLayer> {
-    let mut whole = DistortedLayer::empty(plate.frame.0.size());
+    continued(plate, layer, |plate| distorted_layer_of(plate, layer, model, options))
+}
+
+/// [`distorted_layer`] over a plate that is as large as the layer.
+fn distorted_layer_of(
+    plate: &Plate,
+    layer: &VirtualLayer,
+    model: &CameraModel,
+    options: &CompositeOptions,
+) -> Result<DistortedLayer> {
+    let overscan = plate.overscan;
+    let mut whole = DistortedLayer { overscan, ..DistortedLayer::empty(plate.frame.0.size()) };
     let Some(made) = Made::new(plate, layer, model, options)? else { return Ok(whole) };
     let changed = made.changed;
     let of_object = |x: usize, y: usize| {
@@ -196,7 +248,7 @@ struct Made {
 }
 
 impl Made {
-    /// Composites; `None` if nothing virtual is seen.
+    /// Composites over a plate that is as large as the layer; `None` if nothing virtual is seen.
     fn new(
         plate: &Plate,
         layer: &VirtualLayer,
@@ -300,8 +352,12 @@ pub fn bytes_beside(
     model: &CameraModel,
     options: &CompositeOptions,
 ) -> Result<u64> {
-    let changed = Changes::new(plate, layer, model, options)?.all;
-    Ok(changed.map_or(0, |place| BYTES_PER_CHANGED_PIXEL * (place.w * place.h) as u64))
+    /// Bytes of a pixel of a continued plate: the frame, depth, a matte, flow and renders.
+    const CONTINUED: u64 = 52;
+    let changed = continued(plate, layer, |plate| Ok(Changes::new(plate, layer, model, options)?.all))?;
+    let (width, height) = layer.color.0.size();
+    let continued = if plate.overscan.is_none() { 0 } else { CONTINUED * (width * height) as u64 };
+    Ok(continued + changed.map_or(0, |place| BYTES_PER_CHANGED_PIXEL * (place.w * place.h) as u64))
 }
 
 /// The distortions of a composite, and the places of the frame that they may change.
@@ -321,9 +377,10 @@ impl Changes {
         model: &CameraModel,
         options: &CompositeOptions,
     ) -> Result<Self> {
-        check_sizes(plate, layer)?;
-        let size = plate.frame.0.size();
-        let blur = if options.naive { Blur::default() } else { Blur::new(model, size.0, options.bokeh)? };
+        let (size, overscan) = (plate.frame.0.size(), plate.overscan);
+        let width = overscan.frame_size(size).0;
+        let blur = if options.naive { Blur::default() } else { Blur::new(model, width, options.bokeh)? };
+        let blur = blur.beginning_before((overscan.left, overscan.top));
         let places = [Shadows::place(plate, &blur), Object::place(layer, &blur)];
         let sharpening = model.sharpening.known().copied().filter(|_| !options.naive);
         let reach = sharpening.map_or(0, |m| sharpening::reach_px(&m));
@@ -333,16 +390,25 @@ impl Changes {
 }
 
 fn check_sizes(plate: &Plate, layer: &VirtualLayer) -> Result<()> {
-    let (w, h) = plate.frame.0.size();
-    let check = |name: &str, size: Option<(usize, usize)>| match size {
+    let frame = plate.frame.0.size();
+    let (w, h) = plate.overscan.picture_of(frame);
+    let of_layer = |name: &str, size: Option<(usize, usize)>| match size {
         Some((a, b)) if (a, b) != (w, h) => Err(Error::new(format!(
-            "{name} has {a} x {b} pixels but the frame {w} x {h}; render or scale it to the frame's size"
+            "{name} has {a} x {b} pixels but the frame{} {w} x {h}; render or scale it to the frame's size",
+            if plate.overscan.is_none() { "" } else { " with the overscan" }
         ))),
         _ => Ok(()),
     };
-    check("the virtual layer", Some(layer.color.0.size()))?;
-    check("the virtual layer's depth", layer.inverse_depth.as_ref().map(|d| d.size()))?;
-    check("the virtual layer's flow", layer.flow.as_ref().map(|f| f.size()))?;
+    of_layer("the virtual layer", Some(layer.color.0.size()))?;
+    of_layer("the virtual layer's depth", layer.inverse_depth.as_ref().map(|d| d.size()))?;
+    of_layer("the virtual layer's flow", layer.flow.as_ref().map(|f| f.size()))?;
+    let check = |name: &str, size: Option<(usize, usize)>| match size {
+        Some((a, b)) if (a, b) != frame => Err(Error::new(format!(
+            "{name} has {a} x {b} pixels but the frame {} x {}; render or scale it to the frame's size",
+            frame.0, frame.1
+        ))),
+        _ => Ok(()),
+    };
     check("the real depth", plate.inverse_depth.map(|d| d.size()))?;
     check("the real flow", plate.flow.map(|f| f.size()))?;
     check("the holdout matte", plate.holdout.map(|m| m.size()))?;
@@ -395,6 +461,17 @@ impl Place {
     fn paste<T: Copy>(self, image: &Raster<T>, into: &mut Raster<T>) {
         for y in 0..self.h {
             into.row_mut(self.y + y)[self.x..][..self.w].copy_from_slice(image.row(y));
+        }
+    }
+
+    /// Puts the part of an image of this place that lies in the frame into the frame, beyond which pictures reach so far.
+    fn paste_into_frame<T: Copy>(self, image: &Raster<T>, into: &mut Raster<T>, overscan: Overscan) {
+        let (left, right) = (self.x.max(overscan.left), (self.x + self.w).min(overscan.left + into.width()));
+        for y in self.y.max(overscan.top)..(self.y + self.h).min(overscan.top + into.height()) {
+            if left < right {
+                let row = &image.row(y - self.y)[left - self.x..right - self.x];
+                into.row_mut(y - overscan.top)[left - overscan.left..][..row.len()].copy_from_slice(row);
+            }
         }
     }
 
@@ -1226,6 +1303,104 @@ mod tests {
         let t = Transfer::Srgb;
         assert!((opaque[0] - t.encode(3.0)).abs() < 0.02, "{opaque:?}");
         assert!((half[0] - t.encode(0.5 * t.decode(1.8))).abs() < 0.02, "{half:?}");
+    }
+
+    /// A layer, cut out from (x, y) on.
+    fn cut(layer: &VirtualLayer, [x, y, w, h]: [usize; 4]) -> VirtualLayer {
+        VirtualLayer {
+            color: Premultiplied(layer.color.0.crop(x, y, w, h)),
+            inverse_depth: layer.inverse_depth.as_ref().map(|d| d.crop(x, y, w, h)),
+            flow: layer.flow.as_ref().map(|f| f.crop(x, y, w, h)),
+        }
+    }
+
+    #[test]
+    fn a_layer_with_overscan_gives_in_the_frame_what_a_larger_picture_has_there() {
+        // The frame begins in the middle of the square, which is striped, blurred by 3 px and moves by 4 px while the shutter is open.
+        let overscan = Overscan { left: 75, top: 30, right: 9, bottom: 5 };
+        let (w, h) = overscan.frame_size((W, H));
+        let [x, y] = [overscan.left, overscan.top];
+        let mut layer = square(GREY, 1.0, 2.0, [8.0, 5.0]);
+        layer.color = Premultiplied(Raster::from_fn(W, H, |x, y| {
+            let [r, g, b, a] = layer.color.0.at(x, y);
+            let bright = if (x / 12 + y / 9) % 2 == 0 { 2.0 } else { 0.2 };
+            [r * bright, g * bright, b, a]
+        }));
+        let whole_frame = background();
+        let frame = Encoded(overscan.frame_of(&whole_frame.0));
+        let large = camera();
+        let mut small = large.clone();
+        (small.capture.width, small.capture.height) = (w, h);
+        let without_noise = CompositeOptions { no_noise: true, ..CompositeOptions::default() };
+        for bokeh in [
+            Bokeh::Gaussian,
+            Bokeh::Disk,
+            Bokeh::Polygon { blades: 5, roundness: 0.2, rotation_degrees: 20.0 },
+        ] {
+            let options = CompositeOptions { bokeh: Some(bokeh), ..without_noise };
+            let whole = composite(&plate(&whole_frame), &layer, &large, &options).unwrap();
+            let whole = Encoded(overscan.frame_of(&whole.0));
+            let with = Plate { overscan, ..plate(&frame) };
+            let made = composite(&with, &layer, &small, &options).unwrap();
+            assert!(worst(&made, &whole) < 2e-5, "{bokeh:?}: {}", worst(&made, &whole));
+            // The layer apart has it all, and gives the same over the frame.
+            let apart = distorted_layer(&with, &layer, &small, &options).unwrap();
+            let large = distorted_layer(&plate(&whole_frame), &layer, &large, &options).unwrap();
+            assert_eq!((apart.overscan, apart.color.0.size()), (overscan, (W, H)));
+            assert_eq!(apart.color.0.map(|p| p[3]), large.color.0.map(|p| p[3]));
+            let over = Linear(Raster::from_fn(w, h, |i, j| {
+                let l = apart.color.0.at(i + x, j + y);
+                let f = frame.0.at(i, j).map(|v| Transfer::Srgb.decode(v));
+                std::array::from_fn(|c| l[c] + (1.0 - l[3]) * f[c])
+            }));
+            assert!(worst(&over.to_encoded(Transfer::Srgb), &whole) < 1e-4);
+            // Negative control: without what lies beyond the frame the picture is another.
+            let bare = composite(&plate(&frame), &cut(&layer, [x, y, w, h]), &small, &options).unwrap();
+            assert!(worst(&bare, &whole) > 0.05, "bare, {bokeh:?}: {}", worst(&bare, &whole));
+        }
+        // With noise, both ways of making the frame still agree.
+        let noisy = with_noise(small, 0.04, 0.01, 1.0);
+        let with = Plate { overscan, ..plate(&frame) };
+        let made = composite(&with, &layer, &noisy, &CompositeOptions::default()).unwrap();
+        let apart = distorted_layer(&with, &layer, &noisy, &CompositeOptions::default()).unwrap();
+        let over = Linear(Raster::from_fn(w, h, |i, j| {
+            let (l, n) = (apart.color.0.at(i + x, j + y), apart.noise.at(i + x, j + y));
+            let f = frame.0.at(i, j).map(|v| Transfer::Srgb.decode(v));
+            std::array::from_fn(|c| l[c] + (1.0 - l[3]) * f[c] + n[c])
+        }));
+        assert!(worst(&over.to_encoded(Transfer::Srgb), &made) < 1e-4);
+        let e = composite(&plate(&frame), &layer, &noisy, &without_noise).unwrap_err().to_string();
+        assert!(e.contains("160 x 120") && e.contains("76 x 85"), "{e}");
+    }
+
+    #[test]
+    fn overscan_without_anything_in_it_changes_nothing() {
+        // The cat's eye depends on the place in the frame, which is not that in the layer.
+        let frame = background();
+        let mut model = camera();
+        if let Estimate::Known(lens) = &mut model.defocus {
+            lens.bokeh = crate::model::Aperture { cats_eye: 1.0, ..Bokeh::Disk.into() };
+        }
+        let layer = square(GREY, 1.0, 2.0, [9.0, 3.0]);
+        let overscan = Overscan { left: 33, top: 21, right: 2, bottom: 0 };
+        let mut large = Raster::filled(W + 35, H + 21, [0.0; 4]);
+        overscan.put_frame(&layer.color.0, &mut large);
+        let around = VirtualLayer {
+            color: Premultiplied(large),
+            inverse_depth: layer.inverse_depth.as_ref().map(|d| overscan.continued(d)),
+            flow: layer.flow.as_ref().map(|f| overscan.continued(f)),
+        };
+        let options = CompositeOptions::default();
+        let plain = composite(&plate(&frame), &layer, &model, &options).unwrap();
+        let same = composite(&Plate { overscan, ..plate(&frame) }, &around, &model, &options).unwrap();
+        assert!(worst(&same, &plain) < 2e-5, "{}", worst(&same, &plain));
+        // Negative control: at another place of the frame the cut is another.
+        let mut uncut = model.clone();
+        if let Estimate::Known(lens) = &mut uncut.defocus {
+            lens.bokeh.cats_eye = 0.0;
+        }
+        let uncut = composite(&plate(&frame), &layer, &uncut, &options).unwrap();
+        assert!(worst(&uncut, &plain) > 1e-3, "{}", worst(&uncut, &plain));
     }
 
     #[test]

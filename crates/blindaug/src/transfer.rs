@@ -16,6 +16,10 @@ pub enum Transfer {
     Linear,
     /// The display of Rec. 709 video: a power of 2.4 (ITU-R BT.1886 with a black of 0).
     Bt1886,
+    /// Adobe RGB (1998): a power of 563/256.
+    AdobeRgb,
+    /// ProPhoto RGB as ICC profiles have it: a power of 1.8.
+    Prophoto,
     /// Sony S-Log3.
     SLog3,
     /// ARRI LogC3 at an exposure index of 800.
@@ -127,10 +131,12 @@ const BLACK: f32 = 1e-5;
 
 impl Transfer {
     /// All curves.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 13] = [
         Self::Srgb,
         Self::Linear,
         Self::Bt1886,
+        Self::AdobeRgb,
+        Self::Prophoto,
         Self::SLog3,
         Self::LogC3,
         Self::LogC4,
@@ -147,6 +153,8 @@ impl Transfer {
             Self::Srgb => "sRGB",
             Self::Linear => "linear light",
             Self::Bt1886 => "BT.1886",
+            Self::AdobeRgb => "Adobe RGB",
+            Self::Prophoto => "ProPhoto",
             Self::SLog3 => "S-Log3",
             Self::LogC3 => "LogC3",
             Self::LogC4 => "LogC4",
@@ -169,7 +177,7 @@ impl Transfer {
                 y.copysign(linear)
             }
             Self::Linear => linear,
-            Self::Bt1886 => x.powf(1.0 / 2.4).copysign(linear),
+            Self::Bt1886 | Self::AdobeRgb | Self::Prophoto => x.powf(1.0 / self.power()).copysign(linear),
             Self::CanonLog3 if linear < 0.0 => 2.0 * CANON_LOG3.f - CANON_LOG3.encode(x),
             Self::Pq => {
                 let p = (x * pq::WHITE).powf(pq::M1);
@@ -198,7 +206,7 @@ impl Transfer {
                 x.copysign(encoded)
             }
             Self::Linear => encoded,
-            Self::Bt1886 => y.powf(2.4).copysign(encoded),
+            Self::Bt1886 | Self::AdobeRgb | Self::Prophoto => y.powf(self.power()).copysign(encoded),
             Self::CanonLog3 if encoded < CANON_LOG3.f => -CANON_LOG3.decode(2.0 * CANON_LOG3.f - encoded),
             Self::Pq => {
                 // The curve ends where its denominator would be 0, above 1.
@@ -227,7 +235,9 @@ impl Transfer {
                 }
             }
             Self::Linear => 1.0,
-            Self::Bt1886 => x.max(BLACK).powf(1.0 / 2.4 - 1.0) / 2.4,
+            Self::Bt1886 | Self::AdobeRgb | Self::Prophoto => {
+                x.max(BLACK).powf(1.0 / self.power() - 1.0) / self.power()
+            }
             Self::CanonLog3 => CANON_LOG3.slope(x),
             Self::Pq => {
                 let light = x.max(BLACK) * pq::WHITE;
@@ -248,6 +258,16 @@ impl Transfer {
                 of_e * hlg::WHITE
             }
             log => log.log().map_or(1.0, |log| log.slope(linear)),
+        }
+    }
+
+    /// The power by which values become light; 1 of curves that are no powers.
+    fn power(self) -> f32 {
+        match self {
+            Self::Bt1886 => 2.4,
+            Self::AdobeRgb => 563.0 / 256.0,
+            Self::Prophoto => 1.8,
+            _ => 1.0,
         }
     }
 

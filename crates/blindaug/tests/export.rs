@@ -3,8 +3,8 @@
 use blindaug::CameraModel;
 use blindaug::export::{Camera, Content, Export, Target, View, av1_grain, grain, probes};
 use blindaug::model::{
-    Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel,
-    NOISE_LEVELS, NoiseLevel, NoiseModel,
+    Aperture, Bokeh, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
+    MotionBlurModel, NOISE_LEVELS, NoiseLevel, NoiseModel,
 };
 
 fn camera_model(exposure: f32, sigma: f32, focus_m: f32) -> CameraModel {
@@ -99,8 +99,12 @@ fn blur_of(target: Target, text: &str) -> Box<dyn Fn(f32) -> f32> {
         }
         Target::Blender => {
             // The formulas are those of the exported script.
-            let (sigma, p, height, fov) =
-                (v("SIGMA_PX_AT_INFINITY ="), v("FOCUS_M ="), v("\nHEIGHT ="), v("\nFOV_Y =").to_radians());
+            let (sigma, p, height, fov) = (
+                v("\"sigma_px_at_infinity\":"),
+                v("\"focus_m\":"),
+                v("\"height\":"),
+                v("\"fov_y_degrees\":").to_radians(),
+            );
             let per_height = 0.5 / (0.5 * fov).tan();
             let f = 0.024 * per_height;
             let n = f * per_height / (4.0 * sigma / height * p);
@@ -205,12 +209,36 @@ fn exposure_by_target_as_is_known() {
         (Target::Unreal, "a shutter angle of", 180.0),
         (Target::Godot, "motion_blur_intensity =", 0.5),
         (Target::Bevy, "shutter_angle:", 0.5),
-        (Target::Blender, "EXPOSURE =", 0.5),
+        (Target::Blender, "\"exposure\":", 0.5),
         (Target::Three, "exposure:", 0.5),
         (Target::Nuke, "\n exposure", 0.5),
     ] {
         let export = exported(&model, target);
         assert!((value(text(&export), key) - want).abs() < 1e-6, "{target}: {key}");
+    }
+}
+
+#[test]
+fn the_shutter_s_phase_is_a_position_in_blender_and_told_elsewhere() {
+    // An exposure of 0.5 is 180 degrees long.
+    for (phase, position, told) in [
+        (None, "CENTER", None),
+        (Some(-90.0), "CENTER", None),
+        (Some(0.0), "START", None),
+        (Some(-180.0), "END", None),
+        (Some(-10.0), "START", Some("off by 0.0278 of the frame interval")),
+    ] {
+        let mut model = camera_model(0.5, 4.0, 3.0);
+        let given = MotionBlurModel::given(ExposureFraction(0.5));
+        model.motion_blur = Estimate::Known(MotionBlurModel { phase_degrees: phase, ..given });
+        let export = exported(&model, Target::Blender);
+        assert!(text(&export).contains(&format!("\"position\": \"{position}\"")), "{phase:?}");
+        let off = export.lost.iter().find(|s| s.contains("the middle of the exposure"));
+        assert_eq!(off.is_some(), told.is_some(), "{phase:?}: {off:?}");
+        assert!(told.is_none_or(|told| off.unwrap().contains(told)), "{off:?}");
+        let nuke = exported(&model, Target::Nuke).lost;
+        let left = nuke.iter().any(|s| s.contains("the shutter's phase is not exported"));
+        assert_eq!(left, position != "CENTER", "{phase:?}");
     }
 }
 
@@ -746,4 +774,72 @@ fn the_av1_table_says_what_its_settings_are() {
         let numbers: Vec<i32> = line[1..].iter().map(|v| v.parse().unwrap()).collect();
         assert_eq!(&numbers, coefficients);
     }
+}
+
+#[test]
+fn the_shape_of_out_of_focus_points_is_exported_where_the_tool_has_it() {
+    let polygon =
+        |blades, roundness, rotation_degrees| Bokeh::Polygon { blades, roundness, rotation_degrees };
+    let of = |aperture: Aperture| {
+        let mut model = camera_model(0.5, 4.0, 2.0);
+        if let Estimate::Known(lens) = &mut model.defocus {
+            lens.bokeh = aperture;
+        }
+        model
+    };
+    let shaped = of(Aperture { squeeze: 1.5, cats_eye: 0.5, ..polygon(6, 0.25, 10.0).into() });
+    let lost = |target: Target, model: &CameraModel| -> String {
+        exported(model, target)
+            .lost
+            .iter()
+            .filter(|l| l.contains("out-of-focus points are"))
+            .cloned()
+            .collect()
+    };
+    for (target, keys, unsaid) in [
+        (Target::Blender, &[("BLADES =", 6.0), ("RATIO =", 1.5)][..], "how round the blades are, the cut"),
+        (
+            Target::UnityUrp,
+            &[("bladeCount.Override(", 6.0), ("bladeRotation.Override(", 10.0)],
+            "not told the stretch, the cut",
+        ),
+        (Target::UnityHdrp, &[("bladeCount =", 6.0)], "not told how they are turned, the stretch, the cut"),
+        (
+            Target::Unreal,
+            &[("blade_count\":", 6.0), ("min_fstop\":", 0.0)],
+            "how round the blades are, how they are turned, the",
+        ),
+        (
+            Target::Nuke,
+            &[("\n blades", 6.0), ("roundness", 0.25)],
+            "not told how they are turned, the stretch, the cut",
+        ),
+        (Target::Godot, &[], "not told the blades, the stretch, the cut"),
+        (Target::Bevy, &[], "not told the blades"),
+    ] {
+        let export = exported(&shaped, target);
+        for (key, want) in keys {
+            assert!((value(text(&export), key) - want).abs() < 1e-3, "{target} {key}");
+        }
+        assert!(lost(target, &shaped).contains(unsaid), "{target}: {}", lost(target, &shaped));
+        // Disks and Gaussians need no words.
+        assert_eq!(lost(target, &of(Bokeh::Disk.into())), "", "{target}");
+        // The blur keeps its std, whatever the shape.
+        if [Target::UnityUrp, Target::UnityHdrp].contains(&target) {
+            let straight = exported(&of(polygon(5, 0.0, 0.0).into()), target);
+            let disk = exported(&of(Bokeh::Disk.into()), target);
+            // The formulas in `blur_of` are those of disks, of which a pentagon has a share of the std.
+            let share = ((2.0 + (72.0f32).to_radians().cos()) / 3.0).sqrt();
+            let [a, b] = [straight, disk].map(|e| blur_of(target, text(&e))(3.0));
+            assert!((a * share / b - 1.0).abs() < 2e-3, "{target}: {a} {b}");
+            assert!((a / b - 1.0).abs() > 0.05);
+        }
+    }
+    // Shapes beyond what a tool has.
+    assert!(lost(Target::UnityUrp, &of(polygon(12, 0.0, 0.0).into())).contains("the blades"));
+    assert!(
+        text(&exported(&of(polygon(12, 0.0, 0.0).into()), Target::UnityUrp))
+            .contains("bladeCount.Override(9)")
+    );
+    assert_eq!(lost(Target::Blender, &of(polygon(7, 0.0, 20.0).into())), "");
 }

@@ -8,7 +8,7 @@
 //!
 //! Source: the AV1 bitstream's specification, section 7.18.3 (film grain synthesis), and the tables that libaom reads.
 
-use super::{Abilities, Camera, Export, File, grain};
+use super::{Abilities, Camera, Export, File, Shapes, grain};
 use crate::model::{NOISE_LEVELS, NoiseModel};
 use crate::synth::noise::tileable_bands;
 use crate::{Plane, Raster};
@@ -17,6 +17,7 @@ pub(super) const ABILITIES: Abilities = Abilities {
     tool: "AV1 encoders that read film grain tables (aomenc, SVT-AV1, rav1e)",
     motion_blur: "none",
     defocus: "none",
+    bokeh: Shapes::DISKS,
     grain: "luma and chroma over luma, one spectrum; nothing coarser than 7 px",
     checked: "accepted by an encoder; the decoded grain's std measured over luma",
 };

@@ -8,12 +8,13 @@
 //!
 //! Source: `bevy_post_process` (`bevy_core_pipeline` before 0.17).
 
-use super::{Abilities, Camera, Export, File, ThinLens, head, number};
+use super::{Abilities, Camera, Export, File, Shapes, ThinLens, head, number};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Bevy 0.17 and later",
     motion_blur: "exact; below 1 px of motion there is none",
     defocus: "exact, for the field of view that is given",
+    bokeh: Shapes::DISKS,
     grain: "none",
     checked: "formulas read in the source; snippet parsed",
 };

@@ -7,12 +7,13 @@
 //!
 //! Source: `PostProcessManager.cpp` and `Options.h`.
 
-use super::{Abilities, Camera, Export, File, ThinLens, head, number};
+use super::{Abilities, Camera, Export, File, Shapes, ThinLens, head, number};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Filament 1.9 and later",
     motion_blur: "none",
     defocus: "exact between 1 px and 64 px of diameter, for the field of view that is given",
+    bokeh: Shapes::DISKS,
     grain: "none",
     checked: "formula read in the source; not run",
 };

@@ -7,12 +7,13 @@
 //!
 //! Source: the engine's `dof` shaders and the pull request.
 
-use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers, short};
+use super::{Abilities, Camera, Export, File, Shapes, ThinLens, filled, grain, head, number, numbers, short};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Godot 4.3 and later, Forward+ or Mobile",
     motion_blur: "none in released versions; the number for the proposed effect is given",
     defocus: "exact up to a std of 16 px, at the resolution that it is exported for",
+    bokeh: Shapes::DISKS,
     grain: "a compositor effect: the whole model",
     checked: "formula read in the source; .tres read by a strict reader, shader run and compared with the model; not run in the engine",
 };

@@ -118,10 +118,14 @@ pub struct Camera {
     pub fov_y_degrees: Option<f32>,
     /// The exposure, if it is known.
     pub exposure: Option<ExposureFraction>,
+    /// The middle of the exposure after the frame's time, in frame intervals; 0 if it is unknown or centred. Of all tools, only Blender takes it.
+    pub shutter_centre: f32,
     /// The lens, if it is known and not sharp throughout.
     pub lens: Option<ThinLens>,
     /// The defocus model that `lens` approximates, in px of the tool's pictures.
     pub defocus: Option<DefocusModel>,
+    /// The shape of out-of-focus points.
+    pub aperture: Aperture,
     /// The noise, if it is known.
     pub noise: Option<NoiseModel>,
     /// The curve of the encoded values that noise is added to.
@@ -193,29 +197,12 @@ impl Camera {
                 lens = None;
             }
         }
-        let shutter = model.motion_blur.known().map(|m| m.shutter());
-        if shutter.is_some_and(|s| s.centre != 0.0) {
-            left.push(
-                "the shutter's phase is not exported: the exposure is centred on the frame's time, or as the tool has it"
-                    .into(),
-            );
-        }
         let aperture = defocus.filter(|_| lens.is_some()).map_or_else(Aperture::default, |d| d.bokeh);
         let square = model.capture.pixel_aspect == 1.0;
         if !square && lens.is_some() {
             left.push(format!(
                 "pixels are taken to be square, though they are {} times as wide as high: blur is exported as it is down the picture",
                 short(model.capture.pixel_aspect)
-            ));
-        }
-        // Tools blur by a disk, or by what their own settings of blades say.
-        if !matches!(aperture.bokeh, Bokeh::Gaussian | Bokeh::Disk)
-            || aperture.squeeze != 1.0
-            || aperture.cats_eye > 0.0
-        {
-            left.push(format!(
-                "out-of-focus points are {} in the model; the tool's own shape is left as it is, of the same second moment as its disk",
-                aperture.words()
             ));
         }
         if model.blur_space == BlurSpace::Encoded {
@@ -229,8 +216,10 @@ impl Camera {
             height,
             fov_y_degrees: view.fov_y_degrees,
             exposure: model.motion_blur.known().map(|m| m.exposure),
+            shutter_centre: model.motion_blur.known().map_or(0.0, |m| m.shutter().centre),
             lens,
             defocus: defocus.filter(|_| lens.is_some()),
+            aperture,
             noise: match model.noise {
                 // Tools add noise to values that are encoded as sRGB.
                 Estimate::Known(noise) if model.transfer != Transfer::Srgb => {
@@ -247,6 +236,23 @@ impl Camera {
             transfer: Transfer::Srgb,
             left,
         })
+    }
+
+    /// The same, with a note on what a tool cannot be told of the shape of out-of-focus points.
+    fn with_shape_note(&self, tool: Shapes) -> Self {
+        let mut camera = self.clone();
+        camera.left.extend(tool.lost(&self.aperture));
+        camera
+    }
+
+    /// The blades that a tool can be told: their number, their roundness and their rotation, degrees.
+    fn blades(&self, tool: Shapes) -> Option<(u8, f32, f32)> {
+        match self.aperture.bokeh {
+            Bokeh::Polygon { blades, roundness, rotation_degrees } if tool.takes(blades) => {
+                Some((blades, roundness, rotation_degrees))
+            }
+            _ => None,
+        }
     }
 
     /// Focal length over sensor height, from the field of view.
@@ -284,6 +290,86 @@ impl Camera {
             )
         })
     }
+}
+
+/// What a tool can be told of the shape of out-of-focus points, which are disks without it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Shapes {
+    /// The fewest and the most blades of a polygon; `None`: there are disks alone.
+    pub blades: Option<[u8; 2]>,
+    /// Whether blades may be curved.
+    pub roundness: bool,
+    /// Whether a polygon may be turned.
+    pub rotation: bool,
+    /// Whether the shape may be stretched.
+    pub squeeze: bool,
+}
+
+impl fmt::Display for Shapes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some([fewest, most]) = self.blades else { return f.write_str("the tool's own") };
+        write!(f, "{fewest} to {most} blades")?;
+        let parts = [("roundness", self.roundness), ("rotation", self.rotation), ("squeeze", self.squeeze)];
+        parts.iter().filter(|part| part.1).try_for_each(|(name, _)| write!(f, ", {name}"))
+    }
+}
+
+impl Shapes {
+    /// Disks alone.
+    pub const DISKS: Self = Self { blades: None, roundness: false, rotation: false, squeeze: false };
+
+    fn takes(&self, blades: u8) -> bool {
+        self.blades.is_some_and(|[fewest, most]| (fewest..=most).contains(&blades))
+    }
+
+    /// A note on what the tool is not told of a shape.
+    fn lost(&self, aperture: &Aperture) -> Option<String> {
+        let mut lost = vec![];
+        if let Bokeh::Polygon { blades, roundness, .. } = aperture.bokeh {
+            match self.takes(blades) {
+                false => lost.push("the blades"),
+                true => {
+                    lost.extend((!self.roundness && roundness > 0.0).then_some("how round the blades are"));
+                    lost.extend((!self.rotation).then_some("how they are turned"));
+                }
+            }
+        }
+        lost.extend((!self.squeeze && aperture.squeeze != 1.0).then_some("the stretch"));
+        lost.extend((aperture.cats_eye > 0.0).then_some("the cut towards the edges"));
+        (!lost.is_empty()).then(|| {
+            format!(
+                "out-of-focus points are {} in the model; the tool is not told {}, and the second moment is kept",
+                aperture.words(),
+                lost.join(", ")
+            )
+        })
+    }
+}
+
+/// The std of a regular polygon over that of a disk of the same radius through its corners. `inward` says how far the middle of a blade lies
+/// towards the centre as URP and HDRP have it: the radius is `(cos(pi / n) / cos(angle))^inward`, so that 1 is a straight blade, 0 a disk.
+fn polygon_std(blades: u8, inward: f32) -> f32 {
+    const STEPS: usize = 256;
+    let half = std::f32::consts::PI / f32::from(blades);
+    let [mut second, mut area] = [0.0f32; 2];
+    for i in 0..STEPS {
+        let angle = half * (2.0 * (i as f32 + 0.5) / STEPS as f32 - 1.0);
+        let radius = (half.cos() / angle.cos()).powf(inward);
+        second += radius.powi(4);
+        area += radius.powi(2);
+    }
+    (second / area).sqrt()
+}
+
+/// The exponent of [`polygon_std`] for blades of this roundness: the middle of a blade lies where the arc's does.
+fn inward(blades: u8, roundness: f32) -> f32 {
+    let half = std::f32::consts::PI / f32::from(blades);
+    // An arc of the radius 1 / roundness through both corners.
+    let bulge = match roundness > 1e-3 {
+        true => (1.0 - (1.0 - (half.sin() * roundness).powi(2)).max(0.0).sqrt()) / roundness,
+        false => 0.0,
+    };
+    ((half.cos() + bulge).min(1.0).ln() / half.cos().ln()).clamp(0.0, 1.0)
 }
 
 /// The number of depths at which blurs are compared.
@@ -340,6 +426,8 @@ pub struct Abilities {
     pub motion_blur: &'static str,
     /// The accuracy and the limits of the exported lens.
     pub defocus: &'static str,
+    /// The shapes of out-of-focus points that are exported.
+    pub bokeh: Shapes,
     /// The form and the limits of the exported noise.
     pub grain: &'static str,
     /// The source of the formulas, and the checks that were made.
@@ -368,7 +456,14 @@ macro_rules! targets {
 
             /// The camera as settings of this tool.
             pub fn export(self, camera: &Camera) -> Export {
-                match self { $(Self::$variant => $module::export(camera)),* }
+                let mut camera = camera.with_shape_note(self.abilities().bokeh);
+                if camera.shutter_centre != 0.0 && self != Self::Blender {
+                    camera.left.push(
+                        "the shutter's phase is not exported: the exposure is centred on the frame's time, or as the tool has it"
+                            .into(),
+                    );
+                }
+                match self { $(Self::$variant => $module::export(&camera)),* }
             }
         }
     };
@@ -450,6 +545,18 @@ mod tests {
 
     fn lens(sigma_px_at_infinity: f32, focus_inverse_depth: f32) -> DefocusCurve {
         DefocusCurve::ThinLens { sigma_px_at_infinity, focus_inverse_depth, interval: None }
+    }
+
+    #[test]
+    fn a_polygon_s_std_is_that_of_its_second_moment() {
+        for blades in 3..=16 {
+            let turn = 2.0 * std::f32::consts::PI / f32::from(blades);
+            let want = ((2.0 + turn.cos()) / 3.0).sqrt();
+            assert!((polygon_std(blades, 1.0) - want).abs() < 1e-3, "{blades}");
+            assert!((polygon_std(blades, 0.0) - 1.0).abs() < 1e-6);
+            assert!(inward(blades, 0.0) == 1.0 && inward(blades, 1.0) < 1e-3);
+            assert!((0.2..0.8).contains(&inward(blades, 0.5)));
+        }
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! - `VectorBlur` along `forward.u`, `forward.v` (px to the next frame): `scale = lambda`, `offset = -0.5`, so that the streak is centred.
 //!   Nodes with a shutter (MotionBlur3D, ScanlineRender) take `shutter = lambda` with the offset "centred".
-//! - `ZDefocus`, math "depth": a radius of `size |1 - center / Z|` px (half of the circle of confusion): `size = 2 sigma_inf`.
+//! - `ZDefocus`, math "depth": a radius of `size |1 - center / Z|` px (half of the circle of confusion): `size = 2 sigma_inf`. Its `filter_type` is a disc, or
+//!   bladed with `blades` and `roundness`.
 //! - `Merge` puts the layer over the plate, and `Copy` brings the layer's alpha back.
 //! - Grain: the whole model in a `MergeExpression`, between two `Colorspace`s, since noise lives in encoded values. Where the layer's alpha
 //!   a is partial, a part of the plate's own noise remains, so that only `sqrt(1 - (1 - a)^2)` of the model's noise is added.
@@ -10,13 +11,14 @@
 //!
 //! Source: Foundry's documentation; not run in Nuke.
 
-use super::{Abilities, Camera, Export, File, ThinLens, grain, head, number};
+use super::{Abilities, Camera, Export, File, Shapes, ThinLens, grain, head, number};
 use crate::model::NoiseModel;
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Nuke 13 and later",
     motion_blur: "exact, along the layer's own vectors",
     defocus: "exact",
+    bokeh: Shapes { blades: Some([3, 16]), roundness: true, rotation: false, squeeze: false },
     grain: "an expression: the whole model, only what the layer's alpha needs",
     checked: "from the documentation; the group and its wires read by a strict reader; not run in Nuke",
 };
@@ -138,7 +140,14 @@ pub(super) fn export(camera: &Camera) -> Export {
         lost.extend(camera.blur_lost(|z| sigma_px(lens, z)));
         lost.push(format!("sizes in px are for pictures {} px wide; depth.Z is in metres", camera.width));
         nodes += "ZDefocus2 {\n channels rgba\n z_channel depth.Z\n math depth\n center {{parent.focus}}\n size {{2*parent.blur}}\n \
-                  max_size {{max(4*parent.blur,100)}}\n filter_type disc\n name Defocus\n}\n";
+                  max_size {{max(4*parent.blur,100)}}\n";
+        nodes += &match camera.blades(ABILITIES.bokeh) {
+            Some((blades, roundness, _)) => {
+                format!(" filter_type bladed\n blades {blades}\n roundness {}\n", number(roundness))
+            }
+            None => " filter_type disc\n".into(),
+        };
+        nodes += " name Defocus\n}\n";
     }
     if camera.exposure.is_some() {
         nodes += "VectorBlur {\n channels rgba\n uv forward\n scale {{parent.exposure}}\n offset -0.5\n name MotionBlur\n}\n";

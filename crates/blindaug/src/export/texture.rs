@@ -1,11 +1,12 @@
 //! Grain for any other tool: the tiles as PNG, and the std over luminance as a table.
 
-use super::{Abilities, Camera, Export, File, grain};
+use super::{Abilities, Camera, Export, File, Shapes, grain};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "any tool that takes a grain texture or a response curve",
     motion_blur: "none",
     defocus: "none",
+    bokeh: Shapes::DISKS,
     grain: "a tile of the whole noise, the four octaves as tiles, and the std over luminance of each channel and octave",
     checked: "std, spectrum, channel independence and seams measured on the textures",
 };

@@ -11,12 +11,15 @@
 //!
 //! Source: `MotionBlur.js`, `VelocityNode.js`, `DepthOfFieldNode.js`, `FilmNode.js`; `tools/check-three.sh` measures these statements.
 
-use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number, numbers, probes};
+use super::{
+    Abilities, Camera, Export, File, Shapes, ThinLens, filled, grain, head, number, numbers, probes,
+};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "three.js r170 and later; dof() from r180",
     motion_blur: "the number; TSL's motionBlur() brightens by 1 / n and is off centre with few taps",
     defocus: "approximate: TSL's dof() is no thin lens, and spreads by 1.3 px or more",
+    bokeh: Shapes::DISKS,
     grain: "a pass: the whole model",
     checked: "module run in headless Chromium: its noise, dof() and motionBlur() measured there",
 };

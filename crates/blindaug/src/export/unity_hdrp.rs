@@ -5,17 +5,19 @@
 //! - `DepthOfField` with the physical camera: `coc = clamp((1 - P / Z) maxCoC, -1, 1)`, `maxCoC = (f_mm / N) F / (P - F)`, a radius
 //!   of `2 maxBlur H / 1080 |coc|` px. Near and far get the same `maxBlur`, 8, the most that near takes. The field of view stays
 //!   the same when focal length and sensor grow together: N is set to 5.6, and f to the value that gives the blur.
+//!   `bladeCount` and `curvature`, which makes blades rounder the wider the aperture is open, are the shape; the aperture also turns it.
 //! - `FilmGrain`: [`grain::Response`].
 //!
 //! Source: the pipeline's `HDRenderPipeline.PostProcess.cs`; derived, not run in the editor here.
 
 use super::unity::{self, f};
-use super::{Abilities, Camera, Export, grain};
+use super::{Abilities, Camera, Export, Shapes, grain, inward, polygon_std};
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Unity, High Definition Render Pipeline 12 and later",
     motion_blur: "exact; above 1500 px per frame it is clamped",
     defocus: "exact up to a std of 8 px at 1080 lines; the camera's sensor is resized",
+    bokeh: Shapes { blades: Some([3, 11]), roundness: true, rotation: false, squeeze: false },
     grain: "FilmGrain: grey, none at black, one spectrum",
     checked: "formulas derived from the source; script parsed; not run in the editor",
 };
@@ -45,21 +47,37 @@ pub struct PhysicalCamera {
     pub aperture: f32,
     /// `sensorSize`, mm: the size that keeps the field of view.
     pub sensor_size: [f32; 2],
+    /// `bladeCount`, in [3, 11].
+    pub blade_count: u8,
+    /// `curvature`: the f-numbers at which the shape is a disk and at which blades are straight, in [0.7, 32].
+    pub curvature: [f32; 2],
 }
 
 impl PhysicalCamera {
+    /// How far the blades lie inwards: 0 for a disk, 1 for straight blades.
+    fn inward(&self) -> f32 {
+        let [round, straight] = self.curvature;
+        ((self.aperture - round) / (straight - round)).clamp(0.0, 1.0)
+    }
+
     /// The std of the blur at this depth in m, px, on pictures `height` px high.
     pub fn sigma_px(&self, depth_m: f32, height: usize) -> f32 {
         let coc = unity::coc(self.focal_length, self.aperture, self.focus_distance, depth_m);
-        MAX_BLUR * height as f32 / 1080.0 * coc
+        MAX_BLUR * height as f32 / 1080.0 * coc * polygon_std(self.blade_count, self.inward())
     }
 }
 
 /// The camera as HDRP's numbers.
 pub fn settings(camera: &Camera) -> Settings {
     let lens = camera.lens.map(|lens| {
-        let max_coc = lens.sigma_px_at_infinity / (MAX_BLUR * camera.height as f32 / 1080.0);
         let aperture = 5.6;
+        let (blade_count, inward) = match camera.blades(ABILITIES.bokeh) {
+            Some((blades, roundness, _)) => (blades, inward(blades, roundness)),
+            None => (5, 0.0),
+        };
+        let curvature = [aperture - inward, aperture - inward + 1.0];
+        let std = polygon_std(blade_count, inward);
+        let max_coc = lens.sigma_px_at_infinity / (std * MAX_BLUR * camera.height as f32 / 1080.0);
         let focal_length = unity::focal_length(max_coc, aperture, lens.focus_m);
         let sensor_height = focal_length / camera.focal_length_per_sensor_height();
         let aspect = camera.width as f32 / camera.height as f32;
@@ -68,6 +86,8 @@ pub fn settings(camera: &Camera) -> Settings {
             focal_length,
             aperture,
             sensor_size: [aspect * sensor_height, sensor_height],
+            blade_count,
+            curvature,
         }
     });
     Settings {
@@ -104,7 +124,7 @@ pub(super) fn export(camera: &Camera) -> Export {
         let [focus, focal, aperture, width, height] =
             [lens.focus_distance, lens.focal_length, lens.aperture, lens.sensor_size[0], lens.sensor_size[1]]
                 .map(f);
-        let blur = f(MAX_BLUR);
+        let (blur, blades, [round, straight]) = (f(MAX_BLUR), lens.blade_count, lens.curvature.map(f));
         body += &format!(
             "
         var depthOfField = Add<DepthOfField>(profile);
@@ -122,6 +142,8 @@ pub(super) fn export(camera: &Camera) -> Export {
             camera.focalLength = {focal};
             camera.aperture = {aperture};
             camera.focusDistance = {focus};
+            camera.bladeCount = {blades};
+            camera.curvature = new Vector2({round}, {straight});
         }}
 "
         );

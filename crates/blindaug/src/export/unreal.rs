@@ -4,18 +4,20 @@
 //!   angle instead: 360 lambda degrees.
 //! - Depth of field: a radius of `0.5 W / sensorW coc_inf |1 - P / Z|` px, `coc_inf = f^2 / (N (P - f))`, f from the field of view
 //!   and `DepthOfFieldSensorWidth`; clamped to 0.025 W. The sensor has the default width, 24.576 mm, unless N leaves [1, 32].
+//!   `DepthOfFieldBladeCount` and a `DepthOfFieldMinFstop` of 0 give straight blades.
 //! - Grain: the script imports the octaves and makes a post-process material with the whole noise model, which works on display-encoded
 //!   values after tonemapping. The engine's own film grain can be chosen instead: three zones of luminance, each with its own intensity.
 //!
 //! Source: Epic's documentation; not run in the engine.
 
-use super::{Abilities, Camera, Export, File, ThinLens, filled, grain, head, number};
+use super::{Abilities, Camera, Export, File, Shapes, ThinLens, filled, grain, head, number};
 use crate::model::NoiseModel;
 
 pub(super) const ABILITIES: Abilities = Abilities {
     tool: "Unreal Engine 5.1 and later",
     motion_blur: "exact",
     defocus: "exact up to a radius of 2.5 % of the width",
+    bokeh: Shapes { blades: Some([4, 16]), roundness: false, rotation: false, squeeze: false },
     grain: "a post-process material: the whole model; or the film grain: three zones of luminance, its scale is an assumption",
     checked: "from the documentation; script compiled, the material's function run and compared with the model; not run in the engine",
 };
@@ -109,6 +111,12 @@ pub(super) fn export(camera: &Camera) -> Export {
     }
     if settings.motion_blur_amount.is_some() {
         values.push("    \"motion_blur_target_fps\": 0,\n".into());
+    }
+    if let (Some(_), Some((blades, ..))) = (settings.depth_of_field, camera.blades(ABILITIES.bokeh)) {
+        // Blades are straight at a least f-number of 0. The engine keeps the shape's area, and so its std, but for 3 % at most.
+        values.push(format!(
+            "    \"depth_of_field_blade_count\": {blades},\n    \"depth_of_field_min_fstop\": 0.0,\n"
+        ));
     }
     let mut files = vec![];
     let (mut grain, mut add_grain) = (String::new(), "");

@@ -38,8 +38,8 @@ pub struct Lens {
     pub pixel_aspect: f32,
     /// The size of the whole picture, px.
     pub picture: (usize, usize),
-    /// The place of the image's top left pixel in the picture, px.
-    pub origin: (usize, usize),
+    /// The place of the image's top left pixel in the picture, px; negative where the image reaches beyond the picture.
+    pub origin: (isize, isize),
 }
 
 impl Lens {
@@ -56,7 +56,7 @@ impl Lens {
     /// The position of a pixel of the image from the picture's centre, as the picture is shown, in halves of its diagonal.
     fn field(&self, x: usize, y: usize) -> [f32; 2] {
         let (w, h) = (self.picture.0 as f32, self.picture.1 as f32);
-        let from = |at: usize, origin: usize, size: f32| (at + origin) as f32 - 0.5 * (size - 1.0);
+        let from = |at: usize, origin: isize, size: f32| (at as isize + origin) as f32 - 0.5 * (size - 1.0);
         let half = 0.5 * (w * self.pixel_aspect).hypot(h).max(1.0);
         [from(x, self.origin.0, w) * self.pixel_aspect / half, from(y, self.origin.1, h) / half]
     }

@@ -76,7 +76,16 @@ impl Blur {
     }
 
     /// The same blur for an image that is cut out of the picture, or of such an image, from pixel (x, y) on.
-    pub(crate) fn cut_out(mut self, (x, y): (usize, usize)) -> Self {
+    pub(crate) fn cut_out(self, (x, y): (usize, usize)) -> Self {
+        self.moved((x as isize, y as isize))
+    }
+
+    /// The same blur for an image that begins so many px left of the picture and above it.
+    pub(crate) fn beginning_before(self, (left, top): (usize, usize)) -> Self {
+        self.moved((-(left as isize), -(top as isize)))
+    }
+
+    fn moved(mut self, (x, y): (isize, isize)) -> Self {
         if let Some(lens) = &mut self.lens {
             lens.origin = (lens.origin.0 + x, lens.origin.1 + y);
         }

@@ -19,7 +19,7 @@ use bevy::render::{Render, RenderApp, RenderStartup, RenderSystems};
 use blindaug::CameraModel;
 use blindaug::composite::CompositeOptions;
 use blindaug::model::Capture;
-use blindaug_gpu::{Bound, Compositor, Depth, Frame, Inputs, Quality, Velocity, bind, full_screen};
+use blindaug_gpu::{Bound, Compositor, Depth, Frame, Inputs, Quality, Velocity, bind, full_screen, rounded};
 use std::sync::Arc;
 use wgpu::{BindingResource, TextureFormat, TextureUsages};
 
@@ -394,6 +394,8 @@ fn composite(
         if let Err(e) = encode(&nothing(), naive) {
             layer.say(e.to_string());
         }
+    } else if let Some(sentence) = matching.model.as_ref().and_then(|model| rounded(model, &matching.options)) {
+        layer.say(sentence);
     }
     if edge > 0.0 {
         let pasted = group(&passes.paste, &[view(&of_layer[0]), view(&frame)]);
