@@ -3,8 +3,8 @@
 use blindaug::{
     CameraModel, Error, Result,
     model::{
-        Aperture, Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-        MOST_SQUEEZE, MotionBlurModel, NoiseLevel, NoiseModel,
+        Aperture, Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, MOST_SQUEEZE,
+        Method, MotionBlurModel,
     },
 };
 use std::ops::RangeInclusive;
@@ -74,7 +74,12 @@ impl ByHand {
         }
         if let Some(factor) = self.grain {
             match &mut model.noise {
-                Estimate::Known(noise) => scale(noise, factor),
+                Estimate::Known(noise) => {
+                    noise.multiply(factor);
+                    // Its intervals were those of another noise.
+                    let lines = noise.lines_mut();
+                    (lines.interval, lines.method) = (None, Method::Given);
+                }
                 _ => {
                     return Err(Error::new(
                         "its noise is unknown, so that it cannot be scaled: leave the grain out",
@@ -124,28 +129,10 @@ impl ByHand {
     }
 }
 
-/// Multiplies the std of a noise; its intervals, which were those of another, are left out.
-fn scale(noise: &mut NoiseModel, factor: f32) {
-    let lines = match noise {
-        NoiseModel::Lines(lines) => lines,
-        NoiseModel::Curves(curves) => {
-            let variances =
-                curves.levels.iter_mut().flat_map(|l| l.variance.as_flattened_mut().as_flattened_mut());
-            variances.for_each(|v| *v *= factor * factor);
-            &mut curves.lines
-        }
-    };
-    lines.levels = lines.levels.map(|l| NoiseLevel {
-        slope: l.slope.map(|v| factor * v),
-        intercept: l.intercept.map(|v| factor * v),
-    });
-    (lines.interval, lines.method) = (None, Method::Given);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use blindaug::model::{Capture, Reason};
+    use blindaug::model::{Capture, NoiseLevel, NoiseModel, Reason};
 
     fn camera() -> CameraModel {
         let capture = Capture { width: 64, height: 48, fps: None, frames_used: 2, pixel_aspect: 1.0 };

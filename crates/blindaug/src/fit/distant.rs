@@ -6,7 +6,7 @@
 
 use super::geometry::Follower;
 use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
-use crate::model::Estimate;
+use crate::model::{Estimate, Method, NoiseModel};
 use crate::{Encoded, Flow, Result};
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
@@ -21,14 +21,17 @@ const SHORTEST: usize = 4;
 /// The largest correlation between successive frames that is told.
 const MOST_CORRELATED: f32 = 0.9;
 
+/// The luminances at which the noise of pairs is held against that of single frames.
+const MIDDLE: [f32; 3] = [0.3, 0.5, 0.7];
+
 /// Pairs of frames of one shot that lie several frame intervals apart, and what they tell of the noise.
 pub(super) struct DistantPairs {
     /// The distance between the frames of a pair.
     distance: usize,
     /// The first frame of the next pair, with its index.
     held: Option<(usize, Encoded)>,
-    /// The evidence of the last pairs.
-    pairs: VecDeque<NoiseEvidence>,
+    /// The evidence of the last pairs: of the difference, and of the earlier frame alone.
+    pairs: VecDeque<[NoiseEvidence; 2]>,
     /// The most pairs that are kept.
     most: usize,
 }
@@ -76,7 +79,9 @@ impl DistantPairs {
             if let Some(flow) = followed.flow {
                 let mut pair = NoiseEvidence::of_flat_parts();
                 pair.add_pair_in_turn(held, frame, &flow, part)?;
-                self.pairs.push_back(pair);
+                let mut single = NoiseEvidence::new(Method::Spatial);
+                single.add_single(held);
+                self.pairs.push_back([pair, single]);
                 if self.pairs.len() > self.most {
                     self.pairs.pop_front();
                 }
@@ -93,12 +98,21 @@ impl DistantPairs {
             return fit;
         }
         let mut distant = NoiseEvidence::of_flat_parts();
-        self.pairs.iter().for_each(|p| distant.merge(p));
+        let mut single = NoiseEvidence::new(Method::Spatial);
+        for [pair, alone] in &self.pairs {
+            distant.merge(pair);
+            single.merge(alone);
+        }
         let powers = near.flat_power().zip(distant.flat_power());
         let found = distant.fit();
-        let (Some((new, all)), Estimate::Known(model)) = (powers, found.model) else { return fit };
+        let (Some((new, all)), Estimate::Known(mut model)) = (powers, found.model) else { return fit };
         // The difference of two frames holds twice the part of the noise that they do not share.
         let correlation = (1.0 - new / all.max(1e-12)).clamp(0.0, MOST_CORRELATED);
+        if let Some(most) = single.fit().model.known() {
+            // What a frame's flattest parts hold is noise and texture, so noise is no more than that; frames that differ in more than noise are.
+            let total = |m: &NoiseModel| MIDDLE.map(|y| m.total_std(y)[1]).iter().sum::<f32>();
+            model.multiply((total(most) / total(&model).max(1e-9)).min(1.0));
+        }
         fit.model = Estimate::Known(model.with_temporal_correlation(correlation));
         fit.points = found.points;
         fit

@@ -172,7 +172,7 @@ impl NoiseModel {
     }
 
     /// [`NoiseModel::lines`], to be changed.
-    pub(crate) fn lines_mut(&mut self) -> &mut NoiseLines {
+    pub fn lines_mut(&mut self) -> &mut NoiseLines {
         match self {
             Self::Lines(lines) => lines,
             Self::Curves(curves) => &mut curves.lines,
@@ -221,6 +221,24 @@ impl NoiseModel {
     pub fn total_std(&self, y: f32) -> [f32; 3] {
         let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| self.std(level, y));
         total_of_levels(&std)
+    }
+
+    /// Multiplies the std, with its intervals, by a factor, >= 0.
+    pub fn multiply(&mut self, factor: f32) {
+        if let Self::Curves(curves) = self {
+            let variances =
+                curves.levels.iter_mut().flat_map(|l| l.variance.as_flattened_mut().as_flattened_mut());
+            variances.for_each(|v| *v *= factor * factor);
+        }
+        let lines = self.lines_mut();
+        lines.levels = lines.levels.map(|l| NoiseLevel {
+            slope: l.slope.map(|v| factor * v),
+            intercept: l.intercept.map(|v| factor * v),
+        });
+        for level in lines.interval.iter_mut().flatten() {
+            level.slope = level.slope.map(|i| i.map(|v| factor * v));
+            level.intercept = level.intercept.map(|i| i.map(|v| factor * v));
+        }
     }
 
     /// The same noise with this correlation between successive frames, in [0, 1), if it is one by curves: lines have none.
