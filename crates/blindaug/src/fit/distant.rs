@@ -108,10 +108,14 @@ impl DistantPairs {
         let (Some((new, all)), Estimate::Known(mut model)) = (powers, found.model) else { return fit };
         // The difference of two frames holds twice the part of the noise that they do not share.
         let correlation = (1.0 - new / all.max(1e-12)).clamp(0.0, MOST_CORRELATED);
+        let total = |m: &NoiseModel| MIDDLE.map(|y| m.total_std(y)[1]).iter().sum::<f32>();
         if let Some(most) = single.fit().model.known() {
             // What a frame's flattest parts hold is noise and texture, so noise is no more than that; frames that differ in more than noise are.
-            let total = |m: &NoiseModel| MIDDLE.map(|y| m.total_std(y)[1]).iter().sum::<f32>();
             model.multiply((total(most) / total(&model).max(1e-9)).min(1.0));
+        }
+        if fit.model.known().is_some_and(|near| total(near) > total(&model)) {
+            // Most of the picture was copied over the whole distance.
+            return fit;
         }
         fit.model = Estimate::Known(model.with_temporal_correlation(correlation));
         fit.points = found.points;
