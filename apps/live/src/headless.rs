@@ -1,10 +1,6 @@
 //! Makes the window's pictures without a window. Each frame is estimated in turn, so that runs can be repeated.
 
-use super::{
-    Scene,
-    spectra::Spectra,
-    stage::{Look, Stage, Times},
-};
+use super::{Scene, spectra::Spectra};
 use blindaug::fit::track::TileObserver;
 use blindaug_cli::console::{self, Result, failure, note};
 use blindaug_pipeline::{
@@ -12,6 +8,7 @@ use blindaug_pipeline::{
     live::{LiveEstimator, Loop},
 };
 use blindaug_report::words::count;
+use blindaug_stage::{Look, Stage, Times};
 use std::time::{Duration, Instant};
 
 /// The time between messages about the progress.

@@ -4,7 +4,6 @@ use super::{
     SIZES, Scene,
     panel::{self, Action, Controls, Shown},
     spectra::Spectra,
-    stage::{Look, Stage, Times},
 };
 use blindaug::{Encoded, fit::track::TileObserver};
 use blindaug_cli::console::{self, Failure, Result, failure, note};
@@ -12,6 +11,7 @@ use blindaug_gpu::Gpu;
 use blindaug_io::VideoWriter;
 use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Pace, Player};
 use blindaug_report::words::count;
+use blindaug_stage::{Look, Stage, Times};
 use std::{
     path::PathBuf,
     sync::{

@@ -1,6 +1,6 @@
 //! The composite of the object over a frame: by the passes of the graphics device, or by the processor where there is no graphics card.
 
-use super::render::Layer;
+use crate::render::Layer;
 use blindaug::{
     CameraModel, Premultiplied, Result,
     composite::{CompositeOptions, Plate, VirtualLayer, composite},
@@ -31,13 +31,18 @@ impl By {
 
 /// Composites one layer over frames of its size.
 pub enum Compositor {
+    /// By the passes of the graphics device.
     Device {
+        /// The passes.
         effects: Box<Effects>,
+        /// The passes' textures.
         bound: Box<Bound>,
         /// The current frame, display-encoded.
         frame: wgpu::Texture,
     },
+    /// By the processor.
     Processor {
+        /// The layer on the device.
         layer: Layer,
     },
 }

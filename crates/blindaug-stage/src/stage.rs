@@ -1,6 +1,6 @@
 //! Everything that is drawn on one device: the object, both composites, and the picture of the two under a split line.
 
-use super::{
+use crate::{
     compositor::{By, Compositor},
     light::Light,
     object::Object,
@@ -100,8 +100,10 @@ impl Stage {
             mapped_at_creation: false,
         });
         let view = |t: &wgpu::Texture| t.create_view(&Default::default());
-        let naive = made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST)?;
-        let filmed = made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST)?;
+        let naive =
+            made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST | TextureUsages::COPY_SRC)?;
+        let filmed =
+            made(TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST | TextureUsages::COPY_SRC)?;
         let [a, b] = [&naive, &filmed].map(view);
         let [a, b] = [&a, &b].map(BindingResource::TextureView);
         let group = bind(device, &join.get_bind_group_layout(0), &[a, b, split.as_entire_binding()]);
@@ -199,6 +201,12 @@ impl Stage {
         &self.gpu
     }
 
+    /// The frame with the object pasted on it, and the frame with the object as the camera would have filmed it, as they were drawn last;
+    /// display-encoded.
+    pub fn composites(&self) -> [&wgpu::Texture; 2] {
+        [&self.naive, &self.filmed]
+    }
+
     /// The picture that was drawn last, display-encoded.
     pub fn picture(&self) -> &TextureView {
         &self.picture_view
@@ -286,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "it measures: cargo test -p blindaug-live what_a_picture_costs -- --ignored --nocapture"]
+    #[ignore = "it measures: cargo test -p blindaug-stage what_a_picture_costs -- --ignored --nocapture"]
     fn what_a_picture_costs() {
         let gpu = Gpu::new().unwrap();
         let (w, h) = (1296, 720);
