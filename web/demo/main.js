@@ -16,7 +16,9 @@ let live;
 
 /** Shows a sentence about what went wrong, or none. */
 function say(sentence) {
-  const text = sentence ? sentence[0].toUpperCase() + sentence.slice(1) : '';
+  // A file's name stays as it is.
+  const named = /^\S+\.\w+\b/.test(sentence ?? '');
+  const text = !sentence || named ? (sentence ?? '') : sentence[0].toUpperCase() + sentence.slice(1);
   $('trouble').textContent = text && /[.!?]$/.test(text) ? text : text && `${text}.`;
   $('trouble').hidden = !sentence;
 }

@@ -94,10 +94,12 @@ export async function live({ fps, fov = 50, maxSide = 640, threads = 1, gpu = 'a
   /** Estimates from a frame with its neighbours and shows it. */
   async function work(frame) {
     [done, last, again] = [frame.number, frame, undefined];
+    // What comes while a device is opened does not take the place of these.
+    const around = new Set([frame, ...recent]);
     await sized(frame.width, frame.height);
     const { live } = current;
     const start = performance.now();
-    for (const { number, data, width, height } of recent) {
+    for (const { number, data, width, height } of around) {
       const near = Math.abs(number - frame.number) <= 1 && width === frame.width && height === frame.height;
       if (near && !live.has(number)) live.add(number, data);
     }

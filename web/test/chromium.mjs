@@ -16,13 +16,13 @@ export async function open({ webcam, flags = [], deny = false } = {}) {
 
 /** A page that notes what a page must not do: errors on the console, and requests that leave the origin. */
 export async function watched(browser, url, options = {}) {
-  const page = await browser.newPage(options);
+  const page = await (await browser.newContext(options)).newPage();
   const bad = [];
   page.on('console', (m) => ['error', 'warning'].includes(m.type()) && bad.push(`${m.type()}: ${m.text()}`));
   page.on('pageerror', (e) => bad.push(`error: ${e.message}`));
   let bytes = 0;
   page.on('request', (r) => !r.url().startsWith(new URL(url).origin) && !/^(blob|data):/.test(r.url()) && bad.push(`left the origin: ${r.url()}`));
-  page.on('response', async (r) => (bytes += (await r.body().catch(() => '')).length));
+  page.on('response', (r) => (bytes += Number(r.headers()['content-length'] ?? 0)));
   await page.addInitScript(() => {
     window.seen = [];
     addEventListener('blindaug-frame', ({ detail: { picture, ...frame } }) => window.seen.push(frame));

@@ -11,6 +11,7 @@ module.initSync({ module: readFileSync(new URL('blindaug_bg.wasm', folder)) });
 const bytes = readFileSync(file);
 const tracker = new module.FrameTracker(undefined, false);
 const times = [];
+const processor = process.cpuUsage();
 const size = 4 * width * height;
 const lines = [];
 for (let i = 0; (i + 1) * size <= bytes.length; i++) {
@@ -22,4 +23,5 @@ for (let i = 0; (i + 1) * size <= bytes.length; i++) {
 lines.push(tracker.finish());
 console.log(lines.join('\n'));
 times.sort((a, b) => a - b);
-console.error(`${times[times.length >> 1].toFixed(1)} ms`);
+const { user, system } = process.cpuUsage(processor);
+console.error(`${times[times.length >> 1].toFixed(1)} ms, of the processor ${((user + system) / 1e3 / times.length).toFixed(1)} ms`);

@@ -3,6 +3,7 @@
 mod headless;
 mod panel;
 mod spectra;
+mod times;
 mod window;
 
 use blindaug::{composite::CompositeOptions, model::Bokeh};

@@ -20,10 +20,11 @@ pub enum By {
 
 impl By {
     /// The faster one of the two. A graphics device that is only a program on the processor takes several times as long for its passes as
-    /// the processor takes for the reference (docs/gpu.md).
+    /// the processor takes for the reference (docs/gpu.md). In a page it is always the device, since a page cannot wait for the layer that is
+    /// copied from there.
     pub fn fastest(info: &wgpu::AdapterInfo) -> Self {
         match info.device_type {
-            wgpu::DeviceType::Cpu => Self::Processor,
+            wgpu::DeviceType::Cpu if cfg!(not(target_arch = "wasm32")) => Self::Processor,
             _ => Self::Device,
         }
     }

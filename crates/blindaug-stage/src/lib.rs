@@ -19,7 +19,7 @@ pub mod stage;
 
 pub use light::Light;
 pub use object::Object;
-pub use stage::{Look, Stage, Times};
+pub use stage::{Look, Stage};
 
 #[cfg(test)]
 #[path = "../../blindaug-gpu/tests/common/wgsl.rs"]
