@@ -16,10 +16,9 @@ writeFileSync(
 );
 const server = await serve({ port: 0, folder: project });
 const browser = await open({ webcam });
-const { page, bad } = await watched(browser, 'about:blank');
+const { page, bad } = await watched(browser, `http://localhost:${server.address().port}/index.html`);
 const said = [];
 page.on('console', (m) => m.type() === 'log' && said.push(m.text()));
-await page.goto(`http://localhost:${server.address().port}/index.html`);
 const start = Date.now();
 while (said.length < 3 && Date.now() - start < 120_000) await page.waitForTimeout(200);
 await browser.close();

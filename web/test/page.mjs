@@ -97,7 +97,8 @@ for (const gpu of ['never', 'always']) {
         }
       }
     }
-    assert.deepEqual(bad, []);
+    // This test itself reads the canvas.
+    assert.deepEqual(bad.filter((b) => !b.includes('willReadFrequently')), []);
     const wire = bytes();
     assert.ok(wire < 4e6, `${wire} bytes`);
     await browser.close();
