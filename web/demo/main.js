@@ -147,7 +147,8 @@ function follow(source) {
   plot.clear();
   let sent = Promise.resolve();
   state.source.end = frames(source.video, (video, { number }) => {
-    if (state.paused && source.stream) return;
+    // While a clip goes back to its beginning it has no picture.
+    if ((state.paused && source.stream) || video.readyState < 2) return;
     const at = { number: offset + number, lap: state.lap };
     sent = sent.then(() => live.push(video, at)).catch((e) => say(e.message));
   });
