@@ -67,7 +67,10 @@ impl Exported {
     pub fn new(camera: &str, target: &str, fov: Option<f32>) -> Result<Exported, JsError> {
         let Some(found) = Target::ALL.iter().find(|t| t.name() == target) else {
             let names: Vec<&str> = Target::ALL.iter().map(|t| t.name()).collect();
-            return Err(JsError::new(&format!("\"{target}\" is no tool to export to; take one of {}", names.join(", "))));
+            return Err(JsError::new(&format!(
+                "\"{target}\" is no tool to export to; take one of {}",
+                names.join(", ")
+            )));
         };
         let view = View { size: None, fov_y_degrees: fov };
         let export = found.export(&Camera::new(&model(camera)?, &view).map_err(of)?);

@@ -13,7 +13,8 @@ const MAX_SIDE: usize = 4096;
 /// If the size is none that can be worked on, or there are not as many bytes.
 pub fn frame(size @ (width, height): (usize, usize), rgba: &[u8]) -> Result<Encoded, JsError> {
     if width > MAX_SIDE || height > MAX_SIDE {
-        let sentence = format!("a frame of {width} x {height} px is too large for a page; reduce it to {MAX_SIDE} px");
+        let sentence =
+            format!("a frame of {width} x {height} px is too large for a page; reduce it to {MAX_SIDE} px");
         return Err(JsError::new(&sentence));
     }
     Encoded::from_rgba8(size, ByteRows::new(rgba, 4 * width)).map_err(of)

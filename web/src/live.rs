@@ -1,6 +1,10 @@
 //! An object in live footage: estimated, drawn and composited frame by frame.
 
-use crate::{failure::of, frames::{frame, rgba}, screen::Screen};
+use crate::{
+    failure::of,
+    frames::{frame, rgba},
+    screen::Screen,
+};
 use blindaug::{
     Encoded, Flow, Plane, Premultiplied, Raster,
     composite::{CompositeOptions, Plate, VirtualLayer, composite},
@@ -254,14 +258,13 @@ fn layer(
     fits("the colour", color.len(), 4)?;
     inverse_depth.as_ref().map_or(Ok(()), |d| fits("the inverse depth", d.len(), 1))?;
     flow.as_ref().map_or(Ok(()), |f| fits("the motion", f.len(), 2))?;
-    let raster = |values: &[f32]| Raster::from_fn(width, height, |x, y| {
-        std::array::from_fn(|c| values[4 * (y * width + x) + c])
-    });
+    let raster = |values: &[f32]| {
+        Raster::from_fn(width, height, |x, y| std::array::from_fn(|c| values[4 * (y * width + x) + c]))
+    };
     let known = |d: f32| if d > 0.0 { d } else { f32::NAN };
     Ok(VirtualLayer {
         color: Premultiplied(raster(color)),
-        inverse_depth: inverse_depth
-            .map(|d| Plane::from_fn(width, height, |x, y| known(d[y * width + x]))),
+        inverse_depth: inverse_depth.map(|d| Plane::from_fn(width, height, |x, y| known(d[y * width + x]))),
         flow: flow.map(|f| {
             Flow::from_fn(width, height, |x, y| {
                 let i = 2 * (y * width + x);

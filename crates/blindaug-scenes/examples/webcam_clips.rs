@@ -23,7 +23,8 @@ fn planes(frame: &Encoded) -> [Raster<f32>; 3] {
     });
     let halved = |c: usize| {
         Raster::from_fn(w / 2, h / 2, |x, y| {
-            let sum: f32 = [(0, 0), (1, 0), (0, 1), (1, 1)].iter().map(|(i, j)| ycc.at(2 * x + i, 2 * y + j)[c]).sum();
+            let sum: f32 =
+                [(0, 0), (1, 0), (0, 1), (1, 1)].iter().map(|(i, j)| ycc.at(2 * x + i, 2 * y + j)[c]).sum();
             (0.25 * sum).round()
         })
     };
@@ -99,8 +100,11 @@ fn main() -> std::io::Result<()> {
         }
         file.flush()?;
         let std = noise.map(|(sum, n)| 255.0 * (sum / n.max(1) as f64).sqrt());
-        let lens = lens.map_or("null".into(), |(s, f)| format!("{{\"sigma_px_at_infinity\":{s},\"focus_m\":{f}}}"));
-        let truth = format!("{{\"exposure\":{exposure},\"noise_steps\":{std:?},\"lens\":{lens},\"frames\":{frames}}}");
+        let lens =
+            lens.map_or("null".into(), |(s, f)| format!("{{\"sigma_px_at_infinity\":{s},\"focus_m\":{f}}}"));
+        let truth = format!(
+            "{{\"exposure\":{exposure},\"noise_steps\":{std:?},\"lens\":{lens},\"frames\":{frames}}}"
+        );
         std::fs::write(folder.join(format!("{clip}.json")), truth)?;
         println!("{clip}: exposure {exposure:.3}, noise {std:.2?}, lens {lens}");
     }
