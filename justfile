@@ -24,6 +24,10 @@ bench:
 wasm:
     tools/check-wasm.sh
 
+# The npm package and its page, in Node and Chromium; needs Node.js, npm's registry, chromium and ffmpeg.
+web *ARGS:
+    web/check.sh {{ARGS}}
+
 # The exported three.js module in Chromium; needs Node.js, npm's registry and chromium.
 three *ARGS:
     tools/check-three.sh {{ARGS}}

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Builds the crates that a web page needs for wasm32-unknown-unknown, without threads, files and networks: the core, the pipeline and the
-# report.
+# Builds the crates that a web page needs for wasm32-unknown-unknown, without threads, files and networks: the core, the pipeline, the
+# report and what draws an object in live footage.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-build=(cargo build --release --lib -p blindaug -p blindaug-pipeline -p blindaug-report --no-default-features --target wasm32-unknown-unknown)
+build=(cargo build --release --lib -p blindaug -p blindaug-pipeline -p blindaug-report -p blindaug-stage --no-default-features --target wasm32-unknown-unknown)
 if rustup target add wasm32-unknown-unknown 2>/dev/null; then
     "${build[@]}"
 else
@@ -14,4 +14,4 @@ else
     RUSTC=$(dpkg -L rustc-web | grep 'bin/rustc$') RUSTC_BOOTSTRAP=1 \
         CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER=$linker "${build[@]}" -Zbuild-std=std,panic_abort
 fi
-echo "blindaug, blindaug-pipeline and blindaug-report build for wasm32-unknown-unknown"
+echo "blindaug, blindaug-pipeline, blindaug-report and blindaug-stage build for wasm32-unknown-unknown"

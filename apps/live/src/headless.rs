@@ -1,10 +1,6 @@
 //! Makes the window's pictures without a window. Each frame is estimated in turn, so that runs can be repeated.
 
-use super::{
-    Scene,
-    spectra::Spectra,
-    stage::{Look, Stage, Times},
-};
+use super::{Scene, spectra::Spectra, times::Times};
 use blindaug::fit::track::TileObserver;
 use blindaug_cli::console::{self, Result, failure, note};
 use blindaug_pipeline::{
@@ -12,6 +8,7 @@ use blindaug_pipeline::{
     live::{LiveEstimator, Loop},
 };
 use blindaug_report::words::count;
+use blindaug_stage::{Look, Stage};
 use std::time::{Duration, Instant};
 
 /// The time between messages about the progress.
@@ -40,13 +37,13 @@ pub fn run(scene: &Scene, mut stage: Stage, look: &Look, frames: u64, output: &m
             rounded =
                 stage.rounded(&estimate.camera, look).inspect(|sentence| note(format_args!("{sentence}")));
         }
-        let times = match stage.draw(&shot, &estimate, look) {
+        let times = match Times::of_drawing(&stage, &shot, &estimate, look) {
             Ok(times) => times,
             Err(e) => {
                 note(format_args!("{e}; starting again on a new one"));
                 stage = scene.stage()?;
                 spectra = Spectra::of(&stage, size);
-                stage.draw(&shot, &estimate, look).map_err(of_frame)?
+                Times::of_drawing(&stage, &shot, &estimate, look).map_err(of_frame)?
             }
         };
         output.write(shot.number, &stage.read().map_err(of_frame)?)?;

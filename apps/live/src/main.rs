@@ -1,14 +1,9 @@
 //! `blindaug live`: an animated object in the footage of a camera or a video while it runs.
 
-mod beside;
-mod compositor;
 mod headless;
-mod light;
-mod object;
 mod panel;
-mod render;
 mod spectra;
-mod stage;
+mod times;
 mod window;
 
 use blindaug::{composite::CompositeOptions, model::Bokeh};
@@ -23,10 +18,9 @@ use blindaug_pipeline::{
     ImageFiles, Made,
     live::{self, Home, Pinhole},
 };
+use blindaug_stage::{Look, Object, Stage};
 use clap::Parser;
 use glam::DVec2;
-use object::Object;
-use stage::{Look, Stage};
 use std::{ops::RangeInclusive, path::PathBuf, process::ExitCode, sync::Arc};
 
 // Whole images are allocated and freed all the time: see the note in Cargo.toml.
@@ -132,7 +126,7 @@ impl Scene {
 
     /// The height that is seen at the home distance, m.
     fn seen(&self) -> f64 {
-        self.home.distance * self.camera.size.1 as f64 / self.camera.focal_length
+        self.camera.seen_height(self.home.distance)
     }
 
     fn is_camera(&self) -> bool {
@@ -191,25 +185,4 @@ fn run(args: &Live) -> Result<()> {
         return Err(failure(path, sentence));
     }
     Ok(())
-}
-
-#[cfg(test)]
-#[path = "../../../crates/blindaug-gpu/tests/common/wgsl.rs"]
-mod wgsl;
-
-#[cfg(test)]
-mod tests {
-    use super::wgsl::problem;
-
-    #[test]
-    fn every_shader_is_valid_for_every_device() {
-        let files = std::fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/src")).unwrap();
-        let shaders = files.map(|f| f.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "wgsl"));
-        // Each shader is a module of its own.
-        let problems: Vec<_> = shaders.map(|p| problem(&std::fs::read_to_string(p).unwrap())).collect();
-        assert_eq!(problems, [None, None]);
-        // Wrong shaders must fail.
-        assert!(problem("fn f() -> f32 { return 1u; }").is_some());
-        assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());
-    }
 }

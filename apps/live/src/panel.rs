@@ -1,13 +1,11 @@
 //! The contents of the window: the picture, and beside it the camera's parameters, frame times and controls.
 
-use super::{
-    DISTANCES,
-    stage::{Look, Times},
-};
+use super::{DISTANCES, times::Times};
 use blindaug::synth::defocus::Bokeh;
 use blindaug_gpu::Quality;
 use blindaug_pipeline::live::{Home, LiveEstimate};
 use blindaug_report::words::{count, parameters};
+use blindaug_stage::Look;
 use egui::{
     CentralPanel, Color32, ComboBox, CursorIcon, Frame, Grid, Panel, Rect, ScrollArea, Sense, Slider,
     TextureId, Ui, pos2, scroll_area::ScrollAreaOutput, vec2,

@@ -1,12 +1,12 @@
 //! The spectra of a frame's tiles on the graphics device, for the estimation of exposure and lens.
 
-use super::stage::Stage;
 use blindaug::{
     Flow, Plane, Result,
     fit::track::{TileLook, TileObservations, TileObserver},
     model::BlurSpace,
 };
 use blindaug_gpu::{Gpu, fit::spectral::TileEvidence, texture};
+use blindaug_stage::Stage;
 use wgpu::{TextureFormat, TextureUsages};
 
 /// Looks at the tiles of frames of one size on a device.

@@ -4,7 +4,7 @@ use super::{
     SIZES, Scene,
     panel::{self, Action, Controls, Shown},
     spectra::Spectra,
-    stage::{Look, Stage, Times},
+    times::Times,
 };
 use blindaug::{Encoded, fit::track::TileObserver};
 use blindaug_cli::console::{self, Failure, Result, failure, note};
@@ -12,6 +12,7 @@ use blindaug_gpu::Gpu;
 use blindaug_io::VideoWriter;
 use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Pace, Player};
 use blindaug_report::words::count;
+use blindaug_stage::{Look, Stage};
 use std::{
     path::PathBuf,
     sync::{
@@ -438,7 +439,8 @@ impl App {
             return Ok(());
         };
         let of_device = |e: blindaug::Error| Failure(e.to_string());
-        let times: Times = graphics.stage.draw(shot, estimate, &self.controls.look).map_err(of_device)?;
+        let times =
+            Times::of_drawing(&graphics.stage, shot, estimate, &self.controls.look).map_err(of_device)?;
         self.shown.add(shot.number, estimate, *time, times, new);
         let rounded = graphics.stage.rounded(&estimate.camera, &self.controls.look);
         if let (Some(sentence), true) = (&rounded, self.shown.rounded != rounded) {

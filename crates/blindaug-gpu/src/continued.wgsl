@@ -24,7 +24,7 @@ fn of_continued(coverage: f32) -> f32 {
 fn is_covered(covered: texture_2d_array<f32>, at: vec2<u32>, part: u32, most: f32) -> bool {
     let bits = u32(textureLoad(covered, at >> vec2(CONTINUED), part, 0).x);
     let opaque = f32(bits >> 16u) > 0.95 * 255.0 * most - 1.0;
-    return opaque && (bits >> (4u * (at.y & 3u) + (at.x & 3u)) & 1u) != 0u;
+    return opaque && ((bits >> (4u * (at.y & 3u) + (at.x & 3u))) & 1u) != 0u;
 }
 
 // The continued inverse depth and path, px, at a pixel. `finest` is level CONTINUED, and `coarser` the next level, filled in.

@@ -203,7 +203,7 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         let now = atomicLoad(&occupied);
         let before = blocks[block];
         dirty = now | (before & OCCUPIED) | camera.refresh;
-        blocks[block] = now * OCCUPIED | (before & OCCUPIED) * OCCUPIED_BEFORE | (before & FOCUSED);
+        blocks[block] = (now * OCCUPIED) | ((before & OCCUPIED) * OCCUPIED_BEFORE) | (before & FOCUSED);
     }
     workgroupBarrier();
     // In an empty block, the textures hold zeros already, unless it was not empty in the frame before.

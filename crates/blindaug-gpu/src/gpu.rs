@@ -57,7 +57,12 @@ impl Gpu {
         block_on(Self::request(instance, Some(surface)))
     }
 
-    async fn request(
+    /// Takes the fastest device, with its adapter, that can draw on a surface if there is one, without blocking: a page may not wait, and has a
+    /// device only when its browser has found one.
+    ///
+    /// # Errors
+    /// If there is no device.
+    pub async fn request(
         instance: &wgpu::Instance,
         surface: Option<&wgpu::Surface<'_>>,
     ) -> Result<(Self, wgpu::Adapter)> {

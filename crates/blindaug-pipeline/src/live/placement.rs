@@ -43,6 +43,11 @@ impl Pinhole {
         0.5 * DVec2::new(self.size.0 as f64 - 1.0, self.size.1 as f64 - 1.0)
     }
 
+    /// The height, m, that is seen at a distance in m.
+    pub fn seen_height(&self, distance: f64) -> f64 {
+        distance * self.size.1 as f64 / self.focal_length
+    }
+
     /// The matrix from camera coordinates to px.
     fn matrix(&self) -> DMat3 {
         let (f, c) = (self.focal_length, self.centre());

@@ -1,6 +1,6 @@
 //! The composite of the object over a frame: by the passes of the graphics device, or by the processor where there is no graphics card.
 
-use super::render::Layer;
+use crate::render::Layer;
 use blindaug::{
     CameraModel, Premultiplied, Result,
     composite::{CompositeOptions, Plate, VirtualLayer, composite},
@@ -20,10 +20,11 @@ pub enum By {
 
 impl By {
     /// The faster one of the two. A graphics device that is only a program on the processor takes several times as long for its passes as
-    /// the processor takes for the reference (docs/gpu.md).
+    /// the processor takes for the reference (docs/gpu.md). In a page it is always the device, since a page cannot wait for the layer that is
+    /// copied from there.
     pub fn fastest(info: &wgpu::AdapterInfo) -> Self {
         match info.device_type {
-            wgpu::DeviceType::Cpu => Self::Processor,
+            wgpu::DeviceType::Cpu if cfg!(not(target_arch = "wasm32")) => Self::Processor,
             _ => Self::Device,
         }
     }
@@ -31,13 +32,18 @@ impl By {
 
 /// Composites one layer over frames of its size.
 pub enum Compositor {
+    /// By the passes of the graphics device.
     Device {
+        /// The passes.
         effects: Box<Effects>,
+        /// The passes' textures.
         bound: Box<Bound>,
         /// The current frame, display-encoded.
         frame: wgpu::Texture,
     },
+    /// By the processor.
     Processor {
+        /// The layer on the device.
         layer: Layer,
     },
 }

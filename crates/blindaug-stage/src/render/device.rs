@@ -1,17 +1,12 @@
-//! Draws the object: its colour, inverse depth and velocity in a frame, each in a texture of the frame's size.
-//!
-//! The object is drawn with 2 x 2 samples per px: colour and alpha of a px are their mean, so that edges are soft; depth and velocity are
-//! those of the nearest sample, since a mean over two surfaces would fit neither.
+//! Draws the object by a graphics device: its colour, inverse depth and velocity in a frame, each in a texture of the frame's size.
 
-use super::{
-    light::Light,
-    object::{Object, Part, Texture, Vertex},
-};
+use super::{Moment, SAMPLES, Scene, View};
+use crate::object::{Object, Part, Texture, Vertex};
 use blindaug::{Error, Result};
 use blindaug_gpu::{Gpu, bind, full_screen, texture};
-use blindaug_pipeline::live::{Pinhole, Pose};
+use blindaug_pipeline::live::Pinhole;
 use bytemuck::{Pod, Zeroable, bytes_of, cast_slice};
-use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
+use glam::Mat4;
 use wgpu::{
     BindingResource, BufferUsages, TextureFormat, TextureUsages, TextureView,
     util::{BufferInitDescriptor, DeviceExt},
@@ -21,31 +16,6 @@ use wgpu::{
 const FORMATS: [TextureFormat; 3] =
     [TextureFormat::Rgba16Float, TextureFormat::R32Float, TextureFormat::Rg16Float];
 const DEPTH: TextureFormat = TextureFormat::Depth32Float;
-/// Samples per px along each axis.
-const SAMPLES: usize = 2;
-/// Depth of the near plane, m.
-const NEAR: f32 = 0.01;
-/// The share of the light that is taken away in the middle of the contact shadow.
-const SHADOW: f32 = 0.6;
-/// The half width of the contact shadow over that of the object near the ground, and the least one, as a share of the object's longest side.
-const SHADOW_SIZE: (f32, f32) = (1.3, 0.12);
-/// The distance of the shadow's middle from the object's foot, away from the light, in half widths of the shadow.
-const SHADOW_SHIFT: f32 = 0.35;
-
-/// The place and the appearance of the object in a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct Moment {
-    /// The object's poses in the frame and in the next one.
-    pub poses: [Pose; 2],
-    /// The time of the object's animation, s.
-    pub seconds: f64,
-    /// The time to the next frame, s.
-    pub step: f64,
-    /// The object's longest side, m.
-    pub size: f32,
-    /// The light on the object.
-    pub light: Light,
-}
 
 /// The object in a frame.
 #[derive(Clone, Debug)]
@@ -60,22 +30,6 @@ pub struct Layer {
 
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
-struct Scene {
-    clip_from_object: [Mat4; 2],
-    camera_from_object: Mat4,
-    clip_from_ground: [Mat4; 2],
-    light_direction: [f32; 3],
-    width: f32,
-    light: [f32; 3],
-    height: f32,
-    above: [f32; 3],
-    near: f32,
-    below: [f32; 3],
-    shadow: f32,
-}
-
-#[derive(Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
 struct PartOnDevice {
     base_color: [f32; 4],
     metallic: f32,
@@ -86,11 +40,8 @@ struct PartOnDevice {
 
 /// Draws one object into frames of one size.
 pub struct Renderer {
-    camera: Pinhole,
     object: Object,
-    unit: Mat4,
-    /// The half widths of the contact shadow along x and z, as shares of the object's longest side.
-    shadow_size: Vec2,
+    view: View,
     vertices: wgpu::Buffer,
     indices: wgpu::Buffer,
     scene: wgpu::Buffer,
@@ -221,12 +172,8 @@ impl Renderer {
         let layer =
             Layer { color: out(FORMATS[0])?, inverse_depth: out(FORMATS[1])?, velocity: out(FORMATS[2])? };
         let layer_views = [view(&layer.color), view(&layer.inverse_depth), view(&layer.velocity)];
-        let (unit, on_ground) = object.standing();
-        let (factor, least) = SHADOW_SIZE;
         Ok(Self {
-            camera,
-            unit,
-            shadow_size: (factor * on_ground).max(Vec2::splat(least)),
+            view: View::new(&object, camera),
             vertices: buffer(cast_slice(&object.vertices), BufferUsages::VERTEX)?,
             indices: buffer(cast_slice(&object.indices), BufferUsages::INDEX)?,
             object,
@@ -253,26 +200,9 @@ impl Renderer {
 
     /// Draws the object at a moment.
     pub fn draw(&self, gpu: &Gpu, moment: &Moment) {
-        let standing = moment.poses.map(|pose| camera_from_standing(&pose, moment.size));
-        let in_camera = standing.map(|m| m * self.unit);
         let joints = self.object.moving(moment.seconds, moment.step).concat();
         gpu.queue.write_buffer(&self.joints, 0, cast_slice(&joints));
-        let (w, h) = self.camera.size;
-        let light = &moment.light;
-        let scene = Scene {
-            clip_from_object: in_camera.map(|m| self.projection() * m),
-            camera_from_object: in_camera[0],
-            clip_from_ground: standing
-                .map(|m| self.projection() * m * self.standing_from_ground(&standing[0], light)),
-            light_direction: light.direction.into(),
-            width: w as f32,
-            light: light.key.into(),
-            height: h as f32,
-            above: light.above.into(),
-            near: NEAR,
-            below: light.below.into(),
-            shadow: SHADOW,
-        };
+        let scene = self.view.scene(moment);
         gpu.queue.write_buffer(&self.scene, 0, bytes_of(&scene));
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         {
@@ -313,35 +243,6 @@ impl Renderer {
         }
         gpu.queue.submit([encoder.finish()]);
     }
-
-    /// The matrix from the contact shadow, a disk of radius 1 on the ground around the origin of x and z, to the coordinates of an object that
-    /// stands on the origin.
-    fn standing_from_ground(&self, camera_from_standing: &Mat4, light: &Light) -> Mat4 {
-        let towards = camera_from_standing.inverse().transform_vector3(light.direction).normalize_or_zero();
-        let size = self.shadow_size.extend(1.0).xzy();
-        Mat4::from_translation(-SHADOW_SHIFT * size * Vec3::new(towards.x, 0.0, towards.z))
-            * Mat4::from_scale(size)
-    }
-
-    /// The matrix from camera to clip coordinates; a point's depth is the distance of the near plane over that of the point.
-    fn projection(&self) -> Mat4 {
-        let (w, h) = self.camera.size;
-        let f = 2.0 * self.camera.focal_length as f32;
-        let row = |x, y, z, w| Vec4::new(x, y, z, w);
-        Mat4::from_cols(
-            row(f / w as f32, 0.0, 0.0, 0.0),
-            row(0.0, -f / h as f32, 0.0, 0.0),
-            row(0.0, 0.0, 0.0, 1.0),
-            row(0.0, 0.0, NEAR, 0.0),
-        )
-    }
-}
-
-/// The matrix from the coordinates of an object that stands on the origin, y upward, and whose longest side is 1, to camera coordinates.
-fn camera_from_standing(pose: &Pose, size: f32) -> Mat4 {
-    let pose = Mat4::from_translation(pose.translation.as_vec3()) * Mat4::from_mat3(pose.rotation.as_mat3());
-    // glTF's y is up, and its z towards the camera.
-    pose * Mat4::from_scale(Vec3::new(size, -size, -size))
 }
 
 /// Fails if a device with these limits holds no buffer of `bytes` bytes.
@@ -390,10 +291,12 @@ fn upload(gpu: &Gpu, image: &Texture) -> Result<TextureView> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::SHADOW;
     use super::*;
-    use crate::object::Material;
+    use crate::{light::Light, object::Material};
     use blindaug::{Flow, Plane, Raster};
-    use glam::{DMat3, DVec3};
+    use blindaug_pipeline::live::Pose;
+    use glam::{DMat3, DVec3, Vec3};
 
     const SIZE: (usize, usize) = (64, 48);
 

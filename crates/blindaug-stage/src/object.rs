@@ -1,7 +1,6 @@
 //! The object: triangles, materials and an animation, from a glTF file or made here.
 
-use super::beside;
-use blindaug_io::{Error, MAX_PIXELS, MAX_SIDE, Result, guarded, one_line, read_file};
+use blindaug::{Error, Result, text::one_line};
 use bytemuck::{Pod, Zeroable};
 use glam::{EulerRot, Mat4, Quat, Vec2, Vec3, Vec4};
 use gltf::{
@@ -12,7 +11,7 @@ use gltf::{
     mesh::Mode,
 };
 use image::{DynamicImage, ImageFormat, ImageReader};
-use std::{f32::consts::TAU, io::Cursor, ops::Range, path::Path};
+use std::{f32::consts::TAU, io::Cursor, ops::Range};
 
 /// The number of times after the start of the animation at which the object's size is measured.
 const UNIT_LOOKS: u8 = 8;
@@ -31,8 +30,15 @@ struct Look {
 /// The most parts of an object, each of which takes a draw call.
 const MAX_PARTS: usize = 1 << 14;
 
-/// The most memory that a file with all that belongs to it may take, bytes.
-const MAX_BYTES: u64 = 1 << 31;
+/// The most memory that a file with all that belongs to it may take, bytes: in a page, which has 4 GB at most, less.
+pub const MAX_BYTES: u64 = if cfg!(target_pointer_width = "32") { 1 << 29 } else { 1 << 31 };
+
+/// The largest side of a texture, px, and its most texels.
+const MAX_SIDE: u32 = 16_384;
+const MAX_TEXELS: u64 = 1 << 27;
+
+/// Reads at most so many bytes that a file refers to by a URI; what is wrong with them continues a sentence that begins with their name.
+pub type ReadBeside<'a> = dyn Fn(&str, u64) -> std::result::Result<Vec<u8>, String> + 'a;
 
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -327,19 +333,44 @@ impl Object {
     ///
     /// # Errors
     /// If the file is missing, damaged, or has no triangles.
-    pub fn load(path: &Path) -> Result<Self> {
+    #[cfg(feature = "files")]
+    pub fn load(path: &std::path::Path) -> blindaug_io::Result<Self> {
         // The parser does not check everything in a file, so it may panic.
-        guarded(path, || {
-            let bytes = read_file(path, MAX_BYTES)?;
-            let Gltf { document, blob } = Gltf::from_slice(&bytes).map_err(|e| {
-                let e = one_line(&e.to_string());
-                Error::new(path, format!("not a glTF file that can be read, or a damaged one ({e})"))
-            })?;
-            let mut reader = Reader::new(path, &document, bytes.len() as u64);
-            reader.read_buffers(blob)?;
-            reader.object()
+        blindaug_io::guarded(path, || {
+            let bytes = blindaug_io::read_file(path, MAX_BYTES)?;
+            let read = |uri: &str, most| crate::beside::read(path, uri, most);
+            Self::from_bytes(&bytes, &read).map_err(|e| blindaug_io::Error::new(path, e.to_string()))
         })
     }
+
+    /// Reads an object, as [`Object::load`] does, from the bytes of a file, and by `beside` what the file refers to.
+    ///
+    /// # Errors
+    /// If the bytes are damaged, or have no triangles.
+    ///
+    /// # Panics
+    /// Of some damaged files, in which the parser does not check everything.
+    pub fn from_bytes(bytes: &[u8], beside: &ReadBeside) -> Result<Self> {
+        let Gltf { document, blob } = Gltf::from_slice(bytes).map_err(|e| {
+            let e = one_line(&e.to_string());
+            Error::new(format!("not a glTF file that can be read, or a damaged one ({e})"))
+        })?;
+        let given = bytes.len() as u64;
+        if given > MAX_BYTES {
+            return Err(too_large());
+        }
+        let mut reader = Reader::new(beside, &document, given);
+        reader.read_buffers(blob)?;
+        reader.object()
+    }
+}
+
+/// The error of an object that takes more memory than there may be.
+fn too_large() -> Error {
+    Error::new(format!(
+        "the object takes more than {} GB; reduce its triangles, textures or animations",
+        MAX_BYTES as f64 / 2f64.powi(30)
+    ))
 }
 
 impl Channel {
@@ -383,7 +414,7 @@ impl Channel {
 
 /// A glTF file with its buffers.
 struct Reader<'a> {
-    path: &'a Path,
+    beside: &'a ReadBeside<'a>,
     document: &'a Document,
     buffers: Vec<Vec<u8>>,
     object: Object,
@@ -399,9 +430,9 @@ struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     /// A reader for a document from a file of `bytes` bytes.
-    fn new(path: &'a Path, document: &'a Document, bytes: u64) -> Self {
+    fn new(beside: &'a ReadBeside<'a>, document: &'a Document, bytes: u64) -> Self {
         Self {
-            path,
+            beside,
             document,
             buffers: Vec::new(),
             object: Object::default(),
@@ -430,7 +461,7 @@ impl<'a> Reader<'a> {
 
     /// The bytes that the file names by a URI. Messages call them `what`.
     fn beside(&mut self, what: &str, uri: &str) -> Result<Vec<u8>> {
-        let bytes = beside::read(self.path, uri, self.left).map_err(|why| {
+        let bytes = (self.beside)(uri, self.left).map_err(|why| {
             let name = if uri.starts_with("data:") { "in it".into() } else { one_line(uri) };
             self.fail(&format!("its {what} {name} {why}"))
         })?;
@@ -440,14 +471,12 @@ impl<'a> Reader<'a> {
     }
 
     fn fail(&self, sentence: &str) -> Error {
-        Error::new(self.path, sentence)
+        Error::new(sentence)
     }
 
     /// Counts `bytes` bytes of memory as taken.
     fn take(&mut self, bytes: u64) -> Result<()> {
-        let left = self.left.checked_sub(bytes).ok_or_else(|| {
-            self.fail("the object takes more than 2 GB; reduce its triangles, textures or animations")
-        })?;
+        let left = self.left.checked_sub(bytes).ok_or_else(too_large)?;
         self.left = left;
         Ok(())
     }
@@ -735,10 +764,7 @@ impl<'a> Reader<'a> {
         let reader = || ImageReader::with_format(Cursor::new(bytes), format);
         let (width, height) = reader().into_dimensions().map_err(|e| fail(&e))?;
         let texels = u64::from(width) * u64::from(height);
-        if u64::from(width.max(height)) > MAX_SIDE as u64
-            || texels > MAX_PIXELS as u64
-            || 4 * texels > self.left
-        {
+        if width.max(height) > MAX_SIDE || texels > MAX_TEXELS || 4 * texels > self.left {
             return Err(self.fail(&format!(
                 "one of its textures is too large ({width} x {height} pixels; at most {MAX_SIDE} a side are read)"
             )));
@@ -809,9 +835,10 @@ impl Object {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "files"))]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     #[test]
     fn the_built_in_object_starts_again_without_a_jump_and_is_brought_to_unit_size() {

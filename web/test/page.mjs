@@ -1,0 +1,256 @@
+// The page: what it shows, what the canvas holds beside the reference, keys, recording, exports, and everything that goes wrong.
+//
+//   node test/page.mjs WEBCAM.y4m [SCREENSHOTS [ONLY]]     # ONLY: a part of a test's name
+import assert from 'node:assert/strict';
+import { execFileSync } from 'node:child_process';
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join, resolve } from 'node:path';
+import { open, serve, shown, watched } from './chromium.mjs';
+
+const [webcam, shots, only] = process.argv.slice(2);
+const server = await serve({ port: 0 });
+const url = `http://localhost:${server.address().port}/demo/`;
+const work = mkdtempSync(join(tmpdir(), 'blindaug-page-'));
+process.on('exit', () => rmSync(work, { recursive: true, force: true }));
+const trouble = (page) => page.evaluate(() => (document.getElementById('trouble').hidden ? '' : document.getElementById('trouble').textContent));
+const saysOf = async (page, pattern) => {
+  await page.waitForFunction((p) => new RegExp(p).test(document.getElementById('trouble').textContent), pattern, { timeout: 60_000 });
+  return trouble(page);
+};
+const more = async (page, n) => shown(page, (await page.evaluate(() => window.seen.length)) + n, 240_000);
+/** The root mean square of the difference of what the canvas holds right of the line and the reference, in [0, 1]. */
+const apart = (page, half) => page.evaluate(async (half) => {
+  const canvas = document.getElementById('picture');
+  const { width, height } = canvas;
+  const reference = await window.blindaug.reference();
+  const { data } = canvas.getContext('2d').getImageData(0, 0, width, height);
+  let sum = 0;
+  let n = 0;
+  for (let y = 0; y < height; y++) {
+    for (let x = 0; x < width; x++) {
+      // The line itself is no part of the canvas.
+      const top = half === 'pasted' ? y : y + height;
+      for (let c = 0; c < 3; c++) sum += ((data[4 * (y * width + x) + c] - reference.data[4 * (top * width + x) + c]) / 255) ** 2;
+      n += 3;
+    }
+  }
+  return Math.sqrt(sum / n);
+}, half);
+
+const results = [];
+const test = async (name, body) => {
+  if (only && !name.includes(only)) return;
+  try {
+    const said = await body();
+    results.push(`ok    ${name}${said ? `: ${said}` : ''}`);
+  } catch (e) {
+    results.push(`FAIL  ${name}: ${e.message.split('\n').slice(0, 4).join(' | ')}`);
+    process.exitCode = 1;
+  }
+  console.log(results.at(-1));
+};
+
+for (const gpu of ['never', 'always']) {
+  await test(`first picture, canvas beside the reference, keys, screenshots, ?gpu=${gpu}`, async () => {
+    const browser = await open({ webcam: resolve(webcam) });
+    const { page, bad, bytes } = await watched(browser, `${url}?gpu=${gpu}`, { viewport: { width: 1440, height: 900 } });
+    const start = Date.now();
+    await page.click('#start');
+    await shown(page, 1);
+    const first = Date.now() - start;
+    // A program that plays a graphics card takes seconds for a picture.
+    await shown(page, gpu === 'never' ? 12 : 3, 240_000);
+    // Without noise, which device and processor draw from other random numbers.
+    await page.evaluate(() => document.querySelector('.settings').setAttribute('open', ''));
+    await page.uncheck('#noise');
+    await more(page, 2);
+    await page.click('#pause');
+    await page.waitForTimeout(4000);
+    await page.keyboard.press('Home');
+    const filmed = await apart(page, 'filmed');
+    // Negative control: the pasted object is another picture.
+    const control = await apart(page, 'pasted');
+    await page.keyboard.press('End');
+    const pasted = await apart(page, 'pasted');
+    const by = await page.evaluate(() => window.seen.at(-1).by);
+    assert.equal(by, gpu === 'never' ? 'processor' : 'webgpu');
+    // Half a step of 8 bits on either side, and the tolerance of the passes (docs/gpu.md).
+    assert.ok(filmed < 0.004 && pasted < 0.004, `${filmed} ${pasted}`);
+    assert.ok(control > 0.004, `${control}`);
+    await page.focus('#line');
+    await page.keyboard.press('Home');
+    for (let i = 0; i < 5; i++) await page.keyboard.press('Shift+ArrowRight');
+    assert.equal(await page.getAttribute('#line', 'aria-valuenow'), '50');
+    const before = await page.getAttribute('#pause', 'aria-pressed');
+    await page.keyboard.press('Space');
+    assert.notEqual(await page.getAttribute('#pause', 'aria-pressed'), before);
+    await more(page, 1);
+    if (shots) {
+      for (const [width, height] of [[360, 740], [768, 1024], [1440, 900]]) {
+        for (const colorScheme of ['light', 'dark']) {
+          await page.emulateMedia({ colorScheme });
+          await page.setViewportSize({ width, height });
+          await page.waitForTimeout(300);
+          await page.screenshot({ path: join(shots, `page-${gpu}-${width}-${colorScheme}.png`), fullPage: width < 1000 });
+          assert.ok((await page.evaluate(() => document.documentElement.scrollWidth)) <= width);
+        }
+      }
+    }
+    // This test itself reads the canvas.
+    assert.deepEqual(bad.filter((b) => !b.includes('willReadFrequently')), []);
+    const wire = bytes();
+    assert.ok(wire < 4e6, `${wire} bytes`);
+    await browser.close();
+    return `first picture after ${first} ms, ${(wire / 1e6).toFixed(2)} MB, apart by ${filmed.toFixed(4)} (pasted ${pasted.toFixed(4)}, control ${control.toFixed(4)})`;
+  });
+}
+
+await test('recording, camera.json and exports', async () => {
+  const browser = await open({ webcam: resolve(webcam) });
+  const { page, bad } = await watched(browser, `${url}?gpu=never`);
+  await page.click('#start');
+  await shown(page, 8);
+  const saved = async (click) => {
+    const waiting = page.waitForEvent('download', { timeout: 60_000 });
+    await click();
+    const download = await waiting;
+    const path = join(work, download.suggestedFilename());
+    await download.saveAs(path);
+    return path;
+  };
+  const camera = JSON.parse(readFileSync(await saved(() => page.click('#saveCamera'))));
+  assert.equal(camera.format, 'blindaug-camera');
+  await page.selectOption('#target', 'all');
+  const zip = await saved(() => page.click('#saveExport'));
+  const list = execFileSync('python3', ['-m', 'zipfile', '-l', zip]).toString();
+  execFileSync('python3', ['-m', 'zipfile', '-t', zip]);
+  assert.ok(list.includes('three/blindaug_camera.js') && list.includes('blender/'), list);
+  await page.click('#record');
+  await more(page, 8);
+  await page.waitForTimeout(1500);
+  const video = await saved(() => page.click('#record'));
+  const size = execFileSync('ffprobe', ['-v', 'error', '-count_frames', '-show_entries', 'stream=width,height,nb_read_frames', '-of', 'csv=p=0', video]).toString().trim();
+  assert.match(size, /^\d+,\d+,\d+$/);
+  assert.deepEqual(bad, []);
+  await browser.close();
+  return `recorded ${size} (width, height, frames)`;
+});
+
+await test('a worker that crashes, a device that is lost, a hidden tab', async () => {
+  const browser = await open({ webcam: resolve(webcam) });
+  const { page } = await watched(browser, `${url}?gpu=always`);
+  await page.click('#start');
+  await shown(page, 4);
+  await page.evaluate(() => window.blindaug.breakDown('device'));
+  const device = await saysOf(page, 'starting again');
+  await more(page, 3);
+  await page.evaluate(() => window.blindaug.breakDown('worker'));
+  const worker = await saysOf(page, 'began anew');
+  await more(page, 3);
+  const other = await page.context().newPage();
+  await other.bringToFront();
+  await page.waitForTimeout(3000);
+  await page.bringToFront();
+  await more(page, 3);
+  await browser.close();
+  return `${device} ${worker}`;
+});
+
+await test('a webcam that is unplugged', async () => {
+  const browser = await open({ webcam: resolve(webcam) });
+  const { page, bad } = await watched(browser, `${url}?gpu=never`);
+  await page.click('#start');
+  await shown(page, 3);
+  await page.evaluate(() => {
+    const track = window.blindaugSource().track;
+    track.stop();
+    track.dispatchEvent(new Event('ended'));
+  });
+  const said = await saysOf(page, 'unplugged');
+  await page.evaluate(() => navigator.mediaDevices.dispatchEvent(new Event('devicechange')));
+  await more(page, 3);
+  assert.equal(await trouble(page), '');
+  assert.deepEqual(bad, []);
+  await browser.close();
+  return said;
+});
+
+await test('no permission, no camera', async () => {
+  const browser = await open({ deny: true });
+  const { page, bad } = await watched(browser, url);
+  await page.click('#start');
+  const said = await saysOf(page, 'camera');
+  assert.deepEqual(bad, []);
+  await page.evaluate(() => {
+    navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException('', 'NotAllowedError'));
+  });
+  await page.click('#start');
+  const denied = await saysOf(page, 'allow it');
+  await browser.close();
+  return `${said} ${denied}`;
+});
+
+await test('clips: one that plays and starts again, one of a codec that the browser lacks, one that is no video', async () => {
+  const good = join(work, 'good.webm');
+  execFileSync('ffmpeg', ['-v', 'error', '-y', '-i', webcam, '-frames:v', '10', '-c:v', 'libvpx', '-b:v', '4M', '-deadline', 'realtime', good]);
+  const hevc = join(work, 'hevc.mp4');
+  execFileSync('ffmpeg', ['-v', 'error', '-y', '-f', 'lavfi', '-i', 'testsrc=s=320x240:r=10:d=1', '-c:v', 'mpeg4', '-vtag', 'mp4v', hevc]);
+  const text = join(work, 'text.mp4');
+  writeFileSync(text, 'this is no video');
+  const browser = await open({});
+  const { page, bad } = await watched(browser, `${url}?gpu=never`);
+  await page.setInputFiles('#clip', text);
+  const none = await saysOf(page, 'text.mp4');
+  await page.setInputFiles('#clip', hevc);
+  const codec = await saysOf(page, 'hevc.mp4');
+  await page.setInputFiles('#clip', good);
+  await shown(page, 14);
+  assert.equal(await trouble(page), '');
+  assert.deepEqual(bad.filter((b) => !/Failed to load resource|ERR_/.test(b)), []);
+  await browser.close();
+  return `${none} ${codec}`;
+});
+
+await test('objects: a .glb, a corrupt one, one of 200 MB', async () => {
+  const browser = await open({ webcam: resolve(webcam) });
+  const { page, bad } = await watched(browser, `${url}?gpu=never`);
+  await page.click('#start');
+  await shown(page, 3);
+  const glb = triangle();
+  const corrupt = join(work, 'corrupt.glb');
+  writeFileSync(corrupt, glb.subarray(0, 200));
+  await page.setInputFiles('#glb', corrupt);
+  const said = await saysOf(page, 'corrupt.glb');
+  await more(page, 2);
+  const large = join(work, 'large.glb');
+  execFileSync('truncate', ['-s', '200000000', large]);
+  await page.setInputFiles('#glb', large);
+  const tooLarge = await saysOf(page, 'large.glb');
+  const good = join(work, 'triangle.glb');
+  writeFileSync(good, glb);
+  const before = await page.evaluate(() => document.getElementById('picture').toDataURL().length);
+  await page.setInputFiles('#glb', good);
+  await page.waitForFunction(() => !document.getElementById('builtIn').hidden);
+  await more(page, 2);
+  assert.equal(await trouble(page), '');
+  assert.ok(before > 0);
+  assert.deepEqual(bad, []);
+  await browser.close();
+  return `${said} ${tooLarge}`;
+});
+
+/** A .glb of one triangle. */
+function triangle() {
+  const binary = Buffer.from(new Float32Array([0, 0, 0, 1, 0, 0, 0, 1, 0]).buffer);
+  let json = JSON.stringify({
+    asset: { version: '2.0' }, scene: 0, scenes: [{ nodes: [0] }], nodes: [{ mesh: 0 }], meshes: [{ primitives: [{ attributes: { POSITION: 0 } }] }],
+    buffers: [{ byteLength: binary.length }], bufferViews: [{ buffer: 0, byteLength: binary.length }],
+    accessors: [{ bufferView: 0, componentType: 5126, count: 3, type: 'VEC3', min: [0, 0, 0], max: [1, 1, 0] }],
+  });
+  json = Buffer.from(json.padEnd(Math.ceil(json.length / 4) * 4));
+  const number = (n) => Buffer.from(new Uint32Array([n]).buffer);
+  return Buffer.concat([Buffer.from('glTF'), number(2), number(12 + 8 + json.length + 8 + binary.length), number(json.length), Buffer.from('JSON'), json, number(binary.length), Buffer.from('BIN\0'), binary]);
+}
+
+server.close();
