@@ -262,15 +262,19 @@ fn blender_s_names_and_data_windows() {
         ExrContents { colour: true, alpha: true, depth: true, flow: true }
     );
     let layer = read_virtual_layer(&path).unwrap();
-    assert_eq!(layer.color.0.size(), (5, 4));
-    assert_eq!(layer.color.0.at(0, 1), [2.0, 3.0, 4.0, 0.5]);
-    assert_eq!(layer.color.0.at(1, 2), [13.0, 14.0, 15.0, 0.5]);
+    // What lies on the left of the display window is kept as overscan.
+    assert_eq!((layer.color.0.size(), layer.overscan.left, layer.overscan.right), ((6, 4), 1, 0));
+    assert_eq!(layer.color.0.at(0, 1), [1.0, 2.0, 3.0, 0.5]);
+    let color = layer.overscan.frame_of(&layer.color.0);
+    assert_eq!(color.size(), (5, 4));
+    assert_eq!(color.at(0, 1), [2.0, 3.0, 4.0, 0.5]);
+    assert_eq!(color.at(1, 2), [13.0, 14.0, 15.0, 0.5]);
     for (x, y) in [(0, 0), (2, 1), (4, 2), (0, 3)] {
-        assert_eq!(layer.color.0.at(x, y), [0.0; 4], "{x} {y}");
+        assert_eq!(color.at(x, y), [0.0; 4], "{x} {y}");
     }
-    let depth = layer.inverse_depth.unwrap();
+    let depth = layer.overscan.frame_of(&layer.inverse_depth.unwrap());
     assert!(depth.at(0, 1) == 0.2 && depth.at(0, 0).is_nan());
-    assert_eq!(layer.flow.unwrap().at(0, 1), [-8.0, -6.0]);
+    assert_eq!(layer.overscan.frame_of(&layer.flow.unwrap()).at(0, 1), [-8.0, -6.0]);
     // The data window lies wholly outside the display window, far away.
     write_channels(&path, (5, 4), (i32::MAX / 2 - 10, -5), &channels);
     assert_eq!(read_frame(&path).unwrap(), Encoded(Raster::filled(5, 4, [0.0; 3])));
