@@ -797,7 +797,11 @@ fn the_shape_of_out_of_focus_points_is_exported_where_the_tool_has_it() {
             .collect()
     };
     for (target, keys, unsaid) in [
-        (Target::Blender, &[("\"blades\":", 6.0), ("\"ratio\":", 1.5)][..], "how round the blades are, the cut"),
+        (
+            Target::Blender,
+            &[("\"blades\":", 6.0), ("\"ratio\":", 1.5)][..],
+            "how round the blades are, the cut",
+        ),
         (
             Target::UnityUrp,
             &[("bladeCount.Override(", 6.0), ("bladeRotation.Override(", 10.0)],

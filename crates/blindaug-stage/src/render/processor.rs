@@ -79,8 +79,8 @@ fn corners(object: &Object, scene: &Scene, now: &[Mat4], next: &[Mat4]) -> Vec<C
         let indices = &object.indices[part.indices.start as usize..part.indices.end as usize];
         let (Some(&first), Some(&last)) = (indices.iter().min(), indices.iter().max()) else { continue };
         // A part's vertices are its own, and stand side by side.
-        for i in first as usize..=last as usize {
-            let vertex = &object.vertices[i];
+        let own = first as usize..=last as usize;
+        for (corner, vertex) in corners[own.clone()].iter_mut().zip(&object.vertices[own]) {
             let joined = |joints: &[Mat4]| {
                 let mut sum = Mat4::ZERO;
                 for (&joint, &weight) in vertex.joints.iter().zip(&vertex.weights) {
@@ -96,7 +96,7 @@ fn corners(object: &Object, scene: &Scene, now: &[Mat4], next: &[Mat4]) -> Vec<C
             let m = scene.camera_from_object * joint;
             let [x, y, z] = [m.x_axis.xyz(), m.y_axis.xyz(), m.z_axis.xyz()];
             let normal = Vec3::from(vertex.normal);
-            corners[i] = Corner {
+            *corner = Corner {
                 now: scene.clip_from_object[0] * here,
                 next: scene.clip_from_object[1] * (joined(next) * position),
                 place: (scene.camera_from_object * here).xyz(),
