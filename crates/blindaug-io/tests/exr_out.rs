@@ -9,6 +9,9 @@ use blindaug_io::{
 };
 use exr::prelude::*;
 
+/// A channel's name, and its values by place.
+type Channel = (&'static str, fn(i32, i32) -> f32);
+
 /// The values of all channels of a file, by name.
 fn channels(path: &std::path::Path) -> Vec<(String, Vec<f32>)> {
     let image = read_first_flat_layer_from_file(path).unwrap();
@@ -110,12 +113,7 @@ fn a_distorted_layer_has_all_its_channels() {
 
 /// Writes an EXR file with these channels as floats, whose display window of 6 x 4 px begins at (10, 20) and whose data window begins and ends
 /// elsewhere.
-fn write_displaced(
-    path: &std::path::Path,
-    at: [i32; 2],
-    size: [usize; 2],
-    channels: &[(&str, fn(i32, i32) -> f32)],
-) {
+fn write_displaced(path: &std::path::Path, at: [i32; 2], size: [usize; 2], channels: &[Channel]) {
     let [w, h] = size;
     let list = channels.iter().map(|(name, value)| {
         let of = |i: usize| value(at[0] + (i % w) as i32, at[1] + (i / w) as i32);
@@ -136,7 +134,7 @@ fn told(x: i32, y: i32) -> f32 {
 fn a_layer_keeps_what_lies_beyond_the_display_window() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("1.exr");
-    let channels: &[(&str, fn(i32, i32) -> f32)] = &[
+    let channels: &[Channel] = &[
         ("R", told),
         ("G", told),
         ("B", told),
