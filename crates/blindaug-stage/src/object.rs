@@ -95,7 +95,7 @@ pub struct Part {
     pub indices: Range<u32>,
     /// The material.
     pub material: Material,
-    /// The index of the part's first joint among the matrices of [`Object::joints`].
+    /// The index of the part's first joint among the matrices of the object's joints.
     pub first_joint: u32,
 }
 
