@@ -269,9 +269,12 @@ impl Estimator {
                 kept.temporal.add_successive([before, frame, next]);
             }
         }
-        let coded = || kept.temporal.fit().luma.is_some_and(|l| is_compressed(&l));
-        let part = self.noise_turn(index);
-        self.distant.push((index, frame), coded, &mut self.follower, part)?;
+        // A single image has no pair, so it need not be held.
+        if neighbour.is_some() {
+            let coded = || kept.temporal.fit().luma.is_some_and(|l| is_compressed(&l));
+            let part = self.noise_turn(index);
+            self.distant.push((index, frame), coded, &mut self.follower, part)?;
+        }
         if !kept.temporal.is_enough() {
             kept.spatial.add_single(frame);
         }
