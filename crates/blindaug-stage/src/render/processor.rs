@@ -321,8 +321,9 @@ mod tests {
             key: Vec3::new(0.6, 0.5, 0.4),
             ..Light::even(0.3)
         };
-        let moment =
-            |x| Moment { poses: [pose(x), pose(x + 0.05)], seconds: 0.7, step: 0.04, size: 1.0, light };
+        let moving =
+            |x, by| Moment { poses: [pose(x), pose(x + by)], seconds: 0.7, step: 0.04, size: 1.0, light };
+        let moment = |x| moving(x, 0.05);
         let renderer = Renderer::new(&gpu, object.clone(), camera).unwrap();
         renderer.draw(&gpu, &moment(0.1));
         let layer = renderer.layer();
@@ -349,9 +350,11 @@ mod tests {
         };
         let same = apart(&drawn(&object, &view, &moment(0.1)));
         assert!(same.iter().all(|share| *share < 0.02), "{same:?}");
-        // Negative control: the object elsewhere is another layer.
-        let other = apart(&drawn(&object, &view, &moment(0.0)));
-        assert!(other.iter().all(|share| *share > 0.2), "{other:?}");
+        // Negative controls: the object elsewhere has another colour and depth, and one that moves otherwise another motion.
+        let [color, depth, _] = apart(&drawn(&object, &view, &moment(0.0)));
+        assert!(color > 0.2 && depth > 0.2, "{color} {depth}");
+        let [.., motion] = apart(&drawn(&object, &view, &moving(0.1, 0.2)));
+        assert!(motion > 0.2, "{motion}");
     }
 
     #[test]
