@@ -5,11 +5,12 @@
 //! difference shows nearly all of it, and the ratio of both tells the correlation of noise between successive frames.
 
 use super::geometry::Follower;
-use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
+use super::noise::{MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint};
 use crate::model::{Estimate, Method, NoiseModel};
 use crate::{Encoded, Flow, Result};
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
+use std::sync::OnceLock;
 
 /// The distance between the two frames of a pair, in frame intervals. Coders renew most of the noise within it, and most of the picture can
 /// still be found again.
@@ -17,9 +18,6 @@ pub(super) const DISTANCES: RangeInclusive<usize> = 12..=24;
 
 /// The least distance that short footage is content with.
 const SHORTEST: usize = 4;
-
-/// The largest correlation between successive frames that is told.
-const MOST_CORRELATED: f32 = 0.9;
 
 /// The luminances at which the noise of pairs is held against that of single frames.
 const MIDDLE: [f32; 3] = [0.3, 0.5, 0.7];
@@ -34,6 +32,17 @@ pub(super) struct DistantPairs {
     pairs: VecDeque<[NoiseEvidence; 2]>,
     /// The most pairs that are kept.
     most: usize,
+    /// What the pairs tell, once it was asked for: they are the same for many frames.
+    found: OnceLock<Option<Found>>,
+}
+
+/// The noise between distant frames.
+struct Found {
+    /// The model, without a correlation.
+    model: NoiseModel,
+    points: Vec<NoisePoint>,
+    /// The mean variance of the finest level's luma where the picture has least texture.
+    flat_power: f32,
 }
 
 impl DistantPairs {
@@ -44,7 +53,7 @@ impl DistantPairs {
             n if n <= 2 * DISTANCES.start() => (n / 2).max(SHORTEST),
             n => (n / most).clamp(*DISTANCES.start(), *DISTANCES.end()),
         };
-        Self { distance, held: None, pairs: VecDeque::new(), most }
+        Self { distance, held: None, pairs: VecDeque::new(), most, found: OnceLock::new() }
     }
 
     /// Forgets the frame of the next pair, since the next frame belongs to another shot.
@@ -56,6 +65,7 @@ impl DistantPairs {
     pub fn forget(&mut self) {
         self.held = None;
         self.pairs.clear();
+        self.found = OnceLock::new();
     }
 
     /// Looks at a frame of this index. Pairs are made of compressed footage only, since elsewhere successive frames show all of the noise.
@@ -85,6 +95,7 @@ impl DistantPairs {
                 if self.pairs.len() > self.most {
                     self.pairs.pop_front();
                 }
+                self.found = OnceLock::new();
             }
         }
         self.held = Some((index, frame.clone()));
@@ -94,38 +105,45 @@ impl DistantPairs {
     /// The noise that frames hold, from `near`, what successive frames tell, and `fit`, their fit: the same but for the model, if the footage
     /// is compressed and distant frames were found again.
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
-        if self.pairs.is_empty() || !fit.luma.is_some_and(|l| is_compressed(&l)) {
+        if self.pairs.is_empty() || !fit.luma.is_some_and(|l| l.is_compressed()) {
             return fit;
         }
+        let Some(Found { model, points, flat_power }) = self.found.get_or_init(|| self.find()) else {
+            return fit;
+        };
+        let Some(new) = near.flat_power() else { return fit };
+        if fit.model.known().is_some_and(|near| total(near) > total(model)) {
+            // Most of the picture was copied over the whole distance.
+            return fit;
+        }
+        // The difference of two frames holds twice the part of the noise that they do not share.
+        let correlation = (1.0 - new / flat_power.max(1e-12)).clamp(0.0, MOST_CORRELATED);
+        fit.model = Estimate::Known(model.clone().with_temporal_correlation(correlation));
+        fit.points.clone_from(points);
+        fit
+    }
+
+    /// What the pairs tell; `None` if too little of the frames was found again.
+    fn find(&self) -> Option<Found> {
         let mut distant = NoiseEvidence::of_flat_parts();
         let mut single = NoiseEvidence::new(Method::Spatial);
         for [pair, alone] in &self.pairs {
             distant.merge(pair);
             single.merge(alone);
         }
-        let powers = near.flat_power().zip(distant.flat_power());
-        let found = distant.fit();
-        let (Some((new, all)), Estimate::Known(mut model)) = (powers, found.model) else { return fit };
-        // The difference of two frames holds twice the part of the noise that they do not share.
-        let correlation = (1.0 - new / all.max(1e-12)).clamp(0.0, MOST_CORRELATED);
-        let total = |m: &NoiseModel| MIDDLE.map(|y| m.total_std(y)[1]).iter().sum::<f32>();
+        let flat_power = distant.flat_power()?;
+        let NoiseFit { model: Estimate::Known(mut model), points, .. } = distant.fit() else { return None };
         if let Some(most) = single.fit().model.known() {
             // What a frame's flattest parts hold is noise and texture, so noise is no more than that; frames that differ in more than noise are.
             model.multiply((total(most) / total(&model).max(1e-9)).min(1.0));
         }
-        if fit.model.known().is_some_and(|near| total(near) > total(&model)) {
-            // Most of the picture was copied over the whole distance.
-            return fit;
-        }
-        fit.model = Estimate::Known(model.with_temporal_correlation(correlation));
-        fit.points = found.points;
-        fit
+        Some(Found { model, points, flat_power })
     }
 }
 
-/// Whether a coder has taken noise away.
-pub(super) fn is_compressed(noise: &LumaNoise) -> bool {
-    noise.coding_error >= NOTABLE_CODING_ERROR
+/// The sum of green's std at the luminances in the [`MIDDLE`].
+fn total(model: &NoiseModel) -> f32 {
+    MIDDLE.map(|y| model.total_std(y)[1]).iter().sum()
 }
 
 #[cfg(test)]

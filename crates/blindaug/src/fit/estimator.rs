@@ -1,9 +1,9 @@
 //! The estimate of one camera model from the frames of a clip.
 
 use super::defocus::BlurPoint;
-use super::distant::{DistantPairs, is_compressed};
+use super::distant::DistantPairs;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
-use super::noise::{LumaNoise, NOTABLE_CODING_ERROR, NoiseEvidence, NoiseFit};
+use super::noise::{LumaNoise, NoiseEvidence, NoiseFit};
 use super::observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
@@ -271,7 +271,7 @@ impl Estimator {
         }
         // A single image has no pair, so it need not be held.
         if neighbour.is_some() {
-            let coded = || kept.temporal.fit().luma.is_some_and(|l| is_compressed(&l));
+            let coded = || kept.temporal.fit().luma.is_some_and(|l| l.is_compressed());
             let part = self.noise_turn(index);
             self.distant.push((index, frame), coded, &mut self.follower, part)?;
         }
@@ -613,8 +613,7 @@ impl Estimator {
                     .into(),
             );
         }
-        let coding_error = fit.luma.map_or(0.0, |l| l.coding_error);
-        if coding_error >= NOTABLE_CODING_ERROR {
+        if let Some(LumaNoise { coding_error, .. }) = fit.luma.filter(LumaNoise::is_compressed) {
             model.warnings.push(format!(
                 "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
                 100.0 * coding_error

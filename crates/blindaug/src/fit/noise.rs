@@ -117,6 +117,13 @@ pub struct LumaNoise {
     pub coding_error: f32,
 }
 
+impl LumaNoise {
+    /// Whether so much of the noise was taken away by a coder that the user is told.
+    pub(super) fn is_compressed(&self) -> bool {
+        self.coding_error >= NOTABLE_CODING_ERROR
+    }
+}
+
 /// The std of luma's noise in one level: `slope * Y + intercept`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NoiseLine {
@@ -977,7 +984,7 @@ fn block_mean<P: Pixel>(image: &Raster<P>, (x, y): (usize, usize), side: usize) 
 const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
 
 /// The largest correlation between successive frames that is believed: beyond it, next to nothing of the noise shows in a difference.
-const MOST_CORRELATED: f32 = 0.9;
+pub(super) const MOST_CORRELATED: f32 = 0.9;
 
 /// The pairs of channels, in the order in which their covariances are kept.
 const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];

@@ -15,7 +15,7 @@
 
 use super::agreement::{ExposureObservation, FineTables, LensObservation};
 use super::defocus::{self, Lens};
-use super::distant::{DISTANCES, DistantPairs, is_compressed};
+use super::distant::{DISTANCES, DistantPairs};
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::{LumaNoise, NoiseEvidence, NoiseLine};
 use super::observation::FrameObservation;
@@ -517,7 +517,7 @@ impl Tracker {
         // Distant frames are compared seldom, so a larger part of them.
         let (w, h) = frame.0.size();
         let turns = (w * h).div_ceil(4 * NOISE_PART).min((h / 64).max(1));
-        let (coded, turn) = (is_compressed(&self.luma_noise), self.frames / DISTANCES.start() % turns);
+        let (coded, turn) = (self.luma_noise.is_compressed(), self.frames / DISTANCES.start() % turns);
         self.distant.push((self.frames, frame), || coded, &mut self.follower, (turn, turns))?;
         let mut fit = self.distant.complete(&near, near.fit());
         if fit.luma.is_none() && self.known.noise.is_none() {
