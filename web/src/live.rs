@@ -13,7 +13,7 @@ use blindaug::{
 use blindaug_gpu::Quality;
 use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Pinhole};
 use blindaug_stage::{
-    Light, Look, Object, Stage,
+    Look, Object, Stage,
     render::{Moment, View, drawn},
 };
 use glam::DVec2;
@@ -191,15 +191,7 @@ impl Live {
     /// If nothing was estimated yet.
     pub fn reference(&self) -> Result<Vec<u8>, JsError> {
         let Some((shot, estimate)) = &self.last else { return Err(JsError::new("there is no frame yet")) };
-        let placed = estimate.placed_at(shot.number);
-        let fps = self.pace();
-        let moment = Moment {
-            poses: [placed.now, placed.next],
-            seconds: shot.number as f64 / fps,
-            step: fps.recip(),
-            size: self.look.size,
-            light: Light::of_frame(&shot.frame),
-        };
+        let moment = Moment::of(shot, estimate, self.look.size, self.pace());
         let layer = drawn(&self.object, &self.view, &moment);
         let plate = Plate::new(&shot.frame, shot.number);
         let pasted = CompositeOptions { naive: true, ..self.look.options };

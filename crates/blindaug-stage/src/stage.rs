@@ -2,7 +2,6 @@
 
 use crate::{
     compositor::{By, Compositor},
-    light::Light,
     object::Object,
     render::{Moment, Renderer, attachment},
 };
@@ -128,14 +127,7 @@ impl Stage {
     /// # Errors
     /// The same as [`Stage::draw`].
     pub fn render(&self, shot: &LiveFrame, estimate: &LiveEstimate, look: &Look) -> Result<()> {
-        let placed = estimate.placed_at(shot.number);
-        let moment = Moment {
-            poses: [placed.now, placed.next],
-            seconds: shot.number as f64 / self.fps,
-            step: self.fps.recip(),
-            size: look.size,
-            light: Light::of_frame(&shot.frame),
-        };
+        let moment = Moment::of(shot, estimate, look.size, self.fps);
         self.renderer.draw(&self.gpu, &moment);
         self.settle()
     }

@@ -10,7 +10,7 @@ pub use device::{Layer, Renderer, attachment};
 pub use processor::drawn;
 
 use crate::{light::Light, object::Object};
-use blindaug_pipeline::live::{Pinhole, Pose};
+use blindaug_pipeline::live::{LiveEstimate, LiveFrame, Pinhole, Pose};
 use bytemuck::{Pod, Zeroable};
 use glam::{Mat4, Vec2, Vec3, Vec3Swizzles, Vec4};
 
@@ -38,6 +38,20 @@ pub struct Moment {
     pub size: f32,
     /// The light on the object.
     pub light: Light,
+}
+
+impl Moment {
+    /// The object of this size in a frame for which this was estimated, in footage of so many frames per second.
+    pub fn of(shot: &LiveFrame, estimate: &LiveEstimate, size: f32, fps: f64) -> Self {
+        let placed = estimate.placed_at(shot.number);
+        Self {
+            poses: [placed.now, placed.next],
+            seconds: shot.number as f64 / fps,
+            step: fps.recip(),
+            size,
+            light: Light::of_frame(&shot.frame),
+        }
+    }
 }
 
 /// What the shaders take, of one frame.
