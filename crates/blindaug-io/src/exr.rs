@@ -144,8 +144,12 @@ impl ExrHead {
     /// If the file is missing, damaged or no EXR.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let file = open(path)?;
-        let first = file.reader.headers().first().ok_or_else(|| Error::damaged(path, "it has no layer"))?;
+        Self::of(&open(path)?)
+    }
+
+    fn of(file: &ExrFile) -> Result<Self> {
+        let first =
+            file.reader.headers().first().ok_or_else(|| Error::damaged(file.path, "it has no layer"))?;
         let (image, layer) = (first.shared_attributes.clone(), first.own_attributes.clone());
         Ok(Self { image, layer: LayerAttributes { layer_name: None, ..layer }, beyond: None })
     }
@@ -156,8 +160,8 @@ impl ExrHead {
     /// # Errors
     /// If the file is missing, damaged, too large, or no EXR with colour.
     pub(crate) fn read_with_overscan(path: &Path, space: ColourSpace) -> Result<Self> {
-        let head = Self::read(path)?;
         let file = open(path)?;
+        let head = Self::of(&file)?;
         let Some(rgb) = file.colour() else {
             return Err(file.lacks("channels R, G and B"));
         };

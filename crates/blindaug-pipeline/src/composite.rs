@@ -296,9 +296,13 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
 }
 
 /// The places of a layer's object in the frame, as indices of the frame's pixels.
-fn places(layer: &VirtualLayer, overscan: Overscan) -> Vec<usize> {
-    let frame = overscan.frame_of(&layer.color.0);
-    frame.data().iter().enumerate().filter(|(_, p)| p[3] >= 0.5).map(|(i, _)| i).collect()
+fn places(layer: &VirtualLayer, overscan: Overscan) -> impl Iterator<Item = usize> + '_ {
+    let color = &layer.color.0;
+    let (width, height) = overscan.frame_size(color.size());
+    (0..height).flat_map(move |y| {
+        let row = color.row(overscan.top + y)[overscan.left..][..width].iter().enumerate();
+        row.filter(|(_, p)| p[3] >= 0.5).map(move |(x, _)| y * width + x)
+    })
 }
 
 impl Scene {
@@ -375,11 +379,12 @@ impl Scene {
         (depth, flow): (Option<&Plane>, Option<&Flow>),
     ) {
         let (w, h) = layer.color.0.size();
-        let places = |layer: &VirtualLayer| places(layer, overscan).into_iter();
         if layer.inverse_depth.is_none() {
             let inverse = match self.layer_depth {
                 Some(LayerDepth::Metres(metres)) => Some(1.0 / metres),
-                Some(LayerDepth::OfFootage) => depth.and_then(|d| median(places(layer).map(|i| d.data()[i]))),
+                Some(LayerDepth::OfFootage) => {
+                    depth.and_then(|d| median(places(layer, overscan).map(|i| d.data()[i])))
+                }
                 None => None,
             };
             layer.inverse_depth = inverse.map(|d| Plane::filled(w, h, d));
@@ -388,7 +393,7 @@ impl Scene {
             let motion = match self.layer_motion {
                 Some(LayerMotion::Px(motion)) => Some(motion),
                 Some(LayerMotion::OfFootage) => flow.and_then(|f| {
-                    let of = |c: usize| median(places(layer).map(|i| f.data()[i][c]));
+                    let of = |c: usize| median(places(layer, overscan).map(|i| f.data()[i][c]));
                     Some([of(0)?, of(1)?])
                 }),
                 None => None,
