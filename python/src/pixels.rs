@@ -2,12 +2,13 @@
 
 use crate::failure::{self, of, one_of};
 use blindaug::{
-    Encoded, Flow, Pixel, Plane, Premultiplied, Raster, Transfer,
+    Encoded, Flow, Pixel, Plane, Premultiplied, Raster, Transfer, byte_from_encoded,
     colour_space::{ColourSpace, conversion, converted},
     model::{DepthKind, inverse_of_metric},
     text::one_line,
+    word_from_encoded,
 };
-use blindaug_io::{MAX_SIDE, byte_from_encoded, memory, word_from_encoded};
+use blindaug_io::{MAX_SIDE, memory};
 use half::f16;
 use numpy::{
     Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods,

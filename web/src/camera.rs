@@ -2,7 +2,7 @@
 
 use crate::failure::of;
 use blindaug::{
-    CameraModel, Raster,
+    CameraModel, Raster, byte_from_encoded,
     export::{Camera, Content, File, Target, View, grain},
 };
 use blindaug_report::words;
@@ -115,7 +115,7 @@ pub fn noise_tile_layout() -> String {
 }
 
 fn bytes_of(texture: &Raster<[f32; 4]>) -> Vec<u8> {
-    texture.data().as_flattened().iter().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect()
+    texture.data().as_flattened().iter().map(|&v| byte_from_encoded(v)).collect()
 }
 
 /// A texture as PNG, 8 bits per value.

@@ -1,7 +1,7 @@
 //! Frames as pages have them.
 
 use crate::failure::of;
-use blindaug::{ByteRows, Encoded};
+use blindaug::{ByteRows, Encoded, byte_from_encoded};
 use wasm_bindgen::JsError;
 
 /// The longest side of a frame, px, that a page's memory holds with all that is derived from it.
@@ -23,7 +23,7 @@ pub fn frame(size @ (width, height): (usize, usize), rgba: &[u8]) -> Result<Enco
 /// The bytes R, G, B, A of a frame, opaque.
 pub fn rgba(frame: &Encoded) -> impl Iterator<Item = u8> {
     frame.0.data().iter().flat_map(|rgb| {
-        let [r, g, b] = rgb.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
+        let [r, g, b] = rgb.map(byte_from_encoded);
         [r, g, b, 255]
     })
 }

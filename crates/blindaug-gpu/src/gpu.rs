@@ -1,6 +1,6 @@
 //! The graphics device, and the transfer of rasters to and from its textures.
 
-use blindaug::{Error, Pixel, Raster, Result};
+use blindaug::{Error, Pixel, Raster, Result, byte_from_encoded};
 use half::f16;
 use wgpu::{TextureFormat, TextureUsages};
 
@@ -131,7 +131,7 @@ impl Gpu {
     pub fn write<P: Pixel>(&self, texture: &wgpu::Texture, images: &[&Raster<P>]) {
         let flat = images.iter().flat_map(|i| P::flat(i.data()).iter().copied());
         let bytes: Vec<u8> = match texture.format() {
-            TextureFormat::Rgba8Unorm => flat.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect(),
+            TextureFormat::Rgba8Unorm => flat.map(byte_from_encoded).collect(),
             TextureFormat::R16Float | TextureFormat::Rg16Float | TextureFormat::Rgba16Float => {
                 flat.flat_map(|v| f16::from_f32(v).to_ne_bytes()).collect()
             }

@@ -10,9 +10,10 @@ use crate::{
     yuv::{Colour, YuvFormat, YuvFrame},
 };
 use blindaug::{
-    Encoded, Transfer,
+    Encoded, Transfer, byte_from_encoded,
     colour_space::{ColourSpace, Primaries},
     model::PIXEL_ASPECTS,
+    word_from_encoded,
 };
 use std::{
     ffi::{OsStr, OsString},
@@ -707,9 +708,9 @@ impl VideoWriter {
             let pixels = frame.0.row(y.min(height - 1));
             let values = pixels.iter().flatten();
             if self.deep {
-                self.row.extend(values.flat_map(|&v| crate::image::word_from_encoded(v).to_le_bytes()));
+                self.row.extend(values.flat_map(|&v| word_from_encoded(v).to_le_bytes()));
             } else {
-                self.row.extend(values.map(|&v| crate::image::byte_from_encoded(v)));
+                self.row.extend(values.map(|&v| byte_from_encoded(v)));
             }
             if width % 2 == 1 {
                 let pixel = self.row.len() / width;

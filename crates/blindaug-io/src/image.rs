@@ -18,7 +18,7 @@ use ::image::{
     },
     metadata::Orientation,
 };
-use blindaug::{Encoded, Linear, Plane, Raster, Transfer};
+use blindaug::{Encoded, Linear, Plane, Raster, Transfer, byte_from_encoded, word_from_encoded};
 use std::{
     cell::RefCell,
     fs::File,
@@ -500,15 +500,4 @@ fn write_image(
         })?;
         file.flush()
     })
-}
-
-/// The 8-bit value nearest to an encoded value, as it is written to files.
-pub fn byte_from_encoded(v: f32) -> u8 {
-    // The cast saturates, and maps NaN to 0.
-    (255.0 * v + 0.5) as u8
-}
-
-/// The 16-bit value nearest to an encoded value, as it is written to files.
-pub fn word_from_encoded(v: f32) -> u16 {
-    (v.clamp(0.0, 1.0) * 65535.0).round() as u16
 }

@@ -67,10 +67,7 @@ pub use fingerprint::{Fingerprint, fingerprint};
 pub use flow::{read_flow, write_flo};
 pub use format::{FileKind, FrameFormat};
 pub use icc::IccProfile;
-pub use image::{
-    PngWriter, byte_from_encoded, read_frame, read_linear, word_from_encoded, write_grey16, write_png,
-    write_png16, write_texture,
-};
+pub use image::{PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE};
 pub use partial::{
     check_folder, check_writable, is_stream, make_folder, remove_incomplete_files, remove_leftovers_in,

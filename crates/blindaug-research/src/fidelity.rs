@@ -1,7 +1,7 @@
 //! How near a composite is to the picture in which the object is really there.
 
 use blindaug::metrics::{psnr, ssim};
-use blindaug::{Encoded, Raster, Result};
+use blindaug::{Encoded, Raster, Result, byte_from_encoded};
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8, flip};
 use serde::{Deserialize, Serialize};
 
@@ -46,8 +46,7 @@ impl Fidelity {
 }
 
 fn image(frame: &Encoded) -> FlipImageRgb8 {
-    let bytes: Vec<u8> =
-        frame.0.data().iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+    let bytes: Vec<u8> = frame.0.data().iter().flatten().map(|&v| byte_from_encoded(v)).collect();
     FlipImageRgb8::with_data(frame.0.width() as u32, frame.0.height() as u32, &bytes)
 }
 

@@ -14,6 +14,17 @@ pub struct Linear(pub Raster<[f32; 3]>);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Premultiplied(pub Raster<[f32; 4]>);
 
+/// The 8-bit value nearest to an encoded value, as files, canvases and textures hold it.
+pub fn byte_from_encoded(v: f32) -> u8 {
+    // The cast saturates, and maps NaN to 0.
+    (255.0 * v + 0.5) as u8
+}
+
+/// The 16-bit value nearest to an encoded value, as files, canvases and textures hold it.
+pub fn word_from_encoded(v: f32) -> u16 {
+    (v.clamp(0.0, 1.0) * 65535.0).round() as u16
+}
+
 /// A plane of bytes in memory, such as a camera or a graphics device hands over: rows from the top, each of `bytes_per_row` bytes, of which
 /// the last ones may be padding.
 #[derive(Clone, Copy, Debug)]

@@ -82,7 +82,9 @@ pub mod synth;
 pub mod text;
 mod transfer;
 
-pub use colour::{ByteRows, Encoded, LUMA, Linear, Premultiplied, luma};
+pub use colour::{
+    ByteRows, Encoded, LUMA, Linear, Premultiplied, byte_from_encoded, luma, word_from_encoded,
+};
 pub use error::{Error, Result};
 pub use frame::{Frame, Sample};
 pub use model::CameraModel;
