@@ -111,7 +111,12 @@ impl CameraTrack {
     pub fn from_json(json: &str) -> Result<Self> {
         // Some editors put a byte order mark before the text.
         let json = json.strip_prefix('\u{feff}').unwrap_or(json);
-        if !json.lines().next().is_some_and(|line| line.contains("\"frame\"")) {
+        // A camera.json of one line has numbers of frames further inside.
+        let of_frame = |line: &str| match serde_json::from_str::<serde_json::Value>(line) {
+            Ok(line) => line.get("frame").is_some(),
+            Err(_) => line.contains("\"frame\""),
+        };
+        if !json.lines().next().is_some_and(of_frame) {
             return CameraModel::from_json(json).map(Self::from);
         }
         let mut frames: Vec<TrackedCamera> = Vec::new();
@@ -177,9 +182,10 @@ impl CameraTrack {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Plane;
     use crate::model::{
-        Capture, DefocusModel, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS, NoiseLevel,
-        NoiseModel,
+        Capture, DefocusModel, DepthKind, Estimate, ExposureFraction, MotionBlurModel, NOISE_LEVELS,
+        NoiseLevel, NoiseModel, SceneDepth,
     };
 
     fn camera(frame: u64, exposure: Option<f32>, focus: f32) -> TrackedCamera {
@@ -231,6 +237,12 @@ mod tests {
         let lines: Vec<String> = track().frames().iter().map(TrackedCamera::to_json_line).collect();
         assert_eq!(CameraTrack::from_json(&lines.join("\n")).unwrap(), track());
         assert_eq!(CameraTrack::from_json(&track().frames[1].camera.to_json()).unwrap().frames().len(), 1);
+        // A camera of one line is one camera, though it names the frame of its depth.
+        let mut one = track().frames[1].camera.clone();
+        one.scene_depth = SceneDepth::of(&Plane::filled(64, 48, 0.5), DepthKind::Metric, 7);
+        let one_line = serde_json::from_str::<serde_json::Value>(&one.to_json()).unwrap().to_string();
+        assert!(one_line.contains("\"frame\":7"), "{one_line}");
+        assert_eq!(CameraTrack::from_json(&one_line).unwrap(), one.into());
         let error = |lines: &[&str]| CameraTrack::from_json(&lines.join("\n")).unwrap_err().to_string();
         assert!(error(&[&lines[1], &lines[0]]).starts_with("line 2: frame 10 comes after frame 20"));
         assert!(error(&[&lines[0], &lines[1][..100]]).starts_with("line 2: not a camera model"));
