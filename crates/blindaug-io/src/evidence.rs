@@ -5,11 +5,7 @@ use crate::{
     DepthFormat, DepthValues, Error, Inputs, Result, SideFolder, check_folder, read_text,
     remove_leftovers_in, write_atomically, write_flo, write_grey16, write_png16,
 };
-use blindaug::{
-    Encoded, Flow, Plane,
-    fit::{Estimator, Evidence},
-    model::DepthKind,
-};
+use blindaug::{Encoded, Flow, Plane, fit::Evidence, model::DepthKind};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -189,15 +185,20 @@ impl EvidenceWriter {
         Ok(())
     }
 
-    /// Writes the flow and the depth that the estimator used for its last frame.
+    /// Writes a frame's flow to the next frame, px, and its inverse depth with its unit, as far as they were found.
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn geometry(&mut self, number: u64, estimator: &Estimator) -> Result<()> {
-        if let Some(flow) = estimator.flow() {
+    pub fn geometry(
+        &mut self,
+        number: u64,
+        flow: Option<&Flow>,
+        inverse_depth: Option<(&Plane, DepthKind)>,
+    ) -> Result<()> {
+        if let Some(flow) = flow {
             write_flo(self.path("flow", number, "flo")?, flow)?;
         }
-        if let Some((depth, kind)) = estimator.inverse_depth() {
+        if let Some((depth, kind)) = inverse_depth {
             // The divisor is twice the largest value, since other frames may show nearer objects.
             let most = || 2.0 * depth.data().iter().copied().filter(|d| d.is_finite()).fold(1e-6, f32::max);
             let scale = *self.saved.depth_of_largest.get_or_insert_with(most);

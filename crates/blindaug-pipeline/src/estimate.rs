@@ -5,10 +5,10 @@ use crate::{
     footage::{Clip, Footage, READ_AHEAD},
     observer::{Observer, Steps},
     operators::{EvidenceSink, Operators},
-    window::{Seen, Viewer, show},
+    window::{Save, Seen, Viewer, show},
 };
 use blindaug::{
-    Plane, Sample, analysis,
+    Flow, Plane, Sample, analysis,
     fit::{Estimation, Estimator, EstimatorOptions, FrameObservation, Shot},
     model::SceneDepth,
 };
@@ -111,10 +111,21 @@ impl<'a> Samples<'a> {
 /// Estimates one model from all frames.
 struct WholeClip<'a> {
     clip: &'a dyn Clip,
+    options: EstimatorOptions,
     estimator: Estimator,
     /// The numbers of the frames so far.
     numbers: Vec<u64>,
     samples: Samples<'a>,
+}
+
+impl WholeClip<'_> {
+    /// The flow from the last frame of a part to the frame after it, which an estimate of the whole finds; `None` if it needs none, or there is a cut.
+    fn flow_after(&self, last: &FrameObservation, save: &Save) -> blindaug::Result<Option<Flow>> {
+        let Some(after) = save.after.filter(|_| last.evidence.flow.is_none()) else { return Ok(None) };
+        let mut beyond = Estimator::new(self.options);
+        beyond.add(&FrameObservation { next: Some(after), previous: None, ..*last })?;
+        Ok(beyond.flow().cloned())
+    }
 }
 
 impl Viewer for WholeClip<'_> {
@@ -122,16 +133,13 @@ impl Viewer for WholeClip<'_> {
         self.estimator.wants_next() || self.samples.wants_next()
     }
 
-    fn view(
-        &mut self,
-        number: u64,
-        observation: &FrameObservation,
-        save: Option<&mut dyn EvidenceSink>,
-    ) -> Result<()> {
+    fn view(&mut self, number: u64, observation: &FrameObservation, save: Option<Save>) -> Result<()> {
         self.numbers.push(number);
         let used = self.estimator.add(observation).map_err(|e| of_frame(self.clip, number, e))?;
         if let (true, Some(save)) = (used, save) {
-            save.geometry(number, &self.estimator)?;
+            let found = self.flow_after(observation, &save).map_err(|e| of_frame(self.clip, number, e))?;
+            let flow = self.estimator.flow().or(found.as_ref());
+            save.sink.geometry(number, flow, self.estimator.inverse_depth())?;
         }
         let found = self.estimator.inverse_depth().map(|d| d.0);
         self.samples.keep(number, observation, found)
@@ -165,7 +173,8 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     check_memory(footage, operators.as_ref().map_or(0, |o| o.reach()), keep_samples, work)?;
     options.fps = options.fps.or(clip.fps());
     let estimator = Estimator::new(options).expecting(clip.len_hint().unwrap_or(0));
-    let mut whole = WholeClip { clip, estimator, numbers: vec![], samples: Samples::new(clip, keep_samples) };
+    let mut whole =
+        WholeClip { clip, options, estimator, numbers: vec![], samples: Samples::new(clip, keep_samples) };
     let Seen { first, last, stopped, .. } =
         show(footage, operators, save, "estimating", &mut whole, observer)?;
     let fitting = Steps::begin(observer, "fitting", "", None);

@@ -80,20 +80,34 @@ pub(crate) fn all_frames(clip: &dyn Clip) -> Frames<'_> {
     clip.frames_if(Box::new(|_| true))
 }
 
+/// All frames of a clip and the frame after them, where the clip is a part of a longer one.
+pub(crate) fn all_frames_and_one(clip: &dyn Clip) -> Frames<'_> {
+    let mut before = true;
+    let frames = clip.frames_and_beside(Box::new(|_| true));
+    Box::new(frames.skip_while(move |frame| {
+        before &= frame.as_ref().is_ok_and(|frame| !clip.contains(frame.number));
+        before
+    }))
+}
+
 /// How many frames beside those that are looked at are in memory while a clip is read ahead: one waits, one is being read.
 pub(crate) const READ_AHEAD: usize = 2;
 
-/// What `look` makes of all frames of a clip, which are read ahead in a thread of their own if the clip allows it.
+/// What `look` makes of the frames of a clip, such as [`all_frames`], which are read ahead in a thread of their own if the clip allows it.
 #[cfg(feature = "threads")]
-pub(crate) fn read_ahead<R>(clip: &dyn Clip, look: impl FnOnce(Frames) -> R) -> R {
+pub(crate) fn read_ahead<R>(
+    clip: &dyn Clip,
+    frames_of: fn(&dyn Clip) -> Frames<'_>,
+    look: impl FnOnce(Frames) -> R,
+) -> R {
     if !clip.reads_ahead() {
-        return look(all_frames(clip));
+        return look(frames_of(clip));
     }
     std::thread::scope(|scope| {
         let (sender, frames) = std::sync::mpsc::sync_channel(READ_AHEAD - 1);
         let reader = scope.spawn(move || {
             // Nobody takes any more once `look` has ended.
-            all_frames(clip).try_for_each(|frame| sender.send(frame)).ok();
+            frames_of(clip).try_for_each(|frame| sender.send(frame)).ok();
         });
         let seen = look(Box::new(frames.into_iter()));
         if let Err(panic) = reader.join() {
@@ -103,10 +117,14 @@ pub(crate) fn read_ahead<R>(clip: &dyn Clip, look: impl FnOnce(Frames) -> R) -> 
     })
 }
 
-/// What `look` makes of all frames of a clip.
+/// What `look` makes of the frames of a clip, such as [`all_frames`].
 #[cfg(not(feature = "threads"))]
-pub(crate) fn read_ahead<R>(clip: &dyn Clip, look: impl FnOnce(Frames) -> R) -> R {
-    look(all_frames(clip))
+pub(crate) fn read_ahead<R>(
+    clip: &dyn Clip,
+    frames_of: fn(&dyn Clip) -> Frames<'_>,
+    look: impl FnOnce(Frames) -> R,
+) -> R {
+    look(frames_of(clip))
 }
 
 /// Data that accompany the frames of a clip, such as depth or flow, by the frames' numbers.
@@ -391,7 +409,7 @@ mod tests {
             let frames = vec![Encoded(Raster::filled(2, 2, [0.5; 3])); 3];
             let clip =
                 Threads { clip: MemoryClip { frames, fps: None }, reads_ahead, seen: Default::default() };
-            assert_eq!(read_ahead(&clip, |frames| frames.count()), 3);
+            assert_eq!(read_ahead(&clip, all_frames, |frames| frames.count()), 3);
             let seen = clip.seen.into_inner().unwrap();
             // Negative control: read ahead, they come from another thread.
             assert!(
@@ -407,7 +425,7 @@ mod tests {
         let frames = (0..9).map(|i| Encoded(Raster::filled(2, 2, [0.1 * i as f32; 3]))).collect();
         let clip = MemoryClip { frames, fps: None };
         let numbers = |clip: &dyn Clip, most: usize| {
-            read_ahead(clip, |frames| {
+            read_ahead(clip, all_frames, |frames| {
                 frames
                     .take(most)
                     .map(|f| f.unwrap())

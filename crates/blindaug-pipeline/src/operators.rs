@@ -1,8 +1,5 @@
 use crate::{Observer, Result};
-use blindaug::{
-    Encoded,
-    fit::{Estimator, Evidence},
-};
+use blindaug::{Encoded, Flow, Plane, fit::Evidence, model::DepthKind};
 
 /// Operators, such as neural networks, that process frames before the estimation and add to their evidence.
 pub trait Operators {
@@ -27,11 +24,16 @@ pub trait EvidenceSink {
     /// If the frames cannot be kept.
     fn images(&mut self, number: u64, frame: &Encoded, evidence: &Evidence) -> Result<()>;
 
-    /// Takes the flow and the depth that the estimator used for its last frame.
+    /// Takes a frame's flow to the next frame, px, and its inverse depth with its unit, as far as they were found.
     ///
     /// # Errors
     /// If flow or depth cannot be kept.
-    fn geometry(&mut self, number: u64, estimator: &Estimator) -> Result<()>;
+    fn geometry(
+        &mut self,
+        number: u64,
+        flow: Option<&Flow>,
+        inverse_depth: Option<(&Plane, DepthKind)>,
+    ) -> Result<()>;
 }
 
 #[cfg(feature = "files")]
@@ -40,7 +42,12 @@ impl EvidenceSink for blindaug_io::EvidenceWriter {
         Ok(self.images(number, frame, evidence)?)
     }
 
-    fn geometry(&mut self, number: u64, estimator: &Estimator) -> Result<()> {
-        Ok(self.geometry(number, estimator)?)
+    fn geometry(
+        &mut self,
+        number: u64,
+        flow: Option<&Flow>,
+        inverse_depth: Option<(&Plane, DepthKind)>,
+    ) -> Result<()> {
+        Ok(self.geometry(number, flow, inverse_depth)?)
     }
 }

@@ -3,7 +3,7 @@
 use crate::{
     Result,
     estimate::{of_clip, of_frame},
-    footage::{Clip, READ_AHEAD, read_ahead},
+    footage::{Clip, READ_AHEAD, all_frames, read_ahead},
     frames::FRAME,
     observer::{Observer, Steps},
 };
@@ -38,7 +38,7 @@ pub fn timing(clip: &dyn Clip, observer: &dyn Observer) -> Result<Timed> {
     let mut analyser = TimingAnalyser::default();
     let (mut first, mut last, mut seen, mut stopped) = (None, 0, 0, None);
     let steps = Steps::begin(observer, "comparing", "frames", clip.len_hint());
-    read_ahead(clip, |frames| -> Result<()> {
+    read_ahead(clip, all_frames, |frames| -> Result<()> {
         for frame in frames {
             let frame = frame?;
             last = frame.number;

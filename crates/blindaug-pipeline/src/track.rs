@@ -5,8 +5,8 @@ use crate::{
     estimate::{Samples, check_memory, of_clip, of_frame},
     footage::{Clip, Footage},
     observer::Observer,
-    operators::{EvidenceSink, Operators},
-    window::{Seen, Viewer, show},
+    operators::Operators,
+    window::{Save, Seen, Viewer, show},
 };
 use blindaug::{
     Flow, Frame, Plane, Sample,
@@ -84,12 +84,7 @@ impl Viewer for Following<'_> {
         true
     }
 
-    fn view(
-        &mut self,
-        number: u64,
-        observation: &FrameObservation,
-        _: Option<&mut dyn EvidenceSink>,
-    ) -> Result<()> {
+    fn view(&mut self, number: u64, observation: &FrameObservation, _: Option<Save>) -> Result<()> {
         if self.tracker.cut_ahead() {
             self.hand_on(true)?;
             self.shot = self.cameras.len();

@@ -2,7 +2,9 @@
 
 use crate::{
     Result,
-    footage::{BoxedSide, Clip, Footage, Frames, Side, check_match, read_ahead},
+    footage::{
+        BoxedSide, Clip, Footage, Frames, Side, all_frames, all_frames_and_one, check_match, read_ahead,
+    },
     observer::{Observer, Steps},
     operators::{EvidenceSink, Operators},
 };
@@ -19,12 +21,15 @@ pub(crate) trait Viewer {
     fn wants_next(&self) -> bool;
 
     /// Takes a frame and its evidence, and saves the flow and the depth that the viewer finds.
-    fn view(
-        &mut self,
-        number: u64,
-        observation: &FrameObservation,
-        save: Option<&mut dyn EvidenceSink>,
-    ) -> Result<()>;
+    fn view(&mut self, number: u64, observation: &FrameObservation, save: Option<Save>) -> Result<()>;
+}
+
+/// Where the evidence of a frame is saved.
+pub(crate) struct Save<'a> {
+    pub sink: &'a mut dyn EvidenceSink,
+    /// The frame that follows the last one of a part of a longer clip. The flow to it is saved, so that parts have the flow that the whole has, but
+    /// it is not looked at otherwise.
+    pub after: Option<&'a Encoded>,
 }
 
 /// The frames that were seen: their number, and the numbers of the first and of the last one.
@@ -150,7 +155,10 @@ pub(crate) fn show(
 ) -> Result<Seen> {
     let sides = Sides::new(footage)?;
     let steps = Steps::begin(observer, what, "frames", footage.clip.len_hint());
-    read_ahead(&*footage.clip, |frames| show_frames(frames, sides, operators, save, steps, viewer, observer))
+    let frames_of = if save.is_some() { all_frames_and_one } else { all_frames };
+    read_ahead(&*footage.clip, frames_of, |frames| {
+        show_frames(frames, sides, operators, save, steps, viewer, observer)
+    })
 }
 
 /// [`show`] of these frames, with what belongs to them.
@@ -176,10 +184,11 @@ fn show_frames(
         {
             window.push_back(frame);
         }
-        let Some(frame) = window.get(at) else { break };
+        let Some(frame) = window.get(at).filter(|f| clip.contains(f.number)) else { break };
         let number = frame.number;
         // A gap in the numbers is a gap in time.
-        let (run, own) = successive(&window, at);
+        let (mut run, own) = successive(&window, at);
+        let after = run.pop_if(|last| !clip.contains(last.0)).map(|last| last.1);
         let next = run.get(own + 1).map(|f| f.1);
         let previous = own.checked_sub(1).map(|i| run[i].1);
         consecutive |= next.is_some();
@@ -194,7 +203,9 @@ fn show_frames(
             save.images(number, &frame.image, &evidence)?;
         }
         let observation = FrameObservation { frame: &frame.image, next, previous, evidence };
-        viewer.view(number, &observation, save.as_mut().map(|s| &mut **s as &mut dyn EvidenceSink))?;
+        let save =
+            save.as_mut().map(|sink| Save { sink: &mut **sink, after: after.filter(|_| next.is_none()) });
+        viewer.view(number, &observation, save)?;
         seen.first = if seen.frames == 0 { number } else { seen.first };
         seen.last = number;
         seen.frames += 1;
@@ -204,7 +215,7 @@ fn show_frames(
             window.pop_front();
             at -= 1;
         }
-        if observer.stops() && at < window.len() {
+        if observer.stops() && window.get(at).is_some_and(|f| clip.contains(f.number)) {
             seen.stopped = Some(Stopped { after: seen.frames, of: clip.len_hint() });
             break;
         }

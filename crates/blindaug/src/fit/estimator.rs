@@ -227,8 +227,12 @@ impl Estimator {
     /// If a size differs from the first frame's, or the frame is not finite.
     // Long, since each kind of evidence of a frame builds on the motion that was found before.
     pub fn add(&mut self, observation: &FrameObservation) -> Result<bool> {
-        let FrameObservation { frame, next, previous, evidence } = *observation;
+        let FrameObservation { frame, next, previous, mut evidence } = *observation;
         check_sizes(&mut self.size, observation)?;
+        if evidence.found_before && next.is_none() {
+            // Flow that was saved with a part of a clip may lead to the frame after it, which an estimate of the part alone does not look at.
+            evidence.flow = None;
+        }
         let index = self.given;
         self.given += 1;
         self.by_network |= evidence.by_network;
