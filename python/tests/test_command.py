@@ -52,7 +52,7 @@ def test_it_prints_and_writes_what_the_program_does(program, tmp_path, command, 
     assert ours == theirs
     assert ours[0] == status and len(ours[3]) >= files and ours[1] + ours[2] != b""
     # Negative control: other arguments, another result.
-    assert ran(command, [*arguments, "--no-such-option"], tmp_path / "other") != ours
+    assert ran(command, ["--no-such-option", *arguments], tmp_path / "other") != ours
 
 
 def test_a_report_names_the_command(tmp_path):
