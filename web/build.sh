@@ -17,16 +17,20 @@ if [[ -z $bindgen || $("$bindgen" --version) != *" $version" ]]; then
 fi
 
 build=(cargo build --release --lib --target $target)
-# Where the target's libraries cannot be downloaded, Debian's compiler for the web builds them from its own sources.
-if rustup target add $target 2>/dev/null; then
-    std=
-else
-    std=-Zbuild-std=std,panic_abort
+# Debian's compiler for the web comes with the sources of the standard library, for what needs that built anew.
+debian() {
     dpkg -s rustc-web rust-web-src >/dev/null 2>&1 ||
         (apt-get update -qq && apt-get install -y -qq --no-install-recommends rustc-web rust-web-src)
     CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER=$(find "${RUSTUP_HOME:-$HOME/.rustup}/toolchains" -name rust-lld | head -1)
     RUSTC=$(dpkg -L rustc-web | grep 'bin/rustc$')
     export RUSTC RUSTC_BOOTSTRAP=1 CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_LINKER
+}
+# Where the target's libraries cannot be downloaded, they are built, too.
+if rustup target add $target 2>/dev/null; then
+    std=
+else
+    std=-Zbuild-std=std,panic_abort
+    debian
 fi
 
 # bind FOLDER OUT: makes the module OUT of what was built in the folder.
@@ -46,7 +50,8 @@ plain)
     bind target/simd wasm
     ;;&
 threads)
-    # Threads need the standard library with atomics, thus a compiler that builds it.
+    # Threads need the standard library with atomics, thus its sources.
+    [[ -e $(rustc --print sysroot)/lib/rustlib/src/rust/library/Cargo.lock ]] || debian
     RUSTC_BOOTSTRAP=1 CARGO_TARGET_DIR=target/threads \
         RUSTFLAGS="-Ctarget-feature=+simd128,+atomics,+bulk-memory -Clink-arg=--shared-memory -Clink-arg=--max-memory=2147483648 -Clink-arg=--import-memory -Clink-arg=--export=__wasm_init_tls -Clink-arg=--export=__tls_size -Clink-arg=--export=__tls_align -Clink-arg=--export=__tls_base" \
         "${build[@]}" --features threads -Zbuild-std=std,panic_abort

@@ -88,7 +88,7 @@ function onframe(frame) {
   if (first) {
     $('welcome').hidden = true;
     $('line').hidden = false;
-    performance.mark('first picture');
+    performance.mark('first composite');
     for (const id of ['pause', 'record', 'saveCamera', 'saveExport', 'target']) $(id).disabled = false;
     setSplit(state.split);
   }
@@ -136,6 +136,16 @@ function stop() {
   source.video.removeAttribute('src');
 }
 
+/** The picture as it is, until the first one with an object has been made. */
+function preview(video) {
+  const scale = Math.min(1, 640 / Math.max(video.videoWidth, video.videoHeight));
+  const [width, height] = [video.videoWidth, video.videoHeight].map((side) => Math.max(1, Math.round(scale * side)));
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  context.drawImage(video, 0, 0, width, height);
+  if (!$('welcome').hidden) performance.mark('first picture');
+  $('welcome').hidden = true;
+}
+
 /** Looks at a video from now on; its frames are numbered on from the last ones. */
 function follow(source) {
   stop();
@@ -145,12 +155,12 @@ function follow(source) {
   state.number = offset;
   setPaused(false);
   plot.clear();
-  let sent = Promise.resolve();
   state.source.end = frames(source.video, (video, { number }) => {
     // While a clip goes back to its beginning it has no picture.
     if ((state.paused && source.stream) || video.readyState < 2) return;
-    const at = { number: offset + number, lap: state.lap };
-    sent = sent.then(() => live.push(video, at)).catch((e) => say(e.message));
+    if (!state.shown) preview(video);
+    // At once, since a moment later the video shows another picture.
+    live.push(video, { number: offset + number, lap: state.lap }).catch((e) => say(e.message));
   });
 }
 
@@ -368,7 +378,10 @@ for (const type of ['dragenter', 'dragover', 'dragleave', 'drop']) {
   });
 }
 setSplit(0.5);
-fillTargets().catch((e) => say(`the page's own files could not be loaded (${e.message}): load it again`));
+// The worker waits for the first frame rather than the frame for the worker; what fails here is said when it is asked for.
+fillTargets()
+  .then(() => start().catch(() => {}))
+  .catch((e) => say(`the page's own files could not be loaded (${e.message}): load it again`));
 // For tests, which ask for the reference and break things.
 Object.defineProperty(window, 'blindaug', { get: () => live });
 window.blindaugSource = () => state.source;

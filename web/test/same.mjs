@@ -1,13 +1,11 @@
-// Compares two files of cameras, a JSON line each: every number may differ by 1e-4 of the larger of itself and 1. Those of the lens may differ by
-// 1e-2: its likelihood is flat, so that the last bits of exponentials, which are another library's in WebAssembly, move its maximum. The noise is
-// that of the last frame, as `estimate --track` gives the first frames the noise that has settled.
+// Compares two files of cameras, a JSON line each: every number may differ by 1e-4 of the larger of itself and 1. The noise is that of the last
+// frame, as `estimate --track` gives the first frames the noise that has settled.
 //
 //   node test/same.mjs A B
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 
 const TOLERANCE = 1e-4;
-const OF_LENS = 1e-2;
 
 /** The largest difference of two values, and where it is. */
 export function apart(a, b, place = '') {
@@ -38,5 +36,5 @@ const last = a.length - 1;
 assert.ok(apart(a[last], a[last - 1]).by > TOLERANCE);
 for (const [part, { by, place }] of Object.entries(worst)) {
   console.log(`${part}: ${a.length} cameras differ by up to ${by.toExponential(1)}, at ${place}`);
-  assert.ok(by <= (part === 'defocus' ? OF_LENS : TOLERANCE), part);
+  assert.ok(by <= TOLERANCE, part);
 }

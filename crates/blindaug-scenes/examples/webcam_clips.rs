@@ -3,7 +3,7 @@
 //!
 //!     cargo run --release -p blindaug-scenes --example webcam_clips -- FOLDER [CLIPS [WIDTH HEIGHT [FRAMES]]]
 
-use blindaug::{Encoded, Raster, Transfer};
+use blindaug::{Encoded, Plane, Raster, Transfer};
 use blindaug_scenes::scene::{Exposure, Scene};
 use rand::{SeedableRng, rngs::StdRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -14,31 +14,40 @@ const MIDDLE: std::ops::Range<f32> = 0.35..0.65;
 /// The frame rate in the head of a clip: low enough for every frame to be seen on a slow machine, as exposure is a share of the frame interval.
 const FPS: u32 = 8;
 
-/// The planes Y', Cb, Cr of a frame, Rec. 601 in its limited range, as webcams deliver them.
-fn planes(frame: &Encoded) -> [Raster<f32>; 3] {
+/// The planes Y', Cb, Cr of a frame, Rec. 601 in its limited range, as webcams deliver them, but not yet rounded to their steps.
+fn planes(frame: &Encoded) -> [Plane; 3] {
     let (w, h) = frame.0.size();
     let ycc = frame.0.map(|[r, g, b]: [f32; 3]| {
         let y = 0.299 * r + 0.587 * g + 0.114 * b;
         [16.0 + 219.0 * y, 128.0 + 224.0 * (b - y) / 1.772, 128.0 + 224.0 * (r - y) / 1.402]
     });
     let halved = |c: usize| {
-        Raster::from_fn(w / 2, h / 2, |x, y| {
+        Plane::from_fn(w / 2, h / 2, |x, y| {
             let sum: f32 =
                 [(0, 0), (1, 0), (0, 1), (1, 1)].iter().map(|(i, j)| ycc.at(2 * x + i, 2 * y + j)[c]).sum();
-            (0.25 * sum).round()
+            0.25 * sum
         })
     };
-    [ycc.map(|v| v[0].round()), halved(1), halved(2)]
+    [ycc.map(|v| v[0]), halved(1), halved(2)]
 }
 
-/// The frame that a browser makes of such planes, with each pair of Cb and Cr on its four pixels.
-fn shown([y, cb, cr]: &[Raster<f32>; 3]) -> Encoded {
+/// The frame that Chromium makes of such planes: Cb and Cr, which lie amid four pixels, are interpolated linearly.
+fn shown([y, cb, cr]: &[Plane; 3]) -> Encoded {
     Encoded(Raster::from_fn(y.width(), y.height(), |i, j| {
         let y = (y.at(i, j) - 16.0) / 219.0;
-        let [cb, cr] = [cb, cr].map(|c| (c.at(i / 2, j / 2) - 128.0) / 224.0);
+        let [cb, cr] = [cb, cr].map(|c| {
+            // The edge goes on beyond the edge.
+            let place = |at: usize, size: usize| (0.5 * at as f32 - 0.25).clamp(0.0, (size - 1) as f32);
+            (c.bilinear(place(i, c.width()), place(j, c.height())) - 128.0) / 224.0
+        });
         let (r, b) = (y + 1.402 * cr, y + 1.772 * cb);
         [r, (y - 0.299 * r - 0.114 * b) / 0.587, b].map(|v| v.clamp(0.0, 1.0))
     }))
+}
+
+/// The values in steps of 8 bits.
+fn rounded(planes: [Plane; 3]) -> [Plane; 3] {
+    planes.map(|p| p.map(|v| v.round().clamp(0.0, 255.0)))
 }
 
 fn main() -> std::io::Result<()> {
@@ -76,12 +85,14 @@ fn main() -> std::io::Result<()> {
                     });
                 }
             }
-            let planes = planes(&noisy);
-            let (with, without) = (shown(&planes), shown(&self::planes(&clean)));
+            // The noise is all by which what a browser delivers differs from the picture without it: rounding, too, but once.
+            let planes = rounded(self::planes(&noisy));
+            let with = shown(&planes).0.map(|p| p.map(|v| (255.0 * v).round() / 255.0));
+            let without = shown(&self::planes(&clean));
             let luma = without.luma();
             for (y, x) in (0..h).flat_map(|y| (0..w).map(move |x| (y, x))) {
                 if MIDDLE.contains(&luma.at(x, y)) {
-                    let (a, b) = (with.0.at(x, y), without.0.at(x, y));
+                    let (a, b) = (with.at(x, y), without.0.at(x, y));
                     for c in 0..3 {
                         noise[c].0 += f64::from(a[c] - b[c]).powi(2);
                         noise[c].1 += 1;
@@ -95,7 +106,7 @@ fn main() -> std::io::Result<()> {
         for planes in made.iter().chain(made[1..frames - 1].iter().rev()) {
             writeln!(file, "FRAME")?;
             for plane in planes {
-                file.write_all(&plane.data().iter().map(|v| v.clamp(0.0, 255.0) as u8).collect::<Vec<_>>())?;
+                file.write_all(&plane.data().iter().map(|v| *v as u8).collect::<Vec<_>>())?;
             }
         }
         file.flush()?;

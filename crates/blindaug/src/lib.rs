@@ -75,6 +75,7 @@ pub mod metrics;
 pub mod model;
 mod overscan;
 mod par;
+mod portable;
 pub mod pyramid;
 mod raster;
 mod strips;

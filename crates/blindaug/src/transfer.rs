@@ -95,9 +95,9 @@ impl Log {
         if x >= self.cut { self.c * (self.a * x + self.b).log10() + self.d } else { self.e * x + self.f }
     }
 
-    fn decode(&self, y: f32) -> f32 {
+    fn decode(&self, y: f32, powf: impl Fn(f32, f32) -> f32) -> f32 {
         if y >= self.e * self.cut + self.f {
-            (10f32.powf((y - self.d) / self.c) - self.b) / self.a
+            (powf(10.0, (y - self.d) / self.c) - self.b) / self.a
         } else {
             (y - self.f) / self.e
         }
@@ -199,52 +199,66 @@ impl Transfer {
     /// The linear value of an encoded one; the inverse of [`Transfer::encode`].
     #[inline]
     pub fn decode(self, encoded: f32) -> f32 {
+        self.decode_by(encoded, f32::powf)
+    }
+
+    /// [`Transfer::decode`] by this function for powers.
+    #[inline]
+    pub(crate) fn decode_by(self, encoded: f32, powf: impl Fn(f32, f32) -> f32) -> f32 {
         let y = encoded.abs();
         match self {
             Self::Srgb => {
-                let x = if y <= 0.040_45 { y / 12.92 } else { ((y + 0.055) / 1.055).powf(2.4) };
+                let x = if y <= 0.040_45 { y / 12.92 } else { powf((y + 0.055) / 1.055, 2.4) };
                 x.copysign(encoded)
             }
             Self::Linear => encoded,
-            Self::Bt1886 | Self::AdobeRgb | Self::Prophoto => y.powf(self.power()).copysign(encoded),
-            Self::CanonLog3 if encoded < CANON_LOG3.f => -CANON_LOG3.decode(2.0 * CANON_LOG3.f - encoded),
+            Self::Bt1886 | Self::AdobeRgb | Self::Prophoto => powf(y, self.power()).copysign(encoded),
+            Self::CanonLog3 if encoded < CANON_LOG3.f => {
+                -CANON_LOG3.decode(2.0 * CANON_LOG3.f - encoded, powf)
+            }
             Self::Pq => {
                 // The curve ends where its denominator would be 0, above 1.
-                let v = y.min(1.05).powf(1.0 / pq::M2);
-                let p = ((v - pq::C1).max(0.0) / (pq::C2 - pq::C3 * v)).powf(1.0 / pq::M1);
+                let v = powf(y.min(1.05), 1.0 / pq::M2);
+                let p = powf((v - pq::C1).max(0.0) / (pq::C2 - pq::C3 * v), 1.0 / pq::M1);
                 (p / pq::WHITE).copysign(encoded)
             }
             Self::Hlg => {
                 let e = if y <= 0.5 { y * y / 3.0 } else { (((y - hlg::C) / hlg::A).exp() + hlg::B) / 12.0 };
                 (e / hlg::WHITE).copysign(encoded)
             }
-            log => log.log().map_or(encoded, |log| log.decode(encoded)),
+            log => log.log().map_or(encoded, |log| log.decode(encoded, powf)),
         }
     }
 
     /// The slope of the curve, d encoded / d linear, at a linear value. Where it would be infinite, at black, it is that of a little light.
     #[inline]
     pub fn slope(self, linear: f32) -> f32 {
+        self.slope_by(linear, f32::powf)
+    }
+
+    /// [`Transfer::slope`] by this function for powers.
+    #[inline]
+    pub(crate) fn slope_by(self, linear: f32, powf: impl Fn(f32, f32) -> f32) -> f32 {
         let x = linear.abs();
         match self {
             Self::Srgb => {
                 if x <= 0.003_130_8 {
                     12.92
                 } else {
-                    1.055 / 2.4 * x.powf(1.0 / 2.4 - 1.0)
+                    1.055 / 2.4 * powf(x, 1.0 / 2.4 - 1.0)
                 }
             }
             Self::Linear => 1.0,
             Self::Bt1886 | Self::AdobeRgb | Self::Prophoto => {
-                x.max(BLACK).powf(1.0 / self.power() - 1.0) / self.power()
+                powf(x.max(BLACK), 1.0 / self.power() - 1.0) / self.power()
             }
             Self::CanonLog3 => CANON_LOG3.slope(x),
             Self::Pq => {
                 let light = x.max(BLACK) * pq::WHITE;
-                let p = light.powf(pq::M1);
+                let p = powf(light, pq::M1);
                 let below = 1.0 + pq::C3 * p;
                 let of_p =
-                    pq::M2 * ((pq::C1 + pq::C2 * p) / below).powf(pq::M2 - 1.0) * (pq::C2 - pq::C1 * pq::C3)
+                    pq::M2 * powf((pq::C1 + pq::C2 * p) / below, pq::M2 - 1.0) * (pq::C2 - pq::C1 * pq::C3)
                         / (below * below);
                 of_p * pq::M1 * p / light * pq::WHITE
             }

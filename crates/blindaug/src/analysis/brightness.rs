@@ -4,6 +4,7 @@
 
 use super::quantile;
 use crate::par;
+use crate::portable::Portable;
 use std::ops::Range;
 
 /// The offset of sRGB: light times g is encoded as `(v + OFFSET) g^(1 / 2.4) - OFFSET`, except in the darkest part of the curve.
@@ -85,7 +86,7 @@ pub(crate) fn brightening<const N: usize>(
         let t = (y - low.middle) / (high.middle - low.middle).max(1.0);
         std::array::from_fn(|c| {
             let (low, high) = (low.factors[c].log, high.factors[c].log);
-            (low + t * (high - low)).exp()
+            (low + t * (high - low)).portable_exp()
         })
     };
     Some((0..height).map(of_row).collect())
@@ -110,7 +111,7 @@ struct LogFactor {
 fn log_factor(values: &[[f32; 2]]) -> LogFactor {
     /// The largest deviation of a pair that counts, as a multiple of the median deviation.
     const MATCHING: f32 = 4.0;
-    let logs: Vec<f32> = values.iter().map(|[a, b]| (b / a).ln()).collect();
+    let logs: Vec<f32> = values.iter().map(|[a, b]| (b / a).portable_ln()).collect();
     let middle = *quantile(&mut logs.clone(), 0.5);
     let mut deviations: Vec<f32> = logs.iter().map(|l| (l - middle).abs()).collect();
     let widest = MATCHING * quantile(&mut deviations, 0.5).max(1e-3);
@@ -120,7 +121,7 @@ fn log_factor(values: &[[f32; 2]]) -> LogFactor {
     let k = second / first;
     let scatter = matching().map(|[a, b]| (b - k * a).powi(2)).sum::<f32>();
     // The least variance stands for the rounding to 8 bits.
-    LogFactor { log: k.ln(), variance: (scatter / (first * first)).max(1e-5 / n) }
+    LogFactor { log: k.portable_ln(), variance: (scatter / (first * first)).max(1e-5 / n) }
 }
 
 #[cfg(test)]

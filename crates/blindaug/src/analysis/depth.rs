@@ -22,6 +22,7 @@ use super::flow::FlowPair;
 use super::quantile;
 use crate::model::{Reason, Unknown};
 use crate::{Error, Flow, Plane, Raster, Result, par};
+use wide::f64x2;
 
 /// The assumed focal length, in image widths.
 const FOCAL_LENGTH: f64 = 1.2;
@@ -247,17 +248,14 @@ impl Sample {
         let length = (x * x + y * y).sqrt().max(1e-9);
         ([x / length, y / length], length)
     }
-
-    /// The equation for Omega across the epipolar line: the coefficients and the right-hand side.
-    fn across(&self, t: [f64; 3]) -> ([f64; 3], f64) {
-        let [ex, ey] = self.epipolar(t).0;
-        let [bx, by] = self.b();
-        (std::array::from_fn(|i| ex * by[i] - ey * bx[i]), ex * self.v - ey * self.u)
-    }
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn length(u: f64, v: f64) -> f64 {
+    (u * u + v * v).sqrt()
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
@@ -268,38 +266,32 @@ fn unit(a: [f64; 3]) -> [f64; 3] {
     a.map(|v| v / dot(a, a).sqrt())
 }
 
-/// The number of equations that are processed at once.
-const LANES: usize = 2;
-
-/// Weighted normal equations of three unknowns.
+/// Weighted normal equations of three unknowns, two equations at once.
 #[derive(Default)]
 struct Normal {
     /// The sums of products of the unknowns' coefficients: 00, 01, 02, 11, 12, 22.
-    products: [[f64; LANES]; 6],
+    products: [f64x2; 6],
     /// The sums of products of the coefficients with the right-hand side.
-    right: [[f64; LANES]; 3],
+    right: [f64x2; 3],
 }
 
 impl Normal {
-    /// Adds [`LANES`] equations with their weights.
-    fn add(&mut self, [a, b, c]: [[f64; LANES]; 3], right: [f64; LANES], weight: [f64; LANES]) {
-        for l in 0..LANES {
-            let w = weight[l];
-            let (wa, wb, wc) = (w * a[l], w * b[l], w * c[l]);
-            self.products[0][l] += wa * a[l];
-            self.products[1][l] += wa * b[l];
-            self.products[2][l] += wa * c[l];
-            self.products[3][l] += wb * b[l];
-            self.products[4][l] += wb * c[l];
-            self.products[5][l] += wc * c[l];
-            self.right[0][l] += wa * right[l];
-            self.right[1][l] += wb * right[l];
-            self.right[2][l] += wc * right[l];
-        }
+    /// Adds two equations with their weights.
+    #[inline(always)]
+    fn add(&mut self, [a, b, c]: [f64x2; 3], right: f64x2, weight: f64x2) {
+        let (wa, wb, wc) = (weight * a, weight * b, weight * c);
+        self.products[0] += wa * a;
+        self.products[1] += wa * b;
+        self.products[2] += wa * c;
+        self.products[3] += wb * b;
+        self.products[4] += wb * c;
+        self.products[5] += wc * c;
+        self.right[0] += wa * right;
+        self.right[1] += wb * right;
+        self.right[2] += wc * right;
     }
 
     fn solve(&self) -> [f64; 3] {
-        let sum = |lanes: [f64; LANES]| lanes.iter().sum::<f64>();
         let [aa, ab, ac, bb, bc, cc] = self.products.map(sum);
         let right = self.right.map(sum);
         let ridge = 1e-9 * (aa + bb + cc) + 1e-30;
@@ -310,10 +302,17 @@ impl Normal {
     }
 }
 
-/// Geman & McClure's weight of a residual at a scale; 1 at an infinite scale.
-fn weight(residual: f64, scale: f64) -> f64 {
+fn sum(lanes: f64x2) -> f64 {
+    let [a, b] = lanes.to_array();
+    a + b
+}
+
+/// Geman & McClure's weight of two residuals at a scale; 1 at an infinite scale.
+#[inline(always)]
+fn weight(residual: f64x2, scale: f64) -> f64x2 {
     let q = residual / (2.0 * scale);
-    1.0 / (1.0 + q * q).powi(2)
+    let one = 1.0 + q * q;
+    1.0 / (one * one)
 }
 
 /// A turn, and the robust std of the flow across the epipolar lines that the turn does not explain, in focal lengths.
@@ -323,64 +322,83 @@ struct Turn {
     std: f64,
 }
 
-/// The equations for the turn across the epipolar lines of one direction, in groups of [`LANES`].
+/// Samples two by two, since the search for a direction looks at all of them for each direction.
+struct Pairs {
+    /// Two samples' x, y, u and v; the last pair may be one sample and one of zeros.
+    pairs: Vec<[f64x2; 4]>,
+    count: usize,
+}
+
+impl Pairs {
+    fn of(samples: &[Sample]) -> Self {
+        let zero = Sample { x: 0.0, y: 0.0, u: 0.0, v: 0.0 };
+        let pair = |some: &[Sample]| {
+            let (a, b) = (some[0], *some.get(1).unwrap_or(&zero));
+            [[a.x, b.x], [a.y, b.y], [a.u, b.u], [a.v, b.v]].map(f64x2::from)
+        };
+        Self { pairs: samples.chunks(2).map(pair).collect(), count: samples.len() }
+    }
+}
+
+/// The equations for the turn across the epipolar lines of one direction, two by two.
 struct Across {
-    /// Three coefficients and the right-hand side of each equation; the last group may end with equations of zeros, which have no effect.
-    groups: Vec<[[f64; LANES]; 4]>,
+    /// Three coefficients and the right-hand side of each equation; the last pair may end with an equation of zeros, which has no effect.
+    pairs: Vec<[f64x2; 4]>,
     count: usize,
 }
 
 impl Across {
-    fn new(samples: &[Sample], t: [f64; 3]) -> Self {
-        let group = |some: &[Sample]| {
-            let mut group = [[0.0; LANES]; 4];
-            for (lane, s) in some.iter().enumerate() {
-                let ([a, b, c], right) = s.across(t);
-                (0..4).for_each(|i| group[i][lane] = [a, b, c, right][i]);
-            }
-            group
+    fn new(samples: &Pairs, t: [f64; 3]) -> Self {
+        let of = |&[sx, sy, u, v]: &[f64x2; 4]| {
+            let (x, y) = (sx * t[2] - t[0], sy * t[2] - t[1]);
+            let length = (x * x + y * y).sqrt().max(f64x2::splat(1e-9));
+            let (ex, ey) = (x / length, y / length);
+            let (bx, by) = ([sx * sy, -(1.0 + sx * sx), sy], [1.0 + sy * sy, -sx * sy, -sx]);
+            [ex * by[0] - ey * bx[0], ex * by[1] - ey * bx[1], ex * by[2] - ey * bx[2], ex * v - ey * u]
         };
-        Self { groups: samples.chunks(LANES).map(group).collect(), count: samples.len() }
+        let mut pairs: Vec<[f64x2; 4]> = samples.pairs.iter().map(of).collect();
+        if let (1, Some(last)) = (samples.count % 2, pairs.last_mut()) {
+            *last = last.map(|v| v * f64x2::from([1.0, 0.0]));
+        }
+        Self { pairs, count: samples.count }
     }
 
     /// The residuals of the equations for a turn.
-    fn residuals(&self, o: [f64; 3]) -> impl Iterator<Item = [f64; LANES]> + '_ {
-        self.groups.iter().map(move |[a, b, c, right]| {
-            std::array::from_fn(|l| right[l] - (a[l] * o[0] + b[l] * o[1] + c[l] * o[2]))
-        })
+    fn residuals(&self, o: [f64; 3]) -> impl Iterator<Item = f64x2> + '_ {
+        self.pairs.iter().map(move |&[a, b, c, right]| right - (a * o[0] + b * o[1] + c * o[2]))
     }
 
     /// The turn that fits best with the weights that the residuals of `turn` have at its std.
     fn reweighted(&self, turn: Turn) -> [f64; 3] {
         let mut normal = Normal::default();
-        for (&[a, b, c, right], residual) in self.groups.iter().zip(self.residuals(turn.by)) {
-            normal.add([a, b, c], right, residual.map(|r| weight(r, turn.std)));
+        for (&[a, b, c, right], residual) in self.pairs.iter().zip(self.residuals(turn.by)) {
+            normal.add([a, b, c], right, weight(residual, turn.std));
         }
         normal.solve()
     }
 
     /// The robust std of the residuals of a turn.
     fn std(&self, o: [f64; 3]) -> f64 {
-        let mut lengths: Vec<f64> = self.residuals(o).flatten().take(self.count).map(f64::abs).collect();
+        let mut lengths = Vec::with_capacity(2 * self.pairs.len());
+        self.residuals(o).for_each(|r| lengths.extend_from_slice(&r.abs().to_array()));
+        lengths.truncate(self.count);
         1.4826 * *quantile(&mut lengths, 0.5) + 1e-9
     }
 
     /// Geman & McClure's mean cost of the residuals of a turn, in [0, 1].
     fn cost(&self, turn: Turn) -> f64 {
-        let mut sums = [0.0; LANES];
+        let mut sums = f64x2::ZERO;
         for residual in self.residuals(turn.by) {
-            for l in 0..LANES {
-                let q = residual[l] / (2.0 * turn.std);
-                sums[l] += q * q / (1.0 + q * q);
-            }
+            let q = residual / (2.0 * turn.std);
+            sums += q * q / (1.0 + q * q);
         }
-        sums.iter().sum::<f64>() / self.count as f64
+        sum(sums) / self.count as f64
     }
 }
 
 /// The turn that fits best across the epipolar lines of `t`, and its robust cost in [0, 1]. `near` gives the start and the scale of the
 /// residuals; without it, all samples count alike at first, and the scale is estimated.
-fn turn_for(samples: &[Sample], t: [f64; 3], near: Option<Turn>) -> (Turn, f64) {
+fn turn_for(samples: &Pairs, t: [f64; 3], near: Option<Turn>) -> (Turn, f64) {
     let equations = Across::new(samples, t);
     let mut turn = near.unwrap_or(Turn { by: [0.0; 3], std: f64::INFINITY });
     for _ in 0..if near.is_some() { 2 } else { 5 } {
@@ -400,16 +418,16 @@ fn parallax_beside_turn(samples: &[Sample]) -> f64 {
         let mut normal = Normal::default();
         for s in samples {
             let [x, y] = s.turn(turn);
-            let weight = weight((s.u - x).hypot(s.v - y), median);
+            let weight = weight(f64x2::splat(length(s.u - x, s.v - y)), median);
             let [bx, by] = s.b();
-            normal.add(std::array::from_fn(|i| [bx[i], by[i]]), [s.u, s.v], [weight; LANES]);
+            normal.add(std::array::from_fn(|i| f64x2::from([bx[i], by[i]])), f64x2::from([s.u, s.v]), weight);
         }
         turn = normal.solve();
         let mut lengths: Vec<f64> = samples
             .iter()
             .map(|s| {
                 let [x, y] = s.turn(turn);
-                (s.u - x).hypot(s.v - y)
+                length(s.u - x, s.v - y)
             })
             .collect();
         median = *quantile(&mut lengths, 0.5) + 1e-9;
@@ -444,16 +462,17 @@ impl Motion {
 
 /// The motion that explains `samples` best, searched over all directions, or near a given direction only.
 fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
+    let all = Pairs::of(samples);
     if let Some(near) = near {
-        return refined(samples, near, [0.05, 0.002]);
+        return refined(&all, near, [0.05, 0.002]);
     }
     // The directions form a spiral of even density over the hemisphere; T and -T differ only in the sign of d.
     let direction = |i: usize| {
         let (z, angle) = ((i as f64 + 0.5) / DIRECTIONS as f64, i as f64 * 2.399_963);
-        let r = (1.0 - z * z).sqrt();
-        [r * angle.cos(), r * angle.sin(), z]
+        let (r, (sin, cos)) = ((1.0 - z * z).sqrt(), libm::sincos(angle));
+        [r * cos, r * sin, z]
     };
-    let some: Vec<Sample> = samples.iter().copied().step_by(2).collect();
+    let some = Pairs::of(&samples.iter().copied().step_by(2).collect::<Vec<Sample>>());
     let mut tried: Vec<(f64, [f64; 3])> =
         par::map(DIRECTIONS, |i| (turn_for(&some, direction(i), None).0.std, direction(i)));
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -464,13 +483,13 @@ fn searched(samples: &[Sample], near: Option<[f64; 3]>) -> Motion {
             starts.push(t);
         }
     }
-    let found = starts.into_iter().map(|t| refined(samples, t, [0.1, 0.01]));
+    let found = starts.into_iter().map(|t| refined(&all, t, [0.1, 0.01]));
     let best = found.min_by(|a, b| a.turn.std.total_cmp(&b.turn.std));
-    refined(samples, best.map_or([0.0, 0.0, 1.0], |motion| motion.translation), [0.05, 0.002])
+    refined(&all, best.map_or([0.0, 0.0, 1.0], |motion| motion.translation), [0.05, 0.002])
 }
 
 /// The motion near a direction that explains `samples` best, found by steps from `coarsest` to `finest`, in radian.
-fn refined(samples: &[Sample], mut t: [f64; 3], [coarsest, finest]: [f64; 2]) -> Motion {
+fn refined(samples: &Pairs, mut t: [f64; 3], [coarsest, finest]: [f64; 2]) -> Motion {
     let mut turn = turn_for(samples, t, None).0;
     // The search runs twice, since the scale of the residuals falls with a better direction.
     for mut step in [coarsest, 4.0 * finest] {
@@ -482,7 +501,7 @@ fn refined(samples: &[Sample], mut t: [f64; 3], [coarsest, finest]: [f64; 2]) ->
             let e = unit(cross(t, if t[0].abs() < 0.7 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] }));
             let n = cross(t, e);
             let around = par::map(8, |k| {
-                let (sin, cos) = (std::f64::consts::FRAC_PI_4 * k as f64).sin_cos();
+                let (sin, cos) = libm::sincos(std::f64::consts::FRAC_PI_4 * k as f64);
                 let t = unit(std::array::from_fn(|i| t[i] + step * (cos * e[i] + sin * n[i])));
                 (t, turn_for(samples, t, Some(turn)))
             });
@@ -513,11 +532,12 @@ fn camera_motion(
     let parts: Vec<Vec<Sample>> =
         (0..PARTS).map(part).filter(|part| part.len() >= FEWEST_SAMPLES / PARTS).collect();
     let found = par::map(parts.len(), |i| searched(&parts[i], near));
-    let std = |motion: &Motion| turn_for(&all, motion.translation, None).0.std;
+    let pairs = Pairs::of(&all);
+    let std = |motion: &Motion| turn_for(&pairs, motion.translation, None).0.std;
     let best = found.iter().map(|m| (std(m), m.translation)).min_by(|a, b| a.0.total_cmp(&b.0));
     let Some((_, start)) = best else { return (searched(&all, near), f64::INFINITY) };
     // The direction that a part found is near the best one already.
-    let motion = refined(&all, start, [0.02, 2e-4]).forward(&all);
+    let motion = refined(&pairs, start, [0.02, 2e-4]).forward(&all);
     let d = depths(&motion);
     let largest = *quantile(&mut d.clone(), 0.98);
     let disagreement = |other: Motion| {
@@ -590,7 +610,7 @@ fn depth_of(
     let flat: Vec<Sample> = samples.iter().map(|s| s.2).collect();
     let share =
         |of: &dyn Fn(&Sample) -> bool| flat.iter().filter(|s| of(s)).count() as f64 / flat.len() as f64;
-    let still = share(&|s| f * s.u.hypot(s.v) < STILL_PX);
+    let still = share(&|s| f * length(s.u, s.v) < STILL_PX);
     if still > 0.9 {
         return Err(Unknown::new(Reason::NoMotion, "nothing moves between the frames"));
     }

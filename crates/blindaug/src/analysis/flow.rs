@@ -148,26 +148,33 @@ pub fn inconsistent(forward: &Flow, backward: &Flow) -> Raster<bool> {
 ///
 /// The flows must have one size.
 pub fn motion_at_frame(to_next: &Flow, from_previous: &Flow) -> Flow {
-    // The largest distance, in px, by which the flow of the previous frame's pixel may miss this pixel.
-    const GAP: f32 = 1.0;
     let (w, h) = to_next.size();
-    // The flow of the previous frame's pixel that lies `way` before this one; the nearest pixel will do, since flow is smooth.
-    let before = |x: usize, y: usize, way: [f32; 2]| {
-        let (x, y) = (x as f32 - way[0], y as f32 - way[1]);
-        inside(x, y, (w, h)).then(|| from_previous.at((x + 0.5) as usize, (y + 0.5) as usize))
-    };
     let mut motion = Flow::filled(w, h, [0.0; 2]);
     par::for_each_row(motion.data_mut(), w, |y, out| {
-        for (x, (out, &next)) in out.iter_mut().zip(to_next.row(y)).enumerate() {
-            let guess = before(x, y, next);
-            let last = guess.and_then(|guess| {
-                let last = before(x, y, guess)?;
-                ((last[0] - guess[0]).abs() + (last[1] - guess[1]).abs() < GAP).then_some(last)
-            });
-            *out = last.map_or(next, |last| [0, 1].map(|c| 0.5 * (next[c] + last[c])));
+        for (x, out) in out.iter_mut().enumerate() {
+            *out = motion_at_pixel(to_next, from_previous, x, y);
         }
     });
     motion
+}
+
+/// [`motion_at_frame`] at one pixel.
+#[inline]
+pub(crate) fn motion_at_pixel(to_next: &Flow, from_previous: &Flow, x: usize, y: usize) -> [f32; 2] {
+    // The largest distance, in px, by which the flow of the previous frame's pixel may miss this pixel.
+    const GAP: f32 = 1.0;
+    // The flow of the previous frame's pixel that lies `way` before this one; the nearest pixel will do, since flow is smooth.
+    let before = |way: [f32; 2]| {
+        let (x, y) = (x as f32 - way[0], y as f32 - way[1]);
+        inside(x, y, to_next.size()).then(|| from_previous.at((x + 0.5) as usize, (y + 0.5) as usize))
+    };
+    let next = to_next.at(x, y);
+    let guess = before(next);
+    let last = guess.and_then(|guess| {
+        let last = before(guess)?;
+        ((last[0] - guess[0]).abs() + (last[1] - guess[1]).abs() < GAP).then_some(last)
+    });
+    last.map_or(next, |last| [0, 1].map(|c| 0.5 * (next[c] + last[c])))
 }
 
 fn inside(x: f32, y: f32, (w, h): (usize, usize)) -> bool {

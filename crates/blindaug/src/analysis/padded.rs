@@ -49,8 +49,13 @@ impl Padded {
     /// The corner of `size` x `size` pixels for bilinear interpolation at (x, y): its pixel, counted with the padding, and the fractions.
     #[inline(always)]
     pub fn place(&self, x: f32, y: f32, size: usize) -> (usize, usize, f32, f32) {
-        let x = (x + PAD as f32).max(0.0).min((self.stride - size - 1) as f32);
-        let y = (y + PAD as f32).max(0.0).min((self.data.len() / self.stride - size - 1) as f32);
+        // The methods of floats, which look for NaN, are calls in WebAssembly.
+        let within = |v: f32, most: usize| {
+            let (v, most) = (if v > 0.0 { v } else { 0.0 }, most as f32);
+            if v < most { v } else { most }
+        };
+        let x = within(x + PAD as f32, self.stride - size - 1);
+        let y = within(y + PAD as f32, self.data.len() / self.stride - size - 1);
         let (xi, yi) = (x as i32, y as i32);
         (xi as usize, yi as usize, x - xi as f32, y - yi as f32)
     }

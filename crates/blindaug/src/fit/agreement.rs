@@ -9,6 +9,7 @@ use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
 use super::uneven::over_speeds;
 use crate::model::{Estimate, ExposureFraction, Reason, Unknown};
+use crate::portable::Portable;
 use crate::{Error, Result, par};
 use std::collections::BTreeMap;
 
@@ -134,7 +135,7 @@ pub(super) fn exposure_interval(
     coding_error: f32,
     speed: f32,
 ) -> [f32; 2] {
-    let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
+    let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
     let [low, high] = bootstrapped_exposure(estimate, parts, bootstraps, floor);
     let [lowest, highest] = likely(estimate, sum, CLIP);
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
@@ -313,7 +314,7 @@ impl Uneven {
             if observed.len() < SWING { &UNSEEN_SPEED_ERRORS[..1] } else { &UNSEEN_SPEED_ERRORS };
         let mut uneven = Self { curves, errors: vec![], seen: seen.iter().any(|&e| e > 0.0) };
         for &unseen in unseen_errors {
-            uneven.errors = seen.iter().map(|e| e.hypot(unseen)).collect();
+            uneven.errors = seen.iter().map(|e| e.portable_hypot(unseen)).collect();
             if uneven.contradiction() <= EVEN_FRAMES {
                 break;
             }
@@ -354,7 +355,7 @@ impl Uneven {
     }
 
     fn interval(&self, estimate: f32, sum: &[f32], coding_error: f32, speed: f32) -> [f32; 2] {
-        let floor = EXPOSURE_FLOOR.hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
+        let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
         let replicas = par::map(UNEVEN_BOOTSTRAPS, |r| most_likely_exposure(&self.sum(Some(r))));
         let [low, high] = within_a_frame(estimate, interval(estimate, &replicas, floor));
         let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
@@ -430,7 +431,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
             let at = (0..SIGMAS).max_by(|&a, &b| w.table[a].total_cmp(&w.table[b])).unwrap_or(0);
             // A tile is sure of its blur if blur that is larger by half is excluded.
             let other = interpolate(&w.table, index_of_sigma(1.5 * sigma_of(at) + 0.3));
-            let weight = 1.0 - other.exp().min(1.0);
+            let weight = 1.0 - other.portable_exp().min(1.0);
             BlurPoint { inverse_depth: w.inverse_depth, sigma_px: sigma_of(at), weight }
         })
         .collect();
@@ -440,10 +441,14 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
     let nearness = (mean(&|d| d.abs()) / lens.focus.max(1e-6)).max(0.1);
     Ok(Estimate::Known(LensFit {
         lens,
-        sigma_px_at_infinity: of(&|l| l.sigma_px_at_infinity(), (LENS_FLOORS.0 * sigma).hypot(TEXTURE_BLUR)),
+        sigma_px_at_infinity: of(
+            &|l| l.sigma_px_at_infinity(),
+            (LENS_FLOORS.0 * sigma).portable_hypot(TEXTURE_BLUR),
+        ),
         focus_inverse_depth: of(
             &|l| l.focus,
-            lens.focus * LENS_FLOORS.1.hypot(texture / nearness) + unseen_focus(lens, TEXTURE_BLUR, range.1),
+            lens.focus * LENS_FLOORS.1.portable_hypot(texture / nearness)
+                + unseen_focus(lens, TEXTURE_BLUR, range.1),
         ),
         samples: tiles.round() as usize,
         points,
@@ -538,11 +543,11 @@ fn resampled(replica: usize, block: u32, part: usize) -> f32 {
 }
 
 fn block_weight(replica: usize, block: u32) -> f32 {
-    -(1.0 - super::robust::uniform(replica as u64, u64::from(block))).ln()
+    -(1.0 - super::robust::uniform(replica as u64, u64::from(block))).portable_ln()
 }
 
 fn part_weight(replica: usize, part: usize) -> f32 {
-    -(1.0 - super::robust::uniform(replica as u64, (BLOCKS * BLOCKS + part) as u64)).ln()
+    -(1.0 - super::robust::uniform(replica as u64, (BLOCKS * BLOCKS + part) as u64)).portable_ln()
 }
 
 /// The 95 % interval, >= 0, from the scatter of the replicas around the estimate and a floor (std).
@@ -550,7 +555,7 @@ pub(super) fn interval(estimate: f32, replicas: &[f32], floor: f32) -> [f32; 2] 
     let mut sorted = replicas.to_vec();
     sorted.sort_by(f32::total_cmp);
     let at = |q: f32| sorted[(q * (sorted.len() - 1) as f32).round() as usize];
-    let side = |deviation: f32| deviation.max(0.0).hypot(1.96 * floor);
+    let side = |deviation: f32| deviation.max(0.0).portable_hypot(1.96 * floor);
     [(estimate - side(estimate - at(0.025))).max(0.0), estimate + side(at(0.975) - estimate)]
 }
 

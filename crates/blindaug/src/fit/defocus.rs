@@ -3,6 +3,7 @@
 
 use super::robust::{Samples, places_of_contrast};
 use crate::model::ExposureFraction;
+use crate::portable::Portable;
 use crate::{Flow, Plane, Raster, filter, par, synth};
 
 /// The measured blur of one place.
@@ -79,15 +80,17 @@ pub(super) fn best_lenses(
     let ((lo, hi), [far, near], [least, greatest]) = (range, seen_foci(range), extreme_foci(range));
     // Within the range that is seen, the blur of the strongest lens differs by less than 1 px between neighbouring foci.
     let within = (0..WITHIN).map(|i| far + (near - far) * i as f32 / (WITHIN - 1) as f32);
-    let between = |from: f32, to: f32, i: usize| from * (to / from).powf(i as f32 / BEYOND as f32);
+    let between = |from: f32, to: f32, i: usize| from * (to / from).portable_powf(i as f32 / BEYOND as f32);
     let farther = (0..BEYOND).map(|i| between(least, far, i));
     let nearer = (1..=BEYOND).map(|i| between(near, greatest, i));
     let foci: Vec<f32> = farther.chain(within).chain(nearer).collect();
     let best = par::map(foci.len(), |i| {
         let focus = foci[i];
         let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
-        let lens =
-            |j: usize| Lens { slope: 0.08 * 500f32.powf(j as f32 / (BLURS - 1) as f32) / reach, focus };
+        let lens = |j: usize| Lens {
+            slope: 0.08 * 500f32.portable_powf(j as f32 / (BLURS - 1) as f32) / reach,
+            focus,
+        };
         (0..BLURS)
             .map(|j| (objective(lens(j)), lens(j)))
             .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
@@ -101,7 +104,7 @@ pub(super) fn best_lenses(
     maxima.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut lenses: Vec<(f32, Lens)> = vec![];
     for maximum in maxima {
-        let other = |l: &(f32, Lens)| (l.1.focus / maximum.1.focus).ln().abs() > 0.02;
+        let other = |l: &(f32, Lens)| (l.1.focus / maximum.1.focus).portable_ln().abs() > 0.02;
         if lenses.len() < MAXIMA && lenses.iter().all(other) {
             lenses.push(maximum);
         }

@@ -3,6 +3,7 @@
 use super::noise::LumaNoise;
 use super::tiles::{Bin, MIDDLE, MIN_CONTRAST, TILE, Tile, hidden, noise_density};
 use crate::model::SharpeningModel;
+use crate::portable::Portable;
 use std::ops::Range;
 use std::sync::OnceLock;
 use wide::f32x4;
@@ -145,7 +146,7 @@ impl<'a> Prepared<'a> {
 
     /// The prior precision of the log of the factor by which the noise may be off, in the units of the likelihood before it is tempered.
     pub(super) fn noise_precision(&self, error: &NoiseError) -> f32 {
-        let log_unseen = (error.unseen * error.unseen * self.white_over_noise).ln_1p();
+        let log_unseen = libm::log1pf(error.unseen * error.unseen * self.white_over_noise);
         (TEMPER * (error.log_power * error.log_power + log_unseen * log_unseen)).recip()
     }
 
@@ -181,9 +182,10 @@ impl<'a> Prepared<'a> {
         // A wide blur leaves no detail within `stride` steps of the curve.
         let stride = ((0.25 * width) as usize).clamp(1, 8);
         let at = |i: usize| interpolate(&table, (i * stride) as f32 * EXPOSURE_STEP / step);
-        let likelihood: Vec<f32> = (0..=(EXPOSURES - 1).div_ceil(stride)).map(|i| at(i).exp()).collect();
+        let likelihood: Vec<f32> =
+            (0..=(EXPOSURES - 1).div_ceil(stride)).map(|i| at(i).portable_exp()).collect();
         let blurred: Vec<f32> =
-            blurred(&likelihood, width / stride as f32).into_iter().map(f32::ln).collect();
+            blurred(&likelihood, width / stride as f32).into_iter().map(Portable::portable_ln).collect();
         let curve = (0..EXPOSURES).map(|i| interpolate(&blurred, i as f32 / stride as f32));
         let curve = relative(curve);
         let most = -curve.iter().copied().fold(0.0, f32::min);
@@ -212,13 +214,17 @@ impl<'a> Prepared<'a> {
             noise: lanes(bins.iter().map(|b| b.noise), 1.0),
         };
         let deviation = |k: usize| 0.8 * (k as f32 - 0.5 * (ALPHAS - 1) as f32);
+        let modulus = lanes(bins.iter().map(|b| b.modulus), 1.0);
+        let shown =
+            column(&|b| b.shutter * sharpening.map_or(1.0, |s| s.gain(b.modulus / self.tile.scale).powi(2)));
+        let pixel = std::f32::consts::TAU * PIXEL_RESPONSE / self.tile.scale;
         let scenes: [Vec<f32x4>; ALPHAS] = std::array::from_fn(|k| {
             let alpha = ALPHA.0 + ALPHA.1 * deviation(k);
-            column(&|b| {
-                let pixel = std::f32::consts::TAU * PIXEL_RESPONSE / self.tile.scale * b.modulus;
-                let sharpened = sharpening.map_or(1.0, |s| s.gain(b.modulus / self.tile.scale).powi(2));
-                b.shutter * (b.modulus / 0.2).powf(-alpha) * (-pixel * pixel).exp() * sharpened
-            })
+            let of = |(&m, &shown): (&f32x4, &f32x4)| {
+                let pixel = pixel * m;
+                shown * (-alpha * (m / 0.2).ln() - pixel * pixel).exp()
+            };
+            modulus.iter().zip(&shown).map(of).collect()
         });
         let mut starts = [None; ALPHAS];
         let mut gain = vec![f32x4::ZERO; data.power.len()];
@@ -233,7 +239,7 @@ impl<'a> Prepared<'a> {
                 ll * TEMPER - 0.5 * deviation(k) * deviation(k)
             });
             let max = terms.iter().copied().fold(f32::MIN, f32::max);
-            max + terms.iter().map(|v| (v - max).exp()).sum::<f32>().ln()
+            max + terms.iter().map(|v| (v - max).portable_exp()).sum::<f32>().portable_ln()
         }))
     }
 
@@ -361,7 +367,7 @@ impl Shutter {
             let sinc = sin / x;
             x.abs().simd_lt(1e-3).select(f32x4::ONE, sinc * sinc)
         };
-        let (sin_leak, cos_leak) = (reach * LEAK).sin_cos();
+        let (sin_leak, cos_leak) = (reach * LEAK).portable_sin_cos();
         gain.extend((0..self.along.len()).map(|i| {
             let x = self.along[i] * reach;
             let (sin, cos) = x.sin_cos();
@@ -390,12 +396,13 @@ impl Amplitude {
         let (weight, power, noise, gain) =
             (&self.weight[..n], &self.power[..n], &self.noise[..n], &gain[..n]);
         let dot = |v: &[f32x4]| v.iter().zip(weight).map(|(v, w)| v * w).sum::<f32x4>().reduce_add();
-        let [mut log_a, mut e] = start.unwrap_or_else(|| [(dot(power) / dot(gain)).max(1e-12).ln(), 0.0]);
+        let [mut log_a, mut e] =
+            start.unwrap_or_else(|| [(dot(power) / dot(gain)).max(1e-12).portable_ln(), 0.0]);
         // Fisher scoring needs few steps, since it starts near the solution except for the first value of a table.
         let steps = if start.is_some() { 2 } else { 10 };
         let mut log_likelihood = 0.0;
         for step in 1..=steps {
-            let (a, factor) = (log_a.exp(), e.exp());
+            let (a, factor) = (log_a.portable_exp(), e.portable_exp());
             let [mut score_a, mut score_e, mut ll] = [f32x4::ZERO; 3];
             let [mut own_a, mut own_e, mut mixed] = [f32x4::ZERO; 3];
             for i in 0..n {
@@ -461,7 +468,7 @@ impl RingScene {
         let amplitude = |ring: Range<usize>| {
             let sum = |f: &dyn Fn(usize) -> f32| ring.clone().map(f).sum::<f32>();
             let (power, noise) = (sum(&|i| prepared.power[i]), sum(&|i| noise[i]));
-            ((power - noise).max(0.01 * power).max(1e-12) / ring.len() as f32).ln()
+            ((power - noise).max(0.01 * power).max(1e-12) / ring.len() as f32).portable_ln()
         };
         let cos2 = tile.column(
             |i| {
@@ -497,7 +504,7 @@ impl RingScene {
             (&self.weight[..n], &self.power[..n], &self.noise[..n], &shutter[..n]);
         let (cos2, cos4) = (&self.harmonics[0][..n], &self.harmonics[1][..n]);
         let [c2, c4, e] = self.nuisances;
-        let factor = e.exp();
+        let factor = e.portable_exp();
         let mut information = [[f32x4::ZERO; 3]; 3];
         let mut score = [f32x4::ZERO; 3];
         let mut log_likelihood = f32x4::ZERO;
@@ -550,7 +557,7 @@ impl RingScene {
             let change = ((r.score - explained) / r.own).clamp(-1.5, 1.5);
             *amplitude += change;
             gain += 0.5 * r.score * change;
-            log_information += (r.own + AMPLITUDE_PRECISION).ln();
+            log_information += (r.own + AMPLITUDE_PRECISION).portable_ln();
         }
         (0..3).for_each(|k| self.nuisances[k] += step[k]);
         log_likelihood.reduce_add() - prior + gain - 0.5 * CORRELATED * log_information
@@ -590,7 +597,7 @@ pub(super) fn prepare<'a>(
 /// A curve blurred by a Gaussian of std `sigma` steps; at the ends the mean is over the part of the Gaussian inside the curve.
 pub(super) fn blurred(curve: &[f32], sigma: f32) -> Vec<f32> {
     let weight: Vec<f32> =
-        (0..1 + (3.0 * sigma) as usize).map(|i| (-0.5 * (i as f32 / sigma).powi(2)).exp()).collect();
+        (0..1 + (3.0 * sigma) as usize).map(|i| (-0.5 * (i as f32 / sigma).powi(2)).portable_exp()).collect();
     (0..curve.len())
         .map(|at| {
             let near = at.saturating_sub(weight.len() - 1)..(at + weight.len()).min(curve.len());

@@ -10,6 +10,7 @@ mod agreement;
 pub mod defocus;
 mod distant;
 mod estimator;
+mod fourier;
 mod geometry;
 mod likelihood;
 pub mod motion_blur;

@@ -9,6 +9,7 @@ use crate::analysis::brightness::{brightening, undone};
 use crate::model::{
     Estimate, Method, NOISE_LEVELS, NoiseCurves, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
 };
+use crate::portable::Portable;
 use crate::raster::cubic_weights;
 use crate::strips::{STRIP, Strip, rows_in_turn, strips_of};
 use crate::synth::noise::white_band_std;
@@ -508,8 +509,13 @@ impl NoiseEvidence {
     }
 
     /// The model that the collected variances give.
-    // Long, since the lines of all levels lean on the finest one's bins, and the curves and the coder's errors on both.
     pub fn fit(&self) -> NoiseFit {
+        self.fit_to(noise_curves::ENOUGH)
+    }
+
+    /// [`NoiseEvidence::fit`] with curves through at most `most` blocks of each level.
+    // Long, since the lines of all levels lean on the finest one's bins, and the curves and the coder's errors on both.
+    pub(super) fn fit_to(&self, most: usize) -> NoiseFit {
         if !self.is_enough() {
             let (reason, why) = match self.method {
                 Method::Temporal => {
@@ -580,7 +586,7 @@ impl NoiseEvidence {
             samples: self.len() as u64,
         };
         let prior = (self.method == Method::Spatial).then_some(&single);
-        let model = match noise_curves::fit(&self.blocks(pure), lines.clone(), pure, prior) {
+        let model = match noise_curves::fit(&self.blocks(pure), lines.clone(), pure, prior, most) {
             Some(curves) => NoiseModel::Curves(Box::new(NoiseCurves {
                 temporal_correlation: if pure { self.temporal_correlation() } else { 0.0 },
                 ..curves
@@ -698,10 +704,10 @@ impl NoiseEvidence {
             blocks.sort_by(|a, b| a.texture.total_cmp(&b.texture));
             let n = blocks.len();
             let mean = |some: &[&LocalVariance]| some.iter().map(|b| b.variance[3]).sum::<f32>().max(1e-10);
-            logs += n as f32 * (mean(&blocks[n - n / 4..]) / mean(&blocks[..n / 4])).ln();
+            logs += n as f32 * (mean(&blocks[n - n / 4..]) / mean(&blocks[..n / 4])).portable_ln();
             count += n as f32;
         }
-        if count > 0.0 { (logs / count).exp() } else { 1.0 }
+        if count > 0.0 { (logs / count).portable_exp() } else { 1.0 }
     }
 
     /// The blocks through which curves are laid: all of those that are known to hold nothing but noise, or all that were followed from
@@ -800,7 +806,10 @@ impl NoiseEvidence {
         blocks.truncate((blocks.len() * 2 / 5).max(8));
         let std = |y: f32| (model.slope * y + model.intercept).max(1e-4);
         super::robust::median(
-            blocks.iter().map(|b| 0.5 * b.variance[3].max(1e-10).ln() - std(b.y).ln()).collect(),
+            blocks
+                .iter()
+                .map(|b| 0.5 * b.variance[3].max(1e-10).portable_ln() - std(b.y).portable_ln())
+                .collect(),
         )
     }
 
@@ -1135,8 +1144,8 @@ fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
     // The finest level of a camera that denoises may hold no noise.
     let some = |b: &Bin, c: usize| b.variance[c].max(1e-12);
     let ratio: [f32; 4] = std::array::from_fn(|c| {
-        let log = |(b, f): &(&Bin, &Bin)| (some(b, c) / some(f, c)).ln();
-        (pairs.iter().map(|p| p.0.freedom * log(p)).sum::<f32>() / total).exp()
+        let log = |(b, f): &(&Bin, &Bin)| (some(b, c) / some(f, c)).portable_ln();
+        (pairs.iter().map(|p| p.0.freedom * log(p)).sum::<f32>() / total).portable_exp()
     });
     let of = |f: &Bin| Bin {
         variance: std::array::from_fn(|c| ratio[c] * some(f, c)),
@@ -1223,7 +1232,7 @@ fn clips(p: [f32; 3]) -> bool {
 /// The paper's 9x9 Gaussian window at a level.
 fn window_weights(level: usize) -> [[f32; 9]; 9] {
     let sigma = 4.0 / (1 << level) as f32;
-    let g: [f32; 9] = std::array::from_fn(|i| (-0.5 * ((i as f32 - 4.0) / sigma).powi(2)).exp());
+    let g: [f32; 9] = std::array::from_fn(|i| (-0.5 * ((i as f32 - 4.0) / sigma).powi(2)).portable_exp());
     let sum: f32 = g.iter().sum();
     std::array::from_fn(|j| std::array::from_fn(|i| g[i] * g[j] / (sum * sum)))
 }

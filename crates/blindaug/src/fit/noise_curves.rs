@@ -2,6 +2,7 @@
 //! independent noises that gives the channels their correlation.
 
 use crate::model::{CurveLevel, NOISE_KNOTS, NOISE_LEVELS, NoiseCurves, NoiseLines, place};
+use crate::portable::Portable;
 
 /// The number of points of the three curves of one channel.
 const POINTS: usize = 3 * NOISE_KNOTS;
@@ -78,14 +79,17 @@ impl Spectrum {
         Self {
             ratios: std::array::from_fn(|l| {
                 let white: f32 = white[l] / white[0];
-                white * (CAMERA[l] / white).powf(share)
+                white * (CAMERA[l] / white).portable_powf(share)
             }),
             correlations: CORRELATIONS.map(|(k, c)| (1.0 + share64 * (k - 1.0), share64 * c)),
         }
     }
 }
 
-/// The curves through the blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but
+/// The number of blocks of a level beyond which more tell hardly more, and take time.
+pub(super) const ENOUGH: usize = 6000;
+
+/// The curves through at most `most` blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but
 /// noise. `prior`: the coarse levels follow from the finest one by this spectrum where their blocks show more, so that only the finest
 /// level needs blocks.
 pub(super) fn fit(
@@ -93,6 +97,7 @@ pub(super) fn fit(
     lines: NoiseLines,
     pure: bool,
     prior: Option<&Spectrum>,
+    most: usize,
 ) -> Option<NoiseCurves> {
     let measured = if prior.is_some() { 1 } else { NOISE_LEVELS };
     if levels[..measured].iter().any(|blocks| blocks.len() < 8) {
@@ -116,8 +121,9 @@ pub(super) fn fit(
             });
             continue;
         }
+        let rows = Rows::of(blocks, most);
         for c in 0..3 {
-            let points = curves_of(blocks, c, pure);
+            let points = curves_of(&rows, c, pure);
             for (curve, points) in fitted[l].variance[c].iter_mut().zip(points.chunks_exact(NOISE_KNOTS)) {
                 curve.copy_from_slice(points);
             }
@@ -157,35 +163,74 @@ fn limited(
     })
 }
 
+/// The blocks through which curves are laid, with the coefficients of each that are not 0 and the unknowns that these belong to: the colours of
+/// a block lie near few of the curves' points.
+struct Rows<'a> {
+    blocks: Vec<&'a Block>,
+    coefficients: Vec<(usize, f64)>,
+    /// The end of each block's coefficients.
+    ends: Vec<usize>,
+}
+
+impl<'a> Rows<'a> {
+    /// At most `most` of the blocks, evenly spread over all.
+    fn of(all: &'a [Block], most: usize) -> Self {
+        let blocks: Vec<&Block> = all.iter().step_by(all.len().div_ceil(most).max(1)).collect();
+        let (mut coefficients, mut ends) = (vec![], vec![]);
+        for b in &blocks {
+            let row = b.colours.shares().chain([f64::from(b.texture)]).enumerate();
+            coefficients.extend(row.filter(|(_, v)| *v != 0.0));
+            ends.push(coefficients.len());
+        }
+        Self { blocks, coefficients, ends }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (&Block, &[(usize, f64)])> {
+        let starts = [0].into_iter().chain(self.ends.iter().copied());
+        let rows = starts.zip(&self.ends).map(|(start, &end)| &self.coefficients[start..end]);
+        self.blocks.iter().copied().zip(rows)
+    }
+}
+
 /// The points of the three curves whose sum is the variance of channel `c`: weighted non-negative least squares, with weights from the
 /// variance that the curves themselves predict.
-fn curves_of(blocks: &[Block], c: usize, pure: bool) -> [f32; POINTS] {
+fn curves_of(rows: &Rows, c: usize, pure: bool) -> [f32; POINTS] {
     /// A curve's successive points are pulled together by this share of the mean weight of a point, so that points without blocks follow
     /// their neighbours.
     const SMOOTH: f64 = 2e-3;
     /// The texture in a residual may differ from block to block by more than the noise does; a block whose variance is above the prediction
     /// by this many of its standard errors counts half.
     const OUTLIER: f64 = 4.0;
-    let mean = blocks.iter().map(|b| f64::from(b.covariance[c])).sum::<f64>() / blocks.len() as f64;
+    /// The change of a point, as a share of the mean variance, that is none.
+    const SAME: f64 = 1e-4;
+    let variance = |b: &Block| f64::from(b.covariance[c]);
+    let mean = rows.blocks.iter().map(|b| variance(b)).sum::<f64>() / rows.blocks.len() as f64;
     let mean = mean.max(1e-12);
     let mut x = [mean / 3.0; UNKNOWNS];
     x[POINTS] = 0.0;
+    let predicted =
+        |row: &[(usize, f64)], x: &[f64; UNKNOWNS]| row.iter().map(|&(i, a)| a * x[i]).sum::<f64>();
     for _ in 0..6 {
+        let before = x;
         let mut normal = [[0.0f64; UNKNOWNS]; UNKNOWNS];
         let mut right = [0.0f64; UNKNOWNS];
-        for b in some(blocks) {
-            let row = row_of(b);
-            let all = predicted_row(&row, &x);
-            let variance = f64::from(b.covariance[c]);
-            let error = all.max(0.02 * mean) * (2.0 / f64::from(b.count)).sqrt();
+        for (b, row) in rows.iter() {
+            let (variance, all) = (variance(b), predicted(row, &x));
+            let least = 0.02 * mean;
+            let error = if all > least { all } else { least } * (2.0 / f64::from(b.count)).sqrt();
             let mut weight = (mean / error).powi(2);
-            if !pure {
-                weight /= 1.0 + ((variance - all).max(0.0) / (OUTLIER * error)).powi(2);
+            if !pure && variance > all {
+                weight /= 1.0 + ((variance - all) / (OUTLIER * error)).powi(2);
             }
-            for (i, &a) in row.iter().enumerate().filter(|(_, a)| **a != 0.0) {
-                right[i] += weight * a * variance;
-                normal[i].iter_mut().zip(&row).for_each(|(n, b)| *n += weight * a * b);
+            for (k, &(i, a)) in row.iter().enumerate() {
+                let weighted = weight * a;
+                right[i] += weighted * variance;
+                row[..=k].iter().for_each(|&(j, b)| normal[i][j] += weighted * b);
             }
+        }
+        // The upper half mirrors the lower one.
+        for i in 0..UNKNOWNS {
+            (0..i).for_each(|j| normal[j][i] = normal[i][j]);
         }
         let weight = SMOOTH * (0..POINTS).map(|i| normal[i][i]).sum::<f64>() / POINTS as f64;
         for i in (0..POINTS).filter(|i| (i + 1) % NOISE_KNOTS != 0) {
@@ -194,49 +239,64 @@ fn curves_of(blocks: &[Block], c: usize, pure: bool) -> [f32; POINTS] {
             }
         }
         x = non_negative(&normal, &right, x);
+        if x.iter().zip(&before).all(|(x, before)| (x - before).abs() <= SAME * mean) {
+            break;
+        }
     }
     // The weights favour quiet blocks, but noise alone has its whole power.
     let scale = if pure {
-        some(blocks).map(|b| f64::from(b.covariance[c])).sum::<f64>()
-            / some(blocks).map(|b| predicted_row(&row_of(b), &x)).sum::<f64>().max(1e-12)
+        rows.blocks.iter().map(|b| variance(b)).sum::<f64>()
+            / rows.iter().map(|(_, row)| predicted(row, &x)).sum::<f64>().max(1e-12)
     } else {
         1.0
     };
     std::array::from_fn(|i| (scale.clamp(0.5, 2.0) * x[i]) as f32)
 }
 
-/// At most this many blocks of a level, evenly spread over all: more tell hardly more, and take time.
-fn some(blocks: &[Block]) -> impl Iterator<Item = &Block> {
-    const MOST: usize = 6000;
-    blocks.iter().step_by(blocks.len().div_ceil(MOST).max(1))
-}
-
-/// The coefficients of a block: the shares of the points, and its texture.
-fn row_of(b: &Block) -> [f64; UNKNOWNS] {
-    let mut row = [f64::from(b.texture); UNKNOWNS];
-    row.iter_mut().zip(b.colours.shares()).for_each(|(r, s)| *r = s);
-    row
-}
-
-/// The vector without negative entries that minimises x A x / 2 - b x, by coordinate descent from `x`.
+/// The vector without negative entries that minimises x A x / 2 - b x for a symmetric A (Lawson & Hanson 1974), from `x`.
 fn non_negative(
     a: &[[f64; UNKNOWNS]; UNKNOWNS],
     b: &[f64; UNKNOWNS],
     mut x: [f64; UNKNOWNS],
 ) -> [f64; UNKNOWNS] {
-    for _ in 0..200 {
-        for i in 0..UNKNOWNS {
-            if a[i][i] > 0.0 {
-                let gradient = predicted_row(&a[i], &x) - b[i];
-                x[i] = (x[i] - gradient / a[i][i]).max(0.0);
+    /// The least that an entry, as a share of the largest one, must gain to be no longer 0.
+    const NONE: f64 = 1e-9;
+    let mut free: [bool; UNKNOWNS] = std::array::from_fn(|i| x[i] > 0.0 && a[i][i] > 0.0);
+    for _ in 0..4 * UNKNOWNS {
+        let mut system = *a;
+        let mut right = *b;
+        for i in (0..UNKNOWNS).filter(|&i| !free[i]) {
+            (0..UNKNOWNS).for_each(|j| (system[i][j], system[j][i]) = (0.0, 0.0));
+            (system[i][i], right[i]) = (1.0, 0.0);
+        }
+        let Some(best) = solved(system, right) else { return x };
+        let falls = |i: &usize| free[*i] && best[*i] < 0.0;
+        if let Some(share) =
+            (0..UNKNOWNS).filter(falls).map(|i| x[i] / (x[i] - best[i])).min_by(f64::total_cmp)
+        {
+            // On the way there, some entries come to 0 first.
+            for i in 0..UNKNOWNS {
+                if free[i] && best[i] < 0.0 && x[i] / (x[i] - best[i]) <= share {
+                    (x[i], free[i]) = (0.0, false);
+                } else if free[i] {
+                    x[i] += share * (best[i] - x[i]);
+                }
             }
+            continue;
+        }
+        x = best;
+        let most = x.iter().copied().fold(0.0, f64::max);
+        let gain = |i: usize| {
+            let slope = a[i].iter().zip(&x).map(|(a, x)| a * x).sum::<f64>() - b[i];
+            -slope / a[i][i]
+        };
+        let held = (0..UNKNOWNS).filter(|&i| !free[i] && a[i][i] > 0.0).map(|i| (gain(i), i));
+        match held.max_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((gain, i)) if gain > NONE * most => free[i] = true,
+            _ => return x,
         }
     }
     x
-}
-
-fn predicted_row(a: &[f64; UNKNOWNS], x: &[f64; UNKNOWNS]) -> f64 {
-    a.iter().zip(x).map(|(a, x)| a * x).sum()
 }
 
 /// The typical std of each channel over the blocks, and the covariance of the channels where each has that std.
@@ -495,7 +555,7 @@ mod tests {
                 .map(|i| block(i, mismatch))
                 .map(|b| if told { b } else { Block { texture: 0.0, ..b } })
                 .collect();
-            let points = curves_of(&blocks, 0, !told && mismatch == 0.0);
+            let points = curves_of(&Rows::of(&blocks, ENOUGH), 0, !told && mismatch == 0.0);
             let mut level = CurveLevel::default();
             level.variance[0].as_flattened_mut().copy_from_slice(&points);
             [[0.2; 3], [0.5; 3], [0.8; 3], [0.8, 0.3, 0.2], [0.2, 0.4, 0.8]]

@@ -7,6 +7,7 @@
 use super::noise::{NoiseFit, NoisePoint};
 use super::robust::uniform;
 use crate::model::{Estimate, Method, NOISE_LEVELS, Reason, SharpeningModel};
+use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
 use crate::{Plane, filter, pyramid};
 use std::sync::OnceLock;
@@ -38,7 +39,7 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
     let mean = |v: [f32; 3]| v.iter().sum::<f32>() / 3.0;
     // The std of a level over that of white noise, and its relative variance by the scatter of the level's points around the line.
     let level = |l: usize| {
-        let off = |p: &NoisePoint| (mean(p.sigma) / mean(noise.std(l, p.y)).max(1e-6)).ln().powi(2);
+        let off = |p: &NoisePoint| (mean(p.sigma) / mean(noise.std(l, p.y)).max(1e-6)).portable_ln().powi(2);
         let of_points: Vec<f32> = fit.points.iter().filter(|p| p.level == l).map(off).collect();
         let points = of_points.len().max(1) as f32;
         (mean(noise.std(l, MIDDLE)) / white[l], of_points.iter().sum::<f32>() / (points * points))
@@ -46,7 +47,8 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
     let ((fine, fine_variance), (coarse, coarse_variance)) = (level(0), level(1));
     let ratio = fine / coarse;
     let reach = 1.96 * (fine_variance + coarse_variance + FLOOR * FLOOR).sqrt();
-    let [amount, low, high] = [ratio, ratio * (-reach).exp(), ratio * reach.exp()].map(amount_of);
+    let [amount, low, high] =
+        [ratio, ratio * (-reach).portable_exp(), ratio * reach.portable_exp()].map(amount_of);
     if low <= MIN_AMOUNT {
         let why = "none is seen: fine noise is no stronger than white noise is";
         return Estimate::unknown(Reason::NotSeen, why);

@@ -260,7 +260,7 @@ mod tests {
             let noise = LumaNoise { levels, coding_error: 0.0 };
             let tile = tiles.iter().find(|t| t.scale == scale).expect("both scales");
             let prepared = Prepared::new(tile, 0, 0, &noise, 0.0).expect("it has contrast");
-            (TEMPER * prepared.noise_precision(&EXPOSURE_NOISE_ERROR)).powf(-0.5)
+            (TEMPER * prepared.noise_precision(&EXPOSURE_NOISE_ERROR)).sqrt().recip()
         };
         for scale in [1.0, 2.0] {
             let [strong, weak] = [0.06, 0.001].map(|std| std_of_factor(std, scale));

@@ -1,16 +1,17 @@
 //! The tiles of frames: their places and their spectra.
 
+use super::fourier::{self, Complex4};
 use super::noise::LumaNoise;
 use super::noise::NoiseLine;
 use super::robust::median;
 use crate::model::{BlurSpace, NOISE_LEVELS, Space};
+use crate::portable::Portable;
 use crate::strips::{STRIP, Strip, strips};
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Error, Flow, LUMA, Plane, Raster, Result, Transfer, luma, par};
-use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftPlanner};
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
+use wide::f32x4;
 
 /// The side of a tile, px. Tiles overlap by half.
 pub const TILE: usize = 48;
@@ -117,11 +118,12 @@ pub(super) fn tiles_in_strips(
     if flow.is_some_and(|f| f.size() != (w, h)) || inverse_depth.is_some_and(|d| d.size() != (w, h)) {
         return Err(Error::new("flow and depth must have the frame's size"));
     }
-    let fft = FftPlanner::new().plan_fft_forward(TILE);
     let searched: Vec<Vec<(usize, usize)>> = levels((w, h))
         .enumerate()
         .map(|(level, size)| searched_corners(frame, size, 1 << level, space))
         .collect();
+    let of_flow = flow.map(|flow| move |x: usize, y: usize| flow.at(x, y));
+    let motion = of_flow.as_ref().map(|of| of as &MotionOf);
     let mut found: [Vec<Tile>; LEVELS] = Default::default();
     for Strip { rows, .. } in strips((w, h), most) {
         // A tile belongs to the strip in which its corner lies.
@@ -137,7 +139,7 @@ pub(super) fn tiles_in_strips(
             let tiles = par::map(corners.len(), |i| {
                 let corner @ (x, y) = corners[i];
                 let at = (x, y - (rows.start >> level));
-                tile((&light, at), flow, inverse_depth, corner, block_of(corner, size), &fft)
+                tile((&light, at), motion, inverse_depth, corner, block_of(corner, size))
             });
             found[level].extend(tiles.into_iter().flatten());
         }
@@ -231,13 +233,13 @@ pub(super) fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
 pub(super) fn of_most_contrast(
     frame: &Encoded,
     corners: impl Iterator<Item = (usize, usize)>,
-    flow: Option<&Flow>,
+    motion: Option<&MotionOf>,
     depth: Option<&Plane>,
     most: usize,
 ) -> Vec<(usize, usize)> {
     let tells = |&(x, y): &(usize, usize)| {
         let (x, y) = (x + TILE / 2, y + TILE / 2);
-        let moves = flow.map(|f| f.at(x, y)).is_some_and(|[u, v]| u.hypot(v) >= SPEEDS.start);
+        let moves = motion.map(|of| of(x, y)).is_some_and(|[u, v]| u.portable_hypot(v) >= SPEEDS.start);
         moves || depth.is_some_and(|d| d.at(x, y).is_finite())
     };
     let mut tried: Vec<_> =
@@ -250,16 +252,15 @@ pub(super) fn of_most_contrast(
 pub(super) fn tiles_at(
     frame: &Encoded,
     corners: &[(usize, usize)],
-    flow: Option<&Flow>,
+    motion: Option<&MotionOf>,
     inverse_depth: Option<&Plane>,
     space: Space,
 ) -> Vec<Tile> {
-    let fft = FftPlanner::new().plan_fft_forward(TILE);
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
         let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
         let block = block_of(corner, frame.0.size());
-        tile((&light, (0, 0)), flow, inverse_depth, corner, block, &fft)
+        tile((&light, (0, 0)), motion, inverse_depth, corner, block)
     });
     found.into_iter().flatten().collect()
 }
@@ -345,14 +346,15 @@ impl Decoder {
     fn new(transfer: Transfer) -> Self {
         static TABLES: [OnceLock<Vec<[f32; 2]>>; Transfer::ALL.len()] =
             [const { OnceLock::new() }; Transfer::ALL.len()];
-        let of_all = || (0..=STEPS).map(|i| exact(transfer, i as f32 / STEPS as f32)).collect();
+        // What is encoded as 1 has a neighbour above it, too.
+        let of_all = || (0..=STEPS + 1).map(|i| exact(transfer, i as f32 / STEPS as f32)).collect();
         Self { transfer, table: TABLES[transfer as usize].get_or_init(of_all) }
     }
 
     /// The light (0) or the slope (1) at an encoded value.
     #[inline(always)]
     fn look_up(&self, encoded: f32, of: usize) -> f32 {
-        if !(0.0..1.0).contains(&encoded) {
+        if !(0.0..=1.0).contains(&encoded) {
             return exact(self.transfer, encoded)[of];
         }
         let at = encoded * STEPS as f32;
@@ -368,28 +370,27 @@ const STEPS: usize = 1024;
 
 #[cold]
 fn exact(transfer: Transfer, encoded: f32) -> [f32; 2] {
-    let light = transfer.decode(encoded);
-    [light, transfer.slope(light)]
+    let light = transfer.decode_by(encoded, Portable::portable_powf);
+    [light, transfer.slope_by(light, Portable::portable_powf)]
 }
 
 /// The tile at a corner in px of `light`'s resolution; `at` is the same corner within `light`. `None` if its parts move differently, too
 /// fast, or unknown.
 pub(super) fn tile(
     (light, at): (&Light, (usize, usize)),
-    flow: Option<&Flow>,
+    motion: Option<&MotionOf>,
     inverse_depth: Option<&Plane>,
     corner: (usize, usize),
     block: u32,
-    fft: &Arc<dyn Fft<f32>>,
 ) -> Option<Tile> {
-    let (speed, motion, _) = match flow {
-        Some(flow) => common_motion(flow, corner, light.scale)?,
+    let (speed, motion, _) = match motion {
+        Some(of) => common_motion(of, corner, light.scale)?,
         None => (0.0, [0.0; 2], 0.0),
     };
     let inverse_depth =
         inverse_depth.and_then(|map| common_depth(map, corner, light.scale)).unwrap_or(f32::NAN);
     let noise_moments = light.noise_moments(at);
-    let (bins, rings) = spectrum(&periodogram(fft, &light.plane, at), motion, speed);
+    let (bins, rings) = spectrum(&periodogram(&light.plane, at), motion, speed);
     let (of_exposure, of_lens) = (true, true);
     let scale = light.scale as f32;
     let speed_error = 0.0;
@@ -415,16 +416,15 @@ pub(super) fn turned_tiles(
     angles: &[f32],
     space: Space,
 ) -> Vec<Vec<Tile>> {
-    let fft = FftPlanner::new().plan_fft_forward(TILE);
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
-        let (speed, motion, _) = common_motion(motion, corner, 1)?;
+        let (speed, motion, _) = common_motion(&|x, y| motion.at(x, y), corner, 1)?;
         if speed < SPEEDS.start {
             return None;
         }
         let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
-        let tile = tile((&light, (0, 0)), None, None, corner, block_of(corner, frame.0.size()), &fft)?;
-        let power = periodogram(&fft, &light.plane, (0, 0));
+        let tile = tile((&light, (0, 0)), None, None, corner, block_of(corner, frame.0.size()))?;
+        let power = periodogram(&light.plane, (0, 0));
         let turned = angles.iter().map(|angle| {
             let (bins, rings) = spectrum(&power, turned(motion, *angle), speed);
             Tile { speed, bins, rings, ..tile.clone() }
@@ -436,19 +436,23 @@ pub(super) fn turned_tiles(
 
 /// A motion turned by an angle in radians.
 pub(super) fn turned([u, v]: [f32; 2], angle: f32) -> [f32; 2] {
-    let (sin, cos) = angle.sin_cos();
+    let (sin, cos) = angle.portable_sin_cos();
     [u * cos - v * sin, u * sin + v * cos]
 }
 
 /// The values of a raster at every second pixel, each way, of the tile at a corner, if `scale` px of the raster make one px of the tile.
-pub(super) fn samples<T: Copy + Send + Sync>(
-    raster: &Raster<T>,
+pub(super) fn samples<T>(
+    of: impl Fn(usize, usize) -> T,
     (x0, y0): (usize, usize),
     scale: usize,
-) -> impl Iterator<Item = T> + '_ {
-    let row = move |y: usize| raster.row(scale * y)[scale * x0..].iter().step_by(2 * scale).take(TILE / 2);
-    (y0..y0 + TILE).step_by(2).flat_map(row).copied()
+) -> impl Iterator<Item = T> {
+    let places =
+        (y0..y0 + TILE).step_by(2).flat_map(move |y| (x0..x0 + TILE).step_by(2).map(move |x| (x, y)));
+    places.map(move |(x, y)| of(scale * x, scale * y))
 }
+
+/// The motion at a pixel of a frame, px per frame interval; NaN where it is unknown.
+pub(super) type MotionOf<'a> = dyn Fn(usize, usize) -> [f32; 2] + Sync + 'a;
 
 /// The number of a tile's pixels, every second one each way, at which flow and depth are read.
 pub const SAMPLES: usize = TILE * TILE / 4;
@@ -456,11 +460,11 @@ pub const SAMPLES: usize = TILE * TILE / 4;
 /// The speed and the motion of a tile, and the mean deviation of its parts from that motion, in px of the tile; `None` if its parts
 /// move differently or too fast, or if their motion is unknown.
 pub(super) fn common_motion(
-    flow: &Flow,
+    motion: &MotionOf,
     corner: (usize, usize),
     scale: usize,
 ) -> Option<(f32, [f32; 2], f32)> {
-    let known: Vec<[f32; 2]> = samples(flow, corner, scale)
+    let known: Vec<[f32; 2]> = samples(motion, corner, scale)
         .filter(|f| f[0].is_finite() && f[1].is_finite())
         .map(|f| f.map(|v| v / scale as f32))
         .collect();
@@ -471,7 +475,7 @@ pub(super) fn common_motion(
         return None;
     };
     let motion = [u, v];
-    let speed = motion[0].hypot(motion[1]);
+    let speed = motion[0].portable_hypot(motion[1]);
     // `hypot` would be slow here.
     let length = |x: f32, y: f32| (x * x + y * y).sqrt();
     let deviation =
@@ -481,7 +485,7 @@ pub(super) fn common_motion(
 
 /// The median inverse depth of a tile; `None` if the tile spans much depth, or its depth is unknown.
 fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32> {
-    let mut d: Vec<f32> = samples(map, corner, scale).filter(|d| d.is_finite()).collect();
+    let mut d: Vec<f32> = samples(|x, y| map.at(x, y), corner, scale).filter(|d| d.is_finite()).collect();
     if d.len() < SAMPLES / 2 {
         return None;
     }
@@ -491,41 +495,53 @@ fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32
 }
 
 /// The periodogram `|FFT(window (patch - mean))|^2 / TILE^2`, [wx][wy], for the [`COLUMNS`] of wx up to the end of [`BAND`].
-fn periodogram(fft: &Arc<dyn Fft<f32>>, light: &Plane, at: (usize, usize)) -> Vec<f32> {
-    transform(fft, light, at).iter().map(|c| c.norm_sqr() / (TILE * TILE) as f32).collect()
+fn periodogram(light: &Plane, at: (usize, usize)) -> Vec<f32> {
+    transform(light, at).iter().map(|[re, im]| (re * re + im * im) / (TILE * TILE) as f32).collect()
 }
 
-/// The spectrum `FFT(window (patch - mean))`, [wx][wy], for the same [`COLUMNS`].
-pub(super) fn transform(
-    fft: &Arc<dyn Fft<f32>>,
-    light: &Plane,
-    (x0, y0): (usize, usize),
-) -> Vec<Complex<f32>> {
+/// The spectrum `FFT(window (patch - mean))`, [wx][wy], for the same [`COLUMNS`]: real and imaginary parts.
+pub(super) fn transform(light: &Plane, (x0, y0): (usize, usize)) -> Vec<[f32; 2]> {
     let window = hann();
     let row = |y: usize| &light.row(y0 + y)[x0..x0 + TILE];
     let weights: f32 = window.iter().sum::<f32>().powi(2);
     let sum: f32 =
         (0..TILE).map(|y| window[y] * row(y).iter().zip(window).map(|(v, w)| v * w).sum::<f32>()).sum();
     let mean = sum / weights;
-    // Two rows of real values are transformed as one row of complex values.
-    let mut pairs = Vec::with_capacity(TILE * TILE / 2);
-    for y in (0..TILE).step_by(2) {
-        let (a, b) = (row(y), row(y + 1));
-        pairs.extend((0..TILE).map(|x| {
-            Complex::new((a[x] - mean) * window[x] * window[y], (b[x] - mean) * window[x] * window[y + 1])
-        }));
-    }
-    let mut scratch = vec![Complex::default(); fft.get_inplace_scratch_len()];
-    fft.process_with_scratch(&mut pairs, &mut scratch);
-    let mut columns = vec![Complex::default(); COLUMNS * TILE];
-    for (pair, row) in pairs.chunks(TILE).enumerate() {
+    // Two rows of real values are transformed as one row of complex values, and four such pairs at once.
+    let mut columns = vec![[0.0; 2]; COLUMNS * TILE];
+    for y in (0..TILE).step_by(8) {
+        let rows: [&[f32]; 8] = std::array::from_fn(|k| row(y + k));
+        let mut values: [Complex4; TILE] = std::array::from_fn(|x| {
+            let part = |odd: usize| {
+                let of = |k: usize| (rows[2 * k + odd][x] - mean) * window[x] * window[y + 2 * k + odd];
+                f32x4::from([of(0), of(1), of(2), of(3)])
+            };
+            Complex4 { re: part(0), im: part(1) }
+        });
+        fourier::transform(&mut values);
         for i in 0..COLUMNS {
-            let (z, mirrored) = (row[i], row[(TILE - i) % TILE].conj());
-            columns[i * TILE + 2 * pair] = 0.5 * (z + mirrored);
-            columns[i * TILE + 2 * pair + 1] = Complex::new(0.0, -0.5) * (z - mirrored);
+            let (z, mirrored) = (values[i], values[(TILE - i) % TILE]);
+            let even = [z.re + mirrored.re, z.im - mirrored.im].map(|v| (0.5 * v).to_array());
+            let odd = [z.im + mirrored.im, mirrored.re - z.re].map(|v| (0.5 * v).to_array());
+            for (k, out) in columns[i * TILE + y..][..8].chunks_exact_mut(2).enumerate() {
+                (out[0], out[1]) = ([even[0][k], even[1][k]], [odd[0][k], odd[1][k]]);
+            }
         }
     }
-    fft.process_with_scratch(&mut columns, &mut scratch);
+    for four in columns.chunks_mut(4 * TILE) {
+        let count = four.len() / TILE;
+        let mut values: [Complex4; TILE] = std::array::from_fn(|y| {
+            let part = |c: usize| {
+                f32x4::from(std::array::from_fn::<f32, 4, _>(|k| four[k.min(count - 1) * TILE + y][c]))
+            };
+            Complex4 { re: part(0), im: part(1) }
+        });
+        fourier::transform(&mut values);
+        for (y, Complex4 { re, im }) in values.into_iter().enumerate() {
+            let [re, im] = [re, im].map(f32x4::to_array);
+            (0..count).for_each(|k| four[k * TILE + y] = [re[k], im[k]]);
+        }
+    }
     columns
 }
 
@@ -555,7 +571,7 @@ pub fn frequencies() -> &'static [Frequency] {
             let x = i as f32 / TILE as f32;
             let y = if j < TILE / 2 { j as f32 } else { j as f32 - TILE as f32 } / TILE as f32;
             let weight = if i == 0 { 0.5 } else { 1.0 };
-            Frequency { at: i * TILE + j, x, y, modulus: x.hypot(y), weight }
+            Frequency { at: i * TILE + j, x, y, modulus: x.portable_hypot(y), weight }
         });
         all.filter(|f| BAND.contains(&f.modulus)).collect()
     })
@@ -612,7 +628,7 @@ pub(super) fn noise_density(
     let hidden = hidden(moments, scale, coding_error);
     move |modulus| {
         // Level l holds the frequencies around 0.35 / 2^l cycles per px.
-        let level = (0.35 * scale / modulus).log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
+        let level = (0.35 * scale / modulus).portable_log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
         let i = (level as usize).min(NOISE_LEVELS - 2);
         (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9) + hidden
     }
@@ -629,7 +645,7 @@ pub fn hann() -> &'static [f32; TILE] {
     static WINDOW: OnceLock<[f32; TILE]> = OnceLock::new();
     WINDOW.get_or_init(|| {
         let angle = |i: usize| std::f32::consts::TAU * (i as f32 + 1.0) / (TILE as f32 + 1.0);
-        let w: [f32; TILE] = std::array::from_fn(|i| 0.5 - 0.5 * angle(i).cos());
+        let w: [f32; TILE] = std::array::from_fn(|i| 0.5 - 0.5 * angle(i).portable_sin_cos().1);
         let rms = (w.iter().map(|v| v * v).sum::<f32>() / TILE as f32).sqrt();
         w.map(|v| v / rms)
     })

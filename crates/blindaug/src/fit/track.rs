@@ -24,12 +24,13 @@ use super::sharpening;
 use super::{agreement, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
-use crate::analysis::flow::motion_at_frame;
+use crate::analysis::flow::{motion_at_frame, motion_at_pixel};
 use crate::model::{
     CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, DistortionModel,
     Estimate, ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, Space,
     ThinLensInterval, Unknown,
 };
+use crate::portable::Portable;
 use crate::{Encoded, Error, Flow, Plane, Result, par};
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -50,6 +51,9 @@ const KEPT_EXPOSURE: f32 = 0.93;
 const KEPT_LENS: f32 = 0.98;
 /// The number of frames that the noise is estimated from: more than two of a coder's usual groups of pictures.
 const NOISE_FRAMES: usize = 48;
+/// The number of blocks of each level that the noise's curves go through: a third of what a whole clip's do, since there is a fit for each
+/// frame, and what is told is a mean over frames.
+const NOISE_BLOCKS: usize = 2000;
 /// The pairs of distant frames that the noise of compressed footage is estimated from.
 const DISTANT_PAIRS: usize = 4;
 /// The number of frames of a shot after which the noise is no longer that of the kinds of frames that a coder begins with.
@@ -69,7 +73,8 @@ const MEAN_OF: f32 = 4.0;
 const BOOTSTRAPS: usize = 24;
 /// The most tiles of a frame that are used.
 const TILES: usize = 60;
-/// Depth from parallax, and with it the lens, is looked for in one of this many frames, since parallax takes as long as all the rest.
+/// Depth from parallax, and with it the lens, is looked for in one of this many frames, since parallax takes as long as all the rest; and in
+/// half as many where it was not found the last time, since the search over all directions takes longest.
 const PARALLAX_STRIDE: usize = 3;
 /// The largest width, px, of the halved frames in which the flow is found.
 const FLOW_WIDTH: usize = 256;
@@ -106,6 +111,8 @@ pub struct Tracker {
     spare: Flow,
     /// The last inverse depth that parallax gave.
     inverse_depth: Option<Plane>,
+    /// The number of the first frame in which parallax is looked for again, from 0, and whether it gave depth the last time.
+    next_parallax: (usize, bool),
     noise: NoiseMemory,
     distant: DistantPairs,
     luma_noise: LumaNoise,
@@ -230,6 +237,7 @@ impl Tracker {
             last_flow: LastFlow::default(),
             spare: Flow::filled(0, 0, [0.0; 2]),
             inverse_depth: None,
+            next_parallax: (0, true),
             noise: NoiseMemory::default(),
             distant: DistantPairs::new(DISTANT_PAIRS, 0),
             luma_noise: Default::default(),
@@ -284,13 +292,9 @@ impl Tracker {
         (model.blur_space, model.transfer) = (self.space.blur, self.space.transfer);
         model.noise = self.follow_noise(frame, neighbour.zip(geometry.flow.as_deref()))?;
         let to_next = next.is_some() || observation.evidence.flow.is_some();
+        let flow = geometry.flow.as_deref();
         // The shutter is open around the frame's own time, not on the way to the next frame.
-        let motion = match (&geometry.flow, &self.last_flow) {
-            (Some(flow), LastFlow { flow: Some(last), to_next: true, .. }) if to_next => {
-                Some(Cow::Owned(motion_at_frame(flow, last)))
-            }
-            (flow, _) => flow.as_deref().map(Cow::Borrowed),
-        };
+        let last = self.last_flow.flow.as_ref().filter(|_| to_next && self.last_flow.to_next);
         model.sharpening = self.known.sharpening.clone().unwrap_or_else(|| {
             Estimate::unknown(
                 Reason::NotFollowed,
@@ -301,10 +305,14 @@ impl Tracker {
         match observer {
             Some(observer) => {
                 let depth = geometry.inverse_depth.as_deref();
+                let motion = match (flow, last) {
+                    (Some(flow), Some(last)) => Some(Cow::Owned(motion_at_frame(flow, last))),
+                    _ => flow.map(Cow::Borrowed),
+                };
                 // Streaks of unknown length look like a lens's blur.
                 let is_moving = |x: usize, y: usize| {
                     let [u, v] = motion.as_ref().map_or([0.0; 2], |m| m.at(x, y));
-                    u.hypot(v) >= spectral::STILL
+                    u.portable_hypot(v) >= spectral::STILL
                 };
                 let still = depth.filter(|_| self.known.exposure.is_none()).map(|d| {
                     let known = |x, y| if is_moving(x, y) { f32::NAN } else { d.at(x, y) };
@@ -323,7 +331,15 @@ impl Tracker {
                 model.defocus = self.follow_lens(&found.lens)?;
             }
             None => {
-                let mut tiles = self.tiles(frame, motion.as_deref(), geometry.inverse_depth.as_deref());
+                // Few tiles are looked at, so that the motion is found at their pixels only.
+                let of = flow.map(|flow| {
+                    move |x: usize, y: usize| match last {
+                        Some(last) => motion_at_pixel(flow, last, x, y),
+                        None => flow.at(x, y),
+                    }
+                });
+                let motion = of.as_ref().map(|of| of as &tiles::MotionOf);
+                let mut tiles = self.tiles(frame, motion, geometry.inverse_depth.as_deref());
                 let found = spectral::exposure_observations(&[&tiles], &self.luma_noise);
                 model.motion_blur = self.follow_exposure(&found);
                 if self.known.exposure.is_none() {
@@ -335,7 +351,6 @@ impl Tracker {
                 model.defocus = self.follow_lens(&found)?;
             }
         }
-        drop(motion);
         let found = matches!(geometry.flow, Some(Cow::Owned(_)));
         let flow = geometry.flow.map(Cow::into_owned);
         let before = std::mem::replace(&mut self.last_flow, LastFlow { flow, found, to_next });
@@ -358,6 +373,7 @@ impl Tracker {
             (self.noise, self.known) = (NoiseMemory::default(), Known::default());
             self.distant.forget();
             self.last_flow.flow = None;
+            self.next_parallax = (0, true);
         }
     }
 
@@ -446,7 +462,8 @@ impl Tracker {
         let mut geometry = Geometry { flow: None, inverse_depth: None };
         let wants_parallax = evidence.inverse_depth.is_none()
             && self.depth_kind != Some(DepthKind::Metric)
-            && self.frames.is_multiple_of(PARALLAX_STRIDE);
+            && self.frames >= self.next_parallax.0;
+        let stride = if self.next_parallax.1 { PARALLAX_STRIDE } else { 2 * PARALLAX_STRIDE };
         let mut parallax = None;
         if let Some(flow) = evidence.flow {
             geometry.flow = Some(Cow::Borrowed(flow));
@@ -454,7 +471,7 @@ impl Tracker {
                 parallax = Some(parallax_of(flow)?);
             }
         } else if let Some(other) = next.or(previous) {
-            let wants = WantsParallax { confirmed: SCALE_CONFIRMED, stride: PARALLAX_STRIDE };
+            let wants = WantsParallax { confirmed: SCALE_CONFIRMED, stride };
             let spare = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
             let followed = self.follower.follow(frame, other, wants_parallax.then_some(wants), spare)?;
             match followed.flow {
@@ -474,6 +491,9 @@ impl Tracker {
         if let Some((given, kind)) = evidence.inverse_depth {
             self.measure_depth_in(kind)?;
             geometry.inverse_depth = Some(Cow::Borrowed(given));
+        }
+        if wants_parallax {
+            self.next_parallax = (self.frames + stride, matches!(parallax, Some(Parallax::Known(_))));
         }
         match parallax {
             Some(Parallax::Known(depth)) => {
@@ -519,7 +539,7 @@ impl Tracker {
         let turns = (w * h).div_ceil(4 * NOISE_PART).min((h / 64).max(1));
         let (coded, turn) = (self.luma_noise.is_compressed(), self.frames / DISTANCES.start() % turns);
         self.distant.push((self.frames, frame), || coded, &mut self.follower, (turn, turns))?;
-        let mut fit = self.distant.complete(&near, near.fit());
+        let mut fit = self.distant.complete(&near, near.fit_to(NOISE_BLOCKS));
         if fit.luma.is_none() && self.known.noise.is_none() {
             let mut single = NoiseEvidence::new(Method::Spatial);
             single.add_single(frame);
@@ -552,15 +572,20 @@ impl Tracker {
 
     /// Some of the frame's tiles, different ones in successive frames: those of most contrast among the tiles that move fast enough or
     /// have a known depth.
-    fn tiles(&self, frame: &Encoded, flow: Option<&Flow>, depth: Option<&Plane>) -> Vec<tiles::Tile> {
-        if flow.is_none() && depth.is_none() {
+    fn tiles(
+        &self,
+        frame: &Encoded,
+        motion: Option<&tiles::MotionOf>,
+        depth: Option<&Plane>,
+    ) -> Vec<tiles::Tile> {
+        if motion.is_none() && depth.is_none() {
             return vec![];
         }
         let all = tiles::corners(frame.0.size());
         let turns = (all.len() / (2 * TILES)).max(1);
         let tried = all.into_iter().skip(self.frames % turns).step_by(turns);
-        let chosen = tiles::of_most_contrast(frame, tried, flow, depth, TILES);
-        tiles::tiles_at(frame, &chosen, flow, depth, self.space)
+        let chosen = tiles::of_most_contrast(frame, tried, motion, depth, TILES);
+        tiles::tiles_at(frame, &chosen, motion, depth, self.space)
     }
 
     fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
@@ -673,7 +698,10 @@ impl Tracker {
 /// Widens the 95 % interval of a value that was last estimated `age` frames ago and walks randomly by `step` (std) per frame.
 fn walked([low, high]: [f32; 2], value: f32, step: f32, age: usize) -> [f32; 2] {
     let reach = 1.96 * step * (age as f32).sqrt();
-    [(value - (value - low).max(0.0).hypot(reach)).max(0.0), value + (high - value).max(0.0).hypot(reach)]
+    [
+        (value - (value - low).max(0.0).portable_hypot(reach)).max(0.0),
+        value + (high - value).max(0.0).portable_hypot(reach),
+    ]
 }
 
 fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
@@ -685,7 +713,7 @@ fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
             interval.intercept[c] = walked(interval.intercept[c], level.intercept[c], step, age);
             let reach = 1.96 * WALK_NOISE * level.slope[c].abs() * (age as f32).sqrt();
             let [low, high] = interval.slope[c];
-            let side = |deviation: f32| deviation.max(0.0).hypot(reach);
+            let side = |deviation: f32| deviation.max(0.0).portable_hypot(reach);
             interval.slope[c] =
                 [level.slope[c] - side(level.slope[c] - low), level.slope[c] + side(high - level.slope[c])];
         }
@@ -780,7 +808,7 @@ fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
     let sharpness = (MEAN_OF / frames).min(1.0);
     let (mut sum, mut weights) = (0.0, 0.0);
     for (i, v) in curve.iter().enumerate() {
-        let weight = (sharpness * (v - max)).exp();
+        let weight = (sharpness * (v - max)).portable_exp();
         sum += weight * i as f32 * likelihood::EXPOSURE_STEP;
         weights += weight;
     }
@@ -810,7 +838,7 @@ const CELL: usize = SIGMAS + 2;
 const DEPTHS: usize = 96;
 
 fn depth_bin(inverse_depth: f32) -> usize {
-    (8.0 * (inverse_depth.max(1e-6).log2() + 8.0)).clamp(0.0, (DEPTHS - 1) as f32) as usize
+    (8.0 * (inverse_depth.max(1e-6).portable_log2() + 8.0)).clamp(0.0, (DEPTHS - 1) as f32) as usize
 }
 
 fn observations_of(evidence: &[f32]) -> Vec<LensObservation> {
@@ -897,7 +925,7 @@ impl NoiseMemory {
     fn excesses(&self, model: &NoiseLine) -> Vec<Excess> {
         /// The least std, a quarter of a step of 8 bits: what is less cannot be seen, and says nothing of a camera.
         const LEAST: f32 = 0.25 / 255.0;
-        let least = (LEAST / (0.4 * model.slope + model.intercept).max(1e-4)).ln();
+        let least = (LEAST / (0.4 * model.slope + model.intercept).max(1e-4)).portable_ln();
         let of = |(frame, part): &(NoiseEvidence, usize)| Excess {
             part: *part,
             log: frame.log_ratio(model).unwrap_or(least).max(least),

@@ -13,6 +13,7 @@ use super::noise::LumaNoise;
 use super::robust::median;
 use super::tiles::{SPEEDS, TILE, corners, turned, turned_tiles};
 use crate::model::Space;
+use crate::portable::Portable;
 use crate::{Encoded, Flow, par};
 
 /// The change of motion from one frame interval to the next, as a share of the speed, up to which motion counts as even. Own scenes and
@@ -40,8 +41,8 @@ pub(super) fn change_of(to_next: &Flow, motion: &Flow) -> Option<f32> {
     let changes: Vec<f32> = places
         .filter_map(|(x, y)| {
             let (next, mean) = (to_next.at(x, y), motion.at(x, y));
-            let half = (next[0] - mean[0]).hypot(next[1] - mean[1]);
-            let speed = mean[0].hypot(mean[1]);
+            let half = (next[0] - mean[0]).portable_hypot(next[1] - mean[1]);
+            let speed = mean[0].portable_hypot(mean[1]);
             // Where only one of both is known, it stands for the mean.
             (half > 0.0 && speed >= SPEEDS.start).then_some(2.0 * half / speed)
         })
@@ -107,7 +108,7 @@ pub(super) fn over_speeds(curve: &[f32], error: f32) -> Vec<f32> {
         return curve.to_vec();
     }
     let most = curve.iter().copied().fold(f32::MIN, f32::max);
-    let likelihood: Vec<f32> = curve.iter().map(|v| (v - most).exp()).collect();
+    let likelihood: Vec<f32> = curve.iter().map(|v| (v - most).portable_exp()).collect();
     // A closed shutter leaves no streak at any speed.
     let narrowest = 0.5 * EXPOSURE_STEP;
     let at = |i: usize| {
@@ -117,11 +118,11 @@ pub(super) fn over_speeds(curve: &[f32], error: f32) -> Vec<f32> {
         let reach = (4.0 * std / EXPOSURE_STEP) as usize + 1;
         let first = i.saturating_sub(reach);
         for (j, near) in (first..).zip(&likelihood[first..(i + reach + 1).min(EXPOSURES)]) {
-            let w = (-0.5 * ((j as f32 - i as f32) * EXPOSURE_STEP / std).powi(2)).exp();
+            let w = (-0.5 * ((j as f32 - i as f32) * EXPOSURE_STEP / std).powi(2)).portable_exp();
             sum += w * near;
             total += w;
         }
-        most + (sum / total).max(f32::MIN_POSITIVE).ln()
+        most + (sum / total).max(f32::MIN_POSITIVE).portable_ln()
     };
     (0..EXPOSURES).map(at).collect()
 }

@@ -1,6 +1,7 @@
 use super::distortion::DistortionModel;
 use super::noise_curves::NoiseCurves;
 use super::{Estimate, Method, Parameter, check, lerp, lerp_all};
+use crate::portable::Portable;
 use crate::{Result, Transfer, luma};
 use serde::{Deserialize, Serialize};
 
@@ -213,7 +214,7 @@ impl NoiseModel {
         let Some(interval) = &self.lines().interval else { return 0.0 };
         let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
         let NoiseInterval { slope, intercept } = interval[level];
-        let half = half(intercept[channel]).hypot(y * half(slope[channel]));
+        let half = half(intercept[channel]).portable_hypot(y * half(slope[channel]));
         if half.is_finite() { half } else { 0.0 }
     }
 

@@ -1,6 +1,7 @@
 use super::distortion::DistortionModel;
 use super::{Method, Parameter, check, lerp, lerp_all};
 use crate::Result;
+use crate::portable::Portable;
 use serde::{Deserialize, Serialize};
 
 /// The camera's sharpening, which adds contrast at edges after the picture was taken, as an unsharp mask of encoded values v:
@@ -28,7 +29,7 @@ impl SharpeningModel {
     /// The factor by which the mask multiplies an amplitude at this frequency, given in cycles per px.
     pub fn gain(&self, frequency: f32) -> f32 {
         let x = std::f32::consts::TAU * self.radius_px * frequency;
-        1.0 + self.amount * (1.0 - (-0.5 * x * x).exp())
+        1.0 + self.amount * (1.0 - (-0.5 * x * x).portable_exp())
     }
 }
 

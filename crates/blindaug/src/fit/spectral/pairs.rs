@@ -14,10 +14,8 @@ use super::super::tiles::{
     hidden, noise_density, transform,
 };
 use crate::model::Space;
+use crate::portable::Portable;
 use crate::{Encoded, Flow, par};
-use rustfft::num_complex::Complex;
-use rustfft::{Fft, FftPlanner};
-use std::sync::Arc;
 use wide::f32x4;
 
 /// The most pairs of tiles of two frames that are kept: those of most contrast.
@@ -75,8 +73,7 @@ pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Spa
     places.extend(self::places(frames[0], flow, motions, 2));
     places.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
     places.truncate(PAIRS_PER_FRAME);
-    let fft = FftPlanner::new().plan_fft_forward(TILE);
-    par::map(places.len(), |i| pair(&fft, frames, &places[i], space))
+    par::map(places.len(), |i| pair(frames, &places[i], space))
 }
 
 /// The places of pairs, if `scale` px of the frame make one px of a tile.
@@ -87,15 +84,15 @@ fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usiz
     corners.retain(|(x, y)| (x + y) % TILE == 0);
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
-        let (speed, motion, _) = common_motion(first, corner, scale)?;
-        let (_, way, deviation) = common_motion(flow, corner, scale)?;
+        let (speed, motion, _) = common_motion(&|x, y| first.at(x, y), corner, scale)?;
+        let (_, way, deviation) = common_motion(&|x, y| flow.at(x, y), corner, scale)?;
         let to = |at: usize, by: f32| at.checked_add_signed(by.round() as isize);
         let next @ (next_x, next_y) = (to(x, way[0])?, to(y, way[1])?);
         if deviation > MAX_DEVIATION || next_x + TILE > w || next_y + TILE > h {
             return None;
         }
-        let (next_speed, next_motion, deviation) = common_motion(second, next, scale)?;
-        let differ = (motion[0] - next_motion[0]).hypot(motion[1] - next_motion[1]);
+        let (next_speed, next_motion, deviation) = common_motion(&|x, y| second.at(x, y), next, scale)?;
+        let differ = (motion[0] - next_motion[0]).portable_hypot(motion[1] - next_motion[1]);
         if deviation > MAX_DEVIATION || speed.max(next_speed) < SPEEDS.start || differ < MIN_DIFFERENCE {
             return None;
         }
@@ -121,7 +118,7 @@ fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usiz
     found.into_iter().flatten().collect()
 }
 
-fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Space) -> Pair {
+fn pair(frames: [&Encoded; 2], place: &Place, space: Space) -> Pair {
     let scale = place.scale;
     let lights = [0, 1].map(|i| {
         let (x, y) = place.corners[i];
@@ -129,8 +126,8 @@ fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Sp
             Light::new(&Encoded(frames[i].0.crop(scale * x, scale * y, scale * TILE, scale * TILE)), space);
         if scale == 2 { light.halved() } else { light }
     });
-    let [a, b] = lights.each_ref().map(|l| transform(fft, &l.plane, (0, 0)));
-    let power = |a: &Complex<f32>| a.norm_sqr() / (TILE * TILE) as f32;
+    let [a, b] = lights.each_ref().map(|l| transform(&l.plane, (0, 0)));
+    let power = |[re, im]: &[f32; 2]| (re * re + im * im) / (TILE * TILE) as f32;
     let mean: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (power(a) + power(b))).collect();
     let smooth = |at: usize| {
         let (column, row) = (at / TILE, at % TILE);
@@ -153,8 +150,10 @@ fn pair(fft: &Arc<dyn Fft<f32>>, frames: [&Encoded; 2], place: &Place, space: Sp
         cross: frequencies()
             .iter()
             .map(|q| {
-                let turn = Complex::cis(std::f32::consts::TAU * (q.x * place.rest[0] + q.y * place.rest[1]));
-                (a[q.at] * (b[q.at] * turn).conj()).re / (TILE * TILE) as f32
+                let angle = std::f32::consts::TAU * (q.x * place.rest[0] + q.y * place.rest[1]);
+                let ((sin, cos), [re, im]) = (angle.portable_sin_cos(), b[q.at]);
+                let turned = [re * cos - im * sin, re * sin + im * cos];
+                (a[q.at][0] * turned[0] + a[q.at][1] * turned[1]) / (TILE * TILE) as f32
             })
             .collect(),
         expected: of(&smooth),
@@ -194,7 +193,7 @@ impl Pair {
     }
 
     fn longest(&self) -> f32 {
-        self.motions.map(|m| m[0].hypot(m[1])).into_iter().fold(0.0, f32::max)
+        self.motions.map(|m| m[0].portable_hypot(m[1])).into_iter().fold(0.0, f32::max)
     }
 
     /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0]; `None` if the pair is hardly more than noise.
@@ -228,7 +227,7 @@ impl Pair {
         });
         let [a, b] = self.motions;
         let direction = [a[0] + b[0], a[1] + b[1]];
-        let length = direction[0].hypot(direction[1]).max(BAND.start);
+        let length = direction[0].portable_hypot(direction[1]).max(BAND.start);
         let direction = direction.map(|v| v / length);
         let shutters = self.motions.map(|m| Gathered::new(m, direction));
         let along = lanes(frequencies().iter().map(|q| q.x * direction[0] + q.y * direction[1]), 0.0);

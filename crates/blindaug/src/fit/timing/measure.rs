@@ -207,9 +207,10 @@ impl Measurer {
     fn look_at_streaks(&self, kept: &mut Kept) {
         let (Some(flow), Some(before)) = (&kept.flow, &kept.flow_before) else { return };
         let motion = motion_at_frame(flow, before);
+        let of = |x: usize, y: usize| motion.at(x, y);
         let corners = tiles::corners(kept.image.0.size()).into_iter();
-        let chosen = tiles::of_most_contrast(&kept.image, corners, Some(&motion), None, TILES);
-        let tiles = tiles::tiles_at(&kept.image, &chosen, Some(&motion), None, Space::default());
+        let chosen = tiles::of_most_contrast(&kept.image, corners, Some(&of), None, TILES);
+        let tiles = tiles::tiles_at(&kept.image, &chosen, Some(&of), None, Space::default());
         let found = spectral::exposure_observations(&[&tiles], &self.noise);
         if found.len() < FEWEST_STREAKS {
             return;
