@@ -153,7 +153,7 @@ const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 struct Given {
     /// The area in which the object may be seen.
     area: bool,
-    /// Depths that tell where nothing is, finite colours, and targets that hold the frame already.
+    /// Inverse depths of half floats that tell where nothing is, finite colours, and targets that hold the frame already.
     promises: bool,
 }
 
@@ -193,7 +193,7 @@ fn sharpening_bytes(steps: u32) -> f64 {
 /// What the passes of a frame of one eye move and read, for a camera that does not sharpen.
 struct Work {
     /// The bytes that each of [`STEPS`] moves if each texel is read once and written once: 8 bytes for the half floats in four channels of
-    /// the layer and between the passes, 4 each for depth, velocity, the frame and the target. The noise tile stays in the cache.
+    /// the layer and between the passes, 4 each for depth (2 if it is of half floats), velocity, the frame and the target. The noise tile stays in the cache.
     bytes: [f64; STEPS.len()],
     /// The texels and the bilinear samples that each of [`STEPS`] reads.
     samples: [f64; STEPS.len()],
@@ -236,9 +236,11 @@ impl Work {
         // Where the object covers a pixel, its own depth or motion is read, and in blocks that it does not cover as a whole the bits that say
         // so, at a quarter of the size; elsewhere those bits, four of the continued values of that size, and one of the next level. Bytes
         // and samples:
-        let own_of = |block: &Block, inside: bool| match (block.covered, inside) {
-            (true, _) => (4.0, 1.0),
-            (false, true) => (0.25 + 4.0, 2.0),
+        // Inverse depth of half floats or floats; motion has two half floats.
+        let depth = if given.promises { 2.0 } else { 4.0 };
+        let own_of = |block: &Block, inside: bool, own: f64| match (block.covered, inside) {
+            (true, _) => (own, 1.0),
+            (false, true) => (0.25 + own, 2.0),
             (false, false) => (0.25 + 0.5 + 0.125, 6.0),
         };
         let mut focused = (0.0, 0.0);
@@ -254,7 +256,7 @@ impl Work {
                 for (x, y) in at() {
                     let sigma = scene.sigma(x);
                     octaves[quality.octave(Bokeh::Gaussian, sigma)] = 1.0;
-                    let (bytes, samples) = own_of(block, scene.inside(x, y));
+                    let (bytes, samples) = own_of(block, scene.inside(x, y), depth);
                     focused.0 += 8.0 + bytes;
                     focused.1 += samples;
                     if scene.outside_px(x, y) < 4.5 * sigma {
@@ -264,26 +266,29 @@ impl Work {
                 // Of each octave that is read, the block is read once; and one coarse octave is looked at for whether anything is seen.
                 focused.0 += of_block
                     * octaves.iter().enumerate().map(|(o, n)| n * 8.0 / 4f64.powi(o as i32)).sum::<f64>();
-                focused.1 += 4.0 * 25.0;
+                if !block.covered {
+                    focused.1 += 4.0 * 25.0;
+                }
             }
             if block.visible {
                 for (x, y) in at() {
                     let inside = scene.inside(x, y);
-                    let (mut bytes, mut samples) = own_of(block, inside);
+                    let (mut bytes, mut samples) = own_of(block, inside, 4.0);
                     if inside && quality != Quality::High {
-                        // The depth, too, by which fewer samples are taken along the path.
-                        bytes += 4.0;
+                        // The depth of the next level, too, by which fewer samples are taken along the path.
+                        bytes += 0.125;
                         samples += 1.0;
                     }
-                    if given.promises {
+                    let (outside, reach) =
+                        (scene.outside_px(x, y), 3.0 * scene.sigma(x) + 0.5 * scene.path(x, y));
+                    if given.promises && outside < reach {
+                        // The frame is read and the target written where something is seen.
                         composited.0 += 8.0;
                         composited.1 += 1.0;
                     }
                     composited.0 += 8.0 + bytes;
                     composited.1 +=
                         samples + f64::from(quality.motion_blur_taps(scene.path(x, y), scene.sigma(x)));
-                    let (outside, reach) =
-                        (scene.outside_px(x, y), 3.0 * scene.sigma(x) + 0.5 * scene.path(x, y));
                     if outside < -reach {
                         // Inside of its rim, the object hides the frame. Its noise is read from three textures.
                         composited.0 -= 4.0;
@@ -297,16 +302,16 @@ impl Work {
         }
         let bits = 4.0 * blocks.len() as f64;
         // Of what may be empty, the colour is looked at, or the depth if that tells where nothing is.
-        let look = if given.promises { 4.0 } else { 8.0 };
+        let look = if given.promises { depth } else { 8.0 };
         // A copy of the layer, if it cannot be taken as it is.
         let copied = if given.promises { 0.0 } else { 8.0 };
         // The bits of blocks: two or three kernels beside the first one read and write them.
         let bits_of_extension = if given.promises { 9.0 * bits } else { 7.0 * bits };
         let bytes = [
-            // Where there is something, colour, depth and motion 16; writes at half the size 2, at a quarter of it 1/2 and 1/4. The pull
+            // Where there is something, colour, depth and motion 14 or 16; writes at half the size 2, at a quarter of it 1/2 and 1/4. The pull
             // reads four pixels and writes one; the push reads one and one of four, and writes one.
             look * looked_at
-                + (16.0 - look) * object
+                + (12.0 + depth - look) * object
                 + (copied + 2.75) * occupied
                 + 40.0 * pulled
                 + 18.0 * pushed

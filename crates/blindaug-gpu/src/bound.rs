@@ -177,13 +177,19 @@ impl<'a> Binder<'a> {
         )
     }
 
-    fn defocus(&self, quality: &wgpu::Buffer, list: &wgpu::Buffer, sharp: &TextureView) -> BindGroup {
+    fn defocus(
+        &self,
+        quality: &wgpu::Buffer,
+        list: &wgpu::Buffer,
+        depth: &TextureView,
+        sharp: &TextureView,
+    ) -> BindGroup {
         let mut resources = vec![
             self.camera(),
             quality.as_entire_binding(),
             self.bilinear(),
             self.of.gaussians.as_entire_binding(),
-            view(&self.views.depth),
+            view(depth),
             view(&self.views.focused),
         ];
         resources.push(view(sharp));
@@ -209,7 +215,6 @@ impl<'a> Binder<'a> {
             self.blocks(),
             view(&self.views.velocity),
             self.views.tiles.as_entire_binding(),
-            view(&self.views.depth),
         ];
         bind(&self.views.device, &self.of.composite_layout, &resources)
     }
@@ -259,8 +264,8 @@ impl Bound {
             covered: pyramids.covered.clone(),
             coarser: pyramids.filled[0].clone(),
             velocity: input(inputs.velocity.map(|v| v.texture)),
-            depth: input(inputs.depth.map(|d| d.texture)),
         };
+        let depth = input(inputs.depth.map(|d| d.texture));
         let binder = Binder::new(of, &views, &pyramids);
         let last = pyramids.last();
         // A layer whose format cannot be filtered is never read but by its texels.
@@ -268,7 +273,7 @@ impl Bound {
         let prepare = [
             binder.camera(),
             view(&views.color),
-            view(&views.depth),
+            view(&depth),
             view(&views.velocity),
             binder.numbers(),
             view(&views.sharp),
@@ -301,7 +306,7 @@ impl Bound {
             top: binder.doubled(&of.top, last),
             push: (CONTINUED + 1..last).map(|level| binder.doubled(&of.push, level)).collect(),
             halve: binder.halved(&of.halve, 1, &pyramids.octaves[1..]),
-            defocus: sharp.map(|s| binder.defocus(&quality, &list, s)),
+            defocus: sharp.map(|s| binder.defocus(&quality, &list, &depth, s)),
             composite: sharp.map(|s| binder.composite(s)),
             list,
             dispatch,

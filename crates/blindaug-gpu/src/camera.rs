@@ -78,6 +78,12 @@ wgsl_struct! {
         pub(crate) nothing: f32,
         /// 1 if the passes read the layer itself, 0 if they read a copy of it in the space in which blur acts.
         pub(crate) direct: u32,
+        /// 1 if the targets hold the frame already.
+        pub(crate) over_targets: u32,
+        /// Nothing, for the struct's size in WGSL.
+        padding: u32,
+        /// The same.
+        padding_after: [u32; 2],
     }
 }
 

@@ -148,7 +148,7 @@ impl Compositor {
         encoder.clear_buffer(&bound.draws, 0, None);
         self.encode_blur(encoder, bound, &plan, frame);
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
-        let tiled = frame.frame_in_targets && sharpened.is_none();
+        let tiled = frame.frame_in_targets && plan.sharpening.is_none();
         let (pipeline, group) = match sharpened {
             Some(group) => (&self.sharpener.sharpened, group),
             None if tiled => (&self.passes.composite_tiles, &bound.composite[usize::from(plan.direct)]),
@@ -206,6 +206,7 @@ impl Compositor {
         camera.frame = [w, h];
         let direct = bound.finite && bound.slabs == 1 && camera.encoded_space == 0;
         camera.direct = u32::from(direct);
+        camera.over_targets = u32::from(frame.frame_in_targets && sharpening.is_none());
         camera.knows_nothing = u32::from(bound.nothing.is_some());
         camera.nothing = bound.nothing.unwrap_or_default();
         camera.refresh = u32::from(bound.passes_changed(defocuses, defocuses || moves, direct));

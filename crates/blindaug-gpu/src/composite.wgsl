@@ -13,7 +13,6 @@
 @group(0) @binding(9) var<storage, read> numbers: array<u32>;
 @group(0) @binding(10) var<storage, read> blocks: array<u32>;
 @group(0) @binding(11) var velocity: texture_2d_array<f32>;
-@group(0) @binding(13) var depth: texture_2d_array<f32>;
 
 struct Vertex {
     @builtin(position) position: vec4<f32>,
@@ -193,10 +192,11 @@ fn path_at(at: vec2<u32>, part: u32, bits: u32, defocused: bool) -> Path {
     let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
     var known: vec3<f32>;
     if (bits & COVERED) != 0u || is_covered(covered, at, part, most) {
-        let eye = part / camera.slabs;
-        known = vec3(0.0, camera.path_scale * textureLoad(velocity, at, eye, 0).xy);
+        known = vec3(0.0, camera.path_scale * textureLoad(velocity, at, part / camera.slabs, 0).xy);
         if may_step {
-            known.x = camera.depth_map.x * textureLoad(depth, at, eye, 0).x + camera.depth_map.y;
+            // The depth around the pixel is enough to choose a step by.
+            let above = coordinates(vec2<f32>(at) * exp2(-f32(CONTINUED + 1u)), size_at(camera, CONTINUED + 1u), textureDimensions(continued_1));
+            known.x = textureSampleLevel(continued_1, bilinear, above, part, 0.0).x;
         }
     } else {
         known = continued(camera, continued_0, continued_1, bilinear, at, part, most);
@@ -258,6 +258,9 @@ fn composite(in: Vertex) -> @location(0) vec4<f32> {
     // Left of and above the origin, the difference wraps around to large numbers.
     if all(pixel - camera.origin < camera.size) {
         layer = layer_at(pixel, in.eye);
+    }
+    if layer.a <= 0.0 && camera.over_targets != 0u {
+        discard;
     }
     // The frame is not read where nothing of it is seen.
     var filmed = vec3(0.0);

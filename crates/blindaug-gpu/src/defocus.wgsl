@@ -253,10 +253,15 @@ fn defocus(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
     // The tile stays empty if nothing is seen within the reach of its kernels. On an octave whose pixels are as large as that
-    // reach, 5 x 5 pixels tell.
+    // reach, 5 x 5 pixels tell; of what covers the tile there is nothing to look for but nearer parts.
+    let hidden_by_none = part + 1u == end_of_eye(camera, part);
+    let sees_itself = (listed & LISTED_AS_COVERED) != 0u && hidden_by_none;
+    if thread == 0u && sees_itself {
+        atomicStore(&seen, 1u);
+    }
     let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_sigma)) + 8.0;
     let coarse = u32(ceil(log2(reach)));
-    if thread < 25u && coarse <= COARSEST && blurs {
+    if thread < 25u && coarse <= COARSEST && blurs && !sees_itself {
         let middle = (vec2<f32>(first) + 4.0) / exp2(f32(coarse));
         let at = floor(middle) + vec2(f32(thread % 5u), f32(thread / 5u)) - 2.0;
         if tap(coarse, at, id.z).w > 0.0 {

@@ -6,7 +6,7 @@ use wgpu::Texture;
 /// perspective projection: with reversed infinite depth, `scale` is 1 / near and `offset` 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Depth<'a> {
-    /// The values: any format of one float channel that can be loaded, NaN where depth is unknown.
+    /// The values: any format of one float channel that can be loaded, NaN where depth is unknown. Half floats are enough for inverse depth.
     pub texture: &'a Texture,
     /// The inverse depth of a unit of the values, 1/m.
     pub scale: f32,

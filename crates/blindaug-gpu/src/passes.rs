@@ -67,7 +67,7 @@ impl Passes {
             ShaderStages::VERTEX_FRAGMENT,
             &[
                 Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, Texels, Buffer, Buffer,
-                Texels, Buffer, Texels,
+                Texels, Buffer,
             ],
         );
         Self {
@@ -147,8 +147,6 @@ pub(crate) struct Views {
     pub(crate) coarser: TextureView,
     /// The object's motion.
     pub(crate) velocity: TextureView,
-    /// The object's depth.
-    pub(crate) depth: TextureView,
 }
 
 /// A pipeline of a vertex and a fragment shader of composite.wgsl.

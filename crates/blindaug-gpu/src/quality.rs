@@ -27,8 +27,8 @@ pub(crate) const OCTAVES: usize = 8;
 pub(crate) const CONTINUED: usize = 2;
 
 /// The distance from one sample along a path to the next in defocus stds, if it is more than 1 px: what is blurred by a Gaussian has less than
-/// 0.0002 of its contrast left in what such samples miss.
-pub(crate) const STEP_OF_STD: f32 = 1.5;
+/// 0.008 of its contrast left in what such samples miss.
+pub(crate) const STEP_OF_STD: f32 = 2.0;
 
 /// The number of variances in the table of discrete Gaussians; they rise evenly from 0 to [`GAUSSIAN_MOST`].
 pub(crate) const GAUSSIANS: usize = 64;
@@ -62,8 +62,8 @@ impl Quality {
     pub(crate) fn most_step_px(self) -> f32 {
         match self {
             Self::High => 1.0,
-            Self::Medium => 3.0,
-            Self::Low => 4.0,
+            Self::Medium => 4.0,
+            Self::Low => 6.0,
         }
     }
 

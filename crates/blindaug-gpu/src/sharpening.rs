@@ -98,7 +98,7 @@ impl Sharpener {
                 8,
                 &[
                     Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, between, Buffer,
-                    Buffer, Texels, Texture, Texels,
+                    Buffer, Texels, Texture,
                 ],
             ),
             sharpened: pipeline(device, &layout, target, ["whole", "sharpened"]),
@@ -199,7 +199,6 @@ impl Sharpening {
                 views.blocks.as_entire_binding(),
                 view(&views.velocity),
                 view(&turns[0]),
-                view(&views.depth),
             ]
         };
         let sharpened = [

@@ -1103,7 +1103,9 @@ fn what_the_caller_promises_changes_nothing_in_the_picture() {
         layer.inverse_depth =
             layer.inverse_depth.as_ref().map(|d| d.map(|d| if d.is_nan() { -1.0 } else { d }));
     }
-    let told = Eyes::new(&[&plate, &plate], &[&left, &right]);
+    let mut told = Eyes::new(&[&plate, &plate], &[&left, &right]);
+    let halves = [&left, &right].map(|l| l.inverse_depth.as_ref().unwrap());
+    told.depth = Some(GPU.upload(&halves, TextureFormat::R16Float).unwrap());
     let depth = |nothing| Some(Depth { nothing: Some(nothing), ..told.inputs().depth.unwrap() });
     let promised = Inputs { apart: false, finite: true, depth: depth(-1.0), ..told.inputs() };
     let options = CompositeOptions::default();
