@@ -79,25 +79,25 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
     let mut counted = Vec::new();
     for share in SHARES {
         let scene = Scene::new(gpu, [w, h, 1], share)?;
-        // Without help, and with the rectangle around all that may be seen as the area.
-        for helped in [false, true] {
-            let area = helped.then(|| scene.around());
+        // With the rectangle around all that may be seen as the area or without, and with the caller's promises or without.
+        for given in GIVEN {
+            let area = given.area.then(|| scene.around());
             let blocks = scene.blocks(gpu, compositor, area)?;
-            counted.push((share, helped, qualities.map(|q| Work::new(&scene, &blocks, area, q))));
+            counted.push((share, given, qualities.map(|q| Work::new(&scene, &blocks, (given, area), q))));
         }
     }
     println!("\nBytes per pixel, without sharpening, at {w} x {h}; the object's with the rim of its blur\n");
-    println!("| quality | object | area given | {} | whole view | pixel of the object |", STEPS.join(" | "));
+    println!("| quality | object | given | {} | whole view | pixel of the object |", STEPS.join(" | "));
     println!("|---|---|---|{}|---|---|", ["---"; STEPS.len()].join("|"));
-    let (pixels, helped) = ((w * h) as f64, |h| if h { "yes" } else { "no" });
-    for (share, help, works) in &counted {
+    let pixels = (w * h) as f64;
+    for (share, given, works) in &counted {
         for (quality, work) in qualities.iter().zip(works) {
             let steps: Vec<_> = work.bytes.iter().map(|b| format!("{:.1}", b / pixels)).collect();
             let whole = work.bytes.iter().sum::<f64>();
             println!(
                 "| {quality:?} | {:.0} % | {} | {} | {:.1} | {:.0} |",
                 100.0 * share,
-                helped(*help),
+                given.words(),
                 steps.join(" | "),
                 whole / pixels,
                 (whole - work.elsewhere) / work.object
@@ -111,22 +111,25 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
         rate * 1e-9
     );
     println!(
-        "| quality | object | area given | ms of bytes | ms of samples | ms | of a frame at 45 Hz | 72 Hz | 90 Hz |"
+        "| quality | object | given | ms of bytes | of samples | of each step, the longer | ms | of a frame at 45 Hz | 72 Hz | 90 Hz |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
-    for (share, help, works) in &counted {
+    println!("|---|---|---|---|---|---|---|---|---|---|");
+    for (share, given, works) in &counted {
         for (quality, work) in qualities.iter().zip(works) {
             // There are two eyes, and a step takes as long as its bytes or its samples, whichever is longer.
             let times = |n: &[f64], rate: f64| -> Vec<f64> { n.iter().map(|n| 2e3 * n / rate).collect() };
             let (bytes, samples) = (times(&work.bytes, bandwidth), times(&work.samples, rate));
-            let ms = bytes.iter().zip(&samples).map(|(a, b)| a.max(*b)).sum::<f64>();
+            let longer: Vec<f64> = bytes.iter().zip(&samples).map(|(a, b)| a.max(*b)).collect();
+            let steps: Vec<_> = longer.iter().map(|ms| format!("{ms:.2}")).collect();
+            let ms = longer.iter().sum::<f64>();
             let of = |hz: f64| format!("{:.0} %", 0.1 * ms * hz);
             println!(
-                "| {quality:?} | {:.0} % | {} | {:.1} | {:.1} | {ms:.1} | {} | {} | {} |",
+                "| {quality:?} | {:.0} % | {} | {:.1} | {:.1} | {} | {ms:.1} | {} | {} | {} |",
                 100.0 * share,
-                helped(*help),
+                given.words(),
                 bytes.iter().sum::<f64>(),
                 samples.iter().sum::<f64>(),
+                steps.join(" + "),
                 of(45.0),
                 of(72.0),
                 of(90.0)
@@ -145,6 +148,34 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
 /// half floats per second.
 const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 
+/// What the caller gives beside the textures.
+#[derive(Clone, Copy)]
+struct Given {
+    /// The area in which the object may be seen.
+    area: bool,
+    /// Inverse depths of half floats that tell where nothing is, finite colours, and targets that hold the frame already.
+    promises: bool,
+}
+
+/// What is given in the counts.
+const GIVEN: [Given; 4] = [
+    Given { area: false, promises: false },
+    Given { area: true, promises: false },
+    Given { area: false, promises: true },
+    Given { area: true, promises: true },
+];
+
+impl Given {
+    fn words(self) -> &'static str {
+        match (self.area, self.promises) {
+            (false, false) => "nothing",
+            (true, false) => "area",
+            (false, true) => "promises",
+            (true, true) => "both",
+        }
+    }
+}
+
 /// The side of a block, px.
 const BLOCK: usize = 16;
 
@@ -162,18 +193,18 @@ fn sharpening_bytes(steps: u32) -> f64 {
 /// What the passes of a frame of one eye move and read, for a camera that does not sharpen.
 struct Work {
     /// The bytes that each of [`STEPS`] moves if each texel is read once and written once: 8 bytes for the half floats in four channels of
-    /// the layer and between the passes, 4 each for depth, velocity, the frame and the target. The noise tile stays in the cache.
+    /// the layer and between the passes, 4 each for depth (2 if it is of half floats), velocity, the frame and the target. The noise tile stays in the cache.
     bytes: [f64; STEPS.len()],
     /// The texels and the bilinear samples that each of [`STEPS`] reads.
     samples: [f64; STEPS.len()],
-    /// The bytes of the pixels without the object: those of the copy, and of the layer where it has to be looked at.
+    /// The bytes of the pixels without the object: those of the copy, of the layer where it has to be looked at, and of all blocks' bits.
     elsewhere: f64,
     /// The number of pixels of the object.
     object: f64,
 }
 
 impl Work {
-    fn new(scene: &Scene, blocks: &[Block], area: Option<Area>, quality: Quality) -> Self {
+    fn new(scene: &Scene, blocks: &[Block], (given, area): (Given, Option<Area>), quality: Quality) -> Self {
         let [w, h, _] = scene.size;
         let (columns, rows) = (w.div_ceil(BLOCK), h.div_ceil(BLOCK));
         let pixels = (w * h) as f64;
@@ -202,11 +233,19 @@ impl Work {
         let levels = w.max(h).next_power_of_two().ilog2() as usize;
         let (pulled, octaves) = (halvings(3..=levels), halvings(2..=7));
         let pushed = (3..levels).map(|l| live(l, &|b| b.visible)).sum::<f64>();
-        // Where the object covers a pixel, the bits that say so, at a quarter of the size, and its own depth or motion are read; elsewhere
-        // the bits, four of the continued values of that size, and one of the next level. Bytes and samples:
-        let own = [(0.25 + 0.5 + 0.125, 6.0), (0.25 + 4.0, 2.0)];
+        // Where the object covers a pixel, its own depth or motion is read, and in blocks that it does not cover as a whole the bits that say
+        // so, at a quarter of the size; elsewhere those bits, four of the continued values of that size, and one of the next level. Bytes
+        // and samples:
+        // Inverse depth of half floats or floats; motion has two half floats.
+        let depth = if given.promises { 2.0 } else { 4.0 };
+        let own_of = |block: &Block, inside: bool, own: f64| match (block.covered, inside) {
+            (true, _) => (own, 1.0),
+            (false, true) => (0.25 + own, 2.0),
+            (false, false) => (0.25 + 0.5 + 0.125, 6.0),
+        };
         let mut focused = (0.0, 0.0);
-        let mut composited = (8.0 * pixels, pixels);
+        // The frame is copied.
+        let mut composited = if given.promises { (0.0, 0.0) } else { (8.0 * pixels, pixels) };
         for (i, block) in blocks.iter().enumerate() {
             let (x0, y0) = (BLOCK * (i % columns), BLOCK * (i / columns));
             let at = || {
@@ -217,7 +256,7 @@ impl Work {
                 for (x, y) in at() {
                     let sigma = scene.sigma(x);
                     octaves[quality.octave(Bokeh::Gaussian, sigma)] = 1.0;
-                    let (bytes, samples) = own[usize::from(scene.inside(x, y))];
+                    let (bytes, samples) = own_of(block, scene.inside(x, y), depth);
                     focused.0 += 8.0 + bytes;
                     focused.1 += samples;
                     if scene.outside_px(x, y) < 4.5 * sigma {
@@ -227,32 +266,56 @@ impl Work {
                 // Of each octave that is read, the block is read once; and one coarse octave is looked at for whether anything is seen.
                 focused.0 += of_block
                     * octaves.iter().enumerate().map(|(o, n)| n * 8.0 / 4f64.powi(o as i32)).sum::<f64>();
-                focused.1 += 4.0 * 25.0;
+                if !block.covered {
+                    focused.1 += 4.0 * 25.0;
+                }
             }
             if block.visible {
                 for (x, y) in at() {
-                    let (bytes, samples) = own[usize::from(scene.inside(x, y))];
-                    composited.0 += 8.0 + bytes;
-                    composited.1 += samples + f64::from(quality.motion_blur_taps(scene.path(x, y)));
+                    let inside = scene.inside(x, y);
+                    let (mut bytes, mut samples) = own_of(block, inside, 4.0);
+                    if inside && quality != Quality::High {
+                        // The depth of the next level, too, by which fewer samples are taken along the path.
+                        bytes += 0.125;
+                        samples += 1.0;
+                    }
                     let (outside, reach) =
                         (scene.outside_px(x, y), 3.0 * scene.sigma(x) + 0.5 * scene.path(x, y));
+                    if given.promises && outside < reach {
+                        // The frame is read and the target written where something is seen.
+                        composited.0 += 8.0;
+                        composited.1 += 1.0;
+                    }
+                    composited.0 += 8.0 + bytes;
+                    composited.1 +=
+                        samples + f64::from(quality.motion_blur_taps(scene.path(x, y), scene.sigma(x)));
                     if outside < -reach {
                         // Inside of its rim, the object hides the frame. Its noise is read from three textures.
                         composited.0 -= 4.0;
                         composited.1 += 3.0 - 1.0;
                     } else if outside < reach {
                         // On the rim, the frame is smoothed too.
-                        composited.1 += 3.0 + 25.0;
+                        composited.1 += 3.0 + 9.0;
                     }
                 }
             }
         }
         let bits = 4.0 * blocks.len() as f64;
+        // Of what may be empty, the colour is looked at, or the depth if that tells where nothing is.
+        let look = if given.promises { depth } else { 8.0 };
+        // A copy of the layer, if it cannot be taken as it is.
+        let copied = if given.promises { 0.0 } else { 8.0 };
+        // The bits of blocks: two or three kernels beside the first one read and write them.
+        let bits_of_extension = if given.promises { 9.0 * bits } else { 7.0 * bits };
         let bytes = [
-            // The colour 8; where there is something, depth and motion 8; writes 8, at half the size 2, at a quarter of it 1/2 and 1/4. The
-            // pull reads four pixels and writes one; the push reads one and one of four, and writes one. The bits of blocks: two
-            // kernels beside this one, each reads and writes them.
-            8.0 * looked_at + 8.0 * object + 10.75 * occupied + 40.0 * pulled + 18.0 * pushed + 7.0 * bits,
+            // Where there is something, colour, depth and motion 14 or 16; writes at half the size 2, at a quarter of it 1/2 and 1/4. The pull
+            // reads four pixels and writes one; the push reads one and one of four, and writes one.
+            look * looked_at
+                + (12.0 + depth - look) * object
+                + (copied + 2.75) * occupied
+                + 40.0 * pulled
+                + 18.0 * pushed
+                + bits_of_extension,
             40.0 * octaves,
             focused.0,
             0.0,
@@ -266,7 +329,13 @@ impl Work {
             0.0,
             composited.1,
         ];
-        Self { bytes, samples, elsewhere: 8.0 * (pixels - object) + 8.0 * (looked_at - object), object }
+        let copies = if given.promises { 0.0 } else { 8.0 * (pixels - object) };
+        Self {
+            bytes,
+            samples,
+            elsewhere: copies + look * (looked_at - object) + bits_of_extension + bits,
+            object,
+        }
     }
 }
 
@@ -423,7 +492,7 @@ impl Scene {
             format!("{mean:.0}, {}", taps.iter().max().copied().unwrap_or(0))
         };
         let defocus = words(&|x, _| quality.defocus_taps(bokeh, self.sigma(x)));
-        let motion = words(&|x, y| quality.motion_blur_taps(self.path(x, y)));
+        let motion = words(&|x, y| quality.motion_blur_taps(self.path(x, y), self.sigma(x)));
         format!("{defocus}; {motion}")
     }
 
@@ -431,8 +500,9 @@ impl Scene {
         Inputs {
             frame: &self.frame,
             color: &self.color,
-            depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0 }),
+            depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0, nothing: None }),
             velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
+            finite: false,
             apart: false,
         }
     }
@@ -463,6 +533,7 @@ impl Scene {
                 number,
                 area,
                 targets: &views,
+                frame_in_targets: false,
                 timer: None,
             };
             compositor.encode(&gpu.queue, &mut encoder, &bound, &frame)?;
@@ -498,6 +569,7 @@ impl Scene {
                 number,
                 area: None,
                 targets: &views,
+                frame_in_targets: false,
                 timer: timer.as_ref(),
             };
             compositor.encode(&gpu.queue, &mut encoder, &bound, &frame)?;

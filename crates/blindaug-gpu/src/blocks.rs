@@ -15,6 +15,9 @@ pub(crate) const VISIBLE: usize = 4;
 /// The bit of a block in which the texture of the focused layer may hold something.
 pub(crate) const FOCUSED: usize = 8;
 
+/// The bit of a block all of whose pixels are covered by the layer, so that each has its own depth and motion.
+pub(crate) const COVERED: usize = 16;
+
 /// What the compositor found in a block of 16 x 16 px of a frame. It says which passes had work there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Block {
@@ -24,12 +27,14 @@ pub struct Block {
     pub visible: bool,
     /// The lens may blur what is seen in the block.
     pub focused: bool,
+    /// Every pixel of the block has depth and motion of its own.
+    pub covered: bool,
 }
 
 impl Block {
     /// The block with these bits.
     pub(crate) fn of_bits(bits: u32) -> Self {
         let has = |bit: usize| bits & bit as u32 != 0;
-        Self { occupied: has(OCCUPIED), visible: has(VISIBLE), focused: has(FOCUSED) }
+        Self { occupied: has(OCCUPIED), visible: has(VISIBLE), focused: has(FOCUSED), covered: has(COVERED) }
     }
 }

@@ -5,10 +5,15 @@
 @group(0) @binding(2) var<storage, read_write> blocks: array<u32>;
 // For each block of each part, whether the part occupies a block within reach in the same row.
 @group(0) @binding(3) var<storage, read_write> near: array<u32>;
-// The number of listed blocks, and then the blocks: the index of each, and LISTED_TO_BLUR if something may be seen there.
+// The number of listed blocks, and then the blocks: the index of each, LISTED_TO_BLUR if something may be seen there, and LISTED_AS_COVERED.
 @group(0) @binding(4) var<storage, read_write> list: array<atomic<u32>>;
 // The workgroups of the pass `defocus` along each axis.
 @group(0) @binding(5) var<storage, read_write> dispatch: array<atomic<u32>>;
+// For each eye, the numbers of an indirect draw of the tiles in which any part may be seen: vertices, tiles, the first vertex and the first
+// tile. An eye's first vertex tells the vertex shader which eye it is.
+@group(0) @binding(6) var<storage, read_write> draws: array<atomic<u32>>;
+// For each eye, the blocks that are drawn, as many as the frame has at most.
+@group(0) @binding(7) var<storage, read_write> tiles: array<u32>;
 
 // Whether defocus changes a part: the lens blurs it, or it is continued under nearer parts.
 fn is_defocused(part: u32) -> bool {
@@ -60,18 +65,39 @@ fn list_blocks(@builtin(global_invocation_id) id: vec3<u32>) {
     let before = blocks[index];
     let seen = found != 0u;
     let blurs = seen && is_defocused(id.z);
-    var bits = (before & (OCCUPIED | OCCUPIED_BEFORE)) | select(0u, VISIBLE, seen);
+    var bits = (before & (OCCUPIED | OCCUPIED_BEFORE | COVERED)) | select(0u, VISIBLE, seen);
     if camera.defocuses == 0u {
         bits |= before & FOCUSED;
     } else if blurs || (before & FOCUSED) != 0u {
         // Where nothing is seen any more, the pass writes zeros.
         bits |= select(0u, FOCUSED, blurs);
         let place = atomicAdd(&list[0], 1u);
-        atomicStore(&list[place + 1u], index | select(0u, LISTED_TO_BLUR, blurs));
+        atomicStore(&list[place + 1u], index | select(0u, LISTED_TO_BLUR, blurs) | select(0u, LISTED_AS_COVERED, (before & COVERED) != 0u));
         atomicMax(&dispatch[0], min(place + 1u, LIST_ROW));
         atomicMax(&dispatch[1], place / LIST_ROW + 1u);
         // Each block has four workgroups.
         atomicMax(&dispatch[2], 4u);
     }
     blocks[index] = bits;
+}
+
+// Lists the blocks of each eye in which any of its parts may be seen.
+@compute @workgroup_size(8, 8)
+fn list_tiles(@builtin(global_invocation_id) id: vec3<u32>) {
+    let all = blocks_of(camera);
+    if any(id.xy >= all) {
+        return;
+    }
+    if id.x + id.y == 0u {
+        atomicStore(&draws[4u * id.z], TILE_VERTICES);
+        atomicStore(&draws[4u * id.z + 2u], TILE_VERTICES * id.z);
+    }
+    var bits = 0u;
+    for (var slab = 0u; slab < camera.slabs; slab++) {
+        bits |= blocks[block_index(camera, id.xy, id.z * camera.slabs + slab)];
+    }
+    if (bits & VISIBLE) != 0u {
+        let place = atomicAdd(&draws[4u * id.z + 1u], 1u);
+        tiles[id.z * all.x * all.y + place] = id.y * all.x + id.x;
+    }
 }

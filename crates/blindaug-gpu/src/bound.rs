@@ -22,6 +22,10 @@ pub struct Bound {
     /// The number of slabs of depth that are blurred apart from each other, 1 or 3.
     pub(crate) slabs: u32,
     pub(crate) has_depth: bool,
+    /// Whether the layer's colours can be taken as they are.
+    pub(crate) finite: bool,
+    /// The depth texture's value where nothing is, if it has one.
+    pub(crate) nothing: Option<f32>,
     /// Scale and offset of [`crate::Depth`], 1/m.
     pub(crate) depth_map: [f32; 2],
     /// The scale of [`crate::Velocity`], px.
@@ -29,7 +33,7 @@ pub struct Bound {
     /// The [`DefocusQuality`] of the current frame.
     pub(crate) quality: wgpu::Buffer,
     pub(crate) prepare: BindGroup,
-    /// The bindings of the two kernels that find the blocks in which something is seen.
+    /// The bindings of the three kernels that find the blocks in which something is seen.
     pub(crate) list_blocks: BindGroup,
     pub(crate) pull_continued: BindGroup,
     /// The bindings of `pull`, by the level that is read, from `CONTINUED + 1` on.
@@ -39,12 +43,15 @@ pub struct Bound {
     pub(crate) push: Vec<BindGroup>,
     /// The bindings of `halve`, by the level that is read, from the first one on.
     pub(crate) halve: Vec<BindGroup>,
-    pub(crate) defocus: BindGroup,
-    pub(crate) composite: BindGroup,
+    /// The bindings of the last two passes that read a copy of the layer, and those that read the layer itself.
+    pub(crate) defocus: [BindGroup; 2],
+    pub(crate) composite: [BindGroup; 2],
     /// The number of blocks whose focused layer is to be computed, and the blocks.
     pub(crate) list: wgpu::Buffer,
     /// The workgroups that this takes.
     pub(crate) dispatch: wgpu::Buffer,
+    /// For each eye, the numbers of the draw of the tiles in which something may be seen.
+    pub(crate) draws: wgpu::Buffer,
     /// A number for the passes of the frame before.
     passes: AtomicU32,
     /// The passes of the sharpening; empty until the first frame of a camera that sharpens.
@@ -170,7 +177,13 @@ impl<'a> Binder<'a> {
         )
     }
 
-    fn defocus(&self, quality: &wgpu::Buffer, list: &wgpu::Buffer, depth: &TextureView) -> BindGroup {
+    fn defocus(
+        &self,
+        quality: &wgpu::Buffer,
+        list: &wgpu::Buffer,
+        depth: &TextureView,
+        sharp: &TextureView,
+    ) -> BindGroup {
         let mut resources = vec![
             self.camera(),
             quality.as_entire_binding(),
@@ -179,20 +192,21 @@ impl<'a> Binder<'a> {
             view(depth),
             view(&self.views.focused),
         ];
-        resources.extend(self.pyramids.octaves.iter().map(view));
+        resources.push(view(sharp));
+        resources.extend(self.pyramids.octaves[1..].iter().map(view));
         resources.extend([self.of.disks.as_entire_binding(), self.numbers()]);
         resources.extend([&self.views.continued, &self.views.covered, &self.views.coarser].map(view));
         resources.push(list.as_entire_binding());
         self.of.defocus.bind(&self.views.device, &resources)
     }
 
-    fn composite(&self) -> BindGroup {
+    fn composite(&self, sharp: &TextureView) -> BindGroup {
         let resources = [
             self.camera(),
             self.bilinear(),
             view(&self.views.frame),
             view(&self.views.focused),
-            view(&self.views.sharp),
+            view(sharp),
             view(&self.views.continued),
             view(&self.views.covered),
             view(&self.views.coarser),
@@ -200,6 +214,7 @@ impl<'a> Binder<'a> {
             self.numbers(),
             self.blocks(),
             view(&self.views.velocity),
+            self.views.tiles.as_entire_binding(),
         ];
         bind(&self.views.device, &self.of.composite_layout, &resources)
     }
@@ -227,10 +242,12 @@ impl Bound {
         };
         let quality = buffer("quality", size_of::<DefocusQuality>() as u64, BufferUsages::UNIFORM);
         let blocks = [w, h].map(|s| u64::from(s.div_ceil(BLOCK as u32)));
-        let blocks = blocks[0] * blocks[1] * u64::from(slabs * eyes);
+        let of_eye = blocks[0] * blocks[1];
+        let blocks = of_eye * u64::from(slabs * eyes);
         let near = buffer("blocks near the object", 4 * blocks, BufferUsages::STORAGE);
         let list = buffer("list of blocks", 4 * (blocks + 1), BufferUsages::STORAGE);
         let dispatch = buffer("workgroups", 12, BufferUsages::STORAGE | BufferUsages::INDIRECT);
+        let draws = buffer("draws", 16 * u64::from(eyes), BufferUsages::STORAGE | BufferUsages::INDIRECT);
         let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
         let views = Views {
             device: device.clone(),
@@ -240,18 +257,22 @@ impl Bound {
             blocks: buffer("blocks", 4 * blocks, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             frame: array_view(inputs.frame),
             sharp: pyramids.octaves[0].clone(),
+            color: array_view(inputs.color),
+            tiles: buffer("tiles", 4 * of_eye * u64::from(eyes), BufferUsages::STORAGE),
             focused: pyramids.focused.clone(),
             continued: pyramids.known[0].clone(),
             covered: pyramids.covered.clone(),
             coarser: pyramids.filled[0].clone(),
             velocity: input(inputs.velocity.map(|v| v.texture)),
         };
-        let (color, depth) = (array_view(inputs.color), input(inputs.depth.map(|d| d.texture)));
+        let depth = input(inputs.depth.map(|d| d.texture));
         let binder = Binder::new(of, &views, &pyramids);
         let last = pyramids.last();
+        // A layer whose format cannot be filtered is never read but by its texels.
+        let sharp = [&views.sharp, if inputs.finite { &views.color } else { &views.sharp }];
         let prepare = [
             binder.camera(),
-            view(&color),
+            view(&views.color),
             view(&depth),
             view(&views.velocity),
             binder.numbers(),
@@ -268,10 +289,14 @@ impl Bound {
             near.as_entire_binding(),
             list.as_entire_binding(),
             dispatch.as_entire_binding(),
+            draws.as_entire_binding(),
+            views.tiles.as_entire_binding(),
         ];
         Ok(Self {
             slabs,
             has_depth: inputs.depth.is_some(),
+            finite: inputs.finite,
+            nothing: inputs.depth.and_then(|d| d.nothing),
             depth_map: inputs.depth.map_or([0.0; 2], |d| [d.scale, d.offset]),
             velocity_scale: inputs.velocity.map_or([0.0; 2], |v| v.scale),
             prepare: of.prepare.bind(device, &prepare),
@@ -281,10 +306,11 @@ impl Bound {
             top: binder.doubled(&of.top, last),
             push: (CONTINUED + 1..last).map(|level| binder.doubled(&of.push, level)).collect(),
             halve: binder.halved(&of.halve, 1, &pyramids.octaves[1..]),
-            defocus: binder.defocus(&quality, &list, &depth),
-            composite: binder.composite(),
+            defocus: sharp.map(|s| binder.defocus(&quality, &list, &depth, s)),
+            composite: sharp.map(|s| binder.composite(s)),
             list,
             dispatch,
+            draws,
             passes: AtomicU32::new(0),
             sharpening: OnceLock::new(),
             quality,
@@ -314,8 +340,8 @@ impl Bound {
     }
 
     /// Whether the passes of a frame are others than those of the frame before, so that their textures do not hold that frame.
-    pub(crate) fn passes_changed(&self, defocuses: bool, blurs: bool) -> bool {
-        let now = 1 + u32::from(defocuses) + 2 * u32::from(blurs);
+    pub(crate) fn passes_changed(&self, defocuses: bool, blurs: bool, direct: bool) -> bool {
+        let now = 1 + u32::from(defocuses) + 2 * u32::from(blurs) + 4 * u32::from(direct);
         self.passes.swap(now, Ordering::Relaxed) != now
     }
 
@@ -377,7 +403,9 @@ fn check_formats(device: &wgpu::Device, inputs: &Inputs) -> Result<()> {
     let float = |t| matches!(t, TextureSampleType::Float { .. });
     let of_frame = |t| t == TextureSampleType::Float { filterable: true } && !inputs.frame.format().is_srgb();
     readable("the frame", Some(inputs.frame), &of_frame, "floats that can be filtered and are not Srgb")?;
-    readable("the virtual layer", Some(inputs.color), &float, "floats")?;
+    let of_color = |t| t == TextureSampleType::Float { filterable: true } || (!inputs.finite && float(t));
+    let color = if inputs.finite { "floats that can be filtered" } else { "floats" };
+    readable("the virtual layer", Some(inputs.color), &of_color, color)?;
     let of_depth = |t| float(t) || t == TextureSampleType::Depth;
     readable("the virtual layer's depth", inputs.depth.map(|d| d.texture), &of_depth, "floats or depth")?;
     readable("the virtual layer's velocity", inputs.velocity.map(|v| v.texture), &float, "floats")

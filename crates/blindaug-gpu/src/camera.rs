@@ -45,7 +45,7 @@ wgsl_struct! {
         /// 1 if there is noise to add.
         noise: u32,
         /// 1 if blur acts on encoded values, 0 if it acts on light.
-        encoded_space: u32,
+        pub(crate) encoded_space: u32,
         /// 1 if light is written, 0 if display-encoded values are.
         pub(crate) linear_target: u32,
         /// The top left corner of the area in which the layer may be seen, px of the frame.
@@ -70,6 +70,20 @@ wgsl_struct! {
         pub(crate) defocuses: u32,
         /// 1 if the layer may move while the shutter is open.
         pub(crate) moves: u32,
+        /// The longest distance along the path of a pixel from each sample to the next, px.
+        most_step: f32,
+        /// 1 if the depth texture tells where nothing is.
+        pub(crate) knows_nothing: u32,
+        /// The depth texture's value where nothing is.
+        pub(crate) nothing: f32,
+        /// 1 if the passes read the layer itself, 0 if they read a copy of it in the space in which blur acts.
+        pub(crate) direct: u32,
+        /// 1 if the targets hold the frame already.
+        pub(crate) over_targets: u32,
+        /// Nothing, for the struct's size in WGSL.
+        padding: u32,
+        /// The same.
+        padding_after: [u32; 2],
     }
 }
 
@@ -102,6 +116,7 @@ impl Camera {
                 number as u32,
             ],
             most_taps: quality.most_taps(),
+            most_step: quality.most_step_px(),
             cuts: EVERYTHING,
             ..Self::default()
         };

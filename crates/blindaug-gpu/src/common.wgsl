@@ -12,10 +12,14 @@ fn number_of(part: u32, which: u32) -> u32 {
     return 3u * part + which;
 }
 
-// Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE and FOCUSED for each.
+// Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE, FOCUSED and COVERED for each.
 
 // The bit of a block in the list of blocks whose focused layer is to be computed, if it may hold anything.
 const LISTED_TO_BLUR = 0x80000000u;
+// The bit of a block in that list that has the bit COVERED.
+const LISTED_AS_COVERED = 0x40000000u;
+// The vertices of the two triangles of a tile that is drawn, which is a block.
+const TILE_VERTICES = 6u;
 // The number of listed blocks in a row of workgroups.
 const LIST_ROW = 256u;
 

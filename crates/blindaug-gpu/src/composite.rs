@@ -65,6 +65,9 @@ pub struct Frame<'a> {
     /// A view per eye, of the frame's size and the format that the compositor was made for. The views get display-encoded values, or light
     /// after [`Compositor::with_linear_output`].
     pub targets: &'a [TextureView],
+    /// Whether the targets hold the frame already, as the compositor would write it where nothing is seen of the object. Then nothing but
+    /// the blocks in which the object may be seen is drawn, and the rest costs nothing, unless the camera sharpens.
+    pub frame_in_targets: bool,
     /// The timer that measures how long the steps take, if any.
     pub timer: Option<&'a Timer>,
 }
@@ -85,10 +88,10 @@ struct Plan {
     defocuses: bool,
     /// Whether the lens or motion blurs.
     blurs: bool,
+    /// Whether the layer itself is read, without a copy in the space in which blur acts.
+    direct: bool,
     sharpening: Option<SharpeningModel>,
 }
-
-impl Plan {}
 
 impl Compositor {
     /// A compositor for targets of this format, which must be one that can be rendered to. It makes the tile of noise, too.
@@ -142,12 +145,16 @@ impl Compositor {
         encoder.clear_buffer(&bound.dispatch, 0, None);
         // Only the list's length is cleared.
         encoder.clear_buffer(&bound.list, 0, Some(4));
-        self.encode_blur(encoder, bound, &plan, frame.timer);
+        encoder.clear_buffer(&bound.draws, 0, None);
+        self.encode_blur(encoder, bound, &plan, frame);
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
+        let tiled = frame.frame_in_targets && plan.sharpening.is_none();
         let (pipeline, group) = match sharpened {
             Some(group) => (&self.sharpener.sharpened, group),
-            None => (&self.passes.composite, &bound.composite),
+            None if tiled => (&self.passes.composite_tiles, &bound.composite[usize::from(plan.direct)]),
+            None => (&self.passes.composite, &bound.composite[usize::from(plan.direct)]),
         };
+        let load = if tiled { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::BLACK) };
         for (eye, target) in (0..).zip(frame.targets) {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: None,
@@ -155,17 +162,18 @@ impl Compositor {
                     view: target,
                     depth_slice: None,
                     resolve_target: None,
-                    ops: wgpu::Operations {
-                        load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                        store: wgpu::StoreOp::Store,
-                    },
+                    ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
                 })],
                 timestamp_writes: frame.timer.map(|t| t.render(timer::COMPOSITE, eye == 0, eye + 1 == eyes)),
                 ..Default::default()
             });
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, group, &[]);
-            pass.draw(0..3, eye..eye + 1);
+            if tiled {
+                pass.draw_indirect(&bound.draws, 16 * u64::from(eye));
+            } else {
+                pass.draw(0..3, eye..eye + 1);
+            }
         }
         if let Some(timer) = frame.timer {
             timer.resolve(encoder);
@@ -196,21 +204,21 @@ impl Compositor {
         camera.defocuses = u32::from(defocuses);
         camera.moves = u32::from(moves);
         camera.frame = [w, h];
-        camera.refresh = u32::from(bound.passes_changed(defocuses, defocuses || moves));
+        let direct = bound.finite && bound.slabs == 1 && camera.encoded_space == 0;
+        camera.direct = u32::from(direct);
+        camera.over_targets = u32::from(frame.frame_in_targets && sharpening.is_none());
+        camera.knows_nothing = u32::from(bound.nothing.is_some());
+        camera.nothing = bound.nothing.unwrap_or_default();
+        camera.refresh = u32::from(bound.passes_changed(defocuses, defocuses || moves, direct));
         queue.write_buffer(&bound.views.camera, 0, bytemuck::bytes_of(&camera));
         let defocus = DefocusQuality::new(quality, quality::shape_of(model, &options));
         queue.write_buffer(&bound.quality, 0, bytemuck::bytes_of(&defocus));
-        Ok(Plan { area, defocuses, blurs: defocuses || moves, sharpening })
+        Ok(Plan { area, defocuses, blurs: defocuses || moves, direct, sharpening })
     }
 
     /// Records the passes that extend the layer, halve it and put it out of focus.
-    fn encode_blur(
-        &self,
-        encoder: &mut wgpu::CommandEncoder,
-        bound: &Bound,
-        plan: &Plan,
-        timer: Option<&Timer>,
-    ) {
+    fn encode_blur(&self, encoder: &mut wgpu::CommandEncoder, bound: &Bound, plan: &Plan, frame: &Frame) {
+        let timer = frame.timer;
         let [w, h, eyes] = bound.views.size;
         let parts = bound.slabs * eyes;
         let at_level = |level: usize| {
@@ -223,6 +231,9 @@ impl Compositor {
             let blocks = [w, h].map(|s| s.div_ceil(BLOCK as u32));
             for kernel in [&self.passes.near_in_row, &self.passes.list_blocks] {
                 kernel.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], parts]);
+            }
+            if frame.frame_in_targets && plan.sharpening.is_none() {
+                self.passes.list_tiles.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], eyes]);
             }
         }
         if plan.blurs {
@@ -244,7 +255,11 @@ impl Compositor {
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::DEFOCUS);
         if plan.defocuses {
-            self.passes.defocus.run_counted(&mut pass, &bound.defocus, &bound.dispatch);
+            self.passes.defocus.run_counted(
+                &mut pass,
+                &bound.defocus[usize::from(plan.direct)],
+                &bound.dispatch,
+            );
         }
     }
 
@@ -269,7 +284,7 @@ impl Compositor {
         let steps = passes.write(queue, model, [x, y])?;
         let mut pass = timer::compute_pass(encoder, timer, timer::SHARPENING);
         let threads = [width, height, bound.views.size[2]];
-        passes.run(&self.sharpener, &mut pass, steps, threads);
+        passes.run(&self.sharpener, &mut pass, steps, plan.direct, threads);
         Ok(Some(&passes.sharpened))
     }
 }

@@ -25,6 +25,23 @@ fn whole(@builtin(vertex_index) i: u32, @builtin(instance_index) eye: u32) -> Ve
     return Vertex(vec4(4.0 * f32(i & 1u) - 1.0, 4.0 * f32(i >> 1u) - 1.0, 0.0, 1.0), eye);
 }
 
+// For each eye, the blocks that are drawn where the targets hold the frame already.
+@group(0) @binding(12) var<storage, read> tiles: array<u32>;
+
+// Makes the two triangles of a block. The instance is its number among those that are drawn, and the first vertex tells the eye.
+@vertex
+fn of_tile(@builtin(vertex_index) i: u32, @builtin(instance_index) tile_number: u32) -> Vertex {
+    let eye = i / TILE_VERTICES;
+    let all = blocks_of(camera);
+    let block = tiles[eye * all.x * all.y + tile_number];
+    // The corners of the block, rows first.
+    var corners = array<u32, TILE_VERTICES>(0, 1, 2, 2, 1, 3);
+    let corner = corners[i % TILE_VERTICES];
+    let at = BLOCK * (vec2(block % all.x, block / all.x) + vec2(corner & 1u, corner >> 1u));
+    let place = 2.0 * vec2<f32>(at) / vec2<f32>(camera.frame) - 1.0;
+    return Vertex(vec4(place.x, -place.y, 0.0, 1.0), eye);
+}
+
 // Brings encoded values to the space in which blur acts.
 fn to_blur_space(v: vec3<f32>) -> vec3<f32> {
     if camera.encoded_space != 0u {
@@ -33,21 +50,24 @@ fn to_blur_space(v: vec3<f32>) -> vec3<f32> {
     return decode(v);
 }
 
-// A tap of a Gaussian of std 1.5 px: its place (x, y, px), and its weight. i and j run from -2 to 2; each tap but the middle one stands for
-// two neighbouring pixels.
+// A tap of a kernel of std 1.5 px of 5 x 5 pixels: its place (x, y, px), and its weight. i and j run from -1 to 1; each tap but the middle
+// one stands for two neighbouring pixels along an axis.
 fn smoothing_tap(i: i32, j: i32) -> vec3<f32> {
-    var weights = array<f32, 3>(0.26656, 0.32303, 0.04369);
-    var places = array<f32, 3>(0.0, 1.33924, 3.17429);
-    let offset = vec2(f32(sign(i)) * places[abs(i)], f32(sign(j)) * places[abs(j)]);
-    return vec3(offset, weights[abs(i)] * weights[abs(j)]);
+    let weights = mix(vec2(SMOOTHING_MIDDLE), vec2(SMOOTHING_SIDE), abs(vec2(f32(i), f32(j))));
+    return vec3(1.5 * vec2(f32(i), f32(j)), weights.x * weights.y);
 }
 
-// The frame blurred by a Gaussian of std 1.5 px, which leaves little of its noise.
+// The weight of the middle pixel of an axis of that kernel, and that of the two pixels on either side together.
+const SMOOTHING_MIDDLE = 0.1;
+const SMOOTHING_SIDE = 0.45;
+
+// The frame blurred by that kernel, which leaves little of its noise. The noise's strength depends on it, not the picture itself, so that
+// its shape matters little.
 fn smoothed(at: vec2<f32>, eye: u32) -> vec3<f32> {
     let size = textureDimensions(frame);
     var sum = vec3(0.0);
-    for (var j = -2; j <= 2; j++) {
-        for (var i = -2; i <= 2; i++) {
+    for (var j = -1; j <= 1; j++) {
+        for (var i = -1; i <= 1; i++) {
             let tap = smoothing_tap(i, j);
             sum += tap.z * textureSampleLevel(frame, bilinear, coordinates(at + tap.xy, size, size), eye, 0.0).rgb;
         }
@@ -159,13 +179,33 @@ fn to_target(v: vec3<f32>) -> vec4<f32> {
     return vec4(v, 1.0);
 }
 
-// The path of a pixel while the shutter is open, px.
-fn path_at(at: vec2<u32>, part: u32) -> vec2<f32> {
+// The path of a pixel while the shutter is open, px, and the distance from each sample along it to the next, px.
+struct Path {
+    way: vec2<f32>,
+    step: f32,
+}
+
+// `defocused` says whether the lens blurs the part.
+fn path_at(at: vec2<u32>, part: u32, bits: u32, defocused: bool) -> Path {
+    // What is blurred already needs fewer samples.
+    let may_step = defocused && camera.most_step > 1.0;
     let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
-    if is_covered(covered, at, part, most) {
-        return camera.path_scale * textureLoad(velocity, at, part / camera.slabs, 0).xy;
+    var known: vec3<f32>;
+    if (bits & COVERED) != 0u || is_covered(covered, at, part, most) {
+        known = vec3(0.0, camera.path_scale * textureLoad(velocity, at, part / camera.slabs, 0).xy);
+        if may_step {
+            // The depth around the pixel is enough to choose a step by.
+            let above = coordinates(vec2<f32>(at) * exp2(-f32(CONTINUED + 1u)), size_at(camera, CONTINUED + 1u), textureDimensions(continued_1));
+            known.x = textureSampleLevel(continued_1, bilinear, above, part, 0.0).x;
+        }
+    } else {
+        known = continued(camera, continued_0, continued_1, bilinear, at, part, most);
     }
-    return continued(camera, continued_0, continued_1, bilinear, at, part, most).yz;
+    var step = 1.0;
+    if may_step {
+        step = clamp(STEP_OF_STD * defocus_std(camera, known.x), 1.0, camera.most_step);
+    }
+    return Path(known.yz, step);
 }
 
 // The mean of a part of the layer along the path of a pixel, in a block of these bits.
@@ -178,14 +218,14 @@ fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
         }
         return textureLoad(sharp, at, part, 0);
     }
-    let path = path_at(at, part);
+    let path = path_at(at, part, bits, defocused);
     let jitter = vec2<f32>(camera.key % vec2(64u));
     // What is seen here in the middle of the exposure is elsewhere at the frame's time.
-    let middle = vec2<f32>(at) - camera.path_centre * path;
+    let middle = vec2<f32>(at) - camera.path_centre * path.way;
     if defocused {
-        return motion_blurred(focused, bilinear, middle, path, part, camera.most_taps, jitter);
+        return motion_blurred(focused, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
     }
-    return motion_blurred(sharp, bilinear, middle, path, part, camera.most_taps, jitter);
+    return motion_blurred(sharp, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
 }
 
 // The blurred layer at a pixel of the frame: premultiplied, in the space in which blur acts.
@@ -218,6 +258,9 @@ fn composite(in: Vertex) -> @location(0) vec4<f32> {
     // Left of and above the origin, the difference wraps around to large numbers.
     if all(pixel - camera.origin < camera.size) {
         layer = layer_at(pixel, in.eye);
+    }
+    if layer.a <= 0.0 && camera.over_targets != 0u {
+        discard;
     }
     // The frame is not read where nothing of it is seen.
     var filmed = vec3(0.0);

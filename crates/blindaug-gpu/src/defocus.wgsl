@@ -47,29 +47,37 @@ fn octave_of(variance: f32, least: f32) -> u32 {
     return min(u32(o), COARSEST);
 }
 
-// Weight and place (px) of the j-th pair of taps beside the centre of the discrete Gaussian of this variance. j = 0 is the centre alone.
-fn gaussian_pair(variance: f32, j: i32) -> vec2<f32> {
+// Weight and place (px) of the tap that reads the pixels `first` and `first` + 1 with these weights.
+fn both(first: f32, weights: vec2<f32>) -> vec2<f32> {
+    let sum = weights.x + weights.y;
+    return vec2(sum, first + weights.y / max(sum, 1e-20));
+}
+
+// Weights and places (px) of the taps from the centre of the discrete Gaussian of this variance outward. Each tap reads two pixels; an odd
+// number of taps has one in the centre that reads that pixel alone, and of an even number the two innermost ones share the centre.
+fn gaussian_half(variance: f32, odd: bool) -> array<vec2<f32>, 4> {
     let at = min(variance / GAUSSIAN_MOST, 1.0) * f32(GAUSSIANS - 1u);
     let first = min(u32(at), GAUSSIANS - 2u);
     let low = mix(gaussians[2u * first], gaussians[2u * first + 2u], at - f32(first));
     let high = mix(gaussians[2u * first + 1u], gaussians[2u * first + 3u], at - f32(first));
-    switch abs(j) {
-        case 0: { return vec2(low.x, 0.0); }
-        case 1: { return vec2(low.y + low.z, 1.0 + low.z / max(low.y + low.z, 1e-20)); }
-        case 2: { return vec2(low.w + high.x, 3.0 + high.x / max(low.w + high.x, 1e-20)); }
-        default: { return vec2(high.y + high.z, 5.0 + high.z / max(high.y + high.z, 1e-20)); }
+    if odd {
+        return array(vec2(low.x, 0.0), both(1.0, low.yz), both(3.0, vec2(low.w, high.x)), both(5.0, high.yz));
     }
+    return array(both(0.0, vec2(0.5 * low.x, low.y)), both(2.0, low.zw), both(4.0, high.xy), both(6.0, high.zw));
 }
 
 // The mean under a Gaussian on the image itself, whose centre is that of a pixel.
 fn gaussian_here(at: vec2<f32>, variance: f32, part: u32) -> vec4<f32> {
-    let pairs = i32(ceil(0.5 * clamp(quality.reach * sqrt(variance), 1.0, 6.0)));
+    // The kernel has as many pixels on either side of its centre as this, and one tap more than that.
+    let radius = i32(clamp(ceil(quality.reach * sqrt(variance) - 0.25), 1.0, 6.0));
+    let odd = (radius & 1) == 0;
+    var half = gaussian_half(variance, odd);
     var sum = vec4(0.0);
     var total = 0.0;
-    for (var j = -pairs; j <= pairs; j++) {
-        let row = gaussian_pair(variance, j);
-        for (var i = -pairs; i <= pairs; i++) {
-            let column = gaussian_pair(variance, i);
+    for (var j = -radius; j <= radius; j += 2) {
+        let row = half[(abs(j) + i32(odd)) / 2];
+        for (var i = -radius; i <= radius; i += 2) {
+            let column = half[(abs(i) + i32(odd)) / 2];
             let weight = row.x * column.x;
             sum += weight * tap(0u, at + vec2(f32(sign(i)) * column.y, f32(sign(j)) * row.y), part);
             total += weight;
@@ -211,9 +219,9 @@ fn seen_of(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
 }
 
 // The defocus std of a pixel, px.
-fn sigma_at(at: vec2<u32>, part: u32) -> f32 {
+fn sigma_at(at: vec2<u32>, part: u32, block_is_covered: bool) -> f32 {
     let most = bitcast<f32>(numbers[number_of(part, LARGEST_ALPHA)]);
-    if is_covered(covered, at, part, most) {
+    if block_is_covered || is_covered(covered, at, part, most) {
         let here = textureLoad(depth, at, part / camera.slabs, 0).x;
         return defocus_std(camera, camera.depth_map.x * here + camera.depth_map.y);
     }
@@ -224,7 +232,7 @@ fn sigma_at(at: vec2<u32>, part: u32) -> f32 {
 fn defocus(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let entry = group.y * LIST_ROW + group.x;
     let listed = list[min(entry, list[0] - 1u) + 1u];
-    let block = listed & ~LISTED_TO_BLUR;
+    let block = listed & ~(LISTED_TO_BLUR | LISTED_AS_COVERED);
     let all_blocks = blocks_of(camera);
     let part = block / (all_blocks.x * all_blocks.y);
     // A quarter of the block: a tile of 8 x 8 pixels.
@@ -240,15 +248,20 @@ fn defocus(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     let blurs = listed >= LISTED_TO_BLUR;
     var sigma = 0.0;
     if inside && blurs {
-        sigma = sigma_at(id.xy, id.z);
+        sigma = sigma_at(id.xy, id.z, (listed & LISTED_AS_COVERED) != 0u);
     }
     atomicMax(&largest_sigma, bitcast<u32>(sigma));
     workgroupBarrier();
     // The tile stays empty if nothing is seen within the reach of its kernels. On an octave whose pixels are as large as that
-    // reach, 5 x 5 pixels tell.
+    // reach, 5 x 5 pixels tell; of what covers the tile there is nothing to look for but nearer parts.
+    let hidden_by_none = part + 1u == end_of_eye(camera, part);
+    let sees_itself = (listed & LISTED_AS_COVERED) != 0u && hidden_by_none;
+    if thread == 0u && sees_itself {
+        atomicStore(&seen, 1u);
+    }
     let reach = 4.5 * bitcast<f32>(atomicLoad(&largest_sigma)) + 8.0;
     let coarse = u32(ceil(log2(reach)));
-    if thread < 25u && coarse <= COARSEST && blurs {
+    if thread < 25u && coarse <= COARSEST && blurs && !sees_itself {
         let middle = (vec2<f32>(first) + 4.0) / exp2(f32(coarse));
         let at = floor(middle) + vec2(f32(thread % 5u), f32(thread / 5u)) - 2.0;
         if tap(coarse, at, id.z).w > 0.0 {

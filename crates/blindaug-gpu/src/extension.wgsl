@@ -71,6 +71,8 @@ var<workgroup> paths: array<vec2<f32>, SIDE * SIDE>;
 // The largest numbers of the workgroup's pixels, and whether any of them has a colour.
 var<workgroup> largest: array<atomic<u32>, 3>;
 var<workgroup> occupied: atomic<u32>;
+// Whether a pixel of the block is not covered.
+var<workgroup> uncovered: atomic<u32>;
 // Whether the textures hold something in the block.
 var<workgroup> dirty: u32;
 const UNKNOWN = 1e9;
@@ -92,12 +94,27 @@ fn largest_std(d: f32) -> f32 {
 // Reads a pixel of the frame as pixel `i` of the workgroup's memory.
 fn gather(i: u32, at: vec2<u32>, part: u32) {
     let eye = part / camera.slabs;
+    var value = 0.0;
+    // Left of and above the area, the difference wraps around to large numbers.
+    let is_inside = all(at - camera.origin < camera.size);
+    if camera.knows_nothing != 0u && is_inside {
+        value = textureLoad(layer_depth, at, eye, 0).x;
+        if value == camera.nothing {
+            colours[i] = vec4(0.0);
+            depths[i] = 0.0;
+            paths[i] = vec2(0.0);
+            return;
+        }
+    }
     let colour = colour_at(at, part);
     var d = 0.0;
     var path = vec2(0.0);
     if colour.w > 0.0 {
         if camera.defocuses != 0u {
-            d = camera.depth_map.x * textureLoad(layer_depth, at, eye, 0).x + camera.depth_map.y;
+            if camera.knows_nothing == 0u {
+                value = textureLoad(layer_depth, at, eye, 0).x;
+            }
+            d = camera.depth_map.x * value + camera.depth_map.y;
         }
         if camera.moves != 0u {
             path = camera.path_scale * textureLoad(layer_velocity, at, eye, 0).xy;
@@ -165,16 +182,22 @@ fn continued_at(middle: vec2<u32>) -> vec4<f32> {
     return vec4(sum / total, sqrt(sqrt(sqrt(total))));
 }
 
-// Which of the 4 x 4 pixels from this one of the workgroup's memory on have known values and are covered, as bits, rows first: more than half
-// of the weight that the workgroup's most opaque pixel has. The bits from 16 on are that pixel's alpha, times 255.
+// Whether the object covers a pixel of the workgroup's memory and its values are known: more than half of the weight that the workgroup's
+// most opaque pixel has.
+fn is_known(index: u32) -> bool {
+    let alpha = colours[index].w;
+    let least = 0.917 * bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA]));
+    return alpha > 0.0 && alpha >= least && depths[index] < UNKNOWN;
+}
+
+// Which of the 4 x 4 pixels from this one of the workgroup's memory on have known values and are covered, as bits, rows first. The bits from
+// 16 on are the alpha of the workgroup's most opaque pixel, times 255.
 fn covered_from(first: vec2<u32>) -> u32 {
     let most = bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA]));
-    let least = 0.917 * most;
     var bits = u32(255.0 * most + 0.5) << 16u;
     for (var i = 0u; i < 16u; i++) {
         let index = (first.y + i / 4u) * SIDE + first.x + i % 4u;
-        let alpha = colours[index].w;
-        bits |= select(0u, 1u << i, alpha > 0.0 && alpha >= least && depths[index] < UNKNOWN);
+        bits |= select(0u, 1u << i, is_known(index));
     }
     return bits;
 }
@@ -187,6 +210,7 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         atomicStore(&largest[thread], 0u);
     } else if thread == 3u {
         atomicStore(&occupied, 0u);
+        atomicStore(&uncovered, 0u);
     }
     workgroupBarrier();
     let last = vec2<i32>(camera.frame) - 1;
@@ -197,22 +221,31 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         gather(i, vec2<u32>(at), part);
     }
     workgroupBarrier();
+    let own = vec2(thread % BLOCK, thread / BLOCK);
+    let own_index = (own.y + BEFORE) * SIDE + own.x + BEFORE;
+    if !is_known(own_index) {
+        atomicStore(&uncovered, 1u);
+    }
+    workgroupBarrier();
     if thread < 3u && atomicLoad(&largest[thread]) > 0u {
         atomicMax(&found[number_of(part, thread)], atomicLoad(&largest[thread]));
     } else if thread == 3u {
         let now = atomicLoad(&occupied);
         let before = blocks[block];
         dirty = now | (before & OCCUPIED) | camera.refresh;
-        blocks[block] = (now * OCCUPIED) | ((before & OCCUPIED) * OCCUPIED_BEFORE) | (before & FOCUSED);
+        // The most opaque pixel of the whole part is not more opaque than 1.
+        let opaque = bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA])) >= OPAQUE;
+        let covered_all = opaque && atomicLoad(&uncovered) == 0u;
+        blocks[block] = (now * OCCUPIED) | ((before & OCCUPIED) * OCCUPIED_BEFORE) | (before & FOCUSED)
+            | select(0u, COVERED, covered_all);
     }
     workgroupBarrier();
     // In an empty block, the textures hold zeros already, unless it was not empty in the frame before.
     if dirty == 0u {
         return;
     }
-    let own = vec2(thread % BLOCK, thread / BLOCK);
-    if all(group.xy * BLOCK + own < camera.frame) {
-        textureStore(octave_0, group.xy * BLOCK + own, part, colours[(own.y + BEFORE) * SIDE + own.x + BEFORE]);
+    if camera.direct == 0u && all(group.xy * BLOCK + own < camera.frame) {
+        textureStore(octave_0, group.xy * BLOCK + own, part, colours[own_index]);
     }
     if thread < 64u {
         let pixel = vec2(thread % 8u, thread / 8u);

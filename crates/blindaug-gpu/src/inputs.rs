@@ -6,12 +6,15 @@ use wgpu::Texture;
 /// perspective projection: with reversed infinite depth, `scale` is 1 / near and `offset` 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Depth<'a> {
-    /// The values: any format of one float channel that can be loaded, NaN where depth is unknown.
+    /// The values: any format of one float channel that can be loaded, NaN where depth is unknown. Half floats are enough for inverse depth.
     pub texture: &'a Texture,
     /// The inverse depth of a unit of the values, 1/m.
     pub scale: f32,
     /// The inverse depth where the value is 0, 1/m.
     pub offset: f32,
+    /// The value of pixels in which nothing is, such as that to which a depth buffer is cleared. Colour and motion are not read there, which
+    /// halves the cost of looking for the object. `None` if colours may be without depth, as those of transparent things often are.
+    pub nothing: Option<f32>,
 }
 
 /// The motion of each pixel to the next frame.
@@ -34,6 +37,10 @@ pub struct Inputs<'a> {
     pub depth: Option<Depth<'a>>,
     /// The object's motion. Without it, there is no motion blur.
     pub velocity: Option<Velocity<'a>>,
+    /// Whether the layer's colours can be taken as they are: they are finite, alpha lies between 0 and 1, nothing is outside of
+    /// [`crate::Frame::area`], and their format can be filtered. Where blur acts on light and nothing is blurred apart, the compositor then
+    /// makes no copy of them.
+    pub finite: bool,
     /// Whether parts of the object behind the focus, in focus and in front of it are blurred apart from each other, so that something sharp
     /// does not bleed into blurred surroundings ([`blindaug::synth::Blur::of_layer`]). This takes three times the memory, and the time of
     /// as many layers as the object has such parts.

@@ -79,13 +79,24 @@ pub fn full_screen(
     fragment: &str,
     targets: &[TextureFormat],
 ) -> wgpu::RenderPipeline {
+    triangles(device, layout, module, ["whole", fragment], targets)
+}
+
+/// Makes a pipeline of a vertex shader that makes triangles by itself and a fragment shader.
+pub(crate) fn triangles(
+    device: &wgpu::Device,
+    layout: Option<&wgpu::PipelineLayout>,
+    module: &wgpu::ShaderModule,
+    [vertex, fragment]: [&str; 2],
+    targets: &[TextureFormat],
+) -> wgpu::RenderPipeline {
     let targets: Vec<_> = targets.iter().map(|&format| Some(format.into())).collect();
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(fragment),
         layout,
         vertex: wgpu::VertexState {
             module,
-            entry_point: Some("whole"),
+            entry_point: Some(vertex),
             compilation_options: Default::default(),
             buffers: &[],
         },

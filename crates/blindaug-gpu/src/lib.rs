@@ -42,8 +42,9 @@
 //! let inputs = Inputs {
 //!     frame: &frame,
 //!     color: &color,
-//!     depth: Some(Depth { texture: &depth, scale: 1.0 / 0.1, offset: 0.0 }),
+//!     depth: Some(Depth { texture: &depth, scale: 1.0 / 0.1, offset: 0.0, nothing: Some(0.0) }),
 //!     velocity: Some(Velocity { texture: &velocity, scale: [w as f32, h as f32] }),
+//!     finite: true,
 //!     apart: false,
 //! };
 //! let bound = compositor.bind(&gpu.device, &inputs)?;
@@ -57,6 +58,7 @@
 //!     number: 0,
 //!     area: None,
 //!     targets: &targets,
+//!     frame_in_targets: false,
 //!     timer: None,
 //! };
 //! compositor.encode(&gpu.queue, &mut encoder, &bound, &of_frame)?;

@@ -6,19 +6,19 @@ fn gradient_noise(at: vec2<f32>) -> f32 {
     return fract(52.9829189 * fract(dot(at, vec2(0.06711056, 0.00583715))));
 }
 
-// Takes the mean along a path by the midpoint rule with ceil(length) + 1 taps. The taps of a path that needs more than `most` are jittered,
-// so that they leave noise rather than steps.
+// Takes the mean along a path by the midpoint rule with ceil(length / step) + 1 taps. The taps of a path that needs more than `most` are
+// jittered, so that they leave noise rather than steps.
 fn motion_blurred(
     image: texture_2d_array<f32>,
     bilinear: sampler,
     at: vec2<f32>,
     path: vec2<f32>,
     eye: u32,
+    step: f32,
     most: f32,
     jitter: vec2<f32>,
 ) -> vec4<f32> {
-    let length = length(path);
-    let wanted = ceil(length) + 1.0;
+    let wanted = ceil(length(path) / step) + 1.0;
     let taps = min(wanted, most);
     var phase = 0.5;
     if wanted > most {

@@ -1,7 +1,7 @@
 //! The passes of a compositor: everything that does not depend on the size of frames.
 
 use crate::gpu::{array_view, texture};
-use crate::kernel::{Binding, Kernel, full_screen, layout};
+use crate::kernel::{Binding, Kernel, layout, triangles};
 use crate::quality::{OCTAVES, disk_table, gaussian_table};
 use crate::{noise, shaders};
 use wgpu::util::DeviceExt;
@@ -16,6 +16,7 @@ pub(crate) struct Passes {
     pub(crate) prepare: Kernel,
     pub(crate) near_in_row: Kernel,
     pub(crate) list_blocks: Kernel,
+    pub(crate) list_tiles: Kernel,
     pub(crate) pull_continued: Kernel,
     pub(crate) pull: Kernel,
     pub(crate) top: Kernel,
@@ -23,6 +24,8 @@ pub(crate) struct Passes {
     pub(crate) halve: Kernel,
     pub(crate) defocus: Kernel,
     pub(crate) composite: wgpu::RenderPipeline,
+    /// The same pass for the blocks alone in which the layer may be seen.
+    pub(crate) composite_tiles: wgpu::RenderPipeline,
     pub(crate) composite_layout: wgpu::BindGroupLayout,
     pub(crate) bilinear: wgpu::Sampler,
     pub(crate) gaussians: wgpu::Buffer,
@@ -47,7 +50,8 @@ impl Passes {
         of_defocus.extend([Texture; OCTAVES]);
         of_defocus.extend([Buffer, Buffer, Texels, Texels, Texture, Buffer]);
         let of_blocks = |entry| {
-            let bindings = [Uniform, Buffer, BufferMut, BufferMut, BufferMut, BufferMut];
+            let bindings =
+                [Uniform, Buffer, BufferMut, BufferMut, BufferMut, BufferMut, BufferMut, BufferMut];
             Kernel::new(device, &shaders::BLOCKS, entry, [8, 8, 1], &bindings)
         };
         let table = |label, contents| {
@@ -60,10 +64,10 @@ impl Passes {
         let composite_layout = layout(
             device,
             "composite",
-            ShaderStages::FRAGMENT,
+            ShaderStages::VERTEX_FRAGMENT,
             &[
                 Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, Texels, Buffer, Buffer,
-                Texels,
+                Texels, Buffer,
             ],
         );
         Self {
@@ -85,13 +89,15 @@ impl Passes {
             ),
             near_in_row: of_blocks("near_in_row"),
             list_blocks: of_blocks("list_blocks"),
+            list_tiles: of_blocks("list_tiles"),
             pull_continued: of_extension("pull_continued", 8, &[&halving[..], &[Buffer]].concat()),
             pull: of_extension("pull", 8, &halving),
             top: of_extension("top", 1, &doubling),
             push: of_extension("push", 8, &doubling),
             halve: of_extension("halve", 8, &halving),
             defocus: Kernel::new(device, &shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
-            composite: full_screen_pipeline(device, &composite_layout, target, "composite"),
+            composite: pipeline(device, &composite_layout, target, ["whole", "composite"]),
+            composite_tiles: pipeline(device, &composite_layout, target, ["of_tile", "composite"]),
             composite_layout,
             bilinear: device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("bilinear"),
@@ -127,6 +133,10 @@ pub(crate) struct Views {
     pub(crate) frame: TextureView,
     /// The layer before blur, in the space in which blur acts.
     pub(crate) sharp: TextureView,
+    /// The layer as it was given.
+    pub(crate) color: TextureView,
+    /// The blocks that are drawn where the targets hold the frame already.
+    pub(crate) tiles: wgpu::Buffer,
     /// The layer after defocus.
     pub(crate) focused: TextureView,
     /// The inverse depth and the path on level [`CONTINUED`](crate::quality::CONTINUED).
@@ -139,12 +149,12 @@ pub(crate) struct Views {
     pub(crate) velocity: TextureView,
 }
 
-/// A pipeline of composite.wgsl that covers the whole image with a fragment shader.
-pub(crate) fn full_screen_pipeline(
+/// A pipeline of a vertex and a fragment shader of composite.wgsl.
+pub(crate) fn pipeline(
     device: &wgpu::Device,
     group: &wgpu::BindGroupLayout,
     target: TextureFormat,
-    fragment: &str,
+    [vertex, fragment]: [&str; 2],
 ) -> wgpu::RenderPipeline {
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(fragment),
@@ -155,7 +165,7 @@ pub(crate) fn full_screen_pipeline(
         bind_group_layouts: &[Some(group)],
         immediate_size: 0,
     });
-    full_screen(device, Some(&layout), &module, fragment, &[target])
+    triangles(device, Some(&layout), &module, [vertex, fragment], &[target])
 }
 
 /// A view as a resource to bind.

@@ -26,6 +26,10 @@ pub(crate) const OCTAVES: usize = 8;
 /// The shader extension.wgsl makes it in one pass, by a kernel for two halvings.
 pub(crate) const CONTINUED: usize = 2;
 
+/// The distance from one sample along a path to the next in defocus stds, if it is more than 1 px: what is blurred by a Gaussian has less than
+/// 0.008 of its contrast left in what such samples miss.
+pub(crate) const STEP_OF_STD: f32 = 2.0;
+
 /// The number of variances in the table of discrete Gaussians; they rise evenly from 0 to [`GAUSSIAN_MOST`].
 pub(crate) const GAUSSIANS: usize = 64;
 
@@ -54,6 +58,15 @@ wgsl_struct! {
 }
 
 impl Quality {
+    /// The longest distance along the path of a pixel from each sample to the next, px.
+    pub(crate) fn most_step_px(self) -> f32 {
+        match self {
+            Self::High => 1.0,
+            Self::Medium => 4.0,
+            Self::Low => 6.0,
+        }
+    }
+
     /// The most samples along the path of a pixel.
     pub(crate) fn most_taps(self) -> f32 {
         match self {
@@ -82,8 +95,7 @@ impl Quality {
         match bokeh {
             _ if sigma_px <= 0.0 => 1,
             Bokeh::Gaussian if octave == 0 && left < GAUSSIAN_MOST => {
-                let pairs = (0.5 * (reach * left.sqrt()).clamp(1.0, 6.0)).ceil() as u32;
-                (2 * pairs + 1).pow(2)
+                (1 + (reach * left.sqrt() - 0.25).ceil().clamp(1.0, 6.0) as u32).pow(2)
             }
             Bokeh::Gaussian => ((reach * left.sqrt()).ceil() as u32).pow(2),
             // The area of the disk with its rim.
@@ -91,9 +103,10 @@ impl Quality {
         }
     }
 
-    /// The number of times that the layer is read for a pixel whose path is this long, px.
-    pub fn motion_blur_taps(self, path_px: f32) -> u32 {
-        (path_px.ceil() + 1.0).min(self.most_taps()) as u32
+    /// The number of times that the layer is read for a pixel whose path is this long, px, and which has this defocus std, px.
+    pub fn motion_blur_taps(self, path_px: f32, sigma_px: f32) -> u32 {
+        let step = (STEP_OF_STD * sigma_px).min(self.most_step_px()).max(1.0);
+        ((path_px / step).ceil() + 1.0).min(self.most_taps()) as u32
     }
 }
 
@@ -102,7 +115,7 @@ impl DefocusQuality {
     pub(crate) fn new(quality: Quality, bokeh: Bokeh) -> Self {
         let (least_variance, reach) = match quality {
             Quality::High => ([0.5, 3.0], 3.3),
-            Quality::Medium => ([0.3, 1.5], 2.6),
+            Quality::Medium => ([0.3, 1.5], 2.4),
             Quality::Low => ([0.15, 0.75], 2.2),
         };
         Self { least_variance, reach, disk: u32::from(bokeh != Bokeh::Gaussian) }
@@ -162,7 +175,7 @@ pub(crate) fn disk_table() -> Vec<[f32; DISK_ROWS]> {
 
 #[cfg(test)]
 mod tests {
-    use super::rounded;
+    use super::{filter, rounded};
     use blindaug::CameraModel;
     use blindaug::composite::CompositeOptions;
     use blindaug::model::{Aperture, Bokeh, Capture, DefocusModel, Estimate};
@@ -186,28 +199,28 @@ mod tests {
     }
 
     #[test]
-    fn the_smoothing_of_the_shader_is_a_gaussian_of_the_reference_s_std() {
+    fn the_smoothing_of_the_shader_has_the_reference_s_std_and_leaves_as_little_noise() {
+        let number = |name: &str| -> f64 {
+            let line =
+                include_str!("composite.wgsl").lines().find(|l| l.starts_with(&format!("const {name} = ")));
+            let value = line.and_then(|l| l.split_once(" = ")).expect("the constant is there").1;
+            value.trim_end_matches(';').parse().expect("a number")
+        };
+        let (middle, side) = (number("SMOOTHING_MIDDLE"), number("SMOOTHING_SIDE"));
+        // Each side's tap lies 1.5 px from the middle, so that it reads two pixels alike.
+        let kernel = [middle, 0.5 * side, 0.5 * side];
+        let of = |kernel: &[f64], weigh: &dyn Fn(f64, f64) -> f64| {
+            let sides =
+                kernel.iter().enumerate().skip(1).map(|(i, &w)| 2.0 * weigh(w, i as f64)).sum::<f64>();
+            weigh(kernel[0], 0.0) + sides
+        };
+        assert!((of(&kernel, &|w, _| w) - 1.0).abs() < 1e-12);
         // The reference's `missing_noise` smooths the frame by 1.5 px.
-        let kernel: Vec<f32> = (0..5).map(|i| (-0.5 * (i as f32 / 1.5).powi(2)).exp()).collect();
-        // Two neighbouring taps become one bilinear tap between them.
-        let pair = |i: usize| {
-            let sum = kernel[i] + kernel[i + 1];
-            [sum, i as f32 + kernel[i + 1] / sum]
-        };
-        let [near, far] = [pair(1), pair(3)];
-        let numbers = |name: &str| -> Vec<f32> {
-            let line = include_str!("composite.wgsl").lines().find(|l| l.contains(&format!("var {name} =")));
-            let inside = line.and_then(|l| l.split_once(">(")).expect("the table is there").1;
-            inside.trim_end_matches([')', ';']).split(", ").map(|n| n.parse().expect("a number")).collect()
-        };
-        let weights = numbers("weights");
-        // Taps beyond the fifth are left out.
-        let total = kernel[0] + 2.0 * (near[0] + far[0]);
-        for (got, want) in weights.iter().zip([kernel[0], near[0], far[0]]) {
-            assert!((got - want / total).abs() < 2e-5, "{got}, want {}", want / total);
-        }
-        for (got, want) in numbers("places").iter().zip([0.0, near[1], far[1]]) {
-            assert!((got - want).abs() < 2e-5, "{got}, want {want}");
-        }
+        assert!((of(&kernel, &|w, x| w * x * x) - 1.5f64.powi(2)).abs() < 1e-12);
+        let reference: Vec<f64> = filter::gaussian_kernel(1.5).iter().map(|&w| f64::from(w)).collect();
+        let [ours, theirs] = [&kernel[..], &reference].map(|k| of(k, &|w, _| w * w));
+        assert!((ours / theirs - 1.0).abs() < 0.15, "{ours} {theirs}");
+        // A mean over 3 pixels leaves much more.
+        assert!(of(&[1.0 / 3.0; 2], &|w, _| w * w) / theirs > 1.5);
     }
 }

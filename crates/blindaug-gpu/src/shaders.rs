@@ -1,11 +1,11 @@
 //! The compositor's shaders. They are WGSL that browsers accept too: no subgroups, no half floats, no formats of particular devices.
 
-use crate::blocks::{BLOCK, FOCUSED, OCCUPIED, OCCUPIED_BEFORE, VISIBLE};
+use crate::blocks::{BLOCK, COVERED, FOCUSED, OCCUPIED, OCCUPIED_BEFORE, VISIBLE};
 use crate::camera::Camera;
 use crate::layout::{Layout, structs};
 use crate::prelude::{colours, constants};
 use crate::quality::{
-    CONTINUED, DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES,
+    CONTINUED, DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES, STEP_OF_STD,
 };
 use crate::uniforms::{MaskPass, TILE, TileLevel};
 use blindaug::model::{NOISE_KNOTS, NOISE_LEVELS};
@@ -29,6 +29,7 @@ fn compositor() -> String {
         ("OCCUPIED_BEFORE", &OCCUPIED_BEFORE),
         ("VISIBLE", &VISIBLE),
         ("FOCUSED", &FOCUSED),
+        ("COVERED", &COVERED),
         ("CONTINUED", &CONTINUED),
         ("GAUSSIANS", &GAUSSIANS),
         ("GAUSSIAN_MOST", &GAUSSIAN_MOST),
@@ -36,6 +37,7 @@ fn compositor() -> String {
         ("DISK_STEP", &DISK_STEP),
         ("DISK_ROWS", &DISK_ROWS),
         ("NOISE_TILE", &TILE),
+        ("STEP_OF_STD", &STEP_OF_STD),
     ]);
     constants + &structs(&STRUCTS)
 }

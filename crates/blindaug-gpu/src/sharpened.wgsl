@@ -40,12 +40,12 @@ fn row_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
     return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.size) - 1), eye, 0).rgb;
 }
 
-// `unsharpening_after` blurred by the Gaussian with which `smoothed` blurs the frame.
+// `unsharpening_after` blurred by the kernel with which `smoothed` blurs the frame.
 fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
     let all = textureDimensions(unsharpening_after);
     var sum = vec3(0.0);
-    for (var j = -2; j <= 2; j++) {
-        for (var i = -2; i <= 2; i++) {
+    for (var j = -1; j <= 1; j++) {
+        for (var i = -1; i <= 1; i++) {
             let tap = smoothing_tap(i, j);
             let place = coordinates(at + tap.xy, camera.size, all);
             sum += tap.z * textureSampleLevel(unsharpening_after, bilinear, place, eye, 0.0).rgb;

@@ -6,7 +6,7 @@
 
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel, bind, layout};
-use crate::passes::{BETWEEN, Passes, Views, full_screen_pipeline, view};
+use crate::passes::{BETWEEN, Passes, Views, pipeline, view};
 use crate::shaders;
 use crate::uniforms::MaskPass;
 use blindaug::model::SharpeningModel;
@@ -101,7 +101,7 @@ impl Sharpener {
                     Buffer, Texels, Texture,
                 ],
             ),
-            sharpened: full_screen_pipeline(device, &layout, target, "sharpened"),
+            sharpened: pipeline(device, &layout, target, ["whole", "sharpened"]),
             layout,
         }
     }
@@ -123,7 +123,8 @@ pub(crate) struct Sharpening {
     second: Vec<BindGroup>,
     /// For each slot, the bindings of a step after the second.
     later: Vec<BindGroup>,
-    difference: BindGroup,
+    /// The bindings of `difference` that read a copy of the layer, and those that read the layer itself.
+    difference: [BindGroup; 2],
     /// The bindings of the last pass.
     pub(crate) sharpened: BindGroup,
 }
@@ -183,21 +184,23 @@ impl Sharpening {
             of.columns.bind(device, &resources)
         };
         let bilinear = wgpu::BindingResource::Sampler(&of_all.bilinear);
-        let difference = [
-            camera.clone(),
-            bilinear.clone(),
-            view(&views.frame),
-            view(&views.focused),
-            view(&views.sharp),
-            view(&views.continued),
-            view(&views.covered),
-            view(&views.coarser),
-            view(&turns[1]),
-            views.numbers.as_entire_binding(),
-            views.blocks.as_entire_binding(),
-            view(&views.velocity),
-            view(&turns[0]),
-        ];
+        let difference = |sharp| {
+            [
+                camera.clone(),
+                bilinear.clone(),
+                view(&views.frame),
+                view(&views.focused),
+                view(sharp),
+                view(&views.continued),
+                view(&views.covered),
+                view(&views.coarser),
+                view(&turns[1]),
+                views.numbers.as_entire_binding(),
+                views.blocks.as_entire_binding(),
+                view(&views.velocity),
+                view(&turns[0]),
+            ]
+        };
         let sharpened = [
             camera.clone(),
             bilinear.clone(),
@@ -218,7 +221,7 @@ impl Sharpening {
             later: (0..MOST_STEPS)
                 .map(|s| columns(s, &turns[1 - turn_of(s)], &first, &turns[turn_of(s)]))
                 .collect(),
-            difference: of.difference.bind(device, &difference),
+            difference: [&views.sharp, &views.color].map(|v| of.difference.bind(device, &difference(v))),
             sharpened: bind(device, &of.layout, &sharpened),
             passes,
             half_kernel,
@@ -270,8 +273,15 @@ impl Sharpening {
     }
 
     /// Records the passes up to the last one: the frame is unsharpened in `steps` steps, and the change that the layer makes to it is
-    /// blurred along rows.
-    pub(crate) fn run(&self, of: &Sharpener, pass: &mut wgpu::ComputePass, steps: usize, threads: [u32; 3]) {
+    /// blurred along rows. `direct` says whether the layer itself is read, without a copy.
+    pub(crate) fn run(
+        &self,
+        of: &Sharpener,
+        pass: &mut wgpu::ComputePass,
+        steps: usize,
+        direct: bool,
+        threads: [u32; 3],
+    ) {
         of.rows.run(pass, &self.rows_of_frame, threads);
         of.columns.run(pass, &self.begin, threads);
         for step in 1..steps {
@@ -283,7 +293,7 @@ impl Sharpening {
             of.rows.run(pass, rows, threads);
             of.columns.run(pass, columns, threads);
         }
-        of.difference.run(pass, &self.difference, threads);
+        of.difference.run(pass, &self.difference[usize::from(direct)], threads);
         of.rows.run(pass, &self.rows_of_turns[1], threads);
     }
 }

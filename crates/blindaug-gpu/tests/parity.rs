@@ -123,8 +123,14 @@ impl Eyes {
         Inputs {
             frame: &self.frame,
             color: &self.color,
-            depth: self.depth.as_ref().map(|texture| Depth { texture, scale: 1.0, offset: 0.0 }),
+            depth: self.depth.as_ref().map(|texture| Depth {
+                texture,
+                scale: 1.0,
+                offset: 0.0,
+                nothing: None,
+            }),
             velocity: self.velocity.as_ref().map(|texture| Velocity { texture, scale: [1.0; 2] }),
+            finite: false,
             apart: true,
         }
     }
@@ -142,7 +148,16 @@ impl Eyes {
 /// Frame 3 over its whole area and in high quality, without targets.
 fn of_frame<'a>(model: &'a CameraModel, options: &CompositeOptions) -> Frame<'a> {
     let (options, quality) = (*options, Quality::High);
-    Frame { model, options, quality, number: 3, area: None, targets: &[], timer: None }
+    Frame {
+        model,
+        options,
+        quality,
+        number: 3,
+        area: None,
+        targets: &[],
+        frame_in_targets: false,
+        timer: None,
+    }
 }
 
 /// A texture that can be composited into, of the size of `frame`.
@@ -154,7 +169,9 @@ fn target_like(frame: &wgpu::Texture) -> wgpu::Texture {
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: TextureFormat::Rgba16Float,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+            | wgpu::TextureUsages::COPY_SRC
+            | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
 }
@@ -1069,6 +1086,73 @@ fn only_blocks_near_the_object_cost_anything() {
     assert_eq!(counts(&with_lens(camera(w, h), 1e-4, 0.4)), [occupied, occupied, 0]);
     let [_, visible, focused] = counts(&with_exposure(camera(w, h), 0.7));
     assert!(visible > occupied && focused == 0, "{visible} {focused}");
+}
+
+#[test]
+fn what_the_caller_promises_changes_nothing_in_the_picture() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (420, 130);
+    let plate = frame(w, h);
+    let [mut left, mut right] = [layer_at(w, h, 20), layer_at(w, h, 330)];
+    let eyes = Eyes::new(&[&plate, &plate], &[&left, &right]);
+    let inputs = Inputs { apart: false, ..eyes.inputs() };
+    // The depth tells where nothing is.
+    for layer in [&mut left, &mut right] {
+        layer.inverse_depth =
+            layer.inverse_depth.as_ref().map(|d| d.map(|d| if d.is_nan() { -1.0 } else { d }));
+    }
+    let mut told = Eyes::new(&[&plate, &plate], &[&left, &right]);
+    let halves = [&left, &right].map(|l| l.inverse_depth.as_ref().unwrap());
+    told.depth = Some(GPU.upload(&halves, TextureFormat::R16Float).unwrap());
+    let depth = |nothing| Some(Depth { nothing: Some(nothing), ..told.inputs().depth.unwrap() });
+    let promised = Inputs { apart: false, finite: true, depth: depth(-1.0), ..told.inputs() };
+    let options = CompositeOptions::default();
+    // The frame as the compositor writes it, in half floats.
+    let nothing = Some(Area { x: 0, y: 0, width: 0, height: 0 });
+    let filmed =
+        rgba(&composite_of(&inputs, Frame { area: nothing, ..of_frame(&camera(w, h), &options) })[0]);
+    let over = |inputs: &Inputs, model: &CameraModel, before: &Raster<[f32; 4]>| {
+        let target = target_like(&told.frame);
+        GPU.write(&target, &[before, before]);
+        let views = views(&target);
+        let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
+        let frame = Frame { targets: &views, frame_in_targets: true, ..of_frame(model, &options) };
+        let mut encoder = GPU.device.create_command_encoder(&Default::default());
+        COMPOSITOR.encode(&GPU.queue, &mut encoder, &bound, &frame).unwrap();
+        GPU.queue.submit([encoder.finish()]);
+        let images = GPU.download::<[f32; 4]>(&target).unwrap();
+        images.iter().map(|i| i.map(|[r, g, b, _]| [r, g, b])).collect::<Vec<_>>()
+    };
+    let lens = with_lens(camera(w, h), 9.0, 0.4);
+    let all = with_noise(with_exposure(lens.clone(), 0.7), 1.0);
+    let sharpened = with_sharpening(all.clone(), 1.0, 1.5);
+    let mut encoded = all.clone();
+    encoded.blur_space = BlurSpace::Encoded;
+    for (name, model) in [
+        ("nothing", &camera(w, h)),
+        ("lens", &lens),
+        ("all", &all),
+        ("in encoded values", &encoded),
+        ("sharpened", &sharpened),
+    ] {
+        let want = composite_of(&inputs, of_frame(model, &options));
+        let got = over(&promised, model, &filmed);
+        for (got, want) in got.iter().zip(&want) {
+            let off = difference(got, want);
+            println!("{name}: {off}");
+            assert!(off < 0.1 * ROUNDING, "{name}: {off}");
+        }
+        // The eyes differ, and a broken promise is seen: here two columns of the object are taken for nothing.
+        assert!(difference(&got[0], &got[1]) > 0.01, "{name}");
+        let hidden = Inputs { finite: false, depth: depth(0.34375), ..promised };
+        let black = Raster::filled(w, h, [0.0f32; 4]);
+        assert!(difference(&over(&hidden, model, &filmed)[0], &want[0]) > 0.0005, "{name}");
+        // Only where the object may be seen is anything drawn, except by a camera that sharpens.
+        let untouched = over(&promised, model, &black)[0].at(410, 5) == [0.0; 3];
+        assert_eq!(untouched, name != "sharpened", "{name}");
+    }
 }
 
 #[test]

@@ -65,8 +65,9 @@ impl Compositor {
         let inputs = Inputs {
             frame: &frame,
             color: &layer.color,
-            depth: Some(Depth { texture: &layer.inverse_depth, scale: 1.0, offset: 0.0 }),
+            depth: Some(Depth { texture: &layer.inverse_depth, scale: 1.0, offset: 0.0, nothing: None }),
             velocity: Some(Velocity { texture: &layer.velocity, scale: [1.0; 2] }),
+            finite: false,
             apart: true,
         };
         let bound = effects.bind(&gpu.device, &inputs)?;
@@ -97,6 +98,7 @@ impl Compositor {
                         number: shot.number,
                         area: None,
                         targets: &[target.create_view(&Default::default())],
+                        frame_in_targets: false,
                         timer: None,
                     };
                     effects.encode(&gpu.queue, &mut encoder, bound, &of_frame)?;
