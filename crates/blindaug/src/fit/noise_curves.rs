@@ -229,8 +229,8 @@ fn curves_of(rows: &Rows, c: usize, pure: bool) -> [f32; POINTS] {
             }
         }
         // The upper half mirrors the lower one.
-        for i in 0..UNKNOWNS {
-            (0..i).for_each(|j| normal[j][i] = normal[i][j]);
+        for (i, j) in (0..UNKNOWNS).flat_map(|i| (0..i).map(move |j| (i, j))) {
+            normal[j][i] = normal[i][j];
         }
         let weight = SMOOTH * (0..POINTS).map(|i| normal[i][i]).sum::<f64>() / POINTS as f64;
         for i in (0..POINTS).filter(|i| (i + 1) % NOISE_KNOTS != 0) {
