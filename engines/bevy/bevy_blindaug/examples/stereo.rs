@@ -63,7 +63,8 @@ fn arguments() -> Result<(String, [u32; 2]), String> {
 
 /// A camera as `blindaug estimate` would find it, for views of this size.
 fn camera([w, h]: [u32; 2]) -> CameraModel {
-    let capture = Capture { width: w as usize, height: h as usize, fps: Some(45.0), frames_used: 1, pixel_aspect: 1.0 };
+    let capture =
+        Capture { width: w as usize, height: h as usize, fps: Some(45.0), frames_used: 1, pixel_aspect: 1.0 };
     let mut camera = CameraModel::unknown(capture, "not given");
     camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.6)));
     camera.defocus = Estimate::Known(DefocusModel::given_lens(0.006 * w as f32, 1.0 / 1.2));

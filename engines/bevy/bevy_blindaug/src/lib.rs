@@ -79,6 +79,7 @@ mod render;
 
 use bevy::prelude::*;
 
+pub use blindaug_pipeline::ByHand;
 pub use camera_file::FilmedCamera;
 pub use live::{LiveCamera, LiveEvent, LiveOptions};
 pub use matched::{CameraInUse, CameraProblem, MatchedCamera};

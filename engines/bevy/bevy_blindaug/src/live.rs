@@ -112,8 +112,13 @@ impl LiveCamera {
             TextureFormat::Rgba8UnormSrgb,
             RenderAssetUsages::RENDER_WORLD,
         );
-        let capture =
-            blindaug::model::Capture { width: size.0, height: size.1, fps: source.fps(), frames_used: 0, pixel_aspect: 1.0 };
+        let capture = blindaug::model::Capture {
+            width: size.0,
+            height: size.1,
+            fps: source.fps(),
+            frames_used: 0,
+            pixel_aspect: 1.0,
+        };
         Ok(Self {
             background: images.add(black),
             model: models.add(FilmedCamera::from(CameraModel::unknown(capture, "nothing was seen yet"))),

@@ -11,6 +11,7 @@ use blindaug::CameraModel;
 use blindaug::composite::CompositeOptions;
 use blindaug::model::{Capture, DepthKind, Estimate, Reason, SceneScale};
 use blindaug_gpu::Quality;
+use blindaug_pipeline::ByHand;
 use std::sync::Arc;
 
 /// A 3D camera whose picture goes over the frame of a real camera, with that camera's defocus, motion blur, sharpening and noise.
@@ -49,6 +50,8 @@ pub struct MatchedCamera {
     pub frame_interval: f32,
     /// How closely the compositor follows the reference, and how long it takes.
     pub quality: Quality,
+    /// The parts of the camera that are set by hand, whatever the model says.
+    pub by_hand: ByHand,
     /// What is left out (noise, or everything: `naive`), the shape of out-of-focus points, and the seed of the noise.
     pub options: CompositeOptions,
     /// Whether what is behind the focus, in it and in front of it is blurred apart, so that something sharp does not bleed into blurred
@@ -70,6 +73,7 @@ impl Default for MatchedCamera {
             frame: 0,
             frame_interval: 1.0,
             quality: Quality::default(),
+            by_hand: ByHand::default(),
             options: CompositeOptions::default(),
             apart: true,
             scene_scale: None,
@@ -134,16 +138,22 @@ fn found(
     }
 }
 
-/// The model for a view of this size (px) that its frames fill, and what of it had to be left out.
+/// The model, with what is set by hand, for a view of this size (px) that its frames fill, and what of it had to be left out.
 fn fitted(
     mut model: CameraModel,
+    by_hand: &ByHand,
     scale: Option<SceneScale>,
     [w, h]: [usize; 2],
 ) -> (CameraModel, Option<String>) {
     let mut problem = None;
     if let Some(scale) = scale {
         model = model.to_metric(scale);
-    } else if model.defocus.known().is_some_and(|lens| lens.depth_kind == DepthKind::Relative) {
+    }
+    match by_hand.applied(model.clone()) {
+        Ok(set) => model = set,
+        Err(why) => problem = Some(format!("what is set by hand is left out: {why}")),
+    }
+    if model.defocus.known().is_some_and(|lens| lens.depth_kind == DepthKind::Relative) {
         let why = "its lens is in relative inverse depth, which has no scale";
         problem =
             Some(format!("{why}; there is no defocus until MatchedCamera::scene_scale relates it to metres"));
@@ -169,7 +179,8 @@ pub(crate) fn find_models(
         let Some(size) = camera.physical_target_size().filter(|s| s.x > 0 && s.y > 0) else { continue };
         let (model, problem) = match found(&matched.model, matched.frame, &models, &server) {
             Ok(Some(model)) => {
-                let (model, problem) = fitted(model, matched.scene_scale, [size.x as usize, size.y as usize]);
+                let size = [size.x as usize, size.y as usize];
+                let (model, problem) = fitted(model, &matched.by_hand, matched.scene_scale, size);
                 (Some(Arc::new(model)), problem)
             }
             Ok(None) => (None, None),
@@ -208,22 +219,35 @@ mod tests {
     #[test]
     fn blur_grows_with_the_frame_that_covers_the_view() {
         for (view, want) in [([100, 80], 4.0), ([200, 160], 8.0), ([50, 80], 4.0), ([200, 80], 8.0)] {
-            let (model, problem) = fitted(camera(100, 80), None, view);
+            let (model, problem) = fitted(camera(100, 80), &ByHand::default(), None, view);
             assert_eq!((sigma(&model), problem), (Some(want), None), "{view:?}");
             assert!(model.check_width(view[0]).is_ok());
         }
     }
 
     #[test]
+    fn what_is_set_by_hand_is_in_px_of_the_model_s_width() {
+        let by_hand = ByHand { blur_px: Some(3.0), focus_m: Some(1.0), ..ByHand::default() };
+        let (model, problem) = fitted(camera(100, 80), &by_hand, None, [200, 160]);
+        assert_eq!((sigma(&model), problem), (Some(6.0), None));
+        assert_eq!(model.defocus.known().unwrap().sigma_px(1.0), 0.0);
+        // What cannot be set is said, and the rest of the model stays.
+        let by_hand = ByHand { grain: Some(2.0), ..ByHand::default() };
+        let (model, problem) = fitted(camera(100, 80), &by_hand, None, [100, 80]);
+        assert_eq!(sigma(&model), Some(4.0));
+        assert!(problem.unwrap().contains("noise is unknown"));
+    }
+
+    #[test]
     fn a_relative_lens_needs_a_scale() {
-        let mut relative = camera(100, 80);
+        let (by_hand, mut relative) = (ByHand::default(), camera(100, 80));
         relative.defocus =
             relative.defocus.map(|lens| DefocusModel { depth_kind: DepthKind::Relative, ..lens });
-        let (model, problem) = fitted(relative.clone(), None, [100, 80]);
+        let (model, problem) = fitted(relative.clone(), &by_hand, None, [100, 80]);
         assert_eq!(sigma(&model), None);
         assert!(problem.unwrap().contains("scene_scale"));
         let scale = SceneScale { scale: 0.5, offset: 0.0 };
-        let (model, problem) = fitted(relative, Some(scale), [100, 80]);
+        let (model, problem) = fitted(relative, &by_hand, Some(scale), [100, 80]);
         assert_eq!((sigma(&model), problem), (Some(4.0), None));
         assert_eq!(model.defocus.known().unwrap().depth_kind, DepthKind::Metric);
     }

@@ -31,17 +31,26 @@ fn whole(@builtin(vertex_index) i: u32) -> Vertex {
 @group(0) @binding(1) var background: texture_2d<f32>;
 @group(0) @binding(2) var bilinear: sampler;
 
-// Copies the part of the frame that is shown. The hardware decodes what is read and encodes what is written.
+// The part of the frame that is shown, which is written twice.
+struct Shown {
+    // For the compositor; the hardware encodes it.
+    @location(0) frame: vec4f,
+    // The view's light where nothing virtual is seen.
+    @location(1) light: vec4f,
+}
+
+// Copies the part of the frame that is shown. The hardware decodes what is read.
 @fragment
-fn frame(in: Vertex) -> @location(0) vec4f {
+fn frame(in: Vertex) -> Shown {
     let at = numbers.shown_origin + in.uv * numbers.shown_size;
-    return vec4f(textureSampleLevel(background, bilinear, at, 0.0).rgb, 1.0);
+    let light = vec4f(textureSampleLevel(background, bilinear, at, 0.0).rgb, 1.0);
+    return Shown(light, light);
 }
 
 struct Layer {
     // The colour, premultiplied and scene-linear, and alpha.
     @location(0) color: vec4f,
-    // The inverse depth, 1/m.
+    // The inverse depth, 1/m; NOTHING where nothing is.
     @location(1) inverse_depth: f32,
     // The motion to the next filmed frame, px, x right, y down.
     @location(2) motion: vec2f,
@@ -51,13 +60,29 @@ struct Layer {
 @group(0) @binding(2) var depth: texture_depth_2d;
 @group(0) @binding(3) var motion: texture_2d<f32>;
 
+// The inverse depth where nothing is, as render.rs tells the compositor.
+const NOTHING = -1.0;
+
+// Tests the bits, since a shader's arithmetic may assume that there is no NaN.
+fn is_finite(v: f32) -> bool {
+    return (bitcast<u32>(v) & 0x7f800000u) != 0x7f800000u;
+}
+
 fn layer_of(at: vec2u, depth_value: f32, motion_value: vec2f) -> Layer {
     // Where nothing wrote depth, such as below transparent things, depth and motion are unknown, which is infinity for the compositor.
     let unknown = bitcast<f32>(0x7f800000u | u32(numbers.line) * 0u);
     let known = depth_value > 0.0 && any(numbers.depth_map != vec2f(0.0));
     var out: Layer;
     out.color = textureLoad(color, at, 0);
+    out.color.a = clamp(out.color.a, 0.0, 1.0);
+    // Broken light counts as nothing.
+    if !(is_finite(out.color.r) && is_finite(out.color.g) && is_finite(out.color.b) && is_finite(out.color.a)) {
+        out.color = vec4f(0.0);
+    }
     out.inverse_depth = select(unknown, numbers.depth_map.x * depth_value + numbers.depth_map.y, known);
+    if all(out.color == vec4f(0.0)) {
+        out.inverse_depth = NOTHING;
+    }
     out.motion = select(vec2f(unknown), numbers.motion_scale * motion_value, depth_value > 0.0);
     return out;
 }

@@ -26,7 +26,10 @@ use wgpu::{BindingResource, TextureFormat, TextureUsages};
 /// The format of views that are composited: that of Bevy's cameras with `Hdr`.
 const VIEW: TextureFormat = TextureFormat::Rgba16Float;
 /// The formats of a layer's colour, inverse depth and motion.
-const LAYER: [TextureFormat; 3] = [VIEW, TextureFormat::R32Float, TextureFormat::Rg16Float];
+const LAYER: [TextureFormat; 3] = [VIEW, TextureFormat::R16Float, TextureFormat::Rg16Float];
+
+/// The inverse depth that passes.wgsl writes where nothing is, 1/m.
+const NOTHING: f32 = -1.0;
 
 /// Adds the compositor to Bevy's renderer, if there is one.
 pub(crate) fn plugin(app: &mut App) {
@@ -101,7 +104,7 @@ fn make_passes(
     let pass = |fragment, targets: &[TextureFormat]| full_screen(device, None, &module, fragment, targets);
     commands.insert_resource(Passes {
         compositor: Compositor::new(device, &queue, VIEW).with_linear_output(),
-        frame: pass("frame", &[TextureFormat::Rgba8UnormSrgb]),
+        frame: pass("frame", &[TextureFormat::Rgba8UnormSrgb, VIEW]),
         gather: pass("gather", &LAYER),
         gather_samples: pass("gather_samples", &LAYER),
         paste: pass("paste", &[VIEW]),
@@ -143,7 +146,7 @@ pub struct ViewLayer {
     pub frame: wgpu::Texture,
     /// What was rendered: premultiplied scene-linear R, G, B, A.
     pub color: wgpu::Texture,
-    /// The inverse depth of what was rendered, 1/m; infinite where it is unknown.
+    /// The inverse depth of what was rendered, 1/m; infinite where it is unknown, -1 where nothing is.
     pub inverse_depth: wgpu::Texture,
     /// The motion of what was rendered to the next filmed frame, px (x right, y down); infinite where it is unknown.
     pub motion: wgpu::Texture,
@@ -179,8 +182,9 @@ impl ViewLayer {
         let inputs = Inputs {
             frame: &frame,
             color: &color,
-            depth: Some(Depth { texture: &inverse_depth, scale: 1.0, offset: 0.0 }),
+            depth: Some(Depth { texture: &inverse_depth, scale: 1.0, offset: 0.0, nothing: Some(NOTHING) }),
             velocity: Some(Velocity { texture: &motion, scale: [1.0; 2] }),
+            finite: true,
             apart,
         };
         let bound = passes.compositor.bind(device, &inputs)?;
@@ -356,19 +360,22 @@ fn composite(
         ..Default::default()
     });
     let shown = group(&passes.frame, &[view(&filmed), BindingResource::Sampler(&passes.bilinear)]);
-    draw(encoder, &passes.frame, &shown, &[&frame], None);
+    // Nothing but what virtual things change is drawn over the frame's light later on.
+    let write = target.post_process_write();
+    let output = write.destination;
+    draw(encoder, &passes.frame, &shown, &[&frame, output], None);
 
     let gather =
         if depth.texture.texture.sample_count() > 1 { &passes.gather_samples } else { &passes.gather };
-    let sources = [target.main_texture_view(), &depth.texture.default_view, &motion.texture.default_view];
+    let sources = [write.source, &depth.texture.default_view, &motion.texture.default_view];
     let gathered = group(gather, &sources.map(|v| view(v)));
     let of_layer =
         [&layer.color, &layer.inverse_depth, &layer.motion].map(|t| t.create_view(&Default::default()));
     draw(encoder, gather, &gathered, &of_layer.each_ref(), None);
 
-    let output = target.post_process_write().destination;
     let nothing = || {
-        let capture = Capture { width: w as usize, height: h as usize, fps: None, frames_used: 0, pixel_aspect: 1.0 };
+        let capture =
+            Capture { width: w as usize, height: h as usize, fps: None, frames_used: 0, pixel_aspect: 1.0 };
         CameraModel::unknown(capture, "there is no camera model")
     };
     let naive = CompositeOptions { naive: true, ..matching.options };
@@ -381,6 +388,7 @@ fn composite(
             number: matching.frame,
             area: None,
             targets: &targets,
+            frame_in_targets: true,
             timer: None,
         };
         passes.compositor.encode(&queue, encoder, &layer.bound, &frame)
@@ -394,7 +402,8 @@ fn composite(
         if let Err(e) = encode(&nothing(), naive) {
             layer.say(e.to_string());
         }
-    } else if let Some(sentence) = matching.model.as_ref().and_then(|model| rounded(model, &matching.options)) {
+    } else if let Some(sentence) = matching.model.as_ref().and_then(|model| rounded(model, &matching.options))
+    {
         layer.say(sentence);
     }
     if edge > 0.0 {

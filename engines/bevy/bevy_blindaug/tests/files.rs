@@ -14,7 +14,13 @@ use std::time::{Duration, Instant};
 const SIZE: [u32; 2] = [96, 72];
 
 fn camera(sigma: f32) -> CameraModel {
-    let capture = Capture { width: SIZE[0] as usize, height: SIZE[1] as usize, fps: None, frames_used: 1, pixel_aspect: 1.0 };
+    let capture = Capture {
+        width: SIZE[0] as usize,
+        height: SIZE[1] as usize,
+        fps: None,
+        frames_used: 1,
+        pixel_aspect: 1.0,
+    };
     let mut camera = CameraModel::unknown(capture, "not given");
     camera.defocus = Estimate::Known(DefocusModel::given_lens(sigma, 0.1));
     camera

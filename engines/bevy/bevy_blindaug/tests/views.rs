@@ -34,7 +34,13 @@ fn step(mut moving: Query<&mut Transform, With<Moving>>) {
 }
 
 fn camera(exposure: f32, sigma: f32, focus: f32, noise: f32) -> CameraModel {
-    let capture = Capture { width: SIZE[0] as usize, height: SIZE[1] as usize, fps: None, frames_used: 1, pixel_aspect: 1.0 };
+    let capture = Capture {
+        width: SIZE[0] as usize,
+        height: SIZE[1] as usize,
+        fps: None,
+        frames_used: 1,
+        pixel_aspect: 1.0,
+    };
     let mut camera = CameraModel::unknown(capture, "not given");
     camera.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(exposure)));
     camera.defocus = Estimate::Known(DefocusModel::given_lens(sigma, focus));

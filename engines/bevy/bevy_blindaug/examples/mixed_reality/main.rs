@@ -1,25 +1,36 @@
-//! A virtual thing in a video or in front of a camera, as that camera would have filmed it, with everything estimated while it plays.
+//! A virtual figure that walks in a video or in front of a camera, as that camera would have filmed it, with everything estimated while it
+//! plays.
 //!
 //!     cargo run --release --example mixed_reality -- clip.mp4
 //!     cargo run --release --example mixed_reality -- camera:0
 //!     cargo run --release --example mixed_reality -- clip.mp4 --headless picture.png --frames 60
 //!
-//! Keys: left and right move the line (left of it the thing is pasted on as it is), N leaves the noise out, B changes the shape of
-//! out-of-focus points, up and down move the thing away and nearer, space stops the frame.
+//! The line is dragged with the mouse, or moved by the keys left and right: left of it the figure is pasted on as it is. The sliders set
+//! exposure, focus, blur and noise by hand; R returns to what is estimated. N leaves the noise out, B changes the shape of out-of-focus
+//! points, up and down move the figure away and nearer, space stops the frame. Without a window, --by-hand EXPOSURE,FOCUS,BLUR,NOISE sets
+//! what the sliders set (m, px, a factor).
+
+mod panel;
+mod walker;
 
 use bevy::app::{AppExit, ScheduleRunnerPlugin};
+use bevy::asset::io::embedded::EmbeddedAssetRegistry;
+use bevy::camera::visibility::NoFrustumCulling;
 use bevy::camera::{Exposure, RenderTarget};
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::view::screenshot::{Capturing, Screenshot, save_to_disk};
 use bevy::time::TimeUpdateStrategy;
+use bevy::ui::IsDefaultUiCamera;
 use bevy::window::{ExitCondition, WindowResolution};
 use bevy::winit::{UpdateMode, WinitPlugin, WinitSettings};
+use bevy::world_serialization::{WorldAssetRoot, WorldInstanceReady};
 use bevy_blindaug::{
-    BlindaugPlugin, FilmedCamera, LiveCamera, LiveEvent, LiveOptions, MatchedCamera, ShadowCatcher,
+    BlindaugPlugin, ByHand, FilmedCamera, LiveCamera, LiveEvent, LiveOptions, MatchedCamera, ShadowCatcher,
 };
+use blindaug::model::ExposureFraction;
 use blindaug::synth::defocus::Bokeh;
-use std::f32::consts::PI;
+use std::f32::consts::{FRAC_PI_2, PI};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -29,6 +40,8 @@ use wgpu::{TextureFormat, TextureUsages};
 const TELL: u64 = 100;
 /// The share of a frame's mean light that comes from one direction, from above.
 const DIRECT: f32 = 0.65;
+/// The radius of the circle in which the figure walks, m.
+const RADIUS: f32 = 0.3;
 
 /// What the command line says.
 #[derive(Resource, Clone)]
@@ -37,6 +50,7 @@ struct Arguments {
     headless: Option<PathBuf>,
     frames: u64,
     split: f32,
+    by_hand: ByHand,
 }
 
 impl Arguments {
@@ -45,7 +59,13 @@ impl Arguments {
     /// # Errors
     /// If it makes no sense: one sentence.
     fn read() -> Result<Self, String> {
-        let mut read = Self { input: PathBuf::new(), headless: None, frames: 60, split: 0.5 };
+        let mut read = Self {
+            input: PathBuf::new(),
+            headless: None,
+            frames: 60,
+            split: 0.5,
+            by_hand: ByHand::default(),
+        };
         let mut words = std::env::args().skip(1);
         while let Some(word) = words.next() {
             let mut value = || words.next().ok_or(format!("{word} needs a value"));
@@ -59,9 +79,23 @@ impl Arguments {
                     read.split =
                         value()?.parse().map_err(|_| "--split needs a number from 0 to 1".to_string())?;
                 }
+                "--by-hand" => {
+                    let value = value()?;
+                    let numbers: Option<Vec<f32>> = value.split(',').map(|n| n.parse().ok()).collect();
+                    let Some(&[exposure, focus, blur, noise]) = numbers.as_deref() else {
+                        return Err("--by-hand needs EXPOSURE,FOCUS,BLUR,NOISE, such as 0.5,2,3,1".into());
+                    };
+                    read.by_hand = ByHand {
+                        exposure: Some(ExposureFraction(exposure)),
+                        focus_m: Some(focus),
+                        blur_px: Some(blur),
+                        grain: Some(noise),
+                        ..ByHand::default()
+                    };
+                }
                 _ if word.starts_with("--") => {
                     return Err(format!(
-                        "{word} is no option; there are --headless PICTURE, --frames N and --split SHARE"
+                        "{word} is no option; there are --headless PICTURE, --frames N, --split SHARE and --by-hand"
                     ));
                 }
                 _ => read.input = word.into(),
@@ -105,9 +139,16 @@ fn run(arguments: Arguments) -> Result<ExitCode, String> {
         .add_systems(Last, finish);
     } else {
         app.add_plugins(plugins.set(WindowPlugin { primary_window: Some(window), ..default() }))
-            .add_systems(Update, (keys, title));
+            .add_systems(Update, (keys, drag, title));
     }
-    app.add_plugins(BlindaugPlugin).add_systems(Startup, setup).add_systems(Update, (animate, tell));
+    app.add_plugins(BlindaugPlugin)
+        .add_systems(Startup, setup)
+        .add_systems(Update, (animate, tell, panel::show));
+    app.world_mut().resource::<EmbeddedAssetRegistry>().insert_asset(
+        PathBuf::new(),
+        "walker.glb".as_ref(),
+        walker::glb(),
+    );
     let live = app.world_mut().resource_scope(|world, mut images: Mut<Assets<Image>>| {
         let mut models = world.resource_mut::<Assets<FilmedCamera>>();
         let options = LiveOptions { every_frame: is_headless, ..default() };
@@ -138,18 +179,19 @@ fn run(arguments: Arguments) -> Result<ExitCode, String> {
 #[derive(Resource)]
 struct Picture(Handle<Image>);
 
-/// What stands on the plane.
+/// The middle of the figure's circle on the plane.
 #[derive(Component)]
-struct Thing;
+struct Place;
 
-/// What turns around it.
+/// The figure.
 #[derive(Component)]
-struct Turning;
+struct Walker;
 
 fn setup(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut graphs: ResMut<Assets<AnimationGraph>>,
+    assets: Res<AssetServer>,
     mut catchers: ResMut<Assets<ShadowCatcher>>,
     mut images: ResMut<Assets<Image>>,
     mut windows: Query<&mut Window>,
@@ -158,7 +200,13 @@ fn setup(
 ) {
     let (w, h) = live.size();
     let mut camera = commands.spawn((
-        MatchedCamera { background: live.background.clone(), split: arguments.split, ..default() },
+        MatchedCamera {
+            background: live.background.clone(),
+            split: arguments.split,
+            by_hand: arguments.by_hand,
+            ..default()
+        },
+        IsDefaultUiCamera,
         Projection::Perspective(live.projection()),
     ));
     if arguments.headless.is_some() {
@@ -175,46 +223,56 @@ fn setup(
         DirectionalLight { shadow_maps_enabled: true, ..default() },
         Transform::from_xyz(0.6, 2.0, 1.0).looking_at(Vec3::ZERO, Vec3::Y),
     ));
-    let paint = |color| StandardMaterial { base_color: color, perceptual_roughness: 0.45, ..default() };
-    let [red, white, blue] =
-        [Color::srgb(0.75, 0.12, 0.08), Color::srgb(0.85, 0.82, 0.75), Color::srgb(0.1, 0.25, 0.65)]
-            .map(|c| materials.add(paint(c)));
-    let thing = commands.spawn((Thing, Transform::default(), Visibility::Hidden)).id();
-    let mut part = |mesh: Mesh, material: Handle<StandardMaterial>, place: Transform| {
-        commands.spawn((Mesh3d(meshes.add(mesh)), MeshMaterial3d(material), place, ChildOf(thing))).id()
+    let figure = "embedded://walker.glb";
+    let (graph, walk) =
+        AnimationGraph::from_clip(assets.load(GltfAssetLabel::Animation(0).from_asset(figure)));
+    let graph = graphs.add(graph);
+    let place = commands.spawn((Place, Transform::default(), Visibility::Hidden)).id();
+    let scene = WorldAssetRoot(assets.load(GltfAssetLabel::Scene(0).from_asset(figure)));
+    let start = move |ready: On<WorldInstanceReady>,
+                      mut commands: Commands,
+                      children: Query<&Children>,
+                      mut players: Query<&mut AnimationPlayer>| {
+        for child in children.iter_descendants(ready.entity) {
+            // Skinned meshes are not where their bounds at rest are.
+            commands.entity(child).insert(NoFrustumCulling);
+            if let Ok(mut player) = players.get_mut(child) {
+                player.play(walk).repeat();
+                commands.entity(child).insert(AnimationGraphHandle(graph.clone()));
+            }
+        }
     };
-    part(Cylinder::new(0.16, 0.05).into(), white.clone(), Transform::from_xyz(0.0, 0.025, 0.0));
-    part(Capsule3d::new(0.03, 0.4).into(), white, Transform::from_xyz(0.0, 0.25, 0.0));
-    part(Sphere::new(0.11).into(), red.clone(), Transform::from_xyz(0.0, 0.55, 0.0));
-    let turning = part(Torus::new(0.2, 0.26).into(), blue, Transform::from_xyz(0.0, 0.55, 0.0));
-    let ball = part(Sphere::new(0.06).into(), red, Transform::from_xyz(0.3, 0.55, 0.0));
-    commands.entity(turning).insert(Turning);
-    commands.entity(ball).insert(Turning);
+    commands.spawn((Walker, Transform::default(), scene, ChildOf(place))).observe(start);
     commands.spawn((
         Mesh3d(meshes.add(Plane3d::new(Vec3::Y, Vec2::splat(1.0)))),
         MeshMaterial3d(catchers.add(ShadowCatcher::default())),
-        ChildOf(thing),
+        ChildOf(place),
     ));
+    panel::spawn(&mut commands);
 }
 
-/// Puts the thing where the plane is, turns it, and lights it as the frame is lit.
+/// Puts the figure on the plane and lets it walk there in a circle, and lights it as the frame is lit.
 fn animate(
     live: Res<LiveCamera>,
-    mut thing: Single<(&mut Transform, &mut Visibility), With<Thing>>,
-    mut turning: Query<&mut Transform, (With<Turning>, Without<Thing>)>,
+    mut place: Single<(&mut Transform, &mut Visibility), With<Place>>,
+    mut walker: Single<&mut Transform, (With<Walker>, Without<Place>)>,
+    mut players: Query<&mut AnimationPlayer>,
     mut light: Single<&mut DirectionalLight>,
     mut ambient: ResMut<GlobalAmbientLight>,
 ) {
-    let (place, visibility) = &mut *thing;
+    let (at, visibility) = &mut *place;
     let Some(now) = live.place() else { return };
-    **place = now;
+    **at = now;
     **visibility = Visibility::Visible;
-    let angle = 2.4 * live.frame() as f32 / live.fps() as f32;
-    for mut part in &mut turning {
-        let radius = part.translation.with_y(0.0).length();
-        part.translation =
-            Vec3::new(radius * (2.0 * angle).cos(), part.translation.y, radius * (2.0 * angle).sin());
-        part.rotation = Quat::from_rotation_y(angle) * Quat::from_rotation_x(0.6);
+    // The figure walks with the frames, so that it stops where the picture stops.
+    let seconds = live.frame() as f32 / live.fps() as f32;
+    let angle = seconds * walker::STRIDE / walker::CYCLE / RADIUS;
+    walker.translation = RADIUS * Vec3::new(angle.sin(), 0.0, angle.cos());
+    walker.rotation = Quat::from_rotation_y(angle + FRAC_PI_2);
+    for mut player in &mut players {
+        for (_, active) in player.playing_animations_mut() {
+            active.pause().seek_to(seconds % walker::CYCLE);
+        }
     }
     // The light from all sides, cd/m^2, that makes 1 of white; from one direction, pi times as much in lux does.
     let full = Exposure::default().exposure().recip();
@@ -245,6 +303,9 @@ fn keys(
     if along != 0.0 {
         camera.split = (camera.split + 0.02 * along).clamp(0.0, 1.0);
     }
+    if pressed.just_pressed(KeyCode::KeyR) {
+        camera.by_hand = ByHand::default();
+    }
     if pressed.just_pressed(KeyCode::KeyN) {
         camera.options.no_noise = !camera.options.no_noise;
     }
@@ -262,6 +323,19 @@ fn keys(
     if pressed.just_pressed(KeyCode::Space) {
         *paused = !*paused;
         live.set_paused(*paused);
+    }
+}
+
+/// Moves the line to the mouse while its left button is held above the panel.
+fn drag(
+    pressed: Res<ButtonInput<MouseButton>>,
+    window: Single<&Window>,
+    mut camera: Single<&mut MatchedCamera>,
+) {
+    if let Some(at) = window.cursor_position().filter(|_| pressed.pressed(MouseButton::Left))
+        && at.y < window.height() - panel::HEIGHT
+    {
+        camera.split = at.x / window.width();
     }
 }
 

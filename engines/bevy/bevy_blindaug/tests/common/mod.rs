@@ -105,9 +105,11 @@ pub fn layer(app: &mut App) -> (Encoded, VirtualLayer) {
     let view = views.single(world).expect("there is one view");
     let frame = gpu.download::<[f32; 4]>(&view.frame).unwrap().remove(0);
     let known = |v: f32| if v.is_finite() { v } else { f32::NAN };
+    // Inverse depth is negative where nothing is.
+    let of_depth = |d: f32| if d < 0.0 { f32::NAN } else { known(d) };
     let layer = VirtualLayer {
         color: Premultiplied(gpu.download::<[f32; 4]>(&view.color).unwrap().remove(0)),
-        inverse_depth: Some(gpu.download::<f32>(&view.inverse_depth).unwrap().remove(0).map(known)),
+        inverse_depth: Some(gpu.download::<f32>(&view.inverse_depth).unwrap().remove(0).map(of_depth)),
         flow: Some(gpu.download::<[f32; 2]>(&view.motion).unwrap().remove(0).map(|v| v.map(known))),
     };
     (Encoded(frame.map(|[r, g, b, _]| [r, g, b])), layer)
