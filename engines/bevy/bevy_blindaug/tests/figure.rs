@@ -2,6 +2,7 @@
 
 mod common;
 #[path = "../examples/mixed_reality/walker.rs"]
+#[allow(dead_code, reason = "the length of a stride is the example's")]
 mod walker;
 
 use bevy::asset::io::embedded::EmbeddedAssetRegistry;

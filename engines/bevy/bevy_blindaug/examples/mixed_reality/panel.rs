@@ -11,7 +11,7 @@ const THUMB: f32 = 12.0;
 
 /// What a slider sets.
 #[derive(Component, Clone, Copy, PartialEq, Eq)]
-enum Sets {
+pub enum Sets {
     Exposure,
     Focus,
     Blur,
@@ -75,7 +75,7 @@ impl Sets {
 
 /// The text above a slider.
 #[derive(Component)]
-struct Label(Sets);
+pub struct Label(Sets);
 
 /// Spawns the panel at the lower edge of the camera's picture.
 pub fn spawn(commands: &mut Commands) {
