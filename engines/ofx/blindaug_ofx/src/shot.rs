@@ -5,7 +5,7 @@ use blindaug::{
     composite::{CompositeOptions, Plate, VirtualLayer, composite, distorted_layer},
     model::{CameraTrack, Estimate, Reason, SceneScale, inverse_of_metric},
 };
-use blindaug_pipeline::{ByHand, composite::in_metres, composite::naive};
+use blindaug_pipeline::{ByHand, Error, composite::in_metres, composite::naive};
 
 /// What is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -162,7 +162,10 @@ impl Shot<'_> {
             // A lens acts on depth; one whose unit is not known must not stop a frame that has none.
             model.defocus = Estimate::unknown(Reason::NoDepth, "there is no depth");
         }
-        let track = in_metres(model.into(), name, None).map_err(|e| e.to_string())?;
+        let track = in_metres(model.into(), name, None).map_err(|e| match e {
+            Error::NoSceneScale { .. } => format!("{e}: set the scene's scale, or focus and blur"),
+            e => e.to_string(),
+        })?;
         Ok(track.at(*number).into_owned())
     }
 }

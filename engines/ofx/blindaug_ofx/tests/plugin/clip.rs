@@ -40,7 +40,12 @@ pub struct Inputs {
 pub fn camera(exposure: f32) -> CameraModel {
     let lens = Some((2.5, 1.6));
     let setting = Setting { exposure, lens, noise: 0.03, readout: 0.3, rolling_shutter: 0.0 };
-    model(SIZE, &setting)
+    as_kept(&model(SIZE, &setting))
+}
+
+/// The camera as a file or the node keeps it: its numbers have six digits there.
+pub fn as_kept(model: &CameraModel) -> CameraModel {
+    CameraModel::from_json(&model.to_json()).unwrap()
 }
 
 /// A frame of the clip, in any size: the same scene, without noise.
