@@ -71,7 +71,7 @@ fn the_figure_is_loaded_and_its_legs_move_with_known_motion() {
     let started = Instant::now();
     app.update();
     while covered(&mut app) == 0 {
-        assert!(started.elapsed() < Duration::from_secs(60), "the figure was not loaded");
+        assert!(started.elapsed() < Duration::from_secs(300), "the figure was not loaded");
         app.update();
         std::thread::sleep(Duration::from_millis(5));
     }

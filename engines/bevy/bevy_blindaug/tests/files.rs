@@ -46,11 +46,11 @@ fn scene(assets: &Path) -> (App, Handle<Image>) {
     (app, output)
 }
 
-/// Updates until something holds of the app, for at most ten seconds; then a few times more, so that the picture shows it.
+/// Updates until something holds of the app, for at most two minutes; then a few times more, so that the picture shows it.
 fn update_until(app: &mut App, mut holds: impl FnMut(&mut App) -> bool) {
     let start = Instant::now();
     while !holds(app) {
-        assert!(start.elapsed() < Duration::from_secs(10), "it took too long");
+        assert!(start.elapsed() < Duration::from_secs(120), "it took too long");
         app.update();
         std::thread::sleep(Duration::from_millis(5));
     }
