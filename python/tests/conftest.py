@@ -1,6 +1,7 @@
 """The clip that `blindaug demo` uses, the camera that is estimated from it, and the command line as the reference."""
 
 import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -52,6 +53,14 @@ def clip() -> Clip:
 @pytest.fixture(scope="session")
 def camera(clip: Clip) -> ba.Camera:
     return ba.estimate(clip.frames, depth=clip.depth, flow=clip.flow, fps=30)
+
+
+@pytest.fixture
+def interruptible():
+    """Ctrl-C is heard here and in new processes, also where the tests run in the background, which is deaf to it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

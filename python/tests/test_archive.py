@@ -179,7 +179,7 @@ def wait_for_rows(table: Path, process: subprocess.Popen, number: int) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
-def test_a_stopped_archive_goes_on_where_it_was(clips, whole, tmp_path, name) -> None:
+def test_a_stopped_archive_goes_on_where_it_was(clips, whole, tmp_path, name, interruptible) -> None:
     table = tmp_path / "t.parquet"
     process = command(clips, "-o", table, "--workers", 1)
     wait_for_rows(table, process, 2)

@@ -265,7 +265,7 @@ def many(folder: Path, count: int) -> Path:
 
 
 @pytest.mark.parametrize("job", [ba.estimate, lambda footage: list(ba.track(footage))], ids=["estimate", "track"])
-def test_ctrl_c_stops_it(tmp_path, job):
+def test_ctrl_c_stops_it(tmp_path, job, interruptible):
     folder = many(tmp_path / "many", 1000)
     timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
     began = time.monotonic()

@@ -63,7 +63,7 @@ def test_a_report_names_the_command(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent")
-def test_ctrl_c_stops_it_after_a_frame(program, tmp_path):
+def test_ctrl_c_stops_it_after_a_frame(program, tmp_path, interruptible):
     folder = tmp_path / "many"
     folder.mkdir()
     for i in range(2000):
