@@ -19,7 +19,10 @@ const saysOf = async (page, pattern) => {
   return trouble(page);
 };
 const more = async (page, n) => shown(page, (await page.evaluate(() => window.seen.length)) + n, 240_000);
-/** The root mean square of the difference of what the canvas holds right of the line and the reference, in [0, 1]. */
+/**
+ * The root mean square of the difference of what the canvas holds right of the line and the reference, in [0, 1], over the pixels in which the
+ * reference's two halves differ: elsewhere either picture is the frame.
+ */
 const apart = (page, half) => page.evaluate(async (half) => {
   const canvas = document.getElementById('picture');
   const { width, height } = canvas;
@@ -27,15 +30,16 @@ const apart = (page, half) => page.evaluate(async (half) => {
   const { data } = canvas.getContext('2d').getImageData(0, 0, width, height);
   let sum = 0;
   let n = 0;
-  for (let y = 0; y < height; y++) {
-    for (let x = 0; x < width; x++) {
-      // The line itself is no part of the canvas.
-      const top = half === 'pasted' ? y : y + height;
-      for (let c = 0; c < 3; c++) sum += ((data[4 * (y * width + x) + c] - reference.data[4 * (top * width + x) + c]) / 255) ** 2;
-      n += 3;
-    }
+  const below = 4 * width * height;
+  for (let i = 0; i < below; i += 4) {
+    const differ = [0, 1, 2].some((c) => Math.abs(reference.data[i + c] - reference.data[below + i + c]) > 2);
+    if (!differ) continue;
+    // The line itself is no part of the canvas.
+    const at = half === 'pasted' ? i : below + i;
+    for (let c = 0; c < 3; c++) sum += ((data[i + c] - reference.data[at + c]) / 255) ** 2;
+    n += 3;
   }
-  return Math.sqrt(sum / n);
+  return n > 300 ? Math.sqrt(sum / n) : NaN;
 }, half);
 
 const results = [];
@@ -77,9 +81,10 @@ for (const gpu of ['never', 'always']) {
     const pasted = await apart(page, 'pasted');
     const by = await page.evaluate(() => window.seen.at(-1).by);
     assert.equal(by, gpu === 'never' ? 'processor' : 'webgpu');
-    // Half a step of 8 bits on either side, and the tolerance of the passes (docs/gpu.md).
-    assert.ok(filmed < 0.004 && pasted < 0.004, `${filmed} ${pasted}`);
-    assert.ok(control > 0.004, `${control}`);
+    // Half a step of 8 bits on either side, and the tolerance of the passes (docs/gpu.md). What is pasted has hard edges, which device and
+    // processor sample at other places.
+    assert.ok(filmed < 0.004 && pasted < 0.01, `${filmed} ${pasted}`);
+    assert.ok(control > 0.012, `${control}`);
     await page.focus('#line');
     await page.keyboard.press('Home');
     for (let i = 0; i < 5; i++) await page.keyboard.press('Shift+ArrowRight');
