@@ -20,7 +20,30 @@ _Unknown: TypeAlias = Literal["leave", "middle"]
 # Called with the number of frames that are done, and of all frames or None.
 _Progress: TypeAlias = Callable[[int, int | None], object]
 
-__all__: list[str]
+__all__ = [
+    "COLOUR_SPACES",
+    "Camera",
+    "Defocus",
+    "EXPORT_TARGETS",
+    "Error",
+    "Export",
+    "Exposure",
+    "FileError",
+    "Noise",
+    "Sharpening",
+    "Track",
+    "Tracker",
+    "UnknownError",
+    "__version__",
+    "apply",
+    "composite",
+    "estimate",
+    "read_track",
+    "run",
+    "set_memory_budget",
+    "track",
+    "write_track",
+]
 __version__: str
 COLOUR_SPACES: list[str]
 EXPORT_TARGETS: list[str]

@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import csv
 import glob
+import importlib
 import json
 import logging
 import os
@@ -836,6 +837,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 if __name__ == "__main__":
     # The module that other processes import, rather than this one under another name.
-    from blindaug.archive import main as run
-
-    sys.exit(run())
+    sys.exit(importlib.import_module("blindaug.archive").main())
