@@ -14,12 +14,14 @@ import bpy
 import numpy as np
 
 SIZE = 192
+# The std of the blur at infinity, px.
+SIGMA = 6.0
 
 
 def render(script):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    distance = 200.0 * script.FOCUS_M
+    distance = 200.0 * script.CAMERA["focus_m"]
     # So small that its sharp image spans 2 px.
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.004 * distance, location=(0.0, distance, 0.0))
     material = bpy.data.materials.new("light")
@@ -38,7 +40,7 @@ def render(script):
     scene.cycles.filter_width = 1.0
     scene.render.resolution_x = scene.render.resolution_y = SIZE
     # A blur in which the shape is seen, in pictures of this height, and no grain.
-    script.HEIGHT, script.SIGMA_PX_AT_INFINITY, script.SLOPE = SIZE, 6.0, None
+    script.CAMERA.update(height=SIZE, sigma_px_at_infinity=SIGMA, noise=None)
     script.apply(scene)
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
     with tempfile.TemporaryDirectory() as folder:
@@ -60,7 +62,7 @@ def main():
     weight = picture / picture.sum()
     x, y = x - (weight * x).sum(), y - (weight * y).sum()
     stds = [math.sqrt((weight * v * v).sum()) for v in (x, y)]
-    sigma = script.SIGMA_PX_AT_INFINITY * (1.0 - 1.0 / 200.0)
+    sigma = SIGMA * (1.0 - 1.0 / 200.0)
     want = [sigma * math.sqrt(2.0 / (1.0 + squeeze**2)) * s for s in (1.0, squeeze)]
     print(f"stds {stds[0]:.2f} x {stds[1]:.2f} px, of the model {want[0]:.2f} x {want[1]:.2f} px")
     wrong = [abs(a / b - 1.0) > 0.03 for a, b in zip(stds, want)]
