@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
 # Builds the Python package's wheel, installs it into an environment of its own, runs its tests and type checks, and builds its site. Needs Python
 # 3.10 or later with venv, and PyPI. BLINDAUG=PROGRAM is the program that results are compared with; without it, it is built. PROFILE=release
-# builds the wheel as it is published. `check.sh quick` leaves out what takes long (killed archives, the notebook, most made-up arguments, the site);
-# `check.sh environment` only makes the environment, and fails where there is no such Python or no PyPI.
+# builds the wheel as it is published. `check.sh environment` only makes the environment, and fails where there is no such Python or no PyPI.
 set -euo pipefail
 cd "$(dirname "$0")"
 root=$(dirname "$PWD")
@@ -31,12 +30,7 @@ if [ -z "${BLINDAUG:-}" ]; then
     export BLINDAUG="$CARGO_TARGET_DIR/debug/blindaug"
 fi
 # The installed package is tested, not the folder beside this script.
-tests=(-q -c ../pyproject.toml --rootdir .)
-if [ "${1:-}" = quick ]; then
-    export EXAMPLES=15
-    tests+=(-m "not slow")
-fi
-(cd tests && "$environment/bin/python" -m pytest "${tests[@]}" .)
+(cd tests && "$environment/bin/python" -m pytest -q -c ../pyproject.toml --rootdir . .)
 "$environment/bin/python" -m mypy --config-file pyproject.toml
 (cd tests && "$environment/bin/python" -m mypy.stubtest --mypy-config-file ../pyproject.toml --allowlist stubtest.txt --ignore-disjoint-bases blindaug)
-[ "${1:-}" = quick ] || "$environment/bin/mkdocs" build --strict --quiet --config-file mkdocs.yml --site-dir "$CARGO_TARGET_DIR/site"
+"$environment/bin/mkdocs" build --strict --quiet --config-file mkdocs.yml --site-dir "$CARGO_TARGET_DIR/site"

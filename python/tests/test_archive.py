@@ -60,7 +60,6 @@ def whole(clips, tmp_path_factory) -> list[dict]:
     return read(table)
 
 
-@pytest.mark.slow
 def test_a_row_holds_the_numbers_of_its_shot(clips, whole) -> None:
     rows = {(Path(row["id"]).name, row["shot"]): row for row in whole}
     assert list(rows) == [("a", 1), ("b", 1), ("broken.mp4", None), ("cut", 1), ("cut", 2)]
@@ -85,7 +84,6 @@ def test_a_row_holds_the_numbers_of_its_shot(clips, whole) -> None:
     assert rows["a", 1]["camera"] != rows["b", 1]["camera"]
 
 
-@pytest.mark.slow
 def test_the_rows_do_not_depend_on_workers_or_on_how_clips_are_named(clips, whole, tmp_path) -> None:
     names = sorted({row["id"] for row in whole})
     with (tmp_path / "table.csv").open("w", newline="") as file:
@@ -102,7 +100,6 @@ def test_the_rows_do_not_depend_on_workers_or_on_how_clips_are_named(clips, whol
     assert [c for c, _ in archive.clips_of([clips / "*"])] == names
 
 
-@pytest.mark.slow
 def test_what_is_done_is_not_done_again_but_errors_are(clips, whole, tmp_path) -> None:
     table = tmp_path / "t.parquet"
     archive.archive(clips / "a", tmp_path / "t.parquet")
@@ -118,7 +115,6 @@ def test_what_is_done_is_not_done_again_but_errors_are(clips, whole, tmp_path) -
     assert repeated(read(table)) == repeated(whole)
 
 
-@pytest.mark.slow
 def test_a_killed_worker_costs_no_row(clips, whole, tmp_path, monkeypatch) -> None:
     killed = []
     running = archive.Worker._running
@@ -136,7 +132,6 @@ def test_a_killed_worker_costs_no_row(clips, whole, tmp_path, monkeypatch) -> No
     assert repeated(read(tmp_path / "t.parquet")) == repeated(whole)
 
 
-@pytest.mark.slow
 def test_a_clip_that_ends_its_process_or_takes_too_long_is_a_row(clips, tmp_path, monkeypatch) -> None:
     running = archive.Worker._running
 
@@ -155,7 +150,6 @@ def test_a_clip_that_ends_its_process_or_takes_too_long_is_a_row(clips, tmp_path
     assert "longer than 0.01 s" in row["error"]
 
 
-@pytest.mark.slow
 def test_memory_that_does_not_suffice_is_a_row(clips, tmp_path) -> None:
     archive.archive(clips / "a", tmp_path / "t.parquet", memory=4_000_000)
     (row,) = read(tmp_path / "t.parquet")
@@ -177,7 +171,6 @@ def wait_for_rows(table: Path, process: subprocess.Popen, number: int) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_a_stopped_archive_goes_on_where_it_was(clips, whole, tmp_path, name, interruptible) -> None:
     table = tmp_path / "t.parquet"
@@ -204,7 +197,6 @@ def test_a_stopped_archive_goes_on_where_it_was(clips, whole, tmp_path, name, in
     assert [p.name for p in tmp_path.iterdir()] == ["t.parquet"]
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="there is no lock on Windows")
 def test_two_at_one_table_do_not_disturb_each_other(clips, tmp_path) -> None:
     first = command(clips, "-o", tmp_path / "t.parquet", "--workers", 1)
@@ -216,7 +208,6 @@ def test_two_at_one_table_do_not_disturb_each_other(clips, tmp_path) -> None:
     first.communicate()
 
 
-@pytest.mark.slow
 def test_files_in_an_object_store_are_copied_for_a_while(clips, whole) -> None:
     (row,) = archive.rows_of("x", (clips / "broken.mp4").as_uri())
     assert row["error"].startswith("file://") and "blindaug-" not in row["error"]

@@ -1,7 +1,5 @@
 """Whatever is handed in, by the thousands: a result, or an exception that names the argument."""
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -11,11 +9,7 @@ from hypothesis.extra import numpy as hnp
 import blindaug as ba
 
 # A function-scoped fixture is not used, and times differ between machines.
-COMMON = settings(
-    max_examples=int(os.environ.get("EXAMPLES", 150)),
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
+COMMON = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 TYPES = ["uint8", "uint16", "float16", "float32", "float64", ">f4", "int8", "int64", "bool", "complex64", "U2", "M8[s]", "O"]
 SHAPES = st.one_of(

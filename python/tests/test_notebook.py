@@ -11,11 +11,10 @@ NOTEBOOK = ROOT / "docs/notebooks/python.ipynb"
 
 
 def executed(notebook, folder):
-    NotebookClient(notebook, timeout=900, kernel_name="python3", resources={"metadata": {"path": str(folder)}}).execute()
+    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(folder)}}).execute()
     return notebook
 
 
-@pytest.mark.slow
 def test_the_notebook_runs(tmp_path):
     notebook = executed(nbformat.read(NOTEBOOK, as_version=4), tmp_path)
     made = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
