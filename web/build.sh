@@ -36,8 +36,7 @@ fi
 # bind FOLDER OUT: makes the module OUT of what was built in the folder.
 bind() {
     rm -rf "$2"
-    "$bindgen" --target web --out-dir "$2" --out-name blindaug "$1/$target/release/blindaug_web.wasm"
-    ! command -v wasm-opt >/dev/null || wasm-opt -O3 --all-features -o "$2/blindaug_bg.wasm" "$2/blindaug_bg.wasm"
+    "$bindgen" --target web --remove-name-section --out-dir "$2" --out-name blindaug "$1/$target/release/blindaug_web.wasm"
 }
 
 case ${1:-} in
@@ -56,5 +55,8 @@ threads)
         RUSTFLAGS="-Ctarget-feature=+simd128,+atomics,+bulk-memory -Clink-arg=--shared-memory -Clink-arg=--max-memory=2147483648 -Clink-arg=--import-memory -Clink-arg=--export=__wasm_init_tls -Clink-arg=--export=__tls_size -Clink-arg=--export=__tls_align -Clink-arg=--export=__tls_base" \
         "${build[@]}" --features threads -Zbuild-std=std,panic_abort
     bind target/threads wasm-threads
+    # wasm-bindgen-rayon hands the module over in a way of which wasm-bindgen warns in the console of every page.
+    sed -i 's/pkg\.default(data\.module, data\.memory)/pkg.default({ module_or_path: data.module, memory: data.memory })/' \
+        wasm-threads/snippets/wasm-bindgen-rayon-*/src/workerHelpers.no-bundler.js
     ;;
 esac

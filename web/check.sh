@@ -4,7 +4,8 @@
 #
 #   web/check.sh [SCREENSHOTS]     # a folder for the screenshots, otherwise a temporary one
 #
-# CLIPS: how many clips of known truth are looked at, by default 10. THREADS=1 builds and checks the second build with threads, too.
+# CLIPS: how many clips of known truth are looked at, by default 10. THREADS=1 builds and checks the second build with threads, too. WebKit is tried
+# where its WebDriver is installed.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 source "$root/tools/browser.sh" web/check "${1:-}"
@@ -23,6 +24,11 @@ for clip in 0 1; do
     node test/same.mjs "$work/native.jsonl" "$work/wasm.jsonl"
 done
 
+if [[ -n ${THREADS:-} ]]; then
+    echo "== threads give the same in an isolated page"
+    node test/threads.mjs "$work/clip.rgba" 480 360 >/dev/null
+fi
+
 echo "== types"
 npx --no-install tsc -p test/tsconfig.json
 
@@ -36,4 +42,12 @@ node test/truth.mjs "$work/clips" 40 "$shots"
 
 echo "== the page itself"
 node test/page.mjs "$work/clips/3.y4m" "$shots"
+
+if command -v WebKitWebDriver >/dev/null; then
+    echo "== the page in WebKit"
+    ffmpeg -v error -y -i "$work/clips/0.y4m" -c:v libvpx -b:v 3M "$work/clip.webm"
+    xvfb-run -a node test/webkit.mjs "$work/clip.webm" "$shots"
+else
+    echo "== WebKit was not tried: that takes Debian's packages webkit2gtk-driver and xvfb"
+fi
 echo "screenshots: $shots"
