@@ -55,8 +55,27 @@ function showing() {
 }
 
 /**
- * Calls `each(video, { number, time })` for each new picture of a video. The numbers count the pictures that were shown, so that one which was
- * missed is a gap; the returned function ends it.
+ * A test whether a picture is missing before that of a time. One that was lost on its way to the page is not counted as shown, but leaves a gap
+ * between the times of its neighbours.
+ */
+function missing() {
+  const steps = [];
+  let last;
+  return (time) => {
+    const step = time - last;
+    last = time;
+    if (!(step > 0)) return false;
+    // A busy page may lose most pictures, so that the usual step is among the shortest quarter.
+    const usual = [...steps].sort((a, b) => a - b)[steps.length >> 2];
+    steps.push(step);
+    if (steps.length > 40) steps.shift();
+    return step > 1.5 * usual;
+  };
+}
+
+/**
+ * Calls `each(video, { number, time })` for each new picture of a video. The numbers count the pictures, so that one or more which were missed are
+ * a gap; the returned function ends it.
  */
 export function frames(video, each) {
   let ended = false;
@@ -76,10 +95,12 @@ export function frames(video, each) {
   }
   let first;
   let handle;
-  const shows = showing();
+  const [shows, lost] = [showing(), missing()];
   const look = (_, { presentedFrames, mediaTime }) => {
     if (ended) return;
     first ??= presentedFrames - 1;
+    // What was lost on its way moves the count of what was shown.
+    if (lost(mediaTime) && presentedFrames - first === number + 1) first -= 1;
     // A video that starts again may count anew.
     number = Math.max(number + 1, presentedFrames - first);
     handle = video.requestVideoFrameCallback(look);
