@@ -1010,6 +1010,8 @@ fn frames_before_leave_no_trace() {
     let shutter = with_exposure(plain.clone(), 0.7);
     let both = with_exposure(lens.clone(), 0.7);
     let [crisp, wide] = [(1.0, 1.0), (0.4, 4.0)].map(|(a, r)| with_sharpening(both.clone(), a, r));
+    // The object moves by a few blocks, so that where it was is beside where the sharpening works now.
+    let (beside, only_crisp) = (layer_at(w, h, 68), with_sharpening(plain.clone(), 1.0, 1.0));
     let eyes = Eyes::new(&[&frame], &[&left]);
     let target = target_like(&eyes.frame);
     let views = views(&target);
@@ -1040,6 +1042,9 @@ fn frames_before_leave_no_trace() {
             (&left, &crisp, None),
             (&left, &wide, Some(Area { x: 0, y: 0, width: 45, height: 100 })),
             (&right, &wide, None),
+            (&left, &only_crisp, None),
+            (&beside, &only_crisp, None),
+            (&left, &only_crisp, None),
         ] {
             GPU.write(&eyes.color, &[&layer.color.0]);
             GPU.write(eyes.depth.as_ref().unwrap(), &[layer.inverse_depth.as_ref().unwrap()]);
