@@ -10,7 +10,7 @@ use blindaug::model::{
     SharpeningModel,
 };
 use blindaug::synth::defocus::Bokeh;
-use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result};
+use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result, filter};
 use blindaug_gpu::{
     Area, Block, Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity, unsharpening_steps,
 };
@@ -136,13 +136,55 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
             );
         }
     }
-    println!("\nBytes of the steps of sharpening per pixel of its area:\n");
-    for amount in [0.2, 0.5, 1.0, 5.0, 20.0] {
-        let steps = unsharpening_steps(&SharpeningModel::given(amount, 1.0));
-        println!("{amount}: {steps} steps, {:.0}", sharpening_bytes(steps));
+    println!("\nBlocks of the object by their largest defocus std, and blocks in which it may be seen\n");
+    println!(
+        "| object | below 1/128 px | below 1 px | above | seen | seen if each block reached as far as its own blur | looks for an empty tile, share of the samples at Medium |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    for share in SHARES {
+        let scene = Scene::new(gpu, [w, h, 1], share)?;
+        let blocks = scene.blocks(gpu, compositor, None)?;
+        let Classes { sharp, small, large, seen, seen_by_class } = Classes::of(&scene, &blocks);
+        let samples: f64 = Work::new(&scene, &blocks, (GIVEN[0], None), Quality::Medium).samples.iter().sum();
+        let looks = 4.0 * 25.0 * blocks.iter().filter(|b| b.focused && !b.covered).count() as f64;
+        println!(
+            "| {:.0} % | {sharp} | {small} | {large} | {seen} | {seen_by_class} | {:.2} % |",
+            100.0 * share,
+            100.0 * looks / samples
+        );
+    }
+    println!("\nSharpening by a radius of {MASK_RADIUS} px: bytes per pixel of the view, and texels read\n");
+    println!(
+        "| object | amount | steps | bytes | if it worked on the area | on the whole view | texels | on the whole view |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    for share in SHARES {
+        let mut scene = Scene::new(gpu, [w, h, 1], share)?;
+        scene.camera.sharpening = Estimate::Known(SharpeningModel::given(1.0, MASK_RADIUS));
+        let blocks = scene.blocks(gpu, compositor, None)?;
+        let area = scene.around();
+        let in_area = f64::from(area.width) * f64::from(area.height) / pixels;
+        for amount in [0.2, 0.5, 1.0, 5.0, 20.0] {
+            let steps = unsharpening_steps(&SharpeningModel::given(amount, MASK_RADIUS));
+            let own = Sharpened::of(&blocks, w.div_ceil(BLOCK)).work(steps);
+            // One block that is everywhere.
+            let everywhere = Sharpened { changed: pixels, rows: pixels, seen: pixels }.work(steps);
+            println!(
+                "| {:.0} % | {amount} | {steps} | {:.0} | {:.0} | {:.0} | {:.0} | {:.0} |",
+                100.0 * share,
+                own.0 / pixels,
+                in_area * everywhere.0 / pixels,
+                everywhere.0 / pixels,
+                own.1 / pixels,
+                everywhere.1 / pixels
+            );
+        }
     }
     Ok(())
 }
+
+/// The radius of the mask of which the sharpening's bytes are counted, px.
+const MASK_RADIUS: f32 = 1.0;
 
 /// The assumed speed of a GPU like the Adreno 740: 70 % of the bandwidth of 64 bit of LPDDR5X at 8533 MT/s, bytes/s, and samples of four
 /// half floats per second.
@@ -179,15 +221,99 @@ impl Given {
 /// The side of a block, px.
 const BLOCK: usize = 16;
 
-/// Bytes per pixel that the sharpening moves in its area, if each texel is read once and written once, beyond what the composite of a camera
-/// that does not sharpen moves. Each texel has 8 bytes, of the frame 4.
-fn sharpening_bytes(steps: u32) -> f64 {
-    // The iteration's first step, which blurs the frame: rows 4 + 8, columns 8 + 4 + 8. Each further step: rows 8 + 8, columns 8 + 8 + 8 + 8;
-    // the second one 8 less, since its source is the first one's result.
-    let unsharpening = 32.0 + 48.0 * f64::from(steps - 1) - 8.0;
-    // The difference reads the frame and the unsharpening in addition and writes its result; its rows 8 + 8; the last pass reads the
-    // frame, the difference, its rows and the unsharpening instead of the layer.
-    unsharpening + 4.0 + 8.0 + 8.0 + 16.0 + 8.0 + 8.0 + 8.0
+/// What classes of blocks would be worth.
+struct Classes {
+    /// The blocks of the object whose defocus stds are below that which can be seen, 1/128 px.
+    sharp: usize,
+    /// Those whose largest defocus std is below 1 px.
+    small: usize,
+    /// The other ones.
+    large: usize,
+    /// The blocks in which the object may be seen, as the passes find them: by the largest reach of blur in the frame.
+    seen: usize,
+    /// Those in which it may be seen if each block reached only as far as its own blur.
+    seen_by_class: usize,
+}
+
+impl Classes {
+    fn of(scene: &Scene, blocks: &[Block]) -> Self {
+        let [w, h, _] = scene.size;
+        let (columns, rows) = (w.div_ceil(BLOCK), h.div_ceil(BLOCK));
+        let mut classes = [0; 3];
+        let mut seen_by_class = vec![false; blocks.len()];
+        for (i, _) in blocks.iter().enumerate().filter(|(_, b)| b.occupied) {
+            let (bx, by) = (i % columns, i / columns);
+            let pixels = (by * BLOCK..((by + 1) * BLOCK).min(h))
+                .flat_map(|y| (bx * BLOCK..((bx + 1) * BLOCK).min(w)).map(move |x| (x, y)));
+            let (mut sigma, mut reach) = (0.0f32, 0.0f32);
+            for (x, y) in pixels.filter(|&(x, y)| scene.inside(x, y)) {
+                let own = scene.sigma(x);
+                sigma = sigma.max(own);
+                let of_lens = if own < 1.0 / 128.0 { 0.0 } else { 4.5 * own + 2.0 };
+                reach = reach.max(of_lens + 0.5 * scene.path(x, y));
+            }
+            classes[usize::from(sigma >= 1.0 / 128.0) + usize::from(sigma >= 1.0)] += 1;
+            let n = (reach / BLOCK as f32).ceil() as usize;
+            for y in by.saturating_sub(n)..=(by + n).min(rows - 1) {
+                let row = columns * y;
+                seen_by_class[row + bx.saturating_sub(n)..=row + (bx + n).min(columns - 1)].fill(true);
+            }
+        }
+        let [sharp, small, large] = classes;
+        let seen = blocks.iter().filter(|b| b.visible).count();
+        Self { sharp, small, large, seen, seen_by_class: seen_by_class.iter().filter(|s| **s).count() }
+    }
+}
+
+/// The pixels that the sharpening works on.
+struct Sharpened {
+    /// Those that it may change.
+    changed: f64,
+    /// Those whose rows are blurred.
+    rows: f64,
+    /// Those of the blocks in which the object may be seen.
+    seen: f64,
+}
+
+impl Sharpened {
+    /// The pixels of the blocks of a frame, so many of them in a row.
+    fn of(blocks: &[Block], columns: usize) -> Self {
+        let taps = filter::gaussian_kernel(MASK_RADIUS).len() - 1;
+        let reach = columns * taps.max(2).div_ceil(BLOCK);
+        // Above and below the blocks that are changed, rows are read.
+        let is_read = |i: usize| {
+            (i % columns..blocks.len())
+                .step_by(columns)
+                .any(|j| j.abs_diff(i) <= reach && blocks[j].sharpened)
+        };
+        let pixels = |is: &dyn Fn(usize) -> bool| {
+            (BLOCK * BLOCK * (0..blocks.len()).filter(|&i| is(i)).count()) as f64
+        };
+        Self {
+            changed: pixels(&|i| blocks[i].sharpened),
+            rows: pixels(&is_read),
+            seen: pixels(&|i| blocks[i].visible),
+        }
+    }
+
+    /// The bytes that the sharpening moves, if each texel is read once and written once, and the texels that it reads, beyond those of the
+    /// composite of a camera that does not sharpen. Each texel has 8 bytes, of the frame 4. (The bits and the list of the blocks are less
+    /// than 0.1 bytes a pixel.)
+    fn work(&self, steps: u32) -> (f64, f64) {
+        let later = f64::from(steps - 1);
+        let taps = 2.0 * filter::gaussian_kernel(MASK_RADIUS).len() as f64 - 1.0;
+        // The rows of the frame, those of each further step, and those of the difference.
+        let rows = (4.0 + 8.0) + 16.0 * (later + 1.0);
+        // The columns of the frame; those of each further step read the source, the rows and the first step's result, which is the second
+        // step's source. The difference is written. The last pass reads it and its rows.
+        let changed = (8.0 + 4.0 + 8.0) + 32.0 * later - 8.0 + 8.0 + 16.0;
+        // The difference reads the frame and what unsharpens it, the last pass the latter.
+        let seen = 4.0 + 8.0 + 8.0;
+        let bytes = self.rows * rows + self.changed * changed + self.seen * seen;
+        let texels =
+            self.rows * taps * (later + 2.0) + self.changed * (taps * (later + 2.0) + 1.0 + 2.0 * later);
+        (bytes, texels + 3.0 * self.seen)
+    }
 }
 
 /// What the passes of a frame of one eye move and read, for a camera that does not sharpen.

@@ -33,7 +33,7 @@ pub struct Bound {
     /// The [`DefocusQuality`] of the current frame.
     pub(crate) quality: wgpu::Buffer,
     pub(crate) prepare: BindGroup,
-    /// The bindings of the three kernels that find the blocks in which something is seen.
+    /// The bindings of the kernels that find the blocks in which something is seen, and those that the sharpening works on.
     pub(crate) list_blocks: BindGroup,
     pub(crate) pull_continued: BindGroup,
     /// The bindings of `pull`, by the level that is read, from `CONTINUED + 1` on.
@@ -46,9 +46,7 @@ pub struct Bound {
     /// The bindings of the last two passes that read a copy of the layer, and those that read the layer itself.
     pub(crate) defocus: [BindGroup; 2],
     pub(crate) composite: [BindGroup; 2],
-    /// The number of blocks whose focused layer is to be computed, and the blocks.
-    pub(crate) list: wgpu::Buffer,
-    /// The workgroups that this takes.
+    /// The workgroups that the list of blocks takes.
     pub(crate) dispatch: wgpu::Buffer,
     /// For each eye, the numbers of the draw of the tiles in which something may be seen.
     pub(crate) draws: wgpu::Buffer,
@@ -177,13 +175,7 @@ impl<'a> Binder<'a> {
         )
     }
 
-    fn defocus(
-        &self,
-        quality: &wgpu::Buffer,
-        list: &wgpu::Buffer,
-        depth: &TextureView,
-        sharp: &TextureView,
-    ) -> BindGroup {
+    fn defocus(&self, quality: &wgpu::Buffer, depth: &TextureView, sharp: &TextureView) -> BindGroup {
         let mut resources = vec![
             self.camera(),
             quality.as_entire_binding(),
@@ -196,7 +188,7 @@ impl<'a> Binder<'a> {
         resources.extend(self.pyramids.octaves[1..].iter().map(view));
         resources.extend([self.of.disks.as_entire_binding(), self.numbers()]);
         resources.extend([&self.views.continued, &self.views.covered, &self.views.coarser].map(view));
-        resources.push(list.as_entire_binding());
+        resources.push(self.views.list.as_entire_binding());
         self.of.defocus.bind(&self.views.device, &resources)
     }
 
@@ -211,10 +203,10 @@ impl<'a> Binder<'a> {
             view(&self.views.covered),
             view(&self.views.coarser),
             view(&self.of.tile),
-            self.numbers(),
+            self.views.tiles.as_entire_binding(),
             self.blocks(),
             view(&self.views.velocity),
-            self.views.tiles.as_entire_binding(),
+            self.numbers(),
         ];
         bind(&self.views.device, &self.of.composite_layout, &resources)
     }
@@ -245,7 +237,6 @@ impl Bound {
         let of_eye = blocks[0] * blocks[1];
         let blocks = of_eye * u64::from(slabs * eyes);
         let near = buffer("blocks near the object", 4 * blocks, BufferUsages::STORAGE);
-        let list = buffer("list of blocks", 4 * (blocks + 1), BufferUsages::STORAGE);
         let dispatch = buffer("workgroups", 12, BufferUsages::STORAGE | BufferUsages::INDIRECT);
         let draws = buffer("draws", 16 * u64::from(eyes), BufferUsages::STORAGE | BufferUsages::INDIRECT);
         let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
@@ -259,6 +250,7 @@ impl Bound {
             sharp: pyramids.octaves[0].clone(),
             color: array_view(inputs.color),
             tiles: buffer("tiles", 4 * of_eye * u64::from(eyes), BufferUsages::STORAGE),
+            list: buffer("list of blocks", 4 * (blocks + 1), BufferUsages::STORAGE),
             focused: pyramids.focused.clone(),
             continued: pyramids.known[0].clone(),
             covered: pyramids.covered.clone(),
@@ -287,7 +279,7 @@ impl Bound {
             binder.numbers(),
             binder.blocks(),
             near.as_entire_binding(),
-            list.as_entire_binding(),
+            views.list.as_entire_binding(),
             dispatch.as_entire_binding(),
             draws.as_entire_binding(),
             views.tiles.as_entire_binding(),
@@ -306,9 +298,8 @@ impl Bound {
             top: binder.doubled(&of.top, last),
             push: (CONTINUED + 1..last).map(|level| binder.doubled(&of.push, level)).collect(),
             halve: binder.halved(&of.halve, 1, &pyramids.octaves[1..]),
-            defocus: sharp.map(|s| binder.defocus(&quality, &list, &depth, s)),
+            defocus: sharp.map(|s| binder.defocus(&quality, &depth, s)),
             composite: sharp.map(|s| binder.composite(s)),
-            list,
             dispatch,
             draws,
             passes: AtomicU32::new(0),

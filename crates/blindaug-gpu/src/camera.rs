@@ -80,10 +80,10 @@ wgsl_struct! {
         pub(crate) direct: u32,
         /// 1 if the targets hold the frame already.
         pub(crate) over_targets: u32,
+        /// The blocks up to whose distance the camera's sharpening spreads a change; 0 for a camera that does not sharpen.
+        pub(crate) sharpening_blocks: u32,
         /// Nothing, for the struct's size in WGSL.
-        padding: u32,
-        /// The same.
-        padding_after: [u32; 2],
+        padding: [u32; 2],
     }
 }
 

@@ -12,12 +12,17 @@ fn number_of(part: u32, which: u32) -> u32 {
     return 3u * part + which;
 }
 
-// Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE, FOCUSED and COVERED for each.
+// Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE, FOCUSED, COVERED and SHARPENED for each.
 
 // The bit of a block in the list of blocks whose focused layer is to be computed, if it may hold anything.
 const LISTED_TO_BLUR = 0x80000000u;
 // The bit of a block in that list that has the bit COVERED.
 const LISTED_AS_COVERED = 0x40000000u;
+// The bit of a block in the list of blocks that the sharpening works on, if the sharpening changes something there. The other blocks of
+// that list have rows that such blocks read, or are to be cleared.
+const LISTED_TO_SHARPEN = 0x80000000u;
+// The bit of a block in that list in which the sharpening no longer changes anything, so that its textures are to hold zeros.
+const LISTED_TO_CLEAR = 0x40000000u;
 // The vertices of the two triangles of a tile that is drawn, which is a block.
 const TILE_VERTICES = 6u;
 // The number of listed blocks in a row of workgroups.
@@ -37,6 +42,14 @@ fn blocks_of(camera: Camera) -> vec2<u32> {
 fn block_index(camera: Camera, block: vec2<u32>, part: u32) -> u32 {
     let all = blocks_of(camera);
     return (part * all.y + block.y) * all.x + block.x;
+}
+
+// Pixel `i`, rows first, of a block in a list: x, y, and the part or the eye.
+fn listed_pixel(camera: Camera, listed: u32, i: u32) -> vec3<u32> {
+    let block = listed & 0x3fffffffu;
+    let all = blocks_of(camera);
+    let first = BLOCK * vec2(block % all.x, block / all.x % all.y);
+    return vec3(first + vec2(i % BLOCK, i / BLOCK), block / (all.x * all.y));
 }
 
 // The size of a frame that was halved `level` times, px.

@@ -33,14 +33,6 @@ impl Area {
         Self { x, y, width: self.width.min(width - x), height: self.height.min(height - y) }
     }
 
-    /// The rectangle with `margin` px more on each side, as far as a frame of this size reaches.
-    fn grown(self, margin: u32, width: u32, height: u32) -> Self {
-        let (x, y) = (self.x.saturating_sub(margin), self.y.saturating_sub(margin));
-        let right = (self.x + self.width).saturating_add(margin).min(width);
-        let bottom = (self.y + self.height).saturating_add(margin).min(height);
-        Self { x, y, width: right - x, height: bottom - y }
-    }
-
     /// Whether the area holds no pixel.
     fn is_empty(self) -> bool {
         self.width == 0 || self.height == 0
@@ -58,15 +50,15 @@ pub struct Frame<'a> {
     pub quality: Quality,
     /// The frame's number, so that each has its own noise.
     pub number: u64,
-    /// The area in which the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]). The compositor adds the margin that a
-    /// sharpening camera changes. Outside of the area, the layer is not looked at, and the frame is only copied. `None`: the whole frame, in
-    /// which the compositor finds the object itself; but the sharpening takes all of it.
+    /// The area in which the object may be seen, blur included ([`blindaug::synth::Blur::reach_px`]). Outside of the area, the layer is not
+    /// looked at, and the frame is only copied, but for the margin that a sharpening camera changes. `None`: the whole frame, in which the
+    /// compositor finds the object itself.
     pub area: Option<Area>,
     /// A view per eye, of the frame's size and the format that the compositor was made for. The views get display-encoded values, or light
     /// after [`Compositor::with_linear_output`].
     pub targets: &'a [TextureView],
     /// Whether the targets hold the frame already, as the compositor would write it where nothing is seen of the object. Then nothing but
-    /// the blocks in which the object may be seen is drawn, and the rest costs nothing, unless the camera sharpens.
+    /// the blocks in which the object may be seen is drawn, and those that the sharpening changes; the rest costs nothing.
     pub frame_in_targets: bool,
     /// The timer that measures how long the steps take, if any.
     pub timer: Option<&'a Timer>,
@@ -83,7 +75,7 @@ pub struct Compositor {
 
 /// The effects of the camera on a frame, and the area that they change.
 struct Plan {
-    /// The area in which the layer, blurred and sharpened, may change the frame.
+    /// The area in which the blurred layer may be seen.
     area: Area,
     defocuses: bool,
     /// Whether the lens or motion blurs.
@@ -144,16 +136,19 @@ impl Compositor {
         encoder.clear_buffer(&bound.views.numbers, 0, None);
         encoder.clear_buffer(&bound.dispatch, 0, None);
         // Only the list's length is cleared.
-        encoder.clear_buffer(&bound.list, 0, Some(4));
+        encoder.clear_buffer(&bound.views.list, 0, Some(4));
         encoder.clear_buffer(&bound.draws, 0, None);
         self.encode_blur(encoder, bound, &plan, frame);
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
-        let tiled = frame.frame_in_targets && plan.sharpening.is_none();
-        let (pipeline, group) = match sharpened {
-            Some(group) => (&self.sharpener.sharpened, group),
-            None if tiled => (&self.passes.composite_tiles, &bound.composite[usize::from(plan.direct)]),
-            None => (&self.passes.composite, &bound.composite[usize::from(plan.direct)]),
+        let tiled = frame.frame_in_targets;
+        let (of_tiles, of_whole, group) = match sharpened {
+            Some(group) => (&self.sharpener.sharpened_tiles, &self.sharpener.sharpened, group),
+            None => {
+                let group = &bound.composite[usize::from(plan.direct)];
+                (&self.passes.composite_tiles, &self.passes.composite, group)
+            }
         };
+        let pipeline = if tiled { of_tiles } else { of_whole };
         let load = if tiled { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::BLACK) };
         for (eye, target) in (0..).zip(frame.targets) {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -187,12 +182,12 @@ impl Compositor {
         let [w, h, _] = bound.views.size;
         let mut camera = Camera::new(model, w as usize, bound.velocity_scale, &options, quality, number)?;
         let whole = Area { x: 0, y: 0, width: w, height: h };
-        let mut area = area.map_or(whole, |a| a.within(w, h));
+        let area = area.map_or(whole, |a| a.within(w, h));
         let seen = !area.is_empty();
         let sharpening =
             model.sharpening.known().copied().filter(|s| seen && !options.naive && s.amount > 0.0);
         if let Some(sharpening) = &sharpening {
-            area = area.grown(sharpening::reach_px(sharpening), w, h);
+            camera.sharpening_blocks = sharpening::reach_px(sharpening).div_ceil(BLOCK as u32);
         }
         camera.depth_map = bound.depth_map;
         camera.slabs = bound.slabs;
@@ -206,7 +201,7 @@ impl Compositor {
         camera.frame = [w, h];
         let direct = bound.finite && bound.slabs == 1 && camera.encoded_space == 0;
         camera.direct = u32::from(direct);
-        camera.over_targets = u32::from(frame.frame_in_targets && sharpening.is_none());
+        camera.over_targets = u32::from(frame.frame_in_targets);
         camera.knows_nothing = u32::from(bound.nothing.is_some());
         camera.nothing = bound.nothing.unwrap_or_default();
         camera.refresh = u32::from(bound.passes_changed(defocuses, defocuses || moves, direct));
@@ -279,12 +274,18 @@ impl Compositor {
             }
             return Ok(None);
         };
-        let Area { x, y, width, height } = plan.area;
         let passes = bound.sharpening(&self.passes, &self.sharpener)?;
-        let steps = passes.write(queue, model, [x, y])?;
+        let steps = passes.write(queue, model)?;
+        // The list of blocks to put out of focus makes room for that of the blocks to sharpen.
+        encoder.clear_buffer(&bound.dispatch, 0, None);
+        encoder.clear_buffer(&bound.views.list, 0, Some(4));
         let mut pass = timer::compute_pass(encoder, timer, timer::SHARPENING);
-        let threads = [width, height, bound.views.size[2]];
-        passes.run(&self.sharpener, &mut pass, steps, plan.direct, threads);
+        let [w, h, eyes] = bound.views.size;
+        let blocks = [w, h].map(|s| s.div_ceil(BLOCK as u32));
+        for kernel in [&self.passes.seen_in_row, &self.passes.list_sharpened] {
+            kernel.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], eyes]);
+        }
+        passes.run(&self.sharpener, &mut pass, steps, plan.direct, &bound.dispatch);
         Ok(Some(&passes.sharpened))
     }
 }

@@ -10,9 +10,9 @@
 @group(0) @binding(6) var covered: texture_2d_array<f32>;
 @group(0) @binding(7) var continued_1: texture_2d_array<f32>;
 @group(0) @binding(8) var tile: texture_2d_array<f32>;
-@group(0) @binding(9) var<storage, read> numbers: array<u32>;
 @group(0) @binding(10) var<storage, read> blocks: array<u32>;
 @group(0) @binding(11) var velocity: texture_2d_array<f32>;
+@group(0) @binding(12) var<storage, read> numbers: array<u32>;
 
 struct Vertex {
     @builtin(position) position: vec4<f32>,
@@ -26,7 +26,7 @@ fn whole(@builtin(vertex_index) i: u32, @builtin(instance_index) eye: u32) -> Ve
 }
 
 // For each eye, the blocks that are drawn where the targets hold the frame already.
-@group(0) @binding(12) var<storage, read> tiles: array<u32>;
+@group(0) @binding(9) var<storage, read> tiles: array<u32>;
 
 // Makes the two triangles of a block. The instance is its number among those that are drawn, and the first vertex tells the eye.
 @vertex

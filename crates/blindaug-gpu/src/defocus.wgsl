@@ -232,11 +232,10 @@ fn sigma_at(at: vec2<u32>, part: u32, block_is_covered: bool) -> f32 {
 fn defocus(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let entry = group.y * LIST_ROW + group.x;
     let listed = list[min(entry, list[0] - 1u) + 1u];
-    let block = listed & ~(LISTED_TO_BLUR | LISTED_AS_COVERED);
-    let all_blocks = blocks_of(camera);
-    let part = block / (all_blocks.x * all_blocks.y);
+    let corner = listed_pixel(camera, listed, 0u);
+    let part = corner.z;
     // A quarter of the block: a tile of 8 x 8 pixels.
-    let first = BLOCK * vec2(block % all_blocks.x, block / all_blocks.x % all_blocks.y) + 8u * vec2(group.z % 2u, group.z / 2u);
+    let first = corner.xy + 8u * vec2(group.z % 2u, group.z / 2u);
     let id = vec3(first + vec2(thread % 8u, thread / 8u), part);
     if thread == 0u {
         atomicStore(&largest_sigma, 0u);

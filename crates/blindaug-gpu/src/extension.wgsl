@@ -236,7 +236,7 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         // The most opaque pixel of the whole part is not more opaque than 1.
         let opaque = bitcast<f32>(atomicLoad(&largest[LARGEST_ALPHA])) >= OPAQUE;
         let covered_all = opaque && atomicLoad(&uncovered) == 0u;
-        blocks[block] = (now * OCCUPIED) | ((before & OCCUPIED) * OCCUPIED_BEFORE) | (before & FOCUSED)
+        blocks[block] = (now * OCCUPIED) | ((before & OCCUPIED) * OCCUPIED_BEFORE) | (before & (FOCUSED | SHARPENED))
             | select(0u, COVERED, covered_all);
     }
     workgroupBarrier();

@@ -17,6 +17,8 @@ pub(crate) struct Passes {
     pub(crate) near_in_row: Kernel,
     pub(crate) list_blocks: Kernel,
     pub(crate) list_tiles: Kernel,
+    pub(crate) seen_in_row: Kernel,
+    pub(crate) list_sharpened: Kernel,
     pub(crate) pull_continued: Kernel,
     pub(crate) pull: Kernel,
     pub(crate) top: Kernel,
@@ -90,6 +92,8 @@ impl Passes {
             near_in_row: of_blocks("near_in_row"),
             list_blocks: of_blocks("list_blocks"),
             list_tiles: of_blocks("list_tiles"),
+            seen_in_row: of_blocks("seen_in_row"),
+            list_sharpened: of_blocks("list_sharpened"),
             pull_continued: of_extension("pull_continued", 8, &[&halving[..], &[Buffer]].concat()),
             pull: of_extension("pull", 8, &halving),
             top: of_extension("top", 1, &doubling),
@@ -137,6 +141,8 @@ pub(crate) struct Views {
     pub(crate) color: TextureView,
     /// The blocks that are drawn where the targets hold the frame already.
     pub(crate) tiles: wgpu::Buffer,
+    /// The number of blocks that the pass `defocus`, and after it the sharpening, has work in, and the blocks.
+    pub(crate) list: wgpu::Buffer,
     /// The layer after defocus.
     pub(crate) focused: TextureView,
     /// The inverse depth and the path on level [`CONTINUED`](crate::quality::CONTINUED).

@@ -1,6 +1,6 @@
 //! The compositor's shaders. They are WGSL that browsers accept too: no subgroups, no half floats, no formats of particular devices.
 
-use crate::blocks::{BLOCK, COVERED, FOCUSED, OCCUPIED, OCCUPIED_BEFORE, VISIBLE};
+use crate::blocks::{BLOCK, COVERED, FOCUSED, OCCUPIED, OCCUPIED_BEFORE, SHARPENED, VISIBLE};
 use crate::camera::Camera;
 use crate::layout::{Layout, structs};
 use crate::prelude::{colours, constants};
@@ -30,6 +30,7 @@ fn compositor() -> String {
         ("VISIBLE", &VISIBLE),
         ("FOCUSED", &FOCUSED),
         ("COVERED", &COVERED),
+        ("SHARPENED", &SHARPENED),
         ("CONTINUED", &CONTINUED),
         ("GAUSSIANS", &GAUSSIANS),
         ("GAUSSIAN_MOST", &GAUSSIAN_MOST),

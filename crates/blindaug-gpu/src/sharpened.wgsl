@@ -3,23 +3,35 @@
 // crates/blindaug/src/composite.rs.
 
 @group(0) @binding(8) var difference_out: texture_storage_2d_array<rgba16float, write>;
-// The difference that undoes the frame's sharpening when it is added, in the area; for the pass `difference`, and for the pass `sharpened`.
-@group(0) @binding(12) var unsharpening_before: texture_2d_array<f32>;
+// The difference that undoes the frame's sharpening when it is added; for the pass `difference`, and for the pass `sharpened`.
+@group(0) @binding(9) var unsharpening_before: texture_2d_array<f32>;
 @group(0) @binding(7) var unsharpening_after: texture_2d_array<f32>;
 
-// The frame at a pixel of the area as it was before the camera sharpened it.
+// The number of blocks in which the difference is computed, and the blocks.
+@group(0) @binding(13) var<storage, read> list: array<u32>;
+
+// The frame at a pixel as it was before the camera sharpened it.
 fn unsharpened(unsharpening: texture_2d_array<f32>, at: vec2<u32>, eye: u32) -> vec3<f32> {
-    return textureLoad(frame, camera.origin + at, eye, 0).rgb + textureLoad(unsharpening, at, eye, 0).rgb;
+    return textureLoad(frame, at, eye, 0).rgb + textureLoad(unsharpening, at, eye, 0).rgb;
 }
 
 // Writes the change that the layer makes to the unsharpened frame, in encoded values, and the layer's alpha. The sensor clips before the
 // camera sharpens.
-@compute @workgroup_size(8, 8)
-fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
-    if any(id.xy >= camera.size) {
+@compute @workgroup_size(16, 16)
+fn difference(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let entry = group.y * LIST_ROW + group.x;
+    if entry >= list[0] {
         return;
     }
-    let layer = layer_at(camera.origin + id.xy, id.z);
+    let listed = list[entry + 1u];
+    let id = listed_pixel(camera, listed, thread);
+    if (listed & (LISTED_TO_SHARPEN | LISTED_TO_CLEAR)) == 0u || any(id.xy >= camera.frame) {
+        return;
+    }
+    var layer = vec4(0.0);
+    if all(id.xy - camera.origin < camera.size) {
+        layer = layer_at(id.xy, id.z);
+    }
     var out = vec4(0.0);
     if layer.a > 0.0 {
         let background = unsharpened(unsharpening_before, id.xy, id.z);
@@ -37,7 +49,7 @@ fn difference(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(6) var<storage, read> half_kernel: array<f32>;
 
 fn row_at(at: vec2<i32>, eye: u32) -> vec3<f32> {
-    return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.size) - 1), eye, 0).rgb;
+    return textureLoad(blurred_rows, clamp(at, vec2(0), vec2<i32>(camera.frame) - 1), eye, 0).rgb;
 }
 
 // `unsharpening_after` blurred by the kernel with which `smoothed` blurs the frame.
@@ -47,7 +59,7 @@ fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
     for (var j = -1; j <= 1; j++) {
         for (var i = -1; i <= 1; i++) {
             let tap = smoothing_tap(i, j);
-            let place = coordinates(at + tap.xy, camera.size, all);
+            let place = coordinates(at + tap.xy, camera.frame, all);
             sum += tap.z * textureSampleLevel(unsharpening_after, bilinear, place, eye, 0.0).rgb;
         }
     }
@@ -58,13 +70,12 @@ fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
 fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
     let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
-    let at = pixel - camera.origin;
-    // Left of and above the origin, the difference wraps around to large numbers.
-    if any(at >= camera.size) {
+    // All parts of an eye have one bit.
+    if (blocks[block_index(camera, pixel / BLOCK, in.eye * camera.slabs)] & SHARPENED) == 0u {
         return to_target(filmed);
     }
-    let own = textureLoad(differences, at, in.eye, 0);
-    let place = vec2<i32>(at);
+    let own = textureLoad(differences, pixel, in.eye, 0);
+    let place = vec2<i32>(pixel);
     var blurred = half_kernel[0] * row_at(place, in.eye);
     for (var i = 1; i <= i32(mask.radius); i++) {
         blurred += half_kernel[i] * (row_at(place - vec2(0, i), in.eye) + row_at(place + vec2(0, i), in.eye));
@@ -73,15 +84,18 @@ fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     let clean = filmed + added;
     if own.a <= 0.0 {
         // Pixels without the layer get the halo of the sharpened object, or, beyond the halo, the frame itself, bit by bit.
+        if all(added == vec3(0.0)) && camera.over_targets != 0u {
+            discard;
+        }
         return to_target(select(clamp(clean, vec3(0.0), vec3(1.0)), filmed, added == vec3(0.0)));
     }
     var noisy = clean;
     if camera.noise != 0u {
-        let background = unsharpened(unsharpening_after, at, in.eye);
+        let background = unsharpened(unsharpening_after, pixel, in.eye);
         let kept = 1.0 - own.a;
         var smooth_background = vec3(0.0);
         if kept > LEAST_KEPT {
-            smooth_background = smoothed(vec2<f32>(pixel), in.eye) + smoothed_unsharpening(vec2<f32>(at), in.eye);
+            smooth_background = smoothed(vec2<f32>(pixel), in.eye) + smoothed_unsharpening(vec2<f32>(pixel), in.eye);
         }
         noisy += missing_noise(pixel, in.eye, background, smooth_background, background + own.rgb, kept);
     }

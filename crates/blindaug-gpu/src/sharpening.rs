@@ -3,7 +3,11 @@
 //! The frame is unsharpened by Richardson's iteration `u + s (frame - sharpened u)`, as the reference does, but with the steps s of
 //! Chebyshev's polynomial instead of equal ones: half as many steps or fewer leave as little of the sharpening. Between the steps the
 //! difference to the frame is kept, which half floats hold more exactly than the frame itself.
+//!
+//! All passes work on the blocks within the mask's reach of what is seen; elsewhere, the difference is zero. So the iteration finds the
+//! difference within these blocks that undoes the sharpening there, and where something is seen, all that the mask reads is within them.
 
+use crate::blocks::BLOCK;
 use crate::gpu::{array_view, texture};
 use crate::kernel::{Binding, Kernel, bind, layout};
 use crate::passes::{BETWEEN, Passes, Views, pipeline, view};
@@ -54,9 +58,10 @@ pub fn unsharpening_steps(sharpening: &SharpeningModel) -> u32 {
     step_sizes(sharpening.amount).len() as u32
 }
 
-/// The distance up to which a change of an image affects its sharpened version, px.
+/// The distance up to which a change of an image affects its sharpened version, px, and at least that up to which the frame is smoothed for
+/// its noise.
 pub(crate) fn reach_px(sharpening: &SharpeningModel) -> u32 {
-    filter::gaussian_kernel(sharpening.radius_px).len() as u32 - 1
+    (filter::gaussian_kernel(sharpening.radius_px).len() as u32 - 1).max(2)
 }
 
 /// The kernels and the pipeline of the sharpening, which do not depend on the size of frames.
@@ -67,6 +72,8 @@ pub(crate) struct Sharpener {
     difference: Kernel,
     /// The last pass, which writes the targets.
     pub(crate) sharpened: wgpu::RenderPipeline,
+    /// The same pass for the sharpened blocks alone.
+    pub(crate) sharpened_tiles: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
 }
 
@@ -74,34 +81,33 @@ impl Sharpener {
     /// Compiles the shaders, for targets of this format.
     pub(crate) fn new(device: &wgpu::Device, target: TextureFormat) -> Self {
         use Binding::{Buffer, Sampler, Target, Texels, Texture, Uniform};
-        let kernel = |source: &str, entry, side, bindings: &[Binding]| {
-            Kernel::new(device, source, entry, [side, side, 1], bindings)
+        let kernel = |source: &str, entry, bindings: &[Binding]| {
+            Kernel::new(device, source, entry, [BLOCK as u32, BLOCK as u32, 1], bindings)
         };
         let between = Target(BETWEEN);
         let layout = layout(
             device,
             "sharpened",
-            ShaderStages::FRAGMENT,
-            &[Uniform, Sampler, Texture, Texels, Texels, Uniform, Buffer, Texture, Texels],
+            ShaderStages::VERTEX_FRAGMENT,
+            &[Uniform, Sampler, Texture, Texels, Texels, Uniform, Buffer, Texture, Texels, Buffer, Buffer],
         );
         Self {
-            rows: kernel(&shaders::SHARPENING, "rows", 16, &[Uniform, Uniform, Buffer, Texels, between]),
+            rows: kernel(&shaders::SHARPENING, "rows", &[Uniform, Uniform, Buffer, Texels, between, Buffer]),
             columns: kernel(
                 &shaders::SHARPENING,
                 "columns",
-                16,
-                &[Uniform, Uniform, Buffer, Texels, between, Texels, Texels],
+                &[Uniform, Uniform, Buffer, Texels, between, Buffer, Texels, Texels],
             ),
             difference: kernel(
                 &shaders::COMPOSITE,
                 "difference",
-                8,
                 &[
-                    Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, between, Buffer,
-                    Buffer, Texels, Texture,
+                    Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, between, Texture,
+                    Buffer, Texels, Buffer, Buffer,
                 ],
             ),
             sharpened: pipeline(device, &layout, target, ["whole", "sharpened"]),
+            sharpened_tiles: pipeline(device, &layout, target, ["of_tile", "sharpened"]),
             layout,
         }
     }
@@ -168,8 +174,11 @@ impl Sharpening {
             })
         };
         let (camera, taps) = (views.camera.as_entire_binding(), half_kernel.as_entire_binding());
+        let list = views.list.as_entire_binding();
         let rows_of = |slot, source| {
-            of.rows.bind(device, &[camera.clone(), pass(slot), taps.clone(), view(source), view(&rows)])
+            let resources =
+                [camera.clone(), pass(slot), taps.clone(), view(source), view(&rows), list.clone()];
+            of.rows.bind(device, &resources)
         };
         let columns = |slot, source, first, written| {
             let resources = [
@@ -178,6 +187,7 @@ impl Sharpening {
                 taps.clone(),
                 view(source),
                 view(written),
+                list.clone(),
                 view(&rows),
                 view(first),
             ];
@@ -195,10 +205,11 @@ impl Sharpening {
                 view(&views.covered),
                 view(&views.coarser),
                 view(&turns[1]),
-                views.numbers.as_entire_binding(),
+                view(&turns[0]),
                 views.blocks.as_entire_binding(),
                 view(&views.velocity),
-                view(&turns[0]),
+                views.numbers.as_entire_binding(),
+                list.clone(),
             ]
         };
         let sharpened = [
@@ -211,6 +222,8 @@ impl Sharpening {
             taps.clone(),
             view(&turns[0]),
             view(&of_all.tile),
+            views.tiles.as_entire_binding(),
+            views.blocks.as_entire_binding(),
         ];
         Ok(Self {
             rows_of_frame: rows_of(0, &views.frame),
@@ -228,16 +241,11 @@ impl Sharpening {
         })
     }
 
-    /// Uploads the mask and the origin of the area for the passes, and returns the number of steps of the iteration.
+    /// Uploads the mask for the passes, and returns the number of steps of the iteration.
     ///
     /// # Errors
     /// If the mask is wider than there is room for.
-    pub(crate) fn write(
-        &self,
-        queue: &wgpu::Queue,
-        sharpening: &SharpeningModel,
-        origin: [u32; 2],
-    ) -> Result<usize> {
+    pub(crate) fn write(&self, queue: &wgpu::Queue, sharpening: &SharpeningModel) -> Result<usize> {
         let kernel = filter::gaussian_kernel(sharpening.radius_px);
         if kernel.len() > MOST_TAPS {
             return Err(Error::new(format!(
@@ -256,7 +264,7 @@ impl Sharpening {
         // Let e be the difference that is added to the frame f, and G the Gaussian. A step of size s turns e into
         // (1 - s (1 + amount)) e + s amount G e + s amount (G f - f); the first step, where e is 0, has only the last term.
         let first = sizes[0] * amount;
-        put(0, MaskPass { origin, of_source: -first, of_blurred: first, ..mask });
+        put(0, MaskPass { of_source: -first, of_blurred: first, ..mask });
         for (step, size) in sizes.iter().enumerate().skip(1) {
             let pass = MaskPass {
                 of_source: 1.0 - size * (1.0 + amount),
@@ -273,28 +281,28 @@ impl Sharpening {
     }
 
     /// Records the passes up to the last one: the frame is unsharpened in `steps` steps, and the change that the layer makes to it is
-    /// blurred along rows. `direct` says whether the layer itself is read, without a copy.
+    /// blurred along rows. `direct` says whether the layer itself is read, without a copy; `workgroups` are those of the list of blocks.
     pub(crate) fn run(
         &self,
         of: &Sharpener,
         pass: &mut wgpu::ComputePass,
         steps: usize,
         direct: bool,
-        threads: [u32; 3],
+        workgroups: &wgpu::Buffer,
     ) {
-        of.rows.run(pass, &self.rows_of_frame, threads);
-        of.columns.run(pass, &self.begin, threads);
+        of.rows.run_counted(pass, &self.rows_of_frame, workgroups);
+        of.columns.run_counted(pass, &self.begin, workgroups);
         for step in 1..steps {
             let slot = MOST_STEPS - steps + step;
             let (rows, columns) = match step {
                 1 => (&self.rows_of_first, &self.second[slot]),
                 _ => (&self.rows_of_turns[1 - turn_of(slot)], &self.later[slot]),
             };
-            of.rows.run(pass, rows, threads);
-            of.columns.run(pass, columns, threads);
+            of.rows.run_counted(pass, rows, workgroups);
+            of.columns.run_counted(pass, columns, workgroups);
         }
-        of.difference.run(pass, &self.difference[usize::from(direct)], threads);
-        of.rows.run(pass, &self.rows_of_turns[1], threads);
+        of.difference.run_counted(pass, &self.difference[usize::from(direct)], workgroups);
+        of.rows.run_counted(pass, &self.rows_of_turns[1], workgroups);
     }
 }
 

@@ -8,8 +8,6 @@ pub const TILE: usize = 256;
 wgsl_struct! {
     /// The numbers of a pass of the unsharp mask.
     pub(crate) struct MaskPass {
-        /// The top left corner of the area in the source, px.
-        pub(crate) origin: [u32; 2],
         /// The radius of the Gaussian's kernel, px.
         pub(crate) radius: u32,
         /// The amount of the mask.
@@ -20,8 +18,6 @@ wgsl_struct! {
         pub(crate) of_blurred: f32,
         /// The weight of the first step's result.
         pub(crate) of_first: f32,
-        /// Unused.
-        pub(crate) padding: u32,
     }
 }
 

@@ -1009,6 +1009,9 @@ fn frames_before_leave_no_trace() {
     let sharp = with_lens(plain.clone(), 1e-4, 0.4);
     let shutter = with_exposure(plain.clone(), 0.7);
     let both = with_exposure(lens.clone(), 0.7);
+    let [crisp, wide] = [(1.0, 1.0), (0.4, 4.0)].map(|(a, r)| with_sharpening(both.clone(), a, r));
+    // The object moves by a few blocks, so that where it was is beside where the sharpening works now.
+    let (beside, only_crisp) = (layer_at(w, h, 68), with_sharpening(plain.clone(), 1.0, 1.0));
     let eyes = Eyes::new(&[&frame], &[&left]);
     let target = target_like(&eyes.frame);
     let views = views(&target);
@@ -1031,6 +1034,17 @@ fn frames_before_leave_no_trace() {
             (&empty, &plain, None),
             (&left, &plain, None),
             (&right, &both, None),
+            (&left, &crisp, None),
+            (&right, &wide, None),
+            (&left, &plain, None),
+            (&empty, &crisp, None),
+            (&right, &crisp, None),
+            (&left, &crisp, None),
+            (&left, &wide, Some(Area { x: 0, y: 0, width: 45, height: 100 })),
+            (&right, &wide, None),
+            (&left, &only_crisp, None),
+            (&beside, &only_crisp, None),
+            (&left, &only_crisp, None),
         ] {
             GPU.write(&eyes.color, &[&layer.color.0]);
             GPU.write(eyes.depth.as_ref().unwrap(), &[layer.inverse_depth.as_ref().unwrap()]);
@@ -1072,20 +1086,25 @@ fn only_blocks_near_the_object_cost_anything() {
         let blocks = bound.read_blocks(&GPU).unwrap();
         assert_eq!(blocks.len(), 27 * 9);
         let count = |is: &dyn Fn(&Block) -> bool| blocks.iter().filter(|b| is(b)).count();
-        [count(&|b| b.occupied), count(&|b| b.visible), count(&|b| b.focused)]
+        assert_eq!(blocks.iter().any(|b| b.sharpened), model.sharpening.known().is_some());
+        [count(&|b| b.occupied), count(&|b| b.visible), count(&|b| b.focused), count(&|b| b.sharpened)]
     };
     // The object's radius is 16 px.
-    let [occupied, visible, focused] = counts(&camera(w, h));
+    let [occupied, visible, focused, _] = counts(&camera(w, h));
     assert!(
         (9..=16).contains(&occupied) && visible == occupied && focused == 0,
         "{occupied} {visible} {focused}"
     );
-    let [_, visible, focused] = counts(&with_lens(camera(w, h), 12.0, 0.4));
+    let [_, visible, focused, _] = counts(&with_lens(camera(w, h), 12.0, 0.4));
     assert!(visible > occupied && visible < 100 && focused == visible, "{visible} {focused}");
     // Neither a lens that puts nothing out of focus nor a shutter needs the focused layer.
-    assert_eq!(counts(&with_lens(camera(w, h), 1e-4, 0.4)), [occupied, occupied, 0]);
-    let [_, visible, focused] = counts(&with_exposure(camera(w, h), 0.7));
+    assert_eq!(counts(&with_lens(camera(w, h), 1e-4, 0.4)), [occupied, occupied, 0, 0]);
+    let [_, visible, focused, _] = counts(&with_exposure(camera(w, h), 0.7));
     assert!(visible > occupied && focused == 0, "{visible} {focused}");
+    // A camera that sharpens works on the blocks around those in which the object is seen, the more the wider its mask.
+    let [narrow, wide] = [1.0, 6.0].map(|radius| counts(&with_sharpening(camera(w, h), 1.0, radius)));
+    println!("sharpened blocks: {} and {} of {}", narrow[3], wide[3], 27 * 9);
+    assert!(narrow[3] > occupied && wide[3] > narrow[3] && wide[3] < 100, "{narrow:?} {wide:?}");
 }
 
 #[test]
@@ -1149,9 +1168,11 @@ fn what_the_caller_promises_changes_nothing_in_the_picture() {
         let hidden = Inputs { finite: false, depth: depth(0.34375), ..promised };
         let black = Raster::filled(w, h, [0.0f32; 4]);
         assert!(difference(&over(&hidden, model, &filmed)[0], &want[0]) > 0.0005, "{name}");
-        // Only where the object may be seen is anything drawn, except by a camera that sharpens.
-        let untouched = over(&promised, model, &black)[0].at(410, 5) == [0.0; 3];
-        assert_eq!(untouched, name != "sharpened", "{name}");
+        // Only where the object may be seen, and around it for a camera that sharpens, is anything drawn.
+        let drawn = |image: &Raster<[f32; 3]>| image.data().iter().filter(|v| **v != [0.0; 3]).count();
+        let over_black = over(&promised, model, &black).remove(0);
+        assert_eq!(over_black.at(410, 5), [0.0; 3], "{name}");
+        assert!((100..w * h / 3).contains(&drawn(&over_black)), "{name}");
     }
 }
 

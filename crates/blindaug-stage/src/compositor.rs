@@ -62,10 +62,13 @@ impl Compositor {
         let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
         let frame = texture(&gpu.device, "frame", size, TextureFormat::Rgba8Unorm, usage)?;
         let effects = Effects::new(&gpu.device, &gpu.queue, target);
+        // What is apart is copied whatever is promised of colours, and a frame in the target would be one more copy of it.
+        let depth =
+            Depth { texture: &layer.inverse_depth, scale: 1.0, offset: 0.0, nothing: Some(Layer::NOTHING) };
         let inputs = Inputs {
             frame: &frame,
             color: &layer.color,
-            depth: Some(Depth { texture: &layer.inverse_depth, scale: 1.0, offset: 0.0, nothing: None }),
+            depth: Some(depth),
             velocity: Some(Velocity { texture: &layer.velocity, scale: [1.0; 2] }),
             finite: false,
             apart: true,
@@ -125,8 +128,8 @@ fn on_processor(gpu: &Gpu, layer: &Layer) -> Result<VirtualLayer> {
     let depth = gpu.download::<f32>(&layer.inverse_depth)?.remove(0);
     let velocity = gpu.download::<[f32; 2]>(&layer.velocity)?.remove(0);
     let flow = blindaug::Flow::from_fn(velocity.width(), velocity.height(), |x, y| {
-        if depth.at(x, y) > 0.0 { velocity.at(x, y) } else { [f32::NAN; 2] }
+        if depth.at(x, y) > Layer::NOTHING { velocity.at(x, y) } else { [f32::NAN; 2] }
     });
-    let inverse_depth = depth.map(|d| if d > 0.0 { d } else { f32::NAN });
+    let inverse_depth = depth.map(|d| if d > Layer::NOTHING { d } else { f32::NAN });
     Ok(VirtualLayer { color: Premultiplied(color), inverse_depth: Some(inverse_depth), flow: Some(flow) })
 }

@@ -22,10 +22,15 @@ const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 pub struct Layer {
     /// The colour, [`TextureFormat::Rgba16Float`]: premultiplied and scene-linear.
     pub color: wgpu::Texture,
-    /// The inverse depth, [`TextureFormat::R32Float`], 1/m; 0 where there is nothing.
+    /// The inverse depth, [`TextureFormat::R32Float`], 1/m; [`Layer::NOTHING`] where there is nothing, and more where there is something.
     pub inverse_depth: wgpu::Texture,
     /// The motion to the next frame, [`TextureFormat::Rg16Float`], px, x right, y down.
     pub velocity: wgpu::Texture,
+}
+
+impl Layer {
+    /// The inverse depth where there is nothing, 1/m.
+    pub const NOTHING: f32 = 0.0;
 }
 
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -359,6 +364,28 @@ mod tests {
         // Negative control: a square that stands still has no velocity.
         let Drawn { velocity, .. } = drawn(&gpu, Object::square(Material::default()), [poses[0]; 2], 1.0);
         assert!(velocity.data().iter().flatten().all(|v| v.abs() < 1e-3));
+    }
+
+    #[test]
+    fn depth_tells_where_nothing_is() {
+        let Some(gpu) = Gpu::for_tests() else { return };
+        // Far away, near, and so near that a part of it is behind the camera.
+        for (distance, size) in [(1e6, 1e5f32), (2.0, 1.0), (0.3, 1.0)] {
+            let place = pose(0.5, [0.0, 0.3 * f64::from(size), distance]);
+            let drawn = drawn(&gpu, Object::built_in(), [place; 2], size);
+            let somewhere = drawn.color.data().iter().filter(|c| **c != [0.0; 4]).count();
+            assert!((10..SIZE.0 * SIZE.1).contains(&somewhere), "{distance}: {somewhere}");
+            for (color, &d) in drawn.color.data().iter().zip(drawn.inverse_depth.data()) {
+                assert_eq!(*color != [0.0; 4], d > Layer::NOTHING, "{distance}: {color:?} {d}");
+                assert!(d >= Layer::NOTHING);
+            }
+            // Negative control: another number does not tell it.
+            let as_told = |nothing: f32| {
+                let pixels = drawn.color.data().iter().zip(drawn.inverse_depth.data());
+                pixels.filter(|(c, d)| (**c == [0.0; 4]) != (**d == nothing)).count()
+            };
+            assert_eq!([as_told(Layer::NOTHING), as_told(-1.0)], [0, SIZE.0 * SIZE.1 - somewhere]);
+        }
     }
 
     #[test]
