@@ -232,8 +232,8 @@ fn curves_of(rows: &Rows, pure: bool) -> [[f32; POINTS]; 3] {
     let mut x = [[1.0 / 3.0; UNKNOWNS]; 3];
     x.iter_mut().for_each(|x| x[POINTS] = 0.0);
     for step in STEPS {
-        let mut normal = [[f32x4::ZERO; UNKNOWNS]; UNKNOWNS];
-        let mut right = [f32x4::ZERO; UNKNOWNS];
+        let mut normal = vec![f32x4::ZERO; UNKNOWNS * UNKNOWNS];
+        let mut right = vec![f32x4::ZERO; UNKNOWNS];
         let now = lanes(&x);
         for (b, row) in rows.iter().step_by(step) {
             let (variance, all) = (variance(b), predicted(row, &now));
@@ -246,23 +246,26 @@ fn curves_of(rows: &Rows, pure: bool) -> [[f32; POINTS]; 3] {
             for (k, &(i, a)) in row.iter().enumerate() {
                 let weighted = weight * f32x4::splat(a);
                 right[usize::from(i)] += weighted * variance;
-                let normal = &mut normal[usize::from(i)];
+                let normal = &mut normal[UNKNOWNS * usize::from(i)..];
                 row[..=k].iter().for_each(|&(j, b)| normal[usize::from(j)] += weighted * f32x4::splat(b));
             }
         }
-        let (normal, right) = (normal.map(|row| row.map(f32x4::to_array)), right.map(f32x4::to_array));
         let mut same = true;
         for (c, x) in x.iter_mut().enumerate() {
+            let of = |v: &f32x4| f64::from(v.as_array()[c]);
+            let mut normal: Vec<f64> = normal.iter().map(of).collect();
             // The upper half mirrors the lower one.
-            let mut normal: [[f64; UNKNOWNS]; UNKNOWNS] =
-                std::array::from_fn(|i| std::array::from_fn(|j| f64::from(normal[i.max(j)][i.min(j)][c])));
-            let weight = SMOOTH * (0..POINTS).map(|i| normal[i][i]).sum::<f64>() / POINTS as f64;
+            for (i, j) in (0..UNKNOWNS).flat_map(|i| (0..i).map(move |j| (i, j))) {
+                normal[UNKNOWNS * j + i] = normal[UNKNOWNS * i + j];
+            }
+            let diagonal = normal.iter().step_by(UNKNOWNS + 1).take(POINTS);
+            let weight = SMOOTH * diagonal.sum::<f64>() / POINTS as f64;
             for i in (0..POINTS).filter(|i| (i + 1) % NOISE_KNOTS != 0) {
                 for (a, b, sign) in [(i, i, 1.0), (i + 1, i + 1, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0)] {
-                    normal[a][b] += sign * weight;
+                    normal[UNKNOWNS * a + b] += sign * weight;
                 }
             }
-            let next = non_negative(&normal, &right.map(|r| f64::from(r[c])), *x);
+            let next = non_negative(&normal, &right.iter().map(of).collect::<Vec<f64>>(), *x);
             same &= next.iter().zip(&*x).all(|(next, x)| (next - x).abs() <= SAME);
             *x = next;
         }
@@ -282,15 +285,12 @@ fn curves_of(rows: &Rows, pure: bool) -> [[f32; POINTS]; 3] {
     })
 }
 
-/// The vector without negative entries that minimises x A x / 2 - b x for a symmetric A (Lawson & Hanson 1974), from `x`.
-fn non_negative(
-    a: &[[f64; UNKNOWNS]; UNKNOWNS],
-    b: &[f64; UNKNOWNS],
-    mut x: [f64; UNKNOWNS],
-) -> [f64; UNKNOWNS] {
+/// The vector without negative entries that minimises x A x / 2 - b x for a symmetric A, row by row (Lawson & Hanson 1974), from `x`.
+fn non_negative(a: &[f64], b: &[f64], mut x: [f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
     /// The least that an entry, as a share of the largest one, must gain to be no longer 0.
     const NONE: f64 = 1e-9;
-    let mut free: [bool; UNKNOWNS] = std::array::from_fn(|i| x[i] > 0.0 && a[i][i] > 0.0);
+    let own = |i: usize| a[UNKNOWNS * i + i];
+    let mut free: [bool; UNKNOWNS] = std::array::from_fn(|i| x[i] > 0.0 && own(i) > 0.0);
     for _ in 0..4 * UNKNOWNS {
         let Some(best) = solved_freely(a, b, &free) else { return x };
         let falls = |i: &usize| free[*i] && best[*i] < 0.0;
@@ -310,10 +310,11 @@ fn non_negative(
         x = best;
         let most = x.iter().copied().fold(0.0, f64::max);
         let gain = |i: usize| {
-            let slope = a[i].iter().zip(&x).map(|(a, x)| a * x).sum::<f64>() - b[i];
-            -slope / a[i][i]
+            let row = &a[UNKNOWNS * i..][..UNKNOWNS];
+            let slope = row.iter().zip(&x).map(|(a, x)| a * x).sum::<f64>() - b[i];
+            -slope / own(i)
         };
-        let held = (0..UNKNOWNS).filter(|&i| !free[i] && a[i][i] > 0.0).map(|i| (gain(i), i));
+        let held = (0..UNKNOWNS).filter(|&i| !free[i] && own(i) > 0.0).map(|i| (gain(i), i));
         match held.max_by(|a, b| a.0.total_cmp(&b.0)) {
             Some((gain, i)) if gain > NONE * most => free[i] = true,
             _ => return x,
@@ -410,8 +411,8 @@ fn mixing(covariances: &[[[f64; 3]; 3]; NOISE_LEVELS]) -> Option<[[[f64; 3]; 3];
     };
     let mut x = [0.0; TRIANGLES];
     for l in 0..NOISE_LEVELS {
-        let factor = cholesky(&covariances[l], 3)?;
-        TRIANGLE.iter().zip(&mut x[6 * l..]).for_each(|(&(a, b), v)| *v = factor[a][b]);
+        let factor = cholesky(covariances[l].as_flattened(), 3)?;
+        TRIANGLE.iter().zip(&mut x[6 * l..]).for_each(|(&(a, b), v)| *v = factor[3 * a + b]);
     }
     let squares = |r: &[f64; TRIANGLES]| r.iter().map(|v| v * v).sum::<f64>();
     let mut now = residuals(&x);
@@ -427,11 +428,11 @@ fn mixing(covariances: &[[[f64; 3]; 3]; NOISE_LEVELS]) -> Option<[[[f64; 3]; 3];
         }
         let product =
             |a: &[f64; TRIANGLES], b: &[f64; TRIANGLES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let mut normal: [[f64; TRIANGLES]; TRIANGLES] =
-            std::array::from_fn(|i| std::array::from_fn(|j| product(&columns[i], &columns[j])));
-        let right: [f64; TRIANGLES] = std::array::from_fn(|i| -product(&columns[i], &now));
-        (0..TRIANGLES).for_each(|i| normal[i][i] *= 1.0 + damping);
-        let Some(step) = solved(normal, right, TRIANGLES) else { break };
+        let mut normal: Vec<f64> =
+            columns.iter().flat_map(|a| columns.iter().map(|b| product(a, b))).collect();
+        let right = columns.iter().map(|column| -product(column, &now)).collect();
+        normal.iter_mut().step_by(TRIANGLES + 1).for_each(|v| *v *= 1.0 + damping);
+        let Some(step) = solved(&normal, right) else { break };
         let next: [f64; TRIANGLES] = std::array::from_fn(|i| x[i] + step[i]);
         let there = residuals(&next);
         if squares(&there) < squares(&now) {
@@ -463,55 +464,51 @@ fn reanalysed(mixing: &[[[f64; 3]; 3]; NOISE_LEVELS]) -> [[[f64; 3]; 3]; NOISE_L
     made
 }
 
-/// The solution of A x = b in which the entries that are not free are 0.
-fn solved_freely(
-    a: &[[f64; UNKNOWNS]; UNKNOWNS],
-    b: &[f64; UNKNOWNS],
-    free: &[bool; UNKNOWNS],
-) -> Option<[f64; UNKNOWNS]> {
-    let mut system = [[0.0; UNKNOWNS]; UNKNOWNS];
-    let mut right = [0.0; UNKNOWNS];
-    let chosen = || (0..UNKNOWNS).filter(|&i| free[i]);
-    for (row, i) in chosen().enumerate() {
-        chosen().enumerate().for_each(|(column, j)| system[row][column] = a[i][j]);
-        right[row] = b[i];
-    }
-    let small = solved(system, right, chosen().count())?;
+/// The solution of A x = b, A row by row, in which the entries that are not free are 0.
+fn solved_freely(a: &[f64], b: &[f64], free: &[bool; UNKNOWNS]) -> Option<[f64; UNKNOWNS]> {
+    let chosen: Vec<usize> = (0..UNKNOWNS).filter(|&i| free[i]).collect();
+    let system = chosen.iter().flat_map(|&i| chosen.iter().map(move |&j| a[UNKNOWNS * i + j]));
+    let right = chosen.iter().map(|&i| b[i]);
+    let small = solved(&system.collect::<Vec<f64>>(), right.collect())?;
     let mut x = [0.0; UNKNOWNS];
-    chosen().zip(small).for_each(|(i, v)| x[i] = v);
+    chosen.iter().zip(small).for_each(|(&i, v)| x[i] = v);
     Some(x)
 }
 
-/// The lower triangular factor of the first `n` rows and columns of a covariance; `None` if it is not positive.
-fn cholesky<const N: usize>(a: &[[f64; N]; N], n: usize) -> Option<[[f64; N]; N]> {
-    let mut factor = [[0.0; N]; N];
+/// The lower triangular factor of a covariance of `n` values, both row by row; `None` if it is not positive.
+fn cholesky(a: &[f64], n: usize) -> Option<Vec<f64>> {
+    let mut factor = vec![0.0; n * n];
     for i in 0..n {
         for j in 0..=i {
-            let rest = a[i][j] - (0..j).map(|k| factor[i][k] * factor[j][k]).sum::<f64>();
-            factor[i][j] = if i != j {
-                rest / factor[j][j]
+            let (own, other) = (&factor[n * i..][..j], &factor[n * j..][..j]);
+            let rest = a[n * i + j] - own.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
+            factor[n * i + j] = if i != j {
+                rest / factor[n * j + j]
             } else if rest > 0.0 {
                 rest.sqrt()
             } else {
                 // A correlation that is too strong by rounding or by chance leaves next to nothing of its own.
-                (1e-6 * a[i][i]).max(f64::MIN_POSITIVE).sqrt()
+                (1e-6 * a[n * i + i]).max(f64::MIN_POSITIVE).sqrt()
             };
         }
     }
-    factor.iter().flatten().all(|v| v.is_finite()).then_some(factor)
+    factor.iter().all(|v| v.is_finite()).then_some(factor)
 }
 
-/// The first `n` entries of the solution of A x = b for a matrix that is positive in its first `n` rows and columns.
-fn solved<const N: usize>(a: [[f64; N]; N], b: [f64; N], n: usize) -> Option<[f64; N]> {
-    let factor = cholesky(&a, n)?;
+/// The solution of A x = b for a positive matrix, row by row.
+fn solved(a: &[f64], b: Vec<f64>) -> Option<Vec<f64>> {
+    let n = b.len();
+    let factor = cholesky(a, n)?;
     let mut x = b;
     for i in 0..n {
-        x[i] = (x[i] - (0..i).map(|k| factor[i][k] * x[k]).sum::<f64>()) / factor[i][i];
+        let known = factor[n * i..][..i].iter().zip(&x).map(|(a, x)| a * x).sum::<f64>();
+        x[i] = (x[i] - known) / factor[n * i + i];
     }
     for i in (0..n).rev() {
-        x[i] = (x[i] - (i + 1..n).map(|k| factor[k][i] * x[k]).sum::<f64>()) / factor[i][i];
+        let known = (i + 1..n).map(|k| factor[n * k + i] * x[k]).sum::<f64>();
+        x[i] = (x[i] - known) / factor[n * i + i];
     }
-    x[..n].iter().all(|v| v.is_finite()).then_some(x)
+    x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
 #[cfg(test)]
@@ -572,8 +569,12 @@ mod tests {
                 .fold(0.0, f64::max)
         };
         assert!(error(&mixing(&want).unwrap()) < 0.02);
+        let factor = |covariance: &[[f64; 3]; 3]| -> [[f64; 3]; 3] {
+            let factor = cholesky(covariance.as_flattened(), 3).unwrap();
+            std::array::from_fn(|a| std::array::from_fn(|b| factor[3 * a + b]))
+        };
         // Negative control: the levels mixed by their own covariances alone.
-        assert!(error(&std::array::from_fn(|l| cholesky(&want[l], 3).unwrap())) > 0.2);
+        assert!(error(&std::array::from_fn(|l| factor(&want[l]))) > 0.2);
     }
 
     #[test]
