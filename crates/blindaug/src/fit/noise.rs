@@ -65,6 +65,8 @@ struct LocalVariance {
     neighbours: [f32; 3],
     /// The power of the picture's own texture, of which the residual may hold a share: [`noise_curves::Block::texture`].
     texture: f32,
+    /// The mean power of luma in the next coarser band of the two frames, with their noise.
+    coarser_power: f32,
     /// Whether the residual is known to hold nothing but noise.
     pure: bool,
     /// Whether so many pixels clip that a part of the noise is lost.
@@ -405,7 +407,8 @@ impl NoiseEvidence {
                 let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
                 let own = powers(level);
                 let luma_at = |l: usize| powers(l).residual[3] / gain;
-                let coarser = luma_at(level + 1);
+                let next = powers(level + 1);
+                let coarser = next.residual[3] / gain;
                 let variance = own.residual.map(|v| v / gain);
                 // Eight places each way are enough for the colours of a block.
                 let pixels = || places(block, block / 8).map(|(x, y)| (of.colour)(x0 + x, top + y0 + y));
@@ -433,6 +436,8 @@ impl NoiseEvidence {
                     },
                     // About half of the noise's variance is left in the mean of two frames.
                     texture: (own.image - 0.6 * variance[3]).max(0.0),
+                    // Half the sum of two frames' powers is the power of their mean and a quarter of that of their difference.
+                    coarser_power: next.image + 0.25 * next.residual[3],
                     pure: of.pure,
                     clipped,
                 })
@@ -484,6 +489,7 @@ impl NoiseEvidence {
                         between: [0.0; 3],
                         neighbours: [0.0; 3],
                         texture: 0.0,
+                        coarser_power: 0.0,
                         pure: false,
                         clipped: false,
                     });
@@ -653,7 +659,9 @@ impl NoiseEvidence {
         /// The most of a block's variance, over the median.
         const MOST: f32 = 2.0;
         fn undoubted(mut blocks: Vec<&LocalVariance>) -> Vec<&LocalVariance> {
-            blocks.sort_by(|a, b| a.texture.total_cmp(&b.texture));
+            // By a band of its own, since the chance by which some blocks have less noise than others must not choose them; and by the power
+            // of the frames, since little of the texture is left in a mean of frames that do not match.
+            blocks.sort_by(|a, b| a.coarser_power.total_cmp(&b.coarser_power));
             blocks.truncate(((FLATTEST.0 * blocks.len() as f32) as usize).max(FLATTEST.1));
             if let Some(usual) = super::robust::median(blocks.iter().map(|b| b.variance[3]).collect()) {
                 blocks.retain(|b| b.variance[3] <= MOST * usual);
@@ -670,6 +678,20 @@ impl NoiseEvidence {
         let blocks = self.flat_blocks(0);
         let sum: f32 = blocks.iter().map(|b| b.variance[3]).sum();
         (!blocks.is_empty()).then(|| sum / blocks.len() as f32)
+    }
+
+    /// The share of the picture's power by which two frames differ, beyond noise, in the half of the blocks with most texture, in the band
+    /// above the finest level: 0 if the picture was found again, up to 1 if it was not. `None` without blocks.
+    pub(super) fn mismatch(&self) -> Option<f32> {
+        let mut blocks: Vec<&LocalVariance> = self.sound_blocks(0).collect();
+        blocks.sort_by(|a, b| a.coarser_power.total_cmp(&b.coarser_power));
+        let textured = &blocks[blocks.len() / 2..];
+        let sum = |of: &dyn Fn(&LocalVariance) -> f32| textured.iter().map(|b| of(b)).sum::<f32>();
+        // White noise has this share of its variance there; where the picture does not match, the finest level has less.
+        let [finest, coarser, ..] = white_band_std();
+        let noise = (coarser / finest).powi(2) * sum(&|b| b.variance[3]);
+        let power = sum(&|b| b.coarser_power);
+        (power > 0.0).then(|| (sum(&|b| b.coarser) - noise).max(0.0) / power)
     }
 
     /// Whether most blocks are of residuals that are known to hold nothing but noise, and are found to hold nothing else.
@@ -1554,6 +1576,7 @@ pub(super) mod tests {
             between: [0.0; 3],
             neighbours: [0.0; 3],
             texture: 0.0,
+            coarser_power: 0.0,
             pure: false,
             clipped: false,
         };
