@@ -6,8 +6,9 @@
 //! found again, they differ in its texture, too: such pairs are left out.
 
 use super::geometry::Follower;
-use super::noise::{MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint};
+use super::noise::{MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint, lost};
 use crate::model::{Estimate, Method, NoiseModel};
+use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Result};
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
@@ -33,16 +34,31 @@ pub(super) struct DistantPairs {
     distance: usize,
     /// The first frame of the next pair, with its index.
     held: Option<(usize, Encoded)>,
-    /// The evidence of the last pairs: of the difference, and of the earlier frame alone.
-    pairs: VecDeque<[NoiseEvidence; 2]>,
+    /// The last pairs.
+    pairs: VecDeque<Pair>,
     /// The most pairs that are kept.
     most: usize,
     /// What the pairs tell, once it was asked for: they are the same for many frames.
-    found: OnceLock<Option<Found>>,
+    found: OnceLock<Found>,
+}
+
+/// The evidence of a pair.
+struct Pair {
+    /// The difference of its frames, if the picture was found again.
+    distant: Option<NoiseEvidence>,
+    /// The earlier frame alone.
+    single: NoiseEvidence,
+}
+
+/// What the pairs tell.
+struct Found {
+    distant: Option<Distant>,
+    /// The [`total`] std of what a frame's flattest parts hold, noise and texture: noise is no more than that.
+    most: Option<f32>,
 }
 
 /// The noise between distant frames.
-struct Found {
+struct Distant {
     /// The model, without a correlation.
     model: NoiseModel,
     points: Vec<NoisePoint>,
@@ -90,61 +106,71 @@ impl DistantPairs {
             return Ok(());
         }
         if is_compressed() {
-            let followed = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?;
-            if let Some(flow) = followed.flow {
+            let mut single = NoiseEvidence::new(Method::Spatial);
+            single.add_single(held);
+            let mut distant = None;
+            if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {
                 let mut pair = NoiseEvidence::of_flat_parts();
                 pair.add_pair_in_turn(held, frame, &flow, part)?;
-                if pair.mismatch().is_some_and(|m| m <= MISMATCH) {
-                    let mut single = NoiseEvidence::new(Method::Spatial);
-                    single.add_single(held);
-                    self.pairs.push_back([pair, single]);
-                    if self.pairs.len() > self.most {
-                        self.pairs.pop_front();
-                    }
-                    self.found = OnceLock::new();
-                }
+                distant = pair.mismatch().is_some_and(|m| m <= MISMATCH).then_some(pair);
             }
+            self.pairs.push_back(Pair { distant, single });
+            if self.pairs.len() > self.most {
+                self.pairs.pop_front();
+            }
+            self.found = OnceLock::new();
         }
         self.held = Some((index, frame.clone()));
         Ok(())
     }
 
-    /// The noise that frames hold, from `near`, what successive frames tell, and `fit`, their fit: the same but for the model, if the footage
-    /// is compressed and distant frames were found again.
+    /// The noise that frames hold, from `near`, what successive frames tell, and `fit`, their fit: the same but for the model and its interval, if
+    /// the footage is compressed.
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
         if self.pairs.is_empty() || !fit.luma.is_some_and(|l| l.is_compressed()) {
             return fit;
         }
-        let Some(Found { model, points, flat_power }) = self.found.get_or_init(|| self.find()) else {
-            return fit;
-        };
         let Some(new) = near.flat_power() else { return fit };
-        if fit.model.known().is_some_and(|near| total(near) > total(model)) {
-            // Most of the picture was copied over the whole distance.
-            return fit;
+        let Found { distant, most } = self.found.get_or_init(|| self.find());
+        let least = fit.model.known().map_or(0.0, total);
+        let mut correlation = 0.0;
+        // If successive frames tell more, most of the picture was copied over the whole distance.
+        if let Some(Distant { model, points, flat_power }) =
+            distant.as_ref().filter(|d| total(&d.model) >= least)
+        {
+            // The difference of two frames holds twice the part of the noise that they do not share.
+            correlation = (1.0 - new / flat_power.max(1e-12)).clamp(0.0, MOST_CORRELATED);
+            fit.model = Estimate::Known(model.clone().with_temporal_correlation(correlation));
+            fit.points.clone_from(points);
         }
-        // The difference of two frames holds twice the part of the noise that they do not share.
-        let correlation = (1.0 - new / flat_power.max(1e-12)).clamp(0.0, MOST_CORRELATED);
-        fit.model = Estimate::Known(model.clone().with_temporal_correlation(correlation));
-        fit.points.clone_from(points);
+        if let (Estimate::Known(model), Some(most)) = (&mut fit.model, most) {
+            // What is copied over the distance, too, is not seen: the more is copied or taken away, the more the noise may be, up to all that a
+            // frame's flattest parts hold.
+            let hidden = (correlation / MOST_CORRELATED).max(lost(new.sqrt() / white_band_std()[0]));
+            let share = (most / total(model).max(1e-9)).max(1.0);
+            model.raise_upper(1.0 + hidden * (share - 1.0));
+        }
         fit
     }
 
-    /// What the pairs tell; `None` if too little of the frames was found again.
-    fn find(&self) -> Option<Found> {
+    /// What the pairs tell.
+    fn find(&self) -> Found {
         let mut distant = NoiseEvidence::of_flat_parts();
         let mut single = NoiseEvidence::new(Method::Spatial);
-        for [pair, alone] in &self.pairs {
-            distant.merge(pair);
-            single.merge(alone);
+        for pair in &self.pairs {
+            pair.distant.iter().for_each(|pair| distant.merge(pair));
+            single.merge(&pair.single);
         }
-        let flat_power = distant.flat_power()?;
-        let NoiseFit { model: Estimate::Known(mut model), points, .. } = distant.fit() else { return None };
-        if let Some(most) = single.fit().model.known() {
-            // What a frame's flattest parts hold is noise and texture, so noise is no more than that; frames that differ in more than noise are.
-            model.multiply((total(most) / total(&model).max(1e-9)).min(1.0));
-        }
-        Some(Found { model, points, flat_power })
+        let most = single.fit().model.known().map(total);
+        let distant = match (distant.flat_power(), distant.fit()) {
+            (Some(flat_power), NoiseFit { model: Estimate::Known(mut model), points, .. }) => {
+                // Frames that differ by more than noise are no measure of it.
+                model.multiply(most.map_or(1.0, |most| most / total(&model).max(1e-9)).min(1.0));
+                Some(Distant { model, points, flat_power })
+            }
+            _ => None,
+        };
+        Found { distant, most }
     }
 }
 
@@ -187,8 +213,9 @@ mod tests {
             .collect()
     }
 
-    /// The std of green's finest level over that of the noise, and the correlation between successive frames.
-    fn estimated(frames: &[Encoded]) -> (f32, f32) {
+    /// The std of green's finest level over that of the noise, the upper end of its interval over it, and the correlation between successive
+    /// frames.
+    fn estimated(frames: &[Encoded]) -> (f32, f32, f32) {
         let mut estimator = Estimator::new(Default::default()).expecting(frames.len());
         for (i, frame) in frames.iter().enumerate() {
             let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|p| &frames[p]));
@@ -197,8 +224,12 @@ mod tests {
         }
         let model = estimator.estimate().unwrap().model;
         let noise = model.noise.known().expect("it is known").clone();
+        let lines = noise.lines();
+        let (line, interval) = (lines.levels[0], lines.interval.unwrap()[0]);
+        let upper = 0.5 * interval.slope[1][1] + interval.intercept[1][1];
         (
-            noise.std(0, 0.5)[1] / (STD * crate::synth::noise::white_band_std()[0]),
+            noise.std(0, 0.5)[1] / (STD * white_band_std()[0]),
+            upper / (0.5 * line.slope[1] + line.intercept[1]),
             noise.temporal_correlation(),
         )
     }
@@ -224,13 +255,15 @@ mod tests {
 
     #[test]
     fn noise_that_a_coder_takes_along_is_found_in_frames_that_lie_apart() {
-        let (std, correlation) = estimated(&frames(40, 0.85));
+        let (std, upper, correlation) = estimated(&frames(40, 0.85));
         assert!((std - 1.0).abs() < 0.2 && (correlation - 0.85).abs() < 0.1, "{std}, {correlation}");
         // Negative control: two frames that follow each other show a part of it only.
-        let (std, correlation) = estimated(&frames(3, 0.85));
+        let (std, _, correlation) = estimated(&frames(3, 0.85));
         assert!(std < 0.75 && correlation == 0.0, "{std}, {correlation}");
         // Noise that is new in every frame is told from it.
-        let (std, correlation) = estimated(&frames(40, 0.0));
+        let (std, upper_of_new, correlation) = estimated(&frames(40, 0.0));
         assert!((std - 1.0).abs() < 0.2 && correlation < 0.1, "{std}, {correlation}");
+        // What was taken along over the whole distance is not seen, so there may be more of it.
+        assert!(upper > 1.1 * upper_of_new, "{upper}, {upper_of_new}");
     }
 }

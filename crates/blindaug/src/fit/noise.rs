@@ -928,8 +928,6 @@ impl NoiseEvidence {
 /// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: after a coder there is
 /// little noise, in some places none, and chroma has no noise of its own from pixel to pixel.
 fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
-    /// The range of stds of white noise in luma from noise that hardly survives the rounding to 8 bits to noise of a sensor.
-    const SURVIVING: Range<f32> = 0.0008..0.0025;
     /// The luminance below which a sensor has less noise even without a coder.
     const DARK: f32 = 0.25;
     /// The largest squared correlation with luma, beyond a channel's share of luma, that channels have by chance.
@@ -946,8 +944,14 @@ fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
         variance.min_by(f32::total_cmp).map(|v| v.sqrt() / white_band_std()[0])
     };
     let Some(std) = least(true).or_else(|| least(false)) else { return 0.0 };
-    let left = ((SURVIVING.end - std) / (SURVIVING.end - SURVIVING.start)).clamp(0.0, 1.0);
-    MAX_CODING_ERROR * left * left
+    MAX_CODING_ERROR * lost(std).powi(2)
+}
+
+/// How surely noise was taken away, in [0, 1], where white noise of this std is left in luma.
+pub(super) fn lost(std: f32) -> f32 {
+    /// The range of stds from noise that hardly survives the rounding to 8 bits to noise of a sensor.
+    const SURVIVING: Range<f32> = 0.0008..0.0025;
+    ((SURVIVING.end - std) / (SURVIVING.end - SURVIVING.start)).clamp(0.0, 1.0)
 }
 
 /// Fails if the sizes of the two frames differ.

@@ -242,6 +242,15 @@ impl NoiseModel {
         }
     }
 
+    /// Multiplies the upper ends of the std's intervals by a factor, >= 1.
+    pub(crate) fn raise_upper(&mut self, factor: f32) {
+        for level in self.lines_mut().interval.iter_mut().flatten() {
+            let raised = |[low, high]: [f32; 2]| [low, high.max(factor * high)];
+            level.slope = level.slope.map(raised);
+            level.intercept = level.intercept.map(raised);
+        }
+    }
+
     /// The same noise with this correlation between successive frames, in [0, 1), if it is one by curves: lines have none.
     pub(crate) fn with_temporal_correlation(mut self, correlation: f32) -> Self {
         if let Self::Curves(curves) = &mut self {
