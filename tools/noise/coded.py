@@ -2,11 +2,13 @@
 
     coded.py make OUT PHOTOGRAPH..         clips of a camera that pans over each photograph, and stands still, by each coder
     coded.py measure BLINDAUG CLIP..       a row for each clip
+    coded.py cover BLINDAUG CLIP..         of each made clip, without the part with the card: green's noise at mid-grey with its interval
 
 A made clip has a grey card of 64 px in its lower right corner, and noise of a std of 4 of 255 at mid-grey; in those called jump-, 1.6 times
 that from the middle on. Measured: the noise over a grey card by the model of the whole clip; the least and most of the tracked one over it; in
 how many frames it is off by more than 15 %; its std over time, over its mean (flicker); the frames in which a change of the noise is told; and,
-of made clips, the std on the card in the frames themselves, with its flicker. Needs numpy, pillow and ffmpeg.
+of made clips, the std on the card in the frames themselves, with its flicker. `cover` holds the whole clip's noise against that on the card that
+was cut off, which the program has not seen. Needs numpy, pillow and ffmpeg.
 """
 import json, os, subprocess, sys, tempfile
 import numpy as np
@@ -89,5 +91,39 @@ def measure(blindaug, clips):
               f"{np.nanstd(told) / np.nanmean(told):.3f}, {changes}, {card}", flush=True)
 
 
+def at_mid_grey(noise):
+    """Green's std, of 255: the lower end, the estimate and the upper end."""
+    def total(ends):
+        std = [max(0.5 * slope + intercept, 0.0) for slope, intercept in ends]
+        return 255 * np.sqrt(np.einsum("i,j,ij->", std, std, COVARIANCE))
+    told = total([(level["slope"][1], level["intercept"][1]) for level in noise["levels"]])
+    low, high = (total([(level["slope"][1][end], level["intercept"][1][end]) for level in noise["interval"]]) for end in (0, 1))
+    return low, told, high
+
+
+def cover(blindaug, clips):
+    print("clip, on the card, told, low, high, covered")
+    (w, h), covered, known = SIZE, 0, 0
+    for clip in clips:
+        raw = subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, check=True).stdout
+        frames = np.frombuffer(raw, np.uint8).reshape(-1, h, w, 3)
+        card = frames[:, 4 - CARD:-4, 4 - CARD:-4, 1].std((1, 2)).mean()
+        with tempfile.TemporaryDirectory() as folder:
+            rest, out = os.path.join(folder, "rest.mkv"), os.path.join(folder, "camera.json")
+            subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-vf", f"crop={w - CARD}:{h}:0:0", "-c:v", "ffv1", "-pix_fmt", "bgr0", rest], check=True)
+            subprocess.run([blindaug, "estimate", rest, "-o", out], check=True, capture_output=True)
+            noise = json.load(open(out))["noise"]
+        if "levels" not in noise:
+            print(f"{os.path.basename(clip)}, {card:.2f}, unknown")
+            continue
+        low, told, high = at_mid_grey(noise)
+        known, covered = known + 1, covered + (low <= card <= high)
+        print(f"{os.path.basename(clip)}, {card:.2f}, {told:.2f}, {low:.2f}, {high:.2f}, {'yes' if low <= card <= high else 'no'}", flush=True)
+    print(f"{covered} of {known} intervals cover")
+
+
 if __name__ == "__main__":
-    make(sys.argv[2], sys.argv[3:]) if sys.argv[1] == "make" else measure(sys.argv[2], sys.argv[3:])
+    if sys.argv[1] == "make":
+        make(sys.argv[2], sys.argv[3:])
+    else:
+        {"measure": measure, "cover": cover}[sys.argv[1]](sys.argv[2], sys.argv[3:])
