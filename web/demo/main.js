@@ -378,6 +378,8 @@ for (const type of ['dragenter', 'dragover', 'dragleave', 'drop']) {
   });
 }
 setSplit(0.5);
+// Before this, a click or a file would have been lost.
+for (const id of ['start', 'clip']) $(id).disabled = false;
 // The worker waits for the first frame rather than the frame for the worker; what fails here is said when it is asked for.
 fillTargets()
   .then(() => start().catch(() => {}))

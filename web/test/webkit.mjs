@@ -39,6 +39,8 @@ async function shown(what, begin) {
     addEventListener('blindaug-frame', () => window.seen++);
     addEventListener('error', (e) => window.bad.push(e.message));
     addEventListener('unhandledrejection', (e) => window.bad.push(String(e.reason)));`);
+  // WebKit says that a page is loaded before its modules are.
+  for (let tries = 0; tries < 200 && (await run(`return document.getElementById('start').disabled`)); tries++) await sleep(100);
   await begin();
   const start = performance.now();
   let state;
