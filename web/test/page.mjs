@@ -19,6 +19,15 @@ const saysOf = async (page, pattern) => {
   return trouble(page);
 };
 const more = async (page, n) => shown(page, (await page.evaluate(() => window.seen.length)) + n, 240_000);
+/** Waits until what was under way when the page was paused has been shown: on a busy machine a picture takes several seconds. */
+const settled = async (page) => {
+  const count = () => page.evaluate(() => window.seen.length);
+  let before;
+  do {
+    before = await count();
+    await page.waitForTimeout(12_000);
+  } while ((await count()) > before);
+};
 /**
  * The root mean square of the difference of what the canvas holds right of the line and the reference, in [0, 1], over the whole frame, and over the
  * object: the pixels in which the reference's two halves differ.
@@ -74,7 +83,7 @@ for (const gpu of ['never', 'always']) {
     await page.uncheck('#noise');
     await more(page, 2);
     await page.click('#pause');
-    await page.waitForTimeout(4000);
+    await settled(page);
     await page.keyboard.press('Home');
     const filmed = await apart(page, 'filmed');
     // Negative control: the pasted object is another picture.
