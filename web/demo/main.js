@@ -71,7 +71,7 @@ function showParameters(parameters) {
 function noiseOf(parameters) {
   const row = parameters.find(([name, text]) => name.startsWith('noise') && !text.startsWith('unknown'));
   if (!row) return undefined;
-  const values = row[1].split(',').map(Number);
+  const values = row[1].replace(/\[[^\]]*\]/g, '').split(',').map(Number);
   return values.reduce((a, b) => a + b, 0) / values.length;
 }
 

@@ -302,7 +302,7 @@ fn other_words(text: &mut String, model: &CameraModel, distortion: Distortion) -
     writeln!(text, "           {}", origin(method, samples, "samples"))
 }
 
-/// The names and short texts of a camera's parameters: the value, or the reason why it is unknown.
+/// The names and short texts of a camera's parameters: the value with its interval, or the reason why it is unknown.
 pub fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
     let mut rows = Vec::new();
     for distortion in Distortion::ALL {
@@ -319,8 +319,12 @@ pub fn parameters(camera: &CameraModel) -> Vec<(&'static str, String)> {
                 rows.extend(known.map(|m| ("exposure", with_interval(m.exposure.0, m.interval))));
             }
             Distortion::Noise => rows.extend(camera.noise.known().map(|noise| {
-                let [r, g, b] = noise.total_std(0.5).map(|v| 255.0 * v);
-                ("noise, 1/255", format!("{r:.2}, {g:.2}, {b:.2}"))
+                let [low, std, high] = noise_std(noise, 0.5);
+                let of = |c: usize| match noise.lines().interval {
+                    Some(_) => with_interval(std[c], [low[c], high[c]]),
+                    None => format!("{:.2}", std[c]),
+                };
+                ("noise, 1/255", [0, 1, 2].map(of).join(", "))
             })),
             other => {
                 rows.extend(camera.parameters(other).first().map(|p| (other.name(), first_number(p))));
@@ -495,6 +499,7 @@ pub fn count(n: u64, what: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use blindaug::model::{Method, NoiseInterval, NoiseLevel, NoiseLines};
 
     #[test]
     fn numbers_are_short() {
@@ -508,6 +513,29 @@ mod tests {
         ] {
             assert_eq!(short(v), text);
         }
+    }
+
+    #[test]
+    fn noise_is_shown_with_its_interval_where_there_is_one() {
+        let level = |std: f32| NoiseLevel { slope: [0.0; 3], intercept: [std / 255.0; 3] };
+        let levels = [level(2.0), level(0.0), level(0.0), level(0.0)];
+        let shown = |interval| {
+            let mut model = CameraModel::unknown(
+                Capture { width: 8, height: 8, fps: None, frames_used: 1, pixel_aspect: 1.0 },
+                "not looked at",
+            );
+            let lines = NoiseLines { levels, interval, clip: 1.0, method: Method::Temporal, samples: 1 };
+            model.noise = Estimate::Known(NoiseModel::Lines(lines));
+            let rows = parameters(&model);
+            rows.into_iter().find(|(name, _)| name.starts_with("noise")).unwrap().1
+        };
+        let of = |low: f32, high: f32| NoiseInterval {
+            slope: [[0.0; 2]; 3],
+            intercept: [[low / 255.0, high / 255.0]; 3],
+        };
+        let text = shown(Some([of(1.5, 2.5), of(0.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)]));
+        assert_eq!(text, "2.00 [1.50, 2.50], 2.00 [1.50, 2.50], 2.00 [1.50, 2.50]");
+        assert_eq!(shown(None), "2.00, 2.00, 2.00");
     }
 
     #[test]
