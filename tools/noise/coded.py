@@ -68,6 +68,19 @@ def over_a_card(camera, v=0.5):
     return 255 * np.dot([0.299, 0.587, 0.114], np.sqrt(np.einsum("ic,jc,ij->c", std, std, COVARIANCE)))
 
 
+def frames_of(clip):
+    """The frames of a made clip, in steps of 8 bit; empty if it has another size."""
+    command = ["ffmpeg", "-v", "error", "-i", clip, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    values = np.frombuffer(subprocess.run(command, capture_output=True).stdout, np.uint8)
+    size = (-1, SIZE[1], SIZE[0], 3)
+    return values.reshape(size) if len(values) == FRAMES * SIZE[0] * SIZE[1] * 3 else values[:0].reshape(size)
+
+
+def on_the_card(values):
+    """The std on the card of each frame of one channel."""
+    return values[:, 4 - CARD:-4, 4 - CARD:-4].std((1, 2))
+
+
 def measure(blindaug, clips):
     print("clip, whole clip, least, most, frames off, flicker, changes, on the card, its flicker")
     for clip in clips:
@@ -80,12 +93,8 @@ def measure(blindaug, clips):
             rows = [json.loads(line) for line in open(tracked)]
         told = np.array([over_a_card(r) or np.nan for r in rows])
         changes = [r["frame"] for r in rows if "noise" in r.get("changed", [])]
-        raw = subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True).stdout
-        card = ""
-        if len(raw) == FRAMES * SIZE[0] * SIZE[1] * 3:
-            frames = np.frombuffer(raw, np.uint8).reshape(FRAMES, SIZE[1], SIZE[0], 3) @ np.array([0.299, 0.587, 0.114])
-            stds = frames[:, 4 - CARD:-4, 4 - CARD:-4].std((1, 2))
-            card = f"{stds.mean():.2f}, {stds.std() / stds.mean():.3f}"
+        stds = on_the_card(frames_of(clip) @ np.array([0.299, 0.587, 0.114]))
+        card = f"{stds.mean():.2f}, {stds.std() / stds.mean():.3f}" if len(stds) else ""
         off = np.sum(~(np.abs(told / whole - 1) <= 0.15))
         print(f"{os.path.basename(clip)}, {whole:.2f}, {np.nanmin(told) / whole:.2f}, {np.nanmax(told) / whole:.2f}, {off} of {len(told)}, "
               f"{np.nanstd(told) / np.nanmean(told):.3f}, {changes}, {card}", flush=True)
@@ -105,9 +114,11 @@ def cover(blindaug, clips):
     print("clip, on the card, told, low, high, covered")
     (w, h), covered, known = SIZE, 0, 0
     for clip in clips:
-        raw = subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, check=True).stdout
-        frames = np.frombuffer(raw, np.uint8).reshape(-1, h, w, 3)
-        card = frames[:, 4 - CARD:-4, 4 - CARD:-4, 1].std((1, 2)).mean()
+        stds = on_the_card(frames_of(clip)[..., 1])
+        if not len(stds):
+            print(f"{os.path.basename(clip)}, no made clip")
+            continue
+        card = stds.mean()
         with tempfile.TemporaryDirectory() as folder:
             rest, out = os.path.join(folder, "rest.mkv"), os.path.join(folder, "camera.json")
             subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-vf", f"crop={w - CARD}:{h}:0:0", "-c:v", "ffv1", "-pix_fmt", "bgr0", rest], check=True)

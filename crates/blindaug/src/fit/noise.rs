@@ -406,7 +406,6 @@ impl NoiseEvidence {
                     / places(block, 4).count() as f32;
                 let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
                 let own = powers(level);
-                let luma_at = |l: usize| powers(l).residual[3] / gain;
                 let next = powers(level + 1);
                 let coarser = next.residual[3] / gain;
                 let variance = own.residual.map(|v| v / gain);
@@ -421,7 +420,7 @@ impl NoiseEvidence {
                     structure: match &gradient {
                         Some(gradient) => block_mean(gradient, (x0, y0), block),
                         None => {
-                            let finer = if level > 0 { luma_at(level - 1) } else { 1.0 };
+                            let finer = if level > 0 { powers(level - 1).residual[3] / gain } else { 1.0 };
                             finer * coarser * own.image.sqrt()
                         }
                     },
@@ -681,7 +680,7 @@ impl NoiseEvidence {
     }
 
     /// The share of the picture's power by which two frames differ, beyond noise, in the half of the blocks with most texture, in the band
-    /// above the finest level: 0 if the picture was found again, up to 1 if it was not. `None` without blocks.
+    /// next to the finest level: 0 if the picture was found again, up to 1 if it was not. `None` without blocks.
     pub(super) fn mismatch(&self) -> Option<f32> {
         let mut blocks: Vec<&LocalVariance> = self.sound_blocks(0).collect();
         blocks.sort_by(|a, b| a.coarser_power.total_cmp(&b.coarser_power));
