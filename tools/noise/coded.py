@@ -100,16 +100,6 @@ def measure(blindaug, clips):
               f"{np.nanstd(told) / np.nanmean(told):.3f}, {changes}, {card}", flush=True)
 
 
-def at_mid_grey(noise):
-    """Green's std, of 255: the lower end, the estimate and the upper end."""
-    def total(ends):
-        std = [max(0.5 * slope + intercept, 0.0) for slope, intercept in ends]
-        return 255 * np.sqrt(np.einsum("i,j,ij->", std, std, COVARIANCE))
-    told = total([(level["slope"][1], level["intercept"][1]) for level in noise["levels"]])
-    low, high = (total([(level["slope"][1][end], level["intercept"][1][end]) for level in noise["interval"]]) for end in (0, 1))
-    return low, told, high
-
-
 def cover(blindaug, clips):
     print("clip, on the card, told, low, high, covered")
     (w, h), covered, known = SIZE, 0, 0
@@ -123,11 +113,13 @@ def cover(blindaug, clips):
             rest, out = os.path.join(folder, "rest.mkv"), os.path.join(folder, "camera.json")
             subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-vf", f"crop={w - CARD}:{h}:0:0", "-c:v", "ffv1", "-pix_fmt", "bgr0", rest], check=True)
             subprocess.run([blindaug, "estimate", rest, "-o", out], check=True, capture_output=True)
-            noise = json.load(open(out))["noise"]
-        if "levels" not in noise:
+            shown = subprocess.run([blindaug, "inspect", "--json", out], check=True, capture_output=True, text=True).stdout
+        noise = json.loads(shown)["noise"]
+        if "std_of_encoded_rgb" not in noise:
             print(f"{os.path.basename(clip)}, {card:.2f}, unknown")
             continue
-        low, told, high = at_mid_grey(noise)
+        middle = next(row for row in noise["std_of_encoded_rgb"] if row["luminance"] == 0.5)
+        told, (low, high) = 255 * middle["std"][1], (255 * end for end in middle["interval"][1])
         known, covered = known + 1, covered + (low <= card <= high)
         print(f"{os.path.basename(clip)}, {card:.2f}, {told:.2f}, {low:.2f}, {high:.2f}, {'yes' if low <= card <= high else 'no'}", flush=True)
     print(f"{covered} of {known} intervals cover")

@@ -10,18 +10,17 @@ use blindaug::fit::Diagnostics;
 use blindaug::model::{CameraTrack, Distortion, Estimate, NOISE_LEVELS, NoiseModel, total_of_levels};
 use maud::{Markup, html};
 
-/// The std of the whole noise of each channel at luminance `y`; each band's std is moved by `shift` times half its interval.
-pub(crate) fn total_std(m: &NoiseModel, y: f32, shift: f32) -> [f32; 3] {
-    let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| {
-        let std = m.std(level, y);
-        std::array::from_fn(|c| (std[c] + shift * m.half_width(level, c, y)).max(0.0))
-    });
-    total_of_levels(&std)
+/// The lower ends, the values and the upper ends of the std of the whole noise of R, G and B at luminance `y`.
+pub(crate) fn total_std(m: &NoiseModel, y: f32) -> [[f32; 3]; 3] {
+    let ends: [[[f32; 2]; 3]; NOISE_LEVELS] =
+        std::array::from_fn(|level| std::array::from_fn(|c| m.interval_of_std(level, c, y)));
+    let [low, high] = [0, 1].map(|end| total_of_levels(&ends.map(|level| level.map(|i| i[end]))));
+    [low, m.total_std(y), high]
 }
 
 /// The noise's card.
 pub(crate) fn noise_card(m: &NoiseModel) -> Card {
-    let [low, mean, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(m, 0.5, shift).iter().sum::<f32>() / 3.0);
+    let [low, mean, high] = total_std(m, 0.5).map(|std| std.iter().sum::<f32>() / 3.0);
     Card {
         big: format!("{} of 255", steps(mean)),
         interval: m.lines().interval.is_some().then(|| format!("{} to {}", steps(low), steps(high))),
@@ -92,7 +91,7 @@ fn noise_table(m: &NoiseModel) -> Markup {
                 @for name in CHANNEL_NAMES { th scope="col" { (name) @if m.lines().interval.is_some() { " (95 % interval)" } } }
             } }
             tbody { @for (name, y) in [("Dark, Y = 0.1", 0.1), ("Middle, Y = 0.5", 0.5), ("Bright, Y = 0.9", 0.9)] {
-                @let [low, middle, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(m, y, shift));
+                @let [low, middle, high] = total_std(m, y);
                 tr {
                     th scope="row" { (name) }
                     @for c in 0..3 { td.number data-label=(CHANNEL_NAMES[c]) {

@@ -552,8 +552,8 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
         if let Some(m) = model {
             for (c, colour) in CHANNELS.into_iter().enumerate() {
                 let band = LUMINANCES.map(|y| {
-                    let (middle, half) = (m.std(level, y)[c], m.half_width(level, c, y));
-                    [f64::from(y), steps((middle - half).max(0.0)), steps(middle + half)]
+                    let [low, high] = m.interval_of_std(level, c, y).map(steps);
+                    [f64::from(y), low, high]
                 });
                 axes.band(&mut chart, &band, colour)?;
             }
@@ -572,8 +572,8 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
         if let Some(m) = model {
             for (c, name) in NAMES.into_iter().enumerate() {
                 let said = LUMINANCES.map(|y| {
-                    let (std, half) = (steps(m.std(level, y)[c]), steps(m.half_width(level, c, y)));
-                    let [low, high] = [(std - half).max(0.0), std + half].map(tick);
+                    let std = steps(m.std(level, y)[c]);
+                    let [low, high] = m.interval_of_std(level, c, y).map(|v| tick(steps(v)));
                     (
                         [f64::from(y), std],
                         format!("{name} at Y = {y}: {} ({low} to {high}) of 255", tick(std)),

@@ -110,8 +110,8 @@ const MIDDLE: f32 = 0.5;
 /// The std of the finest level's noise in a channel, in steps of 8 bit.
 fn noise(model: &CameraModel, channel: usize) -> Known {
     let m = model.noise.known()?;
-    let (std, half) = (m.std(0, MIDDLE)[channel], m.half_width(0, channel, MIDDLE));
-    Some([std, (std - half).max(0.0), std + half].map(|v| 255.0 * f64::from(v)))
+    let (std, [low, high]) = (m.std(0, MIDDLE)[channel], m.interval_of_std(0, channel, MIDDLE));
+    Some([std, low, high].map(|v| 255.0 * f64::from(v)))
 }
 
 fn is_metric(frames: &[TrackedCamera]) -> bool {

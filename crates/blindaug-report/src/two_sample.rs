@@ -62,7 +62,8 @@ pub fn two_sample(
     let error: [f32; STATISTICS] = std::array::from_fn(|i| match (i / OF_OCTAVE, i % OF_OCTAVE) {
         (octave, c @ 0..3) => {
             let std = model.std(octave, y)[c].max(1e-6);
-            2.0 * model.half_width(octave, c, y) / (1.96 * std)
+            let [low, high] = model.interval_of_std(octave, c, y);
+            (high - low) / (1.96 * std)
         }
         _ => 0.0,
     });

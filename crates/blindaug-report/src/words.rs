@@ -174,7 +174,7 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
 
 /// The lower ends, the values and the upper ends of the std of the whole noise of R, G and B at a luminance, in steps of 8 bit.
 fn noise_std(noise: &NoiseModel, y: f32) -> [[f32; 3]; 3] {
-    [-1.0, 0.0, 1.0].map(|shift| total_std(noise, y, shift).map(|v| 255.0 * v))
+    total_std(noise, y).map(|std| std.map(|v| 255.0 * v))
 }
 
 fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result {
@@ -366,7 +366,7 @@ fn derived_exactly(model: &CameraModel, at_depth: &[f32]) -> Value {
     let noise = match &model.noise {
         Estimate::Known(n) => {
             let std = LUMINANCES.map(|y| {
-                let [low, std, high] = [-1.0, 0.0, 1.0].map(|shift| total_std(n, y, shift));
+                let [low, std, high] = total_std(n, y);
                 let interval = n.lines().interval.map(|_| [0, 1, 2].map(|c| [low[c], high[c]]));
                 json!({ "luminance": y, "std": std, "interval": interval })
             });
@@ -535,6 +535,9 @@ mod tests {
         };
         let text = shown(Some([of(1.5, 2.5), of(0.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)]));
         assert_eq!(text, "2.00 [1.50, 2.50], 2.00 [1.50, 2.50], 2.00 [1.50, 2.50]");
+        // The ends are those of the file, which need not lie at one distance.
+        let text = shown(Some([of(1.5, 6.0), of(0.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)]));
+        assert_eq!(text, "2.00 [1.50, 6.00], 2.00 [1.50, 6.00], 2.00 [1.50, 6.00]");
         assert_eq!(shown(None), "2.00, 2.00, 2.00");
     }
 

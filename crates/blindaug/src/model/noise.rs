@@ -208,14 +208,20 @@ impl NoiseModel {
         self.curves().map_or(0.0, |c| c.temporal_correlation)
     }
 
-    /// Half the width of the 95 % interval of [`NoiseModel::std`] in one channel; 0 if there is no interval. The errors of slope and
+    /// The 95 % interval of [`NoiseModel::std`] in one channel, low and high; the std itself if there is no interval. The errors of slope and
     /// intercept are taken as independent, which makes the interval too wide, since they are in fact negatively correlated.
-    pub fn half_width(&self, level: usize, channel: usize, y: f32) -> f32 {
-        let Some(interval) = &self.lines().interval else { return 0.0 };
-        let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
-        let NoiseInterval { slope, intercept } = interval[level];
-        let half = half(intercept[channel]).portable_hypot(y * half(slope[channel]));
-        if half.is_finite() { half } else { 0.0 }
+    pub fn interval_of_std(&self, level: usize, channel: usize, y: f32) -> [f32; 2] {
+        let std = self.std(level, y)[channel];
+        let lines = self.lines();
+        let Some(interval) = &lines.interval else { return [std; 2] };
+        // The ends may lie at different distances, as a coder hides noise and adds none.
+        let distance = |end: usize| {
+            let of = |value: [f32; 3], ends: [[f32; 2]; 3]| (ends[channel][end] - value[channel]).abs();
+            let (line, ends) = (&lines.levels[level], &interval[level]);
+            let distance = of(line.intercept, ends.intercept).portable_hypot(y * of(line.slope, ends.slope));
+            if distance.is_finite() { distance } else { 0.0 }
+        };
+        [(std - distance(0)).max(0.0), std + distance(1)]
     }
 
     /// The std of R, G and B over a flat area of this luminance, all levels together.
