@@ -193,9 +193,9 @@ const PHONE: (f64, f64) = (0.7 * 68.3e9, 20e9);
 /// What the caller gives beside the textures.
 #[derive(Clone, Copy)]
 struct Given {
-    /// The area in which the object may be seen.
+    /// The area in which the object may be seen, outside of which the layer is cleared.
     area: bool,
-    /// Inverse depths of half floats that tell where nothing is, finite colours, and targets that hold the frame already.
+    /// Inverse depths of half floats that tell where nothing is, so that the layer is cleared there, and targets that hold the frame already.
     promises: bool,
 }
 
@@ -429,8 +429,6 @@ impl Work {
         let bits = 4.0 * blocks.len() as f64;
         // Of what may be empty, the colour is looked at, or the depth if that tells where nothing is.
         let look = if given.promises { depth } else { 8.0 };
-        // A copy of the layer, if it cannot be taken as it is.
-        let copied = if given.promises { 0.0 } else { 8.0 };
         // The bits of blocks: two or three kernels beside the first one read and write them.
         let bits_of_extension = if given.promises { 9.0 * bits } else { 7.0 * bits };
         let bytes = [
@@ -438,7 +436,7 @@ impl Work {
             // reads four pixels and writes one; the push reads one and one of four, and writes one.
             look * looked_at
                 + (12.0 + depth - look) * object
-                + (copied + 2.75) * occupied
+                + 2.75 * occupied
                 + 40.0 * pulled
                 + 18.0 * pushed
                 + bits_of_extension,
@@ -628,7 +626,7 @@ impl Scene {
             color: &self.color,
             depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0, nothing: None }),
             velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
-            finite: false,
+            cleared: false,
             apart: false,
         }
     }

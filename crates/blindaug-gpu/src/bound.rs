@@ -22,8 +22,10 @@ pub struct Bound {
     /// The number of slabs of depth that are blurred apart from each other, 1 or 3.
     pub(crate) slabs: u32,
     pub(crate) has_depth: bool,
-    /// Whether the layer's colours can be taken as they are.
-    pub(crate) finite: bool,
+    /// Whether the layer can be filtered, so that the passes may read it without a copy.
+    pub(crate) filterable: bool,
+    /// [`Inputs::cleared`].
+    pub(crate) cleared: bool,
     /// The depth texture's value where nothing is, if it has one.
     pub(crate) nothing: Option<f32>,
     /// Scale and offset of [`crate::Depth`], 1/m.
@@ -43,9 +45,8 @@ pub struct Bound {
     pub(crate) push: Vec<BindGroup>,
     /// The bindings of `halve`, by the level that is read, from the first one on.
     pub(crate) halve: Vec<BindGroup>,
-    /// The bindings of the last two passes that read a copy of the layer, and those that read the layer itself.
-    pub(crate) defocus: [BindGroup; 2],
-    pub(crate) composite: [BindGroup; 2],
+    pub(crate) defocus: BindGroup,
+    pub(crate) composite: BindGroup,
     /// The workgroups that the list of blocks takes.
     pub(crate) dispatch: wgpu::Buffer,
     /// For each eye, the numbers of the draw of the tiles in which something may be seen.
@@ -175,7 +176,7 @@ impl<'a> Binder<'a> {
         )
     }
 
-    fn defocus(&self, quality: &wgpu::Buffer, depth: &TextureView, sharp: &TextureView) -> BindGroup {
+    fn defocus(&self, quality: &wgpu::Buffer, depth: &TextureView) -> BindGroup {
         let mut resources = vec![
             self.camera(),
             quality.as_entire_binding(),
@@ -184,21 +185,20 @@ impl<'a> Binder<'a> {
             view(depth),
             view(&self.views.focused),
         ];
-        resources.push(view(sharp));
-        resources.extend(self.pyramids.octaves[1..].iter().map(view));
+        resources.extend(self.pyramids.octaves.iter().map(view));
         resources.extend([self.of.disks.as_entire_binding(), self.numbers()]);
         resources.extend([&self.views.continued, &self.views.covered, &self.views.coarser].map(view));
-        resources.push(self.views.list.as_entire_binding());
+        resources.extend([self.views.list.as_entire_binding(), view(&self.views.filtered)]);
         self.of.defocus.bind(&self.views.device, &resources)
     }
 
-    fn composite(&self, sharp: &TextureView) -> BindGroup {
+    fn composite(&self) -> BindGroup {
         let resources = [
             self.camera(),
             self.bilinear(),
             view(&self.views.frame),
             view(&self.views.focused),
-            view(sharp),
+            view(&self.views.sharp),
             view(&self.views.continued),
             view(&self.views.covered),
             view(&self.views.coarser),
@@ -207,6 +207,7 @@ impl<'a> Binder<'a> {
             self.blocks(),
             view(&self.views.velocity),
             self.numbers(),
+            view(&self.views.filtered),
         ];
         bind(&self.views.device, &self.of.composite_layout, &resources)
     }
@@ -240,15 +241,17 @@ impl Bound {
         let dispatch = buffer("workgroups", 12, BufferUsages::STORAGE | BufferUsages::INDIRECT);
         let draws = buffer("draws", 16 * u64::from(eyes), BufferUsages::STORAGE | BufferUsages::INDIRECT);
         let input = |t: Option<&Texture>| t.map_or_else(|| of.nothing.clone(), array_view);
+        let color = array_view(inputs.color);
+        let filterable = sample_type(device, inputs.color) == FILTERABLE;
         let views = Views {
             device: device.clone(),
             size: [w, h, eyes],
             camera: buffer("camera", size_of::<Camera>() as u64, BufferUsages::UNIFORM),
-            numbers: buffer("numbers of the parts", 12 * u64::from(slabs * eyes), BufferUsages::STORAGE),
+            numbers: buffer("numbers of the parts", 16 * u64::from(slabs * eyes), BufferUsages::STORAGE),
             blocks: buffer("blocks", 4 * blocks, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             frame: array_view(inputs.frame),
             sharp: pyramids.octaves[0].clone(),
-            color: array_view(inputs.color),
+            filtered: if filterable { color.clone() } else { pyramids.octaves[0].clone() },
             tiles: buffer("tiles", 4 * of_eye * u64::from(eyes), BufferUsages::STORAGE),
             list: buffer("list of blocks", 4 * (blocks + 1), BufferUsages::STORAGE),
             focused: pyramids.focused.clone(),
@@ -260,11 +263,9 @@ impl Bound {
         let depth = input(inputs.depth.map(|d| d.texture));
         let binder = Binder::new(of, &views, &pyramids);
         let last = pyramids.last();
-        // A layer whose format cannot be filtered is never read but by its texels.
-        let sharp = [&views.sharp, if inputs.finite { &views.color } else { &views.sharp }];
         let prepare = [
             binder.camera(),
-            view(&views.color),
+            view(&color),
             view(&depth),
             view(&views.velocity),
             binder.numbers(),
@@ -287,7 +288,8 @@ impl Bound {
         Ok(Self {
             slabs,
             has_depth: inputs.depth.is_some(),
-            finite: inputs.finite,
+            filterable,
+            cleared: inputs.cleared,
             nothing: inputs.depth.and_then(|d| d.nothing),
             depth_map: inputs.depth.map_or([0.0; 2], |d| [d.scale, d.offset]),
             velocity_scale: inputs.velocity.map_or([0.0; 2], |v| v.scale),
@@ -298,8 +300,8 @@ impl Bound {
             top: binder.doubled(&of.top, last),
             push: (CONTINUED + 1..last).map(|level| binder.doubled(&of.push, level)).collect(),
             halve: binder.halved(&of.halve, 1, &pyramids.octaves[1..]),
-            defocus: sharp.map(|s| binder.defocus(&quality, &depth, s)),
-            composite: sharp.map(|s| binder.composite(s)),
+            defocus: binder.defocus(&quality, &depth),
+            composite: binder.composite(),
             dispatch,
             draws,
             passes: AtomicU32::new(0),
@@ -351,6 +353,14 @@ impl Bound {
     }
 }
 
+/// The kind of values of a texture that can be filtered.
+const FILTERABLE: Option<TextureSampleType> = Some(TextureSampleType::Float { filterable: true });
+
+/// The kind of values that a texture's shaders read.
+fn sample_type(device: &wgpu::Device, texture: &Texture) -> Option<TextureSampleType> {
+    texture.format().sample_type(Some(aspect(texture)), Some(device.features()))
+}
+
 /// Checks that all textures have one size.
 ///
 /// # Errors
@@ -379,7 +389,7 @@ fn check_formats(device: &wgpu::Device, inputs: &Inputs) -> Result<()> {
                     fits: &dyn Fn(TextureSampleType) -> bool,
                     format: &str| {
         let Some(texture) = texture else { return Ok(()) };
-        let kind = texture.format().sample_type(Some(aspect(texture)), Some(device.features()));
+        let kind = sample_type(device, texture);
         let usable = texture.usage().contains(TextureUsages::TEXTURE_BINDING) && texture.sample_count() == 1;
         if usable && kind.is_some_and(fits) {
             return Ok(());
@@ -392,11 +402,9 @@ fn check_formats(device: &wgpu::Device, inputs: &Inputs) -> Result<()> {
         )))
     };
     let float = |t| matches!(t, TextureSampleType::Float { .. });
-    let of_frame = |t| t == TextureSampleType::Float { filterable: true } && !inputs.frame.format().is_srgb();
+    let of_frame = |t| Some(t) == FILTERABLE && !inputs.frame.format().is_srgb();
     readable("the frame", Some(inputs.frame), &of_frame, "floats that can be filtered and are not Srgb")?;
-    let of_color = |t| t == TextureSampleType::Float { filterable: true } || (!inputs.finite && float(t));
-    let color = if inputs.finite { "floats that can be filtered" } else { "floats" };
-    readable("the virtual layer", Some(inputs.color), &of_color, color)?;
+    readable("the virtual layer", Some(inputs.color), &float, "floats")?;
     let of_depth = |t| float(t) || t == TextureSampleType::Depth;
     readable("the virtual layer's depth", inputs.depth.map(|d| d.texture), &of_depth, "floats or depth")?;
     readable("the virtual layer's velocity", inputs.velocity.map(|v| v.texture), &float, "floats")

@@ -76,7 +76,7 @@ wgsl_struct! {
         pub(crate) knows_nothing: u32,
         /// The depth texture's value where nothing is.
         pub(crate) nothing: f32,
-        /// 1 if the passes read the layer itself, 0 if they read a copy of it in the space in which blur acts.
+        /// 1 if the passes read the layer itself, unless it has broken values; 0 if they read a copy of it in the space in which blur acts.
         pub(crate) direct: u32,
         /// 1 if the targets hold the frame already.
         pub(crate) over_targets: u32,

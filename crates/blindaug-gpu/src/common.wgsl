@@ -2,14 +2,17 @@
 // farthest slab first.
 
 // The numbers of each part that the pass `prepare` finds, as the bits of floats that are not negative: their order is that of the floats. They
-// are the largest alpha, the largest defocus std (px), and the largest distance (px) to which blur spreads a pixel.
+// are the largest alpha, the largest defocus std (px), the largest distance (px) to which blur spreads a pixel, and whether any pixel is broken:
+// 0 or more than 0.
 const LARGEST_ALPHA = 0u;
 const LARGEST_STD = 1u;
 const LARGEST_REACH = 2u;
+const ANY_BROKEN = 3u;
+const PART_NUMBERS = 4u;
 
 // The index of a number of a part in the buffer of all of them.
 fn number_of(part: u32, which: u32) -> u32 {
-    return 3u * part + which;
+    return PART_NUMBERS * part + which;
 }
 
 // Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE, FOCUSED, COVERED and SHARPENED for each.

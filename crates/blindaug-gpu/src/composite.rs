@@ -80,7 +80,7 @@ struct Plan {
     defocuses: bool,
     /// Whether the lens or motion blurs.
     blurs: bool,
-    /// Whether the layer itself is read, without a copy in the space in which blur acts.
+    /// Whether the layer itself is read, unless it has broken values, without a copy in the space in which blur acts.
     direct: bool,
     sharpening: Option<SharpeningModel>,
 }
@@ -143,10 +143,7 @@ impl Compositor {
         let tiled = frame.frame_in_targets;
         let (of_tiles, of_whole, group) = match sharpened {
             Some(group) => (&self.sharpener.sharpened_tiles, &self.sharpener.sharpened, group),
-            None => {
-                let group = &bound.composite[usize::from(plan.direct)];
-                (&self.passes.composite_tiles, &self.passes.composite, group)
-            }
+            None => (&self.passes.composite_tiles, &self.passes.composite, &bound.composite),
         };
         let pipeline = if tiled { of_tiles } else { of_whole };
         let load = if tiled { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::BLACK) };
@@ -199,7 +196,9 @@ impl Compositor {
         camera.defocuses = u32::from(defocuses);
         camera.moves = u32::from(moves);
         camera.frame = [w, h];
-        let direct = bound.finite && bound.slabs == 1 && camera.encoded_space == 0;
+        // Where the layer is not looked at, it may hold anything, unless it was cleared.
+        let is_known = bound.cleared || (area == whole && bound.nothing.is_none());
+        let direct = is_known && bound.filterable && bound.slabs == 1 && camera.encoded_space == 0;
         camera.direct = u32::from(direct);
         camera.over_targets = u32::from(frame.frame_in_targets);
         camera.knows_nothing = u32::from(bound.nothing.is_some());
@@ -223,6 +222,9 @@ impl Compositor {
         let mut pass = timer::compute_pass(encoder, timer, timer::EXTENSION);
         if !plan.area.is_empty() {
             self.passes.prepare.run(&mut pass, &bound.prepare, at_level(0));
+            if plan.direct {
+                self.passes.mend.run(&mut pass, &bound.prepare, at_level(0));
+            }
             let blocks = [w, h].map(|s| s.div_ceil(BLOCK as u32));
             for kernel in [&self.passes.near_in_row, &self.passes.list_blocks] {
                 kernel.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], parts]);
@@ -250,11 +252,7 @@ impl Compositor {
         drop(pass);
         let mut pass = timer::compute_pass(encoder, timer, timer::DEFOCUS);
         if plan.defocuses {
-            self.passes.defocus.run_counted(
-                &mut pass,
-                &bound.defocus[usize::from(plan.direct)],
-                &bound.dispatch,
-            );
+            self.passes.defocus.run_counted(&mut pass, &bound.defocus, &bound.dispatch);
         }
     }
 
@@ -285,7 +283,7 @@ impl Compositor {
         for kernel in [&self.passes.seen_in_row, &self.passes.list_sharpened] {
             kernel.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], eyes]);
         }
-        passes.run(&self.sharpener, &mut pass, steps, plan.direct, &bound.dispatch);
+        passes.run(&self.sharpener, &mut pass, steps, &bound.dispatch);
         Ok(Some(&passes.sharpened))
     }
 }

@@ -5,7 +5,9 @@
 @group(0) @binding(1) var bilinear: sampler;
 @group(0) @binding(2) var frame: texture_2d_array<f32>;
 @group(0) @binding(3) var focused: texture_2d_array<f32>;
+// A copy of the layer, and the layer itself.
 @group(0) @binding(4) var sharp: texture_2d_array<f32>;
+@group(0) @binding(13) var layer_given: texture_2d_array<f32>;
 @group(0) @binding(5) var continued_0: texture_2d_array<f32>;
 @group(0) @binding(6) var covered: texture_2d_array<f32>;
 @group(0) @binding(7) var continued_1: texture_2d_array<f32>;
@@ -212,9 +214,13 @@ fn path_at(at: vec2<u32>, part: u32, bits: u32, defocused: bool) -> Path {
 fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
     // All blocks in which the part is seen have the bit, or none.
     let defocused = camera.defocuses != 0u && (bits & FOCUSED) != 0u;
+    let reads_layer = camera.direct != 0u && numbers[number_of(part, ANY_BROKEN)] == 0u;
     if camera.moves == 0u {
         if defocused {
             return textureLoad(focused, at, part, 0);
+        }
+        if reads_layer {
+            return textureLoad(layer_given, at, part, 0);
         }
         return textureLoad(sharp, at, part, 0);
     }
@@ -224,6 +230,9 @@ fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
     let middle = vec2<f32>(at) - camera.path_centre * path.way;
     if defocused {
         return motion_blurred(focused, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
+    }
+    if reads_layer {
+        return motion_blurred(layer_given, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
     }
     return motion_blurred(sharp, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
 }

@@ -37,27 +37,42 @@ fn slab_of(at: vec2<u32>, eye: u32, own_alpha: f32) -> u32 {
     return select(select(1u, 2u, d > camera.cuts.y), 0u, d < camera.cuts.x);
 }
 
-// A part of the layer at a pixel of the frame, in the space in which blur acts.
-fn colour_at(at: vec2<u32>, part: u32) -> vec4<f32> {
-    let eye = part / camera.slabs;
+// The range of half floats.
+const MOST = 65504.0;
+
+// The layer at a pixel of the frame; nothing outside of the area.
+fn layer_at(at: vec2<u32>, eye: u32) -> vec4<f32> {
     // Left of and above the area, the difference wraps around to large numbers.
     if any(at - camera.origin >= camera.size) {
         return vec4(0.0);
     }
-    var v = textureLoad(layer, at, eye, 0);
-    // Pixels of broken values count as empty.
-    if !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0 {
+    return textureLoad(layer, at, eye, 0);
+}
+
+// Whether a value of the layer counts as empty.
+fn is_void(v: vec4<f32>) -> bool {
+    return !(is_finite(v.x) && is_finite(v.y) && is_finite(v.z) && is_finite(v.w)) || v.w < 0.0;
+}
+
+// Whether a value of the layer has to be mended before anything is made of it.
+fn is_broken(v: vec4<f32>) -> bool {
+    return is_void(v) || v.w > 1.0 || any(abs(v) > vec4(MOST));
+}
+
+// A part of the layer at a pixel of the frame, in the space in which blur acts; `value` is that of the layer there.
+fn colour_of(value: vec4<f32>, at: vec2<u32>, part: u32) -> vec4<f32> {
+    if is_void(value) {
         return vec4(0.0);
     }
-    v.w = min(v.w, 1.0);
+    let eye = part / camera.slabs;
+    var v = vec4(value.rgb, min(value.w, 1.0));
     if camera.slabs > 1u && v.w > 0.0 && slab_of(at, eye, v.w) != part % camera.slabs {
         return vec4(0.0);
     }
     if camera.encoded_space != 0u && v.w > 0.0 {
         v = vec4(encode(v.rgb / v.w) * v.w, v.w);
     }
-    // Half floats have this range.
-    return clamp(v, vec4(-65504.0), vec4(65504.0));
+    return clamp(v, vec4(-MOST), vec4(MOST));
 }
 
 // A workgroup has a block of BLOCK x BLOCK pixels and BEFORE pixels left of and above it, which the smaller images need; SIDE is the side of both.
@@ -68,8 +83,8 @@ const SIDE = 20u;
 var<workgroup> colours: array<vec4<f32>, SIDE * SIDE>;
 var<workgroup> depths: array<f32, SIDE * SIDE>;
 var<workgroup> paths: array<vec2<f32>, SIDE * SIDE>;
-// The largest numbers of the workgroup's pixels, and whether any of them has a colour.
-var<workgroup> largest: array<atomic<u32>, 3>;
+// The numbers of the workgroup's pixels, as those of a part, and whether any of them has a colour.
+var<workgroup> largest: array<atomic<u32>, PART_NUMBERS>;
 var<workgroup> occupied: atomic<u32>;
 // Whether a pixel of the block is not covered.
 var<workgroup> uncovered: atomic<u32>;
@@ -106,7 +121,11 @@ fn gather(i: u32, at: vec2<u32>, part: u32) {
             return;
         }
     }
-    let colour = colour_at(at, part);
+    let given = layer_at(at, eye);
+    if is_broken(given) {
+        count(ANY_BROKEN, 1.0);
+    }
+    let colour = colour_of(given, at, part);
     var d = 0.0;
     var path = vec2(0.0);
     if colour.w > 0.0 {
@@ -206,9 +225,9 @@ fn covered_from(first: vec2<u32>) -> u32 {
 fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let part = group.z;
     let block = block_index(camera, group.xy, part);
-    if thread < 3u {
+    if thread < PART_NUMBERS {
         atomicStore(&largest[thread], 0u);
-    } else if thread == 3u {
+    } else if thread == PART_NUMBERS {
         atomicStore(&occupied, 0u);
         atomicStore(&uncovered, 0u);
     }
@@ -227,9 +246,9 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         atomicStore(&uncovered, 1u);
     }
     workgroupBarrier();
-    if thread < 3u && atomicLoad(&largest[thread]) > 0u {
+    if thread < PART_NUMBERS && atomicLoad(&largest[thread]) > 0u {
         atomicMax(&found[number_of(part, thread)], atomicLoad(&largest[thread]));
-    } else if thread == 3u {
+    } else if thread == PART_NUMBERS {
         let now = atomicLoad(&occupied);
         let before = blocks[block];
         dirty = now | (before & OCCUPIED) | camera.refresh;
@@ -259,6 +278,25 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
         if camera.defocuses + camera.moves != 0u && all(at < size_at(camera, CONTINUED)) {
             textureStore(continued_0, at, part, continued_at(4u * pixel + BEFORE));
             textureStore(covered, at, part, vec4(f32(covered_from(4u * pixel + BEFORE))));
+        }
+    }
+}
+
+// The side of the square of pixels that a workgroup of `mend` copies.
+const MENDED = 64u;
+
+// Copies the layer without its broken values, where the passes would read the layer itself but for these. All of the frame is written, since
+// the copy is not kept from frame to frame.
+@compute @workgroup_size(16, 16)
+fn mend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) thread: vec3<u32>) {
+    if atomicLoad(&found[number_of(group.z, ANY_BROKEN)]) == 0u {
+        return;
+    }
+    let first = MENDED * group.xy + thread.xy;
+    for (var y = first.y; y < min(first.y + MENDED, camera.frame.y); y += 16u) {
+        for (var x = first.x; x < min(first.x + MENDED, camera.frame.x); x += 16u) {
+            let at = vec2(x, y);
+            textureStore(octave_0, at, group.z, colour_of(layer_at(at, group.z), at, group.z));
         }
     }
 }

@@ -37,10 +37,11 @@ pub struct Inputs<'a> {
     pub depth: Option<Depth<'a>>,
     /// The object's motion. Without it, there is no motion blur.
     pub velocity: Option<Velocity<'a>>,
-    /// Whether the layer's colours can be taken as they are: they are finite, alpha lies between 0 and 1, nothing is outside of
-    /// [`crate::Frame::area`], and their format can be filtered. Where blur acts on light and nothing is blurred apart, the compositor then
-    /// makes no copy of them.
-    pub finite: bool,
+    /// Whether the layer's colours are zero where the compositor does not look at them: outside of [`crate::Frame::area`], and where its
+    /// depth is [`Depth::nothing`]. Without an area and such a value, all colours are looked at, and this says nothing. Where blur acts on
+    /// light, nothing is blurred apart, and the colours' format can be filtered, the compositor then needs no copy of them, unless a colour is
+    /// not finite or an alpha is not between 0 and 1.
+    pub cleared: bool,
     /// Whether parts of the object behind the focus, in focus and in front of it are blurred apart from each other, so that something sharp
     /// does not bleed into blurred surroundings ([`blindaug::synth::Blur::of_layer`]). This takes three times the memory, and the time of
     /// as many layers as the object has such parts.

@@ -44,7 +44,7 @@
 //!     color: &color,
 //!     depth: Some(Depth { texture: &depth, scale: 1.0 / 0.1, offset: 0.0, nothing: Some(0.0) }),
 //!     velocity: Some(Velocity { texture: &velocity, scale: [w as f32, h as f32] }),
-//!     finite: true,
+//!     cleared: true,
 //!     apart: false,
 //! };
 //! let bound = compositor.bind(&gpu.device, &inputs)?;

@@ -14,6 +14,7 @@ pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 #[derive(Debug)]
 pub(crate) struct Passes {
     pub(crate) prepare: Kernel,
+    pub(crate) mend: Kernel,
     pub(crate) near_in_row: Kernel,
     pub(crate) list_blocks: Kernel,
     pub(crate) list_tiles: Kernel,
@@ -50,7 +51,7 @@ impl Passes {
         let doubling = [Uniform, Uniform, Sampler, Texture, Buffer, Texels, between];
         let mut of_defocus = vec![Uniform, Uniform, Sampler, Buffer, Texels, between];
         of_defocus.extend([Texture; OCTAVES]);
-        of_defocus.extend([Buffer, Buffer, Texels, Texels, Texture, Buffer]);
+        of_defocus.extend([Buffer, Buffer, Texels, Texels, Texture, Buffer, Texture]);
         let of_blocks = |entry| {
             let bindings =
                 [Uniform, Buffer, BufferMut, BufferMut, BufferMut, BufferMut, BufferMut, BufferMut];
@@ -69,26 +70,25 @@ impl Passes {
             ShaderStages::VERTEX_FRAGMENT,
             &[
                 Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, Texels, Buffer, Buffer,
-                Texels, Buffer,
+                Texels, Buffer, Texture,
             ],
         );
+        let of_layer = [
+            Uniform,
+            Texels,
+            Texels,
+            Texels,
+            BufferMut,
+            between,
+            between,
+            between,
+            Target(TextureFormat::R32Float),
+            BufferMut,
+        ];
         Self {
-            prepare: of_extension(
-                "prepare",
-                16,
-                &[
-                    Uniform,
-                    Texels,
-                    Texels,
-                    Texels,
-                    BufferMut,
-                    between,
-                    between,
-                    between,
-                    Target(TextureFormat::R32Float),
-                    BufferMut,
-                ],
-            ),
+            prepare: of_extension("prepare", 16, &of_layer),
+            // A workgroup of 16 x 16 threads copies 64 x 64 pixels.
+            mend: of_extension("mend", 64, &of_layer),
             near_in_row: of_blocks("near_in_row"),
             list_blocks: of_blocks("list_blocks"),
             list_tiles: of_blocks("list_tiles"),
@@ -135,10 +135,10 @@ pub(crate) struct Views {
     pub(crate) blocks: wgpu::Buffer,
     /// The camera's frame.
     pub(crate) frame: TextureView,
-    /// The layer before blur, in the space in which blur acts.
+    /// A copy of the layer before blur, in the space in which blur acts.
     pub(crate) sharp: TextureView,
-    /// The layer as it was given.
-    pub(crate) color: TextureView,
+    /// The layer as it was given, if it can be filtered; else the same as `sharp`.
+    pub(crate) filtered: TextureView,
     /// The blocks that are drawn where the targets hold the frame already.
     pub(crate) tiles: wgpu::Buffer,
     /// The number of blocks that the pass `defocus`, and after it the sharpening, has work in, and the blocks.

@@ -8,7 +8,7 @@
 @group(0) @binding(7) var unsharpening_after: texture_2d_array<f32>;
 
 // The number of blocks in which the difference is computed, and the blocks.
-@group(0) @binding(13) var<storage, read> list: array<u32>;
+@group(0) @binding(14) var<storage, read> list: array<u32>;
 
 // The frame at a pixel as it was before the camera sharpened it.
 fn unsharpened(unsharpening: texture_2d_array<f32>, at: vec2<u32>, eye: u32) -> vec3<f32> {

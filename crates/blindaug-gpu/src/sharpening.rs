@@ -103,7 +103,7 @@ impl Sharpener {
                 "difference",
                 &[
                     Uniform, Sampler, Texture, Texture, Texture, Texels, Texels, Texture, between, Texture,
-                    Buffer, Texels, Buffer, Buffer,
+                    Buffer, Texels, Buffer, Texture, Buffer,
                 ],
             ),
             sharpened: pipeline(device, &layout, target, ["whole", "sharpened"]),
@@ -129,8 +129,7 @@ pub(crate) struct Sharpening {
     second: Vec<BindGroup>,
     /// For each slot, the bindings of a step after the second.
     later: Vec<BindGroup>,
-    /// The bindings of `difference` that read a copy of the layer, and those that read the layer itself.
-    difference: [BindGroup; 2],
+    difference: BindGroup,
     /// The bindings of the last pass.
     pub(crate) sharpened: BindGroup,
 }
@@ -194,24 +193,23 @@ impl Sharpening {
             of.columns.bind(device, &resources)
         };
         let bilinear = wgpu::BindingResource::Sampler(&of_all.bilinear);
-        let difference = |sharp| {
-            [
-                camera.clone(),
-                bilinear.clone(),
-                view(&views.frame),
-                view(&views.focused),
-                view(sharp),
-                view(&views.continued),
-                view(&views.covered),
-                view(&views.coarser),
-                view(&turns[1]),
-                view(&turns[0]),
-                views.blocks.as_entire_binding(),
-                view(&views.velocity),
-                views.numbers.as_entire_binding(),
-                list.clone(),
-            ]
-        };
+        let difference = [
+            camera.clone(),
+            bilinear.clone(),
+            view(&views.frame),
+            view(&views.focused),
+            view(&views.sharp),
+            view(&views.continued),
+            view(&views.covered),
+            view(&views.coarser),
+            view(&turns[1]),
+            view(&turns[0]),
+            views.blocks.as_entire_binding(),
+            view(&views.velocity),
+            views.numbers.as_entire_binding(),
+            view(&views.filtered),
+            list.clone(),
+        ];
         let sharpened = [
             camera.clone(),
             bilinear.clone(),
@@ -234,7 +232,7 @@ impl Sharpening {
             later: (0..MOST_STEPS)
                 .map(|s| columns(s, &turns[1 - turn_of(s)], &first, &turns[turn_of(s)]))
                 .collect(),
-            difference: [&views.sharp, &views.color].map(|v| of.difference.bind(device, &difference(v))),
+            difference: of.difference.bind(device, &difference),
             sharpened: bind(device, &of.layout, &sharpened),
             passes,
             half_kernel,
@@ -281,13 +279,12 @@ impl Sharpening {
     }
 
     /// Records the passes up to the last one: the frame is unsharpened in `steps` steps, and the change that the layer makes to it is
-    /// blurred along rows. `direct` says whether the layer itself is read, without a copy; `workgroups` are those of the list of blocks.
+    /// blurred along rows. `workgroups` are those of the list of blocks.
     pub(crate) fn run(
         &self,
         of: &Sharpener,
         pass: &mut wgpu::ComputePass,
         steps: usize,
-        direct: bool,
         workgroups: &wgpu::Buffer,
     ) {
         of.rows.run_counted(pass, &self.rows_of_frame, workgroups);
@@ -301,7 +298,7 @@ impl Sharpening {
             of.rows.run_counted(pass, rows, workgroups);
             of.columns.run_counted(pass, columns, workgroups);
         }
-        of.difference.run_counted(pass, &self.difference[usize::from(direct)], workgroups);
+        of.difference.run_counted(pass, &self.difference, workgroups);
         of.rows.run_counted(pass, &self.rows_of_turns[1], workgroups);
     }
 }

@@ -130,7 +130,7 @@ impl Eyes {
                 nothing: None,
             }),
             velocity: self.velocity.as_ref().map(|texture| Velocity { texture, scale: [1.0; 2] }),
-            finite: false,
+            cleared: false,
             apart: true,
         }
     }
@@ -553,6 +553,51 @@ fn broken_values_stay_where_they_are() {
     };
     let out = on_gpu(&frame, &unknown, &model, &CompositeOptions::default());
     assert!(out.data().as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
+}
+
+#[test]
+fn broken_values_are_mended_as_the_copy_of_a_layer_mends_them() {
+    if no_gpu() {
+        return;
+    }
+    let (w, h) = (100, 90);
+    let (plate, whole) = (frame(w, h), layer(w, h));
+    // Broken values, one at a time, each with what it counts as.
+    let opaque = [0.25, 0.5, 0.25, 1.0];
+    for (bad, instead) in [
+        ([f32::NAN, 0.5, 0.5, 1.0], [0.0; 4]),
+        ([0.5, 0.5, f32::INFINITY, 1.0], [0.0; 4]),
+        ([0.5, 0.5, 0.5, f32::NAN], [0.0; 4]),
+        ([0.5, 0.5, 0.5, -1.0], [0.0; 4]),
+        ([0.25, 0.5, 0.25, 4.0], opaque),
+    ] {
+        let with = |value: [f32; 4]| {
+            let mut layer = whole.clone();
+            layer.color.0.row_mut(60)[30] = value;
+            layer
+        };
+        // The other eye's layer is whole and stays as it is.
+        let of = |layer: &VirtualLayer, model: &CameraModel| {
+            let eyes = Eyes::new(&[&plate, &plate], &[&whole, layer]);
+            let inputs = Inputs { apart: false, ..eyes.inputs() };
+            composite_of(&inputs, of_frame(model, &CompositeOptions::default()))
+        };
+        let lens = with_lens(camera(w, h), 3.0, 0.4);
+        let shutter = with_exposure(camera(w, h), 0.7);
+        let both = with_exposure(lens.clone(), 0.7);
+        let sharpened = with_sharpening(both.clone(), 1.0, 1.5);
+        for model in [&camera(w, h), &lens, &shutter, &both, &sharpened] {
+            let (got, want) = (of(&with(bad), model), of(&with(instead), model));
+            assert!(
+                got == want,
+                "{bad:?}: {}, {}",
+                difference(&got[0], &want[0]),
+                difference(&got[1], &want[1])
+            );
+            // Whether the value is mended can be seen.
+            assert_ne!(got[1], of(&whole, model)[1], "{bad:?}");
+        }
+    }
 }
 
 #[test]
@@ -1016,6 +1061,9 @@ fn frames_before_leave_no_trace() {
     let target = target_like(&eyes.frame);
     let views = views(&target);
     let options = CompositeOptions::default();
+    // A layer of which a copy is needed.
+    let mut broken = left.clone();
+    broken.color.0.row_mut(50)[30] = [f32::NAN; 4];
     for apart in [false, true] {
         let inputs = Inputs { apart, ..eyes.inputs() };
         let bound = COMPOSITOR.bind(&GPU.device, &inputs).unwrap();
@@ -1045,6 +1093,13 @@ fn frames_before_leave_no_trace() {
             (&left, &only_crisp, None),
             (&beside, &only_crisp, None),
             (&left, &only_crisp, None),
+            (&right, &both, None),
+            (&broken, &both, None),
+            (&right, &shutter, None),
+            (&broken, &shutter, None),
+            (&beside, &crisp, None),
+            (&broken, &crisp, None),
+            (&empty, &both, None),
         ] {
             GPU.write(&eyes.color, &[&layer.color.0]);
             GPU.write(eyes.depth.as_ref().unwrap(), &[layer.inverse_depth.as_ref().unwrap()]);
@@ -1126,7 +1181,7 @@ fn what_the_caller_promises_changes_nothing_in_the_picture() {
     let halves = [&left, &right].map(|l| l.inverse_depth.as_ref().unwrap());
     told.depth = Some(GPU.upload(&halves, TextureFormat::R16Float).unwrap());
     let depth = |nothing| Some(Depth { nothing: Some(nothing), ..told.inputs().depth.unwrap() });
-    let promised = Inputs { apart: false, finite: true, depth: depth(-1.0), ..told.inputs() };
+    let promised = Inputs { apart: false, cleared: true, depth: depth(-1.0), ..told.inputs() };
     let options = CompositeOptions::default();
     // The frame as the compositor writes it, in half floats.
     let nothing = Some(Area { x: 0, y: 0, width: 0, height: 0 });
@@ -1165,9 +1220,13 @@ fn what_the_caller_promises_changes_nothing_in_the_picture() {
         }
         // The eyes differ, and a broken promise is seen: here two columns of the object are taken for nothing.
         assert!(difference(&got[0], &got[1]) > 0.01, "{name}");
-        let hidden = Inputs { finite: false, depth: depth(0.34375), ..promised };
+        let hidden = Inputs { cleared: false, depth: depth(0.34375), ..promised };
         let black = Raster::filled(w, h, [0.0f32; 4]);
-        assert!(difference(&over(&hidden, model, &filmed)[0], &want[0]) > 0.0005, "{name}");
+        let without = over(&hidden, model, &filmed).remove(0);
+        assert!(difference(&without, &want[0]) > 0.0005, "{name}");
+        // They are read from the layer itself if it is said to be cleared, where blur acts on light.
+        let shown = over(&Inputs { cleared: true, ..hidden }, model, &filmed).remove(0);
+        assert_eq!(shown != without, model.blur_space == BlurSpace::Linear, "{name}");
         // Only where the object may be seen, and around it for a camera that sharpens, is anything drawn.
         let drawn = |image: &Raster<[f32; 3]>| image.data().iter().filter(|v| **v != [0.0; 3]).count();
         let over_black = over(&promised, model, &black).remove(0);

@@ -70,7 +70,7 @@ impl Compositor {
             color: &layer.color,
             depth: Some(depth),
             velocity: Some(Velocity { texture: &layer.velocity, scale: [1.0; 2] }),
-            finite: false,
+            cleared: false,
             apart: true,
         };
         let bound = effects.bind(&gpu.device, &inputs)?;

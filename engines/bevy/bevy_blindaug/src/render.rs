@@ -184,7 +184,7 @@ impl ViewLayer {
             color: &color,
             depth: Some(Depth { texture: &inverse_depth, scale: 1.0, offset: 0.0, nothing: Some(NOTHING) }),
             velocity: Some(Velocity { texture: &motion, scale: [1.0; 2] }),
-            finite: true,
+            cleared: true,
             apart,
         };
         let bound = passes.compositor.bind(device, &inputs)?;
