@@ -38,5 +38,6 @@
 pub mod camera;
 pub mod measure;
 pub mod moved;
+mod rectangles;
 pub mod scene;
 pub mod thing;

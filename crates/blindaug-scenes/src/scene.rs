@@ -7,6 +7,7 @@
 //! A thing that is added with [`Scene::with`] is filmed with the rest; [`Scene::layer`] renders it alone, as a game engine does, so that
 //! its composite over the picture without it can be compared with the picture in which it really is.
 
+use crate::rectangles::{Met, Rectangles};
 use crate::thing::{LAMP, Marker, Path, Thing, lit};
 use blindaug::composite::VirtualLayer;
 use blindaug::{Flow, Linear, Pixel, Plane, Premultiplied, Raster};
@@ -33,14 +34,9 @@ pub(crate) fn cross(a: V3, b: V3) -> V3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// A rectangle with a texture.
+/// What a rectangle looks like.
 #[derive(Clone)]
 struct Surface {
-    corner: V3,
-    /// Unit vectors along the sides.
-    sides: [V3; 2],
-    size: [f32; 2],
-    normal: V3,
     texture: usize,
     /// Texels of the texture per metre.
     density: f32,
@@ -86,6 +82,8 @@ pub enum TextureKind {
 #[derive(Clone)]
 pub struct Scene {
     surfaces: Vec<Surface>,
+    /// The places of the surfaces.
+    rectangles: Rectangles,
     textures: Arc<[Texture]>,
     /// The things that were added.
     things: Vec<Thing>,
@@ -210,6 +208,7 @@ impl Scene {
         let textures = (0..5).map(|kind| Texture::new(kind, &mut rng)).collect();
         let mut scene = Self {
             surfaces: vec![],
+            rectangles: Rectangles::default(),
             textures,
             things: vec![],
             still: false,
@@ -366,9 +365,9 @@ impl Scene {
     }
 
     fn rectangle(&mut self, corner: V3, a: V3, b: V3, size: [f32; 2], texture: usize, density: f32) {
-        let normal = cross(a, b);
-        let light = lit(dot(normal, LAMP).abs());
-        self.surfaces.push(Surface { corner, sides: [a, b], size, normal, texture, density, light });
+        let light = lit(dot(cross(a, b), LAMP).abs());
+        self.surfaces.push(Surface { texture, density, light });
+        self.rectangles.add(corner, [a, b], size);
     }
 
     /// Width and height of the picture, px.
@@ -426,20 +425,8 @@ impl Scene {
     /// What a ray from the camera meets first.
     fn hit(&self, now: &Instant, direction: V3) -> Option<Hit<'_>> {
         let from = now.camera.position;
-        let mut nearest: Option<(&Surface, f32, [f32; 2])> = None;
-        for s in &self.surfaces {
-            let relative = add(s.corner, scaled(from, -1.0));
-            let t = dot(relative, s.normal) / dot(direction, s.normal);
-            if t.is_nan() || t <= 0.05 || nearest.is_some_and(|n| n.1 <= t) {
-                continue;
-            }
-            let at = add(scaled(direction, t), scaled(relative, -1.0));
-            let place = s.sides.map(|side| dot(at, side));
-            if (0..2).all(|i| (0.0..=s.size[i]).contains(&place[i])) {
-                nearest = Some((s, t, place));
-            }
-        }
-        let mut nearest = nearest.map(|(s, depth, place)| Hit { depth, on: On::Surface(s, place) });
+        let on = |m: Met| Hit { depth: m.depth, on: On::Surface(&self.surfaces[m.rectangle], m.place) };
+        let mut nearest = self.rectangles.nearest(from, direction).map(on);
         for (i, (thing, pose)) in self.things.iter().zip(&now.things).enumerate() {
             let beyond = nearest.as_ref().map_or(f32::INFINITY, |h| h.depth);
             if let Some((depth, place)) = thing.hit(pose, from, direction, beyond) {
@@ -489,7 +476,7 @@ impl Scene {
     /// A thing that the camera takes alone at time `t`, with its shutter and its lens: premultiplied colour in linear light, as pictures
     /// before a black and before a white backdrop give it (Smith & Blinn 1996). The scene gives the camera's pose only.
     pub fn cutout(&self, thing: &Thing, t: f32, exposure: Exposure, seed: u64) -> Premultiplied {
-        let alone = Self { surfaces: vec![], things: vec![thing.clone()], ..self.clone() };
+        let alone = Self { rectangles: Rectangles::default(), things: vec![thing.clone()], ..self.clone() };
         Premultiplied(alone.mean_of_views(t, exposure, seed, |now, direction, apart| {
             if alone.hit(now, direction).is_none() {
                 return [0.0; 4];
@@ -728,10 +715,13 @@ impl Texture {
         let texture = &self.0[level];
         let (side, texel) = (texture.width(), (1 << level) as f32);
         let [x, y] = place.map(|p| p / texel - 0.5);
-        let (x0, y0) = (x.floor(), y.floor());
-        let (fx, fy) = (x - x0, y - y0);
-        let wrap = |v: f32| (v as isize).rem_euclid(side as isize) as usize;
-        let (xa, xb, ya, yb) = (wrap(x0), wrap(x0 + 1.0), wrap(y0), wrap(y0 + 1.0));
+        // The library's floor is a call where the processor is taken for any.
+        let floor = |v: f32| v as i32 - i32::from(v < (v as i32) as f32);
+        let (x0, y0) = (floor(x), floor(y));
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        // The sides of all levels are powers of 2.
+        let wrap = |v: i32| v as usize & (side - 1);
+        let (xa, xb, ya, yb) = (wrap(x0), wrap(x0 + 1), wrap(y0), wrap(y0 + 1));
         let row = |y: usize| add(scaled(texture.at(xa, y), 1.0 - fx), scaled(texture.at(xb, y), fx));
         add(scaled(row(ya), 1.0 - fy), scaled(row(yb), fy))
     }
