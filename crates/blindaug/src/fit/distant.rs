@@ -25,6 +25,10 @@ const SHORTEST: usize = 4;
 /// photographs by nine coders, up to 0.006, and scenes in which layers that pass before each other show other parts by then, 0.07 to 0.45.
 const MISMATCH: f32 = 0.02;
 
+/// The share of a picture's textured parts that may show something else where the camera stands still: people who walk by change nothing of
+/// the rest, which is compared with itself.
+const MOVED: f32 = 0.2;
+
 /// The luminances at which the noise of pairs is held against that of single frames.
 const MIDDLE: [f32; 3] = [0.3, 0.5, 0.7];
 
@@ -111,8 +115,9 @@ impl DistantPairs {
             let mut distant = None;
             if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {
                 let mut pair = NoiseEvidence::of_flat_parts();
-                pair.add_pair_in_turn(held, frame, &flow, part)?;
-                distant = pair.mismatch().is_some_and(|m| m <= MISMATCH).then_some(pair);
+                let still = pair.add_pair_in_turn(held, frame, &flow, part)?;
+                let mismatch = pair.mismatch(if still { MOVED } else { 0.0 });
+                distant = mismatch.is_some_and(|m| m <= MISMATCH).then_some(pair);
             }
             self.pairs.push_back(Pair { distant, single });
             if self.pairs.len() > self.most {
@@ -134,6 +139,7 @@ impl DistantPairs {
         let Found { distant, most } = self.found.get_or_init(|| self.find());
         let least = fit.model.known().map_or(0.0, total);
         let mut correlation = 0.0;
+        let mut left = least / MIDDLE.len() as f32;
         // If successive frames tell more, most of the picture was copied over the whole distance.
         if let Some(Distant { model, points, flat_power }) =
             distant.as_ref().filter(|d| total(&d.model) >= least)
@@ -142,11 +148,12 @@ impl DistantPairs {
             correlation = (1.0 - new / flat_power.max(1e-12)).clamp(0.0, MOST_CORRELATED);
             fit.model = Estimate::Known(model.clone().with_temporal_correlation(correlation));
             fit.points.clone_from(points);
+            left = new.sqrt() / white_band_std()[0];
         }
         if let (Estimate::Known(model), Some(most)) = (&mut fit.model, most) {
             // What is copied over the distance, too, is not seen: the more is copied or taken away, the more the noise may be, up to all that a
             // frame's flattest parts hold.
-            let hidden = (correlation / MOST_CORRELATED).max(lost(new.sqrt() / white_band_std()[0]));
+            let hidden = (correlation / MOST_CORRELATED).max(lost(left));
             let share = (most / total(model).max(1e-9)).max(1.0);
             model.raise_upper(1.0 + hidden * (share - 1.0));
         }
@@ -241,7 +248,7 @@ mod tests {
             let (w, h) = a.0.size();
             let mut pair = NoiseEvidence::of_flat_parts();
             pair.add_pair_in_turn(a, b, &Flow::filled(w, h, [shift, 0.0]), (0, 1)).unwrap();
-            pair.mismatch().unwrap()
+            pair.mismatch(0.0).unwrap()
         };
         // The picture moves by -1 px a frame.
         let right = mismatch(&frames[0], &frames[1], -1.0);

@@ -680,17 +680,20 @@ impl NoiseEvidence {
     }
 
     /// The share of the picture's power by which two frames differ, beyond noise, in the half of the blocks with most texture, in the band
-    /// next to the finest level: 0 if the picture was found again, up to 1 if it was not. `None` without blocks.
-    pub(super) fn mismatch(&self) -> Option<f32> {
+    /// next to the finest level: 0 if the picture was found again, up to 1 if it was not; without this share of these blocks, those that
+    /// differ most. `None` without blocks.
+    pub(super) fn mismatch(&self, without: f32) -> Option<f32> {
         let mut blocks: Vec<&LocalVariance> = self.sound_blocks(0).collect();
         blocks.sort_by(|a, b| a.coarser_power.total_cmp(&b.coarser_power));
-        let textured = &blocks[blocks.len() / 2..];
-        let sum = |of: &dyn Fn(&LocalVariance) -> f32| textured.iter().map(|b| of(b)).sum::<f32>();
         // White noise has this share of its variance there; where the picture does not match, the finest level has less.
         let [finest, coarser, ..] = white_band_std();
-        let noise = (coarser / finest).powi(2) * sum(&|b| b.variance[3]);
-        let power = sum(&|b| b.coarser_power);
-        (power > 0.0).then(|| (sum(&|b| b.coarser) - noise).max(0.0) / power)
+        let beyond_noise = |b: &LocalVariance| b.coarser - (coarser / finest).powi(2) * b.variance[3];
+        let share = |b: &LocalVariance| beyond_noise(b) / b.coarser_power.max(1e-12);
+        let mut textured = blocks.split_off(blocks.len() / 2);
+        textured.sort_by(|a, b| share(a).total_cmp(&share(b)));
+        let kept = &textured[..textured.len() - (without * textured.len() as f32) as usize];
+        let power: f32 = kept.iter().map(|b| b.coarser_power).sum();
+        (power > 0.0).then(|| kept.iter().map(|b| beyond_noise(b)).sum::<f32>().max(0.0) / power)
     }
 
     /// Whether most blocks are of residuals that are known to hold nothing but noise, and are found to hold nothing else.
