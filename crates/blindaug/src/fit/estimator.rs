@@ -275,7 +275,7 @@ impl Estimator {
         }
         // A single image has no pair, so it need not be held.
         if neighbour.is_some() {
-            let coded = || kept.temporal.fit().luma.is_some_and(|l| l.is_compressed());
+            let coded = || kept.temporal.fit().luma.is_some_and(|l| l.may_be_compressed());
             let part = self.noise_turn(index);
             self.distant.push((index, frame), coded, &mut self.follower, part)?;
         }

@@ -125,6 +125,11 @@ impl LumaNoise {
     pub(super) fn is_compressed(&self) -> bool {
         self.coding_error >= NOTABLE_CODING_ERROR
     }
+
+    /// Whether a coder may have taken away any of the noise.
+    pub(super) fn may_be_compressed(&self) -> bool {
+        self.coding_error > 0.0
+    }
 }
 
 /// The std of luma's noise in one level: `slope * Y + intercept`.

@@ -537,7 +537,7 @@ impl Tracker {
         // Distant frames are compared seldom, so a larger part of them.
         let (w, h) = frame.0.size();
         let turns = (w * h).div_ceil(4 * NOISE_PART).min((h / 64).max(1));
-        let (coded, turn) = (self.luma_noise.is_compressed(), self.frames / DISTANCES.start() % turns);
+        let (coded, turn) = (self.luma_noise.may_be_compressed(), self.frames / DISTANCES.start() % turns);
         self.distant.push((self.frames, frame), || coded, &mut self.follower, (turn, turns))?;
         let mut fit = self.distant.complete(&near, near.fit_to(NOISE_BLOCKS));
         if fit.luma.is_none() && self.known.noise.is_none() {

@@ -248,6 +248,15 @@ impl NoiseModel {
         }
     }
 
+    /// Multiplies the lower ends of the std's intervals by a factor, in [0, 1].
+    pub(crate) fn lower_lower(&mut self, factor: f32) {
+        for level in self.lines_mut().interval.iter_mut().flatten() {
+            let lowered = |[low, high]: [f32; 2]| [low.min(factor * low), high];
+            level.slope = level.slope.map(lowered);
+            level.intercept = level.intercept.map(lowered);
+        }
+    }
+
     /// Multiplies the upper ends of the std's intervals by a factor, >= 1.
     pub(crate) fn raise_upper(&mut self, factor: f32) {
         for level in self.lines_mut().interval.iter_mut().flatten() {
