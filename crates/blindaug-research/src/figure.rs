@@ -153,7 +153,8 @@ impl Figure {
         let (mut x, mut y) = (24.0, 12 + LINE as i32 / 2);
         let mut entries = vec![];
         for (i, s) in self.series.iter().enumerate().filter(|(_, s)| !s.name.is_empty()) {
-            let width = 64.0 + CHARACTER * s.name.chars().count() as f64;
+            // On a narrow screen the page's text is larger than the figure's.
+            let width = 72.0 + 1.25 * CHARACTER * s.name.chars().count() as f64;
             if x > 24.0 && x + width > f64::from(WIDTH) {
                 (x, y) = (24.0, y + LINE as i32);
             }

@@ -145,7 +145,10 @@ impl Table {
             div.wide { table {
                 thead { tr { @for h in &self.head { th scope="col" { (h) } } } }
                 tbody { @for row in &self.rows { tr { @for (i, cell) in row.iter().enumerate() {
-                    @if self.is_text(i) { td.name[self.is_short(i)] { (cell.shown()) } } @else { td.number { (cell.shown()) } }
+                    // On a narrow screen a row is a paragraph, in which the first cell is the heading and the others say what they are.
+                    @let label = (i > 0).then(|| &self.head[i]);
+                    @if self.is_text(i) { td.name[self.is_short(i)] data-label=[label] { (cell.shown()) } }
+                    @else { td.number data-label=[label] { (cell.shown()) } }
                 } } } }
             } }
         }
@@ -169,7 +172,7 @@ impl Table {
 
     /// Whether all cells of a column are so short that they stay in one line.
     fn is_short(&self, column: usize) -> bool {
-        self.rows.iter().all(|r| r[column].shown().chars().count() <= 20)
+        self.rows.iter().all(|r| r[column].shown().chars().count() <= 32)
     }
 
     fn is_text(&self, column: usize) -> bool {
@@ -245,6 +248,11 @@ mod tests {
     #[test]
     fn every_format_shows_the_same_cells() {
         let (html, text) = (table().html().into_string(), table().text());
+        assert!(
+            html.contains("data-label=\"PSNR, dB\">30.2 ± 1.5 (n 6)")
+                && !html.contains("data-label=\"method\""),
+            "{html}"
+        );
         for cell in ["30.2 ± 1.5 (n 6)", "4e-12", "0.0 [−1.0, 1.2]"] {
             assert!(html.contains(cell) && text.contains(cell), "{cell}: {html}\n{text}");
         }
