@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::gpu::{Gpu, array_view, aspect, texture};
 use crate::inputs::Inputs;
 use crate::kernel::{Kernel, bind};
-use crate::passes::{BETWEEN, Passes, Views, view};
+use crate::passes::{BETWEEN, PART_NUMBERS, Passes, Views, view};
 use crate::quality::{CONTINUED, DefocusQuality, OCTAVES};
 use crate::sharpening::{Sharpener, Sharpening};
 use blindaug::{Error, Result};
@@ -247,7 +247,11 @@ impl Bound {
             device: device.clone(),
             size: [w, h, eyes],
             camera: buffer("camera", size_of::<Camera>() as u64, BufferUsages::UNIFORM),
-            numbers: buffer("numbers of the parts", 16 * u64::from(slabs * eyes), BufferUsages::STORAGE),
+            numbers: buffer(
+                "numbers of the parts",
+                4 * PART_NUMBERS as u64 * u64::from(slabs * eyes),
+                BufferUsages::STORAGE,
+            ),
             blocks: buffer("blocks", 4 * blocks, BufferUsages::STORAGE | BufferUsages::COPY_SRC),
             frame: array_view(inputs.frame),
             sharp: pyramids.octaves[0].clone(),

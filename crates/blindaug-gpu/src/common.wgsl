@@ -8,11 +8,15 @@ const LARGEST_ALPHA = 0u;
 const LARGEST_STD = 1u;
 const LARGEST_REACH = 2u;
 const ANY_BROKEN = 3u;
-const PART_NUMBERS = 4u;
 
 // The index of a number of a part in the buffer of all of them.
 fn number_of(part: u32, which: u32) -> u32 {
     return PART_NUMBERS * part + which;
+}
+
+// Whether the passes read the layer itself, instead of its copy; `broken` is the number ANY_BROKEN of the part.
+fn reads_layer(camera: Camera, broken: u32) -> bool {
+    return camera.direct != 0u && broken == 0u;
 }
 
 // Frames are cut into blocks of BLOCK x BLOCK pixels, and each part has the bits OCCUPIED, OCCUPIED_BEFORE, VISIBLE, FOCUSED, COVERED and SHARPENED for each.

@@ -214,12 +214,12 @@ fn path_at(at: vec2<u32>, part: u32, bits: u32, defocused: bool) -> Path {
 fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
     // All blocks in which the part is seen have the bit, or none.
     let defocused = camera.defocuses != 0u && (bits & FOCUSED) != 0u;
-    let reads_layer = camera.direct != 0u && numbers[number_of(part, ANY_BROKEN)] == 0u;
+    let direct = reads_layer(camera, numbers[number_of(part, ANY_BROKEN)]);
     if camera.moves == 0u {
         if defocused {
             return textureLoad(focused, at, part, 0);
         }
-        if reads_layer {
+        if direct {
             return textureLoad(layer_given, at, part, 0);
         }
         return textureLoad(sharp, at, part, 0);
@@ -231,7 +231,7 @@ fn along_path(at: vec2<u32>, part: u32, bits: u32) -> vec4<f32> {
     if defocused {
         return motion_blurred(focused, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
     }
-    if reads_layer {
+    if direct {
         return motion_blurred(layer_given, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);
     }
     return motion_blurred(sharp, bilinear, middle, path.way, part, path.step, camera.most_taps, jitter);

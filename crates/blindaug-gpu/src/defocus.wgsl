@@ -28,14 +28,14 @@
 @group(0) @binding(20) var layer: texture_2d_array<f32>;
 
 // Whether the layer itself is read instead of octave 0, its copy.
-var<private> reads_layer: bool;
+var<private> direct: bool;
 
 // The layer at pixel position `at` of an octave. Pixel centres are at integers.
 fn tap(octave: u32, at: vec2<f32>, part: u32) -> vec4<f32> {
     let used = size_at(camera, octave);
     switch octave {
         case 0u: {
-            if reads_layer {
+            if direct {
                 return textureSampleLevel(layer, bilinear, coordinates(at, used, used), part, 0.0);
             }
             return textureSampleLevel(octave_0, bilinear, coordinates(at, used, textureDimensions(octave_0)), part, 0.0);
@@ -170,7 +170,7 @@ var<workgroup> nearer_seen: atomic<u32>;
 
 // Pixel `id` of a part under the kernel of this std, px.
 fn defocused(id: vec2<u32>, part: u32, sigma: f32) -> vec4<f32> {
-    if sigma == 0.0 && reads_layer {
+    if sigma == 0.0 && direct {
         return textureLoad(layer, id, part, 0);
     }
     if sigma == 0.0 {
@@ -250,7 +250,7 @@ fn defocus(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     // A quarter of the block: a tile of 8 x 8 pixels.
     let first = corner.xy + 8u * vec2(group.z % 2u, group.z / 2u);
     let id = vec3(first + vec2(thread % 8u, thread / 8u), part);
-    reads_layer = camera.direct != 0u && numbers[number_of(part, ANY_BROKEN)] == 0u;
+    direct = reads_layer(camera, numbers[number_of(part, ANY_BROKEN)]);
     if thread == 0u {
         atomicStore(&largest_sigma, 0u);
         atomicStore(&seen, 0u);

@@ -282,11 +282,8 @@ fn prepare(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_in
     }
 }
 
-// The side of the square of pixels that a workgroup of `mend` copies.
-const MENDED = 64u;
-
-// Copies the layer without its broken values, where the passes would read the layer itself but for these. All of the frame is written, since
-// the copy is not kept from frame to frame.
+// Copies the layer without its broken values, where the passes would read the layer itself but for these. A workgroup has MENDED x MENDED
+// pixels. All of the frame is written, since the copy is not kept from frame to frame.
 @compute @workgroup_size(16, 16)
 fn mend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) thread: vec3<u32>) {
     if atomicLoad(&found[number_of(group.z, ANY_BROKEN)]) == 0u {

@@ -10,6 +10,12 @@ use wgpu::{BufferUsages, ShaderStages, TextureFormat, TextureUsages, TextureView
 /// The format of all textures between the passes.
 pub(crate) const BETWEEN: TextureFormat = TextureFormat::Rgba16Float;
 
+/// The numbers that the first pass finds of each part of the layer.
+pub(crate) const PART_NUMBERS: usize = 4;
+
+/// The side of the square that a workgroup of the pass `mend` copies, px.
+pub(crate) const MENDED: usize = 64;
+
 /// The passes of every camera, and the tables and textures that stay the same in all frames.
 #[derive(Debug)]
 pub(crate) struct Passes {
@@ -87,8 +93,7 @@ impl Passes {
         ];
         Self {
             prepare: of_extension("prepare", 16, &of_layer),
-            // A workgroup of 16 x 16 threads copies 64 x 64 pixels.
-            mend: of_extension("mend", 64, &of_layer),
+            mend: of_extension("mend", MENDED as u32, &of_layer),
             near_in_row: of_blocks("near_in_row"),
             list_blocks: of_blocks("list_blocks"),
             list_tiles: of_blocks("list_tiles"),
@@ -129,7 +134,7 @@ pub(crate) struct Views {
     pub(crate) size: [u32; 3],
     /// The [`Camera`] of the current frame.
     pub(crate) camera: wgpu::Buffer,
-    /// The largest alpha, defocus std and reach of blur of each part, as the bits of floats.
+    /// The largest alpha, defocus std and reach of blur of each part, and whether any of its values is broken, as the bits of floats.
     pub(crate) numbers: wgpu::Buffer,
     /// The bits of each block of each part.
     pub(crate) blocks: wgpu::Buffer,

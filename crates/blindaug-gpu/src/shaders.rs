@@ -3,6 +3,7 @@
 use crate::blocks::{BLOCK, COVERED, FOCUSED, OCCUPIED, OCCUPIED_BEFORE, SHARPENED, VISIBLE};
 use crate::camera::Camera;
 use crate::layout::{Layout, structs};
+use crate::passes::{MENDED, PART_NUMBERS};
 use crate::prelude::{colours, constants};
 use crate::quality::{
     CONTINUED, DISK_ROWS, DISK_STEP, DISKS, DefocusQuality, GAUSSIAN_MOST, GAUSSIANS, OCTAVES, STEP_OF_STD,
@@ -31,6 +32,8 @@ fn compositor() -> String {
         ("FOCUSED", &FOCUSED),
         ("COVERED", &COVERED),
         ("SHARPENED", &SHARPENED),
+        ("PART_NUMBERS", &PART_NUMBERS),
+        ("MENDED", &MENDED),
         ("CONTINUED", &CONTINUED),
         ("GAUSSIANS", &GAUSSIANS),
         ("GAUSSIAN_MOST", &GAUSSIAN_MOST),

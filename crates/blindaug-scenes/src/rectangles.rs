@@ -1,6 +1,6 @@
 //! The rectangles of a scene, four of which a ray is tried on at a time.
 
-use crate::scene::{V3, cross};
+use crate::scene::{V3, cross, dot};
 use wide::f32x4;
 
 /// Rectangles in the order in which they were added.
@@ -30,10 +30,6 @@ pub(crate) struct Met {
     pub(crate) depth: f32,
     /// The place, m along the sides.
     pub(crate) place: [f32; 2],
-}
-
-fn dot(a: [f32x4; 3], b: [f32x4; 3]) -> f32x4 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 impl Rectangles {

@@ -13,6 +13,7 @@ use blindaug::composite::VirtualLayer;
 use blindaug::{Flow, Linear, Pixel, Plane, Premultiplied, Raster};
 use rand::{Rng, SeedableRng, rngs::StdRng};
 use std::f32::consts::TAU;
+use std::ops::{Add, Mul};
 use std::sync::Arc;
 
 /// A point or a direction in space: x to the right, y down, z forward, m.
@@ -26,7 +27,8 @@ pub(crate) fn scaled(a: V3, k: f32) -> V3 {
     a.map(|v| v * k)
 }
 
-pub(crate) fn dot(a: V3, b: V3) -> f32 {
+/// The dot product of two vectors, or of as many pairs as a number has lanes.
+pub(crate) fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

@@ -57,7 +57,7 @@ struct Pair {
 /// What the pairs tell.
 struct Found {
     distant: Option<Distant>,
-    /// The [`total`] std of what a frame's flattest parts hold, noise and texture: noise is no more than that.
+    /// The [`total`] std of what a frame's flattest parts hold: noise and texture, less what a coder took away.
     most: Option<f32>,
 }
 
@@ -139,6 +139,7 @@ impl DistantPairs {
         let Found { distant, most } = self.found.get_or_init(|| self.find());
         let least = fit.model.known().map_or(0.0, total);
         let mut correlation = 0.0;
+        // The std of the noise that the coder left.
         let mut left = least / MIDDLE.len() as f32;
         // If successive frames tell more, most of the picture was copied over the whole distance.
         if let Some(Distant { model, points, flat_power }) =
@@ -155,7 +156,7 @@ impl DistantPairs {
             // frame's flattest parts hold.
             let hidden = (correlation / MOST_CORRELATED).max(lost(left));
             let share = (most / total(model).max(1e-9)).max(1.0);
-            model.raise_upper(1.0 + hidden * (share - 1.0));
+            model.widen(1.0, 1.0 + hidden * (share - 1.0));
         }
         fit
     }
@@ -171,12 +172,11 @@ impl DistantPairs {
         let most = single.fit().model.known().map(total);
         let distant = match (distant.flat_power(), distant.fit()) {
             (Some(flat_power), NoiseFit { model: Estimate::Known(mut model), points, .. }) => {
-                // Coded frames differ by a coder's errors, too, and their quietest parts have lost noise: where the one tells more than the
-                // other, the noise is between the two.
+                // Coded frames differ by a coder's errors, too, and their quietest parts have lost noise: where pairs tell more than single
+                // frames, the noise is between the two.
                 let between = most.map_or(1.0, |most| (most / total(&model).max(1e-9)).min(1.0).sqrt());
                 model.multiply(between);
-                model.raise_upper(between.recip());
-                model.lower_lower(between);
+                model.widen(between, between.recip());
                 Some(Distant { model, points, flat_power })
             }
             _ => None,

@@ -248,21 +248,12 @@ impl NoiseModel {
         }
     }
 
-    /// Multiplies the lower ends of the std's intervals by a factor, in [0, 1].
-    pub(crate) fn lower_lower(&mut self, factor: f32) {
+    /// Multiplies the lower ends of the std's intervals by a factor in [0, 1], and the upper ends by one that is at least 1; no end comes nearer.
+    pub(crate) fn widen(&mut self, lower: f32, upper: f32) {
         for level in self.lines_mut().interval.iter_mut().flatten() {
-            let lowered = |[low, high]: [f32; 2]| [low.min(factor * low), high];
-            level.slope = level.slope.map(lowered);
-            level.intercept = level.intercept.map(lowered);
-        }
-    }
-
-    /// Multiplies the upper ends of the std's intervals by a factor, >= 1.
-    pub(crate) fn raise_upper(&mut self, factor: f32) {
-        for level in self.lines_mut().interval.iter_mut().flatten() {
-            let raised = |[low, high]: [f32; 2]| [low, high.max(factor * high)];
-            level.slope = level.slope.map(raised);
-            level.intercept = level.intercept.map(raised);
+            let widened = |[low, high]: [f32; 2]| [low.min(lower * low), high.max(upper * high)];
+            level.slope = level.slope.map(widened);
+            level.intercept = level.intercept.map(widened);
         }
     }
 
