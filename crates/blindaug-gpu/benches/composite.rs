@@ -32,7 +32,7 @@ fn main() -> Result<()> {
     if software {
         println!("This device computes on the CPU: its times say nothing of a GPU; bytes and taps do.");
     }
-    let bandwidth = copy_bandwidth(&gpu, if software { 32 << 20 } else { 512 << 20 }, frames)?;
+    let bandwidth = copy_bandwidth(&gpu, if software { 32 << 20 } else { 256 << 20 }, frames)?;
     println!("copy bandwidth {:.1} GB/s (read and written)\n", bandwidth * 1e-9);
     let compositor = Compositor::new(&gpu.device, &gpu.queue, TextureFormat::Rgba8Unorm);
     let scene = Scene::new(&gpu, [w, h, eyes], 0.4)?;
@@ -41,21 +41,21 @@ fn main() -> Result<()> {
         "| quality, bokeh | samples of defocus and of motion blur, mean over the object, most | step | ms |"
     );
     println!("|---|---|---|---|");
-    let sharpening = |amount| Some(SharpeningModel::given(amount, 1.0));
     for (quality, bokeh, sharpening) in [
-        (Quality::High, Bokeh::Gaussian, None),
-        (Quality::Medium, Bokeh::Gaussian, None),
-        (Quality::Low, Bokeh::Gaussian, None),
-        (Quality::High, Bokeh::Disk, None),
-        (Quality::Medium, Bokeh::Disk, None),
-        (Quality::Low, Bokeh::Disk, None),
-        (Quality::High, Bokeh::Gaussian, sharpening(0.5)),
-        (Quality::High, Bokeh::Gaussian, sharpening(5.0)),
+        (Quality::High, Bokeh::Gaussian, 0.0),
+        (Quality::Medium, Bokeh::Gaussian, 0.0),
+        (Quality::Low, Bokeh::Gaussian, 0.0),
+        (Quality::High, Bokeh::Disk, 0.0),
+        (Quality::Medium, Bokeh::Disk, 0.0),
+        (Quality::Low, Bokeh::Disk, 0.0),
+        (Quality::High, Bokeh::Gaussian, 0.5),
+        (Quality::High, Bokeh::Gaussian, 5.0),
     ] {
-        let times = scene.time(&gpu, &compositor, (quality, bokeh, sharpening), frames)?;
+        let manner = Manner { quality, bokeh, sharpening, given: GIVEN[0] };
+        let times = scene.time(&gpu, &compositor, manner, frames)?;
         let name = match sharpening {
-            Some(s) => format!("{quality:?}, {bokeh:?}, sharpening by {}", s.amount),
-            None => format!("{quality:?}, {bokeh:?}"),
+            0.0 => format!("{quality:?}, {bokeh:?}"),
+            amount => format!("{quality:?}, {bokeh:?}, sharpening by {amount}"),
         };
         let taps = scene.taps(quality, bokeh);
         for (step, ms) in STEPS.iter().zip(times.steps.into_iter().flatten()) {
@@ -63,7 +63,8 @@ fn main() -> Result<()> {
         }
         println!("| {name} | {taps} | whole frame | {:.3} |", times.frame);
     }
-    count(&gpu, &compositor)
+    let counted = count(&gpu, &compositor)?;
+    if software { Ok(()) } else { compare(&gpu, &compositor, &counted, bandwidth, frames) }
 }
 
 /// The size of the frame of which bytes and samples are counted, px.
@@ -72,10 +73,53 @@ const COUNTED: [usize; 2] = [2064, 2208];
 /// The shares of the view that the object covers in the counts.
 const SHARES: [f32; 3] = [0.05, 0.2, 0.5];
 
-/// Prints the bytes and samples of frames, and the time that they would take on a phone.
-fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
+/// The work of a frame of one eye by each of [`QUALITIES`], with the share of the view that the object covers and what is given.
+type Counted = (f32, Given, [Work; QUALITIES.len()]);
+
+/// The qualities in the counts.
+const QUALITIES: [Quality; 3] = [Quality::High, Quality::Medium, Quality::Low];
+
+/// Prints the times of two eyes at [`COUNTED`], each step beside the time of its bytes at the bandwidth of a copy, bytes/s.
+fn compare(
+    gpu: &Gpu,
+    compositor: &Compositor,
+    counted: &[Counted],
+    bandwidth: f64,
+    frames: usize,
+) -> Result<()> {
     let [w, h] = COUNTED;
-    let qualities = [Quality::High, Quality::Medium, Quality::Low];
+    println!("\nMeasured, 2 x {w} x {h}, Gaussian: ms (in brackets the ms of the counted bytes at the bandwidth of a copy)\n");
+    println!("| quality | object | given | {} | from submission to end |", STEPS.join(" | "));
+    println!("|---|---|---|{}|---|", ["---"; STEPS.len()].join("|"));
+    for share in SHARES {
+        let scene = Scene::new(gpu, [w, h, 2], share)?;
+        for (_, given, works) in counted.iter().filter(|c| c.0 == share) {
+            for (&quality, work) in QUALITIES.iter().zip(works) {
+                let manner = Manner { quality, bokeh: Bokeh::Gaussian, sharpening: 0.0, given: *given };
+                let times = scene.time(gpu, compositor, manner, frames)?;
+                let floors = work.bytes.map(|bytes| 2e3 * bytes / bandwidth);
+                let steps: Vec<_> = match times.steps {
+                    Some(steps) => {
+                        steps.iter().zip(floors).map(|(ms, floor)| format!("{ms:.3} ({floor:.3})")).collect()
+                    }
+                    None => floors.map(|floor| format!("({floor:.3})")).into(),
+                };
+                println!(
+                    "| {quality:?} | {:.0} % | {} | {} | {:.3} |",
+                    100.0 * share,
+                    given.words(),
+                    steps.join(" | "),
+                    times.frame
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Prints the bytes and samples of frames, and the time that they would take on a phone; returns the counts.
+fn count(gpu: &Gpu, compositor: &Compositor) -> Result<Vec<Counted>> {
+    let [w, h] = COUNTED;
     let mut counted = Vec::new();
     for share in SHARES {
         let scene = Scene::new(gpu, [w, h, 1], share)?;
@@ -83,7 +127,7 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
         for given in GIVEN {
             let area = given.area.then(|| scene.around());
             let blocks = scene.blocks(gpu, compositor, area)?;
-            counted.push((share, given, qualities.map(|q| Work::new(&scene, &blocks, (given, area), q))));
+            counted.push((share, given, QUALITIES.map(|q| Work::new(&scene, &blocks, (given, area), q))));
         }
     }
     println!("\nBytes per pixel, without sharpening, at {w} x {h}; the object's with the rim of its blur\n");
@@ -91,7 +135,7 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
     println!("|---|---|---|{}|---|---|", ["---"; STEPS.len()].join("|"));
     let pixels = (w * h) as f64;
     for (share, given, works) in &counted {
-        for (quality, work) in qualities.iter().zip(works) {
+        for (quality, work) in QUALITIES.iter().zip(works) {
             let steps: Vec<_> = work.bytes.iter().map(|b| format!("{:.1}", b / pixels)).collect();
             let whole = work.bytes.iter().sum::<f64>();
             println!(
@@ -115,7 +159,7 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     for (share, given, works) in &counted {
-        for (quality, work) in qualities.iter().zip(works) {
+        for (quality, work) in QUALITIES.iter().zip(works) {
             // There are two eyes, and a step takes as long as its bytes or its samples, whichever is longer.
             let times = |n: &[f64], rate: f64| -> Vec<f64> { n.iter().map(|n| 2e3 * n / rate).collect() };
             let (bytes, samples) = (times(&work.bytes, bandwidth), times(&work.samples, rate));
@@ -180,7 +224,7 @@ fn count(gpu: &Gpu, compositor: &Compositor) -> Result<()> {
             );
         }
     }
-    Ok(())
+    Ok(counted)
 }
 
 /// The radius of the mask of which the sharpening's bytes are counted, px.
@@ -216,6 +260,16 @@ impl Given {
             (true, true) => "both",
         }
     }
+}
+
+/// How a frame is composited in the times.
+#[derive(Clone, Copy)]
+struct Manner {
+    quality: Quality,
+    bokeh: Bokeh,
+    /// The amount of sharpening by a radius of [`MASK_RADIUS`]; 0: none.
+    sharpening: f32,
+    given: Given,
 }
 
 /// The side of a block, px.
@@ -338,11 +392,14 @@ impl Work {
         let object = (0..w * h).filter(|i| scene.inside(i % w, i / w)).count() as f64;
         let of_block = (BLOCK * BLOCK) as f64;
         let occupied = of_block * blocks.iter().filter(|b| b.occupied).count() as f64;
-        // The pixels of a level whose workgroups of 8 x 8 pixels find a block that they need.
+        // The pixels of a level whose workgroups of 8 x 8 pixels find a block that they need. From level 5 on, all pixels are computed.
         let live = |level: usize, needs: &dyn Fn(&Block) -> bool| -> f64 {
             let (side, around) = (8 << level, 2 << level);
             let groups = |size: usize| size.div_ceil(1 << level).div_ceil(8);
             let found = |gx: usize, gy: usize| {
+                if level >= 5 {
+                    return true;
+                }
                 let range = |g: usize, all: usize| {
                     (g * side).saturating_sub(around) / BLOCK
                         ..=((g * side + side + around - 1) / BLOCK).min(all - 1)
@@ -501,6 +558,8 @@ struct Scene {
     frame: wgpu::Texture,
     color: wgpu::Texture,
     depth: wgpu::Texture,
+    /// Depth in half floats, 0 where nothing is.
+    depth_or_nothing: wgpu::Texture,
     velocity: wgpu::Texture,
     target: wgpu::Texture,
     camera: CameraModel,
@@ -542,6 +601,7 @@ impl Scene {
             frame: nothing()?,
             color: nothing()?,
             depth: nothing()?,
+            depth_or_nothing: nothing()?,
             velocity: nothing()?,
             target,
             camera,
@@ -554,10 +614,13 @@ impl Scene {
             if scene.inside(x, y) { [0.5, ((x / 8 + y / 8) % 2) as f32, 0.2, 1.0] } else { [0.0; 4] }
         });
         let depth = Plane::from_fn(w, h, |x, _| scene.inverse_depth(x));
+        let depth_or_nothing =
+            Plane::from_fn(w, h, |x, y| if scene.inside(x, y) { scene.inverse_depth(x) } else { 0.0 });
         let flow = Flow::from_fn(w, h, |x, y| scene.flow(x, y));
         scene.frame = gpu.upload(&vec![&frame; eyes], TextureFormat::Rgba8Unorm)?;
         scene.color = gpu.upload(&vec![&color; eyes], TextureFormat::Rgba16Float)?;
         scene.depth = gpu.upload(&vec![&depth; eyes], TextureFormat::R32Float)?;
+        scene.depth_or_nothing = gpu.upload(&vec![&depth_or_nothing; eyes], TextureFormat::R16Float)?;
         scene.velocity = gpu.upload(&vec![&flow; eyes], TextureFormat::Rg16Float)?;
         Ok(scene)
     }
@@ -620,13 +683,15 @@ impl Scene {
         format!("{defocus}; {motion}")
     }
 
-    fn inputs(&self) -> Inputs<'_> {
+    fn inputs(&self, given: Given) -> Inputs<'_> {
+        let (texture, nothing) =
+            if given.promises { (&self.depth_or_nothing, Some(0.0)) } else { (&self.depth, None) };
         Inputs {
             frame: &self.frame,
             color: &self.color,
-            depth: Some(Depth { texture: &self.depth, scale: 1.0, offset: 0.0, nothing: None }),
+            depth: Some(Depth { texture, scale: 1.0, offset: 0.0, nothing }),
             velocity: Some(Velocity { texture: &self.velocity, scale: [1.0; 2] }),
-            cleared: false,
+            cleared: given.promises,
             apart: false,
         }
     }
@@ -645,7 +710,7 @@ impl Scene {
 
     /// The blocks of a frame after another one like it.
     fn blocks(&self, gpu: &Gpu, compositor: &Compositor, area: Option<Area>) -> Result<Vec<Block>> {
-        let bound = compositor.bind(&gpu.device, &self.inputs())?;
+        let bound = compositor.bind(&gpu.device, &self.inputs(GIVEN[0]))?;
         let views = self.views();
         for number in 0..2 {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
@@ -666,18 +731,13 @@ impl Scene {
         bound.read_blocks(gpu)
     }
 
-    fn time(
-        &self,
-        gpu: &Gpu,
-        compositor: &Compositor,
-        (quality, bokeh, sharpening): (Quality, Bokeh, Option<SharpeningModel>),
-        frames: usize,
-    ) -> Result<Times> {
+    fn time(&self, gpu: &Gpu, compositor: &Compositor, manner: Manner, frames: usize) -> Result<Times> {
+        let Manner { quality, bokeh, sharpening, given } = manner;
         let mut camera = self.camera.clone();
-        if let Some(sharpening) = sharpening {
-            camera.sharpening = Estimate::Known(sharpening);
+        if sharpening > 0.0 {
+            camera.sharpening = Estimate::Known(SharpeningModel::given(sharpening, MASK_RADIUS));
         }
-        let bound = compositor.bind(&gpu.device, &self.inputs())?;
+        let bound = compositor.bind(&gpu.device, &self.inputs(given))?;
         let views = self.views();
         // A software device's timestamps do not tell when a step ended.
         let software = gpu.info.device_type == wgpu::DeviceType::Cpu;
@@ -691,9 +751,10 @@ impl Scene {
                 options: CompositeOptions { bokeh: Some(bokeh), ..Default::default() },
                 quality,
                 number,
-                area: None,
+                area: given.area.then(|| self.around()),
                 targets: &views,
-                frame_in_targets: false,
+                // The targets hold an earlier frame's result, which takes as long.
+                frame_in_targets: given.promises,
                 timer: timer.as_ref(),
             };
             compositor.encode(&gpu.queue, &mut encoder, &bound, &frame)?;

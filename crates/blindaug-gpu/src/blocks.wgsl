@@ -101,15 +101,6 @@ fn draw_tile(block: vec2<u32>, eye: u32, seen: bool) {
     }
 }
 
-// Whether any part may be seen in a block of an eye.
-fn is_seen(block: vec2<u32>, eye: u32) -> bool {
-    var bits = 0u;
-    for (var slab = 0u; slab < camera.slabs; slab++) {
-        bits |= blocks[block_index(camera, block, eye * camera.slabs + slab)];
-    }
-    return (bits & VISIBLE) != 0u;
-}
-
 // Lists the blocks of each eye in which any of its parts may be seen.
 @compute @workgroup_size(8, 8)
 fn list_tiles(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -160,7 +151,5 @@ fn list_sharpened(@builtin(global_invocation_id) id: vec3<u32>) {
     } else if is_read {
         add_to_list(own, 1u);
     }
-    if camera.over_targets != 0u {
-        draw_tile(id.xy, id.z, changes);
-    }
+    draw_tile(id.xy, id.z, changes);
 }

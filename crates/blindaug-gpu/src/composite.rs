@@ -140,13 +140,12 @@ impl Compositor {
         encoder.clear_buffer(&bound.draws, 0, None);
         self.encode_blur(encoder, bound, &plan, frame);
         let sharpened = self.encode_sharpening(queue, encoder, bound, &plan, frame.timer)?;
-        let tiled = frame.frame_in_targets;
-        let (of_tiles, of_whole, group) = match sharpened {
-            Some(group) => (&self.sharpener.sharpened_tiles, &self.sharpener.sharpened, group),
-            None => (&self.passes.composite_tiles, &self.passes.composite, &bound.composite),
+        let (pipeline, group) = match sharpened {
+            Some(group) => (&self.sharpener.sharpened, group),
+            None => (&self.passes.composite, &bound.composite),
         };
-        let pipeline = if tiled { of_tiles } else { of_whole };
-        let load = if tiled { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::BLACK) };
+        let kept = frame.frame_in_targets;
+        let load = if kept { wgpu::LoadOp::Load } else { wgpu::LoadOp::Clear(wgpu::Color::BLACK) };
         for (eye, target) in (0..).zip(frame.targets) {
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: None,
@@ -159,13 +158,16 @@ impl Compositor {
                 timestamp_writes: frame.timer.map(|t| t.render(timer::COMPOSITE, eye == 0, eye + 1 == eyes)),
                 ..Default::default()
             });
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, group, &[]);
-            if tiled {
-                pass.draw_indirect(&bound.draws, 16 * u64::from(eye));
-            } else {
+            // The frame is copied by a pass of its own: a pixel of the last pass takes many registers, of which a GPU has too few to hide
+            // the time of the copy's reads behind each other.
+            if !kept {
+                pass.set_pipeline(&self.passes.copied);
+                pass.set_bind_group(0, &bound.composite, &[]);
                 pass.draw(0..3, eye..eye + 1);
             }
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, group, &[]);
+            pass.draw_indirect(&bound.draws, 16 * u64::from(eye));
         }
         if let Some(timer) = frame.timer {
             timer.resolve(encoder);
@@ -229,7 +231,7 @@ impl Compositor {
             for kernel in [&self.passes.near_in_row, &self.passes.list_blocks] {
                 kernel.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], parts]);
             }
-            if frame.frame_in_targets && plan.sharpening.is_none() {
+            if plan.sharpening.is_none() {
                 self.passes.list_tiles.run(&mut pass, &bound.list_blocks, [blocks[0], blocks[1], eyes]);
             }
         }

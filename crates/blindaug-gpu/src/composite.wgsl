@@ -27,7 +27,7 @@ fn whole(@builtin(vertex_index) i: u32, @builtin(instance_index) eye: u32) -> Ve
     return Vertex(vec4(4.0 * f32(i & 1u) - 1.0, 4.0 * f32(i >> 1u) - 1.0, 0.0, 1.0), eye);
 }
 
-// For each eye, the blocks that are drawn where the targets hold the frame already.
+// For each eye, the blocks that are drawn.
 @group(0) @binding(9) var<storage, read> tiles: array<u32>;
 
 // Makes the two triangles of a block. The instance is its number among those that are drawn, and the first vertex tells the eye.
@@ -258,6 +258,29 @@ fn over(background: vec3<f32>, layer: vec4<f32>) -> vec3<f32> {
         return encode(light);
     }
     return light;
+}
+
+// Whether a block of an eye is among those that are drawn: those in which something may be seen or, for a camera that sharpens, those that
+// the sharpening changes. All parts of an eye have one bit for the latter.
+fn is_drawn(block: vec2<u32>, eye: u32) -> bool {
+    // With an empty area, the bits are those of an earlier frame.
+    if any(camera.size == vec2(0u)) {
+        return false;
+    }
+    if camera.sharpening_blocks > 0u {
+        return (blocks[block_index(camera, block, eye * camera.slabs)] & SHARPENED) != 0u;
+    }
+    return is_seen(block, eye);
+}
+
+// Writes the frame, bit by bit, to the blocks that are not drawn.
+@fragment
+fn copied(in: Vertex) -> @location(0) vec4<f32> {
+    let pixel = vec2<u32>(in.position.xy);
+    if is_drawn(pixel / BLOCK, in.eye) {
+        discard;
+    }
+    return to_target(textureLoad(frame, pixel, in.eye, 0).rgb);
 }
 
 @fragment

@@ -32,9 +32,10 @@ pub(crate) struct Passes {
     pub(crate) push: Kernel,
     pub(crate) halve: Kernel,
     pub(crate) defocus: Kernel,
+    /// The frame, in the blocks that neither of the last passes draws.
+    pub(crate) copied: wgpu::RenderPipeline,
+    /// The last pass for a camera that does not sharpen, for the blocks in which the layer may be seen.
     pub(crate) composite: wgpu::RenderPipeline,
-    /// The same pass for the blocks alone in which the layer may be seen.
-    pub(crate) composite_tiles: wgpu::RenderPipeline,
     pub(crate) composite_layout: wgpu::BindGroupLayout,
     pub(crate) bilinear: wgpu::Sampler,
     pub(crate) gaussians: wgpu::Buffer,
@@ -105,8 +106,8 @@ impl Passes {
             push: of_extension("push", 8, &doubling),
             halve: of_extension("halve", 8, &halving),
             defocus: Kernel::new(device, &shaders::DEFOCUS, "defocus", [8, 8, 1], &of_defocus),
-            composite: pipeline(device, &composite_layout, target, ["whole", "composite"]),
-            composite_tiles: pipeline(device, &composite_layout, target, ["of_tile", "composite"]),
+            copied: pipeline(device, &composite_layout, target, ["whole", "copied"]),
+            composite: pipeline(device, &composite_layout, target, ["of_tile", "composite"]),
             composite_layout,
             bilinear: device.create_sampler(&wgpu::SamplerDescriptor {
                 label: Some("bilinear"),
@@ -144,7 +145,7 @@ pub(crate) struct Views {
     pub(crate) sharp: TextureView,
     /// The layer as it was given, if it can be filtered; else the same as `sharp`.
     pub(crate) filtered: TextureView,
-    /// The blocks that are drawn where the targets hold the frame already.
+    /// The blocks that the last pass draws.
     pub(crate) tiles: wgpu::Buffer,
     /// The number of blocks that the pass `defocus`, and after it the sharpening, has work in, and the blocks.
     pub(crate) list: wgpu::Buffer,

@@ -57,12 +57,12 @@ macro_rules! shader {
 }
 
 pub(crate) static EXTENSION: LazyLock<String> = shader!("continued.wgsl", "extension.wgsl");
-pub(crate) static BLOCKS: LazyLock<String> = shader!("blocks.wgsl");
+pub(crate) static BLOCKS: LazyLock<String> = shader!("seen.wgsl", "blocks.wgsl");
 pub(crate) static DEFOCUS: LazyLock<String> = shader!("continued.wgsl", "defocus.wgsl");
 pub(crate) static NOISE_TILE: LazyLock<String> = shader!("noise_tile.wgsl");
 pub(crate) static SHARPENING: LazyLock<String> = shader!("sharpening.wgsl");
 pub(crate) static COMPOSITE: LazyLock<String> =
-    shader!("continued.wgsl", "motion_blur.wgsl", "noise.wgsl", "composite.wgsl", "sharpened.wgsl");
+    shader!("continued.wgsl", "motion_blur.wgsl", "noise.wgsl", "seen.wgsl", "composite.wgsl", "sharpened.wgsl");
 
 #[cfg(test)]
 #[path = "../tests/common/wgsl.rs"]
@@ -105,7 +105,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(found, 19);
+        assert_eq!(found, 20);
         // Wrong shaders are found out.
         assert!(problem("fn f() -> f32 { return 1u; }").is_some());
         assert!(problem("enable f16; fn f(x: f16) -> f16 { return x; }").is_some());

@@ -70,10 +70,6 @@ fn smoothed_unsharpening(at: vec2<f32>, eye: u32) -> vec3<f32> {
 fn sharpened(in: Vertex) -> @location(0) vec4<f32> {
     let pixel = vec2<u32>(in.position.xy);
     let filmed = textureLoad(frame, pixel, in.eye, 0).rgb;
-    // All parts of an eye have one bit.
-    if (blocks[block_index(camera, pixel / BLOCK, in.eye * camera.slabs)] & SHARPENED) == 0u {
-        return to_target(filmed);
-    }
     let own = textureLoad(differences, pixel, in.eye, 0);
     let place = vec2<i32>(pixel);
     var blurred = half_kernel[0] * row_at(place, in.eye);

@@ -70,10 +70,8 @@ pub(crate) struct Sharpener {
     rows: Kernel,
     columns: Kernel,
     difference: Kernel,
-    /// The last pass, which writes the targets.
+    /// The last pass, which writes the blocks that the sharpening changes.
     pub(crate) sharpened: wgpu::RenderPipeline,
-    /// The same pass for the sharpened blocks alone.
-    pub(crate) sharpened_tiles: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
 }
 
@@ -89,7 +87,7 @@ impl Sharpener {
             device,
             "sharpened",
             ShaderStages::VERTEX_FRAGMENT,
-            &[Uniform, Sampler, Texture, Texels, Texels, Uniform, Buffer, Texture, Texels, Buffer, Buffer],
+            &[Uniform, Sampler, Texture, Texels, Texels, Uniform, Buffer, Texture, Texels, Buffer],
         );
         Self {
             rows: kernel(&shaders::SHARPENING, "rows", &[Uniform, Uniform, Buffer, Texels, between, Buffer]),
@@ -106,8 +104,7 @@ impl Sharpener {
                     Buffer, Texels, Buffer, Texture, Buffer,
                 ],
             ),
-            sharpened: pipeline(device, &layout, target, ["whole", "sharpened"]),
-            sharpened_tiles: pipeline(device, &layout, target, ["of_tile", "sharpened"]),
+            sharpened: pipeline(device, &layout, target, ["of_tile", "sharpened"]),
             layout,
         }
     }
@@ -221,7 +218,6 @@ impl Sharpening {
             view(&turns[0]),
             view(&of_all.tile),
             views.tiles.as_entire_binding(),
-            views.blocks.as_entire_binding(),
         ];
         Ok(Self {
             rows_of_frame: rows_of(0, &views.frame),

@@ -318,8 +318,8 @@ mod tests {
                 [start.elapsed() - rendered, rendered]
             });
             times.sort();
-            let [composite, render] = times[1].map(|t| t.as_millis());
-            println!("{}, {by:?}: render {render} ms, composite {composite} ms", gpu.info.name);
+            let [composite, render] = times[1].map(|t| 1e3 * t.as_secs_f64());
+            println!("{}, {by:?}: render {render:.1} ms, composite {composite:.1} ms", gpu.info.name);
         }
     }
 

@@ -7,7 +7,8 @@ use blindaug_pipeline::{Networks, Observer, Operators};
 use blindaug_scenes::measure::{self, Footage, Given, Measured};
 use std::time::Instant;
 
-/// The number of frames that removal looks at: it takes eight times as long as the spectra, and its errors are the same in each frame.
+/// The number of frames that removal looks at where nothing is clean: it takes six to eight times as long as the spectra, and its errors are
+/// the same in each frame.
 const REMOVAL_FRAMES: usize = 4;
 
 /// The kinds of evidence that can be given with these networks, or without any.
@@ -41,7 +42,7 @@ fn estimate(
     let everything = given == Given::Everything;
     let by_networks = given.by_networks();
     let by_removal = everything || by_networks || given == Given::DepthAndFlowByRemoval;
-    let slow = given == Given::DepthAndFlowByRemoval;
+    let slow = by_networks || given == Given::DepthAndFlowByRemoval;
     let used = if slow { footage.frames.len().min(REMOVAL_FRAMES) } else { footage.frames.len() };
     let numbered: Vec<(u64, &Encoded)> = (0..).zip(&footage.frames).collect();
     networks.clear();
