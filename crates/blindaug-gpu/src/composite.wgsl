@@ -158,12 +158,18 @@ fn missing_noise(
         noise_free -= gain * (background - smooth_background);
     }
     let of_result = on_curves(noise_free);
-    let of_background = on_curves(smooth_background);
-    var sigma: array<vec3<f32>, NOISE_LEVELS>;
-    for (var level = 0u; level < NOISE_LEVELS; level++) {
-        let want = model_std(level, noise_free, of_result);
-        let there = gain * model_std(level, smooth_background, of_background);
-        sigma[level] = sqrt(max(want * want - there * there, vec3(0.0)));
+    var sigma = array<vec3<f32>, NOISE_LEVELS>(
+        model_std(0u, noise_free, of_result),
+        model_std(1u, noise_free, of_result),
+        model_std(2u, noise_free, of_result),
+        model_std(3u, noise_free, of_result),
+    );
+    if kept > LEAST_KEPT {
+        let of_background = on_curves(smooth_background);
+        for (var level = 0u; level < NOISE_LEVELS; level++) {
+            let there = gain * model_std(level, smooth_background, of_background);
+            sigma[level] = sqrt(max(sigma[level] * sigma[level] - there * there, vec3(0.0)));
+        }
     }
     var sum = vec3(0.0);
     for (var age = 0u; age < camera.noise_terms; age++) {
@@ -253,7 +259,11 @@ fn layer_at(at: vec2<u32>, eye: u32) -> vec4<f32> {
 
 // Puts the layer over a background of encoded values. The result is encoded and may exceed 1.
 fn over(background: vec3<f32>, layer: vec4<f32>) -> vec3<f32> {
-    let light = max(to_blur_space(background) * (1.0 - layer.a) + layer.rgb, vec3(0.0));
+    var light = layer.rgb;
+    if layer.a < 1.0 {
+        light += to_blur_space(background) * (1.0 - layer.a);
+    }
+    light = max(light, vec3(0.0));
     if camera.encoded_space == 0u {
         return encode(light);
     }

@@ -308,7 +308,7 @@ fn mend(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) t
 var<workgroup> any_bits: atomic<u32>;
 
 // The first level of which all pixels are computed. There, a workgroup has more blocks to look at than it has work to save.
-const WHOLE_FROM = 5u;
+const WHOLE_FROM = 6u;
 
 // Whether any block has one of these bits that lies under the workgroup's 8 x 8 pixels of a level, or under the kernels that halve down to
 // that level: these reach less than 2 pixels of the level. From WHOLE_FROM on, always.
