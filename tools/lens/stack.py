@@ -2,17 +2,18 @@
 """How well the lens is told by one photograph with depth, for foci from its farthest to its nearest thing.
 
     pip install numpy scipy opencv-python-headless
-    python tools/lens/stack.py BLINDAUG PHOTO DEPTH [BLUR ..]
+    python tools/lens/stack.py BLINDAUG PHOTO DEPTH [BLUR ..] [--points disk|gaussian]
 
 DEPTH: disparity as .npz (one array, px) or depth as 16-bit PNG in mm; what is not known is taken from what is behind it. BLUR: the std of the
 blur, px, that things as near as the nearest have when the focus is at infinity (10 and 20). The photograph is cut into 40 layers of depth, which
-are blurred in light by disks, each seen between what is nearer, and noise of std 0.008 is added. Prints what the estimate says of each focus: the
-blur at infinity and the focus (inverse depth; the nearest thing has 1), each with its 95 % interval beside the truth.
+are blurred in light by disks (or Gaussians of the same std), each seen between what is nearer, and noise of std 0.008 is added. Prints what the
+estimate says of each focus: the blur at infinity and the focus (inverse depth; the nearest thing has 1), each with its 95 % interval beside the
+truth, and the shape of out-of-focus points where it is told.
 """
 
+import argparse
 import json
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -61,14 +62,22 @@ def disk(radius):
     return kernel / kernel.sum()
 
 
-def through_a_lens(light, depth, blur, focus):
+def gaussian(radius):
+    std = radius / 2
+    n = int(np.ceil(4 * std + 1))
+    y, x = np.mgrid[-n : n + 1, -n : n + 1]
+    kernel = np.exp(-(x * x + y * y) / (2 * std * std))
+    return kernel / kernel.sum()
+
+
+def through_a_lens(light, depth, blur, focus, points):
     low, high = depth.min(), depth.max()
     layer_of = np.clip(((depth - low) / (high - low) * LAYERS).astype(int), 0, LAYERS - 1)
     seen = np.zeros_like(light)
     for layer in range(LAYERS):
         mask = (layer_of == layer).astype(float)
         radius = 2 * blur * abs(low + (layer + 0.5) / LAYERS * (high - low) - focus)
-        kernel = disk(radius) if radius > 0.3 else np.ones((1, 1))
+        kernel = points(radius) if radius > 0.3 else np.ones((1, 1))
 
         def blurred(v):
             return cv2.filter2D(v, -1, kernel, borderType=cv2.BORDER_REFLECT)
@@ -81,15 +90,22 @@ def through_a_lens(light, depth, blur, focus):
 
 
 def main():
-    program, photo, depth_file = sys.argv[1:4]
-    image = cv2.imread(photo)[..., ::-1] / 255
-    depth = inverse_depth(depth_file, image.shape[1::-1])
+    parser = argparse.ArgumentParser()
+    for name in ("program", "photo", "depth"):
+        parser.add_argument(name)
+    parser.add_argument("blurs", nargs="*", type=float, default=[10.0, 20.0])
+    parser.add_argument("--points", choices=["disk", "gaussian"], default="disk")
+    given = parser.parse_args()
+    points = {"disk": disk, "gaussian": gaussian}[given.points]
+    program = given.program
+    image = cv2.imread(given.photo)[..., ::-1] / 255
+    depth = inverse_depth(given.depth, image.shape[1::-1])
     rng = np.random.default_rng(1)
     print(f"{'blur':>5} {'focus':>6} {'mean blur, px':>14}  {'blur at infinity, px':32} {'focus':30}")
     covered = [0, 0, 0]
-    for blur in [float(v) for v in sys.argv[4:]] or [10.0, 20.0]:
+    for blur in given.blurs:
         for focus in np.linspace(*np.percentile(depth, [2, 98]), FOCI):
-            picture = encoded(through_a_lens(to_light(image), depth, blur, focus))
+            picture = encoded(through_a_lens(to_light(image), depth, blur, focus, points))
             picture = picture + NOISE * rng.normal(size=picture.shape)
             with tempfile.TemporaryDirectory() as folder:
                 for name, pixels in [
@@ -98,8 +114,8 @@ def main():
                 ]:
                     Path(folder, name).mkdir()
                     cv2.imwrite(f"{folder}/{name}/0001.png", pixels)
-                given = ["--depth", f"{folder}/depth", "--depth-kind", "inverse", "--depth-scale", str(LARGEST)]
-                subprocess.run([program, "estimate", f"{folder}/frame", *given, "-o", f"{folder}/camera.json"], check=True, capture_output=True)
+                options = ["--depth", f"{folder}/depth", "--depth-kind", "inverse", "--depth-scale", str(LARGEST)]
+                subprocess.run([program, "estimate", f"{folder}/frame", *options, "-o", f"{folder}/camera.json"], check=True, capture_output=True)
                 lens = json.loads(Path(folder, "camera.json").read_text())["defocus"]
             line = f"{blur:5.0f} {focus:6.2f} {np.mean(blur * abs(depth - focus)):14.1f}  "
             if "interval" not in lens:
@@ -111,6 +127,7 @@ def main():
                 lo, hi = lens["interval"][name]
                 within.append(lo <= truth <= hi)
                 line += f"{lens[name]:.2f} ({lo:.2f} to {hi:.2f}) for {truth:.2f}".ljust(33)
+            line += " ".join(f"{k} {v}" for k, v in lens.get("bokeh", {}).items())
             print(line, flush=True)
             covered = [covered[0] + 1, covered[1] + within[0], covered[2] + within[1]]
     print(f"of {covered[0]} that are known, {covered[1]} intervals hold the blur at infinity and {covered[2]} the focus")

@@ -88,7 +88,9 @@ fn compare(
     frames: usize,
 ) -> Result<()> {
     let [w, h] = COUNTED;
-    println!("\nMeasured, 2 x {w} x {h}, Gaussian: ms (in brackets the ms of the counted bytes at the bandwidth of a copy)\n");
+    println!(
+        "\nMeasured, 2 x {w} x {h}, Gaussian: ms (in brackets the ms of the counted bytes at the bandwidth of a copy)\n"
+    );
     println!("| quality | object | given | {} | from submission to end |", STEPS.join(" | "));
     println!("|---|---|---|{}|---|", ["---"; STEPS.len()].join("|"));
     for share in SHARES {

@@ -61,8 +61,14 @@ pub(crate) static BLOCKS: LazyLock<String> = shader!("seen.wgsl", "blocks.wgsl")
 pub(crate) static DEFOCUS: LazyLock<String> = shader!("continued.wgsl", "defocus.wgsl");
 pub(crate) static NOISE_TILE: LazyLock<String> = shader!("noise_tile.wgsl");
 pub(crate) static SHARPENING: LazyLock<String> = shader!("sharpening.wgsl");
-pub(crate) static COMPOSITE: LazyLock<String> =
-    shader!("continued.wgsl", "motion_blur.wgsl", "noise.wgsl", "seen.wgsl", "composite.wgsl", "sharpened.wgsl");
+pub(crate) static COMPOSITE: LazyLock<String> = shader!(
+    "continued.wgsl",
+    "motion_blur.wgsl",
+    "noise.wgsl",
+    "seen.wgsl",
+    "composite.wgsl",
+    "sharpened.wgsl"
+);
 
 #[cfg(test)]
 #[path = "../tests/common/wgsl.rs"]

@@ -82,6 +82,20 @@ pub struct LensFit {
     pub points: Vec<BlurPoint>,
     /// The inverse depths of the farthest and of the nearest tile.
     pub inverse_depth_seen: [f32; 2],
+    /// The shape of out-of-focus points.
+    pub shape: PointShape,
+}
+
+/// What the spectra tell of the shape of out-of-focus points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PointShape {
+    /// Nothing: too little is blurred, or the tiles disagree.
+    #[default]
+    Untold,
+    /// They are disks, as of a round aperture, or of one with blades.
+    Disks,
+    /// They look like Gaussians, as out-of-focus points do before soft textures, too. The interval of the lens holds both.
+    LikeGaussians,
 }
 
 impl LensFit {
@@ -453,6 +467,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         samples: tiles.round() as usize,
         points,
         inverse_depth_seen: seen(observations.iter().map(|w| w.inverse_depth)),
+        shape: PointShape::default(),
     }))
 }
 
@@ -538,7 +553,7 @@ impl FineTables {
 
 /// The weight of a block's tiles in one part of the clip in a replica of the bootstrap: the product of exponential weights of mean 1
 /// (Rubin 1981) of the block and of the part. So the evidence of one surface or one shot counts as one observation.
-fn resampled(replica: usize, block: u32, part: usize) -> f32 {
+pub(super) fn resampled(replica: usize, block: u32, part: usize) -> f32 {
     block_weight(replica, block) * part_weight(replica, part)
 }
 

@@ -1,5 +1,6 @@
 //! The estimate of one camera model from the frames of a clip.
 
+use super::agreement::PointShape;
 use super::defocus::BlurPoint;
 use super::distant::DistantPairs;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
@@ -8,13 +9,13 @@ use super::observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
 use super::robust::{aggregate, median};
-use super::{agreement, defocus, motion_blur, removal, sharpening, spectral, tiles, uneven};
+use super::{agreement, bokeh, defocus, motion_blur, removal, sharpening, spectral, tiles, uneven};
 use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{
-    CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
+    Aperture, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
+    Method, MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
 };
 use crate::strips::largest_strip;
 use crate::synth::{self, defocus::Bokeh};
@@ -790,19 +791,20 @@ impl Estimator {
         let width = |i: [f32; 2]| i[1] - i[0];
         let of_tiles = |b: agreement::LensFit| {
             let (sigma, focus) = (b.sigma_px_at_infinity, b.focus_inverse_depth);
-            (b.lens, sigma, focus, blind_method, b.samples, b.points, b.inverse_depth_seen)
+            (b.lens, sigma, focus, blind_method, b.samples, b.points, b.inverse_depth_seen, b.shape)
         };
-        let (lens, sigma, focus, method, samples, points, seen) = match (blind, compared) {
+        let (lens, sigma, focus, method, samples, points, seen, shape) = match (blind, compared) {
             (Estimate::Known(b), Some(c))
                 if blind_method != Method::Removal && width(b.sigma_px_at_infinity) <= width(c.1) =>
             {
                 of_tiles(b)
             }
-            (_, Some((lens, sigma, focus, samples))) => {
+            (blind, Some((lens, sigma, focus, samples))) => {
+                let shape = blind.known().map_or(PointShape::Untold, |b| b.shape);
                 let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
                 let ranges = self.frames.iter().filter_map(|f| f.lens.as_ref()).map(|l| l.range);
                 let seen = agreement::seen(ranges.flat_map(|(far, near)| [far, near]));
-                (lens, sigma, focus, Method::Removal, samples, searched, seen)
+                (lens, sigma, focus, Method::Removal, samples, searched, seen, shape)
             }
             (Estimate::Known(b), None) => of_tiles(b),
             (Estimate::Unknown(why), None) => {
@@ -833,11 +835,18 @@ impl Estimator {
                 shot + 1
             ));
         }
+        if shape == PointShape::LikeGaussians {
+            diagnostics.notes.push(
+                "out-of-focus points look like Gaussians, or the textures are soft: the lens's interval holds what both would make of it"
+                    .into(),
+            );
+        }
         diagnostics.blur_points = points;
         model.defocus = Estimate::Known(DefocusModel {
             method,
             samples: samples as u64,
             inverse_depth_seen: Some(seen),
+            bokeh: if shape == PointShape::Disks { Bokeh::Disk.into() } else { Aperture::default() },
             ..DefocusModel::given(curve, depth_kind)
         });
         Ok(())
@@ -862,6 +871,10 @@ impl Estimator {
             let moving =
                 frames.iter().any(|tiles| tiles.iter().any(|t| t.speed * t.scale >= spectral::STILL));
             return Ok(match fit {
+                Estimate::Known(mut known) => {
+                    bokeh::see(&mut known, &slow, noise, ExposureFraction(0.0), sharpening)?;
+                    Estimate::Known(known)
+                }
                 Estimate::Unknown(why) if moving => Estimate::unknown(
                     Reason::Uncertain,
                     format!(
@@ -891,6 +904,7 @@ impl Estimator {
             );
             return Ok(Estimate::unknown(Reason::Uncertain, why));
         }
+        bokeh::see(&mut known, frames, noise, motion_blur.exposure, sharpening)?;
         Ok(Estimate::Known(known))
     }
 

@@ -192,9 +192,15 @@ impl<'a> Prepared<'a> {
         curve.into_iter().map(|v| (v * most / (most + INFORMATIVE)).max(-CLIP)).collect()
     }
 
-    /// The log-likelihood over the [`SIGMAS`] stds in px of the frame, 0 at its maximum, with a slow fall beyond the [`TILE_SIGMAS`].
-    pub(super) fn over_sigma_of_frame(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
-        let table = self.over_sigma(lambda, sharpening);
+    /// The log-likelihood over the [`SIGMAS`] stds in px of the frame, 0 at its maximum, with a slow fall beyond the [`TILE_SIGMAS`], of a
+    /// lens with this gain.
+    pub(super) fn over_sigma_of_frame(
+        &self,
+        lambda: f32,
+        sharpening: Option<&SharpeningModel>,
+        gain: LensGain,
+    ) -> Vec<f32> {
+        let table = self.absolute_over_sigma(lambda, sharpening, gain);
         let largest = sigma_of(TILE_SIGMAS - 1);
         relative((0..SIGMAS).map(|i| {
             let sigma = sigma_of(i) / self.tile.scale;
@@ -202,9 +208,14 @@ impl<'a> Prepared<'a> {
         }))
     }
 
-    /// The log-likelihood over the [`TILE_SIGMAS`] stds in px of the tile, 0 at its maximum, with the amplitude and the noise's factor at
-    /// their most likely values and the slope of the spectrum integrated out.
-    fn over_sigma(&self, lambda: f32, sharpening: Option<&SharpeningModel>) -> Vec<f32> {
+    /// The log-likelihood over the [`TILE_SIGMAS`] stds in px of the tile, with the amplitude and the noise's factor at their most likely
+    /// values and the slope of the spectrum integrated out. Those of two gains can be compared.
+    pub(super) fn absolute_over_sigma(
+        &self,
+        lambda: f32,
+        sharpening: Option<&SharpeningModel>,
+        lens_gain: LensGain,
+    ) -> Vec<f32> {
         let bins = self.alike(lambda);
         let column = |f: &dyn Fn(&Alike) -> f32| lanes(bins.iter().map(f), 0.0);
         let data = Amplitude {
@@ -228,7 +239,7 @@ impl<'a> Prepared<'a> {
         });
         let mut starts = [None; ALPHAS];
         let mut gain = vec![f32x4::ZERO; data.power.len()];
-        relative((0..TILE_SIGMAS).map(|s| {
+        let at = |s: usize| {
             let lens = column(&|b| lens_gain(s, b.modulus));
             let terms: [f32; ALPHAS] = std::array::from_fn(|k| {
                 for ((g, a), b) in gain.iter_mut().zip(&scenes[k]).zip(&lens) {
@@ -240,7 +251,8 @@ impl<'a> Prepared<'a> {
             });
             let max = terms.iter().copied().fold(f32::MIN, f32::max);
             max + terms.iter().map(|v| (v - max).portable_exp()).sum::<f32>().portable_ln()
-        }))
+        };
+        (0..TILE_SIGMAS).map(at).collect()
     }
 
     /// The bins at an exposure; neighbouring bins of a ring with similar gain of motion blur are merged.
@@ -652,6 +664,19 @@ pub(super) fn index_of_sigma(sigma: f32) -> f32 {
         (20.0 + (sigma - 3.0) / 0.5).min(34.0 + (sigma - 10.0).max(0.0) / 2.0)
     };
     index.clamp(0.0, (SIGMAS - 1) as f32)
+}
+
+/// The gain `|K_DoF|^2` of a lens at the index of a std in the tables and at a modulus in cycles per px.
+pub(super) type LensGain = fn(usize, f32) -> f32;
+
+/// The gain `|K_DoF|^2` at a modulus in cycles per px of a Gaussian whose std has index `s < TILE_SIGMAS` in the tables, averaged over the
+/// same stds as that of [`lens_gain`].
+pub(super) fn gaussian_gain(s: usize, modulus: f32) -> f32 {
+    let at = |scale: f32| {
+        let x = std::f32::consts::TAU * sigma_of(s) * scale * modulus;
+        (-x * x).portable_exp()
+    };
+    (0..9).map(|k| at(0.8 + 0.05 * k as f32)).sum::<f32>() / 9.0 + LENS_FLOOR
 }
 
 /// The gain `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px of a uniform disk whose std has index `s < TILE_SIGMAS` in the tables. It is

@@ -7,6 +7,7 @@
 //! distortion, the family with the tighter interval; it does not use [`removal`] without clean frames, which is less accurate.
 
 mod agreement;
+mod bokeh;
 pub mod defocus;
 mod distant;
 mod estimator;

@@ -19,10 +19,10 @@
 mod pairs;
 
 pub use super::agreement::{
-    BOOTSTRAPS, ExposureFit, ExposureObservation, LensFit, LensObservation, exposure_of, lens_of,
+    BOOTSTRAPS, ExposureFit, ExposureObservation, LensFit, LensObservation, PointShape, exposure_of, lens_of,
 };
 pub use super::likelihood::{EXPOSURES, SIGMAS, TILE_SIGMAS, lens_gain};
-use super::likelihood::{Prepared, prepare};
+use super::likelihood::{LensGain, Prepared, gaussian_gain, prepare};
 use super::noise::LumaNoise;
 use super::tiles::SPEEDS;
 pub use super::tiles::{
@@ -113,22 +113,36 @@ pub fn fit_lens(
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
 ) -> Result<Estimate<LensFit>> {
-    lens_of(&lens_observations(frames, noise, exposure, sharpening), BOOTSTRAPS)
+    lens_of(&lens_observations(frames, noise, exposure, sharpening, lens_gain), BOOTSTRAPS)
 }
 
-/// The observations of the lens by the tiles whose depth is known.
+/// The thin lens as [`fit_lens`] finds it, if out-of-focus points are Gaussians instead of disks.
+///
+/// # Errors
+/// The same as [`lens_of`].
+pub(super) fn fit_gaussian_lens(
+    frames: &[&[Tile]],
+    noise: &LumaNoise,
+    exposure: ExposureFraction,
+    sharpening: Option<&SharpeningModel>,
+) -> Result<Estimate<LensFit>> {
+    lens_of(&lens_observations(frames, noise, exposure, sharpening, gaussian_gain), BOOTSTRAPS)
+}
+
+/// The observations of the lens by the tiles whose depth is known, if the lens has this gain.
 pub(super) fn lens_observations(
     frames: &[&[Tile]],
     noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
+    gain: LensGain,
 ) -> Vec<LensObservation> {
     let prepared: Vec<Prepared> = prepare(frames, noise, CODING_OF_LENS * noise.coding_error, |t| {
         t.of_lens && t.inverse_depth.is_finite()
     });
     par::map(prepared.len(), |i| LensObservation {
         inverse_depth: prepared[i].tile.inverse_depth,
-        table: prepared[i].over_sigma_of_frame(exposure.0, sharpening),
+        table: prepared[i].over_sigma_of_frame(exposure.0, sharpening, gain),
         tiles: 1.0,
         block: prepared[i].tile.block,
         part: prepared[i].part,

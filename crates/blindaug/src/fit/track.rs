@@ -347,7 +347,13 @@ impl Tracker {
                     tiles.retain(|t| t.speed * t.scale < spectral::STILL);
                 }
                 let exposure = self.exposure();
-                let found = spectral::lens_observations(&[&tiles], &self.luma_noise, exposure, sharpening);
+                let found = spectral::lens_observations(
+                    &[&tiles],
+                    &self.luma_noise,
+                    exposure,
+                    sharpening,
+                    spectral::lens_gain,
+                );
                 model.defocus = self.follow_lens(&found)?;
             }
         }

@@ -1,0 +1,179 @@
+//! Whether out-of-focus points are disks or Gaussians: which of the two explains the spectra of blurred tiles better. The gain of a disk
+//! has zeros and side lobes, whose places follow from the blur, that of a Gaussian has none.
+
+use super::agreement::{LensFit, PointShape, resampled};
+use super::defocus::Lens;
+use super::likelihood::{
+    CLIP, LensGain, TILE_SIGMAS, gaussian_gain, index_of_sigma, interpolate, lens_gain, prepare, sigma_of,
+};
+use super::noise::LumaNoise;
+use super::spectral::{self, CODING_OF_LENS};
+use super::tiles::Tile;
+use crate::model::{Estimate, ExposureFraction, SharpeningModel};
+use crate::portable::Portable;
+use crate::{Result, par};
+use std::ops::Range;
+
+/// The shares of the lens's std, at equal steps of their log, at which the shapes are compared: at equal std, a disk and a Gaussian would
+/// also differ in how blurred they look.
+const SCALES: usize = 9;
+
+/// The largest of these shares; the least one is its inverse.
+const LARGEST_SCALE: f32 = 1.4;
+
+/// The stds, px of the tile, of tiles that may tell. With less blur a disk's first zero lies beyond the frequencies that are used, and more
+/// would lie beyond the likelihood's tables at the largest share.
+fn telling() -> Range<f32> {
+    0.9..sigma_of(TILE_SIGMAS - 1) / LARGEST_SCALE
+}
+
+/// The most tiles that are looked at.
+const MOST_TILES: usize = 600;
+
+/// The number of replicas of the bootstrap.
+const REPLICAS: usize = 120;
+
+/// The share of the replicas that must find a shape likelier than the other.
+const SURE: f32 = 0.975;
+
+/// The least number of nats by which a shape must be likelier than the other.
+const LEAST_NATS: f32 = 30.0;
+
+/// What blurred tiles say of the shape of out-of-focus points.
+#[derive(Clone, Copy, Debug)]
+struct Comparison {
+    /// The number of nats by which all tiles together find disks likelier than Gaussians.
+    nats: f32,
+    /// The share of the replicas, with blocks of the image and parts of the clip weighted at random, that find disks likelier.
+    replicas: f32,
+}
+
+impl Comparison {
+    /// Whether the points are disks.
+    fn is_disk(self) -> bool {
+        self.nats >= LEAST_NATS && self.replicas >= SURE
+    }
+
+    /// Whether the spectra look like those of Gaussians. Those of textures that are soft themselves do, too.
+    fn looks_gaussian(self) -> bool {
+        self.nats <= -LEAST_NATS && self.replicas <= 1.0 - SURE
+    }
+}
+
+/// Looks at the shape of out-of-focus points in the tiles to which a lens was fitted with this exposure, as if they were disks. Where they
+/// look like Gaussians, the interval of the lens takes in that which Gaussians would have; the lens itself stays as it is, since soft
+/// textures look the same.
+///
+/// # Errors
+/// The same as [`spectral::fit_lens`].
+pub(super) fn see(
+    fit: &mut LensFit,
+    frames: &[&[Tile]],
+    noise: &LumaNoise,
+    exposure: ExposureFraction,
+    sharpening: Option<&SharpeningModel>,
+) -> Result<()> {
+    let compared = compare(frames, noise, exposure, sharpening, fit.lens);
+    if compared.is_disk() {
+        fit.shape = PointShape::Disks;
+    } else if compared.looks_gaussian() {
+        fit.shape = PointShape::LikeGaussians;
+        if let Estimate::Known(gaussian) = spectral::fit_gaussian_lens(frames, noise, exposure, sharpening)? {
+            fit.widen(&gaussian);
+        }
+    }
+    Ok(())
+}
+
+/// Compares the shapes in the tiles that a lens, found with this exposure, puts out of focus.
+fn compare(
+    frames: &[&[Tile]],
+    noise: &LumaNoise,
+    exposure: ExposureFraction,
+    sharpening: Option<&SharpeningModel>,
+    lens: Lens,
+) -> Comparison {
+    let std_of = |t: &Tile| lens.sigma_px(t.inverse_depth) / t.scale;
+    let telling = telling();
+    let all = prepare(frames, noise, CODING_OF_LENS * noise.coding_error, |t| {
+        t.of_lens && t.inverse_depth.is_finite() && telling.contains(&std_of(t))
+    });
+    let tiles: Vec<_> = all.iter().step_by(all.len().div_ceil(MOST_TILES).max(1)).collect();
+    let share = |k: usize| {
+        let half = (SCALES - 1) as f32 / 2.0;
+        LARGEST_SCALE.portable_powf((k as f32 - half) / half)
+    };
+    // For each tile, the clipped log-likelihood of a disk and of a Gaussian at each share.
+    let tables = par::map(tiles.len(), |i| {
+        let at_shares = |gain: LensGain| -> [f32; SCALES] {
+            let table = tiles[i].absolute_over_sigma(exposure.0, sharpening, gain);
+            std::array::from_fn(|k| interpolate(&table, index_of_sigma(share(k) * std_of(tiles[i].tile))))
+        };
+        let both = [at_shares(lens_gain), at_shares(gaussian_gain)];
+        let best = both.iter().flatten().copied().fold(f32::MIN, f32::max);
+        both.map(|shape| shape.map(|v| (v - best).max(-CLIP)))
+    });
+    let nats = |weight: &dyn Fn(usize) -> f32| {
+        let best = [0, 1].map(|shape| {
+            let sum = |k: usize| tables.iter().enumerate().map(|(i, t)| weight(i) * t[shape][k]).sum::<f32>();
+            (0..SCALES).map(sum).fold(f32::MIN, f32::max)
+        });
+        best[0] - best[1]
+    };
+    let disks = (0..REPLICAS).filter(|&r| nats(&|i| resampled(r, tiles[i].tile.block, tiles[i].part)) > 0.0);
+    Comparison { replicas: disks.count() as f32 / REPLICAS as f32, nats: nats(&|_| 1.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::noise::NoiseLine;
+    use super::super::noise::tests::white;
+    use super::super::tiles::tiles;
+    use super::*;
+    use crate::model::{Bokeh, Space};
+    use crate::synth::defocus::defocus;
+    use crate::synth::noise::white_band_std;
+    use crate::{Encoded, Plane, Raster, Transfer};
+
+    #[test]
+    fn disks_and_gaussians_are_told_apart_and_a_sharp_lens_tells_nothing() {
+        let (side, std) = (384, 0.004);
+        // Squares of many sizes, from which the lens's curve runs from sharp on the left to blurred on the right.
+        let octaves: Vec<Plane> = (0..6u64).map(|o| white(side, side, o + 1).map(|v| v[0])).collect();
+        let sharp = Raster::from_fn(side, side, |x, y| {
+            let sum: f32 = (0..6).map(|o| octaves[o].at(x >> o, y >> o)).sum();
+            [(0.3 + 0.04 * sum).clamp(0.0, 1.0); 3]
+        });
+        let depth = Plane::from_fn(side, side, |x, _| 0.2 + 0.8 * x as f32 / side as f32);
+        let noise = white(side, side, 9);
+        let level = white_band_std().map(|white| NoiseLine { slope: 0.0, intercept: std * white });
+        let known = LumaNoise { levels: level, coding_error: 0.0 };
+        let seen = |slope: f32, bokeh: Bokeh| {
+            let lens = Lens { slope, focus: 0.2 };
+            let blurred = defocus(&sharp, &depth.map(|d| lens.sigma_px(d)), bokeh).unwrap();
+            let frame = Encoded(Raster::from_fn(side, side, |x, y| {
+                let (v, n) = (Transfer::Srgb.encode(blurred.at(x, y)[0]), noise.at(x, y)[0]);
+                // One noise in all channels, so that it is luma's.
+                [v + std * n; 3]
+            }));
+            let tiles = tiles(&frame, None, Some(&depth), Space::default()).unwrap();
+            let frames: [&[Tile]; 1] = [&tiles];
+            let fit = spectral::fit_lens(&frames, &known, ExposureFraction(0.0), None).unwrap();
+            let mut fit = fit.into_known().expect("the depths tell a lens");
+            let before = fit.sigma_px_at_infinity;
+            see(&mut fit, &frames, &known, ExposureFraction(0.0), None).unwrap();
+            (fit.shape, before, fit.sigma_px_at_infinity, lens.sigma_px_at_infinity())
+        };
+        let (shape, before, after, _) = seen(4.0, Bokeh::Disk);
+        assert_eq!(shape, PointShape::Disks);
+        assert_eq!(before, after);
+        let (shape, before, after, truth) = seen(4.0, Bokeh::Gaussian);
+        assert_eq!(shape, PointShape::LikeGaussians);
+        // As disks of the same std, Gaussians look less blurred.
+        assert!(
+            before[1] < after[1] && after[0] <= truth && truth <= after[1],
+            "{before:?} {after:?} {truth}"
+        );
+        assert_eq!(seen(0.3, Bokeh::Disk).0, PointShape::Untold);
+    }
+}
