@@ -133,8 +133,9 @@ fn lens_parameters(m: &DefocusModel) -> Vec<Row> {
         rows.push(Row {
             name: "Out-of-focus points".into(),
             value: m.bokeh.words(),
-            interval: None,
-            meaning: "The shape of the blur. Its std is that of the equivalent Gaussian.".into(),
+            interval: Some("–".into()),
+            meaning: "The shape of the blur, as the footage shows it or as it was set by hand. Its std is that of the equivalent Gaussian."
+                .into(),
         });
     }
     rows
