@@ -8,7 +8,7 @@ use super::likelihood::{
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
 use super::uneven::over_speeds;
-use crate::model::{Estimate, ExposureFraction, Reason, Unknown};
+use crate::model::{Bokeh, Estimate, ExposureFraction, Reason, Unknown};
 use crate::portable::Portable;
 use crate::{Error, Result, par};
 use std::collections::BTreeMap;
@@ -82,20 +82,9 @@ pub struct LensFit {
     pub points: Vec<BlurPoint>,
     /// The inverse depths of the farthest and of the nearest tile.
     pub inverse_depth_seen: [f32; 2],
-    /// The shape of out-of-focus points.
-    pub shape: PointShape,
-}
-
-/// What the spectra tell of the shape of out-of-focus points.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PointShape {
-    /// Nothing: too little is blurred, or the tiles disagree.
-    #[default]
-    Untold,
-    /// They are disks, as of a round aperture, or of one with blades.
-    Disks,
-    /// They look like Gaussians, as out-of-focus points do before soft textures, too. The interval of the lens holds both.
-    LikeGaussians,
+    /// The shape of out-of-focus points: a disk, as of a round aperture or of one with blades, or what looks like a Gaussian, as disks do before
+    /// soft textures, too, so that the interval holds both; `None` if too little is blurred or the tiles disagree.
+    pub bokeh: Option<Bokeh>,
 }
 
 impl LensFit {
@@ -467,7 +456,7 @@ pub fn lens_of(observations: &[LensObservation], bootstraps: usize) -> Result<Es
         samples: tiles.round() as usize,
         points,
         inverse_depth_seen: seen(observations.iter().map(|w| w.inverse_depth)),
-        shape: PointShape::default(),
+        bokeh: None,
     }))
 }
 

@@ -1,15 +1,15 @@
 //! Whether out-of-focus points are disks or Gaussians: which of the two explains the spectra of blurred tiles better. The gain of a disk
 //! has zeros and side lobes, whose places follow from the blur, that of a Gaussian has none.
 
-use super::agreement::{LensFit, PointShape, resampled};
+use super::agreement::{BOOTSTRAPS, LensFit, lens_of, resampled};
 use super::defocus::Lens;
 use super::likelihood::{
     CLIP, LensGain, TILE_SIGMAS, gaussian_gain, index_of_sigma, interpolate, lens_gain, prepare, sigma_of,
 };
 use super::noise::LumaNoise;
-use super::spectral::{self, CODING_OF_LENS};
+use super::spectral::{CODING_OF_LENS, lens_observations};
 use super::tiles::Tile;
-use crate::model::{Estimate, ExposureFraction, SharpeningModel};
+use crate::model::{Bokeh, Estimate, ExposureFraction, SharpeningModel};
 use crate::portable::Portable;
 use crate::{Result, par};
 use std::ops::Range;
@@ -30,42 +30,18 @@ fn telling() -> Range<f32> {
 /// The most tiles that are looked at.
 const MOST_TILES: usize = 600;
 
-/// The number of replicas of the bootstrap.
-const REPLICAS: usize = 120;
-
 /// The share of the replicas that must find a shape likelier than the other.
 const SURE: f32 = 0.975;
 
 /// The least number of nats by which a shape must be likelier than the other.
 const LEAST_NATS: f32 = 30.0;
 
-/// What blurred tiles say of the shape of out-of-focus points.
-#[derive(Clone, Copy, Debug)]
-struct Comparison {
-    /// The number of nats by which all tiles together find disks likelier than Gaussians.
-    nats: f32,
-    /// The share of the replicas, with blocks of the image and parts of the clip weighted at random, that find disks likelier.
-    replicas: f32,
-}
-
-impl Comparison {
-    /// Whether the points are disks.
-    fn is_disk(self) -> bool {
-        self.nats >= LEAST_NATS && self.replicas >= SURE
-    }
-
-    /// Whether the spectra look like those of Gaussians. Those of textures that are soft themselves do, too.
-    fn looks_gaussian(self) -> bool {
-        self.nats <= -LEAST_NATS && self.replicas <= 1.0 - SURE
-    }
-}
-
 /// Looks at the shape of out-of-focus points in the tiles to which a lens was fitted with this exposure, as if they were disks. Where they
 /// look like Gaussians, the interval of the lens takes in that which Gaussians would have; the lens itself stays as it is, since soft
 /// textures look the same.
 ///
 /// # Errors
-/// The same as [`spectral::fit_lens`].
+/// The same as [`lens_of`].
 pub(super) fn see(
     fit: &mut LensFit,
     frames: &[&[Tile]],
@@ -73,26 +49,24 @@ pub(super) fn see(
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
 ) -> Result<()> {
-    let compared = compare(frames, noise, exposure, sharpening, fit.lens);
-    if compared.is_disk() {
-        fit.shape = PointShape::Disks;
-    } else if compared.looks_gaussian() {
-        fit.shape = PointShape::LikeGaussians;
-        if let Estimate::Known(gaussian) = spectral::fit_gaussian_lens(frames, noise, exposure, sharpening)? {
+    fit.bokeh = told(frames, noise, exposure, sharpening, fit.lens);
+    if fit.bokeh == Some(Bokeh::Gaussian) {
+        let as_gaussians = lens_observations(frames, noise, exposure, sharpening, gaussian_gain);
+        if let Estimate::Known(gaussian) = lens_of(&as_gaussians, BOOTSTRAPS)? {
             fit.widen(&gaussian);
         }
     }
     Ok(())
 }
 
-/// Compares the shapes in the tiles that a lens, found with this exposure, puts out of focus.
-fn compare(
+/// The shape that the tiles tell which a lens, found with this exposure, puts out of focus.
+fn told(
     frames: &[&[Tile]],
     noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
     lens: Lens,
-) -> Comparison {
+) -> Option<Bokeh> {
     let std_of = |t: &Tile| lens.sigma_px(t.inverse_depth) / t.scale;
     let telling = telling();
     let all = prepare(frames, noise, CODING_OF_LENS * noise.coding_error, |t| {
@@ -120,17 +94,25 @@ fn compare(
         });
         best[0] - best[1]
     };
-    let disks = (0..REPLICAS).filter(|&r| nats(&|i| resampled(r, tiles[i].tile.block, tiles[i].part)) > 0.0);
-    Comparison { replicas: disks.count() as f32 / REPLICAS as f32, nats: nats(&|_| 1.0) }
+    let all = nats(&|_| 1.0);
+    // The replicas weigh blocks of the image and parts of the clip at random.
+    let replica = |r: usize| nats(&|i| resampled(r, tiles[i].tile.block, tiles[i].part));
+    let disks = (0..BOOTSTRAPS).filter(|&r| replica(r) > 0.0).count() as f32 / BOOTSTRAPS as f32;
+    match all {
+        _ if all >= LEAST_NATS && disks >= SURE => Some(Bokeh::Disk),
+        _ if all <= -LEAST_NATS && disks <= 1.0 - SURE => Some(Bokeh::Gaussian),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::noise::NoiseLine;
     use super::super::noise::tests::white;
+    use super::super::spectral;
     use super::super::tiles::tiles;
     use super::*;
-    use crate::model::{Bokeh, Space};
+    use crate::model::Space;
     use crate::synth::defocus::defocus;
     use crate::synth::noise::white_band_std;
     use crate::{Encoded, Plane, Raster, Transfer};
@@ -162,18 +144,18 @@ mod tests {
             let mut fit = fit.into_known().expect("the depths tell a lens");
             let before = fit.sigma_px_at_infinity;
             see(&mut fit, &frames, &known, ExposureFraction(0.0), None).unwrap();
-            (fit.shape, before, fit.sigma_px_at_infinity, lens.sigma_px_at_infinity())
+            (fit.bokeh, before, fit.sigma_px_at_infinity, lens.sigma_px_at_infinity())
         };
         let (shape, before, after, _) = seen(4.0, Bokeh::Disk);
-        assert_eq!(shape, PointShape::Disks);
+        assert_eq!(shape, Some(Bokeh::Disk));
         assert_eq!(before, after);
         let (shape, before, after, truth) = seen(4.0, Bokeh::Gaussian);
-        assert_eq!(shape, PointShape::LikeGaussians);
+        assert_eq!(shape, Some(Bokeh::Gaussian));
         // As disks of the same std, Gaussians look less blurred.
         assert!(
             before[1] < after[1] && after[0] <= truth && truth <= after[1],
             "{before:?} {after:?} {truth}"
         );
-        assert_eq!(seen(0.3, Bokeh::Disk).0, PointShape::Untold);
+        assert_eq!(seen(0.3, Bokeh::Disk).0, None);
     }
 }

@@ -1,6 +1,5 @@
 //! The estimate of one camera model from the frames of a clip.
 
-use super::agreement::PointShape;
 use super::defocus::BlurPoint;
 use super::distant::DistantPairs;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
@@ -14,8 +13,8 @@ use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{
-    Aperture, CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction,
-    Method, MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
+    CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
+    MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
 };
 use crate::strips::largest_strip;
 use crate::synth::{self, defocus::Bokeh};
@@ -789,35 +788,41 @@ impl Estimator {
         };
         let compared = self.aggregate_lens();
         let width = |i: [f32; 2]| i[1] - i[0];
-        let of_tiles = |b: agreement::LensFit| {
-            let (sigma, focus) = (b.sigma_px_at_infinity, b.focus_inverse_depth);
-            (b.lens, sigma, focus, blind_method, b.samples, b.points, b.inverse_depth_seen, b.shape)
-        };
-        let (lens, sigma, focus, method, samples, points, seen, shape) = match (blind, compared) {
+        let (fit, method) = match (blind, compared) {
             (Estimate::Known(b), Some(c))
                 if blind_method != Method::Removal && width(b.sigma_px_at_infinity) <= width(c.1) =>
             {
-                of_tiles(b)
+                (b, blind_method)
             }
-            (blind, Some((lens, sigma, focus, samples))) => {
-                let shape = blind.known().map_or(PointShape::Untold, |b| b.shape);
-                let searched = self.frames.iter().flat_map(|f| f.search.iter().copied()).collect();
+            (blind, Some((lens, sigma_px_at_infinity, focus_inverse_depth, samples))) => {
                 let ranges = self.frames.iter().filter_map(|f| f.lens.as_ref()).map(|l| l.range);
-                let seen = agreement::seen(ranges.flat_map(|(far, near)| [far, near]));
-                (lens, sigma, focus, Method::Removal, samples, searched, seen, shape)
+                let compared = agreement::LensFit {
+                    lens,
+                    sigma_px_at_infinity,
+                    focus_inverse_depth,
+                    samples,
+                    points: self.frames.iter().flat_map(|f| f.search.iter().copied()).collect(),
+                    inverse_depth_seen: agreement::seen(ranges.flat_map(|(far, near)| [far, near])),
+                    // What looks like Gaussians is only said of the lens whose interval takes that in.
+                    bokeh: blind.known().and_then(|b| b.bokeh).filter(|&b| b == Bokeh::Disk),
+                };
+                (compared, Method::Removal)
             }
-            (Estimate::Known(b), None) => of_tiles(b),
+            (Estimate::Known(b), None) => (b, blind_method),
             (Estimate::Unknown(why), None) => {
                 model.defocus = Estimate::Unknown(why);
                 return Ok(());
             }
         };
         let thin = DefocusCurve::ThinLens {
-            sigma_px_at_infinity: lens.sigma_px_at_infinity(),
-            focus_inverse_depth: lens.focus,
-            interval: Some(ThinLensInterval { sigma_px_at_infinity: sigma, focus_inverse_depth: focus }),
+            sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
+            focus_inverse_depth: fit.lens.focus,
+            interval: Some(ThinLensInterval {
+                sigma_px_at_infinity: fit.sigma_px_at_infinity,
+                focus_inverse_depth: fit.focus_inverse_depth,
+            }),
         };
-        let curve = match (self.options.curve, defocus::quadratic(&points)) {
+        let curve = match (self.options.curve, defocus::quadratic(&fit.points)) {
             (Curve::ThinLens, _) => thin,
             (Curve::Quadratic, Some(([a, b, c], (lo, hi)))) => {
                 DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] }
@@ -835,18 +840,18 @@ impl Estimator {
                 shot + 1
             ));
         }
-        if shape == PointShape::LikeGaussians {
+        if fit.bokeh == Some(Bokeh::Gaussian) {
             diagnostics.notes.push(
                 "out-of-focus points look like Gaussians, or the textures are soft: the lens's interval holds what both would make of it"
                     .into(),
             );
         }
-        diagnostics.blur_points = points;
+        diagnostics.blur_points = fit.points;
         model.defocus = Estimate::Known(DefocusModel {
             method,
-            samples: samples as u64,
-            inverse_depth_seen: Some(seen),
-            bokeh: if shape == PointShape::Disks { Bokeh::Disk.into() } else { Aperture::default() },
+            samples: fit.samples as u64,
+            inverse_depth_seen: Some(fit.inverse_depth_seen),
+            bokeh: fit.bokeh.unwrap_or_default().into(),
             ..DefocusModel::given(curve, depth_kind)
         });
         Ok(())

@@ -669,14 +669,19 @@ pub(super) fn index_of_sigma(sigma: f32) -> f32 {
 /// The gain `|K_DoF|^2` of a lens at the index of a std in the tables and at a modulus in cycles per px.
 pub(super) type LensGain = fn(usize, f32) -> f32;
 
+/// The mean gain of a lens over the shares of a tile's std (+-20 %) that occur in the tile.
+fn mean_in_tile(gain: impl Fn(f32) -> f32) -> f32 {
+    (0..9).map(|k| gain(0.8 + 0.05 * k as f32)).sum::<f32>() / 9.0
+}
+
 /// The gain `|K_DoF|^2` at a modulus in cycles per px of a Gaussian whose std has index `s < TILE_SIGMAS` in the tables, averaged over the
 /// same stds as that of [`lens_gain`].
 pub(super) fn gaussian_gain(s: usize, modulus: f32) -> f32 {
-    let at = |scale: f32| {
+    let gain = |scale: f32| {
         let x = std::f32::consts::TAU * sigma_of(s) * scale * modulus;
         (-x * x).portable_exp()
     };
-    (0..9).map(|k| at(0.8 + 0.05 * k as f32)).sum::<f32>() / 9.0 + LENS_FLOOR
+    mean_in_tile(gain) + LENS_FLOOR
 }
 
 /// The gain `|K_DoF|^2` at a modulus in [0, 0.5) cycles per px of a uniform disk whose std has index `s < TILE_SIGMAS` in the tables. It is
@@ -693,7 +698,7 @@ pub fn lens_gain(s: usize, modulus: f32) -> f32 {
                     let x = std::f32::consts::TAU * 2.0 * sigma_of(s) * scale * modulus + 1e-4;
                     (2.0 * libm::j1f(x) / x).powi(2)
                 };
-                (0..9).map(|k| gain(0.8 + 0.05 * k as f32)).sum::<f32>() / 9.0
+                mean_in_tile(gain)
             })
         }))
     });

@@ -19,10 +19,10 @@
 mod pairs;
 
 pub use super::agreement::{
-    BOOTSTRAPS, ExposureFit, ExposureObservation, LensFit, LensObservation, PointShape, exposure_of, lens_of,
+    BOOTSTRAPS, ExposureFit, ExposureObservation, LensFit, LensObservation, exposure_of, lens_of,
 };
 pub use super::likelihood::{EXPOSURES, SIGMAS, TILE_SIGMAS, lens_gain};
-use super::likelihood::{LensGain, Prepared, gaussian_gain, prepare};
+use super::likelihood::{LensGain, Prepared, prepare};
 use super::noise::LumaNoise;
 use super::tiles::SPEEDS;
 pub use super::tiles::{
@@ -114,19 +114,6 @@ pub fn fit_lens(
     sharpening: Option<&SharpeningModel>,
 ) -> Result<Estimate<LensFit>> {
     lens_of(&lens_observations(frames, noise, exposure, sharpening, lens_gain), BOOTSTRAPS)
-}
-
-/// The thin lens as [`fit_lens`] finds it, if out-of-focus points are Gaussians instead of disks.
-///
-/// # Errors
-/// The same as [`lens_of`].
-pub(super) fn fit_gaussian_lens(
-    frames: &[&[Tile]],
-    noise: &LumaNoise,
-    exposure: ExposureFraction,
-    sharpening: Option<&SharpeningModel>,
-) -> Result<Estimate<LensFit>> {
-    lens_of(&lens_observations(frames, noise, exposure, sharpening, gaussian_gain), BOOTSTRAPS)
 }
 
 /// The observations of the lens by the tiles whose depth is known, if the lens has this gain.
