@@ -277,6 +277,9 @@ struct Manner {
 /// The side of a block, px.
 const BLOCK: usize = 16;
 
+/// The first level of which all pixels are computed, as in extension.wgsl.
+const WHOLE_FROM: usize = 6;
+
 /// What classes of blocks would be worth.
 struct Classes {
     /// The blocks of the object whose defocus stds are below that which can be seen, 1/128 px.
@@ -394,12 +397,12 @@ impl Work {
         let object = (0..w * h).filter(|i| scene.inside(i % w, i / w)).count() as f64;
         let of_block = (BLOCK * BLOCK) as f64;
         let occupied = of_block * blocks.iter().filter(|b| b.occupied).count() as f64;
-        // The pixels of a level whose workgroups of 8 x 8 pixels find a block that they need. From level 6 on, all pixels are computed.
+        // The pixels of a level whose workgroups of 8 x 8 pixels find a block that they need, or all from WHOLE_FROM on.
         let live = |level: usize, needs: &dyn Fn(&Block) -> bool| -> f64 {
             let (side, around) = (8 << level, 2 << level);
             let groups = |size: usize| size.div_ceil(1 << level).div_ceil(8);
             let found = |gx: usize, gy: usize| {
-                if level >= 6 {
+                if level >= WHOLE_FROM {
                     return true;
                 }
                 let range = |g: usize, all: usize| {
