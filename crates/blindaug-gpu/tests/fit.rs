@@ -401,7 +401,13 @@ fn a_tracker_that_looks_at_one_frame_follows_the_others_by_what_the_device_finds
                 let model = tracker.model().expect("a frame was pushed");
                 let exposure = model.motion_blur.known().map_or(ExposureFraction(0.0), |m| m.exposure);
                 let sharpening = model.sharpening.known();
-                assert!(evidence.submit(device, queue, tracker.luma_noise(), exposure, sharpening));
+                assert!(evidence.submit(
+                    device,
+                    queue,
+                    tracker.luma_noise().expect("noise is seen"),
+                    exposure,
+                    sharpening
+                ));
                 let found = result(|| evidence.poll(device));
                 tracker
                     .push_observations(&found.exposure, &found.lens, DepthKind::Metric)

@@ -91,6 +91,10 @@ struct FrameEvidence {
     has_motion: bool,
     /// [`uneven::change_of`] it; `None` where it is not known.
     change: Option<f32>,
+    /// The flow to the next frame, where it was estimated.
+    to_next: Option<uneven::SampledFlow>,
+    /// The [`uneven::speed_factor`] by which the speeds of the tiles were multiplied.
+    speed_factor: f32,
     has_depth: bool,
     exposure: Option<motion_blur::ExposureFit>,
     lens: Option<defocus::LensFit>,
@@ -117,6 +121,8 @@ impl FrameEvidence {
             removal: vec![],
             has_motion,
             change: None,
+            to_next: None,
+            speed_factor: 1.0,
             has_depth,
             exposure: None,
             lens: None,
@@ -295,6 +301,7 @@ impl Estimator {
         let measured = next.is_some() || flow_given;
         let mut speed_error = 0.0;
         if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal && !flow_given) {
+            kept.to_next = measured.then(|| uneven::SampledFlow::new(to_next));
             let motion = at_frame.as_ref().unwrap_or(to_next);
             let turned;
             (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), motion);
@@ -329,7 +336,32 @@ impl Estimator {
             still,
         });
         self.keep(kept);
+        self.correct_speeds();
         Ok(true)
+    }
+
+    /// Corrects the speeds of the last frames' tiles, where motion is uneven, by the frames around them that are known by now.
+    fn correct_speeds(&mut self) {
+        let follows = |w: &&[FrameEvidence]| w[0].shot == w[1].shot && w[0].index + 1 == w[1].index;
+        let pairs = self.frames.windows(2).rev().take(2 * uneven::SPLINE_REACH);
+        let first = self.frames.len() - 1 - pairs.take_while(follows).count();
+        let frames = &self.frames[first..];
+        let flows: Vec<Option<&uneven::SampledFlow>> = frames.iter().map(|f| f.to_next.as_ref()).collect();
+        let corrected = frames.len().saturating_sub(uneven::SPLINE_REACH + 1)..frames.len();
+        let uneven = |i: &usize| frames[*i].tiles.iter().any(|t| t.speed_error > 0.0);
+        let factors: Vec<(usize, f32)> = corrected
+            .filter(uneven)
+            .map(|i| {
+                let before: Vec<_> = flows[..i].iter().rev().map_while(|f| *f).collect();
+                let after: Vec<_> = flows[i..].iter().map_while(|f| *f).collect();
+                (first + i, uneven::speed_factor(&before, &after))
+            })
+            .collect();
+        for (i, factor) in factors {
+            let frame = &mut self.frames[i];
+            frame.tiles.iter_mut().for_each(|t| t.speed *= factor / frame.speed_factor);
+            frame.speed_factor = factor;
+        }
     }
 
     /// Finds out whether the motion of a frame is uneven. If so, it is turned to the direction of the frame's streaks, and that is given
@@ -357,11 +389,11 @@ impl Estimator {
         let Some(change) = largest else { return (0.0, None) };
         let error = uneven::speed_error(change, kept.change.is_none());
         let turned = (error > 0.0).then(|| {
-            let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma).unwrap_or_default();
+            let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma)?;
             let angle = uneven::turn(frame, motion, change, &noise, self.options.space);
-            uneven::turned_by(motion, angle)
+            Some(uneven::turned_by(motion, angle))
         });
-        (error, turned)
+        (error, turned.flatten())
     }
 
     /// Which of how many parts of a frame's rows its noise is measured in: all of a frame of at most [`NOISE_WHOLE`] px, of a larger one a
@@ -587,13 +619,13 @@ impl Estimator {
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
-        self.fit_exposure(&mut model, &mut diagnostics, &luma_noise)?;
-        self.fit_defocus(&mut model, &mut diagnostics, &luma_noise)?;
+        self.fit_exposure(&mut model, &mut diagnostics, luma_noise.as_ref())?;
+        self.fit_defocus(&mut model, &mut diagnostics, luma_noise.as_ref())?;
         model.validate()?;
         Ok(Estimation { model, diagnostics })
     }
 
-    fn fit_noise(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics) -> LumaNoise {
+    fn fit_noise(&self, model: &mut CameraModel, diagnostics: &mut Diagnostics) -> Option<LumaNoise> {
         let merged = |method: Method, of: &dyn Fn(&FrameEvidence) -> &NoiseEvidence| {
             let mut all = NoiseEvidence::new(method);
             self.frames.iter().for_each(|f| all.merge(of(f)));
@@ -640,14 +672,14 @@ impl Estimator {
         diagnostics.noise_points = fit.points;
         model.noise = fit.model;
         self.options.noise_kind.reduce(&mut model.noise);
-        fit.luma.unwrap_or_default()
+        fit.luma
     }
 
     fn fit_exposure(
         &self,
         model: &mut CameraModel,
         diagnostics: &mut Diagnostics,
-        noise: &LumaNoise,
+        noise: Option<&LumaNoise>,
     ) -> Result<()> {
         let moving: Vec<&FrameEvidence> = self.frames.iter().filter(|f| f.has_motion).collect();
         let why = if self.given < 2 {
@@ -689,7 +721,7 @@ impl Estimator {
     fn exposure_of_shots(
         &self,
         moving: &[&FrameEvidence],
-        noise: &LumaNoise,
+        noise: Option<&LumaNoise>,
     ) -> Result<(Vec<Shot>, ExposurePerFrame)> {
         let mut per_frame = vec![];
         if self.shots.len() < 2 {
@@ -720,11 +752,12 @@ impl Estimator {
     fn blind_exposure(
         &self,
         frames: &[&FrameEvidence],
-        noise: &LumaNoise,
+        noise: Option<&LumaNoise>,
     ) -> Result<Estimate<agreement::ExposureFit>> {
         if self.blind_method() == Method::Removal {
             return Ok(removal::fit_exposure(&removal_tiles(frames)));
         }
+        let Some(noise) = noise else { return Ok(Estimate::Unknown(noise_unknown())) };
         let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
         spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
     }
@@ -760,7 +793,7 @@ impl Estimator {
         &self,
         model: &mut CameraModel,
         diagnostics: &mut Diagnostics,
-        noise: &LumaNoise,
+        noise: Option<&LumaNoise>,
     ) -> Result<()> {
         let Some(depth_kind) = self.depth_kind else {
             model.defocus = Estimate::Unknown(self.why_no_depth.clone());
@@ -862,10 +895,11 @@ impl Estimator {
     fn blind_lens(
         &self,
         frames: &[&[tiles::Tile]],
-        noise: &LumaNoise,
+        noise: Option<&LumaNoise>,
         motion_blur: Option<&MotionBlurModel>,
         sharpening: Option<&SharpeningModel>,
     ) -> Result<Estimate<agreement::LensFit>> {
+        let Some(noise) = noise else { return Ok(Estimate::Unknown(noise_unknown())) };
         let Some(motion_blur) = motion_blur else {
             let slow: Vec<Vec<tiles::Tile>> = frames
                 .iter()
@@ -947,6 +981,11 @@ impl Estimator {
         let sure = sigma_interval[1] - sigma_interval[0] <= 2.0 * sigma.max(0.5);
         sure.then(|| (lens, sigma_interval, focus_interval, fits.iter().map(|f| f.samples).sum()))
     }
+}
+
+/// Why blur is unknown where noise is: to take noise for detail of the scene would make all blur too small.
+fn noise_unknown() -> Unknown {
+    Unknown::new(Reason::Flat, "the noise is unknown, and what is sharp could be either noise or detail")
 }
 
 fn blind_model(method: Method, fit: &agreement::ExposureFit) -> MotionBlurModel {

@@ -115,7 +115,7 @@ pub struct Tracker {
     next_parallax: (usize, bool),
     noise: NoiseMemory,
     distant: DistantPairs,
-    luma_noise: LumaNoise,
+    luma_noise: Option<LumaNoise>,
     exposure: Memory,
     lens: Memory,
     depth_kind: Option<DepthKind>,
@@ -240,7 +240,7 @@ impl Tracker {
             next_parallax: (0, true),
             noise: NoiseMemory::default(),
             distant: DistantPairs::new(DISTANT_PAIRS, 0),
-            luma_noise: Default::default(),
+            luma_noise: None,
             exposure: Memory::new(CURVES + 3, KEPT_EXPOSURE),
             lens: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
             depth_kind: None,
@@ -302,8 +302,13 @@ impl Tracker {
             )
         });
         let sharpening = model.sharpening.known();
-        match observer {
-            Some(observer) => {
+        match (observer, self.luma_noise) {
+            // What noise cannot be told from tells nothing of blur.
+            (_, None) => {
+                model.motion_blur = self.follow_exposure(&[]);
+                model.defocus = self.follow_lens(&[])?;
+            }
+            (Some(observer), Some(noise)) => {
                 let depth = geometry.inverse_depth.as_deref();
                 let motion = match (flow, last) {
                     (Some(flow), Some(last)) => Some(Cow::Owned(motion_at_frame(flow, last))),
@@ -322,7 +327,7 @@ impl Tracker {
                     frame,
                     motion: motion.as_deref(),
                     inverse_depth: still.as_ref().or(depth),
-                    noise: &self.luma_noise,
+                    noise: &noise,
                     exposure: self.exposure(),
                     sharpening,
                 })?;
@@ -330,7 +335,7 @@ impl Tracker {
                 model.motion_blur = self.follow_exposure(&found.exposure);
                 model.defocus = self.follow_lens(&found.lens)?;
             }
-            None => {
+            (None, Some(noise)) => {
                 // Few tiles are looked at, so that the motion is found at their pixels only.
                 let of = flow.map(|flow| {
                     move |x: usize, y: usize| match last {
@@ -340,20 +345,15 @@ impl Tracker {
                 });
                 let motion = of.as_ref().map(|of| of as &tiles::MotionOf);
                 let mut tiles = self.tiles(frame, motion, geometry.inverse_depth.as_deref());
-                let found = spectral::exposure_observations(&[&tiles], &self.luma_noise);
+                let found = spectral::exposure_observations(&[&tiles], &noise);
                 model.motion_blur = self.follow_exposure(&found);
                 if self.known.exposure.is_none() {
                     // Streaks of unknown length look like a lens's blur.
                     tiles.retain(|t| t.speed * t.scale < spectral::STILL);
                 }
                 let exposure = self.exposure();
-                let found = spectral::lens_observations(
-                    &[&tiles],
-                    &self.luma_noise,
-                    exposure,
-                    sharpening,
-                    spectral::lens_gain,
-                );
+                let found =
+                    spectral::lens_observations(&[&tiles], &noise, exposure, sharpening, spectral::lens_gain);
                 model.defocus = self.follow_lens(&found)?;
             }
         }
@@ -413,9 +413,9 @@ impl Tracker {
         Ok(self.model.insert(model))
     }
 
-    /// The noise of luma that is known so far; 0 before the first frame.
-    pub fn luma_noise(&self) -> &LumaNoise {
-        &self.luma_noise
+    /// The noise of luma, if it is known so far.
+    pub fn luma_noise(&self) -> Option<&LumaNoise> {
+        self.luma_noise.as_ref()
     }
 
     /// The last known exposure; 0 if none is known, since nothing then shows that anything moves.
@@ -530,7 +530,7 @@ impl Tracker {
             part = self.frames % parts;
             evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
         }
-        let model = self.luma_noise.levels[0];
+        let model = self.luma_noise.unwrap_or_default().levels[0];
         let jumped = self.noise.push(evidence, part, &model);
         self.changes.set(Distortion::Noise, jumped);
         if jumped {
@@ -543,7 +543,8 @@ impl Tracker {
         // Distant frames are compared seldom, so a larger part of them.
         let (w, h) = frame.0.size();
         let turns = (w * h).div_ceil(4 * NOISE_PART).min((h / 64).max(1));
-        let (coded, turn) = (self.luma_noise.may_be_compressed(), self.frames / DISTANCES.start() % turns);
+        let (coded, turn) =
+            (self.luma_noise.is_some_and(|n| n.may_be_compressed()), self.frames / DISTANCES.start() % turns);
         self.distant.push((self.frames, frame), || coded, &mut self.follower, (turn, turns))?;
         let mut fit = self.distant.complete(&near, near.fit_to(NOISE_BLOCKS));
         if fit.luma.is_none() && self.known.noise.is_none() {
@@ -551,7 +552,7 @@ impl Tracker {
             single.add_single(frame);
             fit = single.fit();
         }
-        self.luma_noise = fit.luma.unwrap_or(self.luma_noise);
+        self.luma_noise = fit.luma.or(self.luma_noise);
         let Some(fresh) = fit.model.known() else {
             return Ok(match &self.known.noise {
                 Some(noise) => Estimate::Known(walked_noise(noise, self.noise.age)),
@@ -623,7 +624,7 @@ impl Tracker {
                 .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
                 .map(|(block, c)| (block, 0, c.to_vec()))
                 .collect();
-            let coding_error = self.luma_noise.coding_error;
+            let coding_error = self.luma_noise.map_or(0.0, |n| n.coding_error);
             let interval =
                 agreement::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
             let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;

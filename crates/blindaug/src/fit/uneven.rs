@@ -2,9 +2,10 @@
 //!
 //! The streaks that a frame shows are as long and have the direction of the motion while the shutter is open. Flow tells where things are
 //! at the frames' times, so where speed and direction swing within a few frames, the motion at a frame's own time is known badly: a hand
-//! that shakes by 50 % of its speed and half a radian with a period of three frames leaves errors of a third. Their direction the frame
-//! itself tells, since the zeros of its spectrum lie across it ([`turn`]); what is left of the speed's error widens what the frame says of
-//! the exposure ([`over_speeds`]).
+//! that shakes by 50 % of its speed and half a radian with a period of three frames leaves errors of a third. A spline through the places
+//! of what is seen over several frames halves the speed's error ([`speed_factor`]), and the direction the frame itself tells, since the
+//! zeros of its spectrum lie across it ([`turn`]). What is left of the speed's error widens what the frame says of the exposure
+//! ([`over_speeds`]).
 
 use super::likelihood::{
     CLIP, EXPOSURE_STEP, EXPOSURES, LAMBDA_STEPS, MAX_LAMBDA, Prepared, STREAK_STEP, interpolate,
@@ -15,6 +16,7 @@ use super::tiles::{SPEEDS, TILE, corners, turned, turned_tiles};
 use crate::model::Space;
 use crate::portable::Portable;
 use crate::{Encoded, Flow, par};
+use std::ops::Range;
 
 /// The change of motion from one frame interval to the next, as a share of the speed, up to which motion counts as even. Own scenes and
 /// steady cameras have less.
@@ -23,11 +25,17 @@ const EVEN: f32 = 0.2;
 /// The number of frames before and after a frame whose uneven motion makes the motion of that frame count as uneven.
 pub(super) const NEAR: usize = 2;
 
-/// The relative std of the speed at a frame's own time, over the change of motion.
-const SPEED_ERROR: f32 = 0.42;
+/// The relative std of the speed at a frame's own time, over the change of motion, once [`speed_factor`] has corrected it.
+const SPEED_ERROR: f32 = 0.22;
 
 /// The factor of [`SPEED_ERROR`] at the ends of a shot, where the change of motion is known on one side only.
-const AT_ENDS: f32 = 1.5;
+const AT_ENDS: f32 = 2.3;
+
+/// The number of frames before and after a frame through which the spline of [`speed_factor`] goes.
+pub(super) const SPLINE_REACH: usize = 3;
+
+/// The range of [`speed_factor`].
+const SPEED_FACTORS: Range<f32> = 0.5..2.0;
 
 /// The angles, in radians, by which the motion of an uneven frame may be turned from what the flow says.
 const ANGLES: [f32; 9] = [0.0, -0.15, 0.15, -0.3, 0.3, -0.45, 0.45, -0.6, 0.6];
@@ -54,6 +62,104 @@ pub(super) fn change_of(to_next: &Flow, motion: &Flow) -> Option<f32> {
 pub(super) fn speed_error(change: f32, at_end: bool) -> f32 {
     let error = SPEED_ERROR * change * if at_end { AT_ENDS } else { 1.0 };
     if change > EVEN { error } else { 0.0 }
+}
+
+/// The flow from a frame to the next at the places of a coarse grid.
+#[derive(Clone, Debug)]
+pub(super) struct SampledFlow {
+    flow: Flow,
+    /// The distance between the places, px.
+    step: usize,
+}
+
+impl SampledFlow {
+    pub(super) fn new(flow: &Flow) -> Self {
+        /// The least distance between the places, px, and the most of them in a row.
+        const STEP: usize = 8;
+        const MOST: usize = 96;
+        let (w, h) = flow.size();
+        let step = STEP.max(w.div_ceil(MOST));
+        let at =
+            |x: usize, y: usize| flow.at((x * step + step / 2).min(w - 1), (y * step + step / 2).min(h - 1));
+        Self { flow: Flow::from_fn(w.div_ceil(step), h.div_ceil(step), at), step }
+    }
+
+    /// The flow at the nearest place of the grid; `None` outside the frame and where the flow is unknown.
+    fn at(&self, [x, y]: [f32; 2]) -> Option<[f32; 2]> {
+        let (w, h) = self.flow.size();
+        let [x, y] = [x, y].map(|v| v / self.step as f32);
+        let inside = x >= 0.0 && y >= 0.0 && x < w as f32 && y < h as f32;
+        let flow = inside.then(|| self.flow.at(x as usize, y as usize))?;
+        (flow[0].is_finite() && flow[1].is_finite()).then_some(flow)
+    }
+
+    /// The flow that ends at a place of the next frame.
+    fn towards(&self, place: [f32; 2]) -> Option<[f32; 2]> {
+        let from = |way: [f32; 2]| [place[0] - way[0], place[1] - way[1]];
+        self.at(from(self.at(place)?)).and_then(|guess| self.at(from(guess)))
+    }
+}
+
+/// The speed at a frame's own time over that of the mean of the flows around it, or of the one flow at the ends of a shot: the median over
+/// the places of a grid. `before` are the flows that lead to the frame, the last first, each from one frame to the next, and `after` those
+/// that lead away from it, the next first. What is seen at a place of the frame is followed along them, and the speed is that of a natural
+/// cubic spline through its places. 1 where too little moves to tell.
+pub(super) fn speed_factor(before: &[&SampledFlow], after: &[&SampledFlow]) -> f32 {
+    let Some(&SampledFlow { ref flow, step }) = after.first().or(before.first()).copied() else { return 1.0 };
+    let (w, h) = flow.size();
+    let factors = (0..w * h).filter_map(|i| {
+        let start = [i % w, i / w].map(|v| (v as f32 + 0.5) * step as f32);
+        let mut steps = vec![];
+        let mut at = start;
+        for flow in before.iter().take(SPLINE_REACH) {
+            let Some(way) = flow.towards(at) else { break };
+            steps.insert(0, way);
+            at = [at[0] - way[0], at[1] - way[1]];
+        }
+        let own = steps.len();
+        at = start;
+        for flow in after.iter().take(SPLINE_REACH) {
+            let Some(way) = flow.at(at) else { break };
+            steps.push(way);
+            at = [at[0] + way[0], at[1] + way[1]];
+        }
+        let around = &steps[own.saturating_sub(1)..(own + 1).min(steps.len())];
+        let length = |v: [f32; 2]| v[0].portable_hypot(v[1]);
+        let mean = |c: usize| around.iter().map(|v| v[c]).sum::<f32>() / around.len() as f32;
+        let speed = if around.is_empty() { 0.0 } else { length([mean(0), mean(1)]) };
+        (speed >= SPEEDS.start).then(|| length(spline_slope(&steps, own)) / speed)
+    });
+    let factors: Vec<f32> = factors.collect();
+    let told = factors.len() >= 2 * TILE / step;
+    let factor = if told { median(factors) } else { None };
+    factor.map_or(1.0, |f| f.clamp(SPEED_FACTORS.start, SPEED_FACTORS.end))
+}
+
+/// The slope, at point `at`, of the natural cubic spline through points at even times, of which `steps` are the differences.
+fn spline_slope(steps: &[[f32; 2]], at: usize) -> [f32; 2] {
+    // The slopes s of the points satisfy s[i-1] + 4 s[i] + s[i+1] = 3 (steps[i-1] + steps[i]), and at the ends 2 s[0] + s[1] = 3 steps[0]
+    // (de Boor, A Practical Guide to Splines). Each is eliminated on the way from its end to `at`.
+    let eliminated = |steps: &mut dyn Iterator<Item = [f32; 2]>| {
+        let (mut diagonal, mut right, mut last) = (0.0f32, [0.0f32; 2], None::<[f32; 2]>);
+        for step in steps {
+            (diagonal, right) = match last {
+                None => (2.0, step.map(|v| 3.0 * v)),
+                Some(last) => {
+                    let of = |c: usize| 3.0 * (last[c] + step[c]) - right[c] / diagonal;
+                    (4.0 - 1.0 / diagonal, [of(0), of(1)])
+                }
+            };
+            last = Some(step);
+        }
+        (diagonal, right, last)
+    };
+    let (d0, r0, last) = eliminated(&mut steps[..at].iter().copied());
+    let (d1, r1, next) = eliminated(&mut steps[at..].iter().rev().copied());
+    let part = |d: f32, r: [f32; 2]| if d > 0.0 { (1.0 / d, r.map(|v| v / d)) } else { (0.0, [0.0; 2]) };
+    let ((w0, p0), (w1, p1)) = (part(d0, r0), part(d1, r1));
+    let own = 2.0 * (f32::from(u8::from(last.is_some())) + f32::from(u8::from(next.is_some())));
+    let around = |c: usize| 3.0 * (last.map_or(0.0, |v| v[c]) + next.map_or(0.0, |v| v[c]));
+    [0, 1].map(|c| (around(c) - p0[c] - p1[c]) / (own - w0 - w1))
 }
 
 /// The std, in radians, of the direction at a frame's own time, over the change of motion.
@@ -143,12 +249,66 @@ mod tests {
             change_of(&next, &motion_at_frame(&next, &flow(last[0], last[1])))
         };
         let swings = change([6.0, 2.0], [6.0, -2.0]).expect("it moves");
-        assert!((swings - 4.0 / 6.0).abs() < 1e-3 && speed_error(swings, false) > 0.2, "{swings}");
+        assert!((swings - 4.0 / 6.0).abs() < 1e-3 && speed_error(swings, false) > 0.1, "{swings}");
         assert!(speed_error(swings, true) > speed_error(swings, false));
         let goes_on = change([6.3, 0.0], [5.7, 0.0]).expect("it moves");
         assert!((goes_on - 0.1).abs() < 1e-3 && speed_error(goes_on, true) == 0.0, "{goes_on}");
         // What hardly moves shows no streaks, however it swings.
         assert_eq!(change([0.6, 0.0], [0.2, 0.0]), None);
+    }
+
+    #[test]
+    fn a_spline_tells_the_speed_of_a_swing_that_the_mean_of_two_flows_does_not() {
+        // Places along a swing with a period of four frames: at its middle the speed is pi / 2 of its amplitude.
+        let place = |t: f32| 3.0 * (std::f32::consts::FRAC_PI_2 * t).sin();
+        let steps = |frames: Range<i32>| -> Vec<[f32; 2]> {
+            frames.map(|t| [place((t + 1) as f32) - place(t as f32), 2.0]).collect()
+        };
+        let truth = 3.0 * std::f32::consts::FRAC_PI_2;
+        let [u, v] = spline_slope(&steps(-3..3), 3);
+        assert!((u / truth - 1.0).abs() < 0.06 && (v - 2.0).abs() < 1e-5, "{u} {v}");
+        let mean = 0.5 * (place(1.0) - place(-1.0));
+        assert!((mean / truth - 1.0).abs() > 0.3, "{mean}");
+        // With one frame on one side it is nearer than the mean too; without any, it is at an end.
+        let [u, _] = spline_slope(&steps(-3..1), 3);
+        assert!((u / truth - 1.0).abs() < 0.25, "{u}");
+        assert_eq!(spline_slope(&[[5.0, -1.0]], 0), [5.0, -1.0]);
+        assert_eq!(spline_slope(&[[5.0, -1.0]], 1), [5.0, -1.0]);
+        // An even motion is a line.
+        let even = [[4.0f32, 1.0]; 5];
+        assert!((0..=5).all(|i| (spline_slope(&even, i)[0] - 4.0).abs() < 1e-5));
+    }
+
+    #[test]
+    fn speeds_are_corrected_by_what_is_followed_over_several_frames() {
+        let place = |t: f32| 6.0 * t + 3.0 * (std::f32::consts::FRAC_PI_2 * t).sin();
+        let step = |t: i32| place((t + 1) as f32) - place(t as f32);
+        let camera: Vec<SampledFlow> =
+            (-3..3).map(|t| SampledFlow::new(&Flow::filled(160, 120, [step(t), 0.0]))).collect();
+        let factor = |flows: &[SampledFlow], at: usize| {
+            let before: Vec<&SampledFlow> = flows[..at].iter().rev().collect();
+            speed_factor(&before, &flows[at..].iter().collect::<Vec<_>>())
+        };
+        let (truth, mean) = (6.0 + 3.0 * std::f32::consts::FRAC_PI_2, 0.5 * (place(1.0) - place(-1.0)));
+        let found = factor(&camera, 3) * mean;
+        assert!((found / truth - 1.0).abs() < 0.03 && (mean / truth - 1.0).abs() > 0.1, "{found} {mean}");
+        // A thing that moves evenly before a background that stands still keeps its speed, though it covers other places in each frame.
+        let thing: Vec<SampledFlow> =
+            (-3..3)
+                .map(|t| {
+                    let left = 60 + 8 * t;
+                    let moves =
+                        |x: usize, y: usize| (left..left + 64).contains(&(x as i32)) && (30..90).contains(&y);
+                    SampledFlow::new(&Flow::from_fn(160, 120, |x, y| {
+                        if moves(x, y) { [8.0, 0.0] } else { [0.0; 2] }
+                    }))
+                })
+                .collect();
+        assert!((factor(&thing, 3) - 1.0).abs() < 1e-3, "{}", factor(&thing, 3));
+        // Nothing is known where nothing moves, nothing is seen, or no flow is there.
+        let still = SampledFlow::new(&Flow::filled(160, 120, [0.1, 0.0]));
+        let unknown = SampledFlow::new(&Flow::filled(160, 120, [f32::NAN; 2]));
+        assert_eq!([factor(&[still], 1), factor(&[unknown], 0), factor(&[], 0)], [1.0; 3]);
     }
 
     #[test]

@@ -89,7 +89,7 @@ pub(super) struct Measurer {
     flow: FlowEstimator,
     evidence: Option<NoiseEvidence>,
     pairs: usize,
-    noise: LumaNoise,
+    noise: Option<LumaNoise>,
     /// The frames that are complete.
     pub seen: Vec<Seen>,
 }
@@ -164,7 +164,7 @@ impl Measurer {
         let evidence = self.evidence.get_or_insert_with(|| NoiseEvidence::new(Method::Temporal));
         evidence.add_pair_rows(frame, next, flow, edge(part)..edge(part + 1))?;
         self.pairs += 1;
-        self.noise = evidence.fit().luma.unwrap_or(self.noise);
+        self.noise = evidence.fit().luma.or(self.noise);
         Ok(())
     }
 
@@ -205,13 +205,15 @@ impl Measurer {
     }
 
     fn look_at_streaks(&self, kept: &mut Kept) {
-        let (Some(flow), Some(before)) = (&kept.flow, &kept.flow_before) else { return };
+        let (Some(flow), Some(before), Some(noise)) = (&kept.flow, &kept.flow_before, &self.noise) else {
+            return;
+        };
         let motion = motion_at_frame(flow, before);
         let of = |x: usize, y: usize| motion.at(x, y);
         let corners = tiles::corners(kept.image.0.size()).into_iter();
         let chosen = tiles::of_most_contrast(&kept.image, corners, Some(&of), None, TILES);
         let tiles = tiles::tiles_at(&kept.image, &chosen, Some(&of), None, Space::default());
-        let found = spectral::exposure_observations(&[&tiles], &self.noise);
+        let found = spectral::exposure_observations(&[&tiles], noise);
         if found.len() < FEWEST_STREAKS {
             return;
         }
