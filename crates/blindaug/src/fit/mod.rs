@@ -16,7 +16,6 @@ mod geometry;
 mod likelihood;
 pub mod motion_blur;
 pub mod noise;
-mod noise_curves;
 mod observation;
 pub mod removal;
 mod robust;

@@ -1,0 +1,186 @@
+//! The lines of the paper's model: std over luminance, through the mean variances of the chosen blocks.
+
+use super::choose::Chosen;
+use super::{LocalVariance, NoiseEvidence};
+use crate::LUMA;
+use crate::portable::Portable;
+use crate::synth::noise::white_band_std;
+use std::ops::Range;
+
+/// The errors of H.264 at a quality that is just bearable, as a std of luma of full scale 1. The quality of a coder is not known, and to
+/// allow for larger errors than there are costs little (docs/lab-log.md).
+pub(in crate::fit) const MAX_CODING_ERROR: f32 = 0.045;
+
+/// The mean of the chosen blocks in a bin of luminance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bin {
+    /// The index of the bin.
+    pub(super) of: usize,
+    /// The mean luminance of the blocks.
+    pub(super) y: f32,
+    /// The variances of R, G, B and luma.
+    pub(super) variance: [f32; 4],
+    /// The squared correlation of R, G and B with luma.
+    pub(super) common: [f32; 3],
+    /// The number of values in all the blocks' variances.
+    pub(super) freedom: f32,
+    /// The number of blocks.
+    pub(super) blocks: usize,
+}
+
+/// The line `std = slope * Y + intercept`, with the standard errors of slope and intercept.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Line {
+    pub(super) slope: f32,
+    pub(super) intercept: f32,
+    pub(super) slope_error: f32,
+    pub(super) intercept_error: f32,
+}
+
+impl Line {
+    fn at(&self, y: f32) -> f32 {
+        (self.slope * y + self.intercept).max(0.0)
+    }
+}
+
+impl NoiseEvidence {
+    /// The mean variance, in bins of luminance, of the [`NoiseEvidence::chosen`] blocks.
+    pub(super) fn bins(&self, level: usize, most_common: [f32; 3], all: bool) -> Vec<Bin> {
+        let of = |(of, blocks)| {
+            let Chosen { blocks, common, correction } = self.chosen(level, blocks, most_common, all)?;
+            let n = blocks.len() as f32;
+            let mean = |f: &dyn Fn(&LocalVariance) -> f32| blocks.iter().map(|b| f(b)).sum::<f32>() / n;
+            Some(Bin {
+                of,
+                y: mean(&|b| b.y),
+                variance: std::array::from_fn(|c| {
+                    mean(&|b| b.variance[c]) * correction[c] * self.hidden(all)
+                }),
+                common,
+                freedom: blocks.iter().map(|b| b.count).sum(),
+                blocks: blocks.len(),
+            })
+        };
+        self.by_luminance(level, all).into_iter().enumerate().filter_map(of).collect()
+    }
+}
+
+/// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance. A small frame may have no bin of
+/// that level; then the finest level's bins with this share of their variances stand for them.
+pub(super) fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32) {
+    if bins.is_empty() {
+        let of = |f: &Bin| Bin { variance: f.variance.map(|v| share * v), ..*f };
+        bins.extend(finest.iter().map(of));
+    }
+    let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c));
+    for b in bins {
+        for (variance, finest) in b.variance.iter_mut().zip(&finest) {
+            *variance = variance.min(finest.at(b.y).powi(2) * share);
+        }
+    }
+}
+
+/// The bins of a coarse level that are expected at all luminances of the finest level's bins, if the spectrum of the noise is the same at
+/// all luminances. They are needed since the coarse level has few blocks.
+pub(super) fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
+    /// The number of values that leave a std uncertain by 15 %, by which the spectrum may differ between luminances.
+    const FREEDOM: f32 = 22.0;
+    let pairs: Vec<(&Bin, &Bin)> =
+        bins.iter().filter_map(|b| Some((b, finest.iter().find(|f| f.of == b.of)?))).collect();
+    let total: f32 = pairs.iter().map(|p| p.0.freedom).sum();
+    if total <= 0.0 {
+        return vec![];
+    }
+    // The finest level of a camera that denoises may hold no noise.
+    let some = |b: &Bin, c: usize| b.variance[c].max(1e-12);
+    let ratio: [f32; 4] = std::array::from_fn(|c| {
+        let log = |(b, f): &(&Bin, &Bin)| (some(b, c) / some(f, c)).portable_ln();
+        (pairs.iter().map(|p| p.0.freedom * log(p)).sum::<f32>() / total).portable_exp()
+    });
+    let of = |f: &Bin| Bin {
+        variance: std::array::from_fn(|c| ratio[c] * some(f, c)),
+        freedom: FREEDOM.min(f.freedom),
+        ..*f
+    };
+    finest.iter().map(of).collect()
+}
+
+/// Robust weighted least squares of std on luminance; the line is never negative at Y = 0.
+///
+/// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line.
+pub(super) fn line(bins: &[Bin], channel: usize) -> Line {
+    let std = |b: &Bin| f64::from(b.variance[channel].sqrt());
+    let total: f32 = bins.iter().map(|b| b.freedom).sum();
+    let mean_variance = bins.iter().map(|b| b.variance[channel] * b.freedom).sum::<f32>() / total.max(1.0);
+    let mut weights: Vec<f64> = bins
+        .iter()
+        .map(|b| {
+            // The std of a std is s / sqrt(2 n). A floor of the variance keeps a bin with little noise by chance from dominating the
+            // fit, and a cap of n keeps one crowded bin from outweighing the others, since the line itself is an approximation.
+            f64::from(b.freedom.min(4000.0))
+                / f64::from(b.variance[channel].max(0.1 * mean_variance).max(1e-10))
+        })
+        .collect();
+    let base = weights.clone();
+    let mut fit = Line::default();
+    for _ in 0..8 {
+        let sum = |f: &dyn Fn(&Bin) -> f64| bins.iter().zip(&weights).map(|(b, w)| w * f(b)).sum::<f64>();
+        let sw = sum(&|_| 1.0);
+        if sw <= 0.0 {
+            return fit;
+        }
+        let (my, ms) = (sum(&|b| f64::from(b.y)) / sw, sum(&std) / sw);
+        // A weak pull towards a constant std is needed, since one bin alone says nothing about the slope.
+        let pull = sw * 1e-4;
+        let var_y = sum(&|b| (f64::from(b.y) - my).powi(2)) + pull;
+        let mut slope = sum(&|b| (f64::from(b.y) - my) * (std(b) - ms)) / var_y;
+        let mut intercept = ms - slope * my;
+        if intercept < 0.0 {
+            (slope, intercept) = (sw * my * ms / (var_y + sw * my * my), 0.0);
+        }
+        let at = |b: &Bin| (slope * f64::from(b.y) + intercept).max(0.0);
+        let misfit = sum(&|b| (std(b) - at(b)).powi(2));
+        // Weights are inverse variances up to a scale that the residuals of the line show.
+        let scale = (misfit / (bins.len() as f64 - 2.0).max(1.0)).max(0.5);
+        fit = Line {
+            slope: slope as f32,
+            intercept: intercept as f32,
+            slope_error: (scale / var_y).sqrt() as f32,
+            intercept_error: (scale * (1.0 / sw + my * my / var_y)).sqrt() as f32,
+        };
+        for ((w, b), base) in weights.iter_mut().zip(bins).zip(&base) {
+            let excess = (std(b) / at(b).max(1e-6) - 1.0).max(0.0) / 0.1;
+            *w = base / (1.0 + excess * excess);
+        }
+    }
+    fit
+}
+
+/// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: after a coder there is
+/// little noise, in some places none, and chroma has no noise of its own from pixel to pixel.
+pub(super) fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
+    /// The luminance below which a sensor has less noise even without a coder.
+    const DARK: f32 = 0.25;
+    /// The largest squared correlation with luma, beyond a channel's share of luma, that channels have by chance.
+    const IN_COMMON: f32 = 0.3;
+    let squares = LUMA.map(|w| w * w);
+    let total: f32 = squares.iter().sum();
+    // The correlation of red and blue beyond their share of luma is tested; green is most of luma anyway.
+    let beyond = |c: usize| (common[c] - squares[c] / total) / (1.0 - squares[c] / total);
+    if beyond(0).min(beyond(2)) > IN_COMMON {
+        return MAX_CODING_ERROR;
+    }
+    let least = |lit: bool| {
+        let variance = finest.iter().filter(|b| !lit || b.y >= DARK).map(|b| b.variance[3]);
+        variance.min_by(f32::total_cmp).map(|v| v.sqrt() / white_band_std()[0])
+    };
+    let Some(std) = least(true).or_else(|| least(false)) else { return 0.0 };
+    MAX_CODING_ERROR * lost(std).powi(2)
+}
+
+/// How surely noise was taken away, in [0, 1], where white noise of this std is left in luma.
+pub(in crate::fit) fn lost(std: f32) -> f32 {
+    /// The range of stds from noise that hardly survives the rounding to 8 bits to noise of a sensor.
+    const SURVIVING: Range<f32> = 0.0008..0.0025;
+    ((SURVIVING.end - std) / (SURVIVING.end - SURVIVING.start)).clamp(0.0, 1.0)
+}
