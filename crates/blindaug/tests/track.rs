@@ -8,7 +8,7 @@ use blindaug::fit::{
     track::{TileLook, TileObservations, TileObserver, Tracker},
 };
 use blindaug::model::{CameraModel, Changes, DepthKind, Distortion};
-use blindaug::synth;
+use blindaug::{Encoded, Linear, Raster, Transfer, synth};
 use leaves::{CAMERA, Camera, Scene, Shot};
 
 const SIZE: (usize, usize) = (256, 192);
@@ -220,6 +220,64 @@ fn frames_alone_are_enough() {
     assert!(
         (exposure(model) - CAMERA.exposure).abs() < 0.08 && (noise(model) / CAMERA.noise - 1.0).abs() < 0.15
     );
+}
+
+/// Frames of a photograph that a shaking hand moves by whole px: its speed swings by 50 % with a period of three frames.
+fn shaken(frames: usize, exposure: f32) -> Vec<Encoded> {
+    /// The number of views of a frame interval.
+    const VIEWS: usize = 64;
+    let sharp = Camera { exposure: 0.0, sigma_at_infinity: 0.0, noise: 0.0, moves: false, ..CAMERA };
+    let photo = Scene::new(1, (SIZE.0 + 7 * frames + 20, SIZE.1)).seen(0, &sharp, 0).frame;
+    let photo = photo.to_linear(Transfer::Srgb).0;
+    let place = |t: f32| {
+        let turn = std::f32::consts::TAU / 3.0;
+        (6.0 * t + 6.0 * 0.5 / turn * (turn * t + 0.7).sin() + 8.0).round() as usize
+    };
+    let views = (exposure * VIEWS as f32) as usize;
+    let frame = |t: usize| {
+        let at = |v: usize| place(t as f32 + 0.5 + (v as f32 + 0.5 - 0.5 * views as f32) / VIEWS as f32);
+        let ways: Vec<usize> = (0..views).map(at).collect();
+        let light = Raster::from_fn(SIZE.0, SIZE.1, |x, y| {
+            let mut sum = [0.0; 3];
+            ways.iter().for_each(|way| (0..3).for_each(|c| sum[c] += photo.at(x + way, y)[c]));
+            sum.map(|v: f32| v / views as f32)
+        });
+        let noise =
+            synth::noise::modulated(synth::noise::unit_bands(SIZE.0, SIZE.1, t as u64, 0), |l, _, _| {
+                [0.006 * synth::noise::white_band_std()[l]; 3]
+            });
+        let encoded = Linear(light).to_encoded(Transfer::Srgb).0;
+        Encoded(Raster::from_fn(SIZE.0, SIZE.1, |x, y| {
+            std::array::from_fn(|c| ((encoded.at(x, y)[c] + noise.at(x, y)[c]) * 255.0).round() / 255.0)
+        }))
+    };
+    (0..frames).map(frame).collect()
+}
+
+#[test]
+fn the_exposure_is_followed_under_a_shaking_hand() {
+    for truth in [0.4, 0.9] {
+        let frames = shaken(30, truth);
+        let mut tracker = Tracker::new(Default::default(), None);
+        let models: Vec<CameraModel> = frames
+            .windows(2)
+            .map(|w| {
+                let evidence = Evidence::default();
+                let (frame, next) = (&w[0], Some(&w[1]));
+                tracker.push(&FrameObservation { frame, next, previous: None, evidence }).unwrap().clone()
+            })
+            .collect();
+        let told: Vec<(f32, [f32; 2])> = models[10..]
+            .iter()
+            .map(|m| m.motion_blur.known().map_or((f32::NAN, [0.0, 1.0]), |m| (m.exposure.0, m.interval)))
+            .collect();
+        println!("{truth}: {told:.2?}");
+        assert!(
+            told.iter().all(|(e, [low, high])| (low..=high).contains(&&truth) && (e - truth).abs() < 0.15)
+        );
+        // Negative control: the intervals say something.
+        assert!(told.iter().all(|(_, [low, high])| high - low < 0.5));
+    }
 }
 
 /// Claims that ten tiles of each frame show this exposure, and keeps what it was told.

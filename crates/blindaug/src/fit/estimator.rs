@@ -91,7 +91,7 @@ struct FrameEvidence {
     has_motion: bool,
     /// [`uneven::change_of`] it; `None` where it is not known.
     change: Option<f32>,
-    /// The flow to the next frame, where it was estimated.
+    /// The flow to the next frame.
     to_next: Option<uneven::SampledFlow>,
     /// The [`uneven::speed_factor`] by which the speeds of the tiles were multiplied.
     speed_factor: f32,
@@ -300,7 +300,7 @@ impl Estimator {
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
         let measured = next.is_some() || flow_given;
         let mut speed_error = 0.0;
-        if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal && !flow_given) {
+        if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal) {
             kept.to_next = measured.then(|| uneven::SampledFlow::new(to_next));
             let motion = at_frame.as_ref().unwrap_or(to_next);
             let turned;
@@ -373,7 +373,8 @@ impl Estimator {
         to_next: Option<&Flow>,
         motion: &Flow,
     ) -> (f32, Option<Flow>) {
-        kept.change = to_next.and_then(|to_next| uneven::change_of(to_next, motion));
+        let at = |x: usize, y: usize| motion.at(x, y);
+        kept.change = to_next.and_then(|next| uneven::change_of(next.size(), &|x, y| next.at(x, y), &at));
         let near = |f: &&mut FrameEvidence| f.shot == kept.shot && f.index + uneven::NEAR >= kept.index;
         let mut largest = kept.change;
         for before in self.frames.iter_mut().rev().take_while(near) {
@@ -390,7 +391,8 @@ impl Estimator {
         let error = uneven::speed_error(change, kept.change.is_none());
         let turned = (error > 0.0).then(|| {
             let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma)?;
-            let angle = uneven::turn(frame, motion, change, &noise, self.options.space);
+            let corners = uneven::every_second_corner(frame.0.size());
+            let angle = uneven::turn(frame, &corners, &at, change, &noise, self.options.space);
             Some(uneven::turned_by(motion, angle))
         });
         (error, turned.flatten())

@@ -412,13 +412,13 @@ pub(super) fn tile(
 pub(super) fn turned_tiles(
     frame: &Encoded,
     corners: &[(usize, usize)],
-    motion: &Flow,
+    motion: &MotionOf,
     angles: &[f32],
     space: Space,
 ) -> Vec<Vec<Tile>> {
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
-        let (speed, motion, _) = common_motion(&|x, y| motion.at(x, y), corner, 1)?;
+        let (speed, motion, _) = common_motion(motion, corner, 1)?;
         if speed < SPEEDS.start {
             return None;
         }

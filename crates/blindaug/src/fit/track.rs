@@ -21,6 +21,7 @@ use super::noise::{LumaNoise, NoiseEvidence, NoiseLine};
 use super::observation::FrameObservation;
 use super::robust::median;
 use super::sharpening;
+use super::uneven::{self, Correction, Swings};
 use super::{agreement, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
@@ -61,6 +62,8 @@ const SETTLED_NOISE: usize = 24;
 /// The share of a frame's new estimate of the noise in what is told, unless the noise has jumped: the estimates of successive frames look at
 /// different parts of the picture, and noise that differs from frame to frame would be seen to flicker.
 const NEW_NOISE: f32 = 0.2;
+/// The same once the noise has settled.
+const NEW_SETTLED_NOISE: f32 = 0.03;
 /// The std, per frame, of the random walk of an exposure fraction that is not seen.
 const WALK_EXPOSURE: f32 = 0.01;
 /// The relative std, per frame, of the random walk of a lens that is not seen.
@@ -73,6 +76,8 @@ const MEAN_OF: f32 = 4.0;
 const BOOTSTRAPS: usize = 24;
 /// The most tiles of a frame that are used.
 const TILES: usize = 60;
+/// The most tiles of a frame that tell the direction of uneven motion.
+const TURNED_TILES: usize = 16;
 /// Depth from parallax, and with it the lens, is looked for in one of this many frames, since parallax takes as long as all the rest; and in
 /// half as many where it was not found the last time, since the search over all directions takes longest.
 const PARALLAX_STRIDE: usize = 3;
@@ -107,6 +112,9 @@ pub struct Tracker {
     follower: Follower,
     /// The flow of the last frame.
     last_flow: LastFlow,
+    swings: Swings,
+    /// Whether the last frame's motion was not found to be uneven.
+    motion_is_even: bool,
     /// The buffer of the flow before the last one, for reuse.
     spare: Flow,
     /// The last inverse depth that parallax gave.
@@ -240,8 +248,10 @@ impl Tracker {
             next_parallax: (0, true),
             noise: NoiseMemory::default(),
             distant: DistantPairs::new(DISTANT_PAIRS, 0),
+            swings: Swings::default(),
+            motion_is_even: true,
             luma_noise: None,
-            exposure: Memory::new(CURVES + 3, KEPT_EXPOSURE),
+            exposure: Memory::new(CURVES + 4, KEPT_EXPOSURE),
             lens: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
             depth_kind: None,
             known: Known::default(),
@@ -302,10 +312,35 @@ impl Tracker {
             )
         });
         let sharpening = model.sharpening.known();
+        // Few tiles are looked at, so that the motion is found at their pixels only.
+        let mean_of = flow.map(|flow| {
+            move |x: usize, y: usize| match last {
+                Some(last) => motion_at_pixel(flow, last, x, y),
+                None => flow.at(x, y),
+            }
+        });
+        let mean_of = mean_of.as_ref().map(|of| of as &tiles::MotionOf);
+        let corners = self.corners(frame, mean_of, geometry.inverse_depth.as_deref());
+        let correction = match (mean_of, self.luma_noise) {
+            (Some(motion), Some(noise)) => {
+                let (swing, change) = self.swings.next(flow.filter(|_| to_next), motion);
+                let told = &corners[..corners.len().min(TURNED_TILES)];
+                let turned = || uneven::turn(frame, told, motion, change, &noise, self.space);
+                Correction { angle: if swing.error > 0.0 { turned() } else { 0.0 }, ..swing }
+            }
+            _ => Correction::NONE,
+        };
+        let was_even = std::mem::replace(&mut self.motion_is_even, correction.error == 0.0);
+        if was_even && !self.motion_is_even {
+            // What swings now swung in the last frames, too, which did not allow for it.
+            self.exposure.forget_recent();
+        }
+        let of = mean_of.map(|of| move |x: usize, y: usize| correction.of(of(x, y)));
+        let motion = of.as_ref().map(|of| of as &tiles::MotionOf);
         match (observer, self.luma_noise) {
             // What noise cannot be told from tells nothing of blur.
             (_, None) => {
-                model.motion_blur = self.follow_exposure(&[]);
+                model.motion_blur = self.follow_exposure(&[], 0.0);
                 model.defocus = self.follow_lens(&[])?;
             }
             (Some(observer), Some(noise)) => {
@@ -313,6 +348,12 @@ impl Tracker {
                 let motion = match (flow, last) {
                     (Some(flow), Some(last)) => Some(Cow::Owned(motion_at_frame(flow, last))),
                     _ => flow.map(Cow::Borrowed),
+                };
+                let motion = match motion {
+                    Some(motion) if correction.error > 0.0 => {
+                        Some(Cow::Owned(motion.map(|v| correction.of(v))))
+                    }
+                    motion => motion,
                 };
                 // Streaks of unknown length look like a lens's blur.
                 let is_moving = |x: usize, y: usize| {
@@ -332,21 +373,14 @@ impl Tracker {
                     sharpening,
                 })?;
                 found.check()?;
-                model.motion_blur = self.follow_exposure(&found.exposure);
+                model.motion_blur = self.follow_exposure(&found.exposure, correction.error);
                 model.defocus = self.follow_lens(&found.lens)?;
             }
             (None, Some(noise)) => {
-                // Few tiles are looked at, so that the motion is found at their pixels only.
-                let of = flow.map(|flow| {
-                    move |x: usize, y: usize| match last {
-                        Some(last) => motion_at_pixel(flow, last, x, y),
-                        None => flow.at(x, y),
-                    }
-                });
-                let motion = of.as_ref().map(|of| of as &tiles::MotionOf);
-                let mut tiles = self.tiles(frame, motion, geometry.inverse_depth.as_deref());
+                let depth = geometry.inverse_depth.as_deref();
+                let mut tiles = tiles::tiles_at(frame, &corners, motion, depth, self.space);
                 let found = spectral::exposure_observations(&[&tiles], &noise);
-                model.motion_blur = self.follow_exposure(&found);
+                model.motion_blur = self.follow_exposure(&found, correction.error);
                 if self.known.exposure.is_none() {
                     // Streaks of unknown length look like a lens's blur.
                     tiles.retain(|t| t.speed * t.scale < spectral::STILL);
@@ -379,6 +413,7 @@ impl Tracker {
             (self.noise, self.known) = (NoiseMemory::default(), Known::default());
             self.distant.forget();
             self.last_flow.flow = None;
+            self.swings.forget();
             self.next_parallax = (0, true);
         }
     }
@@ -405,7 +440,7 @@ impl Tracker {
         self.last_flow = LastFlow::default();
         self.changes = Changes::default();
         self.begin_shot();
-        model.motion_blur = self.follow_exposure(exposure);
+        model.motion_blur = self.follow_exposure(exposure, 0.0);
         model.defocus = self.follow_lens(lens)?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
@@ -562,7 +597,8 @@ impl Tracker {
         let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
             if let Some(before) = self.known.noise.as_ref().filter(|_| !jumped) {
-                told = before.between(fresh, NEW_NOISE);
+                let settled = self.noise.frames.len() >= SETTLED_NOISE;
+                told = before.between(fresh, if settled { NEW_SETTLED_NOISE } else { NEW_NOISE });
             }
             self.known.noise = Some(told.clone());
             let fresh = sharpening::of_noise(&fit);
@@ -577,25 +613,30 @@ impl Tracker {
         Ok(Estimate::Known(walked_noise(&told, self.noise.age)))
     }
 
-    /// Some of the frame's tiles, different ones in successive frames: those of most contrast among the tiles that move fast enough or
-    /// have a known depth.
-    fn tiles(
+    /// The corners of some of the frame's tiles, different ones in successive frames: those of most contrast among the tiles that move fast
+    /// enough or have a known depth, that with most first.
+    fn corners(
         &self,
         frame: &Encoded,
         motion: Option<&tiles::MotionOf>,
         depth: Option<&Plane>,
-    ) -> Vec<tiles::Tile> {
+    ) -> Vec<(usize, usize)> {
         if motion.is_none() && depth.is_none() {
             return vec![];
         }
         let all = tiles::corners(frame.0.size());
         let turns = (all.len() / (2 * TILES)).max(1);
         let tried = all.into_iter().skip(self.frames % turns).step_by(turns);
-        let chosen = tiles::of_most_contrast(frame, tried, motion, depth, TILES);
-        tiles::tiles_at(frame, &chosen, motion, depth, self.space)
+        tiles::of_most_contrast(frame, tried, motion, depth, TILES)
     }
 
-    fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
+    /// The exposure with the observations of another frame, whose speeds are off by a common factor with the relative std `speed_error`.
+    fn follow_exposure(
+        &mut self,
+        found: &[ExposureObservation],
+        speed_error: f32,
+    ) -> Estimate<MotionBlurModel> {
+        let turn = self.frames % tiles::BLOCK_COUNT;
         let memory = &mut self.exposure;
         memory.fade();
         let mut fits = None;
@@ -605,7 +646,14 @@ impl Tracker {
             for w in found {
                 let at = w.block as usize * EXPOSURES;
                 curves[at..at + EXPOSURES].iter_mut().zip(&w.log_likelihood).for_each(|(s, v)| *s += v);
-                moments.iter_mut().zip([1.0, w.speed, w.speed * w.speed]).for_each(|(s, v)| *s += v);
+                let uneven = if speed_error > 0.0 { 1.0 } else { 0.0 };
+                moments.iter_mut().zip([1.0, w.speed, w.speed * w.speed, uneven]).for_each(|(s, v)| *s += v);
+            }
+            if speed_error > 0.0 {
+                // All tiles of the frame err alike, and those of other frames otherwise: the frame takes the place of a block.
+                let curve = uneven::over_speeds(&curve_of(&evidence), speed_error);
+                evidence[..CURVES].fill(0.0);
+                evidence[turn * EXPOSURES..][..EXPOSURES].copy_from_slice(&curve);
             }
             memory.add(evidence);
             if exposure_changed(memory) {
@@ -617,7 +665,11 @@ impl Tracker {
             let sum = memory.sum();
             let (curves, moments) = sum.split_at(CURVES);
             let (tiles, speed) = (moments[0], agreement::typical_speed(moments[1], moments[2]));
-            let curve = curve_of(&sum);
+            let mut curve = curve_of(&sum);
+            if 2.0 * moments[3] > tiles {
+                // What seems longer than a frame was faster than its flow says.
+                curve[FRAME_LONG + 1..].fill(f32::MIN);
+            }
             let estimate = mean_exposure(&curve, memory.weight);
             let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
                 .zip(curves.chunks(EXPOSURES))
@@ -795,8 +847,10 @@ impl Memory {
 }
 
 const EXPOSURES: usize = likelihood::EXPOSURES;
-/// The length of the curves in the exposure's evidence, one for each block. The number of tiles, the sum of their speeds and the sum of
-/// the squared speeds follow them.
+/// The index, in a curve, of an exposure as long as a frame interval.
+const FRAME_LONG: usize = (1.0 / likelihood::EXPOSURE_STEP + 0.5) as usize;
+/// The length of the curves in the exposure's evidence, one for each block. The number of tiles, the sum of their speeds, the sum of
+/// the squared speeds and the number of those in frames of uneven motion follow them.
 const CURVES: usize = tiles::BLOCK_COUNT * EXPOSURES;
 
 /// The sum of the blocks' curves.

@@ -12,10 +12,11 @@ use super::likelihood::{
 };
 use super::noise::LumaNoise;
 use super::robust::median;
-use super::tiles::{SPEEDS, TILE, corners, turned, turned_tiles};
+use super::tiles::{MotionOf, SPEEDS, TILE, corners, turned, turned_tiles};
 use crate::model::Space;
 use crate::portable::Portable;
 use crate::{Encoded, Flow, par};
+use std::collections::VecDeque;
 use std::ops::Range;
 
 /// The change of motion from one frame interval to the next, as a share of the speed, up to which motion counts as even. Own scenes and
@@ -41,14 +42,13 @@ const SPEED_FACTORS: Range<f32> = 0.5..2.0;
 const ANGLES: [f32; 9] = [0.0, -0.15, 0.15, -0.3, 0.3, -0.45, 0.45, -0.6, 0.6];
 
 /// The change of the motion from one frame interval to the next over the mean speed of both: the median over the pixels whose motion is
-/// known in both. `to_next` is the flow to the next frame, `motion` that at the frame's own time.
-pub(super) fn change_of(to_next: &Flow, motion: &Flow) -> Option<f32> {
+/// known in both. `to_next` is the flow to the next frame, `motion` that at the frame's own time, of a frame of w x h px.
+pub(super) fn change_of((w, h): (usize, usize), to_next: &MotionOf, motion: &MotionOf) -> Option<f32> {
     const STEP: usize = 8;
-    let (w, h) = motion.size();
     let places = (0..h).step_by(STEP).flat_map(|y| (0..w).step_by(STEP).map(move |x| (x, y)));
     let changes: Vec<f32> = places
         .filter_map(|(x, y)| {
-            let (next, mean) = (to_next.at(x, y), motion.at(x, y));
+            let (next, mean) = (to_next(x, y), motion(x, y));
             let half = (next[0] - mean[0]).portable_hypot(next[1] - mean[1]);
             let speed = mean[0].portable_hypot(mean[1]);
             // Where only one of both is known, it stands for the mean.
@@ -168,13 +168,24 @@ const DIRECTION_ERROR: f32 = 0.4;
 /// The number of nats of the sum over the tiles of a frame that count as one, since the tiles err alike.
 const ALIKE: f32 = 40.0;
 
-/// The likeliest angle, in radians, between the motion while the shutter was open and `motion`, by the direction and the length of the
-/// streaks in a part of the frame's tiles. `change` is the share by which the motion changes.
-pub(super) fn turn(frame: &Encoded, motion: &Flow, change: f32, noise: &LumaNoise, space: Space) -> f32 {
-    let mut corners = corners(frame.0.size());
-    // Every second tile is left out, as on a checkerboard: tiles overlap by half, so the others tell hardly more.
+/// The corners of every second tile of a frame of this size, as on a checkerboard: tiles overlap by half, so the others tell hardly more.
+pub(super) fn every_second_corner(size: (usize, usize)) -> Vec<(usize, usize)> {
+    let mut corners = corners(size);
     corners.retain(|(x, y)| (x + y) % TILE == 0);
-    let tiles = turned_tiles(frame, &corners, motion, &ANGLES, space);
+    corners
+}
+
+/// The likeliest angle, in radians, between the motion while the shutter was open and `motion`, by the direction and the length of the
+/// streaks in the tiles at these [`corners`]. `change` is the share by which the motion changes.
+pub(super) fn turn(
+    frame: &Encoded,
+    corners: &[(usize, usize)],
+    motion: &MotionOf,
+    change: f32,
+    noise: &LumaNoise,
+    space: Space,
+) -> f32 {
+    let tiles = turned_tiles(frame, corners, motion, &ANGLES, space);
     // A table for each tile: its log-likelihood in nats over the angle and over the length of the streaks.
     const LENGTHS: usize = 32;
     let tables = par::map(tiles.len(), |i| {
@@ -205,6 +216,66 @@ pub(super) fn turn(frame: &Encoded, motion: &Flow, change: f32, noise: &LumaNois
 /// A motion turned by an angle in radians.
 pub(super) fn turned_by(motion: &Flow, angle: f32) -> Flow {
     motion.map(|v| turned(v, angle))
+}
+
+/// What follows from uneven motion for one frame: the motion while the shutter was open is the mean of the flows around it, turned and
+/// made longer or shorter, and its speed is still uncertain.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Correction {
+    /// The angle, in radians.
+    pub angle: f32,
+    /// The factor of the speed.
+    pub factor: f32,
+    /// The relative std of the speed after that; 0 where motion is even.
+    pub error: f32,
+}
+
+impl Correction {
+    /// Motion is even.
+    pub const NONE: Self = Self { angle: 0.0, factor: 1.0, error: 0.0 };
+
+    /// The corrected motion.
+    pub fn of(&self, motion: [f32; 2]) -> [f32; 2] {
+        if self.error > 0.0 { turned(motion, self.angle).map(|v| self.factor * v) } else { motion }
+    }
+}
+
+/// The motion of the last frames of a shot, from which that of the present one is corrected before the next ones are known.
+#[derive(Default)]
+pub(super) struct Swings {
+    /// The flows of the last frames, each to the next, the last first.
+    flows: VecDeque<SampledFlow>,
+    /// The [`change_of`] the motion of the last frames, where it is known, the last first.
+    changes: VecDeque<Option<f32>>,
+}
+
+impl Swings {
+    /// Begins another shot.
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The correction of the motion of the next frame, without its angle, and the change of the motion; `to_next` is the flow from the
+    /// frame to the one after it, `None` at the end, and `motion` that at the frame's own time.
+    pub fn next(&mut self, to_next: Option<&Flow>, motion: &MotionOf) -> (Correction, f32) {
+        let Some(to_next) = to_next else {
+            let change = self.changes.iter().flatten().copied().fold(0.0, f32::max);
+            self.forget();
+            return (Correction { error: speed_error(change, true), ..Correction::NONE }, change);
+        };
+        let first = self.flows.is_empty();
+        let own = if first { None } else { change_of(to_next.size(), &|x, y| to_next.at(x, y), motion) };
+        self.changes.push_front(own);
+        self.changes.truncate(NEAR + 1);
+        let change = self.changes.iter().flatten().copied().fold(0.0, f32::max);
+        let error = speed_error(change, first);
+        let sampled = SampledFlow::new(to_next);
+        let before: Vec<&SampledFlow> = self.flows.iter().collect();
+        let factor = if error > 0.0 { speed_factor(&before, &[&sampled]) } else { 1.0 };
+        self.flows.push_front(sampled);
+        self.flows.truncate(SPLINE_REACH);
+        (Correction { factor, error, ..Correction::NONE }, change)
+    }
 }
 
 /// The log-likelihood over the exposure of all tiles of a frame, in nats, if their speeds are off by a common factor with the relative std
@@ -246,7 +317,8 @@ mod tests {
         let flow = |u: f32, v: f32| Flow::filled(128, 96, [u, v]);
         let change = |next: [f32; 2], last: [f32; 2]| {
             let next = flow(next[0], next[1]);
-            change_of(&next, &motion_at_frame(&next, &flow(last[0], last[1])))
+            let motion = motion_at_frame(&next, &flow(last[0], last[1]));
+            change_of(next.size(), &|x, y| next.at(x, y), &|x, y| motion.at(x, y))
         };
         let swings = change([6.0, 2.0], [6.0, -2.0]).expect("it moves");
         assert!((swings - 4.0 / 6.0).abs() < 1e-3 && speed_error(swings, false) > 0.1, "{swings}");
@@ -338,8 +410,11 @@ mod tests {
         let motion = |angle: f32| Flow::filled(w, h, turned([9.0, 0.0], angle));
         let blurred = motion_blur(&texture, &motion(0.3), ExposureFraction(1.0)).unwrap();
         let noise = LumaNoise::default();
-        let found =
-            |frame: &Encoded| turn(frame, &motion(0.0), 0.8, &noise, crate::model::BlurSpace::Encoded.into());
+        let found = |frame: &Encoded| {
+            let (corners, motion) = (every_second_corner((w, h)), motion(0.0));
+            let space = crate::model::BlurSpace::Encoded.into();
+            turn(frame, &corners, &|x, y| motion.at(x, y), 0.8, &noise, space)
+        };
         let angle = found(&Encoded(blurred));
         assert!((angle - 0.3).abs() < 0.01, "{angle}");
         let angle = found(&Encoded(motion_blur(&texture, &motion(0.0), ExposureFraction(1.0)).unwrap()));
