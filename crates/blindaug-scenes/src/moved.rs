@@ -312,7 +312,7 @@ pub struct Found {
     pub truth: [f32; 2],
     /// The estimate, if there is one.
     pub exposure: Option<Value>,
-    /// The exposure fraction by each frame alone.
+    /// The exposure fraction by each frame alone; of a tracked one, as of each frame in which it is known.
     pub per_frame: Vec<f32>,
     /// The reason why the exposure is unknown, if it is.
     pub unknown: Option<String>,

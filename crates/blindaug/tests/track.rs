@@ -3,7 +3,7 @@
 mod leaves;
 
 use blindaug::fit::{
-    Estimator, Evidence, FrameObservation,
+    Estimation, Estimator, Evidence, FrameObservation,
     spectral::{EXPOSURES, ExposureObservation, numbers::EXPOSURE_STEP},
     track::{TileLook, TileObservations, TileObserver, Tracker},
 };
@@ -222,15 +222,15 @@ fn frames_alone_are_enough() {
     );
 }
 
-/// Frames of a photograph that a shaking hand moves by whole px: its speed swings by 50 % with a period of three frames.
-fn shaken(frames: usize, exposure: f32) -> Vec<Encoded> {
+/// Frames of a photograph that a shaking hand moves by whole px: its speed swings by 50 % with this period, in frames.
+fn shaken(frames: usize, exposure: f32, period: f32) -> Vec<Encoded> {
     /// The number of views of a frame interval.
     const VIEWS: usize = 64;
     let sharp = Camera { exposure: 0.0, sigma_at_infinity: 0.0, noise: 0.0, moves: false, ..CAMERA };
     let photo = Scene::new(1, (SIZE.0 + 7 * frames + 20, SIZE.1)).seen(0, &sharp, 0).frame;
     let photo = photo.to_linear(Transfer::Srgb).0;
     let place = |t: f32| {
-        let turn = std::f32::consts::TAU / 3.0;
+        let turn = std::f32::consts::TAU / period;
         (6.0 * t + 6.0 * 0.5 / turn * (turn * t + 0.7).sin() + 8.0).round() as usize
     };
     let views = (exposure * VIEWS as f32) as usize;
@@ -257,7 +257,7 @@ fn shaken(frames: usize, exposure: f32) -> Vec<Encoded> {
 #[test]
 fn the_exposure_is_followed_under_a_shaking_hand() {
     for truth in [0.4, 0.9] {
-        let frames = shaken(30, truth);
+        let frames = shaken(30, truth, 3.0);
         let mut tracker = Tracker::new(Default::default(), None);
         let models: Vec<CameraModel> = frames
             .windows(2)
@@ -278,6 +278,34 @@ fn the_exposure_is_followed_under_a_shaking_hand() {
         // Negative control: the intervals say something.
         assert!(told.iter().all(|(_, [low, high])| high - low < 0.5));
     }
+}
+
+#[test]
+fn of_a_long_clip_too_the_motion_at_a_frame_s_own_time_counts() {
+    const TRUTH: f32 = 0.5;
+    let frames = shaken(60, TRUTH, 5.0);
+    let estimated = |with_previous: bool| {
+        // Every second frame is looked at.
+        let mut estimator = Estimator::new(Default::default()).expecting(frames.len());
+        for (t, frame) in frames.iter().enumerate() {
+            let previous = frames.get(t.wrapping_sub(1)).filter(|_| with_previous);
+            let (next, evidence) = (frames.get(t + 1), Evidence::default());
+            estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
+        }
+        estimator.estimate().unwrap()
+    };
+    let estimation = estimated(true);
+    let found = estimation.model.motion_blur.known().expect("it is known");
+    println!("{found:?}");
+    let [low, high] = found.interval;
+    assert!((found.exposure.0 - TRUTH).abs() < 0.1 && (low..=high).contains(&TRUTH) && high - low < 0.5);
+    // Negative control: by the flow to the next frame alone, half an interval late, the frames are farther off.
+    let errors = |e: &Estimation| {
+        mean(&e.diagnostics.exposure_per_frame.iter().map(|(_, e)| (e - TRUTH).abs()).collect::<Vec<f32>>())
+    };
+    let (own, late) = (errors(&estimation), errors(&estimated(false)));
+    println!("{own} {late}");
+    assert!(own < 0.7 * late, "{own} {late}");
 }
 
 /// Claims that ten tiles of each frame show this exposure, and keeps what it was told.

@@ -152,7 +152,7 @@ mod tests {
         for scenery in 0..COUNT {
             // The sums of the squared errors of the sharp target, of the own network and of another one, on targets that none learnt from.
             let mut errors = [0.0; 3];
-            for capture in captures(scenery, 2, 99).1 {
+            for capture in captures(scenery, 4, 99).1 {
                 let truth = over_grey(&capture.captured);
                 let layer = in_whole_picture(capture.layer);
                 let by = |of: usize| blurred(&layer, of % COUNT).unwrap();

@@ -1,6 +1,7 @@
-//! Real pixels whose exposure is known: photographs that are moved, and frames of a video that are averaged.
+//! Real pixels whose exposure is known: photographs that are moved, as a whole and frame by frame, and frames of a video that are averaged.
 
-use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
+use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, track::Tracker};
+use blindaug::model::{Estimate, MotionBlurModel, Reason};
 use blindaug::{Encoded, Transfer};
 use blindaug_io::{Error, FrameRange, FrameSource, Result, read_frame};
 use blindaug_pipeline::{Observer, Steps};
@@ -52,11 +53,12 @@ pub fn of_photos(folder: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
             continue;
         };
         let photo = reduced(photo.to_linear(Transfer::Srgb));
+        let photos = all.len() / (2 * EXPOSURES.len());
         let mut filmed = 0;
         for hand in [Hand::Steady, Hand::Shaking] {
             for i in 0..EXPOSURES.len() / 2 {
                 seed += 1;
-                let exposure = EXPOSURES[(2 * i + all.len() / EXPOSURES.len()) % EXPOSURES.len()];
+                let exposure = EXPOSURES[(2 * i + photos) % EXPOSURES.len()];
                 let filming = Filming { exposure, frames: FRAMES, noise: NOISE, seed };
                 let Some(frames) = film(&photo, &Course::new(hand, FRAMES, seed), &filming) else { continue };
                 filmed += 1;
@@ -65,7 +67,10 @@ pub fn of_photos(folder: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
                     Hand::Steady => "photographs, moved steadily",
                     Hand::Shaking => "photographs, moved by a shaking hand",
                 };
-                all.push(found(format!("{name} {exposure}"), group.into(), [exposure; 2], &frames, path)?);
+                let name = format!("{name} {exposure}");
+                let tracked =
+                    tracked(name.clone(), format!("{group}, tracked"), [exposure; 2], &frames, path)?;
+                all.extend([found(name, group.into(), [exposure; 2], &frames, path)?, tracked]);
             }
         }
         left_out += usize::from(filmed == 0);
@@ -125,26 +130,53 @@ pub fn of_film(clip: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
     Ok(all)
 }
 
+/// The observations of the frames, each with its neighbours and nothing else.
+fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
+    frames.iter().enumerate().map(|(i, frame)| FrameObservation {
+        frame,
+        next: frames.get(i + 1),
+        previous: i.checked_sub(1).map(|i| &frames[i]),
+        evidence: Evidence::default(),
+    })
+}
+
 /// The exposure that is estimated from the frames alone, beside the true one.
 fn found(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path: &Path) -> Result<Found> {
     let mut estimator = Estimator::new(EstimatorOptions::default());
-    for (i, frame) in frames.iter().enumerate() {
-        let observation = FrameObservation {
-            frame,
-            next: frames.get(i + 1),
-            previous: i.checked_sub(1).map(|i| &frames[i]),
-            evidence: Evidence::default(),
-        };
+    for observation in observations(frames) {
         estimator.add(&observation).map_err(|e| Error::new(path, e.to_string()))?;
     }
     let estimation = estimator.estimate().map_err(|e| Error::new(path, e.to_string()))?;
-    let exposure = &estimation.model.motion_blur;
-    Ok(Found {
+    let per_frame = estimation.diagnostics.exposure_per_frame.iter().map(|f| f.1).collect();
+    Ok(beside(&estimation.model.motion_blur, per_frame, name, group, truth))
+}
+
+/// The exposure that is tracked from frame to frame, as of the last one, beside the true one.
+fn tracked(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path: &Path) -> Result<Found> {
+    let mut tracker = Tracker::new(Default::default(), None);
+    let mut told = vec![];
+    let mut last = Estimate::unknown(Reason::TooShort, "there is no frame");
+    for observation in observations(frames) {
+        let model = tracker.push(&observation).map_err(|e| Error::new(path, e.to_string()))?;
+        told.extend(model.motion_blur.known().map(|m| m.exposure.0));
+        last.clone_from(&model.motion_blur);
+    }
+    Ok(beside(&last, told, name, group, truth))
+}
+
+fn beside(
+    exposure: &Estimate<MotionBlurModel>,
+    per_frame: Vec<f32>,
+    name: String,
+    group: String,
+    truth: [f32; 2],
+) -> Found {
+    Found {
         name,
         group,
         truth,
         exposure: exposure.known().map(|m| Value { estimate: m.exposure.0, interval: m.interval }),
-        per_frame: estimation.diagnostics.exposure_per_frame.iter().map(|f| f.1).collect(),
+        per_frame,
         unknown: exposure.why_unknown().map(ToString::to_string),
-    })
+    }
 }

@@ -8,6 +8,7 @@ use super::observation::{
     Curve, Diagnostics, Estimation, EstimatorOptions, Evidence, Family, FrameObservation, Shot,
 };
 use super::robust::{aggregate, median};
+use super::uneven::SpeedBy;
 use super::{agreement, bokeh, defocus, motion_blur, removal, sharpening, spectral, tiles, uneven};
 use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
@@ -91,7 +92,7 @@ struct FrameEvidence {
     has_motion: bool,
     /// [`uneven::change_of`] it; `None` where it is not known.
     change: Option<f32>,
-    /// The flow to the next frame.
+    /// The flow to the next frame, where it was estimated.
     to_next: Option<uneven::SampledFlow>,
     /// The [`uneven::speed_factor`] by which the speeds of the tiles were multiplied.
     speed_factor: f32,
@@ -156,6 +157,9 @@ const NOISE_WHOLE: usize = 1 << 20;
 const NOISE_ROWS: usize = 256;
 /// The most pairs of distant frames in which the noise is measured.
 const DISTANT_PAIRS: usize = 10;
+/// The most frames of a clip that is longer than [`Estimator::MAX_FRAMES`] which are used: the flow to and from each costs as much as what is
+/// left out.
+const THINNED_FRAMES: usize = 40;
 /// An estimate from fewer frames comes with a warning.
 const FEW_FRAMES: usize = 5;
 /// In how many frames each part is measured at least.
@@ -216,7 +220,7 @@ impl Estimator {
     /// Announces that the clip has about this many frames. Evenly spaced frames are then used from the start, which saves time.
     pub fn expecting(mut self, frames: usize) -> Self {
         self.expected = frames;
-        self.stride = frames.div_ceil(Self::MAX_FRAMES).max(1);
+        self.stride = if frames > Self::MAX_FRAMES { frames.div_ceil(THINNED_FRAMES) } else { 1 };
         self.distant = DistantPairs::new(DISTANT_PAIRS, frames);
         self
     }
@@ -295,12 +299,20 @@ impl Estimator {
         };
         // The shutter is open around the frame's own time, not on the way to the next frame.
         let last = self.last_motion.take().filter(|l| l.index + 1 == index);
+        let from_previous = match (&last, previous, next) {
+            // Frames were left out, so that this flow was not needed before.
+            (None, Some(previous), Some(_)) if self.stride > 1 && to_next.is_some() && !flow_given => {
+                self.follower.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow
+            }
+            _ => None,
+        };
+        let from_previous = last.as_ref().map(|l| &l.flow).or(from_previous.as_ref());
         let mut at_frame =
-            to_next.as_ref().zip(last.as_ref()).map(|(flow, last)| motion_at_frame(flow, &last.flow));
+            to_next.as_ref().zip(from_previous).map(|(flow, last)| motion_at_frame(flow, last));
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
         let measured = next.is_some() || flow_given;
         let mut speed_error = 0.0;
-        if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal) {
+        if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal && !flow_given) {
             kept.to_next = measured.then(|| uneven::SampledFlow::new(to_next));
             let motion = at_frame.as_ref().unwrap_or(to_next);
             let turned;
@@ -375,20 +387,27 @@ impl Estimator {
     ) -> (f32, Option<Flow>) {
         let at = |x: usize, y: usize| motion.at(x, y);
         kept.change = to_next.and_then(|next| uneven::change_of(next.size(), &|x, y| next.at(x, y), &at));
-        let near = |f: &&mut FrameEvidence| f.shot == kept.shot && f.index + uneven::NEAR >= kept.index;
+        let near = |f: &&mut FrameEvidence| {
+            f.shot == kept.shot && f.index + uneven::NEAR * self.stride >= kept.index
+        };
+        let by = |change: Option<f32>| match change {
+            None => SpeedBy::OneFlow,
+            Some(_) if self.stride > 1 => SpeedBy::Mean,
+            Some(_) => SpeedBy::Spline,
+        };
         let mut largest = kept.change;
         for before in self.frames.iter_mut().rev().take_while(near) {
             largest = [largest, before.change].into_iter().flatten().reduce(f32::max);
             // What swings between any two of them swings in all of them, but not always at their own times.
             let Some(change) = kept.change else { continue };
-            let error = uneven::speed_error(change, before.change.is_none());
+            let error = uneven::speed_error(change, by(before.change));
             if error > 0.0 {
                 before.tiles.iter_mut().for_each(|t| t.speed_error = t.speed_error.max(error));
                 before.pairs.clear();
             }
         }
         let Some(change) = largest else { return (0.0, None) };
-        let error = uneven::speed_error(change, kept.change.is_none());
+        let error = uneven::speed_error(change, by(kept.change));
         let turned = (error > 0.0).then(|| {
             let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma)?;
             let corners = uneven::every_second_corner(frame.0.size());

@@ -321,8 +321,8 @@ impl Tracker {
         });
         let mean_of = mean_of.as_ref().map(|of| of as &tiles::MotionOf);
         let corners = self.corners(frame, mean_of, geometry.inverse_depth.as_deref());
-        let correction = match (mean_of, self.luma_noise) {
-            (Some(motion), Some(noise)) => {
+        let correction = match (mean_of, self.luma_noise, observation.evidence.flow) {
+            (Some(motion), Some(noise), None) => {
                 let (swing, change) = self.swings.next(flow.filter(|_| to_next), motion);
                 let told = &corners[..corners.len().min(TURNED_TILES)];
                 let turned = || uneven::turn(frame, told, motion, change, &noise, self.space);

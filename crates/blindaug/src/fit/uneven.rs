@@ -23,14 +23,30 @@ use std::ops::Range;
 /// steady cameras have less.
 const EVEN: f32 = 0.2;
 
-/// The number of frames before and after a frame whose uneven motion makes the motion of that frame count as uneven.
+/// The number of frames that are looked at, before and after a frame, whose uneven motion makes the motion of that frame count as uneven.
 pub(super) const NEAR: usize = 2;
 
-/// The relative std of the speed at a frame's own time, over the change of motion, once [`speed_factor`] has corrected it.
-const SPEED_ERROR: f32 = 0.22;
+/// How the speed at a frame's own time is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SpeedBy {
+    /// By a spline through several frames ([`speed_factor`]).
+    Spline,
+    /// By the mean of the two flows around the frame.
+    Mean,
+    /// By one flow, as at the ends of a shot.
+    OneFlow,
+}
 
-/// The factor of [`SPEED_ERROR`] at the ends of a shot, where the change of motion is known on one side only.
-const AT_ENDS: f32 = 2.3;
+impl SpeedBy {
+    /// The relative std of the speed over the change of motion.
+    fn error(self) -> f32 {
+        match self {
+            Self::Spline => 0.22,
+            Self::Mean => 0.42,
+            Self::OneFlow => 0.5,
+        }
+    }
+}
 
 /// The number of frames before and after a frame through which the spline of [`speed_factor`] goes.
 pub(super) const SPLINE_REACH: usize = 3;
@@ -59,9 +75,8 @@ pub(super) fn change_of((w, h): (usize, usize), to_next: &MotionOf, motion: &Mot
 }
 
 /// The relative std of the speed at a frame's own time if the motion changes by the share `change`; 0 if the motion is even.
-pub(super) fn speed_error(change: f32, at_end: bool) -> f32 {
-    let error = SPEED_ERROR * change * if at_end { AT_ENDS } else { 1.0 };
-    if change > EVEN { error } else { 0.0 }
+pub(super) fn speed_error(change: f32, by: SpeedBy) -> f32 {
+    if change > EVEN { by.error() * change } else { 0.0 }
 }
 
 /// The flow from a frame to the next at the places of a coarse grid.
@@ -169,10 +184,14 @@ const DIRECTION_ERROR: f32 = 0.4;
 const ALIKE: f32 = 40.0;
 
 /// The corners of every second tile of a frame of this size, as on a checkerboard: tiles overlap by half, so the others tell hardly more.
+/// Of large frames some of these, evenly spaced.
 pub(super) fn every_second_corner(size: (usize, usize)) -> Vec<(usize, usize)> {
+    /// The most tiles, as many as a frame of 512 x 384 px has.
+    const MOST: usize = 160;
     let mut corners = corners(size);
     corners.retain(|(x, y)| (x + y) % TILE == 0);
-    corners
+    let step = corners.len().div_ceil(MOST).max(1);
+    corners.into_iter().step_by(step).collect()
 }
 
 /// The likeliest angle, in radians, between the motion while the shutter was open and `motion`, by the direction and the length of the
@@ -261,14 +280,14 @@ impl Swings {
         let Some(to_next) = to_next else {
             let change = self.changes.iter().flatten().copied().fold(0.0, f32::max);
             self.forget();
-            return (Correction { error: speed_error(change, true), ..Correction::NONE }, change);
+            return (Correction { error: speed_error(change, SpeedBy::OneFlow), ..Correction::NONE }, change);
         };
         let first = self.flows.is_empty();
         let own = if first { None } else { change_of(to_next.size(), &|x, y| to_next.at(x, y), motion) };
         self.changes.push_front(own);
         self.changes.truncate(NEAR + 1);
         let change = self.changes.iter().flatten().copied().fold(0.0, f32::max);
-        let error = speed_error(change, first);
+        let error = speed_error(change, if first { SpeedBy::OneFlow } else { SpeedBy::Spline });
         let sampled = SampledFlow::new(to_next);
         let before: Vec<&SampledFlow> = self.flows.iter().collect();
         let factor = if error > 0.0 { speed_factor(&before, &[&sampled]) } else { 1.0 };
@@ -321,10 +340,11 @@ mod tests {
             change_of(next.size(), &|x, y| next.at(x, y), &|x, y| motion.at(x, y))
         };
         let swings = change([6.0, 2.0], [6.0, -2.0]).expect("it moves");
-        assert!((swings - 4.0 / 6.0).abs() < 1e-3 && speed_error(swings, false) > 0.1, "{swings}");
-        assert!(speed_error(swings, true) > speed_error(swings, false));
+        assert!((swings - 4.0 / 6.0).abs() < 1e-3 && speed_error(swings, SpeedBy::Spline) > 0.1, "{swings}");
+        let by = [SpeedBy::Spline, SpeedBy::Mean, SpeedBy::OneFlow].map(|by| speed_error(swings, by));
+        assert!(by[0] < by[1] && by[1] < by[2], "{by:?}");
         let goes_on = change([6.3, 0.0], [5.7, 0.0]).expect("it moves");
-        assert!((goes_on - 0.1).abs() < 1e-3 && speed_error(goes_on, true) == 0.0, "{goes_on}");
+        assert!((goes_on - 0.1).abs() < 1e-3 && speed_error(goes_on, SpeedBy::OneFlow) == 0.0, "{goes_on}");
         // What hardly moves shows no streaks, however it swings.
         assert_eq!(change([0.6, 0.0], [0.2, 0.0]), None);
     }
