@@ -36,6 +36,8 @@ pub struct Estimator {
     stride: usize,
     frames: Vec<FrameEvidence>,
     follower: Follower,
+    /// Finds the flow from the frame before where frames are left out; half the resolution is enough for its part in a mean.
+    backward: Follower,
     distant: DistantPairs,
     /// The reason why parallax gave no depth for the last frame whose depth is unknown.
     why_no_depth: Unknown,
@@ -157,8 +159,8 @@ const NOISE_WHOLE: usize = 1 << 20;
 const NOISE_ROWS: usize = 256;
 /// The most pairs of distant frames in which the noise is measured.
 const DISTANT_PAIRS: usize = 10;
-/// The most frames of a clip that is longer than [`Estimator::MAX_FRAMES`] which are used: the flow to and from each costs as much as what is
-/// left out.
+/// The most frames of a clip that is longer than [`Estimator::MAX_FRAMES`] which are used: the flow from the frame before each of them costs as
+/// much as the rest.
 const THINNED_FRAMES: usize = 40;
 /// An estimate from fewer frames comes with a warning.
 const FEW_FRAMES: usize = 5;
@@ -204,6 +206,7 @@ impl Estimator {
             stride: 1,
             frames: vec![],
             follower: Follower::new(Self::FLOW_WIDTH, false),
+            backward: Follower::new(Self::FLOW_WIDTH / 2, false),
             distant: DistantPairs::new(DISTANT_PAIRS, 0),
             why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given and there is only one frame"),
             depth_kind: None,
@@ -302,7 +305,7 @@ impl Estimator {
         let from_previous = match (&last, previous, next) {
             // Frames were left out, so that this flow was not needed before.
             (None, Some(previous), Some(_)) if self.stride > 1 && to_next.is_some() && !flow_given => {
-                self.follower.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow
+                self.backward.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow
             }
             _ => None,
         };
