@@ -159,8 +159,8 @@ const NOISE_WHOLE: usize = 1 << 20;
 const NOISE_ROWS: usize = 256;
 /// The most pairs of distant frames in which the noise is measured.
 const DISTANT_PAIRS: usize = 10;
-/// The most frames of a clip that is longer than [`Estimator::MAX_FRAMES`] which are used: the flow from the frame before each of them costs as
-/// much as the rest.
+/// The most frames that are used of a clip that is longer than [`Estimator::MAX_FRAMES`]: the flow from the frame before each of them takes
+/// about the time of the frames that are left out.
 const THINNED_FRAMES: usize = 40;
 /// An estimate from fewer frames comes with a warning.
 const FEW_FRAMES: usize = 5;
