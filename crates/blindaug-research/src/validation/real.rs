@@ -68,9 +68,10 @@ pub fn of_photos(folder: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
                     Hand::Shaking => "photographs, moved by a shaking hand",
                 };
                 let name = format!("{name} {exposure}");
-                let tracked =
-                    tracked(name.clone(), format!("{group}, tracked"), [exposure; 2], &frames, path)?;
-                all.extend([found(name, group.into(), [exposure; 2], &frames, path)?, tracked]);
+                let told = estimated(&frames, path)?;
+                all.push(found(name.clone(), group.into(), [exposure; 2], told));
+                let told = tracked(&frames, path)?;
+                all.push(found(name, format!("{group}, tracked"), [exposure; 2], told));
             }
         }
         left_out += usize::from(filmed == 0);
@@ -98,7 +99,8 @@ pub fn of_film(clip: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
     let of = |film: &Film| {
         let Film { first, averaged, of, frames } = film;
         let name = format!("{averaged} of every {of} from frame {first}");
-        found(name, format!("{averaged} of every {of}"), of_averaged(*averaged, *of), frames, clip)
+        let group = format!("{averaged} of every {of}");
+        Ok(found(name, group, of_averaged(*averaged, *of), estimated(frames, clip)?))
     };
     for frame in source.frames() {
         progress.step();
@@ -140,19 +142,22 @@ fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>
     })
 }
 
-/// The exposure that is estimated from the frames alone, beside the true one.
-fn found(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path: &Path) -> Result<Found> {
+/// An exposure, and those of the single frames.
+type Told = (Estimate<MotionBlurModel>, Vec<f32>);
+
+/// The exposure that is estimated from the frames alone, and by each frame alone.
+fn estimated(frames: &[Encoded], path: &Path) -> Result<Told> {
     let mut estimator = Estimator::new(EstimatorOptions::default());
     for observation in observations(frames) {
         estimator.add(&observation).map_err(|e| Error::new(path, e.to_string()))?;
     }
     let estimation = estimator.estimate().map_err(|e| Error::new(path, e.to_string()))?;
     let per_frame = estimation.diagnostics.exposure_per_frame.iter().map(|f| f.1).collect();
-    Ok(beside(&estimation.model.motion_blur, per_frame, name, group, truth))
+    Ok((estimation.model.motion_blur, per_frame))
 }
 
-/// The exposure that is tracked from frame to frame, as of the last one, beside the true one.
-fn tracked(name: String, group: String, truth: [f32; 2], frames: &[Encoded], path: &Path) -> Result<Found> {
+/// The exposure that is tracked from frame to frame, as of the last one, and as of each in which it is known.
+fn tracked(frames: &[Encoded], path: &Path) -> Result<Told> {
     let mut tracker = Tracker::new(Default::default(), None);
     let mut told = vec![];
     let mut last = Estimate::unknown(Reason::TooShort, "there is no frame");
@@ -161,16 +166,11 @@ fn tracked(name: String, group: String, truth: [f32; 2], frames: &[Encoded], pat
         told.extend(model.motion_blur.known().map(|m| m.exposure.0));
         last.clone_from(&model.motion_blur);
     }
-    Ok(beside(&last, told, name, group, truth))
+    Ok((last, told))
 }
 
-fn beside(
-    exposure: &Estimate<MotionBlurModel>,
-    per_frame: Vec<f32>,
-    name: String,
-    group: String,
-    truth: [f32; 2],
-) -> Found {
+/// An exposure beside the true one.
+fn found(name: String, group: String, truth: [f32; 2], (exposure, per_frame): Told) -> Found {
     Found {
         name,
         group,

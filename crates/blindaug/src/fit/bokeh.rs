@@ -98,10 +98,12 @@ fn told(
     // The replicas weigh blocks of the image and parts of the clip at random.
     let replica = |r: usize| nats(&|i| resampled(r, tiles[i].tile.block, tiles[i].part));
     let disks = (0..BOOTSTRAPS).filter(|&r| replica(r) > 0.0).count() as f32 / BOOTSTRAPS as f32;
-    match all {
-        _ if all >= LEAST_NATS && disks >= SURE => Some(Bokeh::Disk),
-        _ if all <= -LEAST_NATS && disks <= 1.0 - SURE => Some(Bokeh::Gaussian),
-        _ => None,
+    if all >= LEAST_NATS && disks >= SURE {
+        Some(Bokeh::Disk)
+    } else if all <= -LEAST_NATS && disks <= 1.0 - SURE {
+        Some(Bokeh::Gaussian)
+    } else {
+        None
     }
 }
 

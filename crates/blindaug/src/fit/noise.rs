@@ -27,7 +27,7 @@ use std::ops::Range;
 pub(super) const NOTABLE_CODING_ERROR: f32 = 0.01;
 
 /// The variance of one band in one block (or window) of one residual.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct LocalVariance {
     /// The mean luminance, Rec. 601 of encoded values.
     y: f32,

@@ -25,7 +25,7 @@ use super::uneven::{self, Correction, Swings};
 use super::{agreement, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
-use crate::analysis::flow::{motion_at_frame, motion_at_pixel};
+use crate::analysis::flow::motion_at_pixel;
 use crate::model::{
     CameraModel, Capture, Changes, DefocusCurve, DefocusModel, DepthKind, Distortion, DistortionModel,
     Estimate, ExposureFraction, Method, MotionBlurModel, NoiseModel, Reason, SharpeningModel, Space,
@@ -113,8 +113,6 @@ pub struct Tracker {
     /// The flow of the last frame.
     last_flow: LastFlow,
     swings: Swings,
-    /// Whether the last frame's motion was not found to be uneven.
-    motion_is_even: bool,
     /// The buffer of the flow before the last one, for reuse.
     spare: Flow,
     /// The last inverse depth that parallax gave.
@@ -249,7 +247,6 @@ impl Tracker {
             noise: NoiseMemory::default(),
             distant: DistantPairs::new(DISTANT_PAIRS, 0),
             swings: Swings::default(),
-            motion_is_even: true,
             luma_noise: None,
             exposure: Memory::new(CURVES + 4, KEPT_EXPOSURE),
             lens: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT_LENS),
@@ -320,18 +317,23 @@ impl Tracker {
             }
         });
         let mean_of = mean_of.as_ref().map(|of| of as &tiles::MotionOf);
-        let corners = self.corners(frame, mean_of, geometry.inverse_depth.as_deref());
+        let depth = geometry.inverse_depth.as_deref();
         let correction = match (mean_of, self.luma_noise, observation.evidence.flow) {
             (Some(motion), Some(noise), None) => {
-                let (swing, change) = self.swings.next(flow.filter(|_| to_next), motion);
-                let told = &corners[..corners.len().min(TURNED_TILES)];
-                let turned = || uneven::turn(frame, told, motion, change, &noise, self.space);
-                Correction { angle: if swing.error > 0.0 { turned() } else { 0.0 }, ..swing }
+                let (mut swing, change) = self.swings.next(flow.filter(|_| to_next), motion);
+                if swing.error > 0.0 {
+                    let mut corners = self.corners(frame, mean_of, depth);
+                    corners.truncate(TURNED_TILES);
+                    swing.angle = uneven::turn(frame, &corners, motion, change, &noise, self.space);
+                }
+                swing
             }
-            _ => Correction::NONE,
+            _ => {
+                self.swings.forget();
+                Correction::NONE
+            }
         };
-        let was_even = std::mem::replace(&mut self.motion_is_even, correction.error == 0.0);
-        if was_even && !self.motion_is_even {
+        if correction.begins {
             // What swings now swung in the last frames, too, which did not allow for it.
             self.exposure.forget_recent();
         }
@@ -340,21 +342,12 @@ impl Tracker {
         match (observer, self.luma_noise) {
             // What noise cannot be told from tells nothing of blur.
             (_, None) => {
-                model.motion_blur = self.follow_exposure(&[], 0.0);
+                model.motion_blur = self.follow_exposure(&[]);
                 model.defocus = self.follow_lens(&[])?;
             }
             (Some(observer), Some(noise)) => {
-                let depth = geometry.inverse_depth.as_deref();
-                let motion = match (flow, last) {
-                    (Some(flow), Some(last)) => Some(Cow::Owned(motion_at_frame(flow, last))),
-                    _ => flow.map(Cow::Borrowed),
-                };
-                let motion = match motion {
-                    Some(motion) if correction.error > 0.0 => {
-                        Some(Cow::Owned(motion.map(|v| correction.of(v))))
-                    }
-                    motion => motion,
-                };
+                let motion =
+                    motion.zip(flow).map(|(of, flow)| Flow::from_fn(flow.width(), flow.height(), of));
                 // Streaks of unknown length look like a lens's blur.
                 let is_moving = |x: usize, y: usize| {
                     let [u, v] = motion.as_ref().map_or([0.0; 2], |m| m.at(x, y));
@@ -364,23 +357,25 @@ impl Tracker {
                     let known = |x, y| if is_moving(x, y) { f32::NAN } else { d.at(x, y) };
                     Plane::from_fn(d.width(), d.height(), known)
                 });
-                let found = observer.observe(&TileLook {
+                let mut found = observer.observe(&TileLook {
                     frame,
-                    motion: motion.as_deref(),
+                    motion: motion.as_ref(),
                     inverse_depth: still.as_ref().or(depth),
                     noise: &noise,
                     exposure: self.exposure(),
                     sharpening,
                 })?;
                 found.check()?;
-                model.motion_blur = self.follow_exposure(&found.exposure, correction.error);
+                found.exposure.iter_mut().for_each(|w| w.speed_error = correction.error);
+                model.motion_blur = self.follow_exposure(&found.exposure);
                 model.defocus = self.follow_lens(&found.lens)?;
             }
             (None, Some(noise)) => {
-                let depth = geometry.inverse_depth.as_deref();
+                let corners = self.corners(frame, mean_of, depth);
                 let mut tiles = tiles::tiles_at(frame, &corners, motion, depth, self.space);
+                tiles.iter_mut().for_each(|t| t.speed_error = correction.error);
                 let found = spectral::exposure_observations(&[&tiles], &noise);
-                model.motion_blur = self.follow_exposure(&found, correction.error);
+                model.motion_blur = self.follow_exposure(&found);
                 if self.known.exposure.is_none() {
                     // Streaks of unknown length look like a lens's blur.
                     tiles.retain(|t| t.speed * t.scale < spectral::STILL);
@@ -440,7 +435,7 @@ impl Tracker {
         self.last_flow = LastFlow::default();
         self.changes = Changes::default();
         self.begin_shot();
-        model.motion_blur = self.follow_exposure(exposure, 0.0);
+        model.motion_blur = self.follow_exposure(exposure);
         model.defocus = self.follow_lens(lens)?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
@@ -630,12 +625,9 @@ impl Tracker {
         tiles::of_most_contrast(frame, tried, motion, depth, TILES)
     }
 
-    /// The exposure with the observations of another frame, whose speeds are off by a common factor with the relative std `speed_error`.
-    fn follow_exposure(
-        &mut self,
-        found: &[ExposureObservation],
-        speed_error: f32,
-    ) -> Estimate<MotionBlurModel> {
+    /// The exposure with the observations of another frame.
+    fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
+        let speed_error = found.iter().map(|w| w.speed_error).fold(0.0, f32::max);
         let turn = self.frames % tiles::BLOCK_COUNT;
         let memory = &mut self.exposure;
         memory.fade();

@@ -172,9 +172,9 @@ fn spline_slope(steps: &[[f32; 2]], at: usize) -> [f32; 2] {
     let (d1, r1, next) = eliminated(&mut steps[at..].iter().rev().copied());
     let part = |d: f32, r: [f32; 2]| if d > 0.0 { (1.0 / d, r.map(|v| v / d)) } else { (0.0, [0.0; 2]) };
     let ((w0, p0), (w1, p1)) = (part(d0, r0), part(d1, r1));
-    let own = 2.0 * (f32::from(u8::from(last.is_some())) + f32::from(u8::from(next.is_some())));
-    let around = |c: usize| 3.0 * (last.map_or(0.0, |v| v[c]) + next.map_or(0.0, |v| v[c]));
-    [0, 1].map(|c| (around(c) - p0[c] - p1[c]) / (own - w0 - w1))
+    let beside = || last.iter().chain(&next);
+    let own = 2.0 * beside().count() as f32;
+    [0, 1].map(|c| (3.0 * beside().map(|v| v[c]).sum::<f32>() - p0[c] - p1[c]) / (own - w0 - w1))
 }
 
 /// The std, in radians, of the direction at a frame's own time, over the change of motion.
@@ -247,11 +247,13 @@ pub(super) struct Correction {
     pub factor: f32,
     /// The relative std of the speed after that; 0 where motion is even.
     pub error: f32,
+    /// Whether motion was even until the frame before.
+    pub begins: bool,
 }
 
 impl Correction {
     /// Motion is even.
-    pub const NONE: Self = Self { angle: 0.0, factor: 1.0, error: 0.0 };
+    pub const NONE: Self = Self { angle: 0.0, factor: 1.0, error: 0.0, begins: false };
 
     /// The corrected motion.
     pub fn of(&self, motion: [f32; 2]) -> [f32; 2] {
@@ -269,31 +271,36 @@ pub(super) struct Swings {
 }
 
 impl Swings {
-    /// Begins another shot.
+    /// Begins anew, since the next frame belongs to another shot, or the motion to it is not known.
     pub fn forget(&mut self) {
         *self = Self::default();
+    }
+
+    /// The largest change of the last frames' motion; 0 if none is known.
+    fn change(&self) -> f32 {
+        self.changes.iter().flatten().copied().fold(0.0, f32::max)
     }
 
     /// The correction of the motion of the next frame, without its angle, and the change of the motion; `to_next` is the flow from the
     /// frame to the one after it, `None` at the end, and `motion` that at the frame's own time.
     pub fn next(&mut self, to_next: Option<&Flow>, motion: &MotionOf) -> (Correction, f32) {
+        let before = self.change();
         let Some(to_next) = to_next else {
-            let change = self.changes.iter().flatten().copied().fold(0.0, f32::max);
             self.forget();
-            return (Correction { error: speed_error(change, SpeedBy::OneFlow), ..Correction::NONE }, change);
+            return (Correction { error: speed_error(before, SpeedBy::OneFlow), ..Correction::NONE }, before);
         };
         let first = self.flows.is_empty();
         let own = if first { None } else { change_of(to_next.size(), &|x, y| to_next.at(x, y), motion) };
         self.changes.push_front(own);
         self.changes.truncate(NEAR + 1);
-        let change = self.changes.iter().flatten().copied().fold(0.0, f32::max);
+        let change = self.change();
         let error = speed_error(change, if first { SpeedBy::OneFlow } else { SpeedBy::Spline });
         let sampled = SampledFlow::new(to_next);
-        let before: Vec<&SampledFlow> = self.flows.iter().collect();
-        let factor = if error > 0.0 { speed_factor(&before, &[&sampled]) } else { 1.0 };
+        let flows: Vec<&SampledFlow> = self.flows.iter().collect();
+        let factor = if error > 0.0 { speed_factor(&flows, &[&sampled]) } else { 1.0 };
         self.flows.push_front(sampled);
         self.flows.truncate(SPLINE_REACH);
-        (Correction { factor, error, ..Correction::NONE }, change)
+        (Correction { factor, error, begins: error > 0.0 && before <= EVEN, ..Correction::NONE }, change)
     }
 }
 

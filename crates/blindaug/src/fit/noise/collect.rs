@@ -316,17 +316,8 @@ impl NoiseEvidence {
                     self.levels[level].push(LocalVariance {
                         y: y.at(cx, cy),
                         variance: std::array::from_fn(|c| (square[c] - mean[c] * mean[c]).max(0.0) / bias),
-                        with_luma: [0.0; 3],
-                        structure: 0.0,
-                        coarser: 0.0,
                         count: 16.0,
-                        colours: Colours::default(),
-                        between: [0.0; 3],
-                        neighbours: [0.0; 3],
-                        texture: 0.0,
-                        coarser_power: 0.0,
-                        pure: false,
-                        clipped: false,
+                        ..LocalVariance::default()
                     });
                 }
             }

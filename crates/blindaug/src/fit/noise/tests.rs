@@ -265,17 +265,9 @@ fn a_mismatch_is_subtracted_as_far_as_it_is_seen_and_noise_is_not() {
     let block = |variance: f32, coarser: f32| LocalVariance {
         y: 0.5,
         variance: [variance; 4],
-        with_luma: [0.0; 3],
-        structure: 0.0,
         coarser,
         count: 16.0,
-        colours: Colours::default(),
-        between: [0.0; 3],
-        neighbours: [0.0; 3],
-        texture: 0.0,
-        coarser_power: 0.0,
-        pure: false,
-        clipped: false,
+        ..LocalVariance::default()
     };
     let falls = (white_band_std()[2] / white_band_std()[1]).powi(2);
     // The blocks have noise of variance 1 and a mismatch of half the variance that it has in the coarser band.
