@@ -158,11 +158,31 @@ fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
 }
 
+/// Widens an interval to hold the typical frame's exposure, too, given those that frames tell by themselves (NaN: nothing): frames that
+/// contradict each other are less sure than their sum. A few frames show it only if motion is even; where it is not, they differ anyway, and
+/// the interval has room for that.
+pub(super) fn with_typical_frame(
+    [low, high]: [f32; 2],
+    of_frames: impl Iterator<Item = f32>,
+    even: bool,
+    speed: f32,
+) -> [f32; 2] {
+    let of_frames: Vec<f32> = of_frames.filter(|v| v.is_finite()).collect();
+    if of_frames.len() < if even { 3 } else { 8 } {
+        return [low, high];
+    }
+    let [l, h] = with_hidden_streak(interval_of_median(of_frames), speed);
+    [low.min(l), high.max(h)]
+}
+
 /// The typical speed of the observations, px per frame interval, from the sum of their [`ExposureObservation::speed`] and the sum of its
 /// squares. Fast observations count more, since they tell more.
 pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
     squares / sum
 }
+
+/// The fewest observations that tell an exposure.
+pub(super) const FEWEST: usize = 6;
 
 /// The observation of the exposure by a tile, or by a pair of tiles.
 #[derive(Clone, Debug)]
@@ -196,7 +216,7 @@ pub fn exposure_of(
             "an observation of the exposure must hold {EXPOSURES} log-likelihoods"
         )));
     }
-    if observations.len() < 6 {
+    if observations.len() < FEWEST {
         let why = "too little in the frames moves, or what moves has no texture";
         return Ok(Estimate::unknown(Reason::NoMotion, why));
     }
@@ -227,7 +247,7 @@ pub fn exposure_of(
         .filter(|(.., curve)| curve.iter().any(|&v| v < 0.0))
         .collect();
     let per_frame: Vec<(usize, f32)> = (0..frames)
-        .filter(|&f| observations.iter().filter(|w| w.frame == f).count() >= 6)
+        .filter(|&f| observations.iter().filter(|w| w.frame == f).count() >= FEWEST)
         .map(|f| (f, best(&summed(&|w| w.frame == f)).min(1.0)))
         .collect();
     let of_speeds = |f: &dyn Fn(f32) -> f32| observations.iter().map(|w| f(w.speed)).sum::<f32>();
@@ -236,10 +256,7 @@ pub fn exposure_of(
         None => exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed),
         Some(uneven) => uneven.interval(estimate, &sum, coding_error, speed),
     };
-    // Frames that contradict each other are less sure than their sum, so the interval must hold the typical frame's exposure too.
-    let interval = interval_of_median(per_frame.iter().map(|f| f.1))
-        .map(|of_frames| with_hidden_streak(of_frames, speed))
-        .map_or([low, high], |[l, h]| [low.min(l), high.max(h)]);
+    let interval = with_typical_frame([low, high], per_frame.iter().map(|f| f.1), uneven.is_none(), speed);
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
         let contradicting = high - low <= MAX_UNCERTAINTY;
         let uneven = uneven.is_some_and(|u| u.seen);
@@ -563,13 +580,12 @@ pub(super) fn interval(estimate: f32, replicas: &[f32], floor: f32) -> [f32; 2] 
     [(estimate - side(estimate - at(0.025))).max(0.0), estimate + side(at(0.975) - estimate)]
 }
 
-/// The 95 % interval of the median, by ranks; `None` for fewer than 8 values.
-fn interval_of_median(values: impl Iterator<Item = f32>) -> Option<[f32; 2]> {
-    let mut v: Vec<f32> = values.collect();
-    v.sort_by(f32::total_cmp);
-    let n = v.len();
-    let half = 0.98 * (n as f32).sqrt();
-    (n >= 8).then(|| [v[(0.5 * n as f32 - half) as usize], v[((0.5 * n as f32 + half) as usize).min(n - 1)]])
+/// The 95 % interval of the median of values, of which there is at least one, by ranks; it holds all of fewer than 6 values.
+fn interval_of_median(mut values: Vec<f32>) -> [f32; 2] {
+    values.sort_by(f32::total_cmp);
+    let (middle, half) = (0.5 * values.len() as f32, 0.98 * (values.len() as f32).sqrt());
+    [(middle - half).max(0.0), (middle + half).min((values.len() - 1) as f32)]
+        .map(|rank| values[rank as usize])
 }
 
 fn std_of(v: &[f32]) -> f32 {
@@ -580,6 +596,21 @@ fn std_of(v: &[f32]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frames_that_contradict_each_other_widen_the_interval_where_motion_is_even() {
+        let told = [0.3, 0.5];
+        let widened =
+            |frames: &[f32], even: bool| with_typical_frame(told, frames.iter().copied(), even, 1e6);
+        let contradict = [0.4, 0.9, f32::NAN, 0.4, 0.9];
+        assert_eq!(widened(&contradict, true), [0.3, 0.9]);
+        // Where motion is uneven, a few frames differ anyway.
+        assert_eq!(widened(&contradict, false), told);
+        assert_eq!(widened(&[0.9; 10], false), [0.3, 0.9]);
+        // Two frames are too few, and one of many that stands alone is no typical frame.
+        assert_eq!(widened(&[0.9, 0.9], true), told);
+        assert_eq!(widened(&[&[0.4; 9][..], &[0.9]].concat(), true), told);
+    }
 
     #[test]
     fn places_of_one_depth_do_not_tell_the_lens_not_even_far_away() {

@@ -67,15 +67,31 @@ fn seen_foci((lo, hi): (f32, f32)) -> [f32; 2] {
 /// The most blur, px, that a lens may have in the scene; all stds beyond the end of the tables look the same.
 const MOST_BLUR: f32 = 60.0;
 
-/// The highest maxima of the objective with their lenses, the best first. They are found on a grid over the focus and the largest blur in
-/// the scene, then by [`refined_lens`]. There are several, since a scene behind the focus may look like one in front of it.
+/// The number of slopes that the search for a lens tries with each focus.
+const SLOPES: usize = 50;
+/// The ratio between successive slopes of the search, to base 2. The last slope is 500 times the first.
+const SLOPE_OCTAVES: f32 = 8.965_784 / (SLOPES - 1) as f32;
+
+/// The highest maxima of the objective with their lenses, the best first; see [`best_lenses_by`].
 pub(super) fn best_lenses(
     range: (f32, f32),
     objective: impl Fn(Lens) -> f32 + Sync + Send,
 ) -> Vec<(f32, Lens)> {
+    best_lenses_by(range, |focus, slopes| slopes.map(|slope| objective(Lens { slope, focus })), &objective)
+}
+
+/// The highest maxima of the objective with their lenses, the best first. They are found on a grid over the focus and the largest blur in
+/// the scene, then by [`refined_lens`]. There are several, since a scene behind the focus may look like one in front of it.
+///
+/// `over_slopes` is the objective, or one that is close to it, of all lenses of a focus with the slopes given, of which each is
+/// 2^[`SLOPE_OCTAVES`] times the one before.
+fn best_lenses_by(
+    range: (f32, f32),
+    over_slopes: impl Fn(f32, [f32; SLOPES]) -> [f32; SLOPES] + Sync + Send,
+    objective: impl Fn(Lens) -> f32 + Sync + Send,
+) -> Vec<(f32, Lens)> {
     const WITHIN: usize = 96;
     const BEYOND: usize = 12;
-    const BLURS: usize = 50;
     const MAXIMA: usize = 3;
     let ((lo, hi), [far, near], [least, greatest]) = (range, seen_foci(range), extreme_foci(range));
     // Within the range that is seen, the blur of the strongest lens differs by less than 1 px between neighbouring foci.
@@ -87,13 +103,11 @@ pub(super) fn best_lenses(
     let best = par::map(foci.len(), |i| {
         let focus = foci[i];
         let reach = (lo - focus).abs().max((hi - focus).abs()).max(1e-9);
-        let lens = |j: usize| Lens {
-            slope: 0.08 * 500f32.portable_powf(j as f32 / (BLURS - 1) as f32) / reach,
-            focus,
-        };
-        (0..BLURS)
-            .map(|j| (objective(lens(j)), lens(j)))
-            .fold((f32::MIN, lens(0)), |a, b| if b.0 > a.0 { b } else { a })
+        let slopes: [f32; SLOPES] =
+            std::array::from_fn(|j| 0.08 * 2f32.portable_powf(j as f32 * SLOPE_OCTAVES) / reach);
+        let lenses = slopes.map(|slope| Lens { slope, focus });
+        (over_slopes(focus, slopes).into_iter().zip(lenses))
+            .fold((f32::MIN, lenses[0]), |a, b| if b.0 > a.0 { b } else { a })
     });
     let value = |i: Option<usize>| i.and_then(|i| best.get(i)).map_or(f32::MIN, |b| b.0);
     let starts: Vec<Lens> = (0..foci.len())
@@ -162,6 +176,76 @@ const STACK: [f32; 23] = [
     8.2, 9.1, 10.0,
 ];
 
+/// The number of steps of [`STACK_PARTS`] per px; each std of the stack is a whole number of them.
+const STEPS_PER_PX: f32 = 20.0;
+
+/// For each step of std up to the end of the stack, the index of the std of [`STACK`] that ends the part in which it lies.
+const STACK_PARTS: [u8; 201] = {
+    let mut parts = [0; 201];
+    let (mut step, mut part) = (0, 1);
+    while step < parts.len() {
+        // Half a step keeps rounding from mattering.
+        if part < STACK.len() - 1 && step as f32 + 0.5 > STACK[part] * STEPS_PER_PX {
+            part += 1;
+        }
+        parts[step] = part as u8;
+        step += 1;
+    }
+    parts
+};
+
+/// Between two stds of the stack, a blurred image changes in proportion to the variance: the part of the stack in which `sigma` (px) lies,
+/// by the index of its end, and the share of the way through it.
+#[inline(always)]
+fn in_stack(sigma: f32) -> (usize, f32) {
+    let k = usize::from(STACK_PARTS[((sigma * STEPS_PER_PX) as usize).min(STACK_PARTS.len() - 1)]);
+    let (a, b) = (STACK[k - 1] * STACK[k - 1], STACK[k] * STACK[k]);
+    (k, ((sigma * sigma - a) / (b - a)).clamp(0.0, 1.0))
+}
+
+/// The scores of places over the std of their blur. Successive stds have the ratio of successive slopes of the search for a lens, so that
+/// for the slopes of a focus each place has a run of successive scores.
+struct ScoresOverBlur {
+    depths: Vec<f32>,
+    scores: Vec<[f32; Self::LEAST + Self::STDS + SLOPES]>,
+}
+
+impl ScoresOverBlur {
+    /// The smallest std, px; a smaller one scores the same.
+    const LEAST_STD: f32 = 0.05;
+    /// The index of the smallest std: the scores before it are the same.
+    const LEAST: usize = SLOPES;
+    /// The number of stds that score differently: up to 10 px, the end of the stack.
+    const STDS: usize = 43;
+
+    /// The scores of places at these inverse depths; `score` is that of a place, by its index, at a std in px.
+    fn new(depths: impl Iterator<Item = f32>, score: impl Fn(usize, f32) -> f32 + Sync + Send) -> Self {
+        let depths: Vec<f32> = depths.collect();
+        let stds: [f32; Self::STDS] =
+            std::array::from_fn(|k| Self::LEAST_STD * 2f32.portable_powf(k as f32 * SLOPE_OCTAVES));
+        let scores = par::map(depths.len(), |i| {
+            let of_place = stds.map(|sigma| score(i, sigma));
+            std::array::from_fn(|k| of_place[k.saturating_sub(Self::LEAST).min(Self::STDS - 1)])
+        });
+        Self { depths, scores }
+    }
+
+    /// The sum over the places for lenses of this focus, with successive slopes from this one on. The score between two stds is interpolated.
+    fn over_slopes(&self, focus: f32, slope: f32) -> [f32; SLOPES] {
+        let mut sums = [0.0; SLOPES];
+        for (d, scores) in self.depths.iter().zip(&self.scores) {
+            let sigma = Lens { slope, focus }.sigma_px(*d).max(1e-6);
+            let at = Self::LEAST as f32 + (sigma / Self::LEAST_STD).portable_log2() / SLOPE_OCTAVES;
+            let at = at.clamp(0.0, (Self::LEAST + Self::STDS - 1) as f32);
+            let (k, t) = (at as usize, at.fract());
+            for (sum, pair) in sums.iter_mut().zip(scores[k..].windows(2)) {
+                *sum += pair[0] + t * (pair[1] - pair[0]);
+            }
+        }
+        sums
+    }
+}
+
 /// The fit of a lens to one frame.
 #[derive(Clone, Debug)]
 pub struct LensFit {
@@ -213,19 +297,25 @@ pub fn fit_lens(
         None => sharp,
     };
     let predicted = synth::defocus::disk_values_at(source, &places, &STACK);
-    let at = |sigma: f32, p: &[f32; STACK.len()]| {
-        // Between two stds of the stack, a blurred image changes in proportion to the variance.
-        let k = STACK.partition_point(|&s| s <= sigma).clamp(1, STACK.len() - 1);
-        let (a, b) = (STACK[k - 1] * STACK[k - 1], STACK[k] * STACK[k]);
-        let t = ((sigma * sigma - a) / (b - a)).clamp(0.0, 1.0);
-        p[k - 1] + t * (p[k] - p[k - 1])
-    };
     let depth: Vec<f32> = places.iter().map(|&(x, y)| inverse_depth.at(x, y)).collect();
-    let samples = Samples::new(&places, |x, y| (target.at(x, y), weight.at(x, y)));
-    let model = |lens: Lens, i: usize| at(lens.sigma_px(depth[i]), &predicted[i]);
+    let blurred = |sigma: f32, i: usize| {
+        let (k, t) = in_stack(sigma);
+        predicted[i][k - 1] + t * (predicted[i][k] - predicted[i][k - 1])
+    };
+    let model = |lens: Lens, i: usize| blurred(lens.sigma_px(depth[i]), i);
+    let observed = |x: usize, y: usize| (target.at(x, y), weight.at(x, y));
+    let samples = Samples::new(&places, observed);
     let range = seen_range(depth.iter().copied());
-    // The first fit takes 1 as the scale of the residuals, the later ones estimate it.
-    let mut lens = best_lens(range, |l| samples.every(8).score(1.0, |i| model(l, i)));
+    // The first fit takes 1 as the scale of the residuals and a few of the places, the later ones estimate it and take all.
+    const FEW: usize = 8;
+    let few: Vec<(usize, usize)> = places.iter().copied().step_by(FEW).collect();
+    let few = Samples::new(&few, observed);
+    let scores = ScoresOverBlur::new(depth.iter().copied().step_by(FEW), |i, sigma| {
+        few.score_of(i, 1.0, blurred(sigma, FEW * i))
+    });
+    let over_slopes = |focus: f32, slopes: [f32; SLOPES]| scores.over_slopes(focus, slopes[0]);
+    let few_score = |lens: Lens| few.score(1.0, |i| model(lens, FEW * i));
+    let mut lens = best_lenses_by(range, over_slopes, few_score)[0].1;
     for _ in 0..2 {
         let scale = samples.scale(|i| model(lens, i));
         lens = refined_lens(lens, 1e-3, range, |l| samples.score(scale, |i| model(l, i))).1;
@@ -383,6 +473,31 @@ fn solve3(mut m: [[f64; 3]; 3], mut v: [f64; 3]) -> Option<[f64; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_part_of_the_stack_is_that_which_holds_the_std() {
+        for i in 0..=1200 {
+            let sigma = 0.01 * i as f32;
+            let (k, t) = in_stack(sigma);
+            let (a, b) = (STACK[k - 1].powi(2), STACK[k].powi(2));
+            assert!((a + t * (b - a) - sigma.min(10.0).powi(2)).abs() < 1e-3, "{sigma}: {k} {t}");
+        }
+    }
+
+    #[test]
+    fn the_scores_over_slopes_are_those_of_each_lens() {
+        let depths: Vec<f32> = (0..30).map(|i| 0.1 + 0.03 * i as f32).collect();
+        // A smooth score that ends where the stack does.
+        let score = |i: usize, sigma: f32| -(1.0 + sigma.min(10.0).powi(2)).ln() * (1.0 + 0.1 * i as f32);
+        let scores = ScoresOverBlur::new(depths.iter().copied(), score);
+        for (focus, least) in [(0.05, 0.01), (0.4, 0.1), (2.0, 0.3)] {
+            for (j, sum) in scores.over_slopes(focus, least).into_iter().enumerate() {
+                let lens = Lens { slope: least * 2f32.powf(j as f32 * SLOPE_OCTAVES), focus };
+                let alone: f32 = depths.iter().enumerate().map(|(i, &d)| score(i, lens.sigma_px(d))).sum();
+                assert!((sum - alone).abs() < 0.01 * alone.abs() + 0.5, "{focus} {j}: {sum} {alone}");
+            }
+        }
+    }
 
     #[test]
     fn the_quadratic_through_exact_points_is_found() {

@@ -80,8 +80,6 @@ pub(super) struct Samples {
     weight: Vec<f32>,
     /// The block of the image that each value lies in, since neighbours err alike.
     block: Vec<u32>,
-    /// Only one of every `step` values counts in scores.
-    step: usize,
 }
 
 impl Samples {
@@ -91,17 +89,6 @@ impl Samples {
             observed: values.iter().map(|v| v.0).collect(),
             weight: values.iter().map(|v| v.1).collect(),
             block: places.iter().map(|&(x, y)| (y / BLOCK * 1000 + x / BLOCK) as u32).collect(),
-            step: 1,
-        }
-    }
-
-    /// The same samples, of which scores use only one of every `n`.
-    pub(super) fn every(&self, n: usize) -> Self {
-        Self {
-            observed: self.observed.clone(),
-            weight: self.weight.clone(),
-            block: self.block.clone(),
-            step: n,
         }
     }
 
@@ -109,19 +96,21 @@ impl Samples {
         (self.observed[i] - model) * self.weight[i]
     }
 
-    /// Minus the sum of Huber's function (half the square up to 1.5, linear beyond) of residual over scale.
+    /// Minus Huber's function (half the square up to 1.5, linear beyond) of residual over scale of sample i.
+    #[inline(always)]
+    pub(super) fn score_of(&self, i: usize, scale: f32, model: f32) -> f32 {
+        let r = self.residual(i, model).abs() / scale;
+        if r < 1.5 { -0.5 * r * r } else { 1.125 - 1.5 * r }
+    }
+
+    /// The sum of [`Self::score_of`] over the samples.
     pub(super) fn score(&self, scale: f32, model: impl Fn(usize) -> f32) -> f32 {
-        let huber = |r: f32| {
-            let r = r.abs() / scale;
-            if r < 1.5 { 0.5 * r * r } else { 1.5 * r - 1.125 }
-        };
-        -(0..self.observed.len()).step_by(self.step).map(|i| huber(self.residual(i, model(i)))).sum::<f32>()
+        (0..self.observed.len()).map(|i| self.score_of(i, scale, model(i))).sum::<f32>()
     }
 
     /// A robust std of the residuals.
     pub(super) fn scale(&self, model: impl Fn(usize) -> f32) -> f32 {
-        let r =
-            (0..self.observed.len()).step_by(self.step).map(|i| self.residual(i, model(i)).abs()).collect();
+        let r = (0..self.observed.len()).map(|i| self.residual(i, model(i)).abs()).collect();
         1.4826 * median(r).unwrap_or(0.0).max(1e-4)
     }
 

@@ -36,6 +36,8 @@ use crate::{Encoded, Error, Flow, Plane, Result, par};
 use std::borrow::Cow;
 use std::collections::VecDeque;
 
+/// The number of last frames whose own exposures the interval is held against: older evidence has faded to a third.
+const READINGS: usize = 16;
 /// The number of last frames with evidence that must agree on a change.
 const AGREEING: usize = 3;
 /// The number of nats by which each of those frames must find the new value more likely than the old one.
@@ -647,7 +649,12 @@ impl Tracker {
                 evidence[..CURVES].fill(0.0);
                 evidence[turn * EXPOSURES..][..EXPOSURES].copy_from_slice(&curve);
             }
-            memory.add(evidence);
+            let reading = if found.len() >= agreement::FEWEST {
+                agreement::most_likely_exposure(&curve_of(&evidence)).min(1.0)
+            } else {
+                f32::NAN
+            };
+            memory.add(evidence, reading);
             if exposure_changed(memory) {
                 memory.forget_old();
                 self.changes.set(Distortion::MotionBlur, true);
@@ -658,7 +665,8 @@ impl Tracker {
             let (curves, moments) = sum.split_at(CURVES);
             let (tiles, speed) = (moments[0], agreement::typical_speed(moments[1], moments[2]));
             let mut curve = curve_of(&sum);
-            if 2.0 * moments[3] > tiles {
+            let even = 2.0 * moments[3] <= tiles;
+            if !even {
                 // What seems longer than a frame was faster than its flow says.
                 curve[FRAME_LONG + 1..].fill(f32::MIN);
             }
@@ -671,11 +679,16 @@ impl Tracker {
             let coding_error = self.luma_noise.map_or(0.0, |n| n.coding_error);
             let interval =
                 agreement::exposure_interval(estimate, &curve, &parts, BOOTSTRAPS, coding_error, speed);
+            let interval =
+                agreement::with_typical_frame(interval, memory.readings.iter().copied(), even, speed);
             let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
-            if tiles >= 6.0 && possible {
+            if tiles >= agreement::FEWEST as f32 && possible {
                 fits = Some(interval.map(|v| v.clamp(0.0, 1.0)));
             }
-            if tiles >= 6.0 && possible && interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY {
+            if tiles >= agreement::FEWEST as f32
+                && possible
+                && interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY
+            {
                 memory.age = 0;
                 self.known.exposure = Some(MotionBlurModel {
                     exposure: ExposureFraction(estimate.min(1.0)),
@@ -707,7 +720,7 @@ impl Tracker {
                 cell[SIGMAS] += w.tiles * w.inverse_depth;
                 cell[SIGMAS + 1] += w.tiles;
             }
-            memory.add(evidence);
+            memory.add(evidence, f32::NAN);
             if lens_changed(memory) {
                 memory.forget_old();
                 self.changes.set(Distortion::Defocus, true);
@@ -778,6 +791,8 @@ struct Memory {
     old: Vec<f32>,
     /// The faded evidence of each of the last frames.
     recent: VecDeque<Vec<f32>>,
+    /// What each of the last frames tells by itself, at most [`READINGS`] of them; NaN for a frame that tells nothing.
+    readings: VecDeque<f32>,
     /// The share of its weight that evidence keeps from one frame to the next.
     kept: f32,
     /// The number of frames in the memory, older frames counting less.
@@ -788,7 +803,14 @@ struct Memory {
 
 impl Memory {
     fn new(len: usize, kept: f32) -> Self {
-        Self { old: vec![0.0; len], recent: VecDeque::new(), kept, age: 0, weight: 0.0 }
+        Self {
+            old: vec![0.0; len],
+            recent: VecDeque::new(),
+            readings: VecDeque::new(),
+            kept,
+            age: 0,
+            weight: 0.0,
+        }
     }
 
     /// Lets a frame pass: all evidence fades.
@@ -800,8 +822,13 @@ impl Memory {
         self.old.iter_mut().chain(self.recent.iter_mut().flatten()).for_each(fade);
     }
 
-    fn add(&mut self, evidence: Vec<f32>) {
+    /// Adds a frame's evidence, and what the frame tells by itself.
+    fn add(&mut self, evidence: Vec<f32>, reading: f32) {
         self.weight += 1.0;
+        self.readings.push_back(reading);
+        if self.readings.len() > READINGS {
+            self.readings.pop_front();
+        }
         self.recent.push_back(evidence);
         if self.recent.len() > AGREEING
             && let Some(first) = self.recent.pop_front()
@@ -825,6 +852,7 @@ impl Memory {
     fn forget_old(&mut self) {
         self.old.fill(0.0);
         self.weight = self.recent.len() as f32;
+        self.readings.drain(..self.readings.len().saturating_sub(self.recent.len()));
     }
 
     fn forget(&mut self) {
@@ -834,6 +862,7 @@ impl Memory {
 
     fn forget_recent(&mut self) {
         self.weight = (self.weight - self.recent.len() as f32).max(0.0);
+        self.readings.truncate(self.readings.len().saturating_sub(self.recent.len()));
         self.recent.clear();
     }
 }
@@ -1074,6 +1103,25 @@ fn noise_changed(frames: &[Excess]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_frames_tell_by_themselves_is_forgotten_with_their_evidence() {
+        let of = |n: usize| {
+            let mut memory = Memory::new(1, 0.9);
+            (0..n).for_each(|i| memory.add(vec![1.0], i as f32));
+            memory
+        };
+        let mut recent = of(5);
+        recent.forget_recent();
+        assert_eq!(recent.readings, [0.0, 1.0]);
+        let mut old = of(5);
+        old.forget_old();
+        assert_eq!(old.readings, [2.0, 3.0, 4.0]);
+        assert_eq!(of(40).readings.len(), READINGS);
+        let mut all = of(40);
+        all.forget();
+        assert!(all.readings.is_empty());
+    }
 
     #[test]
     fn an_interval_widens_with_the_root_of_time() {
