@@ -168,7 +168,8 @@ pub(super) fn with_typical_frame(
     speed: f32,
 ) -> [f32; 2] {
     let of_frames: Vec<f32> = of_frames.filter(|v| v.is_finite()).collect();
-    if of_frames.len() < if even { 3 } else { 8 } {
+    let fewest = if even { 3 } else { 8 };
+    if of_frames.len() < fewest {
         return [low, high];
     }
     let [l, h] = with_hidden_streak(interval_of_median(of_frames), speed);
@@ -181,7 +182,7 @@ pub(super) fn typical_speed(sum: f32, squares: f32) -> f32 {
     squares / sum
 }
 
-/// The fewest observations that tell an exposure.
+/// The fewest tiles, or pairs of tiles, that tell an exposure.
 pub(super) const FEWEST: usize = 6;
 
 /// The observation of the exposure by a tile, or by a pair of tiles.

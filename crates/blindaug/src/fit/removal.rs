@@ -462,7 +462,7 @@ fn looked_at<'a>(frames: &[&'a [Tile]]) -> Vec<(usize, usize, &'a Tile)> {
 /// The exposure that the tiles of all frames agree on.
 pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
     let moving: Vec<_> = looked_at(frames).into_iter().filter(|t| t.2.speed > 0.0).collect();
-    if moving.len() < 6 {
+    if moving.len() < agreement::FEWEST {
         let why = "too little in the frames moves, or what moves has no texture";
         return Estimate::unknown(Reason::NoMotion, why);
     }
@@ -494,7 +494,7 @@ pub fn fit_exposure(frames: &[&[Tile]]) -> Estimate<ExposureFit> {
         return Estimate::Unknown(Unknown::new(Reason::Uncertain, why).with_fits(fits));
     }
     let per_frame = (0..frames.len())
-        .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= 6)
+        .filter(|&f| moving.iter().filter(|m| m.0 == f).count() >= agreement::FEWEST)
         .map(|f| (f, agreement::most_likely_exposure(&summed(&|i| moving[i].0 == f)).min(1.0)))
         .collect();
     let curve = relative(sum.into_iter())

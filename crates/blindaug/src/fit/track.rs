@@ -684,19 +684,16 @@ impl Tracker {
             let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
             if tiles >= agreement::FEWEST as f32 && possible {
                 fits = Some(interval.map(|v| v.clamp(0.0, 1.0)));
-            }
-            if tiles >= agreement::FEWEST as f32
-                && possible
-                && interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY
-            {
-                memory.age = 0;
-                self.known.exposure = Some(MotionBlurModel {
-                    exposure: ExposureFraction(estimate.min(1.0)),
-                    interval,
-                    method: Method::Spectral,
-                    samples: tiles.round() as u64,
-                    phase_degrees: None,
-                });
+                if interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY {
+                    memory.age = 0;
+                    self.known.exposure = Some(MotionBlurModel {
+                        exposure: ExposureFraction(estimate.min(1.0)),
+                        interval,
+                        method: Method::Spectral,
+                        samples: tiles.round() as u64,
+                        phase_degrees: None,
+                    });
+                }
             }
         }
         let Some(known) = self.known.exposure else {
