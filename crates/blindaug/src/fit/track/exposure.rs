@@ -1,0 +1,209 @@
+//! The exposure from frame to frame.
+
+use super::memory::{AGREEING, Memory, SURE, walked};
+use crate::fit::agreement::{self, ExposureObservation};
+use crate::fit::{likelihood, tiles, uneven};
+use crate::model::{Estimate, ExposureFraction, Method, MotionBlurModel, Reason, Unknown};
+use crate::portable::Portable;
+use std::collections::VecDeque;
+
+/// The number of last frames whose own exposures the interval is held against: older evidence has faded to a third.
+const READINGS: usize = 16;
+/// The largest difference of exposure fractions that is not a change.
+const SAME: f32 = 0.1;
+/// The share of its weight that evidence keeps from one frame to the next.
+const KEPT: f32 = 0.93;
+/// The std, per frame, of the random walk of an exposure fraction that is not seen.
+const WALK: f32 = 0.01;
+/// The number of frames whose summed log-likelihood has the width over which the exposure is averaged.
+const MEAN_OF: f32 = 4.0;
+/// The number of exposures in a curve.
+pub(super) const EXPOSURES: usize = likelihood::EXPOSURES;
+/// The index, in a curve, of an exposure as long as a frame interval.
+const FRAME_LONG: usize = (1.0 / likelihood::EXPOSURE_STEP + 0.5) as usize;
+/// The length of the curves in the evidence, one for each block. The number of tiles, the sum of their speeds, the sum of the squared
+/// speeds and the number of those in frames of uneven motion follow them.
+const CURVES: usize = tiles::BLOCK_COUNT * EXPOSURES;
+
+/// The summed log-likelihood of the exposure over lambda, per block of the image, and the last known exposure.
+pub(super) struct ExposureMemory {
+    memory: Memory,
+    /// The exposure that each of the last frames tells by itself, at most [`READINGS`] of them; NaN for a frame that tells nothing.
+    readings: VecDeque<f32>,
+    /// The last exposure whose interval was narrow enough.
+    pub known: Option<MotionBlurModel>,
+}
+
+impl Default for ExposureMemory {
+    fn default() -> Self {
+        Self { memory: Memory::new(CURVES + 4, KEPT), readings: VecDeque::new(), known: None }
+    }
+}
+
+impl ExposureMemory {
+    /// The exposure with the observations of the frame of this index, and whether it has changed. `coding_error` is
+    /// [`LumaNoise::coding_error`](crate::fit::noise::LumaNoise::coding_error).
+    pub fn follow(
+        &mut self,
+        found: &[ExposureObservation],
+        frame: usize,
+        coding_error: f32,
+    ) -> (Estimate<MotionBlurModel>, bool) {
+        self.memory.fade();
+        let (mut fits, mut changed) = (None, false);
+        if !found.is_empty() {
+            self.add(found, frame);
+            changed = exposure_changed(&self.memory);
+            if changed {
+                self.forget_old();
+            }
+            fits = self.fit(coding_error);
+        }
+        let Some(known) = self.known else {
+            let why = "in this shot so far, too little has moved, or what moved has too little texture";
+            return (Estimate::Unknown(Unknown { fits, ..Unknown::new(Reason::NoMotion, why) }), changed);
+        };
+        let [low, high] = walked(known.interval, known.exposure.0, WALK, self.memory.age);
+        (Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known }), changed)
+    }
+
+    /// Adds the evidence of a frame, and the exposure that it tells by itself.
+    fn add(&mut self, found: &[ExposureObservation], frame: usize) {
+        let speed_error = found.iter().map(|w| w.speed_error).fold(0.0, f32::max);
+        let mut evidence = vec![0.0; self.memory.old.len()];
+        let (curves, moments) = evidence.split_at_mut(CURVES);
+        for w in found {
+            let at = w.block as usize * EXPOSURES;
+            curves[at..at + EXPOSURES].iter_mut().zip(&w.log_likelihood).for_each(|(s, v)| *s += v);
+            let uneven = if speed_error > 0.0 { 1.0 } else { 0.0 };
+            moments.iter_mut().zip([1.0, w.speed, w.speed * w.speed, uneven]).for_each(|(s, v)| *s += v);
+        }
+        if speed_error > 0.0 {
+            // All tiles of the frame err alike, and those of other frames otherwise: the frame takes the place of a block.
+            let curve = uneven::over_speeds(&curve_of(&evidence), speed_error);
+            evidence[..CURVES].fill(0.0);
+            evidence[frame % tiles::BLOCK_COUNT * EXPOSURES..][..EXPOSURES].copy_from_slice(&curve);
+        }
+        let reading = if found.len() >= agreement::FEWEST {
+            agreement::most_likely_exposure(&curve_of(&evidence)).min(1.0)
+        } else {
+            f32::NAN
+        };
+        self.remember(evidence, reading);
+    }
+
+    fn remember(&mut self, evidence: Vec<f32>, reading: f32) {
+        self.memory.add(evidence);
+        self.readings.push_back(reading);
+        if self.readings.len() > READINGS {
+            self.readings.pop_front();
+        }
+    }
+
+    /// Fits the exposure to all evidence, and keeps it if its interval is narrow enough. Gives the interval if there are enough tiles.
+    fn fit(&mut self, coding_error: f32) -> Option<[f32; 2]> {
+        let sum = self.memory.sum();
+        let (curves, moments) = sum.split_at(CURVES);
+        let (tiles, speed) = (moments[0], agreement::typical_speed(moments[1], moments[2]));
+        let mut curve = curve_of(&sum);
+        let even = 2.0 * moments[3] <= tiles;
+        if !even {
+            // What seems longer than a frame was faster than its flow says.
+            curve[FRAME_LONG + 1..].fill(f32::MIN);
+        }
+        let estimate = mean_exposure(&curve, self.memory.weight);
+        let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
+            .zip(curves.chunks(EXPOSURES))
+            .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
+            .map(|(block, c)| (block, 0, c.to_vec()))
+            .collect();
+        let interval =
+            agreement::exposure_interval(estimate, &curve, &parts, super::BOOTSTRAPS, coding_error, speed);
+        let interval = agreement::with_typical_frame(interval, self.readings.iter().copied(), even, speed);
+        let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
+        if tiles < agreement::FEWEST as f32 || !possible {
+            return None;
+        }
+        if interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY {
+            self.memory.age = 0;
+            self.known = Some(MotionBlurModel {
+                exposure: ExposureFraction(estimate.min(1.0)),
+                interval,
+                method: Method::Spectral,
+                samples: tiles.round() as u64,
+                phase_degrees: None,
+            });
+        }
+        Some(interval.map(|v| v.clamp(0.0, 1.0)))
+    }
+
+    fn forget_old(&mut self) {
+        self.memory.forget_old();
+        self.readings.drain(..self.readings.len().saturating_sub(self.memory.recent.len()));
+    }
+
+    /// Forgets the evidence of the last frames.
+    pub fn forget_recent(&mut self) {
+        self.readings.truncate(self.readings.len().saturating_sub(self.memory.recent.len()));
+        self.memory.forget_recent();
+    }
+}
+
+/// The sum of the blocks' curves.
+fn curve_of(evidence: &[f32]) -> Vec<f32> {
+    let mut sum = vec![0.0; EXPOSURES];
+    for curve in evidence[..CURVES].chunks(EXPOSURES) {
+        sum.iter_mut().zip(curve).for_each(|(s, v)| *s += v);
+    }
+    sum
+}
+
+/// The mean exposure under the likelihood of a curve that sums `frames` frames, made as wide as that of [`MEAN_OF`] frames: the maximum
+/// of a sum of clipped log-likelihoods would jump between places that are almost equally likely.
+fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
+    let max = curve.iter().copied().fold(f32::MIN, f32::max);
+    let sharpness = (MEAN_OF / frames).min(1.0);
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (i, v) in curve.iter().enumerate() {
+        let weight = (sharpness * (v - max)).portable_exp();
+        sum += weight * i as f32 * likelihood::EXPOSURE_STEP;
+        weights += weight;
+    }
+    sum / weights
+}
+
+/// Whether the last frames agree on an exposure that differs from that of the frames before them.
+fn exposure_changed(memory: &Memory) -> bool {
+    if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
+        return false;
+    }
+    let at = |v: f32| (v / likelihood::EXPOSURE_STEP).round() as usize;
+    let before = at(agreement::most_likely_exposure(&curve_of(&memory.old)));
+    let now = at(agreement::most_likely_exposure(&curve_of(&memory.recent_sum())));
+    now.abs_diff(before) > at(SAME)
+        && memory.recent.iter().all(|frame| {
+            let curve = curve_of(frame);
+            curve[now] - curve[before] > SURE
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_frames_tell_by_themselves_is_forgotten_with_their_evidence() {
+        let of = |n: usize| {
+            let mut memory = ExposureMemory::default();
+            (0..n).for_each(|i| memory.remember(vec![1.0; CURVES + 4], i as f32));
+            memory
+        };
+        let mut recent = of(5);
+        recent.forget_recent();
+        assert_eq!(recent.readings, [0.0, 1.0]);
+        let mut old = of(5);
+        old.forget_old();
+        assert_eq!(old.readings, [2.0, 3.0, 4.0]);
+        assert_eq!(of(40).readings.len(), READINGS);
+    }
+}

@@ -1,0 +1,157 @@
+//! The lens from frame to frame.
+
+use super::memory::{AGREEING, Memory, SURE, walked};
+use crate::Result;
+use crate::fit::agreement::{self, FineTables, LensObservation};
+use crate::fit::defocus::{self, Lens};
+use crate::fit::{likelihood, tiles};
+use crate::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, Method, ThinLensInterval, Unknown};
+use crate::portable::Portable;
+
+/// The largest difference of mean blur that is not a change: in px, plus a share of the blur before.
+const SAME_BLUR: (f32, f32) = (0.25, 0.1);
+/// The largest share of the old lens's loss (minus its log-likelihood) that a new lens may have: some lens always suits a few tiles better.
+const LEFT_OF_LOSS: f32 = 0.33;
+/// The share of its weight that evidence keeps from one frame to the next.
+const KEPT: f32 = 0.98;
+/// The relative std, per frame, of the random walk of a lens that is not seen.
+const WALK: f32 = 0.02;
+/// The number of blurs in a table.
+pub(super) const SIGMAS: usize = likelihood::SIGMAS;
+/// The length of a cell of the evidence. There is a cell for each block of the image and bin of inverse depth, with its table, the sum of
+/// its tiles' inverse depths, and the number of its tiles.
+const CELL: usize = SIGMAS + 2;
+/// The number of bins of inverse depth: 8 per octave from 1/256 to 16; the first and the last bin also hold values outside this range.
+const DEPTHS: usize = 96;
+
+/// The summed log-likelihood of the blur, per block and inverse depth, and the last known lens.
+pub(super) struct LensMemory {
+    memory: Memory,
+    known: Option<DefocusModel>,
+}
+
+impl Default for LensMemory {
+    fn default() -> Self {
+        Self { memory: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT), known: None }
+    }
+}
+
+impl LensMemory {
+    /// The lens with the observations of another frame, and whether it has changed. Without any known lens, and without an estimate that
+    /// says more, `why` is the reason.
+    ///
+    /// # Errors
+    /// If the observations fit no lens at all.
+    pub fn follow(
+        &mut self,
+        found: &[LensObservation],
+        depth_kind: Option<DepthKind>,
+        mut why: Unknown,
+    ) -> Result<(Estimate<DefocusModel>, bool)> {
+        let memory = &mut self.memory;
+        memory.fade();
+        let mut changed = false;
+        if let (false, Some(depth_kind)) = (found.is_empty(), depth_kind) {
+            let mut evidence = vec![0.0; memory.old.len()];
+            for w in found {
+                let cell = w.block as usize * DEPTHS + depth_bin(w.inverse_depth);
+                let cell = &mut evidence[cell * CELL..][..CELL];
+                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-likelihood::CLIP * w.tiles));
+                cell[SIGMAS] += w.tiles * w.inverse_depth;
+                cell[SIGMAS + 1] += w.tiles;
+            }
+            memory.add(evidence);
+            changed = lens_changed(memory);
+            if changed {
+                memory.forget_old();
+            }
+            match agreement::lens_of(&observations_of(&memory.sum()), super::BOOTSTRAPS)? {
+                Estimate::Known(fit) => {
+                    let curve = DefocusCurve::ThinLens {
+                        sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
+                        focus_inverse_depth: fit.lens.focus,
+                        interval: Some(ThinLensInterval {
+                            sigma_px_at_infinity: fit.sigma_px_at_infinity,
+                            focus_inverse_depth: fit.focus_inverse_depth,
+                        }),
+                    };
+                    memory.age = 0;
+                    self.known = Some(DefocusModel {
+                        method: Method::Spectral,
+                        samples: fit.samples as u64,
+                        inverse_depth_seen: Some(fit.inverse_depth_seen),
+                        ..DefocusModel::given(curve, depth_kind)
+                    });
+                }
+                Estimate::Unknown(reason) => why = reason,
+            }
+        }
+        let Some(mut known) = self.known.clone() else { return Ok((Estimate::Unknown(why), changed)) };
+        if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
+            &mut known.curve
+        {
+            i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK * *s, memory.age);
+            i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK * *f, memory.age);
+        }
+        Ok((Estimate::Known(known), changed))
+    }
+
+    /// Forgets all evidence; what is known stays known until there is new evidence.
+    pub fn forget_evidence(&mut self) {
+        self.memory.forget();
+    }
+
+    /// Forgets the evidence of the last frames.
+    pub fn forget_recent(&mut self) {
+        self.memory.forget_recent();
+    }
+}
+
+fn depth_bin(inverse_depth: f32) -> usize {
+    (8.0 * (inverse_depth.max(1e-6).portable_log2() + 8.0)).clamp(0.0, (DEPTHS - 1) as f32) as usize
+}
+
+fn observations_of(evidence: &[f32]) -> Vec<LensObservation> {
+    evidence
+        .chunks(CELL)
+        .enumerate()
+        .filter(|(_, cell)| cell[SIGMAS + 1] > 0.05)
+        .map(|(i, cell)| LensObservation {
+            inverse_depth: cell[SIGMAS] / cell[SIGMAS + 1],
+            table: cell[..SIGMAS].to_vec(),
+            tiles: cell[SIGMAS + 1],
+            block: (i / DEPTHS) as u32,
+            part: 0,
+        })
+        .collect()
+}
+
+/// Whether the last frames agree on a lens that differs from that of the frames before them.
+fn lens_changed(memory: &Memory) -> bool {
+    if memory.recent.len() < AGREEING {
+        return false;
+    }
+    let best = |observations: &[LensObservation], tables: &FineTables| -> Option<Lens> {
+        (observations.iter().map(|w| w.tiles).sum::<f32>() >= 8.0).then(|| {
+            defocus::best_lens(agreement::lens_range(observations), |l| tables.log_likelihood(l, None))
+        })
+    };
+    let [old, recent] = [observations_of(&memory.old), observations_of(&memory.recent_sum())];
+    let of_recent = FineTables::new(&recent);
+    let (Some(before), Some(now)) = (best(&old, &FineTables::new(&old)), best(&recent, &of_recent)) else {
+        return false;
+    };
+    let mean = |of: &dyn Fn(f32) -> f32| {
+        let tiles: f32 = recent.iter().map(|w| w.tiles).sum();
+        recent.iter().map(|w| w.tiles * of(w.inverse_depth)).sum::<f32>() / tiles
+    };
+    let likelihood = |lens| of_recent.log_likelihood(lens, None);
+    mean(&|d| (now.sigma_px(d) - before.sigma_px(d)).abs())
+        > SAME_BLUR.0 + SAME_BLUR.1 * mean(&|d| before.sigma_px(d))
+        && likelihood(now) >= LEFT_OF_LOSS * likelihood(before)
+        && memory.recent.iter().all(|frame| {
+            let tables = FineTables::new(&observations_of(frame));
+            let of = |lens| tables.log_likelihood(lens, None);
+            of(now) - of(before) > SURE
+        })
+}

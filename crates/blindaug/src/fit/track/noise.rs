@@ -1,0 +1,313 @@
+//! The noise from frame to frame.
+
+use super::memory::walked;
+use crate::fit::distant::{DISTANCES, DistantPairs};
+use crate::fit::geometry::Follower;
+use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseLine};
+use crate::fit::robust::median;
+use crate::fit::sharpening;
+use crate::model::{Changes, Distortion, DistortionModel, Estimate, Method, NoiseModel, SharpeningModel};
+use crate::portable::Portable;
+use crate::{Encoded, Flow, Result};
+use std::collections::VecDeque;
+
+/// The number of frames that the noise is estimated from: more than two of a coder's usual groups of pictures.
+const FRAMES: usize = 48;
+/// The number of blocks of each level that the noise's curves go through: a third of what a whole clip's do, since there is a fit for each
+/// frame, and what is told is a mean over frames.
+const BLOCKS: usize = 2000;
+/// The pairs of distant frames that the noise of compressed footage is estimated from.
+const PAIRS: usize = 4;
+/// The number of frames of a shot after which the noise is no longer that of the kinds of frames that a coder begins with.
+const SETTLED: usize = 24;
+/// The share of a frame's new estimate of the noise in what is told, unless the noise has jumped: the estimates of successive frames look at
+/// different parts of the picture, and noise that differs from frame to frame would be seen to flicker.
+const NEW: f32 = 0.2;
+/// The same once the noise has settled.
+const NEW_SETTLED: f32 = 0.03;
+/// The relative std, per frame, of the random walk of noise that is not seen.
+const WALK: f32 = 0.01;
+/// The approximate number of px of the part of a frame in which noise is measured.
+const PART: usize = 64_000;
+
+/// The noise's evidence, and the last known noise and sharpening.
+pub(super) struct NoiseFollower {
+    memory: NoiseMemory,
+    distant: DistantPairs,
+    /// The noise of luma, which outlasts a cut: some noise is needed to look at a shot's first frames.
+    pub luma: Option<LumaNoise>,
+    known: Option<NoiseModel>,
+    /// The sharpening, which shows in noise between frames; `None` if none was seen in this shot.
+    pub sharpening: Option<Estimate<SharpeningModel>>,
+}
+
+impl Default for NoiseFollower {
+    fn default() -> Self {
+        let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
+        Self { memory, distant, luma: None, known: None, sharpening: None }
+    }
+}
+
+impl NoiseFollower {
+    /// The noise with the frame of this index, and what has changed of noise and sharpening. `neighbour` is the frame next to it, with the
+    /// flow that leads there.
+    ///
+    /// # Errors
+    /// If a frame is not finite, or sizes differ.
+    pub fn follow(
+        &mut self,
+        (index, frame): (usize, &Encoded),
+        neighbour: Option<(&Encoded, &Flow)>,
+        follower: &mut Follower,
+    ) -> Result<(Estimate<NoiseModel>, Changes)> {
+        let mut changes = Changes::default();
+        let mut evidence = NoiseEvidence::new(Method::Temporal);
+        let mut part = 0;
+        if let Some((other, flow)) = neighbour {
+            // Strips of the frame are used in turn. Their height is a multiple of the side of the coarsest level's blocks.
+            const STEP: usize = 32;
+            let (w, h) = frame.0.size();
+            let parts = (w * h).div_ceil(PART).min((h / STEP).max(1));
+            let edge = |part: usize| if part == parts { h } else { part * (h / STEP) / parts * STEP };
+            part = index % parts;
+            evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
+        }
+        let model = self.luma.unwrap_or_default().levels[0];
+        let jumped = self.memory.push(evidence, part, &model);
+        changes.set(Distortion::Noise, jumped);
+        if jumped {
+            self.distant.forget();
+        }
+        let near = self.memory.middle(&model);
+        // Distant frames are compared seldom, so a larger part of them.
+        let (w, h) = frame.0.size();
+        let turns = (w * h).div_ceil(4 * PART).min((h / 64).max(1));
+        let (coded, turn) =
+            (self.luma.is_some_and(|n| n.may_be_compressed()), index / DISTANCES.start() % turns);
+        self.distant.push((index, frame), || coded, follower, (turn, turns))?;
+        let mut fit = self.distant.complete(&near, near.fit_to(BLOCKS));
+        if fit.luma.is_none() && self.known.is_none() {
+            let mut single = NoiseEvidence::new(Method::Spatial);
+            single.add_single(frame);
+            fit = single.fit();
+        }
+        self.luma = fit.luma.or(self.luma);
+        let Some(fresh) = fit.model.known() else {
+            let told = match &self.known {
+                Some(noise) => Estimate::Known(walked_noise(noise, self.memory.age)),
+                None => fit.model,
+            };
+            return Ok((told, changes));
+        };
+        let mut told = fresh.clone();
+        if fresh.method() == Method::Temporal {
+            if let Some(before) = self.known.as_ref().filter(|_| !jumped) {
+                let settled = self.memory.frames.len() >= SETTLED;
+                told = before.between(fresh, if settled { NEW_SETTLED } else { NEW });
+            }
+            self.known = Some(told.clone());
+            let fresh = sharpening::of_noise(&fit);
+            let before = self.sharpening.as_ref().and_then(Estimate::known);
+            let jumped = before.zip(fresh.known()).is_some_and(|(a, b)| {
+                // The amount has jumped if the intervals do not overlap.
+                a.interval[1] < b.interval[0] || b.interval[1] < a.interval[0]
+            });
+            changes.set(Distortion::Sharpening, jumped);
+            self.sharpening = Some(fresh);
+        }
+        Ok((Estimate::Known(walked_noise(&told, self.memory.age)), changes))
+    }
+
+    /// Forgets all but the noise of luma: another shot may be another camera's.
+    pub fn forget(&mut self) {
+        *self = Self { luma: self.luma, ..Self::default() };
+    }
+
+    /// Whether the noise rests on so few frames of this shot that those to come will correct it.
+    pub fn settles(&self) -> bool {
+        self.memory.seen < SETTLED
+    }
+}
+
+/// The local variances of the last frames that gave evidence of noise.
+///
+/// In footage that was compressed, the noise differs from frame to frame with the kind of each frame, while the camera stays the same. So
+/// the noise is that of the frames in the middle, and a change is one of all kinds of frames.
+#[derive(Default)]
+struct NoiseMemory {
+    /// The evidence of up to [`FRAMES`] frames, each with the index of the part of the picture that it is about.
+    frames: VecDeque<(NoiseEvidence, usize)>,
+    /// The number of frames since the last evidence.
+    age: usize,
+    /// The number of frames of the shot.
+    seen: usize,
+}
+
+impl NoiseMemory {
+    /// Adds the evidence of the part of a frame with this index, and says whether the noise has changed. The frames are compared with each
+    /// other by how much their noise exceeds that of `model`.
+    fn push(&mut self, evidence: NoiseEvidence, part: usize, model: &NoiseLine) -> bool {
+        self.age += 1;
+        self.seen += 1;
+        if evidence.log_ratio(model).is_none() {
+            return false;
+        }
+        self.age = 0;
+        self.frames.push_back((evidence, part));
+        if self.frames.len() > FRAMES {
+            self.frames.pop_front();
+        }
+        let changed = noise_changed(&self.excesses(model));
+        if let Some(since) = changed {
+            self.frames.drain(..self.frames.len() - since);
+        }
+        changed.is_some()
+    }
+
+    /// The log of each frame's noise std over that of `model`, and the index of the frame's part.
+    fn excesses(&self, model: &NoiseLine) -> Vec<Excess> {
+        /// The least std, a quarter of a step of 8 bits: what is less cannot be seen, and says nothing of a camera.
+        const LEAST: f32 = 0.25 / 255.0;
+        let least = (LEAST / (0.4 * model.slope + model.intercept).max(1e-4)).portable_ln();
+        let of = |(frame, part): &(NoiseEvidence, usize)| Excess {
+            part: *part,
+            log: frame.log_ratio(model).unwrap_or(least).max(least),
+        };
+        self.frames.iter().map(of).collect()
+    }
+
+    /// The evidence of the frames in the middle: the half of each part's frames whose noise differs least from the part's median, and all that
+    /// differ by no more than [`LIKE_MEDIAN`].
+    fn middle(&self, model: &NoiseLine) -> NoiseEvidence {
+        let excesses = self.excesses(model);
+        let apart = apart(&excesses, &excesses);
+        let mut sorted: Vec<f32> = apart.iter().map(|v| v.abs()).collect();
+        sorted.sort_by(f32::total_cmp);
+        let most = sorted.get(sorted.len() / 2).map_or(LIKE_MEDIAN, |m| m.max(LIKE_MEDIAN));
+        let mut all = NoiseEvidence::new(Method::Temporal);
+        let middle = self.frames.iter().zip(&apart).filter(|(_, apart)| apart.abs() <= most);
+        middle.for_each(|((frame, _), _)| all.merge(frame));
+        all
+    }
+}
+
+/// By how much the noise of a frame exceeds a model's.
+#[derive(Clone, Copy)]
+struct Excess {
+    /// The index of the part of the picture.
+    part: usize,
+    /// The log of the ratio of the stds.
+    log: f32,
+}
+
+/// The difference of the logs of noise stds of frames that count as alike.
+const LIKE_MEDIAN: f32 = 0.15;
+
+/// The differences of some frames from the median of the others that are about the same part of the picture, or of all others if none is.
+fn apart(some: &[Excess], others: &[Excess]) -> Vec<f32> {
+    let of = |e: &Excess| {
+        let same = |o: &&Excess| o.part == e.part;
+        let median = median(others.iter().filter(same).map(|o| o.log).collect())
+            .or_else(|| median(others.iter().map(|o| o.log).collect()));
+        e.log - median.unwrap_or(e.log)
+    };
+    some.iter().map(of).collect()
+}
+
+/// The number of last frames whose noise is another than that of the frames before them, if there are such.
+///
+/// Either the last few frames all lie beyond the whole range of those before, or the median of the last dozen is away from that of those
+/// before by much more than both scatter. A dozen frames are those of a coder's usual group of pictures, or half of it.
+fn noise_changed(frames: &[Excess]) -> Option<usize> {
+    /// The numbers of last frames: a few, and a dozen.
+    const LAST: [usize; 2] = [5, 12];
+    /// The fewest and the most frames before these that they are compared with.
+    const BEFORE: (usize, usize) = (12, 36);
+    /// How far beyond the range of those before the few must lie, as a difference of logs of stds.
+    const BEYOND: f32 = 0.1;
+    /// The least difference of the medians that is a change, as a difference of logs of stds, and as a multiple of its standard error.
+    const SHIFT: (f32, f32) = (0.3, 4.5);
+    /// The share of the dozen that must lie on the same side.
+    const SAME_SIDE: f32 = 0.8;
+    /// The largest drift within the frames before, as a share of the shift, that lets the shift be a jump: what drifts is followed anyway.
+    const DRIFT: f32 = 0.5;
+    /// The least std by which frames scatter, as a difference of logs of stds.
+    const SCATTER: f32 = 0.03;
+    LAST.into_iter().find(|&last| {
+        let Some(first) = frames.len().checked_sub(last) else { return false };
+        let before = &frames[first.saturating_sub(BEFORE.1)..first];
+        if before.len() < BEFORE.0 {
+            return false;
+        }
+        let (now, usual) = (apart(&frames[first..], before), apart(before, before));
+        let middle = |v: &[f32]| median(v.to_vec()).unwrap_or(0.0);
+        let shift = middle(&now);
+        let (early, late) = usual.split_at(usual.len() / 2);
+        if (middle(late) - middle(early)).abs() > DRIFT * shift.abs() {
+            return false;
+        }
+        if last == LAST[0] {
+            let beyond = |sign: f32| {
+                let most = usual.iter().map(|v| sign * v).fold(0.0, f32::max);
+                now.iter().all(|v| sign * v > most + BEYOND)
+            };
+            return beyond(1.0) || beyond(-1.0);
+        }
+        // The median absolute deviation of normal numbers is their std over 1.48; the median of n has 1.25 times the error of the mean.
+        let scatter = (1.48 * middle(&usual.iter().map(|v| v.abs()).collect::<Vec<_>>())).max(SCATTER);
+        let error = 1.25 * scatter * (1.0 / last as f32 + 1.0 / usual.len() as f32).sqrt();
+        let same_side = now.iter().filter(|v| *v * shift > 0.0).count() as f32;
+        shift.abs() > SHIFT.0.max(SHIFT.1 * error) && same_side >= SAME_SIDE * last as f32
+    })
+}
+
+fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
+    let mut walked_noise = noise.clone();
+    let noise = walked_noise.lines_mut();
+    for (level, interval) in noise.levels.iter().zip(noise.interval.iter_mut().flatten()) {
+        for c in 0..3 {
+            let step = WALK * level.intercept[c];
+            interval.intercept[c] = walked(interval.intercept[c], level.intercept[c], step, age);
+            let reach = 1.96 * WALK * level.slope[c].abs() * (age as f32).sqrt();
+            let [low, high] = interval.slope[c];
+            let side = |deviation: f32| deviation.max(0.0).portable_hypot(reach);
+            interval.slope[c] =
+                [level.slope[c] - side(level.slope[c] - low), level.slope[c] + side(high - level.slope[c])];
+        }
+    }
+    walked_noise
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_of_frames_are_no_change_of_the_noise_and_a_gain_is() {
+        // Two parts of the picture in turn, scatter of a std of 0.2, and a frame of another kind in every twelfth place.
+        let frame = |t: usize, gain: f32, scatter: f32| {
+            let noise: f32 = (0..6).map(|k| crate::fit::uniform(7 + k, t as u64) - 0.5).sum();
+            let kind = if t.is_multiple_of(12) { 1.0 } else { 0.0 };
+            let part = t % 2;
+            Excess { part, log: gain + 0.5 * part as f32 + scatter * (kind + 0.2 * 1.41 * noise) }
+        };
+        let noticed = |gain: &dyn Fn(usize) -> f32, scatter: f32| -> Vec<usize> {
+            let all: Vec<Excess> = (0..400).map(|t| frame(t, gain(t), scatter)).collect();
+            (1..=all.len())
+                .filter(|&n| noise_changed(&all[n.saturating_sub(FRAMES)..n]).is_some())
+                .map(|n| n - 1)
+                .collect()
+        };
+        assert!(noticed(&|_| 0.0, 1.0).is_empty());
+        // What drifts is no jump either.
+        assert!(noticed(&|t| 0.004 * t as f32, 1.0).is_empty());
+        for factor in [1.7f32, 1.0 / 1.7] {
+            let jump = |t: usize| if t < 200 { 0.0 } else { factor.ln() };
+            let found = noticed(&jump, 1.0);
+            assert!(found.first().is_some_and(|t| (200..230).contains(t)), "{factor}: {found:?}");
+            // Without a coder it is found at once.
+            let found = noticed(&jump, 0.1);
+            assert!(found.first().is_some_and(|t| (202..206).contains(t)), "{factor}: {found:?}");
+        }
+    }
+}
