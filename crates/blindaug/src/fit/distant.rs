@@ -7,7 +7,8 @@
 
 use super::geometry::Follower;
 use super::noise::{MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint, lost};
-use crate::model::{Estimate, Method, NoiseModel};
+use crate::model::{DistortionModel, Estimate, Method, NoiseLines, NoiseModel};
+use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
 use crate::{Encoded, Flow, Result};
 use std::collections::VecDeque;
@@ -57,8 +58,8 @@ struct Pair {
 /// What the pairs tell.
 struct Found {
     distant: Option<Distant>,
-    /// The [`total`] std of what a frame's flattest parts hold: noise and texture, less what a coder took away.
-    most: Option<f32>,
+    /// What a frame's flattest parts hold: noise and texture, less what a coder took away.
+    most: Option<NoiseModel>,
 }
 
 /// The noise between distant frames.
@@ -155,8 +156,9 @@ impl DistantPairs {
             // What is copied over the distance, too, is not seen: the more is copied or taken away, the more the noise may be, up to all that a
             // frame's flattest parts hold.
             let hidden = (correlation / MOST_CORRELATED).max(lost(left));
-            let share = (most / total(model).max(1e-9)).max(1.0);
+            let share = (total(most) / total(model).max(1e-9)).max(1.0);
             model.widen(1.0, 1.0 + hidden * (share - 1.0));
+            raise(model, most, correlation);
         }
         fit
     }
@@ -169,12 +171,13 @@ impl DistantPairs {
             pair.distant.iter().for_each(|pair| distant.merge(pair));
             single.merge(&pair.single);
         }
-        let most = single.fit().model.known().map(total);
+        let most = single.fit().model.known().cloned();
         let distant = match (distant.flat_power(), distant.fit()) {
             (Some(flat_power), NoiseFit { model: Estimate::Known(mut model), points, .. }) => {
                 // Coded frames differ by a coder's errors, too, and their quietest parts have lost noise: where pairs tell more than single
                 // frames, the noise is between the two.
-                let between = most.map_or(1.0, |most| (most / total(&model).max(1e-9)).min(1.0).sqrt());
+                let between =
+                    most.as_ref().map_or(1.0, |most| (total(most) / total(&model).max(1e-9)).min(1.0).sqrt());
                 model.multiply(between);
                 model.widen(between, between.recip());
                 Some(Distant { model, points, flat_power })
@@ -183,6 +186,29 @@ impl DistantPairs {
         };
         Found { distant, most }
     }
+}
+
+/// Raises noise of which hardly any is seen between frames. Frames whose noise was copied differ by nothing, so the noise lies anywhere between
+/// what is seen and `most`, what a frame's flattest parts hold: the geometric mean of both is taken, and the less the more is seen. What differs
+/// between successive frames stays as it is: the rest is shared by them. `correlation` is that of what is seen. The interval stays, too.
+fn raise(model: &mut NoiseModel, most: &NoiseModel, correlation: f32) {
+    /// The [`total`] std of noise that no frame of 8 bits shows.
+    const UNSEEN: f32 = MIDDLE.len() as f32 * 0.25 / 255.0;
+    let (seen, all) = (total(model), total(most));
+    let least = seen.max(UNSEEN);
+    if all <= least {
+        return;
+    }
+    let told = least * (all / least).portable_powf(0.5 * lost(seen / MIDDLE.len() as f32));
+    if told <= seen {
+        return;
+    }
+    let seen_lines = model.lines().clone();
+    let raised = model.between(most, (told - seen) / (all - seen));
+    let renewed = (1.0 - correlation) * (seen / total(&raised)).powi(2);
+    *model = raised.with_temporal_correlation((1.0 - renewed).clamp(0.0, MOST_CORRELATED));
+    let lines = model.lines_mut();
+    *lines = NoiseLines { levels: lines.levels, clip: lines.clip, ..seen_lines };
 }
 
 /// The sum of green's std at the luminances in the [`MIDDLE`].
@@ -203,9 +229,12 @@ mod tests {
     /// Frames of a camera that pans over a texture by 1 px a frame. Noise that is there moves along, and a share of its variance is renewed in each
     /// frame, as by a coder, so that successive frames have the correlation `shared`.
     fn frames(count: usize, shared: f32) -> Vec<Encoded> {
-        let (w, h) = (192, 144);
+        noisy_frames(&noise_of_a_coder(count, (192 + count, 144), shared))
+    }
+
+    fn noisy_frames(noise: &[Plane]) -> Vec<Encoded> {
+        let (w, h, count) = (192, 144, noise.len());
         let texture = filter::gaussian_blur(&white(w + count, h, 1).map(|n| n[1]), 3.0);
-        let noise = noise_of_a_coder(count, (w + count, h), shared);
         (0..count)
             .map(|t| {
                 // The upper half is nearly flat.
@@ -314,5 +343,16 @@ mod tests {
         assert!((std - 1.0).abs() < 0.2 && correlation < 0.1, "{std}, {correlation}");
         // What was taken along over the whole distance is not seen, so there may be more of it.
         assert!(upper > 1.1 * upper_of_new, "{upper}, {upper_of_new}");
+    }
+
+    #[test]
+    fn noise_that_is_only_copied_lies_between_none_and_that_of_a_frame() {
+        let (std, upper, correlation) = estimated(&frames(40, 1.0));
+        assert!((0.2..1.0).contains(&std) && correlation > 0.85, "{std}, {correlation}");
+        assert!(std * upper > 1.0, "{std}, {upper}");
+        // Negative control: where there is no noise, none that shows is told.
+        let none = vec![Plane::filled(192 + 40, 144, 0.0); 40];
+        let (std, ..) = estimated(&noisy_frames(&none));
+        assert!(std * STD < 0.5 / 255.0, "{std}");
     }
 }
