@@ -86,7 +86,7 @@ impl LensMemory {
                 Estimate::Unknown(reason) => why = reason,
             }
         }
-        let Some(mut known) = self.known.clone() else { return Ok((Estimate::Unknown(why), changed)) };
+        let Some(mut known) = self.known else { return Ok((Estimate::Unknown(why), changed)) };
         if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
             &mut known.curve
         {
