@@ -212,7 +212,10 @@ fn raised(model: &NoiseModel, most: &NoiseModel, correlation: f32, hidden: f32) 
     raised = raised.with_temporal_correlation((1.0 - renewed).clamp(0.0, MOST_CORRELATED));
     let lines = raised.lines_mut();
     *lines = NoiseLines { levels: lines.levels, clip: lines.clip, ..model.lines().clone() };
-    let reach = 1.0 + hidden * (all / told - 1.0).max(0.0);
+    // The flattest parts have lost noise to the coder, too: the interval of what they hold counts.
+    let green = |of: &dyn Fn(f32) -> f32| MIDDLE.map(of).iter().sum::<f32>();
+    let upper = green(&|y| most.interval_of_std(0, 1, y)[1]) / green(&|y| most.std(0, y)[1]).max(1e-9);
+    let reach = 1.0 + hidden * (all * upper / told - 1.0).max(0.0);
     for (level, interval) in lines.levels.iter().zip(lines.interval.iter_mut().flatten()) {
         let around = |value: f32, [low, high]: [f32; 2]| [low.min(value), high.max(reach * value)];
         interval.slope = std::array::from_fn(|c| around(level.slope[c], interval.slope[c]));
