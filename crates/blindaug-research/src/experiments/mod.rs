@@ -88,7 +88,7 @@ impl Experiment {
             (Self::Baselines, true) => 2.0,
             (Self::Baselines, false) => 12.0,
             (Self::Validation, true) => 1.6,
-            (Self::Validation, false) => 180.0,
+            (Self::Validation, false) => 130.0,
             (Self::Runtime, true) => 0.3,
             (Self::Runtime, false) => 1.0,
         }

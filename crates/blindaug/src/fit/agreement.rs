@@ -8,7 +8,7 @@ use super::likelihood::{
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
 use super::uneven::over_speeds;
-use crate::model::{Bokeh, Estimate, ExposureFraction, Reason, Unknown};
+use crate::model::{Bokeh, DefocusCurve, Estimate, ExposureFraction, Reason, ThinLensInterval, Unknown};
 use crate::portable::Portable;
 use crate::{Error, Result, par};
 use std::collections::BTreeMap;
@@ -88,6 +88,18 @@ pub struct LensFit {
 }
 
 impl LensFit {
+    /// The lens with its intervals, as a model has it.
+    pub(super) fn thin_lens(&self) -> DefocusCurve {
+        DefocusCurve::ThinLens {
+            sigma_px_at_infinity: self.lens.sigma_px_at_infinity(),
+            focus_inverse_depth: self.lens.focus,
+            interval: Some(ThinLensInterval {
+                sigma_px_at_infinity: self.sigma_px_at_infinity,
+                focus_inverse_depth: self.focus_inverse_depth,
+            }),
+        }
+    }
+
     /// Takes the intervals of a fit that may be as right into its own.
     pub(super) fn widen(&mut self, other: &Self) {
         let hull = |own: &mut [f32; 2], other: [f32; 2]| *own = [own[0].min(other[0]), own[1].max(other[1])];

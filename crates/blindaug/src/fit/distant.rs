@@ -6,7 +6,7 @@
 //! found again, they differ in its texture, too: such pairs are left out.
 
 use super::geometry::Follower;
-use super::noise::{MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint, lost};
+use super::noise::{MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint, UNSEEN_STD, lost};
 use crate::model::{DistortionModel, Estimate, Method, NoiseLines, NoiseModel};
 use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
@@ -33,8 +33,8 @@ const MOVED: f32 = 0.2;
 /// The luminances at which the noise of pairs is held against that of single frames.
 const MIDDLE: [f32; 3] = [0.3, 0.5, 0.7];
 
-/// The [`total`] std of noise that no frame of 8 bits shows.
-const UNSEEN: f32 = MIDDLE.len() as f32 * 0.25 / 255.0;
+/// The [`total`] std of noise that cannot be seen.
+const UNSEEN: f32 = MIDDLE.len() as f32 * UNSEEN_STD;
 
 /// Pairs of frames of one shot that lie several frame intervals apart, and what they tell of the noise.
 pub(super) struct DistantPairs {
@@ -202,25 +202,20 @@ impl DistantPairs {
 fn raised(model: &NoiseModel, most: &NoiseModel, correlation: f32, hidden: f32) -> Option<NoiseModel> {
     let (seen, all) = (total(model), total(most));
     let least = seen.max(UNSEEN);
-    let told = least * (all / least).portable_powf(0.5 * lost(seen / MIDDLE.len() as f32));
-    if all <= least || told <= seen {
+    let wanted = least * (all / least).portable_powf(0.5 * lost(seen / MIDDLE.len() as f32));
+    if all <= least || wanted <= seen {
         return None;
     }
-    let mut raised = model.between(most, (told - seen) / (all - seen));
+    let raised = model.between(most, (wanted - seen) / (all - seen));
     let told = total(&raised);
     let renewed = (1.0 - correlation) * (seen / told).powi(2);
-    raised = raised.with_temporal_correlation((1.0 - renewed).clamp(0.0, MOST_CORRELATED));
+    let mut raised = raised.with_temporal_correlation((1.0 - renewed).clamp(0.0, MOST_CORRELATED));
     let lines = raised.lines_mut();
     *lines = NoiseLines { levels: lines.levels, clip: lines.clip, ..model.lines().clone() };
     // The flattest parts have lost noise to the coder, too: the interval of what they hold counts.
     let green = |of: &dyn Fn(f32) -> f32| MIDDLE.map(of).iter().sum::<f32>();
     let upper = green(&|y| most.interval_of_std(0, 1, y)[1]) / green(&|y| most.std(0, y)[1]).max(1e-9);
-    let reach = 1.0 + hidden * (all * upper / told - 1.0).max(0.0);
-    for (level, interval) in lines.levels.iter().zip(lines.interval.iter_mut().flatten()) {
-        let around = |value: f32, [low, high]: [f32; 2]| [low.min(value), high.max(reach * value)];
-        interval.slope = std::array::from_fn(|c| around(level.slope[c], interval.slope[c]));
-        interval.intercept = std::array::from_fn(|c| around(level.intercept[c], interval.intercept[c]));
-    }
+    raised.widen_to(1.0 + hidden * (all * upper / told - 1.0).max(0.0));
     Some(raised)
 }
 

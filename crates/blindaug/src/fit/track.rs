@@ -240,6 +240,7 @@ impl Tracker {
         let (width, height) = frame.0.size();
         let capture =
             Capture { width, height, fps: self.fps, frames_used: self.frames + 1, pixel_aspect: 1.0 };
+        self.changes = Changes::default();
         self.begin_shot();
         let geometry = self.geometry(observation)?;
         let neighbour = if observation.evidence.flow.is_some() { next } else { next.or(previous) };

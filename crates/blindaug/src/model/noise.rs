@@ -257,6 +257,16 @@ impl NoiseModel {
         }
     }
 
+    /// Widens the std's intervals so that they hold the std and `reach` times it.
+    pub(crate) fn widen_to(&mut self, reach: f32) {
+        let lines = self.lines_mut();
+        for (level, interval) in lines.levels.iter().zip(lines.interval.iter_mut().flatten()) {
+            let widened = |value: f32, [low, high]: [f32; 2]| [low.min(value), high.max(reach * value)];
+            interval.slope = std::array::from_fn(|c| widened(level.slope[c], interval.slope[c]));
+            interval.intercept = std::array::from_fn(|c| widened(level.intercept[c], interval.intercept[c]));
+        }
+    }
+
     /// The same noise with this correlation between successive frames, in [0, 1), if it is one by curves: lines have none.
     pub(crate) fn with_temporal_correlation(mut self, correlation: f32) -> Self {
         if let Self::Curves(curves) = &mut self {

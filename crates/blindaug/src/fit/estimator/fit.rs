@@ -7,7 +7,7 @@ use crate::fit::robust::median;
 use crate::fit::{agreement, bokeh, defocus, removal, sharpening, spectral, tiles};
 use crate::model::{
     CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel, Reason, SharpeningModel, ThinLensInterval, Unknown,
+    MotionBlurModel, Reason, SharpeningModel, Unknown,
 };
 use crate::synth::defocus::Bokeh;
 use crate::{Error, Result};
@@ -261,14 +261,7 @@ impl Estimator {
                 return Ok(());
             }
         };
-        let thin = DefocusCurve::ThinLens {
-            sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
-            focus_inverse_depth: fit.lens.focus,
-            interval: Some(ThinLensInterval {
-                sigma_px_at_infinity: fit.sigma_px_at_infinity,
-                focus_inverse_depth: fit.focus_inverse_depth,
-            }),
-        };
+        let thin = fit.thin_lens();
         let curve = match (self.options.curve, defocus::quadratic(&fit.points)) {
             (Curve::ThinLens, _) => thin,
             (Curve::Quadratic, Some(([a, b, c], (lo, hi)))) => {

@@ -5,7 +5,7 @@ use crate::Result;
 use crate::fit::agreement::{self, FineTables, LensObservation};
 use crate::fit::defocus::{self, Lens};
 use crate::fit::{likelihood, tiles};
-use crate::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, Method, ThinLensInterval, Unknown};
+use crate::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, Method, Unknown};
 use crate::portable::Portable;
 
 /// The largest difference of mean blur that is not a change: in px, plus a share of the blur before.
@@ -67,20 +67,12 @@ impl LensMemory {
             }
             match agreement::lens_of(&observations_of(&memory.sum()), super::BOOTSTRAPS)? {
                 Estimate::Known(fit) => {
-                    let curve = DefocusCurve::ThinLens {
-                        sigma_px_at_infinity: fit.lens.sigma_px_at_infinity(),
-                        focus_inverse_depth: fit.lens.focus,
-                        interval: Some(ThinLensInterval {
-                            sigma_px_at_infinity: fit.sigma_px_at_infinity,
-                            focus_inverse_depth: fit.focus_inverse_depth,
-                        }),
-                    };
                     memory.age = 0;
                     self.known = Some(DefocusModel {
                         method: Method::Spectral,
                         samples: fit.samples as u64,
                         inverse_depth_seen: Some(fit.inverse_depth_seen),
-                        ..DefocusModel::given(curve, depth_kind)
+                        ..DefocusModel::given(fit.thin_lens(), depth_kind)
                     });
                 }
                 Estimate::Unknown(reason) => why = reason,

@@ -3,7 +3,7 @@
 use super::memory::walked;
 use crate::fit::distant::{DISTANCES, DistantPairs};
 use crate::fit::geometry::Follower;
-use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseLine};
+use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseLine, UNSEEN_STD};
 use crate::fit::robust::median;
 use crate::fit::sharpening;
 use crate::model::{Changes, Distortion, DistortionModel, Estimate, Method, NoiseModel, SharpeningModel};
@@ -166,9 +166,8 @@ impl NoiseMemory {
 
     /// The log of each frame's noise std over that of `model`, and the index of the frame's part.
     fn excesses(&self, model: &NoiseLine) -> Vec<Excess> {
-        /// The least std, a quarter of a step of 8 bits: what is less cannot be seen, and says nothing of a camera.
-        const LEAST: f32 = 0.25 / 255.0;
-        let least = (LEAST / (0.4 * model.slope + model.intercept).max(1e-4)).portable_ln();
+        // What cannot be seen says nothing of a camera.
+        let least = (UNSEEN_STD / (0.4 * model.slope + model.intercept).max(1e-4)).portable_ln();
         let of = |(frame, part): &(NoiseEvidence, usize)| Excess {
             part: *part,
             log: frame.log_ratio(model).unwrap_or(least).max(least),
