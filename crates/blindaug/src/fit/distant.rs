@@ -212,9 +212,9 @@ fn raised(model: &NoiseModel, most: &NoiseModel, correlation: f32, hidden: f32) 
     let mut raised = raised.with_temporal_correlation((1.0 - renewed).clamp(0.0, MOST_CORRELATED));
     let lines = raised.lines_mut();
     *lines = NoiseLines { levels: lines.levels, clip: lines.clip, ..model.lines().clone() };
-    // The flattest parts have lost noise to the coder, too: the interval of what they hold counts.
-    let green = |of: &dyn Fn(f32) -> f32| MIDDLE.map(of).iter().sum::<f32>();
-    let upper = green(&|y| most.interval_of_std(0, 1, y)[1]) / green(&|y| most.std(0, y)[1]).max(1e-9);
+    // The flattest parts have lost noise to the coder, too: the interval of what they hold counts, where the picture tells it best.
+    let upper_of = |y: f32| most.interval_of_std(0, 1, y)[1] / most.std(0, y)[1].max(1e-9);
+    let upper = MIDDLE.map(upper_of).into_iter().fold(f32::INFINITY, f32::min);
     raised.widen_to(1.0 + hidden * (all * upper / told - 1.0).max(0.0));
     Some(raised)
 }
