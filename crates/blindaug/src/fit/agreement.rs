@@ -156,6 +156,14 @@ pub(super) fn exposure_interval(
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }
 
+/// The 95 % interval of an exposure from a curve over all [`streaks`](super::streaks), whose errors the curve allows for.
+pub(super) fn streaks_interval(estimate: f32, sum: &[f32], coding_error: f32, speed: f32) -> [f32; 2] {
+    let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
+    let [low, high] = within_a_frame(estimate, interval(estimate, &[estimate], floor));
+    let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
+    with_hidden_streak([low.min(lowest), high.max(highest)], speed)
+}
+
 /// The least and the largest exposure that a curve finds less likely than the likeliest one by at most so many nats.
 fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
     let least = sum.iter().copied().fold(f32::MIN, f32::max) - nats;

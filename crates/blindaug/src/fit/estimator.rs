@@ -9,7 +9,7 @@ use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, paralla
 use super::noise::NoiseEvidence;
 use super::observation::{EstimatorOptions, Evidence, Family, FrameObservation};
 use super::uneven::SpeedBy;
-use super::{defocus, motion_blur, removal, spectral, tiles, uneven};
+use super::{defocus, motion_blur, removal, spectral, streaks, tiles, uneven};
 use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
@@ -77,8 +77,12 @@ struct FrameEvidence {
     spatial: NoiseEvidence,
     denoised: NoiseEvidence,
     tiles: Vec<tiles::Tile>,
-    /// The pairs of this frame's tiles with those of the frame before.
+    /// The pairs of this frame's tiles with those of the frame before; none where motion is uneven.
     pairs: Vec<spectral::Pair>,
+    /// Where motion is uneven, this frame and the one before it.
+    from_before: Option<streaks::Link>,
+    /// The same with the next frame, where frames are left out.
+    to_next_frame: Option<streaks::Link>,
     removal: Vec<removal::Tile>,
     has_motion: bool,
     /// [`uneven::change_of`] it; `None` where it is not known.
@@ -110,6 +114,8 @@ impl FrameEvidence {
             denoised: NoiseEvidence::new(Method::Removal),
             tiles: vec![],
             pairs: vec![],
+            from_before: None,
+            to_next_frame: None,
             removal: vec![],
             has_motion,
             change: None,
@@ -270,32 +276,45 @@ impl Estimator {
         };
         // The shutter is open around the frame's own time, not on the way to the next frame.
         let last = self.last_motion.take().filter(|l| l.index + 1 == index);
-        let from_previous = match (&last, previous, next) {
+        let left_out = match (&last, previous, next) {
             // Frames were left out, so that this flow was not needed before.
             (None, Some(previous), Some(_)) if self.stride > 1 && to_next.is_some() && !flow_given => {
                 self.backward.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow
             }
             _ => None,
         };
-        let from_previous = last.as_ref().map(|l| &l.flow).or(from_previous.as_ref());
-        let mut at_frame =
-            to_next.as_ref().zip(from_previous).map(|(flow, last)| motion_at_frame(flow, last));
+        let from_previous = last.as_ref().map(|l| &l.flow).or(left_out.as_ref());
+        let at_frame = to_next.as_ref().zip(from_previous).map(|(flow, last)| motion_at_frame(flow, last));
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
         let measured = next.is_some() || flow_given;
-        let mut speed_error = 0.0;
+        let (mut speed_error, mut turned) = (0.0, None);
         if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal && !flow_given) {
             kept.to_next = measured.then(|| uneven::SampledFlow::new(to_next));
-            let motion = at_frame.as_ref().unwrap_or(to_next);
-            let turned;
-            (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), motion);
-            at_frame = turned.or(at_frame);
+            let mean = at_frame.as_ref().unwrap_or(to_next);
+            (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), mean);
+            if speed_error > 0.0 {
+                let space = self.options.space;
+                let link = |frames, flow: &Flow, motions| {
+                    let way = uneven::typical_way(flow)?;
+                    Some(streaks::Link { way, pairs: spectral::streak_pairs(frames, flow, motions, space) })
+                };
+                let before = previous.zip(from_previous);
+                let motion_before = last.as_ref().map(LastMotion::motion);
+                kept.from_before = before.and_then(|(other, flow)| {
+                    link([other, frame], flow, [motion_before.unwrap_or(flow), mean])
+                });
+                if let (Some(next), true) = (next, self.stride > 1) {
+                    kept.to_next_frame = link([frame, next], to_next, [mean, to_next]);
+                }
+            }
         }
-        let motion = at_frame.as_ref().or(to_next.as_deref());
+        let mean = at_frame.as_ref().or(to_next.as_deref());
+        let motion = turned.as_ref().or(mean);
         if self.options.family != Family::Removal {
             kept.tiles = tiles::tiles(frame, motion, depth.as_ref(), self.options.space)?;
             kept.tiles.iter_mut().for_each(|t| t.speed_error = speed_error);
             if let (true, Some(before), Some(last), Some(own)) =
-                (measured && speed_error == 0.0, previous, &last, motion)
+                (measured && speed_error == 0.0, previous, &last, mean)
             {
                 let motions = [last.motion(), own];
                 kept.pairs = spectral::pairs([before, frame], &last.flow, motions, self.options.space);

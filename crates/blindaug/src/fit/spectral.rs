@@ -32,6 +32,7 @@ pub use super::tiles::{
 use crate::model::{Estimate, ExposureFraction, SharpeningModel};
 use crate::{Result, par};
 pub use pairs::{Pair, pairs};
+pub(super) use pairs::{PreparedPair, streak_pairs};
 
 /// The constants of these fits, for implementations of the fits elsewhere, for example on a graphics device.
 pub mod numbers {

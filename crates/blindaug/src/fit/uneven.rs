@@ -115,6 +115,19 @@ impl SampledFlow {
     }
 }
 
+/// The typical way of what moves from a frame to the next, px: the median, component by component, of the flow at the places of a grid that
+/// move fast enough to leave streaks, or of all if hardly any does; `None` if the flow is known nowhere.
+pub(super) fn typical_way(flow: &Flow) -> Option<[f32; 2]> {
+    let SampledFlow { flow, step } = SampledFlow::new(flow);
+    let known = flow.data().iter().copied().filter(|v| v[0].is_finite() && v[1].is_finite());
+    let known: Vec<[f32; 2]> = known.collect();
+    let moving: Vec<[f32; 2]> =
+        known.iter().copied().filter(|v| v[0].portable_hypot(v[1]) >= SPEEDS.start).collect();
+    let ways = if moving.len() < 2 * TILE / step { known } else { moving };
+    let [x, y] = [0, 1].map(|c| median(ways.iter().map(|v| v[c]).collect()));
+    Some([x?, y?])
+}
+
 /// The speed at a frame's own time over that of the mean of the flows around it, or of the one flow at the ends of a shot: the median over
 /// the places of a grid. `before` are the flows that lead to the frame, the last first, each from one frame to the next, and `after` those
 /// that lead away from it, the next first. What is seen at a place of the frame is followed along them, and the speed is that of a natural

@@ -4,7 +4,7 @@ use super::{Estimator, FrameEvidence};
 use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseFit};
 use crate::fit::observation::{Curve, Diagnostics, Estimation, Family, Shot};
 use crate::fit::robust::median;
-use crate::fit::{agreement, bokeh, defocus, removal, sharpening, spectral, tiles};
+use crate::fit::{agreement, bokeh, defocus, removal, sharpening, spectral, streaks, tiles};
 use crate::model::{
     CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
     MotionBlurModel, Reason, SharpeningModel, Unknown,
@@ -194,7 +194,16 @@ impl Estimator {
         }
         let Some(noise) = noise else { return Ok(Estimate::Unknown(noise_unknown())) };
         let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
-        spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)
+        let by_tiles = spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)?;
+        let width = |fit: &agreement::ExposureFit| fit.interval[1] - fit.interval[0];
+        Ok(match (streaks::fit_exposure(&runs(frames), noise), by_tiles) {
+            (Some(own), by_tiles)
+                if width(&own) <= by_tiles.known().map_or(agreement::MAX_UNCERTAINTY, width) =>
+            {
+                Estimate::Known(own)
+            }
+            (_, by_tiles) => by_tiles,
+        })
     }
 
     /// The method that measures blur if no clean frames are given. It is not the one with the tighter interval, since the intervals of
@@ -385,6 +394,37 @@ fn contradiction(shots: &[Shot]) -> Option<Unknown> {
         );
         Unknown::new(Reason::Contradicting, why)
     })
+}
+
+/// The runs of successive frames of uneven motion.
+fn runs<'a>(frames: &[&'a FrameEvidence]) -> Vec<streaks::Run<'a>> {
+    let mut runs: Vec<streaks::Run> = vec![];
+    for (i, frame) in frames.iter().enumerate() {
+        let before = i.checked_sub(1).filter(|&b| frames[b].index + 1 == frame.index);
+        if let Some(link) = &frame.from_before {
+            match runs.last_mut() {
+                Some(run)
+                    if before.is_some()
+                        && run.frames.last() == Some(&before)
+                        && run.links.len() < streaks::LONGEST_RUN =>
+                {
+                    run.links.push(link);
+                    run.frames.push(Some(i));
+                }
+                _ => runs.push(streaks::Run { links: vec![link], frames: vec![before, Some(i)] }),
+            }
+        }
+        if let Some(link) = &frame.to_next_frame {
+            match runs.last_mut() {
+                Some(run) if run.frames.last() == Some(&Some(i)) => {
+                    run.links.push(link);
+                    run.frames.push(None);
+                }
+                _ => runs.push(streaks::Run { links: vec![link], frames: vec![Some(i), None] }),
+            }
+        }
+    }
+    runs
 }
 
 fn spectral_tiles<'a>(frames: &[&'a FrameEvidence]) -> Vec<&'a [tiles::Tile]> {

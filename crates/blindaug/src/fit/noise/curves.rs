@@ -1,6 +1,7 @@
 //! From local covariances of noise to [`NoiseCurves`]: curves over the picture's colour by non-negative least squares, and the mixture of
 //! independent noises that gives the channels their correlation.
 
+use crate::fit::linear::{cholesky, solved};
 use crate::model::{CurveLevel, NOISE_KNOTS, NOISE_LEVELS, NoiseCurves, NoiseLines, place};
 use crate::portable::Portable;
 use wide::f32x4;
@@ -473,42 +474,6 @@ fn solved_freely(a: &[f64], b: &[f64], free: &[bool; UNKNOWNS]) -> Option<[f64; 
     let mut x = [0.0; UNKNOWNS];
     chosen.iter().zip(small).for_each(|(&i, v)| x[i] = v);
     Some(x)
-}
-
-/// The lower triangular factor of a covariance of `n` values, both row by row; `None` if it is not positive.
-fn cholesky(a: &[f64], n: usize) -> Option<Vec<f64>> {
-    let mut factor = vec![0.0; n * n];
-    for i in 0..n {
-        for j in 0..=i {
-            let (own, other) = (&factor[n * i..][..j], &factor[n * j..][..j]);
-            let rest = a[n * i + j] - own.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
-            factor[n * i + j] = if i != j {
-                rest / factor[n * j + j]
-            } else if rest > 0.0 {
-                rest.sqrt()
-            } else {
-                // A correlation that is too strong by rounding or by chance leaves next to nothing of its own.
-                (1e-6 * a[n * i + i]).max(f64::MIN_POSITIVE).sqrt()
-            };
-        }
-    }
-    factor.iter().all(|v| v.is_finite()).then_some(factor)
-}
-
-/// The solution of A x = b for a positive matrix, row by row.
-fn solved(a: &[f64], b: Vec<f64>) -> Option<Vec<f64>> {
-    let n = b.len();
-    let factor = cholesky(a, n)?;
-    let mut x = b;
-    for i in 0..n {
-        let known = factor[n * i..][..i].iter().zip(&x).map(|(a, x)| a * x).sum::<f64>();
-        x[i] = (x[i] - known) / factor[n * i + i];
-    }
-    for i in (0..n).rev() {
-        let known = (i + 1..n).map(|k| factor[n * k + i] * x[k]).sum::<f64>();
-        x[i] = (x[i] - known) / factor[n * i + i];
-    }
-    x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
 #[cfg(test)]

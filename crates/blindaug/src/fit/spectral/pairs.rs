@@ -3,6 +3,8 @@
 //! A surface has one sharp spectrum S. Frames in which it moves by `F1` and `F2` show `S K(lambda F1.w)` and `S K(lambda F2.w)`. If
 //! the motions differ, in length or direction, a wrong lambda leaves a difference between the frames that no S explains.
 //! If the motions do not differ, such a pair of tiles says nothing, and [`super::Tile`] has to rely on a prior of textures.
+//! Where motion is uneven, the streaks `lambda F1` and `lambda F2` are unknown themselves; what pairs tell of them is put together in
+//! [`streaks`](super::super::streaks).
 
 use super::super::likelihood::{
     CLIP, EXPOSURE_STEP, EXPOSURES, LEAK, MAX_LAMBDA, STREAK_STEP, TEMPER, interpolate, lanes, relative,
@@ -10,8 +12,8 @@ use super::super::likelihood::{
 };
 use super::super::noise::LumaNoise;
 use super::super::tiles::{
-    BAND, COLUMNS, Light, MIN_CONTRAST, SAMPLES, SPEEDS, TILE, block_of, common_motion, corners, frequencies,
-    hidden, noise_density, transform,
+    BAND, COLUMNS, Frequency, Light, MIN_CONTRAST, SAMPLES, SPEEDS, TILE, block_of, common_motion, corners,
+    frequencies, hidden, noise_density, transform,
 };
 use crate::model::Space;
 use crate::portable::Portable;
@@ -26,8 +28,12 @@ const MIN_DIFFERENCE: f32 = 0.3;
 const LAMBDA_STEPS: std::ops::Range<f32> = 0.04..0.1;
 /// The largest mean deviation of the motion within a tile, px of the tile, beyond which the two frames do not show the same surface.
 const MAX_DEVIATION: f32 = 0.5;
-/// The stds, px, of the misregistration of the two frames that are tried; the likelier one counts.
+/// The most pairs of tiles of two frames by which streaks are measured.
+const STREAK_PAIRS: usize = 30;
+/// The stds, px, of the misregistration of the two frames that are tried; the likeliest one counts.
 const MISMATCHES: [f32; 2] = [0.05, 0.2];
+/// The same where streaks are measured, of which pairs are not cut off: two tiles that do not match tell nothing.
+const STREAK_MISMATCHES: [f32; 3] = [0.05, 0.2, 1.0];
 /// The share of the power that changes of light may alter at any frequency.
 const CHANGE: f32 = 1e-3;
 /// The number of nats by which a pair's log-likelihood is raised before it is cut off at 0, so that weak preferences do not count.
@@ -69,15 +75,39 @@ struct Place {
 /// The pairs of two successive frames, given the flow from the first to the second and the motion of each frame at its own time (NaN:
 /// unknown).
 pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Space) -> Vec<Pair> {
-    let mut places = places(frames[0], flow, motions, 1);
-    places.extend(self::places(frames[0], flow, motions, 2));
+    at_places(frames, places(frames[0], flow, motions, MIN_DIFFERENCE), PAIRS_PER_FRAME, space)
+}
+
+/// The pairs of two successive frames by which streaks are measured where motion is uneven; the motions may be alike.
+pub(in crate::fit) fn streak_pairs(
+    frames: [&Encoded; 2],
+    flow: &Flow,
+    motions: [&Flow; 2],
+    space: Space,
+) -> Vec<Pair> {
+    at_places(frames, places(frames[0], flow, motions, 0.0), STREAK_PAIRS, space)
+}
+
+/// The pairs at those places that have most contrast, at most `most`.
+fn at_places(frames: [&Encoded; 2], mut places: Vec<Place>, most: usize, space: Space) -> Vec<Pair> {
     places.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
-    places.truncate(PAIRS_PER_FRAME);
+    places.truncate(most);
     par::map(places.len(), |i| pair(frames, &places[i], space))
 }
 
-/// The places of pairs, if `scale` px of the frame make one px of a tile.
-fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usize) -> Vec<Place> {
+/// The places of pairs at both resolutions, whose motions differ by at least `least` px of the tile.
+fn places(frame: &Encoded, flow: &Flow, motions: [&Flow; 2], least: f32) -> Vec<Place> {
+    [1, 2].into_iter().flat_map(|scale| places_at(frame, flow, motions, least, scale)).collect()
+}
+
+/// The same, if `scale` px of the frame make one px of a tile.
+fn places_at(
+    frame: &Encoded,
+    flow: &Flow,
+    [first, second]: [&Flow; 2],
+    least: f32,
+    scale: usize,
+) -> Vec<Place> {
     let size @ (w, h) = (flow.width() / scale, flow.height() / scale);
     // Only the corners of a checkerboard are used: a pair costs as much as several of [`super::Tile`], and all pairs tell hardly more.
     let mut corners = corners(size);
@@ -93,7 +123,7 @@ fn places(frame: &Encoded, flow: &Flow, [first, second]: [&Flow; 2], scale: usiz
         }
         let (next_speed, next_motion, deviation) = common_motion(&|x, y| second.at(x, y), next, scale)?;
         let differ = (motion[0] - next_motion[0]).portable_hypot(motion[1] - next_motion[1]);
-        if deviation > MAX_DEVIATION || speed.max(next_speed) < SPEEDS.start || differ < MIN_DIFFERENCE {
+        if deviation > MAX_DEVIATION || speed.max(next_speed) < SPEEDS.start || differ < least {
             return None;
         }
         let (mut sum, mut squares) = (0.0, 0.0);
@@ -168,8 +198,8 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn new(motion: [f32; 2], direction: [f32; 2]) -> Self {
-        let along = frequencies().iter().map(|q| q.x * motion[0] + q.y * motion[1]);
+    fn new(motion: [f32; 2], direction: [f32; 2], frequencies: &[Frequency]) -> Self {
+        let along = frequencies.iter().map(|q| q.x * motion[0] + q.y * motion[1]);
         Self {
             along: lanes(along, 0.0),
             beside: LEAK * (motion[0] * direction[0] + motion[1] * direction[1]),
@@ -184,7 +214,14 @@ impl Gathered {
         let (a, b) = (sin * cos_d, cos * sin_d);
         [sinc(a - b, x - d), sinc(sin, x), sinc(a + b, x + d)]
     }
+
+    fn kernels(&self, lambda: f32) -> Kernels {
+        (0..self.along.len()).map(|i| self.kernel(i, lambda)).collect()
+    }
 }
+
+/// The shutter's kernel at all frequencies of a pair, four at a time.
+pub(in crate::fit) type Kernels = Vec<[f32x4; 3]>;
 
 impl Pair {
     /// The greater of the pair's speeds, px of the frame per frame interval.
@@ -198,66 +235,132 @@ impl Pair {
 
     /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0]; `None` if the pair is hardly more than noise.
     pub(super) fn clipped_log_likelihood(&self, noise: &LumaNoise) -> Option<Vec<f32>> {
-        let hidden = hidden(self.noise_moments, self.scale, noise.coding_error);
-        let density = noise_density(self.noise_moments, self.scale, noise, noise.coding_error);
-        let noise: Vec<f32> = frequencies().iter().map(|q| density(q.modulus)).collect();
-        if self.expected.iter().sum::<f32>() < MIN_CONTRAST * noise.iter().sum::<f32>() {
-            return None;
-        }
+        let prepared = PreparedPair::new(self, noise, &MISMATCHES, BAND.end)?;
         let step = (STREAK_STEP / self.longest()).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
         let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
-        let table = self.over_lambda(step, &noise, hidden);
+        let table = prepared.over_lambda(step);
         let curve = (0..EXPOSURES).map(|i| interpolate(&table, i as f32 * EXPOSURE_STEP / step));
         Some(relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect())
     }
+}
 
-    /// The log-likelihood over lambda in steps of `step`, 0 at its maximum. It is that of the component of the two frames' amplitudes at
-    /// right angles to `S (K1, K2)`, which is free of any S but for a rest, since the window gathers frequencies at which K differs.
-    fn over_lambda(&self, step: f32, noise: &[f32], hidden: f32) -> Vec<f32> {
-        let column = |v: &[f32]| lanes(v.iter().copied(), 0.0);
-        let (sum, difference, cross) = (column(&self.sum), column(&self.difference), column(&self.cross));
-        let weight = lanes(frequencies().iter().map(|q| q.weight), 0.0);
-        // After a coder only power above the noise padding counts as signal, since weaker detail was predicted from the other frame.
-        let signal = lanes(self.expected.iter().zip(noise).map(|(p, n)| (p - n).max(0.0)), 0.0);
-        let unlike = MISMATCHES.map(|shift| {
-            let of = |((q, p), n): ((&super::Frequency, &f32), &f32)| {
-                n + p * (CHANGE + (std::f32::consts::TAU * shift * q.modulus).powi(2).min(1.0))
-            };
-            lanes(frequencies().iter().zip(&self.expected).zip(noise).map(of), 1.0)
-        });
-        let [a, b] = self.motions;
+/// A pair with its noise, ready for the likelihood.
+pub(in crate::fit) struct PreparedPair<'a> {
+    pair: &'a Pair,
+    /// The frequencies that are looked at.
+    frequencies: Vec<Frequency>,
+    /// The power by which noise padding is seen.
+    hidden: f32,
+    /// The direction of the leak, along the mean motion.
+    direction: [f32; 2],
+    weight: Vec<f32x4>,
+    sum: Vec<f32x4>,
+    difference: Vec<f32x4>,
+    cross: Vec<f32x4>,
+    /// The expected power without noise.
+    signal: Vec<f32x4>,
+    /// The power, for each misregistration that is tried, by which the frames differ for other reasons than their streaks.
+    unlike: Vec<Vec<f32x4>>,
+    /// The share of each of the three frequencies that a frequency gathers.
+    shares: [Vec<f32x4>; 3],
+}
+
+impl<'a> PreparedPair<'a> {
+    /// A pair prepared by the frequencies below `highest` cycles per px of the tile; `None` if it is hardly more than noise.
+    fn new(pair: &'a Pair, noise: &LumaNoise, mismatches: &[f32], highest: f32) -> Option<Self> {
+        let hidden = hidden(pair.noise_moments, pair.scale, noise.coding_error);
+        let density = noise_density(pair.noise_moments, pair.scale, noise, noise.coding_error);
+        let of_noise: Vec<f32> = frequencies().iter().map(|q| density(q.modulus)).collect();
+        if pair.expected.iter().sum::<f32>() < MIN_CONTRAST * of_noise.iter().sum::<f32>() {
+            return None;
+        }
+        let chosen: Vec<usize> =
+            (0..of_noise.len()).filter(|&i| frequencies()[i].modulus < highest).collect();
+        let column = |rest: f32, of: &dyn Fn(usize) -> f32| lanes(chosen.iter().map(|&i| of(i)), rest);
+        let modulus = |i: usize| frequencies()[i].modulus;
+        let [a, b] = pair.motions;
         let direction = [a[0] + b[0], a[1] + b[1]];
         let length = direction[0].portable_hypot(direction[1]).max(BAND.start);
         let direction = direction.map(|v| v / length);
-        let shutters = self.motions.map(|m| Gathered::new(m, direction));
-        let along = lanes(frequencies().iter().map(|q| q.x * direction[0] + q.y * direction[1]), 0.0);
-        let modulus = lanes(frequencies().iter().map(|q| q.modulus), 1.0);
-        let shares = [-LEAK, 0.0, LEAK].map(|d| {
-            let middle = if d == 0.0 { 4.0 } else { 1.0 };
-            along.iter().zip(&modulus).map(|(&a, &m)| middle * slope_gain(a, m, d)).collect::<Vec<f32x4>>()
-        });
+        let along = column(0.0, &|i| frequencies()[i].x * direction[0] + frequencies()[i].y * direction[1]);
+        let moduli = column(1.0, &modulus);
+        Some(Self {
+            pair,
+            hidden,
+            direction,
+            weight: column(0.0, &|i| frequencies()[i].weight),
+            sum: column(0.0, &|i| pair.sum[i]),
+            difference: column(0.0, &|i| pair.difference[i]),
+            cross: column(0.0, &|i| pair.cross[i]),
+            // After a coder only power above the noise padding counts as signal, since weaker detail was predicted from the other frame.
+            signal: column(0.0, &|i| (pair.expected[i] - of_noise[i]).max(0.0)),
+            unlike: mismatches
+                .iter()
+                .map(|shift| {
+                    column(1.0, &|i| {
+                        let moved = (std::f32::consts::TAU * shift * modulus(i)).powi(2).min(1.0);
+                        of_noise[i] + pair.expected[i] * (CHANGE + moved)
+                    })
+                })
+                .collect(),
+            shares: [-LEAK, 0.0, LEAK].map(|d| {
+                let middle = if d == 0.0 { 4.0 } else { 1.0 };
+                along.iter().zip(&moduli).map(|(&a, &m)| middle * slope_gain(a, m, d)).collect()
+            }),
+            frequencies: chosen.iter().map(|&i| frequencies()[i]).collect(),
+        })
+    }
+
+    /// The same for measuring streaks, by the frequencies below `highest` cycles per px of the frame.
+    pub fn of_streaks(pair: &'a Pair, noise: &LumaNoise, highest: f32) -> Option<Self> {
+        Self::new(pair, noise, &STREAK_MISMATCHES, highest * pair.scale)
+    }
+
+    /// The motion of the surface in one of both frames, px of the frame per frame interval.
+    pub fn motion(&self, frame: usize) -> [f32; 2] {
+        self.pair.motions[frame].map(|v| self.pair.scale * v)
+    }
+
+    /// The kernels of a streak, px of the frame.
+    pub fn kernels(&self, streak: [f32; 2]) -> Kernels {
+        let streak = streak.map(|v| v / self.pair.scale);
+        Gathered::new(streak, self.direction, &self.frequencies).kernels(1.0)
+    }
+
+    /// The log-likelihood over lambda in steps of `step`, 0 at its maximum.
+    fn over_lambda(&self, step: f32) -> Vec<f32> {
+        let shutters = self.pair.motions.map(|m| Gathered::new(m, self.direction, &self.frequencies));
         relative((0..=(MAX_LAMBDA / step).round() as usize).map(|l| {
-            let mut likelihoods = [f32x4::ZERO; MISMATCHES.len()];
-            for i in 0..weight.len() {
-                let [k1, k2] = [0, 1].map(|t| shutters[t].kernel(i, l as f32 * step));
-                let [mut own1, mut own2, mut both] = [f32x4::splat(1e-5), f32x4::splat(1e-5), f32x4::ZERO];
-                for (s, share) in shares.iter().enumerate() {
-                    own1 += share[i] * k1[s] * k1[s];
-                    own2 += share[i] * k2[s] * k2[s];
-                    both += share[i] * k1[s] * k2[s];
-                }
-                // S has hardly any power along the minor axis of the covariance of the two amplitudes.
-                let (mean, half) = (0.5 * (own1 + own2), 0.5 * (own1 - own2));
-                let root = (half * half + both * both).sqrt().max(f32x4::splat(1e-9));
-                let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
-                let power = hidden + 0.5 * (sum[i] - (half * difference[i] + 2.0 * both * cross[i]) / root);
-                let left = 2.0 * ratio * signal[i];
-                for (likelihood, unlike) in likelihoods.iter_mut().zip(&unlike) {
-                    let variance = unlike[i] + left;
-                    *likelihood -= weight[i] * (variance.ln() + power / variance);
-                }
-            }
-            TEMPER * likelihoods.map(|v| v.reduce_add()).into_iter().fold(f32::MIN, f32::max)
+            let [first, second] = shutters.each_ref().map(|s| s.kernels(l as f32 * step));
+            self.log_likelihood(&first, &second)
         }))
+    }
+
+    /// The log-likelihood of the kernels of both frames. It is that of the component of the two frames' amplitudes at right angles to
+    /// `S (K1, K2)`, which is free of any S but for a rest, since the window gathers frequencies at which K differs.
+    pub fn log_likelihood(&self, first: &Kernels, second: &Kernels) -> f32 {
+        let mut likelihoods = [f32x4::ZERO; STREAK_MISMATCHES.len()];
+        for i in 0..self.weight.len() {
+            let (k1, k2) = (&first[i], &second[i]);
+            let [mut own1, mut own2, mut both] = [f32x4::splat(1e-5), f32x4::splat(1e-5), f32x4::ZERO];
+            for (s, share) in self.shares.iter().enumerate() {
+                own1 += share[i] * k1[s] * k1[s];
+                own2 += share[i] * k2[s] * k2[s];
+                both += share[i] * k1[s] * k2[s];
+            }
+            // S has hardly any power along the minor axis of the covariance of the two amplitudes.
+            let (mean, half) = (0.5 * (own1 + own2), 0.5 * (own1 - own2));
+            let root = (half * half + both * both).sqrt().max(f32x4::splat(1e-9));
+            let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
+            let power = self.hidden
+                + 0.5 * (self.sum[i] - (half * self.difference[i] + 2.0 * both * self.cross[i]) / root);
+            let left = 2.0 * ratio * self.signal[i];
+            for (likelihood, unlike) in likelihoods.iter_mut().zip(&self.unlike) {
+                let variance = unlike[i] + left;
+                *likelihood -= self.weight[i] * (variance.ln() + power / variance);
+            }
+        }
+        let tried = likelihoods.iter().take(self.unlike.len());
+        TEMPER * tried.map(|v| v.reduce_add()).fold(f32::MIN, f32::max)
     }
 }

@@ -1,0 +1,470 @@
+//! The exposure from the streaks of successive frames whose motion is uneven, as under a shaking hand.
+//!
+//! A frame's streak is a vector: the way that the picture goes while the shutter is open, the exposure times the velocity at the frame's
+//! own time. Flow tells the ways from frame to frame only, and where velocity swings within few frames, it tells the velocity at a
+//! frame's time badly. But two successive frames show the same surfaces, and whatever their texture, their spectra tell how both streaks
+//! differ, in length and direction ([`PreparedPair`]). So the streaks of all frames of a run are found together. Then they are held
+//! against the flow: velocity is a smooth course, whose mean between two frames is the flow, so the streaks over the velocities that
+//! such a course has at the frames' times are the exposure. The course is a Gaussian process (Rasmussen & Williams, Gaussian Processes for
+//! Machine Learning, chapter 2), and the streaks are integrated out by Laplace's method.
+
+use super::agreement::{ExposureFit, most_likely_exposure, streaks_interval, typical_speed};
+use super::likelihood::{EXPOSURE_STEP, EXPOSURES, MAX_LAMBDA, interpolate};
+use super::linear::{cholesky, solved, solved_by};
+use super::noise::LumaNoise;
+use super::spectral::{Pair, PreparedPair};
+use crate::model::ExposureFraction;
+use crate::par;
+use crate::portable::Portable;
+
+/// A vector in the frame, px.
+type Vector = [f32; 2];
+
+/// Two successive frames whose streaks are compared.
+#[derive(Clone, Debug)]
+pub(super) struct Link {
+    /// The way of what moves from the first frame to the second, px.
+    pub way: Vector,
+    /// The pairs of tiles of both frames.
+    pub pairs: Vec<Pair>,
+}
+
+/// Successive frames, each linked to the next.
+pub(super) struct Run<'a> {
+    /// The links, at least one and at most [`LONGEST_RUN`].
+    pub links: Vec<&'a Link>,
+    /// The number of each frame among the frames of the fit, if it is one of these.
+    pub frames: Vec<Option<usize>>,
+}
+
+/// The most links of a run: a hand does not shake alike for longer, and the time grows with the cube of the length.
+pub(super) const LONGEST_RUN: usize = 12;
+
+/// The time, in frame intervals, over which velocities are alike: the scale of the kernel of their Gaussian process. Swings with periods
+/// from two to thirty frames give the same exposure with half and with one and a half of it.
+const ALIKE_FOR: f64 = 0.7;
+
+/// The stds of the velocity around its mean that are tried, over the mean speed; the likeliest one counts.
+const SPREADS: [f64; 6] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.2];
+
+/// The std, px, by which a streak seems to be longer or shorter than it is, since a surface looks slightly different in both frames.
+const STREAK_STD: f64 = 0.4;
+
+/// The std of the flow, px.
+const FLOW_STD: f64 = 0.1;
+
+/// The factor of the log-likelihoods of pairs, whose tiles overlap and err alike.
+const ALIKE: f32 = 0.1;
+
+/// The frequency below which frequencies are looked at first, in cycles over the way of a frame interval, and its range in cycles per px:
+/// what is low changes slowly with the streaks, so that the search finds its way from far.
+const COARSE: f32 = 1.3;
+const COARSE_RANGE: (f32, f32) = (0.04, 0.12);
+
+/// The exposures from which the search starts.
+const STARTS: [f32; 4] = [0.15, 0.35, 0.6, 0.9];
+/// The number of starts whose result by low frequencies is improved by all.
+const IMPROVED: usize = 2;
+/// The most rounds by low frequencies, and by all.
+const ROUNDS: [usize; 2] = [6, 8];
+/// The factor by which the exposure may change in one round.
+const REACH: f32 = 1.6;
+/// The largest change of a streak in one round, px, or as a share of the typical streak if that is more.
+const STREAK_REACH: (f32, f32) = (2.0, 0.3);
+/// The nats below which a round gains too little to go on.
+const GAIN: f64 = 0.5;
+
+/// The step of the curves over the exposure fraction in which streaks are integrated out, and their number of values.
+const STEP: f32 = 0.025;
+const STEPS: usize = (MAX_LAMBDA / STEP) as usize + 1;
+/// The number of exposures up to that of a shutter that is always open.
+const POSSIBLE: usize = (1.0 / EXPOSURE_STEP) as usize + 1;
+
+/// The step, px, of the differences by which the likelihood's derivatives are found: the kernels of streaks change over three px.
+const DIFFERENCE: f32 = 0.5;
+
+/// The exposure that the streaks of all runs agree on; `None` if no two frames can be compared.
+pub(super) fn fit_exposure(runs: &[Run], noise: &LumaNoise) -> Option<ExposureFit> {
+    let found: Vec<Found> = runs.iter().filter_map(|run| fit_run(run, noise)).collect();
+    if found.is_empty() {
+        return None;
+    }
+    let mut sum = vec![0.0f32; EXPOSURES];
+    for run in &found {
+        sum.iter_mut().zip(&run.curve).for_each(|(s, v)| *s += v);
+    }
+    let estimate = most_likely_exposure(&sum[..POSSIBLE]);
+    let velocities = || found.iter().flat_map(|f| &f.velocities).map(|v| length(*v));
+    let speed = typical_speed(velocities().sum(), velocities().map(|v| v * v).sum());
+    let most = sum.iter().copied().fold(f32::MIN, f32::max);
+    let mut per_frame: Vec<(usize, f32)> = found.iter().flat_map(|f| f.per_frame.iter().copied()).collect();
+    per_frame.sort_by_key(|f| f.0);
+    per_frame.dedup_by_key(|f| f.0);
+    Some(ExposureFit {
+        exposure: ExposureFraction(estimate),
+        interval: streaks_interval(estimate, &sum, noise.coding_error, speed),
+        samples: found.iter().map(|f| f.samples).sum(),
+        curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - most]).collect(),
+        per_frame,
+    })
+}
+
+/// What the frames of a run tell.
+struct Found {
+    /// The log-likelihood over the exposures of a curve, in nats.
+    curve: Vec<f32>,
+    /// The velocities at the frames' times, px per frame interval, as the flow tells them.
+    velocities: Vec<Vector>,
+    /// The exposure fraction by the streak of each frame alone, with the frame's number.
+    per_frame: Vec<(usize, f32)>,
+    /// The number of pairs of tiles.
+    samples: usize,
+}
+
+fn fit_run(run: &Run, noise: &LumaNoise) -> Option<Found> {
+    let links = |highest: f32| -> Vec<Vec<PreparedPair>> {
+        let of_pair = |pair| PreparedPair::of_streaks(pair, noise, highest);
+        run.links.iter().map(|link| link.pairs.iter().filter_map(of_pair).collect()).collect()
+    };
+    let ways: Vec<Vector> = run.links.iter().map(|link| link.way).collect();
+    let course = Course::new(&ways).filter(|course| course.speed > 0.0)?;
+    let fine = links(f32::INFINITY);
+    let samples = fine.iter().map(Vec::len).sum();
+    if samples == 0 {
+        return None;
+    }
+    let coarse = links((COARSE / course.speed).clamp(COARSE_RANGE.0, COARSE_RANGE.1));
+    let search = |links, streaks, rounds| Search { links, course: &course }.improved(streaks, rounds);
+    let mut starts = vec![];
+    for lambda in STARTS {
+        let vectors = course.velocities.iter().map(|v| v.map(|v| lambda * v)).collect();
+        starts.push(search(&coarse, Streaks { vectors, lambda }, ROUNDS[0])?);
+    }
+    starts.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut curve = vec![f32::MIN; STEPS];
+    let mut likeliest: Option<(Streaks, f32)> = None;
+    for (streaks, _) in starts.into_iter().take(IMPROVED) {
+        let (streaks, own) = search(&fine, streaks, ROUNDS[1])?;
+        let near = Search { links: &fine, course: &course }.marginal(&streaks, f32::INFINITY)?.curve;
+        // Far from where the likelihood was looked at its quadratic may promise more than there is.
+        let most = near.iter().copied().fold(f32::MIN, f32::max);
+        curve.iter_mut().zip(&near).for_each(|(c, v)| *c = c.max(v - most + own));
+        if likeliest.as_ref().is_none_or(|l| own > l.1) {
+            likeliest = Some((streaks, own));
+        }
+    }
+    let (streaks, _) = likeliest?;
+    let share =
+        |(streak, v): (&Vector, &Vector)| (streak[0] * v[0] + streak[1] * v[1]) / dot(*v, *v).max(1e-6);
+    let shares = streaks.vectors.iter().zip(&course.velocities).map(share).map(|s| s.clamp(0.0, 1.0));
+    let per_frame = run.frames.iter().zip(shares).filter_map(|(frame, share)| Some(((*frame)?, share)));
+    Some(Found {
+        curve: (0..EXPOSURES).map(|i| interpolate(&curve, i as f32 * EXPOSURE_STEP / STEP)).collect(),
+        per_frame: per_frame.collect(),
+        velocities: course.velocities,
+        samples,
+    })
+}
+
+fn dot(a: Vector, b: Vector) -> f32 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+fn length([x, y]: Vector) -> f32 {
+    x.portable_hypot(y)
+}
+
+/// What the ways from frame to frame tell of the velocities at the frames' own times.
+struct Course {
+    /// The mean of the ways around each frame, px.
+    base: Vec<Vector>,
+    /// The mean of the velocities that a smooth course may have, px per frame interval.
+    velocities: Vec<Vector>,
+    /// The covariance of one component of the velocities over the frames, row by row, if velocity has the variance 1 around its mean.
+    covariance: Vec<f64>,
+    /// The mean speed, px per frame interval.
+    speed: f32,
+}
+
+impl Course {
+    fn new(ways: &[Vector]) -> Option<Self> {
+        /// The number of parts of an interval over which the kernel is integrated.
+        const PARTS: usize = 16;
+        /// The variance of the mean velocity, which is not known, over that around it.
+        const MEAN: f64 = 1e4;
+        /// The variance of a way, which keeps the system regular.
+        const REST: f64 = 1e-3;
+        let kernel = |lag: f64| libm::exp(-lag * lag / (2.0 * ALIKE_FOR * ALIKE_FOR)) + MEAN;
+        let within = |of: &dyn Fn(f64) -> f64| {
+            let at = |i: usize| if i == 0 || i == PARTS { 0.5 } else { 1.0 } * of(i as f64 / PARTS as f64);
+            (0..=PARTS).map(at).sum::<f64>() / PARTS as f64
+        };
+        // The covariance of a velocity with a way, which is a mean velocity, and of two ways.
+        let with_way = |lag: f64| within(&|u| kernel(lag - u));
+        let of_ways = |lag: f64| within(&|u| with_way(lag + u));
+        let (n, m) = (ways.len() + 1, ways.len());
+        let lag = |a: usize, b: usize| a as f64 - b as f64;
+        let system: Vec<f64> = (0..m * m)
+            .map(|i| of_ways(lag(i / m, i % m)) + if i % (m + 1) == 0 { REST } else { 0.0 })
+            .collect();
+        let told: Vec<Vec<f64>> = (0..n).map(|t| (0..m).map(|i| with_way(lag(t, i))).collect()).collect();
+        let weights = told.iter().map(|of| solved(&system, of.clone())).collect::<Option<Vec<_>>>()?;
+        let covariance = (0..n * n).map(|i| {
+            let known = told[i / n].iter().zip(&weights[i % n]).map(|(a, b)| a * b).sum::<f64>();
+            kernel(lag(i / n, i % n)) - known
+        });
+        let velocity = |of: &Vec<f64>| {
+            [0, 1].map(|c| of.iter().zip(ways).map(|(w, way)| w * f64::from(way[c])).sum::<f64>() as f32)
+        };
+        let velocities: Vec<Vector> = weights.iter().map(velocity).collect();
+        let speed = velocities.iter().map(|v| length(*v)).sum::<f32>() / n as f32;
+        let base = (0..n).map(|t| {
+            let (before, after) = (ways[t.saturating_sub(1)], ways[t.min(m - 1)]);
+            [0, 1].map(|c| 0.5 * (before[c] + after[c]))
+        });
+        Some(Self { base: base.collect(), covariance: covariance.collect(), velocities, speed })
+    }
+
+    /// The covariance of one component of the streaks over the frames, row by row, at an exposure, if velocity has the std `spread`, px per
+    /// frame interval, around its mean.
+    fn of_streaks(&self, lambda: f64, spread: f64) -> Vec<f64> {
+        let n = self.base.len();
+        let own = STREAK_STD * STREAK_STD + (FLOW_STD * lambda).powi(2);
+        let of =
+            |(i, c): (usize, &f64)| (lambda * spread).powi(2) * c + if i % (n + 1) == 0 { own } else { 0.0 };
+        self.covariance.iter().enumerate().map(of).collect()
+    }
+
+    /// The log of the density of streaks at an exposure, but for what does not depend on them.
+    fn log_density(&self, streaks: &[Vector], lambda: f32, spread: f64) -> Option<f64> {
+        let covariance = self.of_streaks(f64::from(lambda), spread);
+        let mut sum = 0.0;
+        for c in [0, 1] {
+            let off = streaks.iter().zip(&self.velocities).map(|(s, v)| f64::from(s[c] - lambda * v[c]));
+            let off: Vec<f64> = off.collect();
+            let x = solved(&covariance, off.clone())?;
+            sum -= 0.5 * off.iter().zip(&x).map(|(a, b)| a * b).sum::<f64>();
+        }
+        Some(sum)
+    }
+}
+
+/// The streaks of a run's frames, px, and the exposure fraction that they were found with.
+#[derive(Clone, Debug)]
+struct Streaks {
+    vectors: Vec<Vector>,
+    lambda: f32,
+}
+
+/// The quadratic that the data's log-likelihood is like near some streaks, over all their components.
+struct Quadratic {
+    value: f64,
+    gradient: Vec<f64>,
+    /// Minus the second derivatives, row by row.
+    curvature: Vec<f64>,
+}
+
+/// What follows from the data near some streaks, with all streaks integrated out.
+struct Marginal {
+    /// The log-likelihood over the exposure in steps of [`STEP`].
+    curve: Vec<f32>,
+    /// The likeliest streaks within reach, with their exposure.
+    likeliest: Streaks,
+    /// The std of the velocity around its mean that goes with them, px per frame interval.
+    spread: f64,
+}
+
+struct Search<'a> {
+    links: &'a [Vec<PreparedPair<'a>>],
+    course: &'a Course,
+}
+
+impl Search<'_> {
+    /// The likeliest streaks that are found from some, and their log-likelihood.
+    fn improved(&self, mut streaks: Streaks, rounds: usize) -> Option<(Streaks, f32)> {
+        /// How often a step is halved.
+        const HALVED: usize = 4;
+        let mut reach = REACH;
+        let (px, of_streak) = STREAK_REACH;
+        for _ in 0..rounds {
+            let Marginal { likeliest: Streaks { vectors: best, lambda }, spread, .. } =
+                self.marginal(&streaks, reach)?;
+            let total = |vectors: &[Vector], value: f64| {
+                Some(value + self.course.log_density(vectors, lambda, spread)?)
+            };
+            let before = total(&streaks.vectors, self.log_likelihood(&streaks))?;
+            let apart = |(a, b): (&Vector, &Vector)| length([a[0] - b[0], a[1] - b[1]]);
+            let farthest = best.iter().zip(&streaks.vectors).map(apart).fold(0.0, f32::max);
+            let farthest_allowed = px.max(of_streak * streaks.lambda * self.course.speed);
+            let mut share = (farthest_allowed / farthest.max(f32::MIN_POSITIVE)).min(1.0);
+            let mut gained = None;
+            for _ in 0..HALVED {
+                let step =
+                    |(from, to): (&Vector, &Vector)| [0, 1].map(|c| from[c] + share * (to[c] - from[c]));
+                let vectors = streaks.vectors.iter().zip(&best).map(step).collect();
+                let next = Streaks { vectors, lambda };
+                let now = total(&next.vectors, self.log_likelihood(&next))?;
+                if now > before {
+                    gained = Some(now - before);
+                    streaks = next;
+                    break;
+                }
+                share *= 0.5;
+            }
+            match gained {
+                Some(gained) if gained < GAIN => break,
+                Some(_) => {}
+                // The exposure that seemed likeliest is too far away for the quadratic.
+                None if reach > 1.1 => reach = reach.sqrt(),
+                None => break,
+            }
+        }
+        let Marginal { likeliest: Streaks { lambda, .. }, spread, .. } = self.marginal(&streaks, 1.1)?;
+        let prior = self.course.log_density(&streaks.vectors, lambda, spread)?;
+        let own = self.log_likelihood(&streaks) + prior;
+        Some((streaks, own as f32))
+    }
+
+    /// The streak of a pair's surface in one of both frames: that of the frame, but for what the surface's motion differs from the frame's.
+    fn streak(&self, pair: &PreparedPair, link: usize, frame: usize, streaks: &Streaks) -> Vector {
+        let (own, motion) = (streaks.vectors[link + frame], pair.motion(frame));
+        let base = self.course.base[link + frame];
+        [0, 1].map(|c| own[c] + streaks.lambda * (motion[c] - base[c]))
+    }
+
+    /// The data's log-likelihood.
+    fn log_likelihood(&self, streaks: &Streaks) -> f64 {
+        let of_link = |(link, pairs): (usize, &Vec<PreparedPair>)| {
+            let all = par::map(pairs.len(), |i| {
+                let [first, second] =
+                    [0, 1].map(|frame| pairs[i].kernels(self.streak(&pairs[i], link, frame, streaks)));
+                pairs[i].log_likelihood(&first, &second)
+            });
+            f64::from(ALIKE * all.into_iter().sum::<f32>())
+        };
+        self.links.iter().enumerate().map(of_link).sum()
+    }
+
+    /// The quadratic of the data's log-likelihood, by differences.
+    fn quadratic(&self, streaks: &Streaks) -> Quadratic {
+        /// The components of the streaks of a link's two frames.
+        const K: usize = 4;
+        const D: f32 = DIFFERENCE;
+        /// The differences of one frame's streak: none, along each axis, and along both.
+        const MOVED: [Vector; 7] = [[0.0, 0.0], [D, 0.0], [-D, 0.0], [0.0, D], [0.0, -D], [D, D], [-D, -D]];
+        // In these two components move, forth and back, as the elements of `MOVED` for both frames.
+        let both = |i: usize, j: usize| match (i, j) {
+            (1, 0) => [(5, 0), (6, 0)],
+            (3, 2) => [(0, 5), (0, 6)],
+            _ => [(2 * j + 1, 2 * (i - 2) + 1), (2 * j + 2, 2 * (i - 2) + 2)],
+        };
+        let one = |i: usize| match i {
+            0 | 1 => [(2 * i + 1, 0), (2 * i + 2, 0)],
+            _ => [(0, 2 * (i - 2) + 1), (0, 2 * (i - 2) + 2)],
+        };
+        let order: Vec<(usize, usize)> = [(0, 0)]
+            .into_iter()
+            .chain((0..K).flat_map(one))
+            .chain((0..K).flat_map(|i| (0..i).flat_map(move |j| both(i, j))))
+            .collect();
+        let components = 2 * streaks.vectors.len();
+        let mut sum = Quadratic {
+            value: 0.0,
+            gradient: vec![0.0; components],
+            curvature: vec![0.0; components * components],
+        };
+        for (link, pairs) in self.links.iter().enumerate() {
+            let rows = par::map(pairs.len(), |i| {
+                let kernels = [0, 1].map(|frame| {
+                    let own = self.streak(&pairs[i], link, frame, streaks);
+                    MOVED.map(|by| pairs[i].kernels([own[0] + by[0], own[1] + by[1]]))
+                });
+                let at = |&(a, b): &(usize, usize)| pairs[i].log_likelihood(&kernels[0][a], &kernels[1][b]);
+                order.iter().map(at).collect::<Vec<f32>>()
+            });
+            let total = |k: usize| ALIKE * rows.iter().map(|row| row[k]).sum::<f32>();
+            let f: Vec<f32> = (0..order.len()).map(total).collect();
+            let (forth, back) = (|i: usize| f[1 + 2 * i], |i: usize| f[2 + 2 * i]);
+            let along = |i: usize| forth(i) + back(i) - 2.0 * f[0];
+            let mut curvature = [[0.0f32; K]; K];
+            for i in 0..K {
+                curvature[i][i] = -along(i) / (D * D);
+                for j in 0..i {
+                    let k = 1 + 2 * K + i * (i - 1) + 2 * j;
+                    let mixed = f[k] + f[k + 1] - 2.0 * f[0] - along(i) - along(j);
+                    curvature[i][j] = -mixed / (2.0 * D * D);
+                    curvature[j][i] = curvature[i][j];
+                }
+            }
+            sum.value += f64::from(f[0]);
+            let first = 2 * link;
+            for i in 0..K {
+                sum.gradient[first + i] += f64::from((forth(i) - back(i)) / (2.0 * D));
+                // Rows that dominate make the curvature positive.
+                let others = (0..K).filter(|&j| j != i).map(|j| curvature[i][j].abs()).sum::<f32>();
+                curvature[i][i] = curvature[i][i].max(others).max(1e-3);
+                for j in 0..K {
+                    sum.curvature[(first + i) * components + first + j] += f64::from(curvature[i][j]);
+                }
+            }
+        }
+        sum
+    }
+
+    /// The log-likelihood with the streaks integrated out, by the data's quadratic at some streaks, and the likeliest streaks at exposures
+    /// that differ from theirs by at most the factor `reach`. `None` if a covariance is not one.
+    fn marginal(&self, streaks: &Streaks, reach: f32) -> Option<Marginal> {
+        let n = streaks.vectors.len();
+        let components = 2 * n;
+        let Quadratic { value, gradient, curvature } = self.quadratic(streaks);
+        let of = |lambda: f32, spread: f64| -> Option<(f64, Vec<f64>)> {
+            let covariance = self.course.of_streaks(f64::from(lambda), spread);
+            let factor = cholesky(&covariance, n)?;
+            let mut precision = curvature.clone();
+            for i in 0..n {
+                let mut unit = vec![0.0; n];
+                unit[i] = 1.0;
+                for (j, v) in solved_by(&factor, unit).into_iter().enumerate() {
+                    for c in [0, 1] {
+                        precision[(2 * i + c) * components + 2 * j + c] += v;
+                    }
+                }
+            }
+            let posterior = cholesky(&precision, components)?;
+            let log_root =
+                |factor: &[f64], n: usize| (0..n).map(|i| libm::log(factor[i * (n + 1)])).sum::<f64>();
+            // The quadratic is moved to the mean of the prior.
+            let velocities = self.course.velocities.iter().flatten();
+            let mean: Vec<f64> = velocities.map(|v| f64::from(lambda * v)).collect();
+            let now = streaks.vectors.iter().flatten();
+            let off: Vec<f64> = mean.iter().zip(now).map(|(m, s)| m - f64::from(*s)).collect();
+            let bent: Vec<f64> = curvature
+                .chunks(components)
+                .map(|row| row.iter().zip(&off).map(|(a, b)| a * b).sum())
+                .collect();
+            let slope: Vec<f64> = gradient.iter().zip(&bent).map(|(g, b)| g - b).collect();
+            let at_mean = (0..components).map(|i| off[i] * (gradient[i] - 0.5 * bent[i])).sum::<f64>();
+            let x = solved_by(&posterior, slope.clone());
+            let gain = 0.5 * slope.iter().zip(&x).map(|(a, b)| a * b).sum::<f64>();
+            let volume = log_root(&posterior, components) + 2.0 * log_root(&factor, n);
+            let best = mean.iter().zip(&x).map(|(m, x)| m + x).collect();
+            Some((value + at_mean + gain - volume, best))
+        };
+        let lambda_of = |l: usize| (l as f32 * STEP).max(0.2 * STEP);
+        let spread_of = |k: usize| SPREADS[k] * f64::from(self.course.speed);
+        let all = par::map(STEPS * SPREADS.len(), |i| {
+            of(lambda_of(i / SPREADS.len()), spread_of(i % SPREADS.len()))
+        });
+        let all = all.into_iter().collect::<Option<Vec<_>>>()?;
+        let over = all.chunks(SPREADS.len()).map(|of| of.iter().map(|v| v.0 as f32).fold(f32::MIN, f32::max));
+        let within = streaks.lambda / reach - 0.5 * STEP..streaks.lambda * reach + 0.5 * STEP;
+        // An exposure of 0 has no streaks from which to go on.
+        let possible = (SPREADS.len()..all.len())
+            .filter(|i| (i / SPREADS.len()) as f32 * STEP <= 1.0)
+            .filter(|i| within.contains(&lambda_of(i / SPREADS.len())));
+        let best = possible.max_by(|&a, &b| all[a].0.total_cmp(&all[b].0))?;
+        let vectors = all[best].1.chunks(2).map(|v| [v[0] as f32, v[1] as f32]).collect();
+        let likeliest = Streaks { vectors, lambda: lambda_of(best / SPREADS.len()) };
+        Some(Marginal { curve: over.collect(), likeliest, spread: spread_of(best % SPREADS.len()) })
+    }
+}
