@@ -264,6 +264,29 @@ struct Quadratic {
     curvature: Vec<f64>,
 }
 
+/// The components of the streaks of a link's two frames.
+const K: usize = 4;
+
+/// The gradient of a function of [`K`] components, and minus its second derivatives, made positive, from its values at steps of
+/// [`DIFFERENCE`]: at the middle, forth and back along each component, and forth and back along each two together.
+fn derivatives(f: &[f32]) -> ([f32; K], [[f32; K]; K]) {
+    let along = |i: usize| f[1 + 2 * i] + f[2 + 2 * i] - 2.0 * f[0];
+    let gradient = std::array::from_fn(|i| (f[1 + 2 * i] - f[2 + 2 * i]) / (2.0 * DIFFERENCE));
+    let mixed = |a: usize, b: usize| {
+        let (i, j) = (a.max(b), a.min(b));
+        let k = 1 + 2 * K + i * (i - 1) + 2 * j;
+        let both = f[k] + f[k + 1] - 2.0 * f[0];
+        -0.5 * (both - along(i) - along(j)) / (DIFFERENCE * DIFFERENCE)
+    };
+    let curvature = std::array::from_fn(|i| {
+        // Rows that dominate make the matrix positive.
+        let others = (0..K).filter(|&j| j != i).map(|j| mixed(i, j).abs()).sum::<f32>();
+        let own = (-along(i) / (DIFFERENCE * DIFFERENCE)).max(others).max(1e-3);
+        std::array::from_fn(|j| if i == j { own } else { mixed(i, j) })
+    });
+    (gradient, curvature)
+}
+
 /// What follows from the data near some streaks, with all streaks integrated out.
 struct Marginal {
     /// The log-likelihood over the exposure in steps of [`STEP`].
@@ -347,8 +370,6 @@ impl Search<'_> {
 
     /// The quadratic of the data's log-likelihood, by differences.
     fn quadratic(&self, streaks: &Streaks) -> Quadratic {
-        /// The components of the streaks of a link's two frames.
-        const K: usize = 4;
         const D: f32 = DIFFERENCE;
         /// The differences of one frame's streak: none, along each axis, and along both.
         const MOVED: [Vector; 7] = [[0.0, 0.0], [D, 0.0], [-D, 0.0], [0.0, D], [0.0, -D], [D, D], [-D, -D]];
@@ -384,28 +405,13 @@ impl Search<'_> {
             });
             let total = |k: usize| ALIKE * rows.iter().map(|row| row[k]).sum::<f32>();
             let f: Vec<f32> = (0..order.len()).map(total).collect();
-            let (forth, back) = (|i: usize| f[1 + 2 * i], |i: usize| f[2 + 2 * i]);
-            let along = |i: usize| forth(i) + back(i) - 2.0 * f[0];
-            let mut curvature = [[0.0f32; K]; K];
-            for i in 0..K {
-                curvature[i][i] = -along(i) / (D * D);
-                for j in 0..i {
-                    let k = 1 + 2 * K + i * (i - 1) + 2 * j;
-                    let mixed = f[k] + f[k + 1] - 2.0 * f[0] - along(i) - along(j);
-                    curvature[i][j] = -mixed / (2.0 * D * D);
-                    curvature[j][i] = curvature[i][j];
-                }
-            }
+            let (gradient, curvature) = derivatives(&f);
             sum.value += f64::from(f[0]);
             let first = 2 * link;
             for i in 0..K {
-                sum.gradient[first + i] += f64::from((forth(i) - back(i)) / (2.0 * D));
-                // Rows that dominate make the curvature positive.
-                let others = (0..K).filter(|&j| j != i).map(|j| curvature[i][j].abs()).sum::<f32>();
-                curvature[i][i] = curvature[i][i].max(others).max(1e-3);
-                for j in 0..K {
-                    sum.curvature[(first + i) * components + first + j] += f64::from(curvature[i][j]);
-                }
+                sum.gradient[first + i] += f64::from(gradient[i]);
+                let row = &mut sum.curvature[(first + i) * components + first..][..K];
+                row.iter_mut().zip(curvature[i]).for_each(|(s, v)| *s += f64::from(v));
             }
         }
         sum
@@ -466,5 +472,128 @@ impl Search<'_> {
         let vectors = all[best].1.chunks(2).map(|v| [v[0] as f32, v[1] as f32]).collect();
         let likeliest = Streaks { vectors, lambda: lambda_of(best / SPREADS.len()) };
         Some(Marginal { curve: over.collect(), likeliest, spread: spread_of(best % SPREADS.len()) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::spectral::streak_pairs;
+    use crate::synth::motion_blur::motion_blur;
+    use crate::{Encoded, Flow, Raster, filter, model::BlurSpace};
+
+    /// The place and the velocity at a time, in frame intervals, of a swing with this period, in px.
+    fn swing(t: f32, period: f32) -> (Vector, Vector) {
+        let rate = std::f32::consts::TAU / period;
+        let ((s, c), (s1, c1)) = ((rate * t).sin_cos(), (rate * t + 1.0).sin_cos());
+        ([7.0 * t + 3.0 * s, 2.0 * t - 2.0 * c1], [7.0 + 3.0 * rate * c, 2.0 + 2.0 * rate * s1])
+    }
+
+    fn ways(frames: usize, period: f32) -> Vec<Vector> {
+        let place = |t: usize| swing(t as f32, period).0;
+        (1..frames).map(|t| [0, 1].map(|c| place(t)[c] - place(t - 1)[c])).collect()
+    }
+
+    #[test]
+    fn known_streaks_tell_the_exposure_though_no_frame_knows_its_velocity() {
+        for (period, lambda) in [(2.6f32, 0.6f32), (3.5, 0.3), (7.0, 0.9)] {
+            let course = Course::new(&ways(8, period)).unwrap();
+            let streaks: Vec<Vector> =
+                (0..8).map(|t| swing(t as f32, period).1.map(|v| lambda * v)).collect();
+            // Without pairs only the course tells.
+            let density = |exposure: f32| {
+                let of = |k: &f64| {
+                    let spread = k * f64::from(course.speed);
+                    let covariance = course.of_streaks(f64::from(exposure), spread);
+                    let factor = cholesky(&covariance, 8).unwrap();
+                    let volume = 2.0 * (0..8).map(|i| libm::log(factor[9 * i])).sum::<f64>();
+                    course.log_density(&streaks, exposure, spread).unwrap() - volume
+                };
+                SPREADS.iter().map(of).fold(f64::MIN, f64::max)
+            };
+            let best =
+                (2..120).max_by(|&a, &b| density(0.01 * a as f32).total_cmp(&density(0.01 * b as f32)));
+            let found = 0.01 * best.unwrap() as f32;
+            assert!((found - lambda).abs() < 0.04, "{period}: {found} for {lambda}");
+            // The mean of the ways around a frame errs by more than a tenth somewhere, if the swing is fast.
+            let share = |t: usize| length(swing(t as f32, period).1) / length(course.base[t]);
+            let farthest = (1..7).map(|t| (share(t) - 1.0).abs()).fold(0.0, f32::max);
+            assert!(farthest > if period < 5.0 { 0.15 } else { 0.03 }, "{period}: {farthest}");
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_a_quadratic() {
+        const D: f32 = DIFFERENCE;
+        let (slope, bend) = ([1.0, -2.0, 0.5, 3.0], [[4.0, 1.0, 0.0, -0.5], [1.0, 3.0, 0.5, 0.0]]);
+        let bend: [[f32; K]; K] = [bend[0], bend[1], [0.0, 0.5, 2.0, 1.0], [-0.5, 0.0, 1.0, 5.0]];
+        let value = |x: [f32; K]| {
+            let bent =
+                (0..K).flat_map(|i| (0..K).map(move |j| (i, j))).map(|(i, j)| x[i] * bend[i][j] * x[j]);
+            (0..K).map(|i| slope[i] * x[i]).sum::<f32>() - 0.5 * bent.sum::<f32>()
+        };
+        let at = |which: &[usize], by: f32| {
+            value(std::array::from_fn(|i| if which.contains(&i) { by } else { 0.0 }))
+        };
+        let mut f = vec![value([0.0; K])];
+        (0..K).for_each(|i| f.extend([at(&[i], D), at(&[i], -D)]));
+        (0..K).for_each(|i| (0..i).for_each(|j| f.extend([at(&[i, j], D), at(&[i, j], -D)])));
+        let (gradient, curvature) = derivatives(&f);
+        let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+        assert!(near(&gradient, &slope), "{gradient:?}");
+        assert!(near(curvature.as_flattened(), bend.as_flattened()), "{curvature:?}");
+    }
+
+    #[test]
+    fn frames_of_a_shaken_texture_tell_their_exposure() {
+        const FRAMES: usize = 5;
+        let (w, h) = (336, 240);
+        let noise = crate::fit::noise::tests::white(w + 80, h + 80, 3).map(|n| n[1]);
+        let octaves: Vec<_> = [1.0, 2.0, 4.0, 8.0].map(|s| filter::gaussian_blur(&noise, s)).into();
+        let texture = Raster::from_fn(w + 80, h + 80, |x, y| {
+            let sum: f32 = octaves.iter().zip([1.0, 2.0, 4.0, 8.0]).map(|(o, s)| s * o.at(x, y)).sum();
+            [0.4 + 0.1 * sum; 3]
+        });
+        // The places are rounded, so that the frames are cut out of the texture without interpolation.
+        let place = |t: usize| swing(t as f32, 3.0).0.map(|v| 40.0 + v.round());
+        let frames = |lambda: f32| -> Vec<Encoded> {
+            let blurred = |t: usize| {
+                let flow = Flow::filled(w + 80, h + 80, swing(t as f32, 3.0).1);
+                let whole = motion_blur(&texture, &flow, ExposureFraction(lambda)).unwrap();
+                let [x, y] = place(t);
+                Encoded(whole.crop(80 - x as usize, 80 - y as usize, w, h))
+            };
+            (0..FRAMES).map(blurred).collect()
+        };
+        let flow = |t: usize| Flow::filled(w, h, [0, 1].map(|c| place(t + 1)[c] - place(t)[c]));
+        let found = |frames: &[Encoded]| {
+            let links: Vec<Link> = (0..FRAMES - 1)
+                .map(|t| {
+                    let ways = ways(FRAMES, 3.0);
+                    let mean = |t: usize| {
+                        let (a, b) = (ways[t.saturating_sub(1)], ways[t.min(FRAMES - 2)]);
+                        Flow::filled(w, h, [0, 1].map(|c| 0.5 * (a[c] + b[c])))
+                    };
+                    let motions = [&mean(t), &mean(t + 1)];
+                    let space = BlurSpace::Encoded.into();
+                    let pairs = streak_pairs([&frames[t], &frames[t + 1]], &flow(t), motions, space);
+                    Link { way: ways[t], pairs }
+                })
+                .collect();
+            let run = Run { links: links.iter().collect(), frames: (0..FRAMES).map(Some).collect() };
+            fit_exposure(&[run], &LumaNoise::default()).expect("it moves")
+        };
+        for lambda in [0.4, 0.8] {
+            let fit = found(&frames(lambda));
+            let [low, high] = fit.interval;
+            // Streaks are known to 0.4 px, about a fifteenth of the speed.
+            assert!((fit.exposure.0 - lambda).abs() < 0.08, "{} for {lambda}", fit.exposure.0);
+            assert!(low <= lambda && lambda <= high && high - low < 0.35, "{low} to {high} for {lambda}");
+            assert_eq!(fit.per_frame.len(), FRAMES);
+        }
+        // Frames of sharp things have no streaks, however they swing.
+        let sharp = found(&frames(0.0));
+        assert!(sharp.exposure.0 < 0.1, "{}", sharp.exposure.0);
+        assert!(fit_exposure(&[], &LumaNoise::default()).is_none());
     }
 }
