@@ -156,10 +156,17 @@ pub(super) fn exposure_interval(
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }
 
-/// The 95 % interval of an exposure from a curve over all [`streaks`](super::streaks), whose errors the curve allows for.
-pub(super) fn streaks_interval(estimate: f32, sum: &[f32], coding_error: f32, speed: f32) -> [f32; 2] {
+/// The 95 % interval of an exposure from the summed curve of all runs of [`streaks`](super::streaks), and from replicas in which runs count
+/// differently.
+pub(super) fn streaks_interval(
+    estimate: f32,
+    sum: &[f32],
+    replicas: &[f32],
+    coding_error: f32,
+    speed: f32,
+) -> [f32; 2] {
     let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
-    let [low, high] = within_a_frame(estimate, interval(estimate, &[estimate], floor));
+    let [low, high] = within_a_frame(estimate, interval(estimate, replicas, floor));
     let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }

@@ -8,10 +8,11 @@
 //! such a course has at the frames' times are the exposure. The course is a Gaussian process (Rasmussen & Williams, Gaussian Processes for
 //! Machine Learning, chapter 2), and the streaks are integrated out by Laplace's method.
 
-use super::agreement::{ExposureFit, most_likely_exposure, streaks_interval, typical_speed};
+use super::agreement::{BOOTSTRAPS, ExposureFit, most_likely_exposure, streaks_interval, typical_speed};
 use super::likelihood::{EXPOSURE_STEP, EXPOSURES, MAX_LAMBDA, interpolate};
 use super::linear::{cholesky, solved, solved_by};
 use super::noise::LumaNoise;
+use super::robust::uniform;
 use super::spectral::{Pair, PreparedPair};
 use crate::model::ExposureFraction;
 use crate::par;
@@ -41,7 +42,7 @@ pub(super) struct Run<'a> {
 pub(super) const LONGEST_RUN: usize = 12;
 
 /// The time, in frame intervals, over which velocities are alike: the scale of the kernel of their Gaussian process. Swings with periods
-/// from two to thirty frames give the same exposure with half and with one and a half of it.
+/// from two to thirty frames give the same exposure with 0.5 and with 1 in its place.
 const ALIKE_FOR: f64 = 0.7;
 
 /// The stds of the velocity around its mean that are tried, over the mean speed; the likeliest one counts.
@@ -89,11 +90,20 @@ pub(super) fn fit_exposure(runs: &[Run], noise: &LumaNoise) -> Option<ExposureFi
     if found.is_empty() {
         return None;
     }
-    let mut sum = vec![0.0f32; EXPOSURES];
-    for run in &found {
-        sum.iter_mut().zip(&run.curve).for_each(|(s, v)| *s += v);
-    }
+    let summed = |weight: &dyn Fn(usize) -> f32| {
+        let mut sum = vec![0.0f32; EXPOSURES];
+        for (i, run) in found.iter().enumerate() {
+            sum.iter_mut().zip(&run.curve).for_each(|(s, v)| *s += weight(i) * v);
+        }
+        sum
+    };
+    let sum = summed(&|_| 1.0);
     let estimate = most_likely_exposure(&sum[..POSSIBLE]);
+    // A single run has no others to be held against.
+    let replicas = par::map(BOOTSTRAPS, |r| {
+        let weight = |run: usize| -(1.0 - uniform(r as u64, run as u64)).portable_ln();
+        most_likely_exposure(&summed(&weight)[..POSSIBLE])
+    });
     let velocities = || found.iter().flat_map(|f| &f.velocities).map(|v| length(*v));
     let speed = typical_speed(velocities().sum(), velocities().map(|v| v * v).sum());
     let most = sum.iter().copied().fold(f32::MIN, f32::max);
@@ -102,7 +112,7 @@ pub(super) fn fit_exposure(runs: &[Run], noise: &LumaNoise) -> Option<ExposureFi
     per_frame.dedup_by_key(|f| f.0);
     Some(ExposureFit {
         exposure: ExposureFraction(estimate),
-        interval: streaks_interval(estimate, &sum, noise.coding_error, speed),
+        interval: streaks_interval(estimate, &sum, &replicas, noise.coding_error, speed),
         samples: found.iter().map(|f| f.samples).sum(),
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - most]).collect(),
         per_frame,
