@@ -196,13 +196,15 @@ impl Estimator {
         let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
         let by_tiles = spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)?;
         let width = |fit: &agreement::ExposureFit| fit.interval[1] - fit.interval[0];
-        Ok(match (streaks::fit_exposure(&runs(frames), noise), by_tiles) {
-            (Some(own), by_tiles)
-                if width(&own) <= by_tiles.known().map_or(agreement::MAX_UNCERTAINTY, width) =>
-            {
-                Estimate::Known(own)
+        let widest = by_tiles.known().map_or(agreement::MAX_UNCERTAINTY, width);
+        let by_streaks = streaks::fit_exposure(&runs(frames), noise).filter(|fit| width(fit) <= widest);
+        Ok(match (by_streaks, by_tiles) {
+            // What each frame tells by itself is shown beside what all of them tell together.
+            (Some(fit), Estimate::Known(tiles)) => {
+                Estimate::Known(agreement::ExposureFit { per_frame: tiles.per_frame, ..fit })
             }
-            (_, by_tiles) => by_tiles,
+            (Some(fit), Estimate::Unknown(_)) => Estimate::Known(fit),
+            (None, by_tiles) => by_tiles,
         })
     }
 
