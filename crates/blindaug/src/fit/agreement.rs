@@ -156,9 +156,9 @@ pub(super) fn exposure_interval(
     with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }
 
-/// The 95 % interval of an exposure from the summed curve of all runs of [`streaks`](super::streaks), and from replicas in which runs count
-/// differently.
-pub(super) fn streaks_interval(
+/// The 95 % interval of an exposure where motion is uneven, from the summed curve and the exposures of a bootstrap's replicas, by
+/// [`LumaNoise::coding_error`] and the [`typical_speed`].
+pub(super) fn uneven_interval(
     estimate: f32,
     sum: &[f32],
     replicas: &[f32],
@@ -403,11 +403,8 @@ impl Uneven {
     }
 
     fn interval(&self, estimate: f32, sum: &[f32], coding_error: f32, speed: f32) -> [f32; 2] {
-        let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
         let replicas = par::map(UNEVEN_BOOTSTRAPS, |r| most_likely_exposure(&self.sum(Some(r))));
-        let [low, high] = within_a_frame(estimate, interval(estimate, &replicas, floor));
-        let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
-        with_hidden_streak([low.min(lowest), high.max(highest)], speed)
+        uneven_interval(estimate, sum, &replicas, coding_error, speed)
     }
 }
 

@@ -8,7 +8,7 @@
 //! such a course has at the frames' times are the exposure. The course is a Gaussian process (Rasmussen & Williams, Gaussian Processes for
 //! Machine Learning, chapter 2), and the streaks are integrated out by Laplace's method.
 
-use super::agreement::{BOOTSTRAPS, ExposureFit, most_likely_exposure, streaks_interval, typical_speed};
+use super::agreement::{BOOTSTRAPS, ExposureFit, most_likely_exposure, typical_speed, uneven_interval};
 use super::likelihood::{EXPOSURE_STEP, EXPOSURES, MAX_LAMBDA, interpolate};
 use super::linear::{cholesky, solved, solved_by};
 use super::noise::LumaNoise;
@@ -70,6 +70,8 @@ const IMPROVED: usize = 2;
 const ROUNDS: [usize; 2] = [6, 8];
 /// The factor by which the exposure may change in one round.
 const REACH: f32 = 1.6;
+/// The factor below which a smaller reach changes nothing: the exposure stays about what it is.
+const NARROW: f32 = 1.1;
 /// The largest change of a streak in one round, px, or as a share of the typical streak if that is more.
 const STREAK_REACH: (f32, f32) = (2.0, 0.3);
 /// The nats below which a round gains too little to go on.
@@ -112,7 +114,7 @@ pub(super) fn fit_exposure(runs: &[Run], noise: &LumaNoise) -> Option<ExposureFi
     per_frame.dedup_by_key(|f| f.0);
     Some(ExposureFit {
         exposure: ExposureFraction(estimate),
-        interval: streaks_interval(estimate, &sum, &replicas, noise.coding_error, speed),
+        interval: uneven_interval(estimate, &sum, &replicas, noise.coding_error, speed),
         samples: found.iter().map(|f| f.samples).sum(),
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - most]).collect(),
         per_frame,
@@ -150,12 +152,11 @@ fn fit_run(run: &Run, noise: &LumaNoise) -> Option<Found> {
         let vectors = course.velocities.iter().map(|v| v.map(|v| lambda * v)).collect();
         starts.push(search(&coarse, Streaks { vectors, lambda }, ROUNDS[0])?);
     }
-    starts.sort_by(|a, b| b.1.total_cmp(&a.1));
+    starts.sort_by(|a, b| b.own.total_cmp(&a.own));
     let mut curve = vec![f32::MIN; STEPS];
     let mut likeliest: Option<(Streaks, f32)> = None;
-    for (streaks, _) in starts.into_iter().take(IMPROVED) {
-        let (streaks, own) = search(&fine, streaks, ROUNDS[1])?;
-        let near = Search { links: &fine, course: &course }.marginal(&streaks, f32::INFINITY)?.curve;
+    for Improved { streaks, .. } in starts.into_iter().take(IMPROVED) {
+        let Improved { streaks, own, curve: near } = search(&fine, streaks, ROUNDS[1])?;
         // Far from where the likelihood was looked at its quadratic may promise more than there is.
         let most = near.iter().copied().fold(f32::MIN, f32::max);
         curve.iter_mut().zip(&near).for_each(|(c, v)| *c = c.max(v - most + own));
@@ -164,8 +165,7 @@ fn fit_run(run: &Run, noise: &LumaNoise) -> Option<Found> {
         }
     }
     let (streaks, _) = likeliest?;
-    let share =
-        |(streak, v): (&Vector, &Vector)| (streak[0] * v[0] + streak[1] * v[1]) / dot(*v, *v).max(1e-6);
+    let share = |(streak, v): (&Vector, &Vector)| dot(*streak, *v) / dot(*v, *v).max(1e-6);
     let shares = streaks.vectors.iter().zip(&course.velocities).map(share).map(|s| s.clamp(0.0, 1.0));
     let per_frame = run.frames.iter().zip(shares).filter_map(|(frame, share)| Some(((*frame)?, share)));
     Some(Found {
@@ -299,6 +299,8 @@ fn derivatives(f: &[f32]) -> ([f32; K], [[f32; K]; K]) {
 
 /// What follows from the data near some streaks, with all streaks integrated out.
 struct Marginal {
+    /// The data's log-likelihood of the streaks.
+    value: f64,
     /// The log-likelihood over the exposure in steps of [`STEP`].
     curve: Vec<f32>,
     /// The likeliest streaks within reach, with their exposure.
@@ -307,25 +309,34 @@ struct Marginal {
     spread: f64,
 }
 
+/// The likeliest streaks that were found from some.
+struct Improved {
+    streaks: Streaks,
+    /// Their log-likelihood.
+    own: f32,
+    /// The [`Marginal::curve`] near them.
+    curve: Vec<f32>,
+}
+
 struct Search<'a> {
     links: &'a [Vec<PreparedPair<'a>>],
     course: &'a Course,
 }
 
 impl Search<'_> {
-    /// The likeliest streaks that are found from some, and their log-likelihood.
-    fn improved(&self, mut streaks: Streaks, rounds: usize) -> Option<(Streaks, f32)> {
+    /// The likeliest streaks that are found from some in so many rounds; `None` if a covariance is not one.
+    fn improved(&self, mut streaks: Streaks, rounds: usize) -> Option<Improved> {
         /// How often a step is halved.
         const HALVED: usize = 4;
         let mut reach = REACH;
         let (px, of_streak) = STREAK_REACH;
         for _ in 0..rounds {
-            let Marginal { likeliest: Streaks { vectors: best, lambda }, spread, .. } =
+            let Marginal { value, likeliest: Streaks { vectors: best, lambda }, spread, .. } =
                 self.marginal(&streaks, reach)?;
             let total = |vectors: &[Vector], value: f64| {
                 Some(value + self.course.log_density(vectors, lambda, spread)?)
             };
-            let before = total(&streaks.vectors, self.log_likelihood(&streaks))?;
+            let before = total(&streaks.vectors, value)?;
             let apart = |(a, b): (&Vector, &Vector)| length([a[0] - b[0], a[1] - b[1]]);
             let farthest = best.iter().zip(&streaks.vectors).map(apart).fold(0.0, f32::max);
             let farthest_allowed = px.max(of_streak * streaks.lambda * self.course.speed);
@@ -348,14 +359,14 @@ impl Search<'_> {
                 Some(gained) if gained < GAIN => break,
                 Some(_) => {}
                 // The exposure that seemed likeliest is too far away for the quadratic.
-                None if reach > 1.1 => reach = reach.sqrt(),
+                None if reach > NARROW => reach = reach.sqrt(),
                 None => break,
             }
         }
-        let Marginal { likeliest: Streaks { lambda, .. }, spread, .. } = self.marginal(&streaks, 1.1)?;
-        let prior = self.course.log_density(&streaks.vectors, lambda, spread)?;
-        let own = self.log_likelihood(&streaks) + prior;
-        Some((streaks, own as f32))
+        let Marginal { value, curve, likeliest: Streaks { lambda, .. }, spread } =
+            self.marginal(&streaks, NARROW)?;
+        let own = (value + self.course.log_density(&streaks.vectors, lambda, spread)?) as f32;
+        Some(Improved { streaks, own, curve })
     }
 
     /// The streak of a pair's surface in one of both frames: that of the frame, but for what the surface's motion differs from the frame's.
@@ -481,7 +492,7 @@ impl Search<'_> {
         let best = possible.max_by(|&a, &b| all[a].0.total_cmp(&all[b].0))?;
         let vectors = all[best].1.chunks(2).map(|v| [v[0] as f32, v[1] as f32]).collect();
         let likeliest = Streaks { vectors, lambda: lambda_of(best / SPREADS.len()) };
-        Some(Marginal { curve: over.collect(), likeliest, spread: spread_of(best % SPREADS.len()) })
+        Some(Marginal { value, curve: over.collect(), likeliest, spread: spread_of(best % SPREADS.len()) })
     }
 }
 
