@@ -294,9 +294,9 @@ impl Estimator {
             (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), mean);
             if speed_error > 0.0 {
                 let space = self.options.space;
-                let link = |frames, flow: &Flow, motions| {
-                    let way = uneven::typical_way(flow)?;
-                    Some(streaks::Link { way, pairs: spectral::streak_pairs(frames, flow, motions, space) })
+                let link = |frames, flow: &Flow, [first, second]: [&Flow; 2]| {
+                    let motions: [&tiles::MotionOf; 2] = [&|x, y| first.at(x, y), &|x, y| second.at(x, y)];
+                    streaks::Link::new(frames, flow, motions, space)
                 };
                 let before = previous.zip(from_previous);
                 let motion_before = last.as_ref().map(LastMotion::motion);

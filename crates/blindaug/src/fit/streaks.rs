@@ -8,15 +8,19 @@
 //! such a course has at the frames' times are the exposure. The course is a Gaussian process (Rasmussen & Williams, Gaussian Processes for
 //! Machine Learning, chapter 2), and the streaks are integrated out by Laplace's method.
 
-use super::agreement::{BOOTSTRAPS, ExposureFit, most_likely_exposure, typical_speed, uneven_interval};
+use super::agreement::{
+    BOOTSTRAPS, ExposureFit, MAX_UNCERTAINTY, most_likely_exposure, typical_speed, uneven_interval,
+};
 use super::likelihood::{EXPOSURE_STEP, EXPOSURES, MAX_LAMBDA, interpolate};
 use super::linear::{cholesky, solved, solved_by};
 use super::noise::LumaNoise;
 use super::robust::uniform;
-use super::spectral::{Pair, PreparedPair};
-use crate::model::ExposureFraction;
-use crate::par;
+use super::spectral::{Pair, PreparedPair, streak_pairs};
+use super::tiles::MotionOf;
+use super::uneven::typical_motion;
+use crate::model::{ExposureFraction, Space};
 use crate::portable::Portable;
+use crate::{Encoded, Flow, par};
 
 /// A vector in the frame, px.
 type Vector = [f32; 2];
@@ -25,9 +29,25 @@ type Vector = [f32; 2];
 #[derive(Clone, Debug)]
 pub(super) struct Link {
     /// The way of what moves from the first frame to the second, px.
-    pub way: Vector,
+    way: Vector,
+    /// The typical motion of each frame by which the pairs were found, px per frame interval: a pair's surface may move otherwise.
+    typical: [Vector; 2],
     /// The pairs of tiles of both frames.
-    pub pairs: Vec<Pair>,
+    pairs: Vec<Pair>,
+}
+
+impl Link {
+    /// A link between two successive frames, given the flow from the first to the second, px, and the motion of each frame at its own time, px
+    /// per frame interval (NaN: unknown); `None` if nothing is known of these.
+    pub fn new(frames: [&Encoded; 2], flow: &Flow, motions: [&MotionOf; 2], space: Space) -> Option<Self> {
+        let size = flow.size();
+        let [first, second] = motions.map(|of| typical_motion(size, of));
+        Some(Self {
+            way: typical_motion(size, &|x, y| flow.at(x, y))?,
+            typical: [first?, second?],
+            pairs: streak_pairs(frames, flow, motions, space),
+        })
+    }
 }
 
 /// Successive frames, each linked to the next.
@@ -86,43 +106,75 @@ const POSSIBLE: usize = (1.0 / EXPOSURE_STEP) as usize + 1;
 /// The step, px, of the differences by which the likelihood's derivatives are found: the kernels of streaks change over three px.
 const DIFFERENCE: f32 = 0.5;
 
+/// The widest interval by streaks that takes the place of the interval by single tiles, whose width is given; `None`: these tell no exposure.
+pub(super) fn widest(by_tiles: Option<f32>) -> f32 {
+    /// Where motion is uneven, tiles are less sure than their interval says.
+    const PREFERRED: f32 = 1.2;
+    by_tiles.map_or(MAX_UNCERTAINTY, |width| (PREFERRED * width).min(MAX_UNCERTAINTY))
+}
+
 /// The exposure that the streaks of all runs agree on; `None` if no two frames can be compared.
 pub(super) fn fit_exposure(runs: &[Run], noise: &LumaNoise) -> Option<ExposureFit> {
-    let found: Vec<Found> = runs.iter().filter_map(|run| fit_run(run, noise)).collect();
-    if found.is_empty() {
+    let told: Vec<Told> = runs.iter().filter_map(|run| told_by(run, None, noise)).collect();
+    agreed(&told.iter().collect::<Vec<_>>(), noise.coding_error)
+}
+
+/// The exposure that some runs agree on, with noise of this [`LumaNoise::coding_error`]; `None` if there is no run.
+pub(super) fn agreed(told: &[&Told], coding_error: f32) -> Option<ExposureFit> {
+    if told.is_empty() {
         return None;
     }
-    let summed = |weight: &dyn Fn(usize) -> f32| {
-        let mut sum = vec![0.0f32; EXPOSURES];
-        for (i, run) in found.iter().enumerate() {
-            sum.iter_mut().zip(&run.curve).for_each(|(s, v)| *s += weight(i) * v);
-        }
-        sum
-    };
-    let sum = summed(&|_| 1.0);
-    let estimate = most_likely_exposure(&sum[..POSSIBLE]);
+    let sum = summed(told);
+    let estimate = likeliest(&sum);
     // A single run has no others to be held against.
     let replicas = par::map(BOOTSTRAPS, |r| {
         let weight = |run: usize| -(1.0 - uniform(r as u64, run as u64)).portable_ln();
-        most_likely_exposure(&summed(&weight)[..POSSIBLE])
+        likeliest(&weighted(told, weight))
     });
-    let velocities = || found.iter().flat_map(|f| &f.velocities).map(|v| length(*v));
-    let speed = typical_speed(velocities().sum(), velocities().map(|v| v * v).sum());
+    let seen = || told.iter().flat_map(|t| t.velocities.windows(2)).map(|v| seen_speed(v[0], v[1]));
+    let speed = typical_speed(seen().sum(), seen().map(|v| v * v).sum());
     let most = sum.iter().copied().fold(f32::MIN, f32::max);
-    let mut per_frame: Vec<(usize, f32)> = found.iter().flat_map(|f| f.per_frame.iter().copied()).collect();
+    let mut per_frame: Vec<(usize, f32)> = told.iter().flat_map(|t| t.per_frame.iter().copied()).collect();
     per_frame.sort_by_key(|f| f.0);
     per_frame.dedup_by_key(|f| f.0);
     Some(ExposureFit {
         exposure: ExposureFraction(estimate),
-        interval: uneven_interval(estimate, &sum, &replicas, noise.coding_error, speed),
-        samples: found.iter().map(|f| f.samples).sum(),
+        interval: uneven_interval(estimate, &sum, &replicas, coding_error, speed),
+        samples: told.iter().map(|t| t.samples).sum(),
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - most]).collect(),
         per_frame,
     })
 }
 
+/// The log-likelihoods of some runs together, over the exposures of a curve.
+pub(super) fn summed(told: &[&Told]) -> Vec<f32> {
+    weighted(told, |_| 1.0)
+}
+
+fn weighted(told: &[&Told], weight: impl Fn(usize) -> f32) -> Vec<f32> {
+    let mut sum = vec![0.0f32; EXPOSURES];
+    for (i, run) in told.iter().enumerate() {
+        sum.iter_mut().zip(&run.curve).for_each(|(s, v)| *s += weight(i) * v);
+    }
+    sum
+}
+
+/// The likeliest exposure fraction of a curve: at most 1, since what seems longer than a frame was faster than its flow says.
+pub(super) fn likeliest(curve: &[f32]) -> f32 {
+    most_likely_exposure(&curve[..POSSIBLE])
+}
+
+/// The speed whose streak, against none, differs as much as those of two frames with these velocities, in any unit. A short streak takes
+/// from a spectrum what is proportional to the square of its length, in its direction, so the matrices of these squares are compared.
+fn seen_speed(a: Vector, b: Vector) -> f32 {
+    let squares = dot(a, a).powi(2) + dot(b, b).powi(2) - 2.0 * dot(a, b).powi(2);
+    squares.max(0.0).sqrt().sqrt()
+}
+
 /// What the frames of a run tell.
-struct Found {
+pub(super) struct Told {
+    /// The likeliest streaks.
+    streaks: Streaks,
     /// The log-likelihood over the exposures of a curve, in nats.
     curve: Vec<f32>,
     /// The velocities at the frames' times, px per frame interval, as the flow tells them.
@@ -133,29 +185,43 @@ struct Found {
     samples: usize,
 }
 
-fn fit_run(run: &Run, noise: &LumaNoise) -> Option<Found> {
-    let links = |highest: f32| -> Vec<Vec<PreparedPair>> {
+/// What the streaks of a run tell; `None` if no two of its frames can be compared. `before` is what its first frames told: the search then
+/// starts from their streaks alone, and is much shorter.
+pub(super) fn told_by<'a>(run: &Run<'a>, before: Option<&Told>, noise: &LumaNoise) -> Option<Told> {
+    let links = |highest: f32| -> Vec<PreparedLink<'a>> {
         let of_pair = |pair| PreparedPair::of_streaks(pair, noise, highest);
-        run.links.iter().map(|link| link.pairs.iter().filter_map(of_pair).collect()).collect()
+        let of_link = |link: &'a Link| PreparedLink {
+            typical: link.typical,
+            pairs: link.pairs.iter().filter_map(of_pair).collect(),
+        };
+        run.links.iter().copied().map(of_link).collect()
     };
     let ways: Vec<Vector> = run.links.iter().map(|link| link.way).collect();
     let course = Course::new(&ways).filter(|course| course.speed > 0.0)?;
     let fine = links(f32::INFINITY);
-    let samples = fine.iter().map(Vec::len).sum();
+    let samples = fine.iter().map(|link| link.pairs.len()).sum();
     if samples == 0 {
         return None;
     }
-    let coarse = links((COARSE / course.speed).clamp(COARSE_RANGE.0, COARSE_RANGE.1));
-    let search = |links, streaks, rounds| Search { links, course: &course }.improved(streaks, rounds);
-    let mut starts = vec![];
-    for lambda in STARTS {
-        let vectors = course.velocities.iter().map(|v| v.map(|v| lambda * v)).collect();
-        starts.push(search(&coarse, Streaks { vectors, lambda }, ROUNDS[0])?);
-    }
-    starts.sort_by(|a, b| b.own.total_cmp(&a.own));
+    let search =
+        |links: &[PreparedLink], streaks, rounds| Search { links, course: &course }.improved(streaks, rounds);
+    let at = |lambda: f32| course.velocities.iter().map(move |v| v.map(|v| lambda * v));
+    let starts = match before {
+        Some(Told { streaks: Streaks { vectors, lambda }, .. }) => {
+            let vectors = vectors.iter().copied().chain(at(*lambda).skip(vectors.len())).collect();
+            vec![Streaks { vectors, lambda: *lambda }]
+        }
+        None => {
+            let coarse = links((COARSE / course.speed).clamp(COARSE_RANGE.0, COARSE_RANGE.1));
+            let from = |lambda| search(&coarse, Streaks { vectors: at(lambda).collect(), lambda }, ROUNDS[0]);
+            let mut starts = STARTS.into_iter().map(from).collect::<Option<Vec<_>>>()?;
+            starts.sort_by(|a, b| b.own.total_cmp(&a.own));
+            starts.into_iter().take(IMPROVED).map(|start| start.streaks).collect()
+        }
+    };
     let mut curve = vec![f32::MIN; STEPS];
     let mut likeliest: Option<(Streaks, f32)> = None;
-    for Improved { streaks, .. } in starts.into_iter().take(IMPROVED) {
+    for streaks in starts {
         let Improved { streaks, own, curve: near } = search(&fine, streaks, ROUNDS[1])?;
         // Far from where the likelihood was looked at its quadratic may promise more than there is.
         let most = near.iter().copied().fold(f32::MIN, f32::max);
@@ -168,9 +234,11 @@ fn fit_run(run: &Run, noise: &LumaNoise) -> Option<Found> {
     let share = |(streak, v): (&Vector, &Vector)| dot(*streak, *v) / dot(*v, *v).max(1e-6);
     let shares = streaks.vectors.iter().zip(&course.velocities).map(share).map(|s| s.clamp(0.0, 1.0));
     let per_frame = run.frames.iter().zip(shares).filter_map(|(frame, share)| Some(((*frame)?, share)));
-    Some(Found {
+    let per_frame = per_frame.collect();
+    Some(Told {
+        streaks,
         curve: (0..EXPOSURES).map(|i| interpolate(&curve, i as f32 * EXPOSURE_STEP / STEP)).collect(),
-        per_frame: per_frame.collect(),
+        per_frame,
         velocities: course.velocities,
         samples,
     })
@@ -186,8 +254,6 @@ fn length([x, y]: Vector) -> f32 {
 
 /// What the ways from frame to frame tell of the velocities at the frames' own times.
 struct Course {
-    /// The mean of the ways around each frame, px.
-    base: Vec<Vector>,
     /// The mean of the velocities that a smooth course may have, px per frame interval.
     velocities: Vec<Vector>,
     /// The covariance of one component of the velocities over the frames, row by row, if velocity has the variance 1 around its mean.
@@ -228,17 +294,13 @@ impl Course {
         };
         let velocities: Vec<Vector> = weights.iter().map(velocity).collect();
         let speed = velocities.iter().map(|v| length(*v)).sum::<f32>() / n as f32;
-        let base = (0..n).map(|t| {
-            let (before, after) = (ways[t.saturating_sub(1)], ways[t.min(m - 1)]);
-            [0, 1].map(|c| 0.5 * (before[c] + after[c]))
-        });
-        Some(Self { base: base.collect(), covariance: covariance.collect(), velocities, speed })
+        Some(Self { covariance: covariance.collect(), velocities, speed })
     }
 
     /// The covariance of one component of the streaks over the frames, row by row, at an exposure, if velocity has the std `spread`, px per
     /// frame interval, around its mean.
     fn of_streaks(&self, lambda: f64, spread: f64) -> Vec<f64> {
-        let n = self.base.len();
+        let n = self.velocities.len();
         let own = STREAK_STD * STREAK_STD + (FLOW_STD * lambda).powi(2);
         let of =
             |(i, c): (usize, &f64)| (lambda * spread).powi(2) * c + if i % (n + 1) == 0 { own } else { 0.0 };
@@ -299,8 +361,6 @@ fn derivatives(f: &[f32]) -> ([f32; K], [[f32; K]; K]) {
 
 /// What follows from the data near some streaks, with all streaks integrated out.
 struct Marginal {
-    /// The data's log-likelihood of the streaks.
-    value: f64,
     /// The log-likelihood over the exposure in steps of [`STEP`].
     curve: Vec<f32>,
     /// The likeliest streaks within reach, with their exposure.
@@ -318,8 +378,14 @@ struct Improved {
     curve: Vec<f32>,
 }
 
+/// A [`Link`] whose pairs are ready for the likelihood.
+struct PreparedLink<'a> {
+    typical: [Vector; 2],
+    pairs: Vec<PreparedPair<'a>>,
+}
+
 struct Search<'a> {
-    links: &'a [Vec<PreparedPair<'a>>],
+    links: &'a [PreparedLink<'a>],
     course: &'a Course,
 }
 
@@ -330,13 +396,14 @@ impl Search<'_> {
         const HALVED: usize = 4;
         let mut reach = REACH;
         let (px, of_streak) = STREAK_REACH;
+        let mut quadratic = self.quadratic(&streaks);
         for _ in 0..rounds {
-            let Marginal { value, likeliest: Streaks { vectors: best, lambda }, spread, .. } =
-                self.marginal(&streaks, reach)?;
+            let Marginal { likeliest: Streaks { vectors: best, lambda }, spread, .. } =
+                self.marginal(&quadratic, &streaks, reach)?;
             let total = |vectors: &[Vector], value: f64| {
                 Some(value + self.course.log_density(vectors, lambda, spread)?)
             };
-            let before = total(&streaks.vectors, value)?;
+            let before = total(&streaks.vectors, quadratic.value)?;
             let apart = |(a, b): (&Vector, &Vector)| length([a[0] - b[0], a[1] - b[1]]);
             let farthest = best.iter().zip(&streaks.vectors).map(apart).fold(0.0, f32::max);
             let farthest_allowed = px.max(of_streak * streaks.lambda * self.course.speed);
@@ -351,6 +418,7 @@ impl Search<'_> {
                 if now > before {
                     gained = Some(now - before);
                     streaks = next;
+                    quadratic = self.quadratic(&streaks);
                     break;
                 }
                 share *= 0.5;
@@ -363,25 +431,27 @@ impl Search<'_> {
                 None => break,
             }
         }
-        let Marginal { value, curve, likeliest: Streaks { lambda, .. }, spread } =
-            self.marginal(&streaks, NARROW)?;
-        let own = (value + self.course.log_density(&streaks.vectors, lambda, spread)?) as f32;
+        let Marginal { curve, likeliest: Streaks { lambda, .. }, spread } =
+            self.marginal(&quadratic, &streaks, NARROW)?;
+        let own = (quadratic.value + self.course.log_density(&streaks.vectors, lambda, spread)?) as f32;
         Some(Improved { streaks, own, curve })
     }
 
-    /// The streak of a pair's surface in one of both frames: that of the frame, but for what the surface's motion differs from the frame's.
-    fn streak(&self, pair: &PreparedPair, link: usize, frame: usize, streaks: &Streaks) -> Vector {
-        let (own, motion) = (streaks.vectors[link + frame], pair.motion(frame));
-        let base = self.course.base[link + frame];
-        [0, 1].map(|c| own[c] + streaks.lambda * (motion[c] - base[c]))
+    /// The streak of a surface of a link's pair in one of both frames: that of the frame, but for what the surface's motion differs from the
+    /// frame's.
+    fn streak(&self, (link, pair): (usize, usize), frame: usize, streaks: &Streaks) -> Vector {
+        let PreparedLink { typical, pairs } = &self.links[link];
+        let (own, motion, typical) =
+            (streaks.vectors[link + frame], pairs[pair].motion(frame), typical[frame]);
+        [0, 1].map(|c| own[c] + streaks.lambda * (motion[c] - typical[c]))
     }
 
     /// The data's log-likelihood.
     fn log_likelihood(&self, streaks: &Streaks) -> f64 {
-        let of_link = |(link, pairs): (usize, &Vec<PreparedPair>)| {
+        let of_link = |(link, PreparedLink { pairs, .. }): (usize, &PreparedLink)| {
             let all = par::map(pairs.len(), |i| {
                 let [first, second] =
-                    [0, 1].map(|frame| pairs[i].kernels(self.streak(&pairs[i], link, frame, streaks)));
+                    [0, 1].map(|frame| pairs[i].kernels(self.streak((link, i), frame, streaks)));
                 pairs[i].log_likelihood(&first, &second)
             });
             f64::from(ALIKE * all.into_iter().sum::<f32>())
@@ -415,14 +485,18 @@ impl Search<'_> {
             gradient: vec![0.0; components],
             curvature: vec![0.0; components * components],
         };
-        for (link, pairs) in self.links.iter().enumerate() {
+        for (link, PreparedLink { pairs, .. }) in self.links.iter().enumerate() {
             let rows = par::map(pairs.len(), |i| {
                 let kernels = [0, 1].map(|frame| {
-                    let own = self.streak(&pairs[i], link, frame, streaks);
+                    let own = self.streak((link, i), frame, streaks);
                     MOVED.map(|by| pairs[i].kernels([own[0] + by[0], own[1] + by[1]]))
                 });
-                let at = |&(a, b): &(usize, usize)| pairs[i].log_likelihood(&kernels[0][a], &kernels[1][b]);
-                order.iter().map(at).collect::<Vec<f32>>()
+                let [first, second] = kernels;
+                let (misregistration, value) = pairs[i].likeliest(&first[0], &second[0]);
+                let at = |&(a, b): &(usize, usize)| {
+                    pairs[i].log_likelihood_at(&first[a], &second[b], misregistration)
+                };
+                std::iter::once(value).chain(order[1..].iter().map(at)).collect::<Vec<f32>>()
             });
             let total = |k: usize| ALIKE * rows.iter().map(|row| row[k]).sum::<f32>();
             let f: Vec<f32> = (0..order.len()).map(total).collect();
@@ -438,12 +512,12 @@ impl Search<'_> {
         sum
     }
 
-    /// The log-likelihood with the streaks integrated out, by the data's quadratic at some streaks, and the likeliest streaks at exposures
-    /// that differ from theirs by at most the factor `reach`. `None` if a covariance is not one.
-    fn marginal(&self, streaks: &Streaks, reach: f32) -> Option<Marginal> {
+    /// The log-likelihood with the streaks integrated out, by the data's [`Search::quadratic`] at some streaks, and the likeliest streaks at
+    /// exposures that differ from theirs by at most the factor `reach`. `None` if a covariance is not one.
+    fn marginal(&self, quadratic: &Quadratic, streaks: &Streaks, reach: f32) -> Option<Marginal> {
         let n = streaks.vectors.len();
         let components = 2 * n;
-        let Quadratic { value, gradient, curvature } = self.quadratic(streaks);
+        let Quadratic { value, gradient, curvature } = quadratic;
         let of = |lambda: f32, spread: f64| -> Option<(f64, Vec<f64>)> {
             let covariance = self.course.of_streaks(f64::from(lambda), spread);
             let factor = cholesky(&covariance, n)?;
@@ -492,16 +566,15 @@ impl Search<'_> {
         let best = possible.max_by(|&a, &b| all[a].0.total_cmp(&all[b].0))?;
         let vectors = all[best].1.chunks(2).map(|v| [v[0] as f32, v[1] as f32]).collect();
         let likeliest = Streaks { vectors, lambda: lambda_of(best / SPREADS.len()) };
-        Some(Marginal { value, curve: over.collect(), likeliest, spread: spread_of(best % SPREADS.len()) })
+        Some(Marginal { curve: over.collect(), likeliest, spread: spread_of(best % SPREADS.len()) })
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::spectral::streak_pairs;
     use crate::synth::motion_blur::motion_blur;
-    use crate::{Encoded, Flow, Raster, filter, model::BlurSpace};
+    use crate::{Raster, filter, model::BlurSpace};
 
     /// The place and the velocity at a time, in frame intervals, of a swing with this period, in px.
     fn swing(t: f32, period: f32) -> (Vector, Vector) {
@@ -537,7 +610,9 @@ mod tests {
             let found = 0.01 * best.unwrap() as f32;
             assert!((found - lambda).abs() < 0.04, "{period}: {found} for {lambda}");
             // The mean of the ways around a frame errs by more than a tenth somewhere, if the swing is fast.
-            let share = |t: usize| length(swing(t as f32, period).1) / length(course.base[t]);
+            let steps = ways(8, period);
+            let mean = |t: usize| [0, 1].map(|c| 0.5 * (steps[t - 1][c] + steps[t][c]));
+            let share = |t: usize| length(swing(t as f32, period).1) / length(mean(t));
             let farthest = (1..7).map(|t| (share(t) - 1.0).abs()).fold(0.0, f32::max);
             assert!(farthest > if period < 5.0 { 0.15 } else { 0.03 }, "{period}: {farthest}");
         }
@@ -595,10 +670,10 @@ mod tests {
                         let (a, b) = (ways[t.saturating_sub(1)], ways[t.min(FRAMES - 2)]);
                         Flow::filled(w, h, [0, 1].map(|c| 0.5 * (a[c] + b[c])))
                     };
-                    let motions = [&mean(t), &mean(t + 1)];
-                    let space = BlurSpace::Encoded.into();
-                    let pairs = streak_pairs([&frames[t], &frames[t + 1]], &flow(t), motions, space);
-                    Link { way: ways[t], pairs }
+                    let [first, second] = [mean(t), mean(t + 1)];
+                    let motions: [&MotionOf; 2] = [&|x, y| first.at(x, y), &|x, y| second.at(x, y)];
+                    let pair = [&frames[t], &frames[t + 1]];
+                    Link::new(pair, &flow(t), motions, BlurSpace::Encoded.into()).unwrap()
                 })
                 .collect();
             let run = Run { links: links.iter().collect(), frames: (0..FRAMES).map(Some).collect() };

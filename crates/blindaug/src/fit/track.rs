@@ -17,14 +17,17 @@ mod exposure;
 mod lens;
 mod memory;
 mod noise;
+mod streaks;
 
 use self::exposure::{EXPOSURES, ExposureMemory};
 use self::lens::{LensMemory, SIGMAS};
 use self::noise::NoiseFollower;
+use self::streaks::StreaksMemory;
 use super::agreement::{ExposureObservation, LensObservation};
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::LumaNoise;
 use super::observation::FrameObservation;
+use super::streaks::Link;
 use super::uneven::{self, Correction, Swings};
 use super::{spectral, tiles};
 use crate::analysis::cuts::look_different;
@@ -85,6 +88,7 @@ pub struct Tracker {
     next_parallax: (usize, bool),
     noise: NoiseFollower,
     exposure: ExposureMemory,
+    streaks: StreaksMemory,
     lens: LensMemory,
     depth_kind: Option<DepthKind>,
     /// Whether the next frame belongs to another shot.
@@ -199,6 +203,7 @@ impl Tracker {
             swings: Swings::default(),
             noise: NoiseFollower::default(),
             exposure: ExposureMemory::default(),
+            streaks: StreaksMemory::default(),
             lens: LensMemory::default(),
             depth_kind: None,
             cut_ahead: false,
@@ -293,12 +298,24 @@ impl Tracker {
             // What swings now swung in the last frames, too, which did not allow for it.
             self.exposure.forget_recent();
         }
+        // The link to the frame before was made with that frame, if its motion was uneven already.
+        let links = match (next, flow, mean_of) {
+            (Some(next), Some(flow), Some(mean)) if correction.error > 0.0 => {
+                let before = observation.previous.zip(last).filter(|_| correction.begins);
+                let before = before.and_then(|(other, last)| {
+                    Link::new([other, frame], last, [&|x, y| last.at(x, y), mean], self.space)
+                });
+                let after = Link::new([frame, next], flow, [mean, &|x, y| flow.at(x, y)], self.space);
+                before.into_iter().chain(after).collect()
+            }
+            _ => vec![],
+        };
         let of = mean_of.map(|of| move |x: usize, y: usize| correction.of(of(x, y)));
         let motion = of.as_ref().map(|of| of as &tiles::MotionOf);
         match (observer, self.noise.luma) {
             // What noise cannot be told from tells nothing of blur.
             (_, None) => {
-                model.motion_blur = self.follow_exposure(&[]);
+                model.motion_blur = self.follow_exposure(&[], vec![]);
                 model.defocus = self.follow_lens(&[])?;
             }
             (Some(observer), Some(noise)) => {
@@ -323,7 +340,7 @@ impl Tracker {
                 })?;
                 found.check()?;
                 found.exposure.iter_mut().for_each(|w| w.speed_error = correction.error);
-                model.motion_blur = self.follow_exposure(&found.exposure);
+                model.motion_blur = self.follow_exposure(&found.exposure, links);
                 model.defocus = self.follow_lens(&found.lens)?;
             }
             (None, Some(noise)) => {
@@ -331,7 +348,7 @@ impl Tracker {
                 let mut tiles = tiles::tiles_at(frame, &corners, motion, depth, self.space);
                 tiles.iter_mut().for_each(|t| t.speed_error = correction.error);
                 let found = spectral::exposure_observations(&[&tiles], &noise);
-                model.motion_blur = self.follow_exposure(&found);
+                model.motion_blur = self.follow_exposure(&found, links);
                 if self.exposure.known.is_none() {
                     // Streaks of unknown length look like a lens's blur.
                     tiles.retain(|t| t.speed * t.scale < spectral::STILL);
@@ -363,6 +380,7 @@ impl Tracker {
             self.noise.forget();
             self.last_flow.flow = None;
             self.swings.forget();
+            self.streaks.forget();
             self.next_parallax = (0, true);
         }
     }
@@ -389,7 +407,7 @@ impl Tracker {
         self.last_flow = LastFlow::default();
         self.changes = Changes::default();
         self.begin_shot();
-        model.motion_blur = self.follow_exposure(exposure);
+        model.motion_blur = self.follow_exposure(exposure, vec![]);
         model.defocus = self.follow_lens(lens)?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
@@ -515,10 +533,21 @@ impl Tracker {
         tiles::of_most_contrast(frame, tried, motion, depth, TILES)
     }
 
-    /// The exposure with the observations of another frame.
-    fn follow_exposure(&mut self, found: &[ExposureObservation]) -> Estimate<MotionBlurModel> {
+    /// The exposure with the observations of another frame, and its links if its motion is uneven.
+    fn follow_exposure(
+        &mut self,
+        found: &[ExposureObservation],
+        links: Vec<Link>,
+    ) -> Estimate<MotionBlurModel> {
+        let by_streaks = match &self.noise.luma {
+            Some(noise) => self.streaks.follow(links, self.frames, noise),
+            None => {
+                self.streaks.forget();
+                None
+            }
+        };
         let coding_error = self.noise.luma.map_or(0.0, |n| n.coding_error);
-        let (exposure, changed) = self.exposure.follow(found, self.frames, coding_error);
+        let (exposure, changed) = self.exposure.follow(found, by_streaks, self.frames, coding_error);
         if changed {
             self.changes.set(Distortion::MotionBlur, true);
             // The recent evidence of the lens was found with the wrong exposure.

@@ -89,13 +89,17 @@ pub(super) struct SampledFlow {
 
 impl SampledFlow {
     pub(super) fn new(flow: &Flow) -> Self {
+        Self::of(flow.size(), &|x, y| flow.at(x, y))
+    }
+
+    /// The same of a motion of a frame of w x h px.
+    fn of((w, h): (usize, usize), motion: &MotionOf) -> Self {
         /// The least distance between the places, px, and the most of them in a row.
         const STEP: usize = 8;
         const MOST: usize = 96;
-        let (w, h) = flow.size();
         let step = STEP.max(w.div_ceil(MOST));
         let at =
-            |x: usize, y: usize| flow.at((x * step + step / 2).min(w - 1), (y * step + step / 2).min(h - 1));
+            |x: usize, y: usize| motion((x * step + step / 2).min(w - 1), (y * step + step / 2).min(h - 1));
         Self { flow: Flow::from_fn(w.div_ceil(step), h.div_ceil(step), at), step }
     }
 
@@ -115,10 +119,10 @@ impl SampledFlow {
     }
 }
 
-/// The typical way of what moves from a frame to the next, px: the median, component by component, of the flow at the places of a grid that
-/// move fast enough to leave streaks, or of all if hardly any does; `None` if the flow is known nowhere.
-pub(super) fn typical_way(flow: &Flow) -> Option<[f32; 2]> {
-    let SampledFlow { flow, step } = SampledFlow::new(flow);
+/// The typical motion of what moves in a frame of this size, in the motion's unit: the median, component by component, at the places of a grid
+/// that move fast enough to leave streaks, or of all if hardly any does; `None` if the motion is known nowhere.
+pub(super) fn typical_motion(size: (usize, usize), motion: &MotionOf) -> Option<[f32; 2]> {
+    let SampledFlow { flow, step } = SampledFlow::of(size, motion);
     let known = flow.data().iter().copied().filter(|v| v[0].is_finite() && v[1].is_finite());
     let known: Vec<[f32; 2]> = known.collect();
     let moving: Vec<[f32; 2]> =

@@ -196,7 +196,7 @@ impl Estimator {
         let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
         let by_tiles = spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)?;
         let width = |fit: &agreement::ExposureFit| fit.interval[1] - fit.interval[0];
-        let widest = by_tiles.known().map_or(agreement::MAX_UNCERTAINTY, width);
+        let widest = streaks::widest(by_tiles.known().map(width));
         let by_streaks = streaks::fit_exposure(&runs(frames), noise).filter(|fit| width(fit) <= widest);
         Ok(match (by_streaks, by_tiles) {
             // What each frame tells by itself is shown beside what all of them tell together.

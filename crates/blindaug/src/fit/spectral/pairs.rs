@@ -12,8 +12,8 @@ use super::super::likelihood::{
 };
 use super::super::noise::LumaNoise;
 use super::super::tiles::{
-    BAND, COLUMNS, Frequency, Light, MIN_CONTRAST, SAMPLES, SPEEDS, TILE, block_of, common_motion, corners,
-    frequencies, hidden, noise_density, transform,
+    BAND, COLUMNS, Frequency, Light, MIN_CONTRAST, MotionOf, SAMPLES, SPEEDS, TILE, block_of, common_motion,
+    corners, frequencies, hidden, noise_density, transform,
 };
 use crate::model::Space;
 use crate::portable::Portable;
@@ -29,7 +29,7 @@ const LAMBDA_STEPS: std::ops::Range<f32> = 0.04..0.1;
 /// The largest mean deviation of the motion within a tile, px of the tile, beyond which the two frames do not show the same surface.
 const MAX_DEVIATION: f32 = 0.5;
 /// The most pairs of tiles of two frames by which streaks are measured.
-const STREAK_PAIRS: usize = 30;
+const STREAK_PAIRS: usize = 16;
 /// The stds, px, of the misregistration of the two frames that are tried; the likeliest one counts.
 const MISMATCHES: [f32; 2] = [0.05, 0.2];
 /// The same where streaks are measured, of which pairs are not cut off: two tiles that do not match tell nothing.
@@ -74,7 +74,8 @@ struct Place {
 
 /// The pairs of two successive frames, given the flow from the first to the second and the motion of each frame at its own time (NaN:
 /// unknown).
-pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Space) -> Vec<Pair> {
+pub fn pairs(frames: [&Encoded; 2], flow: &Flow, [first, second]: [&Flow; 2], space: Space) -> Vec<Pair> {
+    let motions: [&MotionOf; 2] = [&|x, y| first.at(x, y), &|x, y| second.at(x, y)];
     at_places(frames, places(frames[0], flow, motions, MIN_DIFFERENCE), PAIRS_PER_FRAME, space)
 }
 
@@ -82,7 +83,7 @@ pub fn pairs(frames: [&Encoded; 2], flow: &Flow, motions: [&Flow; 2], space: Spa
 pub(in crate::fit) fn streak_pairs(
     frames: [&Encoded; 2],
     flow: &Flow,
-    motions: [&Flow; 2],
+    motions: [&MotionOf; 2],
     space: Space,
 ) -> Vec<Pair> {
     at_places(frames, places(frames[0], flow, motions, 0.0), STREAK_PAIRS, space)
@@ -96,7 +97,7 @@ fn at_places(frames: [&Encoded; 2], mut places: Vec<Place>, most: usize, space: 
 }
 
 /// The places of pairs at both resolutions, whose motions differ by at least `least` px of the tile.
-fn places(frame: &Encoded, flow: &Flow, motions: [&Flow; 2], least: f32) -> Vec<Place> {
+fn places(frame: &Encoded, flow: &Flow, motions: [&MotionOf; 2], least: f32) -> Vec<Place> {
     [1, 2].into_iter().flat_map(|scale| places_at(frame, flow, motions, least, scale)).collect()
 }
 
@@ -104,7 +105,7 @@ fn places(frame: &Encoded, flow: &Flow, motions: [&Flow; 2], least: f32) -> Vec<
 fn places_at(
     frame: &Encoded,
     flow: &Flow,
-    [first, second]: [&Flow; 2],
+    [first, second]: [&MotionOf; 2],
     least: f32,
     scale: usize,
 ) -> Vec<Place> {
@@ -114,14 +115,14 @@ fn places_at(
     corners.retain(|(x, y)| (x + y) % TILE == 0);
     let found = par::map(corners.len(), |i| {
         let corner @ (x, y) = corners[i];
-        let (speed, motion, _) = common_motion(&|x, y| first.at(x, y), corner, scale)?;
+        let (speed, motion, _) = common_motion(first, corner, scale)?;
         let (_, way, deviation) = common_motion(&|x, y| flow.at(x, y), corner, scale)?;
         let to = |at: usize, by: f32| at.checked_add_signed(by.round() as isize);
         let next @ (next_x, next_y) = (to(x, way[0])?, to(y, way[1])?);
         if deviation > MAX_DEVIATION || next_x + TILE > w || next_y + TILE > h {
             return None;
         }
-        let (next_speed, next_motion, deviation) = common_motion(&|x, y| second.at(x, y), next, scale)?;
+        let (next_speed, next_motion, deviation) = common_motion(second, next, scale)?;
         let differ = (motion[0] - next_motion[0]).portable_hypot(motion[1] - next_motion[1]);
         if deviation > MAX_DEVIATION || speed.max(next_speed) < SPEEDS.start || differ < least {
             return None;
@@ -336,10 +337,40 @@ impl<'a> PreparedPair<'a> {
         }))
     }
 
-    /// The log-likelihood of the kernels of both frames. It is that of the component of the two frames' amplitudes at right angles to
-    /// `S (K1, K2)`, which is free of any S but for a rest, since the window gathers frequencies at which K differs.
+    /// The log-likelihood of the kernels of both frames, with the likeliest of the misregistrations.
     pub fn log_likelihood(&self, first: &Kernels, second: &Kernels) -> f32 {
+        self.likeliest(first, second).1
+    }
+
+    /// The number of the likeliest misregistration of these kernels of both frames, and their log-likelihood with it.
+    pub fn likeliest(&self, first: &Kernels, second: &Kernels) -> (usize, f32) {
         let mut likelihoods = [f32x4::ZERO; STREAK_MISMATCHES.len()];
+        self.each(first, second, |i, power, left| {
+            for (likelihood, unlike) in likelihoods.iter_mut().zip(&self.unlike) {
+                let variance = unlike[i] + left;
+                *likelihood -= self.weight[i] * (variance.ln() + power / variance);
+            }
+        });
+        let tried = likelihoods[..self.unlike.len()].iter().map(|v| TEMPER * v.reduce_add()).enumerate();
+        tried.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::MIN))
+    }
+
+    /// The log-likelihood of the kernels of both frames with the misregistration of this number.
+    pub fn log_likelihood_at(&self, first: &Kernels, second: &Kernels, misregistration: usize) -> f32 {
+        let unlike = &self.unlike[misregistration];
+        let mut likelihood = f32x4::ZERO;
+        self.each(first, second, |i, power, left| {
+            let variance = unlike[i] + left;
+            likelihood -= self.weight[i] * (variance.ln() + power / variance);
+        });
+        TEMPER * likelihood.reduce_add()
+    }
+
+    /// Calls `of` with the index of each four frequencies, the power of the component of the two frames' amplitudes at right angles to
+    /// `S (K1, K2)`, which is free of any S but for a rest, since the window gathers frequencies at which K differs, and with the power of
+    /// that rest.
+    #[inline]
+    fn each(&self, first: &Kernels, second: &Kernels, mut of: impl FnMut(usize, f32x4, f32x4)) {
         for i in 0..self.weight.len() {
             let (k1, k2) = (&first[i], &second[i]);
             let [mut own1, mut own2, mut both] = [f32x4::splat(1e-5), f32x4::splat(1e-5), f32x4::ZERO];
@@ -354,13 +385,7 @@ impl<'a> PreparedPair<'a> {
             let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
             let power = self.hidden
                 + 0.5 * (self.sum[i] - (half * self.difference[i] + 2.0 * both * self.cross[i]) / root);
-            let left = 2.0 * ratio * self.signal[i];
-            for (likelihood, unlike) in likelihoods.iter_mut().zip(&self.unlike) {
-                let variance = unlike[i] + left;
-                *likelihood -= self.weight[i] * (variance.ln() + power / variance);
-            }
+            of(i, power, 2.0 * ratio * self.signal[i]);
         }
-        let tried = likelihoods.iter().take(self.unlike.len());
-        TEMPER * tried.map(|v| v.reduce_add()).fold(f32::MIN, f32::max)
     }
 }

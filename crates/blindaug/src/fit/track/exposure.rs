@@ -1,7 +1,9 @@
 //! The exposure from frame to frame.
 
 use super::memory::{AGREEING, Memory, SURE, walked};
+use super::streaks::ByStreaks;
 use crate::fit::agreement::{self, ExposureObservation};
+use crate::fit::streaks::widest;
 use crate::fit::{likelihood, tiles, uneven};
 use crate::model::{Estimate, ExposureFraction, Method, MotionBlurModel, Reason, Unknown};
 use crate::portable::Portable;
@@ -10,7 +12,7 @@ use std::collections::VecDeque;
 /// The number of last frames whose own exposures the interval is held against: older evidence has faded to a third.
 const READINGS: usize = 16;
 /// The largest difference of exposure fractions that is not a change.
-const SAME: f32 = 0.1;
+pub(super) const SAME: f32 = 0.1;
 /// The share of its weight that evidence keeps from one frame to the next.
 const KEPT: f32 = 0.93;
 /// The std, per frame, of the random walk of an exposure fraction that is not seen.
@@ -46,18 +48,38 @@ impl ExposureMemory {
     pub fn follow(
         &mut self,
         found: &[ExposureObservation],
+        by_streaks: Option<ByStreaks>,
         frame: usize,
         coding_error: f32,
     ) -> (Estimate<MotionBlurModel>, bool) {
         self.memory.fade();
-        let (mut fits, mut changed) = (None, false);
         if !found.is_empty() {
             self.add(found, frame);
-            changed = exposure_changed(&self.memory);
-            if changed {
-                self.forget_old();
-            }
-            fits = self.fit(coding_error);
+        }
+        let by_streaks = by_streaks.as_ref();
+        let changed = by_streaks.is_some_and(|s| s.changed)
+            || !found.is_empty()
+                && changed_to(&self.memory).is_some_and(|now| {
+                    // Where motion is uneven, the speeds of several frames may err alike.
+                    by_streaks.is_none_or(|s| (s.fit.interval[0]..=s.fit.interval[1]).contains(&now))
+                });
+        if changed {
+            self.forget_old();
+        }
+        let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
+        let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
+            let interval = walked(fit.interval, fit.exposure.0, WALK, *age);
+            model_of(fit.exposure.0, interval, fit.samples as f32)
+        });
+        let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];
+        let best = match (by_streaks, by_tiles) {
+            (Some(streaks), Some(tiles)) if width(&streaks) > widest(Some(width(&tiles))) => Some(tiles),
+            (streaks, tiles) => streaks.or(tiles),
+        };
+        let fits = best.as_ref().map(|m| m.interval);
+        if let Some(best) = best.filter(|m| width(m) <= agreement::MAX_UNCERTAINTY) {
+            self.memory.age = 0;
+            self.known = Some(best);
         }
         let Some(known) = self.known else {
             let why = "in this shot so far, too little has moved, or what moved has too little texture";
@@ -100,8 +122,8 @@ impl ExposureMemory {
         }
     }
 
-    /// Fits the exposure to all evidence, and keeps it if its interval is narrow enough. Gives the interval if there are enough tiles.
-    fn fit(&mut self, coding_error: f32) -> Option<[f32; 2]> {
+    /// The exposure that fits all evidence, however wide its interval; `None` if there are too few tiles, or no shutter is open for so long.
+    fn fit(&self, coding_error: f32) -> Option<MotionBlurModel> {
         let sum = self.memory.sum();
         let (curves, moments) = sum.split_at(CURVES);
         let (tiles, speed) = (moments[0], agreement::typical_speed(moments[1], moments[2]));
@@ -124,17 +146,7 @@ impl ExposureMemory {
         if tiles < agreement::FEWEST as f32 || !possible {
             return None;
         }
-        if interval[1] - interval[0] <= agreement::MAX_UNCERTAINTY {
-            self.memory.age = 0;
-            self.known = Some(MotionBlurModel {
-                exposure: ExposureFraction(estimate.min(1.0)),
-                interval,
-                method: Method::Spectral,
-                samples: tiles.round() as u64,
-                phase_degrees: None,
-            });
-        }
-        Some(interval.map(|v| v.clamp(0.0, 1.0)))
+        Some(model_of(estimate.min(1.0), interval, tiles))
     }
 
     fn forget_old(&mut self) {
@@ -146,6 +158,17 @@ impl ExposureMemory {
     pub fn forget_recent(&mut self) {
         self.readings.truncate(self.readings.len().saturating_sub(self.memory.recent.len()));
         self.memory.forget_recent();
+    }
+}
+
+/// The model of an exposure fraction with its interval, by so many tiles.
+fn model_of(exposure: f32, interval: [f32; 2], samples: f32) -> MotionBlurModel {
+    MotionBlurModel {
+        exposure: ExposureFraction(exposure),
+        interval: interval.map(|v| v.clamp(0.0, 1.0)),
+        method: Method::Spectral,
+        samples: samples.round() as u64,
+        phase_degrees: None,
     }
 }
 
@@ -172,19 +195,21 @@ fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
     sum / weights
 }
 
-/// Whether the last frames agree on an exposure that differs from that of the frames before them.
-fn exposure_changed(memory: &Memory) -> bool {
+/// The exposure that the last frames agree on, if it differs from that of the frames before them.
+fn changed_to(memory: &Memory) -> Option<f32> {
     if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
-        return false;
+        return None;
     }
     let at = |v: f32| (v / likelihood::EXPOSURE_STEP).round() as usize;
     let before = at(agreement::most_likely_exposure(&curve_of(&memory.old)));
-    let now = at(agreement::most_likely_exposure(&curve_of(&memory.recent_sum())));
-    now.abs_diff(before) > at(SAME)
+    let exposure = agreement::most_likely_exposure(&curve_of(&memory.recent_sum()));
+    let now = at(exposure);
+    let agree = now.abs_diff(before) > at(SAME)
         && memory.recent.iter().all(|frame| {
             let curve = curve_of(frame);
             curve[now] - curve[before] > SURE
-        })
+        });
+    agree.then_some(exposure)
 }
 
 #[cfg(test)]
