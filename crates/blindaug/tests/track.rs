@@ -1,6 +1,7 @@
 //! Tests of the tracker on clips whose camera changes.
 
 mod leaves;
+mod shaken;
 
 use blindaug::fit::{
     Estimation, Estimator, Evidence, FrameObservation,
@@ -8,8 +9,9 @@ use blindaug::fit::{
     track::{TileLook, TileObservations, TileObserver, Tracker},
 };
 use blindaug::model::{CameraModel, Changes, DepthKind, Distortion};
-use blindaug::{Encoded, Linear, Raster, Transfer, synth};
+use blindaug::{Encoded, synth};
 use leaves::{CAMERA, Camera, Scene, Shot};
+use shaken::shaken;
 
 const SIZE: (usize, usize) = (256, 192);
 
@@ -222,68 +224,55 @@ fn frames_alone_are_enough() {
     );
 }
 
-/// Frames of a photograph that a shaking hand moves by whole px: its speed swings by 50 % with this period, in frames.
-fn shaken(frames: usize, exposure: f32, period: f32) -> Vec<Encoded> {
-    /// The number of views of a frame interval.
-    const VIEWS: usize = 64;
-    let sharp = Camera { exposure: 0.0, sigma_at_infinity: 0.0, noise: 0.0, moves: false, ..CAMERA };
-    let photo = Scene::new(1, (SIZE.0 + 7 * frames + 20, SIZE.1)).seen(0, &sharp, 0).frame;
-    let photo = photo.to_linear(Transfer::Srgb).0;
-    let place = |t: f32| {
-        let turn = std::f32::consts::TAU / period;
-        (6.0 * t + 6.0 * 0.5 / turn * (turn * t + 0.7).sin() + 8.0).round() as usize
+/// The exposure of each frame but the last, tracked by the frames alone, and whether it was found to have changed.
+fn followed(frames: &[Encoded]) -> Vec<(f32, [f32; 2], bool)> {
+    let mut tracker = Tracker::new(Default::default(), None);
+    let one = |t: usize| {
+        let previous = t.checked_sub(1).map(|t| &frames[t]);
+        let (frame, next, evidence) = (&frames[t], Some(&frames[t + 1]), Evidence::default());
+        let model = tracker.push(&FrameObservation { frame, next, previous, evidence }).unwrap();
+        let told = model.motion_blur.known().map(|m| (m.exposure.0, m.interval));
+        let (exposure, interval) = told.unwrap_or((f32::NAN, [0.0, 1.0]));
+        (exposure, interval, tracker.changes().of(Distortion::MotionBlur))
     };
-    let views = (exposure * VIEWS as f32) as usize;
-    let frame = |t: usize| {
-        let at = |v: usize| place(t as f32 + 0.5 + (v as f32 + 0.5 - 0.5 * views as f32) / VIEWS as f32);
-        let ways: Vec<usize> = (0..views).map(at).collect();
-        let light = Raster::from_fn(SIZE.0, SIZE.1, |x, y| {
-            let mut sum = [0.0; 3];
-            ways.iter().for_each(|way| (0..3).for_each(|c| sum[c] += photo.at(x + way, y)[c]));
-            sum.map(|v: f32| v / views as f32)
-        });
-        let noise =
-            synth::noise::modulated(synth::noise::unit_bands(SIZE.0, SIZE.1, t as u64, 0), |l, _, _| {
-                [0.006 * synth::noise::white_band_std()[l]; 3]
-            });
-        let encoded = Linear(light).to_encoded(Transfer::Srgb).0;
-        Encoded(Raster::from_fn(SIZE.0, SIZE.1, |x, y| {
-            std::array::from_fn(|c| ((encoded.at(x, y)[c] + noise.at(x, y)[c]) * 255.0).round() / 255.0)
-        }))
-    };
-    (0..frames).map(frame).collect()
+    (0..frames.len() - 1).map(one).collect()
 }
 
 #[test]
 fn the_exposure_is_followed_under_a_shaking_hand() {
     for truth in [0.4, 0.9] {
-        let frames = shaken(30, truth, 3.0);
-        let mut tracker = Tracker::new(Default::default(), None);
-        let models: Vec<CameraModel> = frames
-            .windows(2)
-            .map(|w| {
-                let evidence = Evidence::default();
-                let (frame, next) = (&w[0], Some(&w[1]));
-                tracker.push(&FrameObservation { frame, next, previous: None, evidence }).unwrap().clone()
-            })
-            .collect();
-        let told: Vec<(f32, [f32; 2])> = models[10..]
-            .iter()
-            .map(|m| m.motion_blur.known().map_or((f32::NAN, [0.0, 1.0]), |m| (m.exposure.0, m.interval)))
-            .collect();
+        let told = followed(&shaken(SIZE, 30, |_| truth, 3.0));
         println!("{truth}: {told:.2?}");
+        let of = &told[5..];
         assert!(
-            told.iter().all(|(e, [low, high])| (low..=high).contains(&&truth) && (e - truth).abs() < 0.15)
+            of.iter()
+                .all(|(e, [low, high], _)| { (low..=high).contains(&&truth) && (e - truth).abs() < 0.1 })
         );
+        assert!(told.iter().all(|t| !t.2), "nothing has changed");
         // Negative control: the intervals say something.
-        assert!(told.iter().all(|(_, [low, high])| high - low < 0.5));
+        assert!(of.iter().all(|(_, [low, high], _)| high - low < 0.45));
+    }
+}
+
+#[test]
+fn a_shutter_that_changes_under_a_shaking_hand_is_found() {
+    const AT: usize = 16;
+    for (before, after) in [(0.3, 0.8), (0.8, 0.3)] {
+        let told = followed(&shaken(SIZE, 32, |t| if t < AT { before } else { after }, 3.3));
+        println!("{before} {after}: {told:.2?}");
+        let changed: Vec<usize> = (0..told.len()).filter(|&t| told[t].2).collect();
+        assert!(matches!(changed[..], [at] if (AT..AT + 6).contains(&at)), "{changed:?}");
+        let near = |frames: &[(f32, [f32; 2], bool)], truth: f32| {
+            frames.iter().all(|(e, [low, high], _)| (e - truth).abs() < 0.1 && (low..=high).contains(&&truth))
+        };
+        assert!(near(&told[5..AT], before) && near(&told[AT + 6..], after));
     }
 }
 
 #[test]
 fn of_a_long_clip_too_the_motion_at_a_frame_s_own_time_counts() {
     const TRUTH: f32 = 0.5;
-    let frames = shaken(60, TRUTH, 5.0);
+    let frames = shaken(SIZE, 60, |_| TRUTH, 5.0);
     let estimated = |with_previous: bool| {
         // Every second frame is looked at.
         let mut estimator = Estimator::new(Default::default()).expecting(frames.len());

@@ -619,6 +619,16 @@ mod tests {
     }
 
     #[test]
+    fn two_frames_show_streaks_by_what_their_velocities_differ() {
+        let seen = |a, b| seen_speed(a, b);
+        assert!((seen([3.0, 4.0], [0.0; 2]) - 5.0).abs() < 1e-4);
+        // A streak has no sense, so the opposite velocity leaves the same.
+        assert!(seen([3.0, 4.0], [3.0, 4.0]) < 1e-3 && seen([3.0, 4.0], [-3.0, -4.0]) < 1e-3);
+        let turned = seen([5.0, 0.0], [0.0, 5.0]);
+        assert!(turned > 5.0 && seen([5.0, 0.0], [5.5, 0.0]) < 2.5, "{turned}");
+    }
+
+    #[test]
     fn derivatives_are_those_of_a_quadratic() {
         const D: f32 = DIFFERENCE;
         let (slope, bend) = ([1.0, -2.0, 0.5, 3.0], [[4.0, 1.0, 0.0, -0.5], [1.0, 3.0, 0.5, 0.0]]);

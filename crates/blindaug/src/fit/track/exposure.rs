@@ -53,19 +53,25 @@ impl ExposureMemory {
         coding_error: f32,
     ) -> (Estimate<MotionBlurModel>, bool) {
         self.memory.fade();
+        let by_streaks = by_streaks.as_ref();
+        let new_run = by_streaks.is_some_and(|s| s.changed);
+        if new_run {
+            // The last frames may be older than the change.
+            self.memory.forget();
+            self.readings.clear();
+        }
         if !found.is_empty() {
             self.add(found, frame);
         }
-        let by_streaks = by_streaks.as_ref();
-        let changed = by_streaks.is_some_and(|s| s.changed)
-            || !found.is_empty()
-                && changed_to(&self.memory).is_some_and(|now| {
-                    // Where motion is uneven, the speeds of several frames may err alike.
-                    by_streaks.is_none_or(|s| (s.fit.interval[0]..=s.fit.interval[1]).contains(&now))
-                });
-        if changed {
+        let told = changed_to(&self.memory).filter(|_| !found.is_empty());
+        // Where motion is uneven, the speeds of several frames may err alike.
+        let possible =
+            |now: f32| by_streaks.is_none_or(|s| (s.fit.interval[0]..=s.fit.interval[1]).contains(&now));
+        let by_frames = told.is_some_and(possible);
+        if by_frames {
             self.forget_old();
         }
+        let changed = new_run || by_frames;
         let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
         let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
             let interval = walked(fit.interval, fit.exposure.0, WALK, *age);
