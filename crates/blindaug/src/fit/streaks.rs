@@ -132,7 +132,8 @@ pub(super) fn agreed(told: &[&Told], coding_error: f32) -> Option<ExposureFit> {
         likeliest(&weighted(told, weight))
     });
     let seen = || told.iter().flat_map(|t| t.velocities.windows(2)).map(|v| seen_speed(v[0], v[1]));
-    let speed = typical_speed(seen().sum(), seen().map(|v| v * v).sum());
+    // Velocities that are all alike show nothing.
+    let speed = typical_speed(seen().sum(), seen().map(|v| v * v).sum()).max(f32::MIN_POSITIVE);
     let most = sum.iter().copied().fold(f32::MIN, f32::max);
     let mut per_frame: Vec<(usize, f32)> = told.iter().flat_map(|t| t.per_frame.iter().copied()).collect();
     per_frame.sort_by_key(|f| f.0);
@@ -620,7 +621,7 @@ mod tests {
 
     #[test]
     fn two_frames_show_streaks_by_what_their_velocities_differ() {
-        let seen = |a, b| seen_speed(a, b);
+        let seen = seen_speed;
         assert!((seen([3.0, 4.0], [0.0; 2]) - 5.0).abs() < 1e-4);
         // A streak has no sense, so the opposite velocity leaves the same.
         assert!(seen([3.0, 4.0], [3.0, 4.0]) < 1e-3 && seen([3.0, 4.0], [-3.0, -4.0]) < 1e-3);
@@ -673,7 +674,7 @@ mod tests {
         };
         let flow = |t: usize| Flow::filled(w, h, [0, 1].map(|c| place(t + 1)[c] - place(t)[c]));
         let found = |frames: &[Encoded]| {
-            let links: Vec<Link> = (0..FRAMES - 1)
+            let links: Vec<Link> = (0..frames.len() - 1)
                 .map(|t| {
                     let ways = ways(FRAMES, 3.0);
                     let mean = |t: usize| {
@@ -686,7 +687,7 @@ mod tests {
                     Link::new(pair, &flow(t), motions, BlurSpace::Encoded.into()).unwrap()
                 })
                 .collect();
-            let run = Run { links: links.iter().collect(), frames: (0..FRAMES).map(Some).collect() };
+            let run = Run { links: links.iter().collect(), frames: (0..frames.len()).map(Some).collect() };
             fit_exposure(&[run], &LumaNoise::default()).expect("it moves")
         };
         for lambda in [0.4, 0.8] {
@@ -697,6 +698,9 @@ mod tests {
             assert!(low <= lambda && lambda <= high && high - low < 0.35, "{low} to {high} for {lambda}");
             assert_eq!(fit.per_frame.len(), FRAMES);
         }
+        // A single pair has two velocities that are alike, of which pairs tell nothing.
+        let alone = found(&frames(0.4)[..2]).interval;
+        assert!(alone[0] < 0.05 && alone[1] > 0.95, "{alone:?}");
         // Frames of sharp things have no streaks, however they swing.
         let sharp = found(&frames(0.0));
         assert!(sharp.exposure.0 < 0.1, "{}", sharp.exposure.0);

@@ -2,8 +2,9 @@
 //!
 //! [`Tracker`] weighs the evidence of new frames against that of old frames. Each parameter has a memory of its own: for the
 //! exposure the summed log-likelihood over lambda, per block of the image; for the lens the summed log-likelihood over the blur, per
-//! block and inverse depth; for the noise the local variances of the last frames. All memories are of constant size, and evidence is
-//! forgotten with time, so that a slow drift is followed.
+//! block and inverse depth; for the noise the local variances of the last frames. Where motion is uneven, as under a shaking hand, the streaks of
+//! successive frames tell the exposure together. All memories are of constant size, and evidence is forgotten with time, so that a slow drift
+//! is followed.
 //!
 //! **Changes** of shutter, focus or gain: if each of the last three frames with evidence finds the value that these three
 //! agree on much more likely than the value of the frames before them (a generalised likelihood ratio), the older evidence is
@@ -214,7 +215,7 @@ impl Tracker {
     }
 
     /// Looks at a frame, and gives the model that holds for this frame. A live camera's frame is pushed when the next frame has
-    /// arrived; [`FrameObservation::previous`] is used if there is no next frame.
+    /// arrived; [`FrameObservation::previous`] is used if there is no next frame, and where motion begins to be uneven, as under a shaking hand.
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
