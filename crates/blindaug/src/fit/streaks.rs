@@ -38,15 +38,13 @@ pub(super) struct Link {
 
 impl Link {
     /// A link between two successive frames, given the flow from the first to the second, px, and the motion of each frame at its own time, px
-    /// per frame interval (NaN: unknown); `None` if nothing is known of these.
+    /// per frame interval (NaN: unknown); `None` if nothing moves, or nothing is known of it.
     pub fn new(frames: [&Encoded; 2], flow: &Flow, motions: [&MotionOf; 2], space: Space) -> Option<Self> {
         let size = flow.size();
         let [first, second] = motions.map(|of| typical_motion(size, of));
-        Some(Self {
-            way: typical_motion(size, &|x, y| flow.at(x, y))?,
-            typical: [first?, second?],
-            pairs: streak_pairs(frames, flow, motions, space),
-        })
+        let pairs = streak_pairs(frames, flow, motions, space);
+        (!pairs.is_empty()).then_some(())?;
+        Some(Self { way: typical_motion(size, &|x, y| flow.at(x, y))?, typical: [first?, second?], pairs })
     }
 }
 
@@ -184,6 +182,13 @@ pub(super) struct Told {
     per_frame: Vec<(usize, f32)>,
     /// The number of pairs of tiles.
     samples: usize,
+}
+
+impl Told {
+    /// The number of links of the run.
+    pub fn links(&self) -> usize {
+        self.velocities.len() - 1
+    }
 }
 
 /// What the streaks of a run tell; `None` if no two of its frames can be compared. `before` is what its first frames told: the search then

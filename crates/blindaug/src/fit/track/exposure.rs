@@ -53,8 +53,13 @@ impl ExposureMemory {
         coding_error: f32,
     ) -> (Estimate<MotionBlurModel>, bool) {
         self.memory.fade();
-        let by_streaks = by_streaks.as_ref();
-        let new_run = by_streaks.is_some_and(|s| s.changed);
+        let within =
+            |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
+        let new_run = by_streaks.as_ref().is_some_and(|s| s.changed);
+        let believed = |s: &ByStreaks| {
+            new_run || s.by_many || self.known.as_ref().is_none_or(|known| within(s, known.exposure.0))
+        };
+        let by_streaks = by_streaks.filter(believed);
         if new_run {
             // The last frames may be older than the change.
             self.memory.forget();
@@ -65,8 +70,7 @@ impl ExposureMemory {
         }
         let told = changed_to(&self.memory).filter(|_| !found.is_empty());
         // Where motion is uneven, the speeds of several frames may err alike.
-        let possible =
-            |now: f32| by_streaks.is_none_or(|s| (s.fit.interval[0]..=s.fit.interval[1]).contains(&now));
+        let possible = |now: f32| by_streaks.as_ref().is_none_or(|s| within(s, now));
         let by_frames = told.is_some_and(possible);
         if by_frames {
             self.forget_old();
@@ -74,7 +78,7 @@ impl ExposureMemory {
         let changed = new_run || by_frames;
         let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
         let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
-            let interval = walked(fit.interval, fit.exposure.0, WALK, *age);
+            let interval = walked(fit.interval, fit.exposure.0, WALK, age);
             model_of(fit.exposure.0, interval, fit.samples as f32)
         });
         let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];

@@ -9,6 +9,9 @@ use std::collections::VecDeque;
 
 /// The links of a run. The longer a run, the more its frames tell of each other, and the longer takes its fit.
 const LONGEST: usize = 6;
+/// The links from which on a run is believed against what was known before: fewer may be those of a camera that stops, or is moved so suddenly
+/// that flow goes wrong.
+const MANY: usize = 5;
 /// The number of new links after which a run is looked at again.
 const STRIDE: usize = 2;
 /// The number of frames for which a run that has ended still counts.
@@ -25,6 +28,8 @@ pub(super) struct ByStreaks<'a> {
     pub age: usize,
     /// Whether the run that goes on has just told another exposure than the runs before it.
     pub changed: bool,
+    /// Whether a run of [`MANY`] links tells it.
+    pub by_many: bool,
 }
 
 /// The links of the last frames, and what they tell.
@@ -78,7 +83,9 @@ impl StreaksMemory {
             self.agreed = streaks::agreed(&told, noise.coding_error);
         }
         self.age = if looked { 0 } else { self.age + 1 };
-        self.agreed.as_ref().map(|fit| ByStreaks { fit, age: self.age, changed })
+        let mut told = self.ended.iter().map(|(_, told)| told).chain(&self.told);
+        let by_many = told.any(|told| told.links() >= MANY);
+        self.agreed.as_ref().map(|fit| ByStreaks { fit, age: self.age, changed, by_many })
     }
 
     /// Finds what the run that goes on tells.
