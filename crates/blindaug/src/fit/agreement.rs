@@ -168,8 +168,7 @@ pub(super) fn uneven_interval(
     let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
     let [low, high] = within_a_frame(estimate, interval(estimate, replicas, floor));
     let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
-    let interval = with_hidden_streak([low.min(lowest), high.max(highest)], speed);
-    with_evened_streak(interval, coding_error, speed)
+    with_hidden_streak([low.min(lowest), high.max(highest)], speed)
 }
 
 /// The least and the largest exposure that a curve finds less likely than the likeliest one by at most so many nats.
@@ -184,15 +183,6 @@ fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
 fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     let hidden = (HIDDEN_STREAK / speed).powi(2);
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
-}
-
-/// Raises the upper end of an interval where motion is uneven for what a coder of this [`LumaNoise::coding_error`] does to its streaks: it
-/// predicts each frame from others, and so makes those with long streaks look like those with short ones.
-pub(super) fn with_evened_streak([low, high]: [f32; 2], coding_error: f32, speed: f32) -> [f32; 2] {
-    /// The length of a streak, px, that is hidden so by a coder that leaves the largest errors: as measured of H.264 at crf 20 to 27.
-    const EVENED_STREAK: f32 = 3.5;
-    let hidden = (EVENED_STREAK * coding_error / MAX_CODING_ERROR / speed).powi(2);
-    [low, (high * high + hidden).sqrt().min(1.0)]
 }
 
 /// Widens an interval to hold the typical frame's exposure, too, given those that frames tell by themselves (NaN: nothing): frames that
@@ -631,16 +621,6 @@ fn std_of(v: &[f32]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_coder_hides_long_streaks_among_short_ones_but_not_short_ones_among_long_ones() {
-        let of = |coding_error: f32, speed: f32| with_evened_streak([0.3, 0.5], coding_error, speed);
-        assert_eq!(of(0.0, 5.0), [0.3, 0.5]);
-        let [low, high] = of(MAX_CODING_ERROR, 7.0);
-        assert!(low == 0.3 && (high - 0.5f32.hypot(0.5)).abs() < 1e-5, "{low} {high}");
-        // The faster things move, the less a streak of the same length hides.
-        assert!(of(MAX_CODING_ERROR, 14.0)[1] < 0.6 && of(MAX_CODING_ERROR, 2.0)[1] == 1.0);
-    }
 
     #[test]
     fn frames_that_contradict_each_other_widen_the_interval_where_motion_is_even() {

@@ -152,8 +152,6 @@ impl ExposureMemory {
         let interval =
             agreement::exposure_interval(estimate, &curve, &parts, super::BOOTSTRAPS, coding_error, speed);
         let interval = agreement::with_typical_frame(interval, self.readings.iter().copied(), even, speed);
-        let interval =
-            if even { interval } else { agreement::with_evened_streak(interval, coding_error, speed) };
         let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
         if tiles < agreement::FEWEST as f32 || !possible {
             return None;
