@@ -43,7 +43,9 @@ impl Link {
         let size = flow.size();
         let [first, second] = motions.map(|of| typical_motion(size, of));
         let pairs = streak_pairs(frames, flow, motions, space);
-        (!pairs.is_empty()).then_some(())?;
+        if pairs.is_empty() {
+            return None;
+        }
         Some(Self { way: typical_motion(size, &|x, y| flow.at(x, y))?, typical: [first?, second?], pairs })
     }
 }

@@ -79,7 +79,7 @@ impl ExposureMemory {
         let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
         let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
             let interval = walked(fit.interval, fit.exposure.0, WALK, age);
-            model_of(fit.exposure.0, interval, fit.samples as f32)
+            model_of(fit.exposure, interval, fit.samples as u64)
         });
         let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];
         let best = match (by_streaks, by_tiles) {
@@ -156,7 +156,7 @@ impl ExposureMemory {
         if tiles < agreement::FEWEST as f32 || !possible {
             return None;
         }
-        Some(model_of(estimate.min(1.0), interval, tiles))
+        Some(model_of(ExposureFraction(estimate.min(1.0)), interval, tiles.round() as u64))
     }
 
     fn forget_old(&mut self) {
@@ -171,15 +171,10 @@ impl ExposureMemory {
     }
 }
 
-/// The model of an exposure fraction with its interval, by so many tiles.
-fn model_of(exposure: f32, interval: [f32; 2], samples: f32) -> MotionBlurModel {
-    MotionBlurModel {
-        exposure: ExposureFraction(exposure),
-        interval: interval.map(|v| v.clamp(0.0, 1.0)),
-        method: Method::Spectral,
-        samples: samples.round() as u64,
-        phase_degrees: None,
-    }
+/// The model of an exposure with its interval, by so many tiles or pairs of tiles.
+fn model_of(exposure: ExposureFraction, interval: [f32; 2], samples: u64) -> MotionBlurModel {
+    let interval = interval.map(|v| v.clamp(0.0, 1.0));
+    MotionBlurModel { interval, method: Method::Spectral, samples, ..MotionBlurModel::given(exposure) }
 }
 
 /// The sum of the blocks' curves.

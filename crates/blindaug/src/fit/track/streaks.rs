@@ -106,7 +106,7 @@ impl StreaksMemory {
         (own - others).abs() > SAME && prefers(&now, own, others) && prefers(&before, others, own)
     }
 
-    /// Forgets everything, since the next frame belongs to another shot, or the exposure has changed.
+    /// Forgets everything, since the next frame belongs to another shot, or the noise is not known.
     pub fn forget(&mut self) {
         *self = Self::default();
     }
