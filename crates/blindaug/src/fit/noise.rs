@@ -9,6 +9,7 @@ mod choose;
 mod collect;
 mod curves;
 mod lines;
+mod mismatch;
 
 use self::choose::Chosen;
 use self::curves::{Colours, Spectrum};

@@ -1,6 +1,7 @@
 //! The collection of local variances: the blocks of a residual in which they are taken, and what is wrong with a block.
 
 use super::curves::Colours;
+use super::mismatch::without_mismatch;
 use super::{LocalVariance, NoiseEvidence, PAIRS};
 use crate::analysis::brightness::{brightening, undone};
 use crate::fit::robust::median;
@@ -33,6 +34,9 @@ pub(super) const UNUSABLE: Flaw = u8::MAX;
 /// The side of the blocks that video coders copy, px.
 const COPIED: usize = 8;
 
+/// [`Residual::fraction`] of a residual that is no difference of two frames.
+const ONE_FRAME: Option<fn(usize, usize) -> [f32; 2]> = None;
+
 /// A residual from which local variances are taken, pixel by pixel.
 pub(super) struct Residual<V, C, F, G> {
     /// R, G and B of the residual, and the image whose band shows the texture of which the residual may hold a share.
@@ -41,8 +45,8 @@ pub(super) struct Residual<V, C, F, G> {
     pub(super) colour: C,
     /// The flaw of a pixel.
     pub(super) flaws: F,
-    /// The factor of the residual on the variance of noise, at a pixel and level.
-    pub(super) gain: G,
+    /// The fractions of a px at which the pixel of the other frame was interpolated, if the residual is a difference of two frames.
+    pub(super) fraction: Option<G>,
     /// Whether the residual is known to hold nothing but noise.
     pub(super) pure: bool,
 }
@@ -133,14 +137,9 @@ impl NoiseEvidence {
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
             if usable { flaw(frame.0.at(x, top + y)) } else { UNUSABLE }
         };
-        // The taps change the noise of the second frame, depending on the distance of the target from a pixel's centre. The taps are cubic,
-        // since linear ones would leave as much texture as noise in the coarse levels.
-        let gain = |x: usize, y: usize, level: usize| {
-            let [tx, ty] = target(x, y);
-            1.0 + cubic_gain(tx - tx.floor(), ty - ty.floor(), level)
-        };
+        let fraction = Some(|x: usize, y: usize| target(x, y).map(|t| t - t.floor()));
         let colour = |x: usize, y: usize| frame.0.at(x, top + y);
-        self.add_blocks((w, height), own, &Residual { values, colour, flaws, gain, pure: still });
+        self.add_blocks((w, height), own, &Residual { values, colour, flaws, fraction, pure: still });
         Ok(still)
     }
 
@@ -155,7 +154,7 @@ impl NoiseEvidence {
             values,
             colour: |x, y| frame.0.at(x, y),
             flaws: |x, y| flaw(frame.0.at(x, y)),
-            gain: |_, _, _| 1.0,
+            fraction: ONE_FRAME,
             pure: false,
         };
         self.add_blocks(frame.0.size(), 0..frame.0.height(), &residual);
@@ -178,7 +177,7 @@ impl NoiseEvidence {
             values,
             colour: |x, y| predicted.0.at(x, y),
             flaws: |x, y| flaw(frame.0.at(x, y)),
-            gain: |_, _, _| 1.0,
+            fraction: ONE_FRAME,
             pure: predicted == sharp,
         };
         self.add_blocks(frame.0.size(), 0..frame.0.height(), &residual);
@@ -203,7 +202,7 @@ impl NoiseEvidence {
         V: Fn(usize, usize) -> [f32; 4] + Sync + Send,
         C: Fn(usize, usize) -> [f32; 3] + Sync + Send,
         F: Fn(usize, usize) -> Flaw + Sync + Send,
-        G: Fn(usize, usize, usize) -> f32 + Sync + Send,
+        G: Fn(usize, usize) -> [f32; 2] + Sync + Send,
     {
         for strip in strips_of(own, size, STRIP) {
             self.add_blocks_of(&strip, size.0, residual);
@@ -219,11 +218,22 @@ impl NoiseEvidence {
         V: Fn(usize, usize) -> [f32; 4] + Sync + Send,
         C: Fn(usize, usize) -> [f32; 3] + Sync + Send,
         F: Fn(usize, usize) -> Flaw + Sync + Send,
-        G: Fn(usize, usize, usize) -> f32 + Sync + Send,
+        G: Fn(usize, usize) -> [f32; 2] + Sync + Send,
     {
         let (top, h) = (around.start, around.len());
         let residual = Raster::from_fn(w, h, |x, y| (of.values)(x, top + y));
         let flaws = Raster::from_fn(w, h, |x, y| (of.flaws)(x, top + y));
+        let residual = match &of.fraction {
+            // Of frames that lie apart, how much they differ tells how well they match.
+            Some(fraction) if !of.pure && !self.flat => {
+                let frame = Raster::from_fn(w, h, |x, y| {
+                    let [r, g, b] = (of.colour)(x, top + y);
+                    [r, g, b, 0.0]
+                });
+                without_mismatch(&residual, &frame, &flaws, |x, y| fraction(x, top + y))
+            }
+            _ => residual,
+        };
         // The bands of a single frame hold its structure, so only the smoothed gradient tells structure from noise.
         let single = self.method == Method::Spatial;
         let gradient = single.then(|| squared_gradient(&residual.map(|v| v[3])));
@@ -237,9 +247,16 @@ impl NoiseEvidence {
                 if clipped && !of.pure {
                     return None;
                 }
-                // A few places are enough for the mean gain, since the flow is smooth.
-                let gain = places(block, 4).map(|(x, y)| (of.gain)(x0 + x, top + y0 + y, level)).sum::<f32>()
-                    / places(block, 4).count() as f32;
+                // The factor of the residual on the variance of noise. The taps change the noise of the second frame, depending on the
+                // distance of the target from a pixel's centre. They are cubic, since linear ones would leave as much texture as noise in
+                // the coarse levels. A few places are enough for the mean, since the flow is smooth.
+                let gain = of.fraction.as_ref().map_or(1.0, |fraction| {
+                    let of = |(x, y)| {
+                        let [fx, fy] = fraction(x0 + x, top + y0 + y);
+                        cubic_gain(fx, fy, level)
+                    };
+                    1.0 + places(block, 4).map(of).sum::<f32>() / places(block, 4).count() as f32
+                });
                 let powers = |l: usize| Powers::new(&bands[l], (x0, y0), block, l);
                 let own = powers(level);
                 let next = powers(level + 1);

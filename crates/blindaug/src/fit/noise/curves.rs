@@ -1,6 +1,7 @@
 //! From local covariances of noise to [`NoiseCurves`]: curves over the picture's colour by non-negative least squares, and the mixture of
 //! independent noises that gives the channels their correlation.
 
+use super::PAIRS;
 use crate::fit::linear::{cholesky, solved};
 use crate::model::{CurveLevel, NOISE_KNOTS, NOISE_LEVELS, NoiseCurves, NoiseLines, place};
 use crate::portable::Portable;
@@ -238,7 +239,13 @@ fn curves_of(rows: &Rows, pure: bool) -> [[f32; POINTS]; 3] {
         let now = lanes(&x);
         for (b, row) in rows.iter().step_by(step) {
             let (variance, all) = (variance(b), predicted(row, &now));
-            let error = all.max(f32x4::splat(0.02)) * f32x4::splat((2.0 / b.count).sqrt());
+            // The share of texture differs from block to block by about as much as it is.
+            let texture = match row.last() {
+                Some(&(i, a)) if usize::from(i) == POINTS => now[POINTS] * f32x4::splat(a),
+                _ => f32x4::ZERO,
+            };
+            let of_noise = all.max(f32x4::splat(0.02)) * f32x4::splat((2.0 / b.count).sqrt());
+            let error = (of_noise * of_noise + texture * texture).sqrt();
             let mut weight = f32x4::ONE / (error * error);
             if !pure {
                 let above = (variance - all).max(f32x4::ZERO) / (f32x4::splat(OUTLIER) * error);
@@ -325,27 +332,61 @@ fn non_negative(a: &[f64], b: &[f64], mut x: [f64; UNKNOWNS]) -> [f64; UNKNOWNS]
 }
 
 /// The typical std of each channel over the blocks, and the covariance of the channels where each has that std.
+///
+/// A covariance of two channels is their correlation times their stds, and a share of the picture's texture, which is common to the
+/// channels: both by least squares.
 fn typical_covariance(blocks: &[&Block], level: &CurveLevel) -> ([f64; 3], [[f64; 3]; 3]) {
-    let mut sums = [0.0f64; 6];
     let mut variances = [0.0f64; 3];
+    let mut sums = [Products::default(); PAIRS.len()];
     for b in blocks {
         let variance = b.colours.variance(level).map(f64::from);
-        // Texture that does not match is common to all channels, so the blocks count less that hold more of it than noise.
-        let mean = variances_mean(&variance).max(1e-12);
-        let weight = f64::from(b.count) / (mean + f64::from(b.texture));
         for (sum, v) in variances.iter_mut().zip(variance) {
             *sum += v / blocks.len() as f64;
         }
-        for (sum, v) in sums.iter_mut().zip(b.covariance) {
-            *sum += weight * f64::from(v);
+        // The share of texture differs from block to block, so those with more texture than noise count little.
+        let texture = f64::from(b.texture);
+        let weight = f64::from(b.count) / (variances_mean(&variance).max(1e-12) + texture).powi(2);
+        for ((sum, covariance), (i, j)) in sums.iter_mut().zip(&b.covariance[3..]).zip(PAIRS) {
+            let stds = (variance[i] * variance[j]).max(0.0).sqrt();
+            sum.add(weight, [stds, texture], f64::from(*covariance));
         }
     }
     let std = variances.map(|v| v.max(1e-14).sqrt());
-    let correlation =
-        |i: usize, a: usize, b: usize| (sums[i] / (sums[a] * sums[b]).max(1e-30).sqrt()).clamp(-0.98, 0.98);
-    let [rg, rb, gb] = [correlation(3, 0, 1), correlation(4, 0, 2), correlation(5, 1, 2)];
+    let [rg, rb, gb] = sums.map(|s| s.first_coefficient().clamp(-0.98, 0.98));
     let correlations = [[1.0, rg, rb], [rg, 1.0, gb], [rb, gb, 1.0]];
     (std, std::array::from_fn(|a| std::array::from_fn(|b| correlations[a][b] * std[a] * std[b])))
+}
+
+/// Weighted sums for the least squares `y = a x0 + b x1` with b >= 0.
+#[derive(Clone, Copy, Default)]
+struct Products {
+    /// The sums of x0 x0, x0 x1 and x1 x1.
+    own: [f64; 3],
+    /// The sums of x0 y and x1 y.
+    right: [f64; 2],
+}
+
+impl Products {
+    fn add(&mut self, weight: f64, x: [f64; 2], y: f64) {
+        for (sum, v) in self.own.iter_mut().zip([x[0] * x[0], x[0] * x[1], x[1] * x[1]]) {
+            *sum += weight * v;
+        }
+        for (sum, x) in self.right.iter_mut().zip(x) {
+            *sum += weight * x * y;
+        }
+    }
+
+    /// The coefficient a.
+    fn first_coefficient(&self) -> f64 {
+        let ([xx, xt, tt], [xy, ty]) = (self.own, self.right);
+        let determinant = xx * tt - xt * xt;
+        let second = ty * xx - xy * xt;
+        if determinant > 1e-9 * xx * tt && second > 0.0 {
+            (xy * tt - ty * xt) / determinant
+        } else {
+            xy / xx.max(1e-30)
+        }
+    }
 }
 
 fn variances_mean(v: &[f64; 3]) -> f64 {

@@ -1,8 +1,9 @@
 use super::choose::{LOWER_HALF, noise_share};
 use super::collect::{Residual, UNUSABLE, cubic_gain, flaw};
+use super::mismatch::without_mismatch;
 use super::*;
 use crate::strips::{Strip, rows_in_turn, strips};
-use crate::{Encoded, Flow, Raster, filter, luma, pyramid};
+use crate::{Encoded, Flow, LUMA, Raster, filter, luma, pyramid};
 
 /// White normal noise (a sum of twelve uniforms), made without the project's own synthesis.
 pub fn white(width: usize, height: usize, seed: u64) -> Raster<[f32; 3]> {
@@ -45,8 +46,8 @@ fn strips_give_the_variances_of_the_whole_frame() {
         [p[0], p[1], p[2], luma(p)]
     };
     let flaws = |x, y| if x < 20 && y % 300 < 9 { UNUSABLE } else { flaw(frame.0.at(x, y)) };
-    let gain = |x: usize, y: usize, level: usize| 1.0 + 0.01 * (x % 7 + y % 11 + level) as f32;
-    let residual = Residual { values, colour: |x, y| frame.0.at(x, y), flaws, gain, pure: false };
+    let fraction = Some(|x: usize, y: usize| [(x % 7) as f32 / 7.0, (y % 11) as f32 / 11.0]);
+    let residual = Residual { values, colour: |x, y| frame.0.at(x, y), flaws, fraction, pure: false };
     for method in [Method::Temporal, Method::Spatial] {
         let found = |strips: &mut dyn Iterator<Item = Strip>| {
             let mut evidence = NoiseEvidence::new(method);
@@ -205,6 +206,72 @@ fn the_smoothing_of_the_taps_is_accounted_for() {
     assert!(worst(&e, 0.03) < 0.15, "{}", worst(&e, 0.03));
     let gain = |f: f32| cubic_gain(f, f, 0);
     assert!(gain(0.5) < 0.6 && (gain(0.0) - 1.0).abs() < 1e-4, "{}", gain(0.5));
+}
+
+/// A picture full of texture, blurred along x by a streak of this length, px, and moved by `shift` px, with noise.
+fn streaked(streak: f32, shift: [f32; 2], seed: u64) -> Encoded {
+    const TAPS: usize = 16;
+    let (w, h) = (384, 256);
+    let texture = filter::gaussian_blur(&white(w + 32, h + 32, 77), 2.0);
+    let noise = white(w, h, seed);
+    Encoded(Raster::from_fn(w, h, |x, y| {
+        let mut sum = [0.0; 3];
+        for i in 0..TAPS {
+            let along = streak * ((i as f32 + 0.5) / TAPS as f32 - 0.5);
+            // All channels have the same texture.
+            let v = texture.cubic(x as f32 + 16.0 - shift[0] + along, y as f32 + 16.0 - shift[1])[1];
+            sum = sum.map(|s| s + v / TAPS as f32);
+        }
+        std::array::from_fn(|c| 0.5 + sum[c] + 0.01 * noise.at(x, y)[c])
+    }))
+}
+
+#[test]
+fn frames_that_are_blurred_differently_and_matched_badly_give_their_noise_back() {
+    let (first, second) = (streaked(2.0, [0.0; 2], 1), streaked(5.0, [3.4, 1.7], 2));
+    let mut e = NoiseEvidence::new(Method::Temporal);
+    // The flow is wrong by 0.15 px.
+    let flow = Flow::filled(384, 256, [3.55, 1.6]);
+    e.add_pair(&first, &second, &flow).unwrap();
+    // Negative control: beside the difference of the frames the noise is small.
+    let difference =
+        |x: usize, y: usize| luma(first.0.at(x, y)) - luma(second.0.cubic(x as f32 + 3.55, y as f32 + 1.6));
+    let power = |f: &dyn Fn(usize, usize) -> f32| {
+        let values = (20..220).flat_map(|y| (20..340).map(move |x| (x, y)));
+        values.clone().map(|(x, y)| f(x, y).powi(2)).sum::<f32>() / values.count() as f32
+    };
+    let of_noise = 2.0 * 1e-4 * LUMA.iter().map(|w| w * w).sum::<f32>();
+    assert!(power(&difference) > 5.0 * of_noise, "{} {of_noise}", power(&difference));
+    let fit = e.fit();
+    let curves = fit.model.known().and_then(NoiseModel::curves).expect("there is evidence").clone();
+    for (level, white) in curves.levels[..2].iter().zip(white_band_std()) {
+        let std = level.std([0.5; 3]).map(|s| s / (0.01 * white));
+        assert!(std.iter().all(|s| (0.9..1.4).contains(s)), "{std:?}");
+        assert!(level.correlation().iter().all(|r| r.abs() < 0.2), "{:?}", level.correlation());
+    }
+    assert_eq!(fit.luma.unwrap().coding_error, 0.0);
+}
+
+#[test]
+fn noise_by_itself_is_no_difference_in_blur() {
+    let (w, h) = (256, 256);
+    let (first, second) = (white(w, h, 1), white(w, h, 2));
+    let with = |v: [f32; 3]| [v[0], v[1], v[2], 0.0];
+    let flaws = Raster::filled(w, h, 0u8);
+    for fraction in [[0.0f32, 0.0], [0.5, 0.0], [0.5, 0.5], [0.25, 0.75]] {
+        let difference = Raster::from_fn(w, h, |x, y| {
+            let b = second.cubic(x as f32 + fraction[0], y as f32 + fraction[1]);
+            let a = first.at(x, y);
+            with(std::array::from_fn(|c| a[c] - b[c]))
+        });
+        let power = |r: &Raster<[f32; 4]>| r.data().iter().map(|v| v[0] * v[0]).sum::<f32>();
+        let share = |told: [f32; 2]| {
+            power(&without_mismatch(&difference, &first.map(with), &flaws, |_, _| told)) / power(&difference)
+        };
+        assert!((0.985..1.0).contains(&share(fraction)), "{fraction:?} {}", share(fraction));
+        // Negative control: derivatives of the mean of both frames.
+        assert!(fraction == [0.0; 2] || share([0.0; 2]) < 0.97, "{}", share([0.0; 2]));
+    }
 }
 
 #[test]

@@ -1,0 +1,245 @@
+//! What two frames differ by beyond noise. Flow is wrong by a fraction of a px, and where motion is uneven one frame is blurred more than the
+//! other. In a small part of the picture both add to the difference of the frames a sum of the picture's own derivatives: of the first order
+//! for a shift, of the second order for blur (`f * k - f = sum of M_ij d_i d_j f / 2 + ..` for a symmetric kernel k of second moments M).
+//! That sum is found by least squares and taken away, so that noise is left.
+
+use super::collect::Flaw;
+use crate::fit::linear::solved;
+use crate::raster::cubic_weights;
+use crate::{Raster, filter, par};
+use std::sync::OnceLock;
+use wide::f32x4;
+
+/// The side of the cells in which sums are formed, px. The coefficients are those of squares of twice this side, and pass smoothly from one
+/// to the next.
+const CELL: usize = 16;
+
+/// The number of derivatives: two of the first order, and three of the second order on two scales, since longer kernels have higher terms,
+/// too.
+const TERMS: usize = 8;
+
+/// The number of products of two derivatives.
+const PRODUCTS: usize = TERMS * (TERMS + 1) / 2;
+
+/// The right halves of the kernels that smooth the picture before its second derivatives are taken: none, and of 1 px.
+const SMOOTHINGS: [&[f32]; 2] = [&[1.0], &[6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0]];
+
+/// The std of each coefficient that is expected: of the shift, px, and of the second derivatives, px^2, on either scale. It keeps noise from
+/// being taken for a difference where the picture has no texture.
+const EXPECTED: [f32; TERMS] = [0.25, 0.25, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0];
+
+/// R, G and B, and a value that is not used.
+type Colours = Raster<[f32; 4]>;
+
+/// The difference of two frames without what is not noise in it. `difference` is `frame` minus the other frame, whose pixels were
+/// interpolated at these fractions of a px; `frame` and the result have the fourth value of `difference`'s pixels.
+pub(super) fn without_mismatch(
+    difference: &Colours,
+    frame: &Colours,
+    flaws: &Raster<Flaw>,
+    fraction: impl Fn(usize, usize) -> [f32; 2] + Sync,
+) -> Colours {
+    let (w, h) = difference.size();
+    let derivatives = Derivatives::new(difference, frame);
+    let (columns, rows) = (w.div_ceil(CELL), h.div_ceil(CELL));
+    let cells = par::map(columns * rows, |i| {
+        let (x0, y0) = (i % columns * CELL, i / columns * CELL);
+        let mut sums = Sums::default();
+        for y in y0..(y0 + CELL).min(h) {
+            for x in (x0..(x0 + CELL).min(w)).filter(|&x| flaws.at(x, y) == 0) {
+                sums.add(&derivatives.at(x, y, fraction(x, y)), f32x4::from(difference.at(x, y)));
+            }
+        }
+        sums
+    });
+    let corners = columns + 1;
+    let coefficients = par::map(corners * (rows + 1), |i| {
+        let (x, y) = (i % corners, i / corners);
+        let mut sums = Sums::default();
+        for y in y.saturating_sub(1)..(y + 1).min(rows) {
+            for x in x.saturating_sub(1)..(x + 1).min(columns) {
+                sums.merge(&cells[columns * y + x]);
+            }
+        }
+        sums.coefficients()
+    });
+    let mut left = difference.clone();
+    par::for_each_row(left.data_mut(), w, |y, row| {
+        let (cell, share) = (y / CELL, f32x4::splat((y % CELL) as f32 / CELL as f32));
+        let between = |a: f32x4, b: f32x4, share: f32x4| a + share * (b - a);
+        let at = |x: usize| -> [f32x4; 2] {
+            let (above, below) = (&coefficients[corners * cell + x], &coefficients[corners * (cell + 1) + x]);
+            std::array::from_fn(|i| between(above[i], below[i], share))
+        };
+        for (cell, pixels) in row.chunks_mut(CELL).enumerate() {
+            let (before, after) = (at(cell), at(cell + 1));
+            for (i, pixel) in pixels.iter_mut().enumerate() {
+                let (x, share) = (CELL * cell + i, f32x4::splat(i as f32 / CELL as f32));
+                let [a, b]: [[f32; 4]; 2] =
+                    std::array::from_fn(|i| between(before[i], after[i], share).to_array());
+                let terms = derivatives.at(x, y, fraction(x, y));
+                let sum = terms
+                    .iter()
+                    .zip(a.iter().chain(&b))
+                    .fold(f32x4::ZERO, |sum, (d, k)| sum + *d * f32x4::splat(*k));
+                let [r, g, b, _] = (f32x4::from(*pixel) - sum).to_array();
+                [pixel[0], pixel[1], pixel[2]] = [r, g, b];
+            }
+        }
+    });
+    left
+}
+
+/// The derivatives of what two frames have in common.
+struct Derivatives {
+    /// Both frames on either scale.
+    frames: [[Colours; 2]; 2],
+}
+
+impl Derivatives {
+    fn new(difference: &Colours, frame: &Colours) -> Self {
+        let (w, h) = frame.size();
+        let other = Raster::from_fn(w, h, |x, y| {
+            let (a, d) = (frame.at(x, y), difference.at(x, y));
+            std::array::from_fn(|c| a[c] - d[c])
+        });
+        Self { frames: SMOOTHINGS.map(|k| [filter::convolve(frame, k), filter::convolve(&other, k)]) }
+    }
+
+    /// The derivatives of R, G and B at a pixel, at which the second frame was interpolated at these fractions of a px.
+    #[inline(always)]
+    fn at(&self, x: usize, y: usize, fraction: [f32; 2]) -> [f32x4; TERMS] {
+        let (w, h) = self.frames[0][0].size();
+        let columns = [x.saturating_sub(1), x, (x + 1).min(w - 1)];
+        let rows = [y.saturating_sub(1), y, (y + 1).min(h - 1)];
+        let half = f32x4::splat(0.5);
+        let mut terms = [f32x4::ZERO; TERMS];
+        for (scale, frames) in self.frames.iter().enumerate() {
+            let around = frames.each_ref().map(|frame| {
+                rows.map(|y| {
+                    let row = frame.row(y);
+                    columns.map(|x| f32x4::from(row[x]))
+                })
+            });
+            let of_both = around.map(|[above, own, below]| {
+                let twice = own[1] + own[1];
+                let diagonal = half * half * (above[0] + below[2] - above[2] - below[0]);
+                let first = [half * (own[2] - own[0]), half * (below[1] - above[1])];
+                ([own[0] + own[2] - twice, above[1] + below[1] - twice, diagonal], first)
+            });
+            let [([xx, yy, xy], [dx, dy]), ([xx2, yy2, xy2], [dx2, dy2])] = of_both;
+            let [across, down] = shares(fraction)[scale].map(f32x4::splat);
+            let second = &mut terms[2 + 3 * scale..][..3];
+            second[0] = xx2 + across * (xx - xx2);
+            second[1] = yy2 + down * (yy - yy2);
+            second[2] = half * (xy + xy2);
+            // The first derivatives are those of the coarser scale, which is the last.
+            (terms[0], terms[1]) = (half * (dx + dx2), half * (dy + dy2));
+        }
+        terms
+    }
+}
+
+/// The share of the first frame in the second derivatives along x and y on either scale, where the second frame was interpolated at these
+/// fractions of a px. With it the noise of a derivative is not correlated with that of the difference of the frames, so that noise by itself
+/// is not taken for a difference in blur.
+///
+/// For independent noise a and b and the derivative D, the covariance of `a - b` and `D (s a + (1 - s) b)` is `s d_a - (1 - s) d_b`, where d
+/// is the covariance of a frame's noise and its derivative. The other derivatives are odd, and have none.
+fn shares(fraction: [f32; 2]) -> &'static [[f32; 2]; 2] {
+    /// The steps of a px by which fractions are told apart.
+    const STEPS: usize = 16;
+    static TABLE: OnceLock<Vec<[[f32; 2]; 2]>> = OnceLock::new();
+    let table = TABLE.get_or_init(|| {
+        let of = |i: usize| shares_at([i % STEPS, i / STEPS].map(|i| i as f32 / STEPS as f32));
+        (0..STEPS * STEPS).map(of).collect()
+    });
+    let [x, y] = fraction.map(|f| (f * STEPS as f32 + 0.5) as usize % STEPS);
+    &table[STEPS * y + x]
+}
+
+fn shares_at(fraction: [f32; 2]) -> [[f32; 2]; 2] {
+    // The covariance of interpolated white noise of variance 1 along an axis, at distances of 0 to 3 px.
+    let covariance = fraction.map(|f| {
+        let k = cubic_weights(f);
+        [0, 1, 2, 3].map(|lag| (0..4 - lag).map(|i| k[i] * k[i + lag]).sum::<f32>())
+    });
+    SMOOTHINGS.map(|half| {
+        let smoothing = |i: isize| half.get(i.unsigned_abs()).copied().unwrap_or(0.0);
+        let second = |i: isize| smoothing(i - 1) + smoothing(i + 1) - 2.0 * smoothing(i);
+        let under = |kernel: &dyn Fn(isize) -> f32, covariance: &[f32; 4]| -> f32 {
+            (-3..=3).map(|i: isize| kernel(i) * covariance[i.unsigned_abs()]).sum()
+        };
+        [0, 1].map(|axis| {
+            let of_first = second(0) * smoothing(0);
+            let of_second = under(&second, &covariance[axis]) * under(&smoothing, &covariance[1 - axis]);
+            (of_second / (of_first + of_second)).clamp(0.0, 1.0)
+        })
+    })
+}
+
+/// Sums over pixels, and over R, G and B, which share the coefficients.
+#[derive(Clone)]
+struct Sums {
+    /// The products of derivatives, the lower triangle row by row.
+    products: [f32x4; PRODUCTS],
+    /// The products of the derivatives with the difference.
+    right: [f32x4; TERMS],
+    /// The squares of the difference.
+    squares: f32x4,
+    /// The number of pixels.
+    count: f32,
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        let zero = f32x4::ZERO;
+        Self { products: [zero; PRODUCTS], right: [zero; TERMS], squares: zero, count: 0.0 }
+    }
+}
+
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, terms: &[f32x4; TERMS], difference: f32x4) {
+        let mut next = 0;
+        for (i, a) in terms.iter().enumerate() {
+            self.right[i] += *a * difference;
+            for b in &terms[..=i] {
+                self.products[next] += *a * *b;
+                next += 1;
+            }
+        }
+        self.squares += difference * difference;
+        self.count += 1.0;
+    }
+
+    fn merge(&mut self, other: &Self) {
+        self.products.iter_mut().zip(&other.products).for_each(|(a, b)| *a += *b);
+        self.right.iter_mut().zip(&other.right).for_each(|(a, b)| *a += *b);
+        self.squares += other.squares;
+        self.count += other.count;
+    }
+
+    /// The coefficients of the derivatives in the difference: the likeliest ones, if they are normal and of the [`EXPECTED`] stds, and the
+    /// rest of the difference is noise.
+    fn coefficients(&self) -> [f32x4; 2] {
+        // There are so many pixels that it does not matter that their mean square holds more than noise.
+        let noise = over_colours(self.squares) / (3.0 * f64::from(self.count.max(1.0)));
+        let mut a = [0.0; TERMS * TERMS];
+        let mut products = self.products.iter().map(|v| over_colours(*v));
+        for i in 0..TERMS {
+            for (j, v) in (0..=i).zip(&mut products) {
+                (a[TERMS * i + j], a[TERMS * j + i]) = (v, v);
+            }
+            a[TERMS * i + i] += noise.max(1e-9) / f64::from(EXPECTED[i] * EXPECTED[i]);
+        }
+        let right = self.right.iter().map(|v| over_colours(*v)).collect();
+        let found = solved(&a, right).unwrap_or_else(|| vec![0.0; TERMS]);
+        [0, 4].map(|first| f32x4::from(std::array::from_fn::<f32, 4, _>(|i| found[first + i] as f32)))
+    }
+}
+
+/// The sum of R, G and B.
+fn over_colours(v: f32x4) -> f64 {
+    v.to_array()[..3].iter().map(|v| f64::from(*v)).sum()
+}
