@@ -139,8 +139,8 @@ fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
     interval.map(|v| (v - beyond).clamp(0.0, 1.0))
 }
 
-/// The 95 % interval of an exposure from the curves of [`bootstrapped_exposure`], their sum, [`LumaNoise::coding_error`], and the
-/// [`typical_speed`] of the observations. The interval also holds the exposures whose summed log-likelihood is less than [`CLIP`] below
+/// The 95 % interval of an exposure from the curves of [`bootstrapped_exposure`], their sum, [`LumaNoise::coding_error`], the
+/// [`typical_speed`] of the observations, and whether their motion is even. The interval also holds the exposures whose summed log-likelihood is less than [`CLIP`] below
 /// the maximum, which a single tile could explain, and the exposures of streaks that texture hides.
 pub(super) fn exposure_interval(
     estimate: f32,
@@ -149,11 +149,13 @@ pub(super) fn exposure_interval(
     bootstraps: usize,
     coding_error: f32,
     speed: f32,
+    even: bool,
 ) -> [f32; 2] {
     let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
     let [low, high] = bootstrapped_exposure(estimate, parts, bootstraps, floor);
     let [lowest, highest] = likely(estimate, sum, CLIP);
-    with_hidden_streak([low.min(lowest), high.max(highest)], speed)
+    let interval = with_hidden_streak([low.min(lowest), high.max(highest)], speed);
+    with_coded_streak(interval, coding_error, speed, even)
 }
 
 /// The 95 % interval of an exposure where motion is uneven, from the summed curve and the exposures of a bootstrap's replicas, by
@@ -168,7 +170,8 @@ pub(super) fn uneven_interval(
     let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
     let [low, high] = within_a_frame(estimate, interval(estimate, replicas, floor));
     let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
-    with_hidden_streak([low.min(lowest), high.max(highest)], speed)
+    let interval = with_hidden_streak([low.min(lowest), high.max(highest)], speed);
+    with_coded_streak(interval, coding_error, speed, false)
 }
 
 /// The least and the largest exposure that a curve finds less likely than the likeliest one by at most so many nats.
@@ -183,6 +186,18 @@ fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
 fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
     let hidden = (HIDDEN_STREAK / speed).powi(2);
     [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
+}
+
+/// Raises the upper end of an interval for what a coder of this [`LumaNoise::coding_error`] does to streaks. It takes away fine detail, so that
+/// the picture looks as blurred across the motion as along it; and it predicts each frame from others, so that where motion is uneven
+/// frames with long streaks look like those with short ones. Both make exposures seem short.
+fn with_coded_streak([low, high]: [f32; 2], coding_error: f32, speed: f32, even: bool) -> [f32; 2] {
+    /// The lengths of streaks, px, that a coder hides that leaves the largest errors, where motion is even and where it is not: nine of ten
+    /// as measured of H.264 at crf 27 (docs/lab-log.md).
+    const CODED_STREAK: (f32, f32) = (3.0, 5.0);
+    let length = if even { CODED_STREAK.0 } else { CODED_STREAK.1 };
+    let hidden = (length * coding_error / MAX_CODING_ERROR / speed).powi(2);
+    [low, (high * high + hidden).sqrt().min(1.0)]
 }
 
 /// Widens an interval to hold the typical frame's exposure, too, given those that frames tell by themselves (NaN: nothing): frames that
@@ -281,7 +296,7 @@ pub fn exposure_of(
     let of_speeds = |f: &dyn Fn(f32) -> f32| observations.iter().map(|w| f(w.speed)).sum::<f32>();
     let speed = typical_speed(of_speeds(&|v| v), of_speeds(&|v| v * v));
     let [low, high] = match &uneven {
-        None => exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed),
+        None => exposure_interval(estimate, &sum, &parts, BOOTSTRAPS, coding_error, speed, true),
         Some(uneven) => uneven.interval(estimate, &sum, coding_error, speed),
     };
     let interval = with_typical_frame([low, high], per_frame.iter().map(|f| f.1), uneven.is_none(), speed);
@@ -621,6 +636,19 @@ fn std_of(v: &[f32]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_coder_hides_long_streaks_among_short_ones_but_not_short_ones_among_long_ones() {
+        let of = |coding_error: f32, speed: f32, even: bool| {
+            with_coded_streak([0.3, 0.5], coding_error, speed, even)
+        };
+        assert_eq!(of(0.0, 5.0, false), [0.3, 0.5]);
+        let [low, high] = of(MAX_CODING_ERROR, 10.0, false);
+        assert!(low == 0.3 && (high - 0.5f32.hypot(0.5)).abs() < 1e-5, "{low} {high}");
+        assert!(of(MAX_CODING_ERROR, 10.0, true)[1] < high);
+        // The faster things move, the less a streak of the same length hides.
+        assert!(of(MAX_CODING_ERROR, 20.0, false)[1] < 0.6 && of(MAX_CODING_ERROR, 2.0, false)[1] == 1.0);
+    }
 
     #[test]
     fn frames_that_contradict_each_other_widen_the_interval_where_motion_is_even() {

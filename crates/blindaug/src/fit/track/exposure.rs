@@ -149,8 +149,15 @@ impl ExposureMemory {
             .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
             .map(|(block, c)| (block, 0, c.to_vec()))
             .collect();
-        let interval =
-            agreement::exposure_interval(estimate, &curve, &parts, super::BOOTSTRAPS, coding_error, speed);
+        let interval = agreement::exposure_interval(
+            estimate,
+            &curve,
+            &parts,
+            super::BOOTSTRAPS,
+            coding_error,
+            speed,
+            even,
+        );
         let interval = agreement::with_typical_frame(interval, self.readings.iter().copied(), even, speed);
         let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
         if tiles < agreement::FEWEST as f32 || !possible {
