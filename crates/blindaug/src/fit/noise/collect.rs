@@ -230,7 +230,7 @@ impl NoiseEvidence {
                     let [r, g, b] = (of.colour)(x, top + y);
                     [r, g, b, 0.0]
                 });
-                without_mismatch(&residual, &frame, &flaws, |x, y| fraction(x, top + y))
+                without_mismatch(residual, frame, &flaws, |x, y| fraction(x, top + y))
             }
             _ => residual,
         };

@@ -21,26 +21,26 @@ const TERMS: usize = 8;
 /// The number of products of two derivatives.
 const PRODUCTS: usize = TERMS * (TERMS + 1) / 2;
 
-/// The right halves of the kernels that smooth the picture before its second derivatives are taken: none, and of 1 px.
-const SMOOTHINGS: [&[f32]; 2] = [&[1.0], &[6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0]];
+/// The right half of the kernel, of a std of 1 px, that smooths the picture for the derivatives of the coarser scale.
+const SMOOTHING: &[f32] = &[6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 
 /// The std of each coefficient that is expected: of the shift, px, and of the second derivatives, px^2, on either scale. It keeps noise from
 /// being taken for a difference where the picture has no texture.
 const EXPECTED: [f32; TERMS] = [0.25, 0.25, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0];
 
-/// R, G and B, and a value that is not used.
+/// R, G and B, and a fourth value that is not looked at.
 type Colours = Raster<[f32; 4]>;
 
 /// The difference of two frames without what is not noise in it. `difference` is `frame` minus the other frame, whose pixels were
-/// interpolated at these fractions of a px; `frame` and the result have the fourth value of `difference`'s pixels.
+/// interpolated at these fractions of a px. The fourth value of `difference`'s pixels is handed on.
 pub(super) fn without_mismatch(
-    difference: &Colours,
-    frame: &Colours,
+    mut difference: Colours,
+    frame: Colours,
     flaws: &Raster<Flaw>,
     fraction: impl Fn(usize, usize) -> [f32; 2] + Sync,
 ) -> Colours {
     let (w, h) = difference.size();
-    let derivatives = Derivatives::new(difference, frame);
+    let derivatives = Derivatives::new(&difference, frame);
     let (columns, rows) = (w.div_ceil(CELL), h.div_ceil(CELL));
     let cells = par::map(columns * rows, |i| {
         let (x0, y0) = (i % columns * CELL, i / columns * CELL);
@@ -63,8 +63,7 @@ pub(super) fn without_mismatch(
         }
         sums.coefficients()
     });
-    let mut left = difference.clone();
-    par::for_each_row(left.data_mut(), w, |y, row| {
+    par::for_each_row(difference.data_mut(), w, |y, row| {
         let (cell, share) = (y / CELL, f32x4::splat((y % CELL) as f32 / CELL as f32));
         let between = |a: f32x4, b: f32x4, share: f32x4| a + share * (b - a);
         let at = |x: usize| -> [f32x4; 2] {
@@ -87,7 +86,7 @@ pub(super) fn without_mismatch(
             }
         }
     });
-    left
+    difference
 }
 
 /// The derivatives of what two frames have in common.
@@ -97,13 +96,14 @@ struct Derivatives {
 }
 
 impl Derivatives {
-    fn new(difference: &Colours, frame: &Colours) -> Self {
+    fn new(difference: &Colours, frame: Colours) -> Self {
         let (w, h) = frame.size();
         let other = Raster::from_fn(w, h, |x, y| {
             let (a, d) = (frame.at(x, y), difference.at(x, y));
             std::array::from_fn(|c| a[c] - d[c])
         });
-        Self { frames: SMOOTHINGS.map(|k| [filter::convolve(frame, k), filter::convolve(&other, k)]) }
+        let smooth = [&frame, &other].map(|image| filter::convolve(image, SMOOTHING));
+        Self { frames: [[frame, other], smooth] }
     }
 
     /// The derivatives of R, G and B at a pixel, at which the second frame was interpolated at these fractions of a px.
@@ -164,7 +164,7 @@ fn shares_at(fraction: [f32; 2]) -> [[f32; 2]; 2] {
         let k = cubic_weights(f);
         [0, 1, 2, 3].map(|lag| (0..4 - lag).map(|i| k[i] * k[i + lag]).sum::<f32>())
     });
-    SMOOTHINGS.map(|half| {
+    [&[1.0], SMOOTHING].map(|half| {
         let smoothing = |i: isize| half.get(i.unsigned_abs()).copied().unwrap_or(0.0);
         let second = |i: isize| smoothing(i - 1) + smoothing(i + 1) - 2.0 * smoothing(i);
         let under = |kernel: &dyn Fn(isize) -> f32, covariance: &[f32; 4]| -> f32 {

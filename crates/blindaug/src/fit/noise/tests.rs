@@ -266,7 +266,8 @@ fn noise_by_itself_is_no_difference_in_blur() {
         });
         let power = |r: &Raster<[f32; 4]>| r.data().iter().map(|v| v[0] * v[0]).sum::<f32>();
         let share = |told: [f32; 2]| {
-            power(&without_mismatch(&difference, &first.map(with), &flaws, |_, _| told)) / power(&difference)
+            let left = without_mismatch(difference.clone(), first.map(with), &flaws, |_, _| told);
+            power(&left) / power(&difference)
         };
         assert!((0.985..1.0).contains(&share(fraction)), "{fraction:?} {}", share(fraction));
         // Negative control: derivatives of the mean of both frames.
