@@ -208,19 +208,20 @@ fn the_smoothing_of_the_taps_is_accounted_for() {
     assert!(gain(0.5) < 0.6 && (gain(0.0) - 1.0).abs() < 1e-4, "{}", gain(0.5));
 }
 
-/// A picture full of texture, blurred along x by a streak of this length, px, and moved by `shift` px, with noise.
+/// A picture with texture that fades towards the top, blurred along x by a streak of this length, px, and moved by `shift` px, with noise.
 fn streaked(streak: f32, shift: [f32; 2], seed: u64) -> Encoded {
     const TAPS: usize = 16;
     let (w, h) = (384, 256);
     let texture = filter::gaussian_blur(&white(w + 32, h + 32, 77), 2.0);
     let noise = white(w, h, seed);
+    let fading = |y: usize| 1.5 * (y as f32 / h as f32).powi(2);
     Encoded(Raster::from_fn(w, h, |x, y| {
         let mut sum = [0.0; 3];
         for i in 0..TAPS {
             let along = streak * ((i as f32 + 0.5) / TAPS as f32 - 0.5);
             // All channels have the same texture.
             let v = texture.cubic(x as f32 + 16.0 - shift[0] + along, y as f32 + 16.0 - shift[1])[1];
-            sum = sum.map(|s| s + v / TAPS as f32);
+            sum = sum.map(|s| s + fading(y) * v / TAPS as f32);
         }
         std::array::from_fn(|c| 0.5 + sum[c] + 0.01 * noise.at(x, y)[c])
     }))
@@ -241,13 +242,13 @@ fn frames_that_are_blurred_differently_and_matched_badly_give_their_noise_back()
         values.clone().map(|(x, y)| f(x, y).powi(2)).sum::<f32>() / values.count() as f32
     };
     let of_noise = 2.0 * 1e-4 * LUMA.iter().map(|w| w * w).sum::<f32>();
-    assert!(power(&difference) > 5.0 * of_noise, "{} {of_noise}", power(&difference));
+    assert!(power(&difference) > 2.0 * of_noise, "{} {of_noise}", power(&difference));
     let fit = e.fit();
     let curves = fit.model.known().and_then(NoiseModel::curves).expect("there is evidence").clone();
     for (level, white) in curves.levels[..2].iter().zip(white_band_std()) {
         let std = level.std([0.5; 3]).map(|s| s / (0.01 * white));
-        assert!(std.iter().all(|s| (0.8..1.35).contains(s)), "{std:?}");
-        assert!(level.correlation().iter().all(|r| r.abs() < 0.2), "{:?}", level.correlation());
+        assert!(std.iter().all(|s| (0.9..1.1).contains(s)), "{std:?}");
+        assert!(level.correlation().iter().all(|r| r.abs() < 0.15), "{:?}", level.correlation());
     }
     assert_eq!(fit.luma.unwrap().coding_error, 0.0);
 }
