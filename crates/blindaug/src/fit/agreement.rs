@@ -140,8 +140,9 @@ fn within_a_frame(estimate: f32, interval: [f32; 2]) -> [f32; 2] {
 }
 
 /// The 95 % interval of an exposure from the curves of [`bootstrapped_exposure`], their sum, [`LumaNoise::coding_error`], the
-/// [`typical_speed`] of the observations, and whether their motion is even. The interval also holds the exposures whose summed log-likelihood is less than [`CLIP`] below
-/// the maximum, which a single tile could explain, and the exposures of streaks that texture hides.
+/// [`typical_speed`] of the observations, and whether their motion is even. The interval also holds the exposures whose summed
+/// log-likelihood is less than [`CLIP`] below the maximum, which a single tile could explain, and the exposures of streaks that texture or a
+/// coder hides.
 pub(super) fn exposure_interval(
     estimate: f32,
     sum: &[f32],

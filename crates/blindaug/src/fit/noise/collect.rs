@@ -548,13 +548,19 @@ fn window_bias(level: usize) -> f32 {
 pub(super) fn cubic_gain(fx: f32, fy: f32, level: usize) -> f32 {
     static MOMENTS: OnceLock<[[[f32; 4]; 4]; NOISE_LEVELS]> = OnceLock::new();
     let moments = &MOMENTS.get_or_init(|| std::array::from_fn(band_moments))[level];
-    let correlation = |f: f32| {
-        let h = cubic_weights(f);
-        let at = |k: usize| (0..4 - k).map(|i| h[i] * h[i + k]).sum::<f32>();
-        [at(0), 2.0 * at(1), 2.0 * at(2), 2.0 * at(3)]
+    let both_sides = |f: f32| {
+        let [at_0, at_1, at_2, at_3] = cubic_covariance(f);
+        [at_0, 2.0 * at_1, 2.0 * at_2, 2.0 * at_3]
     };
-    let (x, y) = (correlation(fx), correlation(fy));
+    let (x, y) = (both_sides(fx), both_sides(fy));
     (0..4).map(|i| y[i] * (0..4).map(|j| x[j] * moments[i][j]).sum::<f32>()).sum()
+}
+
+/// The covariance, at distances of 0 to 3 px along an axis, of white noise of variance 1 that was interpolated at this fraction of a px: the
+/// autocorrelation of the four taps.
+pub(super) fn cubic_covariance(fraction: f32) -> [f32; 4] {
+    let k = cubic_weights(fraction);
+    [0, 1, 2, 3].map(|lag| (0..4 - lag).map(|i| k[i] * k[i + lag]).sum())
 }
 
 /// The means of `cos i wy cos j wx` over the spectrum of white noise in a Laplacian band.

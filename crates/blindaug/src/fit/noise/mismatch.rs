@@ -3,9 +3,8 @@
 //! for a shift, of the second order for blur (`f * k - f = sum of M_ij d_i d_j f / 2 + ..` for a symmetric kernel k of second moments M).
 //! That sum is found by least squares and taken away, so that noise is left.
 
-use super::collect::Flaw;
+use super::collect::{Flaw, cubic_covariance};
 use crate::fit::linear::solved;
-use crate::raster::cubic_weights;
 use crate::{Raster, filter, par};
 use std::sync::OnceLock;
 use wide::f32x4;
@@ -114,7 +113,7 @@ impl Derivatives {
         let rows = [y.saturating_sub(1), y, (y + 1).min(h - 1)];
         let half = f32x4::splat(0.5);
         let mut terms = [f32x4::ZERO; TERMS];
-        for (scale, frames) in self.frames.iter().enumerate() {
+        for (scale, (frames, share)) in self.frames.iter().zip(shares(fraction)).enumerate() {
             let around = frames.each_ref().map(|frame| {
                 rows.map(|y| {
                     let row = frame.row(y);
@@ -128,7 +127,7 @@ impl Derivatives {
                 ([own[0] + own[2] - twice, above[1] + below[1] - twice, diagonal], first)
             });
             let [([xx, yy, xy], [dx, dy]), ([xx2, yy2, xy2], [dx2, dy2])] = of_both;
-            let [across, down] = shares(fraction)[scale].map(f32x4::splat);
+            let [across, down] = share.map(f32x4::splat);
             let second = &mut terms[2 + 3 * scale..][..3];
             second[0] = xx2 + across * (xx - xx2);
             second[1] = yy2 + down * (yy - yy2);
@@ -159,11 +158,7 @@ fn shares(fraction: [f32; 2]) -> &'static [[f32; 2]; 2] {
 }
 
 fn shares_at(fraction: [f32; 2]) -> [[f32; 2]; 2] {
-    // The covariance of interpolated white noise of variance 1 along an axis, at distances of 0 to 3 px.
-    let covariance = fraction.map(|f| {
-        let k = cubic_weights(f);
-        [0, 1, 2, 3].map(|lag| (0..4 - lag).map(|i| k[i] * k[i + lag]).sum::<f32>())
-    });
+    let covariance = fraction.map(cubic_covariance);
     [&[1.0], SMOOTHING].map(|half| {
         let smoothing = |i: isize| half.get(i.unsigned_abs()).copied().unwrap_or(0.0);
         let second = |i: isize| smoothing(i - 1) + smoothing(i + 1) - 2.0 * smoothing(i);
