@@ -60,22 +60,23 @@ pub(crate) fn check_memory(footage: &Footage, reach: usize, keep_samples: bool, 
 }
 
 /// Keeps a few frames for a report, if they are wanted.
-pub(crate) struct Samples<'a> {
-    clip: &'a dyn Clip,
+pub(crate) struct Samples {
+    /// The number of frames of the clip, if it is known.
+    of: Option<usize>,
     wanted: bool,
     /// The number of frames seen so far.
     seen: usize,
     pub kept: Vec<Sample>,
 }
 
-impl<'a> Samples<'a> {
-    pub fn new(clip: &'a dyn Clip, wanted: bool) -> Self {
-        Self { clip, wanted, seen: 0, kept: Vec::new() }
+impl Samples {
+    pub fn new(of: Option<usize>, wanted: bool) -> Self {
+        Self { of, wanted, seen: 0, kept: Vec::new() }
     }
 
     /// Whether the next frame is kept. The kept frames are spread over the clip if its length is known, else they are the first ones.
     fn wants_next(&self) -> bool {
-        let spread = |i: usize| match self.clip.len_hint() {
+        let spread = |i: usize| match self.of {
             Some(n) if n > SAMPLES => (2 * i + 1) * n / (2 * SAMPLES),
             _ => i,
         };
@@ -84,13 +85,19 @@ impl<'a> Samples<'a> {
     }
 
     /// Takes the next frame; `found` is the inverse depth that was found in it where none is given.
-    pub fn keep(&mut self, number: u64, observation: &FrameObservation, found: Option<&Plane>) -> Result<()> {
+    pub fn keep(
+        &mut self,
+        clip: &dyn Clip,
+        number: u64,
+        observation: &FrameObservation,
+        found: Option<&Plane>,
+    ) -> Result<()> {
         if self.wants_next() {
             let FrameObservation { frame, next, evidence, .. } = *observation;
             let flow = match (evidence.flow, next) {
                 (None, Some(next)) => Some(
                     analysis::flow::flow(&frame.luma(), &next.luma())
-                        .map_err(|e| of_frame(self.clip, number, e))?,
+                        .map_err(|e| of_frame(clip, number, e))?,
                 ),
                 (flow, _) => flow.cloned(),
             };
@@ -115,7 +122,7 @@ struct WholeClip<'a> {
     estimator: Estimator,
     /// The numbers of the frames so far.
     numbers: Vec<u64>,
-    samples: Samples<'a>,
+    samples: Samples,
 }
 
 impl WholeClip<'_> {
@@ -142,7 +149,7 @@ impl Viewer for WholeClip<'_> {
             save.sink.geometry(number, flow, self.estimator.inverse_depth())?;
         }
         let found = self.estimator.inverse_depth().map(|d| d.0);
-        self.samples.keep(number, observation, found)
+        self.samples.keep(self.clip, number, observation, found)
     }
 }
 
@@ -165,18 +172,41 @@ pub struct Job<'a> {
 /// # Errors
 /// If a frame or its accompanying data cannot be used, or memory does not suffice.
 pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<Fitted> {
-    let Job { mut options, keep_samples, operators, save } = job;
+    let Job { mut options, keep_samples, mut operators, mut save } = job;
     let clip = &*footage.clip;
     let frames = clip.len_hint().unwrap_or(Estimator::MAX_FRAMES);
     let moving = footage.flow.is_none();
     let work = Estimator::bytes(clip.size(), frames, options.family, moving);
     check_memory(footage, operators.as_ref().map_or(0, |o| o.reach()), keep_samples, work)?;
     options.fps = options.fps.or(clip.fps());
-    let estimator = Estimator::new(options).expecting(clip.len_hint().unwrap_or(0));
-    let mut whole =
-        WholeClip { clip, options, estimator, numbers: vec![], samples: Samples::new(clip, keep_samples) };
-    let Seen { first, last, stopped, .. } =
-        show(footage, operators, save, "estimating", &mut whole, observer)?;
+    let mut expected = clip.len_hint();
+    let (whole, Seen { first, last, stopped, .. }) = loop {
+        let estimator = Estimator::new(options).expecting(expected.unwrap_or(0));
+        let samples = Samples::new(expected, keep_samples);
+        let mut whole = WholeClip { clip, options, estimator, numbers: vec![], samples };
+        let operators = operators.as_mut().map(|o| &mut **o as &mut dyn Operators);
+        let sink = save.as_mut().map(|s| &mut **s as &mut dyn EvidenceSink);
+        let seen = show(footage, operators, sink, "estimating", &mut whole, observer)?;
+        match expected.filter(|&n| seen.stopped.is_none() && misled(n, seen.frames)) {
+            // The evidence that was saved would be saved again.
+            Some(n) if save.is_some() => observer.warning(&format!(
+                "{} announces {n} frames and has {}: few of them were used; without --save-evidence, as many are as of other clips",
+                clip.name(),
+                seen.frames
+            )),
+            Some(n) => {
+                observer.note(&format!(
+                    "{} announces {n} frames and has {}: it is gone through again, for more of them",
+                    clip.name(),
+                    seen.frames
+                ));
+                expected = Some(seen.frames);
+                continue;
+            }
+            None => {}
+        }
+        break (whole, seen);
+    };
     let fitting = Steps::begin(observer, "fitting", "", None);
     let mut estimation = whole.estimator.estimate().map_err(|e| of_clip(clip, e))?;
     drop(fitting);
@@ -208,6 +238,11 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     Ok(Fitted { estimation, samples: whole.samples.kept, first, last, shots })
 }
 
+/// Whether a clip that announced so many frames has so much fewer that an estimator which left out frames by that number used too few.
+fn misled(announced: usize, frames: usize) -> bool {
+    announced > Estimator::MAX_FRAMES && 4 * frames < 3 * announced
+}
+
 /// A sentence about the shots: the frames and the exposure of each of the first ten.
 fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
     const TOLD: usize = 10;
@@ -227,4 +262,53 @@ fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
         "there are {} shots: frames {told}{rest}; estimate one alone by its frames, or track a model for each frame",
         shots.len()
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::footage::{Frames, MemoryClip};
+    use crate::observer::Silent;
+    use blindaug::{Encoded, Raster};
+
+    /// A clip that announces a number of frames that it does not have.
+    struct Boastful(MemoryClip, usize);
+
+    impl Clip for Boastful {
+        fn name(&self) -> String {
+            self.0.name()
+        }
+
+        fn size(&self) -> (usize, usize) {
+            self.0.size()
+        }
+
+        fn fps(&self) -> Option<f64> {
+            None
+        }
+
+        fn len_hint(&self) -> Option<usize> {
+            Some(self.1)
+        }
+
+        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+            self.0.frames_if(wanted)
+        }
+    }
+
+    #[test]
+    fn a_clip_with_fewer_frames_than_it_announces_is_gone_through_again() {
+        let frame = |i: usize| {
+            Encoded(Raster::from_fn(64, 48, |x, y| [0.3 + 0.05 * ((x * 7 + y * 13 + 31 * i) % 8) as f32; 3]))
+        };
+        let clip = MemoryClip { frames: (0..20).map(frame).collect(), fps: None };
+        let used = |announced: usize| {
+            let clip = MemoryClip { frames: clip.frames.clone(), fps: None };
+            let footage = Footage::new(Boastful(clip, announced));
+            estimate(&footage, Job::default(), &Silent).unwrap().estimation.model.capture.frames_used
+        };
+        assert_eq!((used(20), used(400)), (20, 20));
+        // A clip that announces a few too many, or of which no frame is left out, is not gone through again.
+        assert!(misled(444, 68) && !misled(444, 440) && !misled(20, 5));
+    }
 }

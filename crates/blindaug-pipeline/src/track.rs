@@ -54,7 +54,7 @@ struct Following<'a> {
     handed_on: usize,
     /// The number of models of earlier shots.
     shot: usize,
-    samples: Samples<'a>,
+    samples: Samples,
 }
 
 impl Following<'_> {
@@ -99,7 +99,7 @@ impl Viewer for Following<'_> {
         }
         self.cameras.push(camera);
         self.hand_on(false)?;
-        self.samples.keep(number, observation, None)
+        self.samples.keep(self.clip, number, observation, None)
     }
 }
 
@@ -207,7 +207,7 @@ pub fn track(
     let reach = operators.as_ref().map_or(0, |o| o.reach());
     check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
     let tracker = Tracker::new(space, fps.or(clip.fps()));
-    let samples = Samples::new(clip, keep_samples);
+    let samples = Samples::new(clip.len_hint(), keep_samples);
     let cameras = Vec::new();
     let mut following =
         Following { clip, tracker, noise_kind, each, cameras, handed_on: 0, shot: 0, samples };
