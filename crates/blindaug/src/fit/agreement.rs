@@ -304,11 +304,14 @@ pub fn exposure_of(
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
         let contradicting = high - low <= MAX_UNCERTAINTY;
         let uneven = uneven.is_some_and(|u| u.seen);
-        let why = if uneven {
+        let coded = coding_error >= NOTABLE_CODING_ERROR;
+        let why = if uneven && coded {
+            "the motion is uneven, as under a shaking hand, and compression made frames with long and with short streaks alike"
+        } else if uneven {
             "the motion is uneven, as under a shaking hand, so its speed while the shutter was open is known too badly to tell"
         } else if contradicting {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"
-        } else if coding_error >= NOTABLE_CODING_ERROR {
+        } else if coded {
             "too little in the frames moves, or too little of it stands out of what compression has taken, to tell"
         } else {
             "too little in the frames moves, or what moves has too little texture, to tell"
