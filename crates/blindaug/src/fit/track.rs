@@ -20,7 +20,7 @@ mod memory;
 mod noise;
 mod streaks;
 
-use self::exposure::{EXPOSURES, ExposureMemory};
+use self::exposure::{EXPOSURES, ExposureMemory, Followed};
 use self::lens::{LensMemory, SIGMAS};
 use self::noise::NoiseFollower;
 use self::streaks::StreaksMemory;
@@ -548,7 +548,11 @@ impl Tracker {
             }
         };
         let coding_error = self.noise.luma.map_or(0.0, |n| n.coding_error);
-        let (exposure, changed) = self.exposure.follow(found, by_streaks, self.frames, coding_error);
+        let Followed { exposure, changed, streaks_outdated } =
+            self.exposure.follow(found, by_streaks, self.frames, coding_error);
+        if streaks_outdated {
+            self.streaks.forget();
+        }
         if changed {
             self.changes.set(Distortion::MotionBlur, true);
             // The recent evidence of the lens was found with the wrong exposure.

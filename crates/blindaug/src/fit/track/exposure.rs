@@ -19,15 +19,21 @@ const KEPT: f32 = 0.93;
 const WALK: f32 = 0.01;
 /// The number of frames whose summed log-likelihood has the width over which the exposure is averaged.
 const MEAN_OF: f32 = 4.0;
+/// The number of nats for each of their tiles by which the last frames together must find a new exposure likelier than the old one: the
+/// tiles of a frame err alike, so that many of them are hardly surer than few.
+const SURE_BY_TILE: f32 = 0.3;
 /// The number of exposures in a curve.
 pub(super) const EXPOSURES: usize = likelihood::EXPOSURES;
 /// The index, in a curve, of an exposure as long as a frame interval.
 const FRAME_LONG: usize = (1.0 / likelihood::EXPOSURE_STEP + 0.5) as usize;
-/// The length of the curves in the evidence, one for each block. The number of tiles, the sum of their speeds, the sum of the squared
-/// speeds and the number of those in frames of uneven motion follow them.
-const CURVES: usize = tiles::BLOCK_COUNT * EXPOSURES;
+/// The number of parts that frames are dealt to in turn. The bootstrap resamples them as it does blocks of the image, so that the interval
+/// is wide where frames contradict each other.
+const PARTS: usize = likelihood::PARTS;
+/// The length of the curves in the evidence, one for each block of each part. The number of tiles, the sum of their speeds, the sum of the
+/// squared speeds and the number of those in frames of uneven motion follow them.
+const CURVES: usize = PARTS * tiles::BLOCK_COUNT * EXPOSURES;
 
-/// The summed log-likelihood of the exposure over lambda, per block of the image, and the last known exposure.
+/// The summed log-likelihood of the exposure over lambda, per part and block of the image, and the last known exposure.
 pub(super) struct ExposureMemory {
     memory: Memory,
     /// The exposure that each of the last frames tells by itself, at most [`READINGS`] of them; NaN for a frame that tells nothing.
@@ -42,8 +48,17 @@ impl Default for ExposureMemory {
     }
 }
 
+/// The exposure as of a frame.
+pub(super) struct Followed {
+    pub exposure: Estimate<MotionBlurModel>,
+    /// Whether it is another one than before.
+    pub changed: bool,
+    /// Whether the streaks that were given tell what was so before the change.
+    pub streaks_outdated: bool,
+}
+
 impl ExposureMemory {
-    /// The exposure with the observations of the frame of this index, and whether it has changed. `coding_error` is
+    /// The exposure with the observations of the frame of this index. `coding_error` is
     /// [`LumaNoise::coding_error`](crate::fit::noise::LumaNoise::coding_error).
     pub fn follow(
         &mut self,
@@ -51,7 +66,7 @@ impl ExposureMemory {
         by_streaks: Option<ByStreaks>,
         frame: usize,
         coding_error: f32,
-    ) -> (Estimate<MotionBlurModel>, bool) {
+    ) -> Followed {
         self.memory.fade();
         let within =
             |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
@@ -70,12 +85,19 @@ impl ExposureMemory {
         }
         let told = changed_to(&self.memory).filter(|_| !found.is_empty());
         // Where motion is uneven, the speeds of several frames may err alike.
-        let possible = |now: f32| by_streaks.as_ref().is_none_or(|s| within(s, now));
-        let by_frames = told.is_some_and(possible);
-        if by_frames {
+        let recent_even = self.memory.recent.iter().all(|frame| frame[CURVES + 3] == 0.0);
+        let possible = |now: f32| recent_even || by_streaks.as_ref().is_none_or(|s| within(s, now));
+        let by_frames = told.filter(|&now| possible(now));
+        if by_frames.is_some() {
             self.forget_old();
         }
-        let changed = new_run || by_frames;
+        let contradicts = |s: &ByStreaks| by_frames.is_some_and(|now| !within(s, now));
+        let streaks_outdated = by_streaks.as_ref().is_some_and(contradicts);
+        let by_streaks = by_streaks.filter(|_| !streaks_outdated);
+        let changed = new_run || by_frames.is_some();
+        if changed {
+            self.known = None;
+        }
         let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
         let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
             let interval = walked(fit.interval, fit.exposure.0, WALK, age);
@@ -92,11 +114,23 @@ impl ExposureMemory {
             self.known = Some(best);
         }
         let Some(known) = self.known else {
-            let why = "in this shot so far, too little has moved, or what moved has too little texture";
-            return (Estimate::Unknown(Unknown { fits, ..Unknown::new(Reason::NoMotion, why) }), changed);
+            let unknown = match fits {
+                Some([low, high]) => Unknown::new(
+                    Reason::Uncertain,
+                    format!("exposures from {low:.2} to {high:.2} fit all that was seen in this shot, or since the exposure changed"),
+                )
+                .with_fits([low, high]),
+                None => Unknown::new(
+                    Reason::NoMotion,
+                    "in this shot so far, or since the exposure changed, too little has moved, or what moved has too little texture",
+                ),
+            };
+            let exposure = Estimate::Unknown(unknown);
+            return Followed { exposure, changed, streaks_outdated };
         };
         let [low, high] = walked(known.interval, known.exposure.0, WALK, self.memory.age);
-        (Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known }), changed)
+        let exposure = Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known });
+        Followed { exposure, changed, streaks_outdated }
     }
 
     /// Adds the evidence of a frame, and the exposure that it tells by itself.
@@ -104,14 +138,15 @@ impl ExposureMemory {
         let speed_error = found.iter().map(|w| w.speed_error).fold(0.0, f32::max);
         let mut evidence = vec![0.0; self.memory.old.len()];
         let (curves, moments) = evidence.split_at_mut(CURVES);
+        let first = frame % PARTS * tiles::BLOCK_COUNT;
         for w in found {
-            let at = w.block as usize * EXPOSURES;
+            let at = (first + w.block as usize) * EXPOSURES;
             curves[at..at + EXPOSURES].iter_mut().zip(&w.log_likelihood).for_each(|(s, v)| *s += v);
             let uneven = if speed_error > 0.0 { 1.0 } else { 0.0 };
             moments.iter_mut().zip([1.0, w.speed, w.speed * w.speed, uneven]).for_each(|(s, v)| *s += v);
         }
         if speed_error > 0.0 {
-            // All tiles of the frame err alike, and those of other frames otherwise: the frame takes the place of a block.
+            // All tiles of the frame err alike, and those of other frames otherwise: the frame takes the place of a block, of the first part.
             let curve = uneven::over_speeds(&curve_of(&evidence), speed_error);
             evidence[..CURVES].fill(0.0);
             evidence[frame % tiles::BLOCK_COUNT * EXPOSURES..][..EXPOSURES].copy_from_slice(&curve);
@@ -144,10 +179,11 @@ impl ExposureMemory {
             curve[FRAME_LONG + 1..].fill(f32::MIN);
         }
         let estimate = mean_exposure(&curve, self.memory.weight);
-        let parts: Vec<(u32, usize, Vec<f32>)> = (0..)
-            .zip(curves.chunks(EXPOSURES))
+        let parts: Vec<(u32, usize, Vec<f32>)> = curves
+            .chunks(EXPOSURES)
+            .enumerate()
             .filter(|(_, c)| c.iter().any(|&v| v < 0.0))
-            .map(|(block, c)| (block, 0, c.to_vec()))
+            .map(|(i, c)| ((i % tiles::BLOCK_COUNT) as u32, i / tiles::BLOCK_COUNT, c.to_vec()))
             .collect();
         let interval = agreement::exposure_interval(
             estimate,
@@ -184,7 +220,7 @@ fn model_of(exposure: ExposureFraction, interval: [f32; 2], samples: u64) -> Mot
     MotionBlurModel { interval, method: Method::Spectral, samples, ..MotionBlurModel::given(exposure) }
 }
 
-/// The sum of the blocks' curves.
+/// The sum of all curves.
 fn curve_of(evidence: &[f32]) -> Vec<f32> {
     let mut sum = vec![0.0; EXPOSURES];
     for curve in evidence[..CURVES].chunks(EXPOSURES) {
@@ -214,13 +250,16 @@ fn changed_to(memory: &Memory) -> Option<f32> {
     }
     let at = |v: f32| (v / likelihood::EXPOSURE_STEP).round() as usize;
     let before = at(agreement::most_likely_exposure(&curve_of(&memory.old)));
-    let exposure = agreement::most_likely_exposure(&curve_of(&memory.recent_sum()));
+    let recent = memory.recent_sum();
+    let exposure = agreement::most_likely_exposure(&curve_of(&recent));
     let now = at(exposure);
+    let surplus = |evidence: &[f32]| {
+        let curve = curve_of(evidence);
+        curve[now] - curve[before]
+    };
     let agree = now.abs_diff(before) > at(SAME)
-        && memory.recent.iter().all(|frame| {
-            let curve = curve_of(frame);
-            curve[now] - curve[before] > SURE
-        });
+        && surplus(&recent) > SURE_BY_TILE * recent[CURVES]
+        && memory.recent.iter().all(|frame| surplus(frame) > SURE);
     agree.then_some(exposure)
 }
 
@@ -242,5 +281,64 @@ mod tests {
         old.forget_old();
         assert_eq!(old.readings, [2.0, 3.0, 4.0]);
         assert_eq!(of(40).readings.len(), READINGS);
+    }
+
+    /// Observations of even motion, one for each of `tiles` tiles, each of which finds `exposure` likelier than all others by so many nats.
+    fn tiles_that_tell(exposure: f32, tiles: usize, nats: f32) -> Vec<ExposureObservation> {
+        let curve = |i: usize| {
+            if (i as f32 * likelihood::EXPOSURE_STEP - exposure).abs() < 0.01 { 0.0 } else { -nats }
+        };
+        let of = |block: usize| ExposureObservation {
+            block: (block % tiles::BLOCK_COUNT) as u32,
+            frame: 0,
+            speed: 8.0,
+            speed_error: 0.0,
+            log_likelihood: (0..EXPOSURES).map(curve).collect(),
+        };
+        (0..tiles).map(of).collect()
+    }
+
+    #[test]
+    fn a_change_is_believed_if_the_tiles_are_surer_than_they_err_alike() {
+        let noticed = |nats: f32| {
+            let mut memory = ExposureMemory::default();
+            let mut follow = |exposure, frame| {
+                memory.follow(&tiles_that_tell(exposure, 60, nats), None, frame, 0.0).changed
+            };
+            let before = (0..6).any(|frame| follow(0.6, frame));
+            assert!(!before);
+            (6..9).map(|frame| follow(0.3, frame)).collect::<Vec<_>>()
+        };
+        // 60 tiles of 0.2 nats are 12 nats a frame.
+        assert_eq!(noticed(0.2), [false; 3]);
+        assert_eq!(noticed(0.6), [false, false, true]);
+    }
+
+    #[test]
+    fn streaks_from_before_a_change_are_told_to_be_outdated() {
+        let fit = |exposure: f32| agreement::ExposureFit {
+            exposure: ExposureFraction(exposure),
+            interval: [exposure - 0.1, exposure + 0.1],
+            samples: 60,
+            curve: vec![],
+            per_frame: vec![],
+        };
+        let after = |of_streaks: f32| {
+            let fit = fit(of_streaks);
+            let mut memory = ExposureMemory::default();
+            let mut last = None;
+            for frame in 0..9 {
+                let streaks = ByStreaks { fit: &fit, age: 0, changed: false, by_many: false };
+                let told = tiles_that_tell(if frame < 6 { 0.2 } else { 0.6 }, 60, 2.0);
+                last = Some(memory.follow(&told, Some(streaks), frame, 0.0));
+            }
+            let last = last.unwrap();
+            (last.changed, last.streaks_outdated, last.exposure.known().map(|m| m.exposure.0))
+        };
+        let (changed, outdated, exposure) = after(0.2);
+        assert!(changed && outdated && exposure.is_some_and(|e| (e - 0.6).abs() < 0.02), "{exposure:?}");
+        // Streaks that hold the new exposure are kept.
+        let (changed, outdated, _) = after(0.55);
+        assert!(changed && !outdated);
     }
 }
