@@ -6,7 +6,7 @@
 use super::collect::{Flaw, cubic_covariance};
 use crate::fit::linear::solved;
 use crate::{Raster, filter, par};
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 use wide::f32x4;
 
 /// The side of the cells in which sums are formed, px. The coefficients are those of squares of twice this side, and pass smoothly from one
@@ -39,14 +39,16 @@ pub(super) fn without_mismatch(
     fraction: impl Fn(usize, usize) -> [f32; 2] + Sync,
 ) -> Colours {
     let (w, h) = difference.size();
-    let derivatives = Derivatives::new(&difference, frame);
+    let derivatives = Derivatives::new(&difference, frame, fraction);
     let (columns, rows) = (w.div_ceil(CELL), h.div_ceil(CELL));
     let cells = par::map(columns * rows, |i| {
         let (x0, y0) = (i % columns * CELL, i / columns * CELL);
         let mut sums = Sums::default();
         for y in y0..(y0 + CELL).min(h) {
-            for x in (x0..(x0 + CELL).min(w)).filter(|&x| flaws.at(x, y) == 0) {
-                sums.add(&derivatives.at(x, y, fraction(x, y)), f32x4::from(difference.at(x, y)));
+            // Half of the pixels, as on a chessboard, are enough for so few coefficients.
+            let half = (x0 + y % 2..(x0 + CELL).min(w)).step_by(2);
+            for x in half.filter(|&x| flaws.at(x, y) == 0) {
+                sums.add(&derivatives.at(x, y), f32x4::from(difference.at(x, y)));
             }
         }
         sums
@@ -75,7 +77,7 @@ pub(super) fn without_mismatch(
                 let (x, share) = (CELL * cell + i, f32x4::splat(i as f32 / CELL as f32));
                 let [a, b]: [[f32; 4]; 2] =
                     std::array::from_fn(|i| between(before[i], after[i], share).to_array());
-                let terms = derivatives.at(x, y, fraction(x, y));
+                let terms = derivatives.at(x, y);
                 let sum = terms
                     .iter()
                     .zip(a.iter().chain(&b))
@@ -92,52 +94,77 @@ pub(super) fn without_mismatch(
 struct Derivatives {
     /// Both frames on either scale.
     frames: [[Colours; 2]; 2],
+    /// The index of each pixel's shares in [`SHARES`].
+    shares: Raster<u8>,
 }
 
 impl Derivatives {
-    fn new(difference: &Colours, frame: Colours) -> Self {
+    fn new(difference: &Colours, frame: Colours, fraction: impl Fn(usize, usize) -> [f32; 2] + Sync) -> Self {
         let (w, h) = frame.size();
         let other = Raster::from_fn(w, h, |x, y| {
             let (a, d) = (frame.at(x, y), difference.at(x, y));
             std::array::from_fn(|c| a[c] - d[c])
         });
         let smooth = [&frame, &other].map(|image| filter::convolve(image, SMOOTHING));
-        Self { frames: [[frame, other], smooth] }
+        let shares = Raster::from_fn(w, h, |x, y| index_of_shares(fraction(x, y)));
+        Self { frames: [[frame, other], smooth], shares }
     }
 
-    /// The derivatives of R, G and B at a pixel, at which the second frame was interpolated at these fractions of a px.
+    /// The derivatives of R, G and B at a pixel.
     #[inline(always)]
-    fn at(&self, x: usize, y: usize, fraction: [f32; 2]) -> [f32x4; TERMS] {
-        let (w, h) = self.frames[0][0].size();
+    fn at(&self, x: usize, y: usize) -> [f32x4; TERMS] {
+        let (w, h) = self.shares.size();
         let columns = [x.saturating_sub(1), x, (x + 1).min(w - 1)];
         let rows = [y.saturating_sub(1), y, (y + 1).min(h - 1)];
         let half = f32x4::splat(0.5);
         let mut terms = [f32x4::ZERO; TERMS];
-        for (scale, (frames, share)) in self.frames.iter().zip(shares(fraction)).enumerate() {
-            let around = frames.each_ref().map(|frame| {
-                rows.map(|y| {
-                    let row = frame.row(y);
-                    columns.map(|x| f32x4::from(row[x]))
-                })
-            });
-            let of_both = around.map(|[above, own, below]| {
-                let twice = own[1] + own[1];
-                let diagonal = half * half * (above[0] + below[2] - above[2] - below[0]);
-                let first = [half * (own[2] - own[0]), half * (below[1] - above[1])];
-                ([own[0] + own[2] - twice, above[1] + below[1] - twice, diagonal], first)
-            });
-            let [([xx, yy, xy], [dx, dy]), ([xx2, yy2, xy2], [dx2, dy2])] = of_both;
-            let [across, down] = share.map(f32x4::splat);
-            let second = &mut terms[2 + 3 * scale..][..3];
-            second[0] = xx2 + across * (xx - xx2);
-            second[1] = yy2 + down * (yy - yy2);
-            second[2] = half * (xy + xy2);
+        let shares = &SHARES[usize::from(self.shares.at(x, y))];
+        for (scale, ([first, second], share)) in self.frames.iter().zip(shares).enumerate() {
+            let (a, b) = (OfFrame::at(first, columns, rows), OfFrame::at(second, columns, rows));
+            let [across, down] = [f32x4::splat(share[0]), f32x4::splat(share[1])];
+            terms[2 + 3 * scale] = b.xx + across * (a.xx - b.xx);
+            terms[3 + 3 * scale] = b.yy + down * (a.yy - b.yy);
+            terms[4 + 3 * scale] = half * (a.xy + b.xy);
             // The first derivatives are those of the coarser scale, which is the last.
-            (terms[0], terms[1]) = (half * (dx + dx2), half * (dy + dy2));
+            terms[0] = half * (a.x + b.x);
+            terms[1] = half * (a.y + b.y);
         }
         terms
     }
 }
+
+/// The derivatives of one frame at a pixel, by its eight neighbours.
+struct OfFrame {
+    x: f32x4,
+    y: f32x4,
+    xx: f32x4,
+    yy: f32x4,
+    xy: f32x4,
+}
+
+impl OfFrame {
+    // Written out, since the compiler copies the nine pixels about if they come as an array.
+    #[inline(always)]
+    fn at(frame: &Colours, [left, x, right]: [usize; 3], [above, y, below]: [usize; 3]) -> Self {
+        let (above, own, below) = (frame.row(above), frame.row(y), frame.row(below));
+        let (half, quarter) = (f32x4::splat(0.5), f32x4::splat(0.25));
+        let (north, west, middle) = (f32x4::from(above[x]), f32x4::from(own[left]), f32x4::from(own[x]));
+        let (east, south) = (f32x4::from(own[right]), f32x4::from(below[x]));
+        let (north_west, north_east) = (f32x4::from(above[left]), f32x4::from(above[right]));
+        let (south_west, south_east) = (f32x4::from(below[left]), f32x4::from(below[right]));
+        let twice = middle + middle;
+        Self {
+            x: half * (east - west),
+            y: half * (south - north),
+            xx: west + east - twice,
+            yy: north + south - twice,
+            xy: quarter * (north_west + south_east - north_east - south_west),
+        }
+    }
+}
+
+/// The number of steps of a px by which fractions are told apart.
+const STEPS: usize = 16;
 
 /// The share of the first frame in the second derivatives along x and y on either scale, where the second frame was interpolated at these
 /// fractions of a px. With it the noise of a derivative is not correlated with that of the difference of the frames, so that noise by itself
@@ -145,16 +172,13 @@ impl Derivatives {
 ///
 /// For independent noise a and b and the derivative D, the covariance of `a - b` and `D (s a + (1 - s) b)` is `s d_a - (1 - s) d_b`, where d
 /// is the covariance of a frame's noise and its derivative. The other derivatives are odd, and have none.
-fn shares(fraction: [f32; 2]) -> &'static [[f32; 2]; 2] {
-    /// The steps of a px by which fractions are told apart.
-    const STEPS: usize = 16;
-    static TABLE: OnceLock<Vec<[[f32; 2]; 2]>> = OnceLock::new();
-    let table = TABLE.get_or_init(|| {
-        let of = |i: usize| shares_at([i % STEPS, i / STEPS].map(|i| i as f32 / STEPS as f32));
-        (0..STEPS * STEPS).map(of).collect()
-    });
+static SHARES: LazyLock<[[[f32; 2]; 2]; STEPS * STEPS]> = LazyLock::new(|| {
+    std::array::from_fn(|i| shares_at([i % STEPS, i / STEPS].map(|i| i as f32 / STEPS as f32)))
+});
+
+fn index_of_shares(fraction: [f32; 2]) -> u8 {
     let [x, y] = fraction.map(|f| (f * STEPS as f32 + 0.5) as usize % STEPS);
-    &table[STEPS * y + x]
+    (STEPS * y + x) as u8
 }
 
 fn shares_at(fraction: [f32; 2]) -> [[f32; 2]; 2] {
