@@ -59,7 +59,7 @@ pub struct ExposureFit {
     pub exposure: ExposureFraction,
     /// The 95 % interval of the exposure fraction.
     pub interval: [f32; 2],
-    /// The number of tiles that the estimate rests on.
+    /// The number of tiles and pairs of tiles that the estimate rests on.
     pub samples: usize,
     /// The points (exposure fraction, log-likelihood), 0 at the maximum.
     pub curve: Vec<[f32; 2]>,
@@ -248,7 +248,7 @@ pub struct ExposureObservation {
 /// [`coding_error`](super::noise::LumaNoise::coding_error).
 ///
 /// # Errors
-/// If an observation has another number of log-likelihoods than [`EXPOSURES`].
+/// If an observation has another number of log-likelihoods than [`EXPOSURES`], or is of a frame beyond `frames`.
 // Long, since each reason for which the exposure is unknown is checked in turn.
 pub fn exposure_of(
     observations: &[ExposureObservation],
@@ -259,6 +259,9 @@ pub fn exposure_of(
         return Err(Error::new(format!(
             "an observation of the exposure must hold {EXPOSURES} log-likelihoods"
         )));
+    }
+    if observations.iter().any(|w| w.frame >= frames) {
+        return Err(Error::new(format!("an observation is of a frame beyond the {frames} that are given")));
     }
     if observations.len() < FEWEST {
         let why = "too little in the frames moves, or what moves has no texture";
@@ -624,7 +627,7 @@ pub(super) fn interval(estimate: f32, replicas: &[f32], floor: f32) -> [f32; 2] 
     [(estimate - side(estimate - at(0.025))).max(0.0), estimate + side(at(0.975) - estimate)]
 }
 
-/// The 95 % interval of the median of values, of which there is at least one, by ranks; it holds all of fewer than 6 values.
+/// The 95 % interval of the median of values, of which there is at least one, by ranks; it holds all of fewer than 8 values.
 fn interval_of_median(mut values: Vec<f32>) -> [f32; 2] {
     values.sort_by(f32::total_cmp);
     let (middle, half) = (0.5 * values.len() as f32, 0.98 * (values.len() as f32).sqrt());
@@ -640,6 +643,19 @@ fn std_of(v: &[f32]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_observation_of_a_frame_that_is_not_given_is_refused() {
+        let observation = |frame: usize| ExposureObservation {
+            block: 0,
+            frame,
+            speed: 5.0,
+            speed_error: 0.0,
+            log_likelihood: vec![0.0; EXPOSURES],
+        };
+        assert!(exposure_of(&vec![observation(1); FEWEST], 2, 0.0).is_ok());
+        assert!(exposure_of(&vec![observation(2); FEWEST], 2, 0.0).is_err());
+    }
 
     #[test]
     fn a_coder_hides_long_streaks_among_short_ones_but_not_short_ones_among_long_ones() {

@@ -234,6 +234,10 @@ impl Estimator {
         if !index.is_multiple_of(self.stride) {
             return Ok(false);
         }
+        if self.cut_ahead {
+            // A flow that was given leads to another shot.
+            evidence.flow = None;
+        }
         // A frame beyond a cut is no neighbour.
         let (next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
         let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));

@@ -200,7 +200,8 @@ impl NoiseEvidence {
     /// [`NoiseEvidence::fit`] with curves through at most `most` blocks of each level.
     // Long, since the lines of all levels lean on the finest one's bins, and the curves and the coder's errors on both.
     pub(super) fn fit_to(&self, most: usize) -> NoiseFit {
-        if !self.is_enough() {
+        let finest = if self.is_enough() { self.bins(0, [1.0; 3], false) } else { vec![] };
+        if finest.is_empty() {
             let (reason, why) = match self.method {
                 Method::Temporal => {
                     (Reason::NotFollowed, "no part of the frames could be followed from one to the next")
@@ -216,7 +217,6 @@ impl NoiseEvidence {
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [NoiseLine::default(); NOISE_LEVELS];
-        let finest = self.bins(0, [1.0; 3], false);
         // A mismatch is common to all channels, and the finest level holds least of it.
         let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
         let most_common = std::array::from_fn(|c| {

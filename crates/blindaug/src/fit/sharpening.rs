@@ -45,6 +45,12 @@ pub(super) fn of_noise(fit: &NoiseFit) -> Estimate<SharpeningModel> {
         (mean(noise.std(l, MIDDLE)) / white[l], of_points.iter().sum::<f32>() / (points * points))
     };
     let ((fine, fine_variance), (coarse, coarse_variance)) = (level(0), level(1));
+    if fine <= 0.0 || coarse <= 0.0 {
+        return Estimate::unknown(
+            Reason::NotSeen,
+            "it shows in noise, of which there is none in the middle greys",
+        );
+    }
     let ratio = fine / coarse;
     let reach = 1.96 * (fine_variance + coarse_variance + FLOOR * FLOOR).sqrt();
     let [amount, low, high] =

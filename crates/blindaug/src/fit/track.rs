@@ -143,13 +143,18 @@ impl TileObservations {
                 && w.tiles.is_finite()
                 && w.tiles > 0.0
         };
-        if exposure.iter().all(|w| sound(w.block, &w.log_likelihood, EXPOSURES))
-            && lens.iter().all(sound_lens)
-        {
+        let sound_exposure = |w: &ExposureObservation| {
+            sound(w.block, &w.log_likelihood, EXPOSURES)
+                && w.speed.is_finite()
+                && w.speed > 0.0
+                && w.speed_error.is_finite()
+                && w.speed_error >= 0.0
+        };
+        if exposure.iter().all(sound_exposure) && lens.iter().all(sound_lens) {
             return Ok(());
         }
         Err(Error::new(format!(
-            "an observation must lie in one of {} blocks and hold {EXPOSURES} log-likelihoods of the exposure or {SIGMAS} of the lens, finite and none of them above 0",
+            "an observation must lie in one of {} blocks and hold {EXPOSURES} log-likelihoods of the exposure or {SIGMAS} of the lens, finite and none of them above 0; its speed must be above 0, and the speed's error at least 0",
             tiles::BLOCK_COUNT
         )))
     }
@@ -218,7 +223,7 @@ impl Tracker {
     /// arrived; [`FrameObservation::previous`] is used if there is no next frame, and where motion begins to be uneven, as under a shaking hand.
     ///
     /// # Errors
-    /// If a size differs from the first frame's, or the frame is not finite.
+    /// If a size differs from the first frame's, the frame is not finite, or depth is in another unit than before.
     pub fn push(&mut self, observation: &FrameObservation) -> Result<&CameraModel> {
         par::within(|| self.look_at(observation, None))
     }
@@ -307,7 +312,8 @@ impl Tracker {
                     Link::new([other, frame], last, [&|x, y| last.at(x, y), mean], self.space)
                 });
                 let after = Link::new([frame, next], flow, [mean, &|x, y| flow.at(x, y)], self.space);
-                before.into_iter().chain(after).collect()
+                // Without the link that follows it, that before would be followed by one that does not join it.
+                after.map_or(vec![], |after| before.into_iter().chain([after]).collect())
             }
             _ => vec![],
         };
@@ -406,6 +412,7 @@ impl Tracker {
             self.measure_depth_in(depth_kind)?;
         }
         self.last_flow = LastFlow::default();
+        self.swings.forget();
         self.changes = Changes::default();
         self.begin_shot();
         model.motion_blur = self.follow_exposure(exposure, vec![]);
@@ -493,7 +500,7 @@ impl Tracker {
                 self.inverse_depth = None;
                 if self.depth_kind == Some(DepthKind::Relative) {
                     // Relative depth is in another unit from here on.
-                    self.lens.forget_evidence();
+                    self.lens.forget();
                 }
             }
         }

@@ -154,16 +154,19 @@ impl Estimator {
             .then(|| (model, typical.1.curve.clone(), fits.iter().map(|(i, e)| (*i, e.exposure.0)).collect()))
     }
 
-    /// The lens over the frames that were compared with clean frames, with the 95 % intervals of the std at infinity and of the inverse
+    /// The lens over those of the frames that were compared with clean frames, with the 95 % intervals of the std at infinity and of the inverse
     /// depth in focus, and the number of samples; `None` if there is no such frame or the blur is too uncertain.
-    pub(super) fn aggregate_lens(&self) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
-        let fits: Vec<&defocus::LensFit> = self.frames.iter().filter_map(|f| f.lens.as_ref()).collect();
+    pub(super) fn aggregate_lens(
+        frames: &[&FrameEvidence],
+        by_network: bool,
+    ) -> Option<(defocus::Lens, [f32; 2], [f32; 2], usize)> {
+        let fits: Vec<&defocus::LensFit> = frames.iter().filter_map(|f| f.lens.as_ref()).collect();
         let of = |value: &dyn Fn(defocus::Lens) -> f32,
                   variance: &dyn Fn(&defocus::LensFit) -> f64,
                   least: &dyn Fn(&defocus::LensFit) -> f32| {
             let values: Vec<(f32, f64)> = fits.iter().map(|f| (value(f.lens), variance(f))).collect();
             let middle = median(values.iter().map(|v| v.0).collect())?;
-            let floor = if self.by_network { NETWORK_LENS_FLOOR } else { REMOVAL_LENS_FLOOR };
+            let floor = if by_network { NETWORK_LENS_FLOOR } else { REMOVAL_LENS_FLOOR };
             aggregate(&values, (floor * middle).hypot(median(fits.iter().map(|f| least(f)).collect())?))
         };
         let infinity = |f: &defocus::LensFit| {

@@ -48,9 +48,8 @@ impl Estimator {
         }
         if self.unfollowed > 0 {
             model.warnings.push(format!(
-                "{} of {} frames could not be followed to their neighbour (too much changed)",
-                self.unfollowed,
-                self.frames.len()
+                "{} could not be followed to their neighbour (too much changed)",
+                if self.unfollowed == 1 { "one frame".into() } else { format!("{} frames", self.unfollowed) }
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
@@ -124,11 +123,12 @@ impl Estimator {
         };
         let method = self.blind_method();
         (diagnostics.shots, diagnostics.exposure_per_frame) = self.exposure_of_shots(&moving, noise)?;
-        let blind = match contradiction(&diagnostics.shots) {
-            _ if moving.is_empty() => Estimate::Unknown(why),
-            Some(why) => Estimate::Unknown(why),
-            None => self.blind_exposure(&moving, noise)?,
-        };
+        if let Some(why) = contradiction(&diagnostics.shots) {
+            model.motion_blur = Estimate::Unknown(why);
+            return Ok(());
+        }
+        let blind =
+            if moving.is_empty() { Estimate::Unknown(why) } else { self.blind_exposure(&moving, noise)? };
         let compared = self.aggregate_exposure();
         let width = |i: [f32; 2]| i[1] - i[0];
         let (known, curve, per_frame, by_tiles) = match (blind, compared) {
@@ -244,7 +244,7 @@ impl Estimator {
             }
             _ => self.blind_lens(&spectral_tiles(&deep), noise, motion_blur, model.sharpening.known())?,
         };
-        let compared = self.aggregate_lens();
+        let compared = Self::aggregate_lens(&deep, self.by_network);
         let width = |i: [f32; 2]| i[1] - i[0];
         let (fit, method) = match (blind, compared) {
             (Estimate::Known(b), Some(c))
@@ -253,13 +253,13 @@ impl Estimator {
                 (b, blind_method)
             }
             (blind, Some((lens, sigma_px_at_infinity, focus_inverse_depth, samples))) => {
-                let ranges = self.frames.iter().filter_map(|f| f.lens.as_ref()).map(|l| l.range);
+                let ranges = deep.iter().filter_map(|f| f.lens.as_ref()).map(|l| l.range);
                 let compared = agreement::LensFit {
                     lens,
                     sigma_px_at_infinity,
                     focus_inverse_depth,
                     samples,
-                    points: self.frames.iter().flat_map(|f| f.search.iter().copied()).collect(),
+                    points: deep.iter().flat_map(|f| f.search.iter().copied()).collect(),
                     inverse_depth_seen: agreement::seen(ranges.flat_map(|(far, near)| [far, near])),
                     // What looks like Gaussians is only said of the lens whose interval takes that in.
                     bokeh: blind.known().and_then(|b| b.bokeh).filter(|&b| b == Bokeh::Disk),
@@ -285,7 +285,7 @@ impl Estimator {
                 thin
             }
         };
-        if let (Some(shot), true) = (shot, method == blind_method) {
+        if let Some(shot) = shot {
             diagnostics.notes.push(format!(
                 "the lens is that of shot {} alone, which shows most depth: the others may have another, or depth in another unit",
                 shot + 1

@@ -22,13 +22,13 @@ const CLIP_MARGIN: f32 = 0.02;
 /// The largest share of clipped pixels in a block: if noise is strong, every dark block has a few, which cost little of the variance.
 const MAY_CLIP: f32 = 0.04;
 
-/// The flaw of a pixel; a block is left out if the sum of its pixels' flaws is too large.
+/// What is wrong with a pixel; 0: nothing.
 pub(super) type Flaw = u8;
 
 /// The flaw of a clipped pixel, of which a block may have a share of [`MAY_CLIP`].
 const CLIPPED: Flaw = 1;
 
-/// The flaw of a pixel that no block may have: it exceeds the largest sum that is allowed.
+/// The flaw of a pixel that rules out every block within 4 px of it.
 pub(super) const UNUSABLE: Flaw = u8::MAX;
 
 /// The side of the blocks that video coders copy, px.

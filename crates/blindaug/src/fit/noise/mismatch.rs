@@ -45,9 +45,7 @@ pub(super) fn without_mismatch(
         let (x0, y0) = (i % columns * CELL, i / columns * CELL);
         let mut sums = Sums::default();
         for y in y0..(y0 + CELL).min(h) {
-            // Half of the pixels, as on a chessboard, are enough for so few coefficients.
-            let half = (x0 + y % 2..(x0 + CELL).min(w)).step_by(2);
-            for x in half.filter(|&x| flaws.at(x, y) == 0) {
+            for x in (x0..(x0 + CELL).min(w)).filter(|&x| flaws.at(x, y) == 0) {
                 sums.add(&derivatives.at(x, y), f32x4::from(difference.at(x, y)));
             }
         }

@@ -543,6 +543,20 @@ fn a_flat_single_frame_gives_the_noise_back() {
 }
 
 #[test]
+fn too_few_blocks_of_one_brightness_tell_no_noise_rather_than_none() {
+    // A steep ramp of twelve blocks, no four of which are about as bright.
+    let n = white(64, 48, 5);
+    let ramp =
+        Encoded(Raster::from_fn(64, 48, |x, y| n.at(x, y).map(|n| 0.1 + 0.8 * x as f32 / 64.0 + 0.01 * n)));
+    let mut e = NoiseEvidence::new(Method::Spatial);
+    e.add_single(&ramp);
+    let fit = e.fit();
+    let std = fit.model.known().map(|m| m.std(0, 0.5));
+    assert_eq!(fit.luma.is_some(), std.is_some());
+    assert!(std.is_none_or(|s| s.iter().all(|&s| s > 0.0)), "{std:?}");
+}
+
+#[test]
 fn saturated_frames_give_no_noise_but_the_clip_level() {
     let mut e = NoiseEvidence::new(Method::Spatial);
     e.add_single(&Encoded(Raster::filled(128, 128, [1.0; 3])));

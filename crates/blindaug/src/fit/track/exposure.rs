@@ -71,10 +71,9 @@ impl ExposureMemory {
         let within =
             |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
         let new_run = by_streaks.as_ref().is_some_and(|s| s.changed);
-        let believed = |s: &ByStreaks| {
-            new_run || s.by_many || self.known.as_ref().is_none_or(|known| within(s, known.exposure.0))
-        };
-        let by_streaks = by_streaks.filter(believed);
+        let known = self.known.as_ref().map(|m| m.exposure.0);
+        let believed =
+            |s: &ByStreaks| new_run || s.by_many || known.is_none_or(|exposure| within(s, exposure));
         if new_run {
             // The last frames may be older than the change.
             self.memory.forget();
@@ -85,15 +84,16 @@ impl ExposureMemory {
         }
         let told = changed_to(&self.memory).filter(|_| !found.is_empty());
         // Where motion is uneven, the speeds of several frames may err alike.
+        let believed_streaks = by_streaks.as_ref().filter(|s| believed(s));
         let recent_even = self.memory.recent.iter().all(|frame| frame[CURVES + 3] == 0.0);
-        let possible = |now: f32| recent_even || by_streaks.as_ref().is_none_or(|s| within(s, now));
+        let possible = |now: f32| recent_even || believed_streaks.is_none_or(|s| within(s, now));
         let by_frames = told.filter(|&now| possible(now));
         if by_frames.is_some() {
             self.forget_old();
         }
         let contradicts = |s: &ByStreaks| by_frames.is_some_and(|now| !within(s, now));
         let streaks_outdated = by_streaks.as_ref().is_some_and(contradicts);
-        let by_streaks = by_streaks.filter(|_| !streaks_outdated);
+        let by_streaks = by_streaks.filter(|s| !streaks_outdated && believed(s));
         let changed = new_run || by_frames.is_some();
         if changed {
             self.known = None;

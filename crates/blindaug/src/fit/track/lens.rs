@@ -64,6 +64,7 @@ impl LensMemory {
             changed = lens_changed(memory);
             if changed {
                 memory.forget_old();
+                self.known = None;
             }
             match agreement::lens_of(&observations_of(&memory.sum()), super::BOOTSTRAPS)? {
                 Estimate::Known(fit) => {
@@ -88,9 +89,9 @@ impl LensMemory {
         Ok((Estimate::Known(known), changed))
     }
 
-    /// Forgets all evidence; what is known stays known until there is new evidence.
-    pub fn forget_evidence(&mut self) {
-        self.memory.forget();
+    /// Forgets all evidence and what is known.
+    pub fn forget(&mut self) {
+        *self = Self::default();
     }
 
     /// Forgets the evidence of the last frames.

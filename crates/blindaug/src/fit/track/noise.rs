@@ -101,7 +101,9 @@ impl NoiseFollower {
         };
         let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
-            if let Some(before) = self.known.as_ref().filter(|_| !jumped) {
+            // Between straight lines and curves there is no mean.
+            let poorer = |before: &&NoiseModel| before.curves().is_none() && fresh.curves().is_some();
+            if let Some(before) = self.known.as_ref().filter(|before| !jumped && !poorer(before)) {
                 let settled = self.memory.frames.len() >= SETTLED;
                 told = before.between(fresh, if settled { NEW_SETTLED } else { NEW });
             }
