@@ -142,7 +142,7 @@ struct OutputArgs {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// The kind of images: exr (scene-linear, not clipped), png or tiff [default: by the extension of OUT; else EXR stays EXR, PNG and TIFF
-    /// of 16 bits stay what they are, and all others become PNG of 8 bits]
+    /// of 16 bits stay what they are, video of more than 8 bits becomes PNG of 16, and all others PNG of 8 bits]
     #[arg(help_heading = "Results", long, value_name = "KIND")]
     format: Option<FileKind>,
     /// Bits per value: 8 or 16 of png and tiff, 16 (half) or 32 (float) of exr, 8 (H.264) or 10 (HEVC) of videos [default: as many as the
@@ -225,8 +225,8 @@ impl OutputArgs {
     }
 
     /// Opens the output for frames that are made from these.
-    fn open(&self, expected: &Expected, files: ImageFiles) -> Result<Output> {
-        let opened = output::open(&self.output, expected, files, self.overwrite)?;
+    fn open(&self, expected: &Expected, files: ImageFiles, cameras: &[&Path]) -> Result<Output> {
+        let opened = output::open(&self.output, expected, files, cameras, self.overwrite)?;
         output::tell_done(&self.output, &opened);
         Ok(opened)
     }
@@ -384,7 +384,8 @@ pub fn run(args: &Composite) -> Result<()> {
     let scene = Scene { footage, layers, depth, flow, renders, holdout, layer_depth, layer_motion };
     scene.check()?;
     let options = CompositeOptions { unclipped, ..args.look.style.options() };
-    let mut output = args.output.open(&expected, files)?;
+    let cameras: Vec<&Path> = args.camera.iter().map(PathBuf::as_path).collect();
+    let mut output = args.output.open(&expected, files, &cameras)?;
     let product = if args.layer { Product::Layer } else { Product::Composite };
     let made = composite::composite(&scene, &track, (&options, product), &mut output, CONSOLE)?;
     args.output.finish(output, &made)
@@ -414,7 +415,7 @@ pub fn run_apply(args: &Apply) -> Result<()> {
     let CompositeOptions { no_noise, bokeh, seed, .. } = frames.look.style.options();
     let options = SynthesisOptions { bokeh, no_noise, seed, unclipped };
     let job = composite::applying(rendered, (track, &shown(camera)), scale, CONSOLE)?;
-    let mut output = frames.output.open(&expected, files)?;
+    let mut output = frames.output.open(&expected, files, &[camera])?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     frames.output.finish(output, &made)
 }
@@ -509,7 +510,7 @@ pub fn run_match(args: &Match) -> Result<()> {
     let options = frames.look.style.options();
     let target = target.camera.clone();
     let job = matching::matching(footage, (source, &shown(from)), target, scale, CONSOLE)?;
-    let mut output = frames.output.open(&expected, files)?;
+    let mut output = frames.output.open(&expected, files, &[from, to])?;
     let made = job.run(&options, &mut output, CONSOLE)?;
     frames.output.finish(output, &made)
 }

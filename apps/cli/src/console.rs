@@ -44,6 +44,9 @@ impl From<blindaug_pipeline::Error> for Failure {
             E::AlreadyThere { name } => {
                 Self(format!("{name}: this is there already; add --overwrite, or give another name"))
             }
+            E::OtherSettings { name } => Self(format!(
+                "{name}: the frames there were made with other settings; add --overwrite to make them anew, or give another folder"
+            )),
             _ => Self(e.to_string()),
         }
     }

@@ -1,7 +1,8 @@
 //! Outputs of frames: a folder of images, one image, or a video.
 
 use crate::console::{self, Result, failure, note};
-use blindaug_io::Inputs;
+use crate::provenance;
+use blindaug_io::{Inputs, fingerprint};
 use blindaug_pipeline::{ImageFiles, Made, Output};
 use blindaug_report::words::count;
 use std::path::Path;
@@ -33,11 +34,52 @@ pub fn check(path: &Path, inputs: &Inputs) -> Result<()> {
     Ok(Output::check_folder(path, inputs)?)
 }
 
+/// What the frames that this command line makes depend on: its arguments, without those that choose frames and say where they go, and what
+/// the files hold that the cameras come from.
+///
+/// # Errors
+/// If a file cannot be read.
+pub fn settings(cameras: &[&Path]) -> Result<String> {
+    let mut text = chosen(provenance::arguments().into_iter()).join("\n");
+    for camera in cameras {
+        let hash = fingerprint(camera)?.map_or_else(|| "no file".into(), |f| f.sha256);
+        text.push_str(&format!("\n{hash}  {}", camera.display()));
+    }
+    text.push('\n');
+    Ok(text)
+}
+
+/// The arguments that frames depend on.
+fn chosen(arguments: impl Iterator<Item = String>) -> Vec<String> {
+    const WITH_VALUE: [&str; 4] = ["-o", "--output", "--frames", "--memory"];
+    let mut kept = vec![];
+    let mut arguments = arguments;
+    while let Some(argument) = arguments.next() {
+        let joined = || {
+            let long = WITH_VALUE[1..].iter().any(|name| argument.starts_with(&format!("{name}=")));
+            long || argument.starts_with("-o")
+        };
+        if WITH_VALUE.contains(&argument.as_str()) {
+            arguments.next();
+        } else if argument != "--overwrite" && !joined() {
+            kept.push(argument);
+        }
+    }
+    kept
+}
+
 /// Opens a folder, or an image or a video by its extension, for frames. Existing frames of a folder are kept, unless `overwrite` is set.
 ///
 /// # Errors
-/// If an image or a video exists already and `overwrite` is not set, an image is to take several frames, or the output cannot be written.
-pub fn open(path: &Path, expected: &Expected, files: ImageFiles, overwrite: bool) -> Result<Output> {
+/// If an image or a video exists already and `overwrite` is not set, frames of a folder were made with other [`settings`], an image is to
+/// take several frames, or the output cannot be written.
+pub fn open(
+    path: &Path,
+    expected: &Expected,
+    files: ImageFiles,
+    cameras: &[&Path],
+    overwrite: bool,
+) -> Result<Output> {
     if Output::is_video(path) {
         let fps = expected.fps.unwrap_or_else(|| {
             note(format_args!(
@@ -54,7 +96,7 @@ pub fn open(path: &Path, expected: &Expected, files: ImageFiles, overwrite: bool
         )?);
     }
     if !Output::is_file(path) {
-        return Ok(Output::folder(path, files, overwrite)?);
+        return Ok(Output::folder(path, files, &settings(cameras)?, overwrite)?);
     }
     match expected.count {
         Some(1) => Ok(Output::image(path, files, overwrite)?),
@@ -100,5 +142,22 @@ pub fn finish(path: &Path, output: Output, made: &Made) -> Result<()> {
             path,
             format_args!("stopped after frame {last}; the same command goes on with frame {next}"),
         )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_depend_on_all_arguments_but_those_that_choose_them_and_say_where_they_go() {
+        let of = |line: &str| chosen(line.split(' ').map(str::to_owned));
+        let line = "composite plates --virtual obj --camera c.json --shutter 180";
+        let asked = of(line);
+        assert_eq!(asked.len(), 8);
+        for more in ["-o out", "--output=out", "--frames 3..", "--frames=3..", "--overwrite", "--memory 1G"] {
+            assert_eq!(of(&format!("{line} {more}")), asked, "{more}");
+        }
+        assert_ne!(of(&line.replace("180", "90")), asked);
     }
 }

@@ -12,18 +12,25 @@ use std::{
 };
 
 thread_local! {
-    /// The command line that this thread runs.
-    static COMMAND: RefCell<String> = const { RefCell::new(String::new()) };
+    /// The arguments that this thread runs, without the program's name.
+    static ARGUMENTS: RefCell<Vec<String>> = const { RefCell::new(Vec::new()) };
 }
 
 /// Keeps the arguments of the command line that this thread runs from now on, of which the first is the program's name.
 pub fn begin(arguments: &[OsString]) {
-    let quoted = |a: &OsString| match a.to_string_lossy() {
-        a if a.contains(char::is_whitespace) => format!("'{a}'"),
-        a => a.into_owned(),
-    };
-    let arguments: Vec<String> = arguments.iter().skip(1).map(quoted).collect();
-    COMMAND.set(one_line(&format!("blindaug {}", arguments.join(" "))));
+    ARGUMENTS.set(arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect());
+}
+
+/// The arguments that this thread runs, without the program's name.
+pub fn arguments() -> Vec<String> {
+    ARGUMENTS.with_borrow(Vec::clone)
+}
+
+/// The command line that this thread runs.
+fn command() -> String {
+    let quoted = |a: String| if a.contains(char::is_whitespace) { format!("'{a}'") } else { a };
+    let arguments: Vec<String> = arguments().into_iter().map(quoted).collect();
+    one_line(&format!("blindaug {}", arguments.join(" ")))
 }
 
 /// The provenance of what this command makes from these inputs.
@@ -37,7 +44,7 @@ pub fn of<'a>(inputs: impl IntoIterator<Item = &'a Path>) -> Result<Provenance> 
     };
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     Ok(Provenance {
-        command: COMMAND.with_borrow(String::clone),
+        command: command(),
         version: env!("CARGO_PKG_VERSION").into(),
         date: date(seconds),
         inputs: inputs.into_iter().map(input).collect::<Result<_>>()?,

@@ -21,7 +21,7 @@ enum Command {
 }
 
 /// Make the kit of the study: stills and 8 s clips of six scenes by five methods and with the object really there, and a page that asks
-/// the questions, works without a network and gives the answers as CSV. Takes about half an hour on two cores; Ctrl-C stops it, and the
+/// the questions, works without a network and gives the answers as CSV. Takes half an hour to an hour on two cores; Ctrl-C stops it, and the
 /// same command goes on
 #[derive(clap::Args)]
 struct Make {

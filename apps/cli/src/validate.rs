@@ -19,7 +19,7 @@ pub struct Validate {
     /// Scenes; each is filmed with every setting by two cameras, the project's synthesis and one of physics, and with each noise by a third
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=1000))]
     scenes: u64,
-    /// Frames of each scene; ten of ten scenes, with each of 63 settings, take about three hours on two cores
+    /// Frames of each scene; ten of ten scenes, with each of 73 settings, take about three hours on two cores
     #[arg(long, value_name = "N", default_value = "10", value_parser = clap::value_parser!(u64).range(1..=1000))]
     frames: u64,
     /// Also code the frames of the camera of physics as H.264 video with this constant rate factor (0 to 51; 18 is good, 28 is bad); may be

@@ -543,6 +543,19 @@ fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
     }
     succeeds(d, "apply f --camera c.json -o b --seed 7 --overwrite");
     assert_eq!(bytes("a/0008.png"), bytes("b/0008.png"));
+    // Frames that were made otherwise are neither kept as if they were what is asked for, nor replaced.
+    let kept = bytes("b/0010.png");
+    for changed in ["--seed 8", "--seed 7 --shutter 90"] {
+        let said = fails(d, &format!("apply f --camera c.json -o b {changed}"));
+        assert!(said.contains("made with other settings; add --overwrite"), "{said}");
+    }
+    let mut other = camera(48, 40, DepthKind::Metric);
+    other.capture.fps = Some(24.0);
+    write_camera(d.join("c.json"), &other).unwrap();
+    assert!(fails(d, "apply f --camera c.json -o b --seed 7").contains("made with other settings"));
+    write_camera(d.join("c.json"), &camera(48, 40, DepthKind::Metric)).unwrap();
+    assert_eq!(bytes("b/0010.png"), kept);
+    assert!(fails(d, "apply f --camera c.json -o b.jpg").contains("written as exr, png or tif"));
     succeeds(d, "apply f --camera c.json -o b --seed 8 --overwrite");
     assert_ne!(bytes("a/0008.png"), bytes("b/0008.png"));
     let said = text(&run(d, "apply f --camera c.json -o small --no-noise").stderr);

@@ -242,7 +242,7 @@ fn why_no_video(text: &str) -> String {
         return "there is no video in this file, only sound; give a video".into();
     }
     if text.contains("not on whitelist") || text.contains("Not on whitelist") {
-        return "this kind of file names other files or addresses (a playlist, a script) or is no video; give the video itself"
+        return "this kind of file is no video, or names other files or addresses (a playlist, a script): give a video or an image"
             .into();
     }
     format!(

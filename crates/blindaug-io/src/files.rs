@@ -55,7 +55,8 @@ pub fn read_file(path: &Path, most: u64) -> Result<Vec<u8>> {
 /// # Errors
 /// The same as [`read_file`], or if the file is no text.
 pub fn read_text(path: &Path, most: u64) -> Result<String> {
-    String::from_utf8(read_file(path, most)?).map_err(|_| Error::new(path, "the file is no text (UTF-8)"))
+    String::from_utf8(read_file(path, most)?)
+        .map_err(|_| Error::new(path, "the file is no text (UTF-8); is it another kind of file?"))
 }
 
 /// The identity of a file, which is the same for all names and links of the file.

@@ -106,7 +106,7 @@ impl ByHand {
                 Ok(Some(DefocusModel { bokeh, ..DefocusModel::given_lens(blur, focus) }))
             }
             (true, ..) => Err(Error::new(
-                "its lens is not known in metres, so that the focus and the blur can be set only together",
+                "its lens is not known in metres, so that the focus and the blur can be set only together: give both",
             )),
         }
     }

@@ -277,7 +277,7 @@ pub fn matched_at(track: CameraTrack, name: &str, place: [f32; 2]) -> Result<Cam
         let mut camera = f.camera.clone();
         let lens = camera.defocus.known().copied();
         let lens =
-            lens.ok_or_else(|| blindaug::Error::new("its lens is unknown, so that no place has a blur"))?;
+            lens.ok_or_else(|| blindaug::Error::new("its lens is unknown, so that no place has a blur to match: set the focus and the blur by hand, or estimate the camera from footage that tells them"))?;
         let sigma = lens.sigma_px(camera.depth_at(place)?);
         let curve = DefocusCurve::Quadratic { a: 0.0, b: 0.0, c: sigma, inverse_depth_range: [0.0, 1.0] };
         let constant = DefocusModel::given(curve, DepthKind::Metric);

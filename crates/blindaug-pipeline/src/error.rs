@@ -44,6 +44,11 @@ pub enum Error {
         /// The output's name.
         name: String,
     },
+    /// The frames that an output has already were made with other settings.
+    OtherSettings {
+        /// The output's name.
+        name: String,
+    },
     /// An output that takes frames alone was given a layer.
     NoLayers,
     /// Two networks, or a network and what is given, are for the same place.
@@ -78,6 +83,9 @@ impl fmt::Display for Error {
                 write!(f, "{name}: its defocus is over relative inverse depth, but the layers are in metres")
             }
             Self::AlreadyThere { name } => write!(f, "{name}: this is there already; give another name"),
+            Self::OtherSettings { name } => {
+                write!(f, "{name}: the frames there were made with other settings; give another folder")
+            }
             Self::NoLayers => f.write_str(
                 "layers are written to EXR files alone: give a folder, or a name that ends in .exr",
             ),

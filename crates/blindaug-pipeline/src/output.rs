@@ -7,7 +7,8 @@ use crate::{
 use blindaug::{Encoded, Overscan, Plane, Raster, composite::DistortedLayer};
 use blindaug_io::{
     Coding, Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, NamePattern, PngWriter, VideoWriter,
-    check_folder, is_stream, make_folder, remove_leftovers_in, write_distorted_layer,
+    check_folder, is_stream, make_folder, read_text, remove_leftovers_in, write_atomically,
+    write_distorted_layer,
 };
 use std::{
     collections::BTreeSet,
@@ -46,6 +47,8 @@ enum Kind {
         done: BTreeSet<u64>,
         /// Whether the folder was made by this run.
         is_new: bool,
+        /// The settings that the frames are made with, as text, until they are written down beside the first frame.
+        settings: Option<String>,
     },
     Image(ImageFiles),
     Video(VideoWriter, Coding),
@@ -86,6 +89,11 @@ impl Output {
             None => FileKind::of_name(Path::new(name))
                 .is_some_and(|kind| names(path, kind).number(name).is_some()),
         };
+        if pattern.is_none() && !path.is_dir() && is_other_image(path) {
+            let sentence =
+                "images are written as exr, png or tif: give a name with such an extension, or a folder";
+            return Err(FileError::new(path, sentence).into());
+        }
         inputs.check_output_folder(path, is_frame)?;
         check_folder(path)?;
         remove_leftovers_in(path, is_frame);
@@ -129,11 +137,12 @@ impl Output {
     }
 
     /// An output into a folder of images, or into images whose names follow a pattern ([`NamePattern`]). The folder is made with the first frame if it does not exist. Frames of the same kind of file that
-    /// are in it already are kept, unless `overwrite` is set.
+    /// are in it already are kept, unless `overwrite` is set. `settings` is a text that differs where frames would come out otherwise; it is
+    /// written into a hidden file beside the frames.
     ///
     /// # Errors
-    /// If the folder cannot be read.
-    pub fn folder(path: &Path, files: ImageFiles, overwrite: bool) -> Result<Self> {
+    /// If the folder cannot be read, or the frames in it are to be kept but were made with other settings.
+    pub fn folder(path: &Path, files: ImageFiles, settings: &str, overwrite: bool) -> Result<Self> {
         let names = names(path, files.format.kind());
         let folder = names.folder();
         let there = || -> Result<BTreeSet<u64>> {
@@ -142,8 +151,12 @@ impl Output {
             Ok(entries.filter_map(|e| names.number(e.ok()?.file_name().to_str()?)).collect())
         };
         let done = if overwrite || !folder.exists() { BTreeSet::new() } else { there()? };
-        let path = folder.into();
-        Ok(Self { path, kind: Kind::Folder { files, names, done, is_new: false }, begun: None })
+        let before = read_text(&settings_file(&names), MOST_SETTINGS);
+        if !done.is_empty() && before.is_ok_and(|before| before != settings) {
+            return Err(Error::OtherSettings { name: FileError::shown_path(folder) });
+        }
+        let (path, settings) = (folder.into(), Some(settings.to_owned()));
+        Ok(Self { path, kind: Kind::Folder { files, names, done, is_new: false, settings }, begun: None })
     }
 
     /// Whether the output is a folder with earlier frames that are kept.
@@ -179,6 +192,12 @@ impl Output {
             Kind::Folder { .. } | Kind::Image(_) => Ok(()),
         }
     }
+}
+
+/// Whether a name is that of an image of a kind that is not written, by its extension.
+fn is_other_image(path: &Path) -> bool {
+    const OTHERS: [&str; 8] = ["jpg", "jpeg", "bmp", "gif", "webp", "dpx", "tga", "hdr"];
+    path.extension().is_some_and(|e| OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other)))
 }
 
 /// Fails if a file is there already that is not to be replaced.
@@ -255,6 +274,35 @@ impl Sink for Output {
     }
 
     fn end(&mut self) -> Result<()> {
+        self.end_frame()?;
+        if let Kind::Folder { names, settings, .. } = &mut self.kind
+            && let Some(settings) = settings.take()
+        {
+            write_atomically(settings_file(names), |path| std::fs::write(path, settings))?;
+        }
+        Ok(())
+    }
+
+    fn abandon(&mut self) {
+        self.begun = None;
+        if let Kind::Folder { is_new: true, .. } = self.kind {
+            // `remove_dir` fails for a folder with frames in it, so that this folder stays.
+            let _ = std::fs::remove_dir(&self.path);
+        }
+    }
+}
+
+/// The most bytes of the settings of frames that are read.
+const MOST_SETTINGS: u64 = 1 << 20;
+
+/// The hidden file that holds the settings with which the frames of these names were made.
+fn settings_file(names: &NamePattern) -> PathBuf {
+    names.folder().join(format!(".{}.settings", names.name(0)))
+}
+
+impl Output {
+    /// Writes the frame that was begun.
+    fn end_frame(&mut self) -> Result<()> {
         let (number, width, pixels, alpha, overscan, layer) = match self.begun.take() {
             Some(Begun::Whole { number, width, pixels, alpha, overscan, layer }) => {
                 (number, width, pixels, alpha, overscan, layer)
@@ -286,14 +334,6 @@ impl Sink for Output {
             Kind::Folder { files, names, .. } => write(&names.path(number), files)?,
         }
         Ok(())
-    }
-
-    fn abandon(&mut self) {
-        self.begun = None;
-        if let Kind::Folder { is_new: true, .. } = self.kind {
-            // `remove_dir` fails for a folder with frames in it, so that this folder stays.
-            let _ = std::fs::remove_dir(&self.path);
-        }
     }
 }
 

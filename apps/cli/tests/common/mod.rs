@@ -49,6 +49,8 @@ pub fn files_in(folder: &Path) -> Vec<String> {
             let path = entry.unwrap().path();
             match path.is_dir() {
                 true => visit(&path, root, found),
+                // The settings of frames, beside them.
+                false if path.extension().is_some_and(|e| e == "settings") => {}
                 false => found.push(path.strip_prefix(root).unwrap().to_string_lossy().into_owned()),
             }
         }

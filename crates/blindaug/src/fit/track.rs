@@ -312,7 +312,7 @@ impl Tracker {
                     Link::new([other, frame], last, [&|x, y| last.at(x, y), mean], self.space)
                 });
                 let after = Link::new([frame, next], flow, [mean, &|x, y| flow.at(x, y)], self.space);
-                // Without the link that follows it, that before would be followed by one that does not join it.
+                // A link from the frame before without one to the next frame would leave a hole in the run.
                 after.map_or(vec![], |after| before.into_iter().chain([after]).collect())
             }
             _ => vec![],
