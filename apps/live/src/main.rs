@@ -170,7 +170,7 @@ fn run(args: &Live) -> Result<()> {
     let stage = scene.stage()?;
     let expected = Expected { size: scene.source.size(), fps: scene.fps, count: Some(frames), video_bits: 8 };
     let files = ImageFiles::plain(FrameFormat::PNG8);
-    let mut output = output::open(path, &expected, files, args.overwrite)?;
+    let mut output = output::open(path, &expected, files, &[], args.overwrite)?;
     if output.has_frames() {
         return Err(failure(
             path,

@@ -42,6 +42,11 @@ pub(crate) fn rows_in_turn(i: usize, turns: usize, height: usize) -> Range<usize
     edge(i % turns)..edge(i % turns + 1)
 }
 
+/// The number of turns ([`rows_in_turn`]) in which strips of about so many px make up an image of this size.
+pub(crate) fn turns_of((width, height): (usize, usize), px: usize) -> usize {
+    (width * height).div_ceil(px).min((height / GRID).max(1))
+}
+
 /// Pixels of the largest strip of an image with what is around it.
 pub(crate) fn largest_strip(size: (usize, usize)) -> u64 {
     strips(size, STRIP).map(|s| (s.around.len() * size.0) as u64).max().unwrap_or(0)

@@ -3,7 +3,8 @@
 
 use super::defocus::{self, BlurPoint, Lens};
 use super::likelihood::{
-    CLIP, EXPOSURE_STEP, EXPOSURES, PARTS, SIGMAS, index_of_sigma, interpolate, part_of, sigma_of,
+    CLIP, EXPOSURE_STEP, EXPOSURES, PARTS, SIGMAS, index_of_exposure, index_of_sigma, interpolate, part_of,
+    sigma_of,
 };
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
@@ -152,10 +153,19 @@ pub(super) fn exposure_interval(
     speed: f32,
     even: bool,
 ) -> [f32; 2] {
-    let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
-    let [low, high] = bootstrapped_exposure(estimate, parts, bootstraps, floor);
-    let [lowest, highest] = likely(estimate, sum, CLIP);
-    let interval = with_hidden_streak([low.min(lowest), high.max(highest)], speed);
+    let bootstrapped = bootstrapped_exposure(estimate, parts, bootstraps, exposure_floor(coding_error));
+    let likely = likely(estimate, sum, CLIP);
+    with_what_hides_streaks(bootstrapped, likely, coding_error, speed, even)
+}
+
+/// The std of the exposure fraction that stands for errors of the models and for those of a coder of this [`LumaNoise::coding_error`].
+fn exposure_floor(coding_error: f32) -> f32 {
+    EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR)
+}
+
+/// The hull of both intervals, with the exposures of streaks that texture or a coder hides.
+fn with_what_hides_streaks(a: [f32; 2], b: [f32; 2], coding_error: f32, speed: f32, even: bool) -> [f32; 2] {
+    let interval = with_hidden_streak([a[0].min(b[0]), a[1].max(b[1])], speed);
     with_coded_streak(interval, coding_error, speed, even)
 }
 
@@ -168,11 +178,9 @@ pub(super) fn uneven_interval(
     coding_error: f32,
     speed: f32,
 ) -> [f32; 2] {
-    let floor = EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR);
-    let [low, high] = within_a_frame(estimate, interval(estimate, replicas, floor));
-    let [lowest, highest] = likely(estimate, sum, UNEVEN_CLIP);
-    let interval = with_hidden_streak([low.min(lowest), high.max(highest)], speed);
-    with_coded_streak(interval, coding_error, speed, false)
+    let bootstrapped = within_a_frame(estimate, interval(estimate, replicas, exposure_floor(coding_error)));
+    let likely = likely(estimate, sum, UNEVEN_CLIP);
+    with_what_hides_streaks(bootstrapped, likely, coding_error, speed, false)
 }
 
 /// The least and the largest exposure that a curve finds less likely than the likeliest one by at most so many nats.
@@ -185,8 +193,8 @@ fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
 /// Widens an interval for streaks that texture hides or imitates: a streak adds to the variance that the texture has along it, so the
 /// squares of the lengths differ by the square of [`HIDDEN_STREAK`].
 fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
-    let hidden = (HIDDEN_STREAK / speed).powi(2);
-    [(low * low - hidden).max(0.0).sqrt(), (high * high + hidden).sqrt().min(1.0)]
+    let squared_error = (HIDDEN_STREAK / speed).powi(2);
+    [(low * low - squared_error).max(0.0).sqrt(), (high * high + squared_error).sqrt().min(1.0)]
 }
 
 /// Raises the upper end of an interval for what a coder of this [`LumaNoise::coding_error`] does to streaks. It takes away fine detail, so that
@@ -197,8 +205,8 @@ fn with_coded_streak([low, high]: [f32; 2], coding_error: f32, speed: f32, even:
     /// as measured of H.264 at crf 27 (docs/lab-log.md).
     const CODED_STREAK: (f32, f32) = (3.0, 5.0);
     let length = if even { CODED_STREAK.0 } else { CODED_STREAK.1 };
-    let hidden = (length * coding_error / MAX_CODING_ERROR / speed).powi(2);
-    [low, (high * high + hidden).sqrt().min(1.0)]
+    let squared_error = (length * coding_error / MAX_CODING_ERROR / speed).powi(2);
+    [low, (high * high + squared_error).sqrt().min(1.0)]
 }
 
 /// Widens an interval to hold the typical frame's exposure, too, given those that frames tell by themselves (NaN: nothing): frames that
@@ -280,7 +288,7 @@ pub fn exposure_of(
     let estimate = match &uneven {
         None => best(&sum),
         // What seems longer than a frame was faster than its flow says.
-        Some(_) => best(&sum[..=(1.0 / EXPOSURE_STEP).round() as usize]),
+        Some(_) => best(&sum[..=index_of_exposure(1.0)]),
     };
     if estimate > LONGEST {
         let why = format!(
@@ -419,7 +427,7 @@ impl Uneven {
     /// By how many nats the frames, on average, find the exposure that they agree on less likely than their own.
     fn contradiction(&self) -> f32 {
         let frames = self.of_frames(None);
-        let agreed = (most_likely_exposure(&self.sum(None)) / EXPOSURE_STEP).round() as usize;
+        let agreed = index_of_exposure(most_likely_exposure(&self.sum(None)));
         let loss = |curve: &[f32]| curve.iter().copied().fold(f32::MIN, f32::max) - curve[agreed];
         frames.iter().map(|(_, curve)| loss(curve)).sum::<f32>() / frames.len().max(1) as f32
     }
@@ -529,8 +537,9 @@ pub(super) fn seen(inverse_depths: impl Iterator<Item = f32>) -> [f32; 2] {
     inverse_depths.fold([f32::MAX, f32::MIN], |[far, near], d| [far.min(d), near.max(d)])
 }
 
-/// What a floor (std) of the focus lacks that is in proportion to the focus, where blur at infinity is less than blur that is not told from
-/// none (px): such a lens may be in focus wherever its blur at infinity is no more than that. `nearest` bounds it where nothing is blurred.
+/// The std that is added to the floor of the focus (inverse depth) where the blur at infinity is below `untold_px`, the blur (px) that is
+/// not told from none: such a lens may be in focus wherever its blur at infinity stays below that. It is at most `nearest`, the inverse depth
+/// of what is nearest.
 pub(super) fn unseen_focus(lens: Lens, untold_px: f32, nearest: f32) -> f32 {
     let share = (1.0 - lens.sigma_px_at_infinity() / untold_px).max(0.0);
     share * (untold_px / lens.slope.max(1e-9)).min(nearest.abs())

@@ -14,7 +14,7 @@ use crate::portable::Portable;
 use crate::{Result, par};
 use std::ops::Range;
 
-/// The shares of the lens's std, at equal steps of their log, at which the shapes are compared: at equal std, a disk and a Gaussian would
+/// The number of shares of the lens's std, at equal steps of their log, at which the shapes are compared: at equal std, a disk and a Gaussian would
 /// also differ in how blurred they look.
 const SCALES: usize = 9;
 

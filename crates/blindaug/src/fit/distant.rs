@@ -133,8 +133,8 @@ impl DistantPairs {
         Ok(())
     }
 
-    /// The noise that frames hold, from `near`, what successive frames tell, and `fit`, their fit: the same but for the model and its interval, if
-    /// the footage is compressed.
+    /// The fit of the noise that frames hold. `fit` is that of `near`, the evidence of successive frames. If the footage is compressed, its
+    /// model, interval and points are replaced by those of distant pairs; its `luma` stays.
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
         if self.pairs.is_empty() || !fit.luma.is_some_and(|l| l.may_be_compressed()) {
             return fit;
@@ -158,12 +158,12 @@ impl DistantPairs {
         if let (Estimate::Known(model), Some(most)) = (&mut fit.model, most) {
             // What is copied over the distance, too, is not seen: the more is copied or taken away, the more the noise may be, up to all that a
             // frame's flattest parts hold.
-            let hidden = (correlation / MOST_CORRELATED).max(lost(left));
-            match raised(model, most, correlation, hidden) {
+            let share_towards_most = (correlation / MOST_CORRELATED).max(lost(left));
+            match raised(model, most, correlation, share_towards_most) {
                 Some(raised) => *model = raised,
                 None => {
                     let share = (total(most) / total(model).max(UNSEEN)).max(1.0);
-                    model.widen(1.0, 1.0 + hidden * (share - 1.0));
+                    model.widen(1.0, 1.0 + share_towards_most * (share - 1.0));
                 }
             }
         }
@@ -198,8 +198,13 @@ impl DistantPairs {
 /// Noise of which hardly any is seen between frames, raised; `None` where enough is seen. Frames whose noise was copied differ by nothing, so
 /// the noise lies anywhere between what is seen and `most`, what a frame's flattest parts hold: the geometric mean of both is taken, and the
 /// less the more is seen. What differs between successive frames stays as it is: the rest is shared by them. `correlation` is that of what is
-/// seen, and `hidden` the share of the way to `most` to which the interval reaches.
-fn raised(model: &NoiseModel, most: &NoiseModel, correlation: f32, hidden: f32) -> Option<NoiseModel> {
+/// seen, and `share_towards_most` the share of the way to `most` to which the interval reaches.
+fn raised(
+    model: &NoiseModel,
+    most: &NoiseModel,
+    correlation: f32,
+    share_towards_most: f32,
+) -> Option<NoiseModel> {
     let (seen, all) = (total(model), total(most));
     let least = seen.max(UNSEEN);
     let wanted = least * (all / least).portable_powf(0.5 * lost(seen / MIDDLE.len() as f32));
@@ -215,7 +220,7 @@ fn raised(model: &NoiseModel, most: &NoiseModel, correlation: f32, hidden: f32) 
     // The flattest parts have lost noise to the coder, too: the interval of what they hold counts, where the picture tells it best.
     let upper_of = |y: f32| most.interval_of_std(0, 1, y)[1] / most.std(0, y)[1].max(1e-9);
     let upper = MIDDLE.map(upper_of).into_iter().fold(f32::INFINITY, f32::min);
-    raised.widen_to(1.0 + hidden * (all * upper / told - 1.0).max(0.0));
+    raised.widen_to(1.0 + share_towards_most * (all * upper / told - 1.0).max(0.0));
     Some(raised)
 }
 

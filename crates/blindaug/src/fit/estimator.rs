@@ -81,11 +81,11 @@ struct FrameEvidence {
     pairs: Vec<spectral::Pair>,
     /// Where motion is uneven, this frame and the one before it.
     from_before: Option<streaks::Link>,
-    /// The same with the next frame, where frames are left out.
+    /// Where motion is uneven and frames are left out, this frame and the next one.
     to_next_frame: Option<streaks::Link>,
     removal: Vec<removal::Tile>,
     has_motion: bool,
-    /// [`uneven::change_of`] it; `None` where it is not known.
+    /// The change of the frame's motion as a share of its speed ([`uneven::change_of`]); `None` where it is not known.
     change: Option<f32>,
     /// The flow to the next frame, where it was estimated.
     to_next: Option<uneven::SampledFlow>,

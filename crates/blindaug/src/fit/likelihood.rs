@@ -1,7 +1,7 @@
 //! The Whittle likelihood of a tile's spectrum, over the exposure fraction and over the std of the blur.
 
 use super::noise::LumaNoise;
-use super::tiles::{Bin, MIDDLE, MIN_CONTRAST, TILE, Tile, hidden, noise_density};
+use super::tiles::{Bin, MIDDLE, MIN_CONTRAST, TILE, Tile, noise_density, padding_density};
 use crate::model::SharpeningModel;
 use crate::portable::Portable;
 use std::ops::Range;
@@ -30,6 +30,18 @@ pub(super) fn part_of(frame: usize, frames: usize) -> usize {
 
 /// The least and the largest step of the tables over the exposure fraction.
 pub const LAMBDA_STEPS: Range<f32> = 0.05..0.125;
+
+/// The step, within `limits`, of a table over the exposure fraction for this speed, px of the tile per frame interval: [`STREAK_STEP`], so
+/// that a table ends at [`MAX_LAMBDA`].
+pub(super) fn lambda_step(speed: f32, limits: Range<f32>) -> f32 {
+    let step = (STREAK_STEP / speed).clamp(limits.start, limits.end);
+    MAX_LAMBDA / (MAX_LAMBDA / step).round()
+}
+
+/// The index of this exposure fraction in a curve.
+pub(super) fn index_of_exposure(exposure: f32) -> usize {
+    (exposure / EXPOSURE_STEP).round() as usize
+}
 
 /// The number of exposure fractions of a curve: from 0 on in steps of [`EXPOSURE_STEP`], to past 1.
 pub const EXPOSURES: usize = 251;
@@ -110,7 +122,7 @@ pub(super) struct Prepared<'a> {
     pub(super) frame: usize,
     /// The part of the clip that the frame lies in.
     pub(super) part: usize,
-    /// The power of each bin, with the padding by [`hidden`] noise.
+    /// The power of each bin, with the padding by [`padding_density`] noise.
     power: Vec<f32>,
     /// The density of the noise at each bin, with the same padding.
     noise: Vec<f32>,
@@ -128,9 +140,9 @@ impl<'a> Prepared<'a> {
         coding_error: f32,
     ) -> Option<Self> {
         let density = noise_density(tile.noise_moments, tile.scale, noise, coding_error);
-        let hidden = hidden(tile.noise_moments, tile.scale, coding_error);
+        let padding_density = padding_density(tile.noise_moments, tile.scale, coding_error);
         let noise: Vec<f32> = tile.bins.iter().map(|b| density(b.modulus)).collect();
-        let power: Vec<f32> = tile.bins.iter().map(|b| b.power + hidden).collect();
+        let power: Vec<f32> = tile.bins.iter().map(|b| b.power + padding_density).collect();
         let sum =
             |f: &dyn Fn(usize) -> f32| (0..noise.len()).map(|i| tile.bins[i].weight * f(i)).sum::<f32>();
         let white_over_noise = tile.noise_moments[2] / (tile.scale * tile.scale) / density(MIDDLE);
@@ -175,8 +187,7 @@ impl<'a> Prepared<'a> {
 
     /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0].
     pub(super) fn clipped_log_likelihood(&self) -> Vec<f32> {
-        let step = (STREAK_STEP / self.tile.speed).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
-        let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
+        let step = lambda_step(self.tile.speed, LAMBDA_STEPS);
         let table = self.over_lambda(step);
         let width = STREAK_ERROR / self.tile.speed / EXPOSURE_STEP;
         // A wide blur leaves no detail within `stride` steps of the curve.

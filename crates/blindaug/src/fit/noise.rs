@@ -218,12 +218,13 @@ impl NoiseEvidence {
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [NoiseLine::default(); NOISE_LEVELS];
         // A mismatch is common to all channels, and the finest level holds least of it.
-        let freedom: f32 = finest.iter().map(|b| b.freedom).sum();
-        let most_common = std::array::from_fn(|c| {
-            finest.iter().map(|b| b.freedom * b.common[c]).sum::<f32>() / freedom.max(1.0)
+        let values: f32 = finest.iter().map(|b| b.values).sum();
+        let max_squared_correlation = std::array::from_fn(|c| {
+            finest.iter().map(|b| b.values * b.squared_correlation[c]).sum::<f32>() / values.max(1.0)
         });
         for level in 0..NOISE_LEVELS {
-            let mut bins = if level == 0 { finest.clone() } else { self.bins(level, most_common, false) };
+            let mut bins =
+                if level == 0 { finest.clone() } else { self.bins(level, max_squared_correlation, false) };
             let measured = bins.clone();
             if self.method == Method::Spatial && level > 0 {
                 // For estimators that look at luma, coarse noise is at most that of white noise: to take structure for noise would blind
@@ -278,7 +279,7 @@ impl NoiseEvidence {
             None => NoiseModel::Lines(lines),
         };
         let coding_error = match self.method {
-            Method::Temporal if self.coloured => coding_error(&finest, most_common),
+            Method::Temporal if self.coloured => coding_error(&finest, max_squared_correlation),
             // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
             Method::Temporal | Method::Spatial => coding_error(&finest, [0.0; 3]),
             // The difference from the clean frame includes a coder's errors, so no others are allowed for.
@@ -311,7 +312,7 @@ impl NoiseEvidence {
     }
 
     /// The factor by which noise exceeds what a difference of frames shows of it: what successive frames share does not show.
-    fn hidden(&self, pure: bool) -> f32 {
+    fn shared_noise_factor(&self, pure: bool) -> f32 {
         if pure { 1.0 / (1.0 - self.temporal_correlation()) } else { 1.0 }
     }
 

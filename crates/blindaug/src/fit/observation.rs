@@ -50,7 +50,8 @@ pub struct FrameObservation<'a> {
     pub frame: &'a Encoded,
     /// The frame after this one; a frame without any neighbour shows no motion.
     pub next: Option<&'a Encoded>,
-    /// The frame before this one, whose flow is used if there is no next frame.
+    /// The frame before this one. The motion at the frame's own time, pairs of tiles and the correlation of noise need it; if there is no next
+    /// frame, its flow stands for the motion.
     pub previous: Option<&'a Encoded>,
     /// The evidence beside the pixels.
     pub evidence: Evidence<'a>,

@@ -126,7 +126,7 @@ pub(super) fn agreed(told: &[&Told], coding_error: f32) -> Option<ExposureFit> {
     }
     let sum = summed(told);
     let estimate = likeliest(&sum);
-    // A single run has no others to be held against.
+    // With a single run all replicas agree, so that the interval rests on the likelihood alone.
     let replicas = par::map(BOOTSTRAPS, |r| {
         let weight = |run: usize| -(1.0 - uniform(r as u64, run as u64)).portable_ln();
         likeliest(&weighted(told, weight))
@@ -223,19 +223,19 @@ pub(super) fn told_by<'a>(run: &Run<'a>, before: Option<&Told>, noise: &LumaNois
             let coarse = links((COARSE / course.speed).clamp(COARSE_RANGE.0, COARSE_RANGE.1));
             let from = |lambda| search(&coarse, Streaks { vectors: at(lambda).collect(), lambda }, ROUNDS[0]);
             let mut starts = STARTS.into_iter().map(from).collect::<Option<Vec<_>>>()?;
-            starts.sort_by(|a, b| b.own.total_cmp(&a.own));
+            starts.sort_by(|a, b| b.log_density.total_cmp(&a.log_density));
             starts.into_iter().take(IMPROVED).map(|start| start.streaks).collect()
         }
     };
     let mut curve = vec![f32::MIN; STEPS];
     let mut likeliest: Option<(Streaks, f32)> = None;
     for streaks in starts {
-        let Improved { streaks, own, curve: near } = search(&fine, streaks, ROUNDS[1])?;
+        let Improved { streaks, log_density, curve: near } = search(&fine, streaks, ROUNDS[1])?;
         // Far from where the likelihood was looked at its quadratic may promise more than there is.
         let most = near.iter().copied().fold(f32::MIN, f32::max);
-        curve.iter_mut().zip(&near).for_each(|(c, v)| *c = c.max(v - most + own));
-        if likeliest.as_ref().is_none_or(|l| own > l.1) {
-            likeliest = Some((streaks, own));
+        curve.iter_mut().zip(&near).for_each(|(c, v)| *c = c.max(v - most + log_density));
+        if likeliest.as_ref().is_none_or(|l| log_density > l.1) {
+            likeliest = Some((streaks, log_density));
         }
     }
     let (streaks, _) = likeliest?;
@@ -377,11 +377,11 @@ struct Marginal {
     spread: f64,
 }
 
-/// The likeliest streaks that were found from some.
+/// The result of a search for the likeliest streaks.
 struct Improved {
     streaks: Streaks,
-    /// Their log-likelihood.
-    own: f32,
+    /// The log-likelihood of the data plus the log-density of the streaks.
+    log_density: f32,
     /// The [`Marginal::curve`] near them.
     curve: Vec<f32>,
 }
@@ -441,8 +441,9 @@ impl Search<'_> {
         }
         let Marginal { curve, likeliest: Streaks { lambda, .. }, spread } =
             self.marginal(&quadratic, &streaks, NARROW)?;
-        let own = (quadratic.value + self.course.log_density(&streaks.vectors, lambda, spread)?) as f32;
-        Some(Improved { streaks, own, curve })
+        let log_density =
+            (quadratic.value + self.course.log_density(&streaks.vectors, lambda, spread)?) as f32;
+        Some(Improved { streaks, log_density, curve })
     }
 
     /// The streak of a surface of a link's pair in one of both frames: that of the frame, but for what the surface's motion differs from the

@@ -608,7 +608,7 @@ pub(super) fn spectrum(periodogram: &[f32], motion: [f32; 2], speed: f32) -> (Ve
 }
 
 /// The density of the noise over the modulus in a tile with these [`Tile::noise_moments`] and this scale, including the padding by
-/// [`hidden`] noise for a coder's errors of std `coding_error`.
+/// [`padding_density`] noise for a coder's errors of std `coding_error`.
 pub(super) fn noise_density(
     moments @ [squares, products, ones]: [f32; 3],
     scale: f32,
@@ -625,18 +625,18 @@ pub(super) fn noise_density(
     });
     // A px of the tile is a mean of scale^2 px, by which the variance is divided.
     let mean = (scale * scale).recip();
-    let hidden = hidden(moments, scale, coding_error);
+    let padding_density = padding_density(moments, scale, coding_error);
     move |modulus| {
         // Level l holds the frequencies around 0.35 / 2^l cycles per px.
         let level = (0.35 * scale / modulus).portable_log2().clamp(0.0, (NOISE_LEVELS - 1) as f32);
         let i = (level as usize).min(NOISE_LEVELS - 2);
-        (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9) + hidden
+        (mean * (density[i] + (level - i as f32) * (density[i + 1] - density[i]))).max(1e-9) + padding_density
     }
 }
 
 /// The density of the white noise that hides a coder's errors in a tile. The noise-padded tile has this density added to both its power and
 /// its noise.
-pub(super) fn hidden(noise_moments: [f32; 3], scale: f32, coding_error: f32) -> f32 {
+pub(super) fn padding_density(noise_moments: [f32; 3], scale: f32, coding_error: f32) -> f32 {
     coding_error * coding_error * noise_moments[2] / (scale * scale)
 }
 

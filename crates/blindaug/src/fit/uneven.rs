@@ -7,9 +7,7 @@
 //! zeros of its spectrum lie across it ([`turn`]). What is left of the speed's error widens what the frame says of the exposure
 //! ([`over_speeds`]).
 
-use super::likelihood::{
-    CLIP, EXPOSURE_STEP, EXPOSURES, LAMBDA_STEPS, MAX_LAMBDA, Prepared, STREAK_STEP, interpolate,
-};
+use super::likelihood::{CLIP, EXPOSURE_STEP, EXPOSURES, LAMBDA_STEPS, Prepared, interpolate, lambda_step};
 use super::noise::LumaNoise;
 use super::robust::median;
 use super::tiles::{MotionOf, SPEEDS, TILE, corners, turned, turned_tiles};
@@ -226,8 +224,7 @@ pub(super) fn turn(
     const LENGTHS: usize = 32;
     let tables = par::map(tiles.len(), |i| {
         let turned = tiles[i].iter().map(|tile| {
-            let step = (STREAK_STEP / tile.speed).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
-            let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
+            let step = lambda_step(tile.speed, LAMBDA_STEPS);
             let table = Prepared::new(tile, 0, 0, noise, noise.coding_error)?.absolute_over_lambda(step);
             let at = |l: usize| l as f32 / (LENGTHS - 1) as f32 * (table.len() - 1) as f32;
             Some((0..LENGTHS).map(|l| interpolate(&table, at(l))).collect::<Vec<f32>>())
@@ -349,6 +346,7 @@ pub(super) fn over_speeds(curve: &[f32], error: f32) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::likelihood::index_of_exposure;
     use super::*;
     use crate::analysis::flow::motion_at_frame;
     use crate::fit::noise::tests::white;
@@ -431,7 +429,7 @@ mod tests {
     fn a_speed_that_may_be_off_widens_what_a_frame_says() {
         let curve: Vec<f32> =
             (0..EXPOSURES).map(|i| -2e4 * (i as f32 * EXPOSURE_STEP - 0.5).powi(2)).collect();
-        let at = |curve: &[f32], exposure: f32| curve[(exposure / EXPOSURE_STEP).round() as usize];
+        let at = |curve: &[f32], exposure: f32| curve[index_of_exposure(exposure)];
         let wide = over_speeds(&curve, 0.2);
         let best = (0..EXPOSURES).max_by(|&a, &b| wide[a].total_cmp(&wide[b])).unwrap();
         assert!((best as f32 * EXPOSURE_STEP - 0.5).abs() < 0.04, "{best}");

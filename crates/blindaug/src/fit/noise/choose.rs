@@ -20,8 +20,8 @@ const LUMINANCES: usize = 16;
 /// Blocks of like luminance that are least likely to hold structure.
 pub(super) struct Chosen<'a> {
     pub(super) blocks: Vec<&'a LocalVariance>,
-    /// [`Bin::common`].
-    pub(super) common: [f32; 3],
+    /// [`Bin::squared_correlation`].
+    pub(super) squared_correlation: [f32; 3],
     /// The factors by which the variances of R, G, B and luma in these blocks fall short of, or exceed, the noise's.
     pub(super) correction: [f32; 4],
 }
@@ -143,7 +143,7 @@ impl NoiseEvidence {
             texture: b.texture,
             count: b.count,
         };
-        let hidden = self.hidden(pure);
+        let factor = self.shared_noise_factor(pure);
         std::array::from_fn(|level| match self.method {
             _ if self.windowed => vec![],
             Method::Spatial => self
@@ -159,7 +159,7 @@ impl NoiseEvidence {
                 })
                 .collect(),
             _ if pure => {
-                let noise = |b| Block { texture: 0.0, ..block(b, [hidden; 3]) };
+                let noise = |b| Block { texture: 0.0, ..block(b, [factor; 3]) };
                 self.pure_blocks(level).into_iter().map(noise).collect()
             }
             _ => self.sound_blocks(level).map(|b| block(b, [1.0; 3])).collect(),
@@ -176,13 +176,13 @@ impl NoiseEvidence {
         bins
     }
 
-    /// Of blocks of like luminance those that are least likely to hold structure, or all; `None` if there are too few. `most_common`: the
-    /// limit of [`Bin::common`].
+    /// Of blocks of like luminance those that are least likely to hold structure, or all; `None` if there are too few.
+    /// `max_squared_correlation` limits [`Bin::squared_correlation`].
     pub(super) fn chosen<'a>(
         &self,
         level: usize,
         mut blocks: Vec<&'a LocalVariance>,
-        most_common: [f32; 3],
+        max_squared_correlation: [f32; 3],
         all: bool,
     ) -> Option<Chosen<'a>> {
         // Of the blocks with the least structure, the half with the lower variance is used, since anything but noise only adds
@@ -213,14 +213,16 @@ impl NoiseEvidence {
             _ if all => 1.0,
             _ => noise_share(level, mean(&|b| b.variance[3]) * correction, coarser, &others),
         };
-        let common = std::array::from_fn(|c| {
+        let squared_correlation = std::array::from_fn(|c| {
             let both = mean(&|b| b.with_luma[c]).powi(2);
-            (both / (mean(&|b| b.variance[c]) * mean(&|b| b.variance[3])).max(1e-20)).min(most_common[c])
+            (both / (mean(&|b| b.variance[c]) * mean(&|b| b.variance[3])).max(1e-20))
+                .min(max_squared_correlation[c])
         });
         // The choice of blocks by luma's variance biases a channel as far as the channel correlates with luma.
-        let correction =
-            std::array::from_fn(|c| share * (1.0 + common.get(c).unwrap_or(&1.0) * (correction - 1.0)));
-        Some(Chosen { blocks, common, correction })
+        let correction = std::array::from_fn(|c| {
+            share * (1.0 + squared_correlation.get(c).unwrap_or(&1.0) * (correction - 1.0))
+        });
+        Some(Chosen { blocks, squared_correlation, correction })
     }
 }
 

@@ -15,15 +15,15 @@ pub(in crate::fit) const MAX_CODING_ERROR: f32 = 0.045;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bin {
     /// The index of the bin.
-    pub(super) of: usize,
+    pub(super) index: usize,
     /// The mean luminance of the blocks.
     pub(super) y: f32,
     /// The variances of R, G, B and luma.
     pub(super) variance: [f32; 4],
     /// The squared correlation of R, G and B with luma.
-    pub(super) common: [f32; 3],
+    pub(super) squared_correlation: [f32; 3],
     /// The number of values in all the blocks' variances.
-    pub(super) freedom: f32,
+    pub(super) values: f32,
     /// The number of blocks.
     pub(super) blocks: usize,
 }
@@ -45,19 +45,20 @@ impl Line {
 
 impl NoiseEvidence {
     /// The mean variance, in bins of luminance, of the [`NoiseEvidence::chosen`] blocks.
-    pub(super) fn bins(&self, level: usize, most_common: [f32; 3], all: bool) -> Vec<Bin> {
-        let of = |(of, blocks)| {
-            let Chosen { blocks, common, correction } = self.chosen(level, blocks, most_common, all)?;
+    pub(super) fn bins(&self, level: usize, max_squared_correlation: [f32; 3], all: bool) -> Vec<Bin> {
+        let of = |(index, blocks)| {
+            let Chosen { blocks, squared_correlation, correction } =
+                self.chosen(level, blocks, max_squared_correlation, all)?;
             let n = blocks.len() as f32;
             let mean = |f: &dyn Fn(&LocalVariance) -> f32| blocks.iter().map(|b| f(b)).sum::<f32>() / n;
             Some(Bin {
-                of,
+                index,
                 y: mean(&|b| b.y),
                 variance: std::array::from_fn(|c| {
-                    mean(&|b| b.variance[c]) * correction[c] * self.hidden(all)
+                    mean(&|b| b.variance[c]) * correction[c] * self.shared_noise_factor(all)
                 }),
-                common,
-                freedom: blocks.iter().map(|b| b.count).sum(),
+                squared_correlation,
+                values: blocks.iter().map(|b| b.count).sum(),
                 blocks: blocks.len(),
             })
         };
@@ -84,10 +85,10 @@ pub(super) fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32) {
 /// all luminances. They are needed since the coarse level has few blocks.
 pub(super) fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
     /// The number of values that leave a std uncertain by 15 %, by which the spectrum may differ between luminances.
-    const FREEDOM: f32 = 22.0;
+    const VALUES: f32 = 22.0;
     let pairs: Vec<(&Bin, &Bin)> =
-        bins.iter().filter_map(|b| Some((b, finest.iter().find(|f| f.of == b.of)?))).collect();
-    let total: f32 = pairs.iter().map(|p| p.0.freedom).sum();
+        bins.iter().filter_map(|b| Some((b, finest.iter().find(|f| f.index == b.index)?))).collect();
+    let total: f32 = pairs.iter().map(|p| p.0.values).sum();
     if total <= 0.0 {
         return vec![];
     }
@@ -95,11 +96,11 @@ pub(super) fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
     let some = |b: &Bin, c: usize| b.variance[c].max(1e-12);
     let ratio: [f32; 4] = std::array::from_fn(|c| {
         let log = |(b, f): &(&Bin, &Bin)| (some(b, c) / some(f, c)).portable_ln();
-        (pairs.iter().map(|p| p.0.freedom * log(p)).sum::<f32>() / total).portable_exp()
+        (pairs.iter().map(|p| p.0.values * log(p)).sum::<f32>() / total).portable_exp()
     });
     let of = |f: &Bin| Bin {
         variance: std::array::from_fn(|c| ratio[c] * some(f, c)),
-        freedom: FREEDOM.min(f.freedom),
+        values: VALUES.min(f.values),
         ..*f
     };
     finest.iter().map(of).collect()
@@ -110,14 +111,14 @@ pub(super) fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
 /// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line.
 pub(super) fn line(bins: &[Bin], channel: usize) -> Line {
     let std = |b: &Bin| f64::from(b.variance[channel].sqrt());
-    let total: f32 = bins.iter().map(|b| b.freedom).sum();
-    let mean_variance = bins.iter().map(|b| b.variance[channel] * b.freedom).sum::<f32>() / total.max(1.0);
+    let total: f32 = bins.iter().map(|b| b.values).sum();
+    let mean_variance = bins.iter().map(|b| b.variance[channel] * b.values).sum::<f32>() / total.max(1.0);
     let mut weights: Vec<f64> = bins
         .iter()
         .map(|b| {
             // The std of a std is s / sqrt(2 n). A floor of the variance keeps a bin with little noise by chance from dominating the
             // fit, and a cap of n keeps one crowded bin from outweighing the others, since the line itself is an approximation.
-            f64::from(b.freedom.min(4000.0))
+            f64::from(b.values.min(4000.0))
                 / f64::from(b.variance[channel].max(0.1 * mean_variance).max(1e-10))
         })
         .collect();
@@ -158,7 +159,7 @@ pub(super) fn line(bins: &[Bin], channel: usize) -> Line {
 
 /// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: after a coder there is
 /// little noise, in some places none, and chroma has no noise of its own from pixel to pixel.
-pub(super) fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
+pub(super) fn coding_error(finest: &[Bin], squared_correlation: [f32; 3]) -> f32 {
     /// The luminance below which a sensor has less noise even without a coder.
     const DARK: f32 = 0.25;
     /// The largest squared correlation with luma, beyond a channel's share of luma, that channels have by chance.
@@ -166,7 +167,7 @@ pub(super) fn coding_error(finest: &[Bin], common: [f32; 3]) -> f32 {
     let squares = LUMA.map(|w| w * w);
     let total: f32 = squares.iter().sum();
     // The correlation of red and blue beyond their share of luma is tested; green is most of luma anyway.
-    let beyond = |c: usize| (common[c] - squares[c] / total) / (1.0 - squares[c] / total);
+    let beyond = |c: usize| (squared_correlation[c] - squares[c] / total) / (1.0 - squares[c] / total);
     if beyond(0).min(beyond(2)) > IN_COMMON {
         return MAX_CODING_ERROR;
     }

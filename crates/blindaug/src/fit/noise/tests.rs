@@ -175,12 +175,12 @@ fn noise_that_the_channels_share_is_given_back_too() {
 
 #[test]
 fn a_coarse_level_keeps_its_noise_where_the_finest_has_none() {
-    let bin = |of: usize, variance: f32| Bin {
-        of,
-        y: of as f32 / 16.0,
+    let bin = |index: usize, variance: f32| Bin {
+        index,
+        y: index as f32 / 16.0,
         variance: [variance; 4],
-        common: [0.0; 3],
-        freedom: 100.0,
+        squared_correlation: [0.0; 3],
+        values: 100.0,
         blocks: 10,
     };
     let expected = |finest: f32, coarse: f32| {

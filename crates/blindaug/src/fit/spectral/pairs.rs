@@ -7,13 +7,13 @@
 //! [`streaks`](super::super::streaks).
 
 use super::super::likelihood::{
-    CLIP, EXPOSURE_STEP, EXPOSURES, LEAK, MAX_LAMBDA, STREAK_STEP, TEMPER, interpolate, lanes, relative,
+    CLIP, EXPOSURE_STEP, EXPOSURES, LEAK, MAX_LAMBDA, TEMPER, interpolate, lambda_step, lanes, relative,
     slope_gain,
 };
 use super::super::noise::LumaNoise;
 use super::super::tiles::{
     BAND, COLUMNS, Frequency, Light, MIN_CONTRAST, MotionOf, SAMPLES, SPEEDS, TILE, block_of, common_motion,
-    corners, frequencies, hidden, noise_density, transform,
+    corners, frequencies, noise_density, padding_density, transform,
 };
 use crate::model::Space;
 use crate::portable::Portable;
@@ -31,9 +31,10 @@ const MAX_DEVIATION: f32 = 0.5;
 /// The most pairs of tiles of two frames by which streaks are measured.
 const STREAK_PAIRS: usize = 16;
 /// The stds, px, of the misregistration of the two frames that are tried; the likeliest one counts.
-const MISMATCHES: [f32; 2] = [0.05, 0.2];
-/// The same where streaks are measured, of which pairs are not cut off: two tiles that do not match tell nothing.
-const STREAK_MISMATCHES: [f32; 3] = [0.05, 0.2, 1.0];
+const MISREGISTRATIONS: [f32; 2] = [0.05, 0.2];
+/// The stds, px, that are tried where streaks are measured. Log-likelihoods are not clipped there; with 1 px, tiles that do not match tell
+/// nothing.
+const STREAK_MISREGISTRATIONS: [f32; 3] = [0.05, 0.2, 1.0];
 /// The share of the power that changes of light may alter at any frequency.
 const CHANGE: f32 = 1e-3;
 /// The number of nats by which a pair's log-likelihood is raised before it is cut off at 0, so that weak preferences do not count.
@@ -236,9 +237,8 @@ impl Pair {
 
     /// The clipped log-likelihood over the exposures of a curve, in nats, within [-CLIP, 0]; `None` if the pair is hardly more than noise.
     pub(super) fn clipped_log_likelihood(&self, noise: &LumaNoise) -> Option<Vec<f32>> {
-        let prepared = PreparedPair::new(self, noise, &MISMATCHES, BAND.end)?;
-        let step = (STREAK_STEP / self.longest()).clamp(LAMBDA_STEPS.start, LAMBDA_STEPS.end);
-        let step = MAX_LAMBDA / (MAX_LAMBDA / step).round();
+        let prepared = PreparedPair::new(self, noise, &MISREGISTRATIONS, BAND.end)?;
+        let step = lambda_step(self.longest(), LAMBDA_STEPS);
         let table = prepared.over_lambda(step);
         let curve = (0..EXPOSURES).map(|i| interpolate(&table, i as f32 * EXPOSURE_STEP / step));
         Some(relative(curve).into_iter().map(|v| (v + TOLERANCE).clamp(-CLIP, 0.0)).collect())
@@ -251,7 +251,7 @@ pub(in crate::fit) struct PreparedPair<'a> {
     /// The frequencies that are looked at.
     frequencies: Vec<Frequency>,
     /// The power by which noise padding is seen.
-    hidden: f32,
+    padding_density: f32,
     /// The direction of the leak, along the mean motion.
     direction: [f32; 2],
     weight: Vec<f32x4>,
@@ -261,15 +261,15 @@ pub(in crate::fit) struct PreparedPair<'a> {
     /// The expected power without noise.
     signal: Vec<f32x4>,
     /// The power, for each misregistration that is tried, by which the frames differ for other reasons than their streaks.
-    unlike: Vec<Vec<f32x4>>,
+    misregistered_power: Vec<Vec<f32x4>>,
     /// The share of each of the three frequencies that a frequency gathers.
     shares: [Vec<f32x4>; 3],
 }
 
 impl<'a> PreparedPair<'a> {
     /// A pair prepared by the frequencies below `highest` cycles per px of the tile; `None` if it is hardly more than noise.
-    fn new(pair: &'a Pair, noise: &LumaNoise, mismatches: &[f32], highest: f32) -> Option<Self> {
-        let hidden = hidden(pair.noise_moments, pair.scale, noise.coding_error);
+    fn new(pair: &'a Pair, noise: &LumaNoise, misregistrations: &[f32], highest: f32) -> Option<Self> {
+        let padding_density = padding_density(pair.noise_moments, pair.scale, noise.coding_error);
         let density = noise_density(pair.noise_moments, pair.scale, noise, noise.coding_error);
         let of_noise: Vec<f32> = frequencies().iter().map(|q| density(q.modulus)).collect();
         if pair.expected.iter().sum::<f32>() < MIN_CONTRAST * of_noise.iter().sum::<f32>() {
@@ -287,7 +287,7 @@ impl<'a> PreparedPair<'a> {
         let moduli = column(1.0, &modulus);
         Some(Self {
             pair,
-            hidden,
+            padding_density,
             direction,
             weight: column(0.0, &|i| frequencies()[i].weight),
             sum: column(0.0, &|i| pair.sum[i]),
@@ -295,7 +295,7 @@ impl<'a> PreparedPair<'a> {
             cross: column(0.0, &|i| pair.cross[i]),
             // After a coder only power above the noise padding counts as signal, since weaker detail was predicted from the other frame.
             signal: column(0.0, &|i| (pair.expected[i] - of_noise[i]).max(0.0)),
-            unlike: mismatches
+            misregistered_power: misregistrations
                 .iter()
                 .map(|shift| {
                     column(1.0, &|i| {
@@ -314,7 +314,7 @@ impl<'a> PreparedPair<'a> {
 
     /// The same for measuring streaks, by the frequencies below `highest` cycles per px of the frame.
     pub fn of_streaks(pair: &'a Pair, noise: &LumaNoise, highest: f32) -> Option<Self> {
-        Self::new(pair, noise, &STREAK_MISMATCHES, highest * pair.scale)
+        Self::new(pair, noise, &STREAK_MISREGISTRATIONS, highest * pair.scale)
     }
 
     /// The motion of the surface in one of both frames, px of the frame per frame interval.
@@ -344,23 +344,24 @@ impl<'a> PreparedPair<'a> {
 
     /// The number of the likeliest misregistration of these kernels of both frames, and their log-likelihood with it.
     pub fn likeliest(&self, first: &Kernels, second: &Kernels) -> (usize, f32) {
-        let mut likelihoods = [f32x4::ZERO; STREAK_MISMATCHES.len()];
+        let mut likelihoods = [f32x4::ZERO; STREAK_MISREGISTRATIONS.len()];
         self.each(first, second, |i, power, left| {
-            for (likelihood, unlike) in likelihoods.iter_mut().zip(&self.unlike) {
-                let variance = unlike[i] + left;
+            for (likelihood, misregistered_power) in likelihoods.iter_mut().zip(&self.misregistered_power) {
+                let variance = misregistered_power[i] + left;
                 *likelihood -= self.weight[i] * (variance.ln() + power / variance);
             }
         });
-        let tried = likelihoods[..self.unlike.len()].iter().map(|v| TEMPER * v.reduce_add()).enumerate();
+        let tried =
+            likelihoods[..self.misregistered_power.len()].iter().map(|v| TEMPER * v.reduce_add()).enumerate();
         tried.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f32::MIN))
     }
 
     /// The log-likelihood of the kernels of both frames with the misregistration of this number.
     pub fn log_likelihood_at(&self, first: &Kernels, second: &Kernels, misregistration: usize) -> f32 {
-        let unlike = &self.unlike[misregistration];
+        let misregistered_power = &self.misregistered_power[misregistration];
         let mut likelihood = f32x4::ZERO;
         self.each(first, second, |i, power, left| {
-            let variance = unlike[i] + left;
+            let variance = misregistered_power[i] + left;
             likelihood -= self.weight[i] * (variance.ln() + power / variance);
         });
         TEMPER * likelihood.reduce_add()
@@ -383,7 +384,7 @@ impl<'a> PreparedPair<'a> {
             let (mean, half) = (0.5 * (own1 + own2), 0.5 * (own1 - own2));
             let root = (half * half + both * both).sqrt().max(f32x4::splat(1e-9));
             let ratio = ((mean - root) / (mean + root)).max(f32x4::ZERO);
-            let power = self.hidden
+            let power = self.padding_density
                 + 0.5 * (self.sum[i] - (half * self.difference[i] + 2.0 * both * self.cross[i]) / root);
             of(i, power, 2.0 * ratio * self.signal[i]);
         }

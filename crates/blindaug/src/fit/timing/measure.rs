@@ -7,7 +7,7 @@ use crate::fit::noise::{LumaNoise, NoiseEvidence};
 use crate::fit::robust::median;
 use crate::fit::{likelihood, spectral, tiles};
 use crate::model::{Method, Space};
-use crate::{Encoded, Error, Flow, Plane, Result, luma, pyramid};
+use crate::{Encoded, Error, Flow, Plane, Result, luma, pyramid, strips};
 use std::ops::Range;
 
 /// The number of cells of a frame, across and down.
@@ -20,7 +20,7 @@ const TILES: usize = 100;
 const NOISE_PAIRS: usize = 24;
 /// The approximate number of px of the part of a frame in which noise is measured.
 const NOISE_PART: usize = 64_000;
-/// The number of values of the curve of the exposure that are kept as one.
+/// One of this many values of the exposure's curve is kept.
 const THINNED: usize = 5;
 /// The share by which a frame lies between its neighbours, beyond which it is no mixture of both.
 const BETWEEN: Range<f32> = 0.1..0.9;
@@ -156,13 +156,10 @@ impl Measurer {
         if self.pairs == NOISE_PAIRS {
             return Ok(());
         }
-        let (w, h) = frame.0.size();
-        let parts = (w * h).div_ceil(NOISE_PART).min((h / 32).max(1));
-        // The height of a part is a multiple of the side of the coarsest level's blocks.
-        let edge = |part: usize| if part == parts { h } else { part * (h / 32) / parts * 32 };
-        let part = self.pairs % parts;
+        let size = frame.0.size();
+        let rows = strips::rows_in_turn(self.pairs, strips::turns_of(size, NOISE_PART), size.1);
         let evidence = self.evidence.get_or_insert_with(|| NoiseEvidence::new(Method::Temporal));
-        evidence.add_pair_rows(frame, next, flow, edge(part)..edge(part + 1))?;
+        evidence.add_pair_rows(frame, next, flow, rows)?;
         self.pairs += 1;
         self.noise = evidence.fit().luma.or(self.noise);
         Ok(())

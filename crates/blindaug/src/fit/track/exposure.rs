@@ -248,7 +248,7 @@ fn changed_to(memory: &Memory) -> Option<f32> {
     if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
         return None;
     }
-    let at = |v: f32| (v / likelihood::EXPOSURE_STEP).round() as usize;
+    let at = likelihood::index_of_exposure;
     let before = at(agreement::most_likely_exposure(&curve_of(&memory.old)));
     let recent = memory.recent_sum();
     let exposure = agreement::most_likely_exposure(&curve_of(&recent));

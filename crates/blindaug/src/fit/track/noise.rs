@@ -8,7 +8,7 @@ use crate::fit::robust::median;
 use crate::fit::sharpening;
 use crate::model::{Changes, Distortion, DistortionModel, Estimate, Method, NoiseModel, SharpeningModel};
 use crate::portable::Portable;
-use crate::{Encoded, Flow, Result};
+use crate::{Encoded, Flow, Result, strips};
 use std::collections::VecDeque;
 
 /// The number of frames that the noise is estimated from: more than two of a coder's usual groups of pictures.
@@ -16,7 +16,7 @@ const FRAMES: usize = 48;
 /// The number of blocks of each level that the noise's curves go through: a third of what a whole clip's do, since there is a fit for each
 /// frame, and what is told is a mean over frames.
 const BLOCKS: usize = 2000;
-/// The pairs of distant frames that the noise of compressed footage is estimated from.
+/// The most pairs of distant frames that the noise of compressed footage is estimated from.
 const PAIRS: usize = 4;
 /// The number of frames of a shot after which the noise is no longer that of the kinds of frames that a coder begins with.
 const SETTLED: usize = 24;
@@ -64,13 +64,11 @@ impl NoiseFollower {
         let mut evidence = NoiseEvidence::new(Method::Temporal);
         let mut part = 0;
         if let Some((other, flow)) = neighbour {
-            // Strips of the frame are used in turn. Their height is a multiple of the side of the coarsest level's blocks.
-            const STEP: usize = 32;
+            // Strips of the frame are used in turn.
             let (w, h) = frame.0.size();
-            let parts = (w * h).div_ceil(PART).min((h / STEP).max(1));
-            let edge = |part: usize| if part == parts { h } else { part * (h / STEP) / parts * STEP };
+            let parts = strips::turns_of((w, h), PART);
             part = index % parts;
-            evidence.add_pair_rows(frame, other, flow, edge(part)..edge(part + 1))?;
+            evidence.add_pair_rows(frame, other, flow, strips::rows_in_turn(part, parts, h))?;
         }
         let model = self.luma.unwrap_or_default().levels[0];
         let jumped = self.memory.push(evidence, part, &model);
@@ -117,7 +115,9 @@ impl NoiseFollower {
             changes.set(Distortion::Sharpening, jumped);
             self.sharpening = Some(fresh);
         }
-        Ok((Estimate::Known(walked_noise(&told, self.memory.age)), changes))
+        // Noise of a single frame is this frame's own.
+        let age = if told.method() == Method::Temporal { self.memory.age } else { 0 };
+        Ok((Estimate::Known(walked_noise(&told, age)), changes))
     }
 
     /// Forgets all but the noise of luma: another shot may be another camera's.

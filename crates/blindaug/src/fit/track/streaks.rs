@@ -2,7 +2,7 @@
 
 use super::exposure::SAME;
 use crate::fit::agreement::ExposureFit;
-use crate::fit::likelihood::EXPOSURE_STEP;
+use crate::fit::likelihood::index_of_exposure;
 use crate::fit::noise::LumaNoise;
 use crate::fit::streaks::{self, Link, Run, Told};
 use std::collections::VecDeque;
@@ -101,7 +101,7 @@ impl StreaksMemory {
         let (Some(now), false) = (&self.told, ended.is_empty()) else { return false };
         let [now, before] = [streaks::summed(&[now]), streaks::summed(&ended)];
         let [own, others] = [&now, &before].map(|curve| streaks::likeliest(curve));
-        let at = |curve: &[f32], exposure: f32| curve[(exposure / EXPOSURE_STEP).round() as usize];
+        let at = |curve: &[f32], exposure: f32| curve[index_of_exposure(exposure)];
         let prefers = |curve: &[f32], a: f32, b: f32| at(curve, a) - at(curve, b) > SURE;
         (own - others).abs() > SAME && prefers(&now, own, others) && prefers(&before, others, own)
     }
