@@ -43,15 +43,15 @@ pub fn settings(cameras: &[&Path]) -> Result<String> {
     let mut text = chosen(provenance::arguments().into_iter()).join("\n");
     for camera in cameras {
         let hash = fingerprint(camera)?.map_or_else(|| "no file".into(), |f| f.sha256);
-        text.push_str(&format!("\n{hash}  {}", camera.display()));
+        text.push_str(&format!("\n{hash}"));
     }
     text.push('\n');
     Ok(text)
 }
 
-/// The arguments that frames depend on.
+/// The arguments that frames depend on. What the camera's file holds counts, not its name.
 fn chosen(arguments: impl Iterator<Item = String>) -> Vec<String> {
-    const WITH_VALUE: [&str; 4] = ["-o", "--output", "--frames", "--memory"];
+    const WITH_VALUE: [&str; 5] = ["-o", "--output", "--frames", "--memory", "--camera"];
     let mut kept = vec![];
     let mut arguments = arguments;
     while let Some(argument) = arguments.next() {
@@ -128,6 +128,7 @@ pub fn tell_done(path: &Path, output: &Output) {
 /// # Errors
 /// If the output cannot be completed, or a signal stopped the job; the sentence then says how to go on.
 pub fn finish(path: &Path, output: Output, made: &Made) -> Result<()> {
+    let overwrites = output.overwrites();
     output.finish()?;
     note(format_args!("{}: {} written", path.display(), count(made.frames, "frame")));
     match made.stopped {
@@ -137,6 +138,10 @@ pub fn finish(path: &Path, output: Output, made: &Made) -> Result<()> {
             format_args!(
                 "stopped after frame {last}; for the others, run it again with --frames {next}.. and another -o"
             ),
+        )),
+        Some((last, next)) if overwrites => Err(failure(
+            path,
+            format_args!("stopped after frame {last}; for the others, run it again with --frames {next}.."),
         )),
         Some((last, next)) => Err(failure(
             path,
@@ -154,7 +159,7 @@ mod tests {
         let of = |line: &str| chosen(line.split(' ').map(str::to_owned));
         let line = "composite plates --virtual obj --camera c.json --shutter 180";
         let asked = of(line);
-        assert_eq!(asked.len(), 8);
+        assert_eq!(asked.len(), 6);
         for more in ["-o out", "--output=out", "--frames 3..", "--frames=3..", "--overwrite", "--memory 1G"] {
             assert_eq!(of(&format!("{line} {more}")), asked, "{more}");
         }

@@ -555,8 +555,24 @@ fn a_rerun_skips_what_is_done_and_a_seed_gives_the_same_frames() {
     assert!(fails(d, "apply f --camera c.json -o b --seed 7").contains("made with other settings"));
     write_camera(d.join("c.json"), &camera(48, 40, DepthKind::Metric)).unwrap();
     assert_eq!(bytes("b/0010.png"), kept);
-    assert!(fails(d, "apply f --camera c.json -o b.jpg").contains("written as exr, png or tif"));
+    for name in ["b.jpg", "b.%04d.jpg"] {
+        let said = fails(d, &format!("apply f --camera c.json -o {name}"));
+        assert!(said.contains("written as exr, png or tif"), "{said}");
+    }
+    // As long as some frames are of other settings, none are taken for what is asked for.
+    succeeds(d, "apply f --camera c.json -o b --seed 8 --overwrite --frames 8..9");
+    for seed in [7, 8] {
+        let said = fails(d, &format!("apply f --camera c.json -o b --seed {seed}"));
+        assert!(said.contains("made with other settings"), "{said}");
+    }
+    assert_eq!(bytes("b/0010.png"), kept);
     succeeds(d, "apply f --camera c.json -o b --seed 8 --overwrite");
+    succeeds(d, "apply f --camera c.json -o b --seed 8 --frames 9..");
+    // Frames of which nobody knows the settings are kept, and not said to be of these.
+    std::fs::remove_file(d.join("b/.0000.png.settings")).unwrap();
+    std::fs::remove_file(d.join("b/0011.png")).unwrap();
+    succeeds(d, "apply f --camera c.json -o b --seed 8");
+    assert!(!d.join("b/.0000.png.settings").exists());
     assert_ne!(bytes("a/0008.png"), bytes("b/0008.png"));
     let said = text(&run(d, "apply f --camera c.json -o small --no-noise").stderr);
     assert!(said.contains("without depth nothing is defocused"), "{said}");

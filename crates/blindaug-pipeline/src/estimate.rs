@@ -190,7 +190,7 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
         match expected.filter(|&n| seen.stopped.is_none() && misled(n, seen.frames)) {
             // The evidence that was saved would be saved again.
             Some(n) if save.is_some() => observer.warning(&format!(
-                "{} announces {n} frames and has {}: few of them were used; without --save-evidence, as many are as of other clips",
+                "{} announces {n} frames and has {}: only a few of them were used, since evidence is being saved; save none to use more",
                 clip.name(),
                 seen.frames
             )),

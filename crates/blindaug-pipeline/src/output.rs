@@ -47,8 +47,10 @@ enum Kind {
         done: BTreeSet<u64>,
         /// Whether the folder was made by this run.
         is_new: bool,
-        /// The settings that the frames are made with, as text, until they are written down beside the first frame.
-        settings: Option<String>,
+        /// `None` beside frames of which nobody knows the settings.
+        record: Option<Record>,
+        /// Whether frames that exist already are made anew.
+        overwrite: bool,
     },
     Image(ImageFiles),
     Video(VideoWriter, Coding),
@@ -56,7 +58,7 @@ enum Kind {
 
 /// A frame that was begun.
 enum Begun {
-    Png(Box<PngWriter>),
+    Png(u64, Box<PngWriter>),
     Whole {
         number: u64,
         width: usize,
@@ -77,6 +79,11 @@ impl Output {
     /// # Errors
     /// If the folder cannot be used; the sentence says why.
     pub fn check_folder(path: &Path, inputs: &Inputs) -> Result<()> {
+        if !path.is_dir() && is_other_image(path) {
+            let sentence =
+                "images are written as exr, png or tif: give a name with such an extension, or a folder";
+            return Err(FileError::new(path, sentence).into());
+        }
         let pattern = NamePattern::of(path);
         let path = pattern.as_ref().map_or(path, NamePattern::folder);
         if path.exists() && !path.is_dir() {
@@ -89,14 +96,9 @@ impl Output {
             None => FileKind::of_name(Path::new(name))
                 .is_some_and(|kind| names(path, kind).number(name).is_some()),
         };
-        if pattern.is_none() && !path.is_dir() && is_other_image(path) {
-            let sentence =
-                "images are written as exr, png or tif: give a name with such an extension, or a folder";
-            return Err(FileError::new(path, sentence).into());
-        }
         inputs.check_output_folder(path, is_frame)?;
         check_folder(path)?;
-        remove_leftovers_in(path, is_frame);
+        remove_leftovers_in(path, |name| is_frame(name) || name.ends_with(SETTINGS));
         Ok(())
     }
 
@@ -138,7 +140,7 @@ impl Output {
 
     /// An output into a folder of images, or into images whose names follow a pattern ([`NamePattern`]). The folder is made with the first frame if it does not exist. Frames of the same kind of file that
     /// are in it already are kept, unless `overwrite` is set. `settings` is a text that differs where frames would come out otherwise; it is
-    /// written into a hidden file beside the frames.
+    /// written into a hidden file beside the frames. Frames without such a file are kept, too.
     ///
     /// # Errors
     /// If the folder cannot be read, or the frames in it are to be kept but were made with other settings.
@@ -150,18 +152,32 @@ impl Output {
             let entries = folder.read_dir().map_err(cannot)?;
             Ok(entries.filter_map(|e| names.number(e.ok()?.file_name().to_str()?)).collect())
         };
-        let done = if overwrite || !folder.exists() { BTreeSet::new() } else { there()? };
-        let before = read_text(&settings_file(&names), MOST_SETTINGS);
-        if !done.is_empty() && before.is_ok_and(|before| before != settings) {
+        let there = if folder.exists() { there()? } else { BTreeSet::new() };
+        let written = read_text(&settings_file(&names), MOST_SETTINGS).ok();
+        let same = written.as_deref() == Some(settings);
+        if !there.is_empty() && !same && !overwrite && written.is_some() {
             return Err(Error::OtherSettings { name: FileError::shown_path(folder) });
         }
-        let (path, settings) = (folder.into(), Some(settings.to_owned()));
-        Ok(Self { path, kind: Kind::Folder { files, names, done, is_new: false, settings }, begun: None })
+        let is_known = there.is_empty() || overwrite || written.is_some();
+        let record = is_known.then(|| Record {
+            settings: settings.to_owned(),
+            others: if same { BTreeSet::new() } else { there.clone() },
+            written,
+        });
+        let done = if overwrite { BTreeSet::new() } else { there };
+        let path = folder.into();
+        let kind = Kind::Folder { files, names, done, is_new: false, record, overwrite };
+        Ok(Self { path, kind, begun: None })
     }
 
     /// Whether the output is a folder with earlier frames that are kept.
     pub fn has_frames(&self) -> bool {
         matches!(&self.kind, Kind::Folder { done, .. } if !done.is_empty())
+    }
+
+    /// Whether frames that exist already are made anew, so that a run that is repeated begins with the first frame.
+    pub fn overwrites(&self) -> bool {
+        matches!(&self.kind, Kind::Folder { overwrite: true, .. })
     }
 
     /// Writes a whole frame.
@@ -228,7 +244,7 @@ impl Sink for Output {
                 if files.format == FrameFormat::PNG8 && files.coding.keeps() =>
             {
                 let profile = files.coding.profile();
-                Begun::Png(Box::new(PngWriter::create_with(names.path(number), size, profile)?))
+                Begun::Png(number, Box::new(PngWriter::create_with(names.path(number), size, profile)?))
             }
             _ => Begun::Whole {
                 number,
@@ -244,7 +260,7 @@ impl Sink for Output {
 
     fn put(&mut self, rows: &Raster<[f32; 3]>) -> Result<()> {
         match &mut self.begun {
-            Some(Begun::Png(png)) => png.write(rows.data())?,
+            Some(Begun::Png(_, png)) => png.write(rows.data())?,
             Some(Begun::Whole { pixels, .. }) => pixels.extend_from_slice(rows.data()),
             None => {}
         }
@@ -274,11 +290,13 @@ impl Sink for Output {
     }
 
     fn end(&mut self) -> Result<()> {
+        let number = match &self.begun {
+            Some(Begun::Png(number, _) | Begun::Whole { number, .. }) => *number,
+            None => return Ok(()),
+        };
         self.end_frame()?;
-        if let Kind::Folder { names, settings, .. } = &mut self.kind
-            && let Some(settings) = settings.take()
-        {
-            write_atomically(settings_file(names), |path| std::fs::write(path, settings))?;
+        if let Kind::Folder { names, record: Some(record), .. } = &mut self.kind {
+            record.note(number, &settings_file(names));
         }
         Ok(())
     }
@@ -292,12 +310,40 @@ impl Sink for Output {
     }
 }
 
+/// The settings that frames are made with, as text, in a hidden file beside them.
+struct Record {
+    settings: String,
+    /// The frames that were there and that are of other settings, or of settings that nobody knows.
+    others: BTreeSet<u64>,
+    /// What the file holds; `None` if there is none.
+    written: Option<String>,
+}
+
+impl Record {
+    /// Notes that a frame was made with these settings. That the file cannot be written is no reason to stop.
+    fn note(&mut self, number: u64, file: &Path) {
+        self.others.remove(&number);
+        let text = if self.others.is_empty() { &self.settings } else { SEVERAL };
+        if self.written.as_deref() != Some(text)
+            && write_atomically(file, |path| std::fs::write(path, text)).is_ok()
+        {
+            self.written = Some(text.into());
+        }
+    }
+}
+
+/// What stands in the place of settings where frames were made with several.
+const SEVERAL: &str = "several settings\n";
+
+/// The end of the name of the file that holds settings.
+const SETTINGS: &str = ".settings";
+
 /// The most bytes of the settings of frames that are read.
 const MOST_SETTINGS: u64 = 1 << 20;
 
 /// The hidden file that holds the settings with which the frames of these names were made.
 fn settings_file(names: &NamePattern) -> PathBuf {
-    names.folder().join(format!(".{}.settings", names.name(0)))
+    names.folder().join(format!(".{}{SETTINGS}", names.name(0)))
 }
 
 impl Output {
@@ -307,7 +353,7 @@ impl Output {
             Some(Begun::Whole { number, width, pixels, alpha, overscan, layer }) => {
                 (number, width, pixels, alpha, overscan, layer)
             }
-            Some(Begun::Png(png)) => return Ok(png.finish()?),
+            Some(Begun::Png(_, png)) => return Ok(png.finish()?),
             None => return Ok(()),
         };
         let frame = whole(width, pixels)

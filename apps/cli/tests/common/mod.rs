@@ -50,7 +50,11 @@ pub fn files_in(folder: &Path) -> Vec<String> {
             match path.is_dir() {
                 true => visit(&path, root, found),
                 // The settings of frames, beside them.
-                false if path.extension().is_some_and(|e| e == "settings") => {}
+                false
+                    if path.file_name().is_some_and(|name| {
+                        let name = name.to_string_lossy();
+                        name.ends_with(".settings") && !name.contains("partial")
+                    }) => {}
                 false => found.push(path.strip_prefix(root).unwrap().to_string_lossy().into_owned()),
             }
         }

@@ -206,7 +206,10 @@ impl NoiseEvidence {
                 Method::Temporal => {
                     (Reason::NotFollowed, "no part of the frames could be followed from one to the next")
                 }
-                _ => (Reason::Flat, "the frames are too small, or clipped everywhere"),
+                _ => (
+                    Reason::Flat,
+                    "the frames are too small, clipped everywhere, or have too few parts that are about as bright",
+                ),
             };
             return NoiseFit { model: Estimate::unknown(reason, why), luma: None, points: vec![] };
         }

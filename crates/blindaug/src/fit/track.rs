@@ -498,9 +498,13 @@ impl Tracker {
             if followed.confirmed < SCALE_CONFIRMED {
                 self.follower.forget_scale();
                 self.inverse_depth = None;
-                if self.depth_kind == Some(DepthKind::Relative) {
+                if self.depth_kind == Some(DepthKind::Relative) && evidence.inverse_depth.is_none() {
                     // Relative depth is in another unit from here on.
                     self.lens.forget();
+                    self.why_no_depth = Unknown::new(
+                        Reason::NoDepth,
+                        "the depth of the last frames lost its scale, and is found anew",
+                    );
                 }
             }
         }

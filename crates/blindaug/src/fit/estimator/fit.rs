@@ -48,8 +48,9 @@ impl Estimator {
         }
         if self.unfollowed > 0 {
             model.warnings.push(format!(
-                "{} could not be followed to their neighbour (too much changed)",
-                if self.unfollowed == 1 { "one frame".into() } else { format!("{} frames", self.unfollowed) }
+                "{} could not be followed to {} (too much changed)",
+                if self.unfollowed == 1 { "one frame".into() } else { format!("{} frames", self.unfollowed) },
+                if self.unfollowed == 1 { "its neighbour" } else { "their neighbours" }
             ));
         }
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);

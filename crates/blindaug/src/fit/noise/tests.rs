@@ -543,7 +543,7 @@ fn a_flat_single_frame_gives_the_noise_back() {
 }
 
 #[test]
-fn too_few_blocks_of_one_brightness_tell_no_noise_rather_than_none() {
+fn too_few_blocks_of_one_brightness_do_not_tell_a_noise_of_zero() {
     // A steep ramp of twelve blocks, no four of which are about as bright.
     let n = white(64, 48, 5);
     let ramp =

@@ -257,8 +257,11 @@ fn changed_to(memory: &Memory) -> Option<f32> {
         let curve = curve_of(evidence);
         curve[now] - curve[before]
     };
+    // All tiles of a frame of uneven motion are one.
+    let tiles_of = |frame: &Vec<f32>| if frame[CURVES + 3] > 0.0 { 1.0 } else { frame[CURVES] };
+    let tiles: f32 = memory.recent.iter().map(tiles_of).sum();
     let agree = now.abs_diff(before) > at(SAME)
-        && surplus(&recent) > SURE_BY_TILE * recent[CURVES]
+        && surplus(&recent) > SURE_BY_TILE * tiles
         && memory.recent.iter().all(|frame| surplus(frame) > SURE);
     agree.then_some(exposure)
 }

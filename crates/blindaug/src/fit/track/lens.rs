@@ -28,11 +28,13 @@ const DEPTHS: usize = 96;
 pub(super) struct LensMemory {
     memory: Memory,
     known: Option<DefocusModel>,
+    /// Why the last evidence told no lens.
+    unknown: Option<Unknown>,
 }
 
 impl Default for LensMemory {
     fn default() -> Self {
-        Self { memory: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT), known: None }
+        Self { memory: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT), known: None, unknown: None }
     }
 }
 
@@ -46,7 +48,7 @@ impl LensMemory {
         &mut self,
         found: &[LensObservation],
         depth_kind: Option<DepthKind>,
-        mut why: Unknown,
+        why: Unknown,
     ) -> Result<(Estimate<DefocusModel>, bool)> {
         let memory = &mut self.memory;
         memory.fade();
@@ -76,10 +78,12 @@ impl LensMemory {
                         ..DefocusModel::given(fit.thin_lens(), depth_kind)
                     });
                 }
-                Estimate::Unknown(reason) => why = reason,
+                Estimate::Unknown(reason) => self.unknown = Some(reason),
             }
         }
-        let Some(mut known) = self.known else { return Ok((Estimate::Unknown(why), changed)) };
+        let Some(mut known) = self.known else {
+            return Ok((Estimate::Unknown(self.unknown.clone().unwrap_or(why)), changed));
+        };
         if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
             &mut known.curve
         {
