@@ -39,7 +39,7 @@ pub fn check(path: &Path, inputs: &Inputs) -> Result<()> {
 ///
 /// # Errors
 /// If a file cannot be read.
-pub fn settings(cameras: &[&Path]) -> Result<String> {
+fn settings(cameras: &[&Path]) -> Result<String> {
     let mut text = chosen(provenance::arguments().into_iter()).join("\n");
     for camera in cameras {
         let hash = fingerprint(camera)?.map_or_else(|| "no file".into(), |f| f.sha256);
@@ -50,10 +50,9 @@ pub fn settings(cameras: &[&Path]) -> Result<String> {
 }
 
 /// The arguments that frames depend on. What the camera's file holds counts, not its name.
-fn chosen(arguments: impl Iterator<Item = String>) -> Vec<String> {
+fn chosen(mut arguments: impl Iterator<Item = String>) -> Vec<String> {
     const WITH_VALUE: [&str; 5] = ["-o", "--output", "--frames", "--memory", "--camera"];
     let mut kept = vec![];
-    let mut arguments = arguments;
     while let Some(argument) = arguments.next() {
         let joined = || {
             let long = WITH_VALUE[1..].iter().any(|name| argument.starts_with(&format!("{name}=")));

@@ -682,46 +682,14 @@ impl crate::Side<VirtualLayer> for blindaug_io::SideFolder<blindaug_io::VirtualL
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        footage::{Frames, MemoryClip},
-        observer::Silent,
-    };
+    use crate::{footage::AlteredClip, observer::Silent};
     use blindaug::model::DefocusModel;
-
-    /// A clip whose pixels have a shape.
-    struct Wide(MemoryClip, f32);
-
-    impl Clip for Wide {
-        fn name(&self) -> String {
-            self.0.name()
-        }
-
-        fn size(&self) -> (usize, usize) {
-            self.0.size()
-        }
-
-        fn fps(&self) -> Option<f64> {
-            None
-        }
-
-        fn pixel_aspect(&self) -> Option<f32> {
-            Some(self.1)
-        }
-
-        fn len_hint(&self) -> Option<usize> {
-            self.0.len_hint()
-        }
-
-        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
-            self.0.frames_if(wanted)
-        }
-    }
 
     #[test]
     fn a_camera_takes_the_shape_of_the_plate_s_pixels() {
         let clip = |width, aspect| {
             let frames = vec![Encoded(Raster::filled(width, 48, [0.5; 3]))];
-            Wide(MemoryClip { frames, fps: None }, aspect)
+            AlteredClip { pixel_aspect: Some(aspect), ..AlteredClip::of(frames) }
         };
         let camera = |width, pixel_aspect| {
             let capture = Capture { width, height: 48, fps: None, frames_used: 1, pixel_aspect };
@@ -729,7 +697,7 @@ mod tests {
             model.defocus = Estimate::Known(DefocusModel::given_lens(2.0, 0.5));
             model
         };
-        let fitted = |model: CameraModel, clip: &Wide| {
+        let fitted = |model: CameraModel, clip: &AlteredClip| {
             let (track, _) = fitted_to(model.into(), "camera", clip, &Fitting::default(), &Silent).unwrap();
             let model = track.at(1);
             (model.capture.pixel_aspect, model.defocus.known().unwrap().sigma_px(0.0))

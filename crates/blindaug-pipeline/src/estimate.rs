@@ -187,23 +187,17 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
         let operators = operators.as_mut().map(|o| &mut **o as &mut dyn Operators);
         let sink = save.as_mut().map(|s| &mut **s as &mut dyn EvidenceSink);
         let seen = show(footage, operators, sink, "estimating", &mut whole, observer)?;
-        match expected.filter(|&n| seen.stopped.is_none() && misled(n, seen.frames)) {
-            // The evidence that was saved would be saved again.
-            Some(n) if save.is_some() => observer.warning(&format!(
-                "{} announces {n} frames and has {}: only a few of them were used, since evidence is being saved; save none to use more",
-                clip.name(),
-                seen.frames
-            )),
-            Some(n) => {
-                observer.note(&format!(
-                    "{} announces {n} frames and has {}: it is gone through again, for more of them",
-                    clip.name(),
-                    seen.frames
-                ));
+        if let Some(n) = expected.filter(|&n| seen.stopped.is_none() && misled(n, seen.frames)) {
+            let announced = format!("{} announces {n} frames and has {}", clip.name(), seen.frames);
+            if save.is_none() {
+                observer.note(&format!("{announced}: it is gone through again, for more of them"));
                 expected = Some(seen.frames);
                 continue;
             }
-            None => {}
+            // The evidence that was saved would be saved again.
+            observer.warning(&format!(
+                "{announced}: only a few of them were used, since evidence is being saved; save none to use more"
+            ));
         }
         break (whole, seen);
     };
@@ -267,44 +261,18 @@ fn words_of_shots(shots: &[Shot], numbers: &[u64]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::footage::{Frames, MemoryClip};
+    use crate::footage::AlteredClip;
     use crate::observer::Silent;
     use blindaug::{Encoded, Raster};
-
-    /// A clip that announces a number of frames that it does not have.
-    struct Boastful(MemoryClip, usize);
-
-    impl Clip for Boastful {
-        fn name(&self) -> String {
-            self.0.name()
-        }
-
-        fn size(&self) -> (usize, usize) {
-            self.0.size()
-        }
-
-        fn fps(&self) -> Option<f64> {
-            None
-        }
-
-        fn len_hint(&self) -> Option<usize> {
-            Some(self.1)
-        }
-
-        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
-            self.0.frames_if(wanted)
-        }
-    }
 
     #[test]
     fn a_clip_with_fewer_frames_than_it_announces_is_gone_through_again() {
         let frame = |i: usize| {
             Encoded(Raster::from_fn(64, 48, |x, y| [0.3 + 0.05 * ((x * 7 + y * 13 + 31 * i) % 8) as f32; 3]))
         };
-        let clip = MemoryClip { frames: (0..20).map(frame).collect(), fps: None };
         let used = |announced: usize| {
-            let clip = MemoryClip { frames: clip.frames.clone(), fps: None };
-            let footage = Footage::new(Boastful(clip, announced));
+            let clip = AlteredClip::of((0..20).map(frame).collect());
+            let footage = Footage::new(AlteredClip { len_hint: Some(announced), ..clip });
             estimate(&footage, Job::default(), &Silent).unwrap().estimation.model.capture.frames_used
         };
         assert_eq!((used(20), used(400)), (20, 20));

@@ -336,81 +336,80 @@ impl Footage {
     }
 }
 
+/// Frames in memory as a clip that says or does something else than [`MemoryClip`].
+#[cfg(test)]
+pub(crate) struct AlteredClip {
+    pub clip: MemoryClip,
+    pub len_hint: Option<usize>,
+    pub pixel_aspect: Option<f32>,
+    pub reads_ahead: bool,
+    /// What is done with the number of each frame that is asked for.
+    pub on_frame: Box<dyn Fn(u64) + Send + Sync>,
+}
+
+#[cfg(test)]
+impl AlteredClip {
+    pub fn of(frames: Vec<Encoded>) -> Self {
+        let len_hint = Some(frames.len());
+        let clip = MemoryClip { frames, fps: None };
+        Self { clip, len_hint, pixel_aspect: None, reads_ahead: true, on_frame: Box::new(|_| {}) }
+    }
+}
+
+#[cfg(test)]
+impl Clip for AlteredClip {
+    fn name(&self) -> String {
+        self.clip.name()
+    }
+
+    fn size(&self) -> (usize, usize) {
+        self.clip.size()
+    }
+
+    fn fps(&self) -> Option<f64> {
+        self.clip.fps()
+    }
+
+    fn pixel_aspect(&self) -> Option<f32> {
+        self.pixel_aspect
+    }
+
+    fn len_hint(&self) -> Option<usize> {
+        self.len_hint
+    }
+
+    fn reads_ahead(&self) -> bool {
+        self.reads_ahead
+    }
+
+    fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+        Box::new(self.clip.frames_if(wanted).inspect(|frame| {
+            if let Ok(frame) = frame {
+                (self.on_frame)(frame.number);
+            }
+        }))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use blindaug::Raster;
-
-    /// A clip whose frame of this number panics.
-    struct Panics(MemoryClip, u64);
-
-    impl Clip for Panics {
-        fn name(&self) -> String {
-            self.0.name()
-        }
-
-        fn size(&self) -> (usize, usize) {
-            self.0.size()
-        }
-
-        fn fps(&self) -> Option<f64> {
-            None
-        }
-
-        fn len_hint(&self) -> Option<usize> {
-            None
-        }
-
-        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
-            Box::new(self.0.frames_if(wanted).inspect(|frame| {
-                assert!(frame.as_ref().is_ok_and(|f| f.number != self.1), "the frame that panics");
-            }))
-        }
-    }
-
-    /// A clip that notes in which threads its frames are asked for.
-    struct Threads {
-        clip: MemoryClip,
-        reads_ahead: bool,
-        seen: std::sync::Mutex<Vec<std::thread::ThreadId>>,
-    }
-
-    impl Clip for Threads {
-        fn name(&self) -> String {
-            self.clip.name()
-        }
-
-        fn size(&self) -> (usize, usize) {
-            self.clip.size()
-        }
-
-        fn fps(&self) -> Option<f64> {
-            None
-        }
-
-        fn len_hint(&self) -> Option<usize> {
-            None
-        }
-
-        fn reads_ahead(&self) -> bool {
-            self.reads_ahead
-        }
-
-        fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
-            Box::new(self.clip.frames_if(wanted).inspect(|_| {
-                self.seen.lock().unwrap().push(std::thread::current().id());
-            }))
-        }
-    }
+    use std::sync::{Arc, Mutex};
 
     #[test]
     fn the_frames_of_a_clip_that_is_not_read_ahead_are_asked_for_in_the_caller_s_thread() {
         for reads_ahead in [false, true] {
             let frames = vec![Encoded(Raster::filled(2, 2, [0.5; 3])); 3];
-            let clip =
-                Threads { clip: MemoryClip { frames, fps: None }, reads_ahead, seen: Default::default() };
+            let threads = Arc::new(Mutex::new(vec![]));
+            let noted = threads.clone();
+            let clip = AlteredClip {
+                reads_ahead,
+                on_frame: Box::new(move |_| noted.lock().unwrap().push(std::thread::current().id())),
+                ..AlteredClip::of(frames)
+            };
             assert_eq!(read_ahead(&clip, all_frames, |frames| frames.count()), 3);
-            let seen = clip.seen.into_inner().unwrap();
+            let seen = threads.lock().unwrap();
             // Negative control: read ahead, they come from another thread.
             assert!(
                 seen.iter().all(|&id| (id == std::thread::current().id()) != reads_ahead),
@@ -437,8 +436,11 @@ mod tests {
         assert_eq!(numbers(&clip, usize::MAX), all);
         // Whoever has seen enough is not kept waiting.
         assert_eq!(numbers(&clip, 3), all[..3]);
-        let panics = Panics(clip, 5);
-        let seen = std::panic::catch_unwind(|| numbers(&panics, usize::MAX));
+        let panics = AlteredClip {
+            on_frame: Box::new(|number| assert!(number != 5, "the frame that panics")),
+            ..AlteredClip::of(clip.frames)
+        };
+        let seen = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| numbers(&panics, usize::MAX)));
         let why = seen.expect_err("frame 5 panics");
         assert_eq!(why.downcast_ref(), Some(&"the frame that panics"));
         // Negative control: a frame that is not read does no harm.

@@ -198,6 +198,41 @@ impl Output {
         }
     }
 
+    /// Writes the frame that was begun.
+    fn end_frame(&mut self) -> Result<()> {
+        let (number, width, pixels, alpha, overscan, layer) = match self.begun.take() {
+            Some(Begun::Whole { number, width, pixels, alpha, overscan, layer }) => {
+                (number, width, pixels, alpha, overscan, layer)
+            }
+            Some(Begun::Png(_, png)) => return Ok(png.finish()?),
+            None => return Ok(()),
+        };
+        let frame = whole(width, pixels)
+            .map_err(|error| Error::Clip { clip: FileError::shown_path(&self.path), error })?;
+        let write = |path: &Path, files: &ImageFiles| {
+            let head = (files.heads)(number);
+            match &layer {
+                Some(layer) => {
+                    write_distorted_layer(path, layer, files.format.bits(), head.as_ref(), &files.coding)
+                }
+                None if overscan.is_none() => {
+                    files.format.write(path, &frame, alpha.as_ref(), head.as_ref(), &files.coding)
+                }
+                None => {
+                    let picture = (&frame, overscan);
+                    files.format.write_around(path, picture, alpha.as_ref(), head.as_ref(), &files.coding)
+                }
+            }
+        };
+        match &mut self.kind {
+            Kind::Video(video, coding) if coding.keeps() => video.write(&frame)?,
+            Kind::Video(video, coding) => video.write(&Encoded(frame.0.map(|p| coding.pixel(p))))?,
+            Kind::Image(files) => write(&self.path, files)?,
+            Kind::Folder { files, names, .. } => write(&names.path(number), files)?,
+        }
+        Ok(())
+    }
+
     /// Completes the output.
     ///
     /// # Errors
@@ -344,43 +379,6 @@ const MOST_SETTINGS: u64 = 1 << 20;
 /// The hidden file that holds the settings with which the frames of these names were made.
 fn settings_file(names: &NamePattern) -> PathBuf {
     names.folder().join(format!(".{}{SETTINGS}", names.name(0)))
-}
-
-impl Output {
-    /// Writes the frame that was begun.
-    fn end_frame(&mut self) -> Result<()> {
-        let (number, width, pixels, alpha, overscan, layer) = match self.begun.take() {
-            Some(Begun::Whole { number, width, pixels, alpha, overscan, layer }) => {
-                (number, width, pixels, alpha, overscan, layer)
-            }
-            Some(Begun::Png(_, png)) => return Ok(png.finish()?),
-            None => return Ok(()),
-        };
-        let frame = whole(width, pixels)
-            .map_err(|error| Error::Clip { clip: FileError::shown_path(&self.path), error })?;
-        let write = |path: &Path, files: &ImageFiles| {
-            let head = (files.heads)(number);
-            match &layer {
-                Some(layer) => {
-                    write_distorted_layer(path, layer, files.format.bits(), head.as_ref(), &files.coding)
-                }
-                None if overscan.is_none() => {
-                    files.format.write(path, &frame, alpha.as_ref(), head.as_ref(), &files.coding)
-                }
-                None => {
-                    let picture = (&frame, overscan);
-                    files.format.write_around(path, picture, alpha.as_ref(), head.as_ref(), &files.coding)
-                }
-            }
-        };
-        match &mut self.kind {
-            Kind::Video(video, coding) if coding.keeps() => video.write(&frame)?,
-            Kind::Video(video, coding) => video.write(&Encoded(frame.0.map(|p| coding.pixel(p))))?,
-            Kind::Image(files) => write(&self.path, files)?,
-            Kind::Folder { files, names, .. } => write(&names.path(number), files)?,
-        }
-        Ok(())
-    }
 }
 
 /// The names of the frames' files: those of a pattern, or in a folder the number alone.
