@@ -70,7 +70,7 @@ fn chosen(mut arguments: impl Iterator<Item = String>) -> Vec<String> {
 /// Opens a folder, or an image or a video by its extension, for frames. Existing frames of a folder are kept, unless `overwrite` is set.
 ///
 /// # Errors
-/// If an image or a video exists already and `overwrite` is not set, frames of a folder were made with other [`settings`], an image is to
+/// If an image or a video exists already and `overwrite` is not set, frames of a folder were made with other settings, an image is to
 /// take several frames, or the output cannot be written.
 pub fn open(
     path: &Path,
