@@ -97,6 +97,16 @@ impl DistantPairs {
         self.found = OnceLock::new();
     }
 
+    /// Begins with a frame of compressed footage alone, if there is no pair yet: what its flattest parts hold is known at once, a pair only
+    /// after its distance.
+    pub fn begin_with(&mut self, frame: &Encoded) {
+        if self.pairs.is_empty() {
+            let mut single = NoiseEvidence::new(Method::Spatial);
+            single.add_single(frame);
+            self.pairs.push_back(Pair { distant: None, single });
+        }
+    }
+
     /// Looks at a frame of this index. Pairs are made of compressed footage only, since elsewhere successive frames show all of the noise.
     /// `part`: the part of the frame's rows that is looked at, and of how many.
     pub fn push(
