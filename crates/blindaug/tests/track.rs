@@ -8,7 +8,7 @@ use blindaug::fit::{
     spectral::{EXPOSURES, ExposureObservation, numbers::EXPOSURE_STEP},
     track::{TileLook, TileObservations, TileObserver, Tracker},
 };
-use blindaug::model::{CameraModel, Changes, DepthKind, Distortion};
+use blindaug::model::{Bokeh, CameraModel, Changes, DefocusCurve, DepthKind, Distortion};
 use blindaug::{Encoded, synth};
 use leaves::{CAMERA, Camera, Scene, Shot};
 use shaken::shaken;
@@ -137,6 +137,25 @@ fn a_jump_of_the_focus_is_followed_within_ten_frames() {
         CAMERA.focus,
     ));
     assert!(blur_error(&before, &to) > 0.5);
+}
+
+#[test]
+fn the_shape_of_out_of_focus_points_is_told_where_much_is_blurred() {
+    let lens_of = |sigma_at_infinity: f32, bokeh: Bokeh| {
+        let camera = Camera { exposure: 0.2, sigma_at_infinity, bokeh, noise: 0.003, ..CAMERA };
+        let clip = Scene::new(4, SIZE).clip(34, |_| camera);
+        let (model, _) = tracked(&clip).pop().unwrap();
+        let lens = *model.defocus.known().unwrap();
+        let DefocusCurve::ThinLens { interval: Some(interval), .. } = lens.curve else { panic!("{lens:?}") };
+        println!("{bokeh:?} {lens:?}");
+        (lens.bokeh.bokeh, interval.sigma_px_at_infinity)
+    };
+    let (shape, _) = lens_of(4.0, Bokeh::Disk);
+    assert_eq!(shape, Bokeh::Disk);
+    let (shape, [low, high]) = lens_of(4.0, Bokeh::Gaussian);
+    assert!(shape == Bokeh::Gaussian && (low..=high).contains(&4.0), "{low} to {high}");
+    // Negative control: a sharp lens shows no disks.
+    assert_eq!(lens_of(0.3, Bokeh::Disk).0, Bokeh::Gaussian);
 }
 
 #[test]

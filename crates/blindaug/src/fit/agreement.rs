@@ -9,7 +9,10 @@ use super::likelihood::{
 use super::noise::{MAX_CODING_ERROR, NOTABLE_CODING_ERROR};
 use super::tiles::BLOCKS;
 use super::uneven::over_speeds;
-use crate::model::{Bokeh, DefocusCurve, Estimate, ExposureFraction, Reason, ThinLensInterval, Unknown};
+use crate::model::{
+    Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method, Reason,
+    ThinLensInterval, Unknown,
+};
 use crate::portable::Portable;
 use crate::{Error, Result, par};
 use std::collections::BTreeMap;
@@ -98,6 +101,17 @@ impl LensFit {
                 sigma_px_at_infinity: self.sigma_px_at_infinity,
                 focus_inverse_depth: self.focus_inverse_depth,
             }),
+        }
+    }
+
+    /// The model with this curve, which comes from this fit.
+    pub(super) fn model(&self, curve: DefocusCurve, method: Method, depth_kind: DepthKind) -> DefocusModel {
+        DefocusModel {
+            method,
+            samples: self.samples as u64,
+            inverse_depth_seen: Some(self.inverse_depth_seen),
+            bokeh: self.bokeh.unwrap_or_default().into(),
+            ..DefocusModel::given(curve, depth_kind)
         }
     }
 

@@ -16,14 +16,14 @@ use std::ops::Range;
 
 /// The number of shares of the lens's std, at equal steps of their log, at which the shapes are compared: at equal std, a disk and a Gaussian would
 /// also differ in how blurred they look.
-const SCALES: usize = 9;
+pub(super) const SCALES: usize = 9;
 
 /// The largest of these shares; the least one is its inverse.
 const LARGEST_SCALE: f32 = 1.4;
 
 /// The stds, px of the tile, of tiles that may tell. With less blur a disk's first zero lies beyond the frequencies that are used, and more
 /// would lie beyond the likelihood's tables at the largest share.
-fn telling() -> Range<f32> {
+pub(super) fn telling() -> Range<f32> {
     0.9..sigma_of(TILE_SIGMAS - 1) / LARGEST_SCALE
 }
 
@@ -49,7 +49,7 @@ pub(super) fn see(
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
 ) -> Result<()> {
-    fit.bokeh = told(frames, noise, exposure, sharpening, fit.lens);
+    fit.bokeh = shape_of(&observations(frames, noise, exposure, sharpening, fit.lens), BOOTSTRAPS);
     if fit.bokeh == Some(Bokeh::Gaussian) {
         let as_gaussians = lens_observations(frames, noise, exposure, sharpening, gaussian_gain);
         if let Estimate::Known(gaussian) = lens_of(&as_gaussians, BOOTSTRAPS)? {
@@ -59,14 +59,28 @@ pub(super) fn see(
     Ok(())
 }
 
-/// The shape that the tiles tell which a lens, found with this exposure, puts out of focus.
-fn told(
+/// The observation of the shape of out-of-focus points by a tile, or by several tiles of one block and part.
+#[derive(Clone)]
+pub(super) struct ShapeObservation {
+    /// The log-likelihoods, nats, of a disk and of a Gaussian at each share of the lens's std.
+    pub log_likelihood: Shapes,
+    /// The block of the image.
+    pub block: u32,
+    /// The part of the clip.
+    pub part: usize,
+}
+
+/// What each of the two shapes, a disk and a Gaussian, has at each share of the lens's std.
+pub(super) type Shapes = [[f32; SCALES]; 2];
+
+/// The observations of the shape by at most [`MOST_TILES`] of the tiles that a lens, found with this exposure, puts out of focus.
+pub(super) fn observations(
     frames: &[&[Tile]],
     noise: &LumaNoise,
     exposure: ExposureFraction,
     sharpening: Option<&SharpeningModel>,
     lens: Lens,
-) -> Option<Bokeh> {
+) -> Vec<ShapeObservation> {
     let std_of = |t: &Tile| lens.sigma_px(t.inverse_depth) / t.scale;
     let telling = telling();
     let all = prepare(frames, noise, CODING_OF_LENS * noise.coding_error, |t| {
@@ -77,27 +91,35 @@ fn told(
         let half = (SCALES - 1) as f32 / 2.0;
         LARGEST_SCALE.portable_powf((k as f32 - half) / half)
     };
-    // For each tile, the clipped log-likelihood of a disk and of a Gaussian at each share.
-    let tables = par::map(tiles.len(), |i| {
+    par::map(tiles.len(), |i| {
         let at_shares = |gain: LensGain| -> [f32; SCALES] {
             let table = tiles[i].absolute_over_sigma(exposure.0, sharpening, gain);
             std::array::from_fn(|k| interpolate(&table, index_of_sigma(share(k) * std_of(tiles[i].tile))))
         };
         let both = [at_shares(lens_gain), at_shares(gaussian_gain)];
         let best = both.iter().flatten().copied().fold(f32::MIN, f32::max);
-        both.map(|shape| shape.map(|v| (v - best).max(-CLIP)))
-    });
-    let nats = |weight: &dyn Fn(usize) -> f32| {
+        ShapeObservation {
+            log_likelihood: both.map(|shape| shape.map(|v| (v - best).max(-CLIP))),
+            block: tiles[i].tile.block,
+            part: tiles[i].part,
+        }
+    })
+}
+
+/// The shape that the observations agree on, in all but a few of `bootstraps` replicas; `None` if they tell none.
+pub(super) fn shape_of(observations: &[ShapeObservation], bootstraps: usize) -> Option<Bokeh> {
+    let nats = |weight: &dyn Fn(&ShapeObservation) -> f32| {
         let best = [0, 1].map(|shape| {
-            let sum = |k: usize| tables.iter().enumerate().map(|(i, t)| weight(i) * t[shape][k]).sum::<f32>();
+            let sum =
+                |k: usize| observations.iter().map(|w| weight(w) * w.log_likelihood[shape][k]).sum::<f32>();
             (0..SCALES).map(sum).fold(f32::MIN, f32::max)
         });
         best[0] - best[1]
     };
     let all = nats(&|_| 1.0);
     // The replicas weigh blocks of the image and parts of the clip at random.
-    let replica = |r: usize| nats(&|i| resampled(r, tiles[i].tile.block, tiles[i].part));
-    let disks = (0..BOOTSTRAPS).filter(|&r| replica(r) > 0.0).count() as f32 / BOOTSTRAPS as f32;
+    let replica = |r: usize| nats(&|w| resampled(r, w.block, w.part));
+    let disks = (0..bootstraps).filter(|&r| replica(r) > 0.0).count() as f32 / bootstraps as f32;
     if all >= LEAST_NATS && disks >= SURE {
         Some(Bokeh::Disk)
     } else if all <= -LEAST_NATS && disks <= 1.0 - SURE {

@@ -229,38 +229,43 @@ pub(super) fn block_of((x, y): (usize, usize), (w, h): (usize, usize)) -> u32 {
     (y * BLOCKS / h * BLOCKS + x * BLOCKS / w) as u32
 }
 
-/// The corners, at most `most`, of the tiles of most contrast among those that move fast enough or have a known depth.
+/// The corners, at most `most`, of the tiles of most contrast among those that move fast enough or have a known depth. `scale` px of the frame
+/// make one px of the tiles.
 pub(super) fn of_most_contrast(
     frame: &Encoded,
     corners: impl Iterator<Item = (usize, usize)>,
+    scale: usize,
     motion: Option<&MotionOf>,
     depth: Option<&Plane>,
     most: usize,
 ) -> Vec<(usize, usize)> {
     let tells = |&(x, y): &(usize, usize)| {
-        let (x, y) = (x + TILE / 2, y + TILE / 2);
+        let (x, y) = (scale * (x + TILE / 2), scale * (y + TILE / 2));
         let moves = motion.map(|of| of(x, y)).is_some_and(|[u, v]| u.portable_hypot(v) >= SPEEDS.start);
         moves || depth.is_some_and(|d| d.at(x, y).is_finite())
     };
     let mut tried: Vec<_> =
-        corners.filter(tells).map(|c| (contrast(frame, c, 1, |v| v), c)).filter(|t| t.0 >= 0.0).collect();
+        corners.filter(tells).map(|c| (contrast(frame, c, scale, |v| v), c)).filter(|t| t.0 >= 0.0).collect();
     tried.sort_by(|a, b| b.0.total_cmp(&a.0));
     tried.into_iter().take(most).map(|t| t.1).collect()
 }
 
-/// The tiles at some of the [`corners`] only, so that light is computed for these alone.
+/// The tiles at some of the [`corners`] only, so that light is computed for these alone. `scale` px of the frame, a power of two, make one px of
+/// the tiles.
 pub(super) fn tiles_at(
     frame: &Encoded,
     corners: &[(usize, usize)],
+    scale: usize,
     motion: Option<&MotionOf>,
     inverse_depth: Option<&Plane>,
     space: Space,
 ) -> Vec<Tile> {
     let found = par::map(corners.len(), |i| {
-        let corner @ (x, y) = corners[i];
-        let light = Light::new(&Encoded(frame.0.crop(x, y, TILE, TILE)), space);
-        let block = block_of(corner, frame.0.size());
-        tile((&light, (0, 0)), motion, inverse_depth, corner, block)
+        let (corner, side) = (corners[i], scale * TILE);
+        let (x, y) = (scale * corner.0, scale * corner.1);
+        let light = Light::new(&Encoded(frame.0.crop(x, y, side, side)), space);
+        let light = (0..scale.ilog2()).fold(light, |light, _| light.halved());
+        tile((&light, (0, 0)), motion, inverse_depth, corner, block_of((x, y), frame.0.size()))
     });
     found.into_iter().flatten().collect()
 }
@@ -484,7 +489,7 @@ pub(super) fn common_motion(
 }
 
 /// The median inverse depth of a tile; `None` if the tile spans much depth, or its depth is unknown.
-fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32> {
+pub(super) fn common_depth(map: &Plane, corner: (usize, usize), scale: usize) -> Option<f32> {
     let mut d: Vec<f32> = samples(|x, y| map.at(x, y), corner, scale).filter(|d| d.is_finite()).collect();
     if d.len() < SAMPLES / 2 {
         return None;

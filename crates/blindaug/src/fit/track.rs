@@ -18,10 +18,11 @@ mod exposure;
 mod lens;
 mod memory;
 mod noise;
+mod shape;
 mod streaks;
 
 use self::exposure::{EXPOSURES, ExposureMemory, Followed};
-use self::lens::{LensMemory, SIGMAS};
+use self::lens::{LensMemory, OfLens, SIGMAS};
 use self::noise::NoiseFollower;
 use self::streaks::StreaksMemory;
 use super::agreement::{ExposureObservation, LensObservation};
@@ -30,7 +31,7 @@ use super::noise::LumaNoise;
 use super::observation::FrameObservation;
 use super::streaks::Link;
 use super::uneven::{self, Correction, Swings};
-use super::{spectral, tiles};
+use super::{bokeh, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_pixel;
@@ -323,7 +324,7 @@ impl Tracker {
             // What noise cannot be told from tells nothing of blur.
             (_, None) => {
                 model.motion_blur = self.follow_exposure(&[], vec![]);
-                model.defocus = self.follow_lens(&[])?;
+                model.defocus = self.follow_lens(&OfLens::default())?;
             }
             (Some(observer), Some(noise)) => {
                 let motion =
@@ -347,23 +348,27 @@ impl Tracker {
                 })?;
                 found.check()?;
                 found.exposure.iter_mut().for_each(|w| w.speed_error = correction.error);
+                let of = motion.as_ref().map(|m| |x: usize, y: usize| m.at(x, y));
+                let of = of.as_ref().map(|of| of as &tiles::MotionOf);
+                let of_points = self.of_points(frame, of, depth, &noise, sharpening);
                 model.motion_blur = self.follow_exposure(&found.exposure, links);
-                model.defocus = self.follow_lens(&found.lens)?;
+                model.defocus = self.follow_lens(&OfLens { disks: found.lens, ..of_points })?;
             }
             (None, Some(noise)) => {
                 let corners = self.corners(frame, mean_of, depth);
-                let mut tiles = tiles::tiles_at(frame, &corners, motion, depth, self.space);
+                let mut tiles = tiles::tiles_at(frame, &corners, 1, motion, depth, self.space);
                 tiles.iter_mut().for_each(|t| t.speed_error = correction.error);
                 let found = spectral::exposure_observations(&[&tiles], &noise);
+                let of_points = self.of_points(frame, motion, depth, &noise, sharpening);
                 model.motion_blur = self.follow_exposure(&found, links);
                 if self.exposure.known.is_none() {
                     // Streaks of unknown length look like a lens's blur.
                     tiles.retain(|t| t.speed * t.scale < spectral::STILL);
                 }
                 let exposure = self.exposure();
-                let found =
+                let disks =
                     spectral::lens_observations(&[&tiles], &noise, exposure, sharpening, spectral::lens_gain);
-                model.defocus = self.follow_lens(&found)?;
+                model.defocus = self.follow_lens(&OfLens { disks, ..of_points })?;
             }
         }
         let found = matches!(geometry.flow, Some(Cow::Owned(_)));
@@ -416,7 +421,7 @@ impl Tracker {
         self.changes = Changes::default();
         self.begin_shot();
         model.motion_blur = self.follow_exposure(exposure, vec![]);
-        model.defocus = self.follow_lens(lens)?;
+        model.defocus = self.follow_lens(&OfLens { disks: lens.to_vec(), ..OfLens::default() })?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
         model.validate()?;
@@ -542,7 +547,7 @@ impl Tracker {
         let all = tiles::corners(frame.0.size());
         let turns = (all.len() / (2 * TILES)).max(1);
         let tried = all.into_iter().skip(self.frames % turns).step_by(turns);
-        tiles::of_most_contrast(frame, tried, motion, depth, TILES)
+        tiles::of_most_contrast(frame, tried, 1, motion, depth, TILES)
     }
 
     /// The exposure with the observations of another frame, and its links if its motion is uneven.
@@ -572,8 +577,33 @@ impl Tracker {
         exposure
     }
 
-    /// The lens with the observations of another frame.
-    fn follow_lens(&mut self, found: &[LensObservation]) -> Result<Estimate<DefocusModel>> {
+    /// What tiles of different blur tell of the shape of out-of-focus points, and of the lens if points are Gaussians; in some frames only.
+    fn of_points(
+        &self,
+        frame: &Encoded,
+        motion: Option<&tiles::MotionOf>,
+        depth: Option<&Plane>,
+        noise: &LumaNoise,
+        sharpening: Option<&SharpeningModel>,
+    ) -> OfLens {
+        let known = self.lens.lens().zip(depth).filter(|_| self.frames.is_multiple_of(shape::STRIDE));
+        let Some((lens, depth)) = known else { return OfLens::default() };
+        let turn = self.frames / shape::STRIDE;
+        let mut tiles = shape::tiles_of(frame, turn, motion, depth, lens, self.space);
+        if self.exposure.known.is_none() {
+            // Streaks of unknown length look like a lens's blur.
+            tiles.retain(|t| t.speed * t.scale < spectral::STILL);
+        }
+        let exposure = self.exposure();
+        let mut shape = bokeh::observations(&[&tiles], noise, exposure, sharpening, lens);
+        shape.iter_mut().for_each(|w| w.part = turn % likelihood::PARTS);
+        let gaussians =
+            spectral::lens_observations(&[&tiles], noise, exposure, sharpening, likelihood::gaussian_gain);
+        OfLens { shape, gaussians, ..OfLens::default() }
+    }
+
+    /// The lens with what another frame tells.
+    fn follow_lens(&mut self, found: &OfLens) -> Result<Estimate<DefocusModel>> {
         let (lens, changed) = self.lens.follow(found, self.depth_kind, self.why_no_depth.clone())?;
         if changed {
             self.changes.set(Distortion::Defocus, true);

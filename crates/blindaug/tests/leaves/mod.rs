@@ -14,14 +14,21 @@ const SPEED: f32 = 12.0;
 pub struct Camera {
     pub exposure: f32,
     pub sigma_at_infinity: f32,
+    pub bokeh: Bokeh,
     pub focus: f32,
     pub noise: f32,
     pub moves: bool,
 }
 
 /// The camera that all tests start from.
-pub const CAMERA: Camera =
-    Camera { exposure: 0.5, sigma_at_infinity: 2.0, focus: 0.9, noise: 0.01, moves: true };
+pub const CAMERA: Camera = Camera {
+    exposure: 0.5,
+    sigma_at_infinity: 2.0,
+    bokeh: Bokeh::Disk,
+    focus: 0.9,
+    noise: 0.01,
+    moves: true,
+};
 
 /// A number in [0, 1) that depends only on `seed` and `i`.
 fn uniform(seed: u64, i: u64) -> f32 {
@@ -113,7 +120,7 @@ impl Scene {
         let speed = |d: f32| if camera.moves { (2.0 * SPEED * d).round() / 2.0 } else { 0.0 };
         let flow = inverse_depth.map(|d| [-speed(d), 0.0]);
         let sigma = inverse_depth.map(|d| camera.sigma_at_infinity * (1.0 - d / camera.focus).abs());
-        let defocused = synth::defocus::defocus(&sharp, &sigma, Bokeh::Disk).unwrap();
+        let defocused = synth::defocus::defocus(&sharp, &sigma, camera.bokeh).unwrap();
         let blurred =
             synth::motion_blur::motion_blur(&defocused, &flow, ExposureFraction(camera.exposure)).unwrap();
         let encoded = Linear(blurred).to_encoded(Transfer::Srgb);

@@ -6,8 +6,8 @@ use crate::fit::observation::{Curve, Diagnostics, Estimation, Family, Shot};
 use crate::fit::robust::median;
 use crate::fit::{agreement, bokeh, defocus, removal, sharpening, spectral, streaks, tiles};
 use crate::model::{
-    CameraModel, Capture, DefocusCurve, DefocusModel, DepthKind, Estimate, ExposureFraction, Method,
-    MotionBlurModel, Reason, SharpeningModel, Unknown,
+    CameraModel, Capture, DefocusCurve, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
+    Reason, SharpeningModel, Unknown,
 };
 use crate::synth::defocus::Bokeh;
 use crate::{Error, Result};
@@ -298,14 +298,8 @@ impl Estimator {
                     .into(),
             );
         }
+        model.defocus = Estimate::Known(fit.model(curve, method, depth_kind));
         diagnostics.blur_points = fit.points;
-        model.defocus = Estimate::Known(DefocusModel {
-            method,
-            samples: fit.samples as u64,
-            inverse_depth_seen: Some(fit.inverse_depth_seen),
-            bokeh: fit.bokeh.unwrap_or_default().into(),
-            ..DefocusModel::given(curve, depth_kind)
-        });
         Ok(())
     }
 

@@ -208,8 +208,8 @@ impl Measurer {
         let motion = motion_at_frame(flow, before);
         let of = |x: usize, y: usize| motion.at(x, y);
         let corners = tiles::corners(kept.image.0.size()).into_iter();
-        let chosen = tiles::of_most_contrast(&kept.image, corners, Some(&of), None, TILES);
-        let tiles = tiles::tiles_at(&kept.image, &chosen, Some(&of), None, Space::default());
+        let chosen = tiles::of_most_contrast(&kept.image, corners, 1, Some(&of), None, TILES);
+        let tiles = tiles::tiles_at(&kept.image, &chosen, 1, Some(&of), None, Space::default());
         let found = spectral::exposure_observations(&[&tiles], noise);
         if found.len() < FEWEST_STREAKS {
             return;

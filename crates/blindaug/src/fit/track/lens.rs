@@ -1,11 +1,13 @@
 //! The lens from frame to frame.
 
 use super::memory::{AGREEING, Memory, SURE, walked};
+use super::shape::ShapeMemory;
 use crate::Result;
 use crate::fit::agreement::{self, FineTables, LensObservation};
+use crate::fit::bokeh::ShapeObservation;
 use crate::fit::defocus::{self, Lens};
 use crate::fit::{likelihood, tiles};
-use crate::model::{DefocusCurve, DefocusModel, DepthKind, Estimate, Method, Unknown};
+use crate::model::{Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, Unknown};
 use crate::portable::Portable;
 
 /// The largest difference of mean blur that is not a change: in px, plus a share of the blur before.
@@ -24,71 +26,92 @@ const CELL: usize = SIGMAS + 2;
 /// The number of bins of inverse depth: 8 per octave from 1/256 to 16; the first and the last bin also hold values outside this range.
 const DEPTHS: usize = 96;
 
+/// What the tiles of a frame tell of a lens.
+#[derive(Default)]
+pub(super) struct OfLens {
+    /// The observations of the lens, if out-of-focus points are disks.
+    pub disks: Vec<LensObservation>,
+    /// The same of some of the tiles, if points are Gaussians.
+    pub gaussians: Vec<LensObservation>,
+    /// The observations of the points' shape, with the lens of the frame before.
+    pub shape: Vec<ShapeObservation>,
+}
+
 /// The summed log-likelihood of the blur, per block and inverse depth, and the last known lens.
 pub(super) struct LensMemory {
-    memory: Memory,
-    known: Option<DefocusModel>,
+    disks: Memory,
+    gaussians: Memory,
+    shape: ShapeMemory,
+    known: Option<(Lens, DefocusModel)>,
     /// Why the last evidence told no lens.
     unknown: Option<Unknown>,
 }
 
 impl Default for LensMemory {
     fn default() -> Self {
-        Self { memory: Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT), known: None, unknown: None }
+        let [disks, gaussians] = [0; 2].map(|_| Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT));
+        Self { disks, gaussians, shape: ShapeMemory::default(), known: None, unknown: None }
     }
 }
 
 impl LensMemory {
-    /// The lens with the observations of another frame, and whether it has changed. Without any known lens, and without an estimate that
-    /// says more, `why` is the reason.
+    /// The last known lens.
+    pub fn lens(&self) -> Option<Lens> {
+        self.known.map(|k| k.0)
+    }
+
+    /// The lens with what another frame tells, and whether it has changed. Without any known lens, and without an estimate that says more,
+    /// `why` is the reason.
     ///
     /// # Errors
     /// If the observations fit no lens at all.
     pub fn follow(
         &mut self,
-        found: &[LensObservation],
+        found: &OfLens,
         depth_kind: Option<DepthKind>,
         why: Unknown,
     ) -> Result<(Estimate<DefocusModel>, bool)> {
-        let memory = &mut self.memory;
-        memory.fade();
+        self.disks.fade();
+        self.gaussians.fade();
+        let shape = self.shape.follow(&found.shape);
+        if !found.gaussians.is_empty() {
+            self.gaussians.add(evidence_of(&found.gaussians));
+        }
         let mut changed = false;
-        if let (false, Some(depth_kind)) = (found.is_empty(), depth_kind) {
-            let mut evidence = vec![0.0; memory.old.len()];
-            for w in found {
-                let cell = w.block as usize * DEPTHS + depth_bin(w.inverse_depth);
-                let cell = &mut evidence[cell * CELL..][..CELL];
-                cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-likelihood::CLIP * w.tiles));
-                cell[SIGMAS] += w.tiles * w.inverse_depth;
-                cell[SIGMAS + 1] += w.tiles;
-            }
-            memory.add(evidence);
-            changed = lens_changed(memory);
+        if let (false, Some(depth_kind)) = (found.disks.is_empty(), depth_kind) {
+            self.disks.add(evidence_of(&found.disks));
+            changed = lens_changed(&self.disks);
             if changed {
-                memory.forget_old();
+                self.disks.forget_old();
+                // What was seen less often is not known to be of the new lens.
+                self.gaussians.forget();
+                self.shape.forget_recent();
                 self.known = None;
             }
-            match agreement::lens_of(&observations_of(&memory.sum()), super::BOOTSTRAPS)? {
-                Estimate::Known(fit) => {
-                    memory.age = 0;
-                    self.known = Some(DefocusModel {
-                        method: Method::Spectral,
-                        samples: fit.samples as u64,
-                        inverse_depth_seen: Some(fit.inverse_depth_seen),
-                        ..DefocusModel::given(fit.thin_lens(), depth_kind)
-                    });
+            match agreement::lens_of(&observations_of(&self.disks.sum()), super::BOOTSTRAPS)? {
+                Estimate::Known(mut fit) => {
+                    fit.bokeh = shape;
+                    if shape == Some(Bokeh::Gaussian) {
+                        let seen = observations_of(&self.gaussians.sum());
+                        if let Estimate::Known(gaussian) = agreement::lens_of(&seen, super::BOOTSTRAPS)? {
+                            fit.widen(&gaussian);
+                        }
+                    }
+                    self.disks.age = 0;
+                    let model = fit.model(fit.thin_lens(), Method::Spectral, depth_kind);
+                    self.known = Some((fit.lens, model));
                 }
                 Estimate::Unknown(reason) => self.unknown = Some(reason),
             }
         }
-        let Some(mut known) = self.known else {
+        let Some((_, mut known)) = self.known else {
             return Ok((Estimate::Unknown(self.unknown.clone().unwrap_or(why)), changed));
         };
         if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
             &mut known.curve
         {
-            i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK * *s, memory.age);
-            i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK * *f, memory.age);
+            i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK * *s, self.disks.age);
+            i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK * *f, self.disks.age);
         }
         Ok((Estimate::Known(known), changed))
     }
@@ -100,8 +123,23 @@ impl LensMemory {
 
     /// Forgets the evidence of the last frames.
     pub fn forget_recent(&mut self) {
-        self.memory.forget_recent();
+        self.disks.forget_recent();
+        self.gaussians.forget_recent();
+        self.shape.forget_recent();
     }
+}
+
+/// The evidence of a frame, in cells.
+fn evidence_of(found: &[LensObservation]) -> Vec<f32> {
+    let mut evidence = vec![0.0; tiles::BLOCK_COUNT * DEPTHS * CELL];
+    for w in found {
+        let cell = w.block as usize * DEPTHS + depth_bin(w.inverse_depth);
+        let cell = &mut evidence[cell * CELL..][..CELL];
+        cell.iter_mut().zip(&w.table).for_each(|(s, v)| *s += v.max(-likelihood::CLIP * w.tiles));
+        cell[SIGMAS] += w.tiles * w.inverse_depth;
+        cell[SIGMAS + 1] += w.tiles;
+    }
+    evidence
 }
 
 fn depth_bin(inverse_depth: f32) -> usize {

@@ -1,0 +1,92 @@
+//! The shape of out-of-focus points from frame to frame.
+
+use super::memory::Memory;
+use crate::fit::bokeh::{self, SCALES, ShapeObservation};
+use crate::fit::defocus::Lens;
+use crate::fit::likelihood::PARTS;
+use crate::fit::tiles::{self, BLOCK_COUNT, MotionOf, Tile};
+use crate::model::{Bokeh, Space};
+use crate::{Encoded, Plane};
+
+/// The shape is looked at in one of this many frames: it says the same for as long as the lens is the same.
+pub(super) const STRIDE: usize = 3;
+/// The most tiles of such a frame that are looked at, at each resolution.
+const TILES: usize = 10;
+/// The number of resolutions: blur of up to 10 px shows its shape at one of them.
+const RESOLUTIONS: usize = 3;
+/// The share of its weight that evidence keeps from one frame to the next.
+const KEPT: f32 = 0.98;
+/// The log-likelihoods of both shapes, which there are for each block of each part.
+const CELL: usize = 2 * SCALES;
+
+/// The summed log-likelihoods of both shapes per part and block of the image, and the shape that they last told.
+pub(super) struct ShapeMemory {
+    memory: Memory,
+    told: Option<Bokeh>,
+}
+
+impl Default for ShapeMemory {
+    fn default() -> Self {
+        Self { memory: Memory::new(PARTS * BLOCK_COUNT * CELL, KEPT), told: None }
+    }
+}
+
+impl ShapeMemory {
+    /// The shape with the observations of another frame.
+    pub fn follow(&mut self, found: &[ShapeObservation]) -> Option<Bokeh> {
+        self.memory.fade();
+        if found.is_empty() {
+            return self.told;
+        }
+        let mut evidence = vec![0.0; self.memory.old.len()];
+        for w in found {
+            let cell = &mut evidence[(w.part * BLOCK_COUNT + w.block as usize) * CELL..][..CELL];
+            cell.iter_mut().zip(w.log_likelihood.as_flattened()).for_each(|(s, v)| *s += v);
+        }
+        self.memory.add(evidence);
+        self.told = bokeh::shape_of(&observations_of(&self.memory.sum()), super::BOOTSTRAPS).or(self.told);
+        self.told
+    }
+
+    /// Forgets the evidence of the last frames.
+    pub fn forget_recent(&mut self) {
+        self.memory.forget_recent();
+    }
+}
+
+/// Tiles of a frame that may tell the shape, since this lens blurs them by as much, and at full resolution sharper ones, too; others in each
+/// turn.
+pub(super) fn tiles_of(
+    frame: &Encoded,
+    turn: usize,
+    motion: Option<&MotionOf>,
+    depth: &Plane,
+    lens: Lens,
+    space: Space,
+) -> Vec<Tile> {
+    let telling = bokeh::telling();
+    let at_resolution = |(halvings, size): (usize, (usize, usize))| {
+        let scale = 1 << halvings;
+        let tells = |&corner: &(usize, usize)| {
+            let sigma = |d: f32| lens.sigma_px(d) / scale as f32;
+            tiles::common_depth(depth, corner, scale)
+                .is_some_and(|d| sigma(d) < telling.end && (scale == 1 || sigma(d) >= telling.start))
+        };
+        let corners = tiles::corners(size);
+        let turns = (corners.len() / (4 * TILES)).max(1);
+        let tried = corners.into_iter().skip(turn % turns).step_by(turns).filter(tells);
+        let chosen = tiles::of_most_contrast(frame, tried, scale, None, Some(depth), TILES);
+        tiles::tiles_at(frame, &chosen, scale, motion, Some(depth), space)
+    };
+    tiles::levels(frame.0.size()).take(RESOLUTIONS).enumerate().flat_map(at_resolution).collect()
+}
+
+fn observations_of(evidence: &[f32]) -> Vec<ShapeObservation> {
+    let told = evidence.chunks(CELL).enumerate().filter(|(_, cell)| cell.iter().any(|&v| v < 0.0));
+    told.map(|(i, cell)| ShapeObservation {
+        log_likelihood: std::array::from_fn(|shape| std::array::from_fn(|k| cell[shape * SCALES + k])),
+        block: (i % BLOCK_COUNT) as u32,
+        part: i / BLOCK_COUNT,
+    })
+    .collect()
+}
