@@ -2,13 +2,14 @@
 
     coded.py make OUT PHOTOGRAPH..         clips of a camera that pans over each photograph, and stands still, by each coder
     coded.py measure BLINDAUG CLIP..       a row for each clip
-    coded.py cover BLINDAUG CLIP..         of each made clip, without the part with the card: green's noise at mid-grey with its interval
+    coded.py cover BLINDAUG CLIP..         of each made clip, without the part with the card: green's noise at mid-grey with its interval,
+                                           of the whole clip and as `--track` tells it of the last frame, and the changes that it tells
 
 A made clip has a grey card of 64 px in its lower right corner, and noise of a std of 4 of 255 at mid-grey; in those called jump-, 1.6 times
 that from the middle on. Measured: the noise over a grey card by the model of the whole clip; the least and most of the tracked one over it; in
 how many frames it is off by more than 15 %; its std over time, over its mean (flicker); the frames in which a change of the noise is told; and,
-of made clips, the std on the card in the frames themselves, with its flicker. `cover` holds the whole clip's noise against that on the card that
-was cut off, which the program has not seen. Needs numpy, pillow and ffmpeg.
+of made clips, the std on the card in the frames themselves, with its flicker. `cover` holds the noise against that on the card that was cut off,
+which the program has not seen. Needs numpy, pillow and ffmpeg.
 """
 import json, os, subprocess, sys, tempfile
 import numpy as np
@@ -101,28 +102,42 @@ def measure(blindaug, clips):
 
 
 def cover(blindaug, clips):
-    print("clip, on the card, told, low, high, covered")
-    (w, h), covered, known = SIZE, 0, 0
+    print("clip, on the card, told, low, high, covered, told of the last frame, low, high, covered, changes")
+    (w, h), known, covered, errors, changed = SIZE, [0, 0], [0, 0], [[], []], 0
     for clip in clips:
         stds = on_the_card(frames_of(clip)[..., 1])
         if not len(stds):
             print(f"{os.path.basename(clip)}, no made clip")
             continue
-        card = stds.mean()
+        card, cells = stds.mean(), []
         with tempfile.TemporaryDirectory() as folder:
-            rest, out = os.path.join(folder, "rest.mkv"), os.path.join(folder, "camera.json")
+            rest, out = os.path.join(folder, "rest.mkv"), os.path.join(folder, "cameras")
             subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-vf", f"crop={w - CARD}:{h}:0:0", "-c:v", "ffv1", "-pix_fmt", "bgr0", rest], check=True)
-            subprocess.run([blindaug, "estimate", rest, "-o", out], check=True, capture_output=True)
-            shown = subprocess.run([blindaug, "inspect", "--json", out], check=True, capture_output=True, text=True).stdout
-        noise = json.loads(shown)["noise"]
-        if "std_of_encoded_rgb" not in noise:
-            print(f"{os.path.basename(clip)}, {card:.2f}, unknown")
-            continue
-        middle = next(row for row in noise["std_of_encoded_rgb"] if row["luminance"] == 0.5)
-        told, (low, high) = 255 * middle["std"][1], (255 * end for end in middle["interval"][1])
-        known, covered = known + 1, covered + (low <= card <= high)
-        print(f"{os.path.basename(clip)}, {card:.2f}, {told:.2f}, {low:.2f}, {high:.2f}, {'yes' if low <= card <= high else 'no'}", flush=True)
-    print(f"{covered} of {known} intervals cover")
+            for i, options in enumerate([["-o", out + ".json"], ["--track", "-o", out + ".jsonl"]]):
+                subprocess.run([blindaug, "estimate", rest, *options], check=True, capture_output=True)
+                shown = subprocess.run([blindaug, "inspect", "--json", options[-1]], check=True, capture_output=True, text=True).stdout
+                models = json.loads(shown)
+                models = models if isinstance(models, list) else [models]
+                cells += of_middle(models[-1]["noise"], card, i, known, covered, errors)
+        changes = [m["frame"] for m in models if "noise" in m.get("changed", [])]
+        changed += bool(changes)
+        print(", ".join([os.path.basename(clip), f"{card:.2f}", *cells, str(changes)]), flush=True)
+    for i, name in enumerate(["of whole clips", "of last frames"]):
+        print(f"{name}: {covered[i]} of {known[i]} intervals cover; the error's logarithm is {np.mean(errors[i]):.2f} in the mean, {np.median(errors[i]):.2f} in the median")
+    print(f"a change is told in {changed} clips")
+
+
+def of_middle(noise, card, i, known, covered, errors):
+    """Green's noise at mid-grey with its interval, of 255, and whether that covers the card's; counts it in the i-th sums."""
+    if "std_of_encoded_rgb" not in noise:
+        return ["unknown", "", "", ""]
+    middle = next(row for row in noise["std_of_encoded_rgb"] if row["luminance"] == 0.5)
+    told, (low, high) = 255 * middle["std"][1], (255 * end for end in middle["interval"][1])
+    holds = bool(low <= card <= high)
+    known[i], covered[i] = known[i] + 1, covered[i] + holds
+    # What cannot be seen counts as a fiftieth of a step.
+    errors[i].append(abs(np.log(max(told, 0.02) / card)))
+    return [f"{told:.2f}", f"{low:.2f}", f"{high:.2f}", "yes" if holds else "no"]
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ pub fn run(args: &Inspect) -> Result<()> {
         (frames, true) => {
             let values: Vec<Value> = frames.iter().map(|f| derived(&f.camera, &args.at_depth)).collect();
             let numbered = |(f, mut value): (&TrackedCamera, Value)| {
-                value["frame"] = json!(f.frame);
+                (value["frame"], value["changed"]) = (json!(f.frame), json!(f.changed));
                 value
             };
             let value = match <[Value; 1]>::try_from(values) {

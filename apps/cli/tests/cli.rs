@@ -1173,11 +1173,19 @@ fn a_clip_is_tracked_told_and_applied_frame_by_frame() {
             model.defocus = Estimate::unknown(Reason::NotEstimated, "not looked at");
             let mut value = serde_json::to_value(&model).unwrap();
             value["frame"] = frame.into();
+            if frame == 3 {
+                value["changed"] = vec!["noise"].into();
+            }
             format!("{value}\n")
         };
         [(1, noise[0]), (3, noise[1])].map(line).concat()
     };
     std::fs::write(folder.join("given.jsonl"), track([0.0, 0.06])).unwrap();
+    let shown: serde_json::Value =
+        serde_json::from_str(&succeeds(folder, "inspect --json given.jsonl")).unwrap();
+    let expected = |frame: u64, changed: &[&str]| serde_json::json!({ "frame": frame, "changed": changed });
+    let told = |i: usize| serde_json::json!({ "frame": shown[i]["frame"], "changed": shown[i]["changed"] });
+    assert_eq!([told(0), told(1)], [expected(1, &[]), expected(3, &["noise"])]);
     succeeds(folder, "apply clip --camera given.jsonl -o applied");
     let std = |number: usize| {
         let read = |from: &str| read_frame(folder.join(format!("{from}/{number:04}.png"))).unwrap();

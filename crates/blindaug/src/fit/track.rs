@@ -586,17 +586,16 @@ impl Tracker {
         noise: &LumaNoise,
         sharpening: Option<&SharpeningModel>,
     ) -> OfLens {
-        let known = self.lens.lens().zip(depth).filter(|_| self.frames.is_multiple_of(shape::STRIDE));
-        let Some((lens, depth)) = known else { return OfLens::default() };
-        let turn = self.frames / shape::STRIDE;
-        let mut tiles = shape::tiles_of(frame, turn, motion, depth, lens, self.space);
+        let Some(((lens, look), depth)) = self.lens.wants_shape().zip(depth) else {
+            return OfLens::default();
+        };
+        let mut tiles = shape::tiles_of(frame, look, motion, depth, lens, self.space);
         if self.exposure.known.is_none() {
             // Streaks of unknown length look like a lens's blur.
             tiles.retain(|t| t.speed * t.scale < spectral::STILL);
         }
         let exposure = self.exposure();
-        let mut shape = bokeh::observations(&[&tiles], noise, exposure, sharpening, lens);
-        shape.iter_mut().for_each(|w| w.part = turn % likelihood::PARTS);
+        let shape = Some(bokeh::observations(&[&tiles], noise, exposure, sharpening, lens));
         let gaussians =
             spectral::lens_observations(&[&tiles], noise, exposure, sharpening, likelihood::gaussian_gain);
         OfLens { shape, gaussians, ..OfLens::default() }

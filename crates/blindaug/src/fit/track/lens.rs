@@ -33,8 +33,8 @@ pub(super) struct OfLens {
     pub disks: Vec<LensObservation>,
     /// The same of some of the tiles, if points are Gaussians.
     pub gaussians: Vec<LensObservation>,
-    /// The observations of the points' shape, with the lens of the frame before.
-    pub shape: Vec<ShapeObservation>,
+    /// The observations of the points' shape, with the lens of the frame before; `None` if the frame was not looked at for it.
+    pub shape: Option<Vec<ShapeObservation>>,
 }
 
 /// The summed log-likelihood of the blur, per block and inverse depth, and the last known lens.
@@ -55,9 +55,9 @@ impl Default for LensMemory {
 }
 
 impl LensMemory {
-    /// The last known lens.
-    pub fn lens(&self) -> Option<Lens> {
-        self.known.map(|k| k.0)
+    /// The last known lens, and the number of the look, if the next frame is to be looked at for the shape of points.
+    pub fn wants_shape(&self) -> Option<(Lens, usize)> {
+        Some((self.known?.0, self.shape.next_look()?))
     }
 
     /// The lens with what another frame tells, and whether it has changed. Without any known lens, and without an estimate that says more,
@@ -73,7 +73,7 @@ impl LensMemory {
     ) -> Result<(Estimate<DefocusModel>, bool)> {
         self.disks.fade();
         self.gaussians.fade();
-        let shape = self.shape.follow(&found.shape);
+        let shape = self.shape.follow(found.shape.as_deref());
         if !found.gaussians.is_empty() {
             self.gaussians.add(evidence_of(&found.gaussians));
         }

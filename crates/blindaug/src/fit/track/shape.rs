@@ -8,8 +8,8 @@ use crate::fit::tiles::{self, BLOCK_COUNT, MotionOf, Tile};
 use crate::model::{Bokeh, Space};
 use crate::{Encoded, Plane};
 
-/// The shape is looked at in one of this many frames: it says the same for as long as the lens is the same.
-pub(super) const STRIDE: usize = 3;
+/// The shape is looked at in one of this many frames whose depth is known: it says the same for as long as the lens is the same.
+const STRIDE: usize = 3;
 /// The most tiles of such a frame that are looked at, at each resolution.
 const TILES: usize = 10;
 /// The number of resolutions: blur of up to 10 px shows its shape at one of them.
@@ -23,24 +23,38 @@ const CELL: usize = 2 * SCALES;
 pub(super) struct ShapeMemory {
     memory: Memory,
     told: Option<Bokeh>,
+    /// The number of frames that were looked at.
+    looks: usize,
+    /// The number of frames since the last of them.
+    since: usize,
 }
 
 impl Default for ShapeMemory {
     fn default() -> Self {
-        Self { memory: Memory::new(PARTS * BLOCK_COUNT * CELL, KEPT), told: None }
+        let memory = Memory::new(PARTS * BLOCK_COUNT * CELL, KEPT);
+        Self { memory, told: None, looks: 0, since: STRIDE }
     }
 }
 
 impl ShapeMemory {
-    /// The shape with the observations of another frame.
-    pub fn follow(&mut self, found: &[ShapeObservation]) -> Option<Bokeh> {
+    /// The number of the look, from 0, if the next frame is to be looked at.
+    pub fn next_look(&self) -> Option<usize> {
+        (self.since + 1 >= STRIDE).then_some(self.looks)
+    }
+
+    /// The shape with the observations of another frame, if it was looked at. The frames are dealt to the parts in turn.
+    pub fn follow(&mut self, found: Option<&[ShapeObservation]>) -> Option<Bokeh> {
         self.memory.fade();
+        self.since += 1;
+        let Some(found) = found else { return self.told };
+        let part = self.looks % PARTS;
+        (self.looks, self.since) = (self.looks + 1, 0);
         if found.is_empty() {
             return self.told;
         }
         let mut evidence = vec![0.0; self.memory.old.len()];
         for w in found {
-            let cell = &mut evidence[(w.part * BLOCK_COUNT + w.block as usize) * CELL..][..CELL];
+            let cell = &mut evidence[(part * BLOCK_COUNT + w.block as usize) * CELL..][..CELL];
             cell.iter_mut().zip(w.log_likelihood.as_flattened()).for_each(|(s, v)| *s += v);
         }
         self.memory.add(evidence);
@@ -55,10 +69,10 @@ impl ShapeMemory {
 }
 
 /// Tiles of a frame that may tell the shape, since this lens blurs them by as much, and at full resolution sharper ones, too; others in each
-/// turn.
+/// look.
 pub(super) fn tiles_of(
     frame: &Encoded,
-    turn: usize,
+    look: usize,
     motion: Option<&MotionOf>,
     depth: &Plane,
     lens: Lens,
@@ -74,7 +88,7 @@ pub(super) fn tiles_of(
         };
         let corners = tiles::corners(size);
         let turns = (corners.len() / (4 * TILES)).max(1);
-        let tried = corners.into_iter().skip(turn % turns).step_by(turns).filter(tells);
+        let tried = corners.into_iter().skip(look % turns).step_by(turns).filter(tells);
         let chosen = tiles::of_most_contrast(frame, tried, scale, None, Some(depth), TILES);
         tiles::tiles_at(frame, &chosen, scale, motion, Some(depth), space)
     };
