@@ -2,14 +2,15 @@
 //!
 //! [`Tracker`] weighs the evidence of new frames against that of old frames. Each parameter has a memory of its own: for the
 //! exposure the summed log-likelihood over lambda, per block of the image; for the lens the summed log-likelihood over the blur, per
-//! block and inverse depth; for the noise the local variances of the last frames. Where motion is uneven, as under a shaking hand, the streaks of
+//! block and inverse depth, and that of the shape of out-of-focus points; for the noise the local variances of the last frames. Where motion is uneven, as under a shaking hand, the streaks of
 //! successive frames tell the exposure together. All memories are of constant size, and evidence is forgotten with time, so that a slow drift
 //! is followed.
 //!
 //! **Changes** of shutter, focus or gain: if each of the last three frames with evidence finds the value that these three
 //! agree on much more likely than the value of the frames before them (a generalised likelihood ratio), the older evidence is
 //! dropped. One frame that errs is not enough. A video coder leaves more noise in some kinds of frames than in others, which is no change of
-//! the camera: the noise has changed if five frames lie beyond the whole range of those before, or a dozen away from their median.
+//! the camera: the noise has changed if five frames lie beyond the whole range of those before, or a dozen away from their median, and if
+//! compressed frames themselves hold another noise, too.
 //!
 //! **Bridges**: a frame that says nothing of a parameter leaves the parameter's last value; the interval widens with the time since the
 //! parameter was last estimated, like that of a random walk.
