@@ -148,7 +148,7 @@ def main():
             nearness.append(near)
             covered = [covered[0] + 1, covered[1] + within[0], covered[2] + within[1]]
     print(f"of {covered[0]} that are known, {covered[1]} intervals hold the blur at infinity and {covered[2]} the focus")
-    for name, dB in zip(["as it is", "through the lens found", "through the true lens"], np.mean(nearness, 0)):
+    for name, dB in zip(["as it is", "through the lens found", "through the true lens"], np.mean(nearness, 0) if nearness else []):
         print(f"PSNR of the sharp photograph {name}: {dB:.2f} dB in the mean")
 
 

@@ -122,7 +122,7 @@ def cover(blindaug, clips):
         changes = [m["frame"] for m in models if "noise" in m.get("changed", [])]
         changed += bool(changes)
         print(", ".join([os.path.basename(clip), f"{card:.2f}", *cells, str(changes)]), flush=True)
-    for i, name in enumerate(["of whole clips", "of last frames"]):
+    for i, name in [(0, "of whole clips"), (1, "of last frames")] if min(known) else []:
         print(f"{name}: {covered[i]} of {known[i]} intervals cover; the error's logarithm is {np.mean(errors[i]):.2f} in the mean, {np.median(errors[i]):.2f} in the median")
     print(f"a change is told in {changed} clips")
 

@@ -150,10 +150,14 @@ fn the_shape_of_out_of_focus_points_is_told_where_much_is_blurred() {
         println!("{bokeh:?} {lens:?}");
         (lens.bokeh.bokeh, interval.sigma_px_at_infinity)
     };
-    let (shape, _) = lens_of(4.0, Bokeh::Disk);
-    assert_eq!(shape, Bokeh::Disk);
+    let (shape, [low, high]) = lens_of(4.0, Bokeh::Disk);
+    assert!(shape == Bokeh::Disk && high < 2.0 * low, "{shape:?}, {low} to {high}");
+    // Where Gaussians are told, the interval takes in what they would need beside what disks would.
     let (shape, [low, high]) = lens_of(4.0, Bokeh::Gaussian);
-    assert!(shape == Bokeh::Gaussian && (low..=high).contains(&4.0), "{low} to {high}");
+    assert!(
+        shape == Bokeh::Gaussian && (low..=high).contains(&4.0) && high > 2.0 * low,
+        "{shape:?}, {low} to {high}"
+    );
     // Negative control: a sharp lens shows no disks.
     assert_eq!(lens_of(0.3, Bokeh::Disk).0, Bokeh::Gaussian);
 }

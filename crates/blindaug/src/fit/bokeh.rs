@@ -106,7 +106,7 @@ pub(super) fn observations(
     })
 }
 
-/// The shape that the observations agree on, in all but a few of `bootstraps` replicas; `None` if they tell none.
+/// The shape that the observations agree on, in at least a share [`SURE`] of `bootstraps` replicas; `None` if they tell none.
 pub(super) fn shape_of(observations: &[ShapeObservation], bootstraps: usize) -> Option<Bokeh> {
     let nats = |weight: &dyn Fn(&ShapeObservation) -> f32| {
         let best = [0, 1].map(|shape| {

@@ -44,6 +44,8 @@ pub(super) struct DistantPairs {
     held: Option<(usize, Encoded)>,
     /// The last pairs.
     pairs: VecDeque<Pair>,
+    /// The evidence of one frame alone, which counts until there is a pair.
+    alone: Option<NoiseEvidence>,
     /// The most pairs that are kept.
     most: usize,
     /// What the pairs tell, once it was asked for: they are the same for many frames.
@@ -82,7 +84,7 @@ impl DistantPairs {
             n if n <= 2 * DISTANCES.start() => (n / 2).max(SHORTEST),
             n => (n / most).clamp(*DISTANCES.start(), *DISTANCES.end()),
         };
-        Self { distance, held: None, pairs: VecDeque::new(), most, found: OnceLock::new() }
+        Self { distance, held: None, pairs: VecDeque::new(), alone: None, most, found: OnceLock::new() }
     }
 
     /// Forgets the frame of the next pair, since the next frame belongs to another shot.
@@ -94,16 +96,18 @@ impl DistantPairs {
     pub fn forget(&mut self) {
         self.held = None;
         self.pairs.clear();
+        self.alone = None;
         self.found = OnceLock::new();
     }
 
     /// Begins with a frame of compressed footage alone, if there is no pair yet: what its flattest parts hold is known at once, a pair only
     /// after its distance.
     pub fn begin_with(&mut self, frame: &Encoded) {
-        if self.pairs.is_empty() {
+        if self.pairs.is_empty() && self.alone.is_none() {
             let mut single = NoiseEvidence::new(Method::Spatial);
             single.add_single(frame);
-            self.pairs.push_back(Pair { distant: None, single });
+            self.alone = Some(single);
+            self.found = OnceLock::new();
         }
     }
 
@@ -134,6 +138,7 @@ impl DistantPairs {
                 distant = mismatch.is_some_and(|m| m <= MISMATCH).then_some(pair);
             }
             self.pairs.push_back(Pair { distant, single });
+            self.alone = None;
             if self.pairs.len() > self.most {
                 self.pairs.pop_front();
             }
@@ -146,7 +151,8 @@ impl DistantPairs {
     /// The fit of the noise that frames hold. `fit` is that of `near`, the evidence of successive frames. If the footage is compressed, its
     /// model, interval and points are replaced by those of distant pairs; its `luma` stays.
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
-        if self.pairs.is_empty() || !fit.luma.is_some_and(|l| l.may_be_compressed()) {
+        if (self.pairs.is_empty() && self.alone.is_none()) || !fit.luma.is_some_and(|l| l.may_be_compressed())
+        {
             return fit;
         }
         let Some(new) = near.flat_power() else { return fit };
@@ -188,6 +194,7 @@ impl DistantPairs {
             pair.distant.iter().for_each(|pair| distant.merge(pair));
             single.merge(&pair.single);
         }
+        self.alone.iter().for_each(|alone| single.merge(alone));
         let most = single.fit().model.known().cloned();
         let distant = match (distant.flat_power(), distant.fit()) {
             (Some(flat_power), NoiseFit { model: Estimate::Known(mut model), points, .. }) => {

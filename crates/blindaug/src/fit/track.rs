@@ -27,10 +27,12 @@ use self::lens::{LensMemory, OfLens, SIGMAS};
 use self::noise::NoiseFollower;
 use self::streaks::StreaksMemory;
 use super::agreement::{ExposureObservation, LensObservation};
+use super::defocus::Lens;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::LumaNoise;
 use super::observation::FrameObservation;
 use super::streaks::Link;
+use super::tiles::Tile;
 use super::uneven::{self, Correction, Swings};
 use super::{bokeh, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
@@ -230,8 +232,8 @@ impl Tracker {
         par::within(|| self.look_at(observation, None))
     }
 
-    /// [`Tracker::push`], but a frame's tiles are looked at by `observer`, for example on a graphics device: motion, depth and noise are
-    /// still found here.
+    /// [`Tracker::push`], but a frame's tiles are looked at by `observer`, for example on a graphics device: motion, depth, noise and the shape
+    /// of out-of-focus points are still found here.
     ///
     /// # Errors
     /// The same as [`Tracker::push`], and if the observer fails or gives what no observation can be.
@@ -351,25 +353,24 @@ impl Tracker {
                 found.exposure.iter_mut().for_each(|w| w.speed_error = correction.error);
                 let of = motion.as_ref().map(|m| |x: usize, y: usize| m.at(x, y));
                 let of = of.as_ref().map(|of| of as &tiles::MotionOf);
-                let of_points = self.of_points(frame, of, depth, &noise, sharpening);
+                let points = self.tiles_of_points(frame, of, depth);
                 model.motion_blur = self.follow_exposure(&found.exposure, links);
-                model.defocus = self.follow_lens(&OfLens { disks: found.lens, ..of_points })?;
+                let of_points = self.of_points(points, &noise, sharpening);
+                model.defocus = self.follow_lens(&OfLens { as_disks: found.lens, ..of_points })?;
             }
             (None, Some(noise)) => {
                 let corners = self.corners(frame, mean_of, depth);
                 let mut tiles = tiles::tiles_at(frame, &corners, 1, motion, depth, self.space);
                 tiles.iter_mut().for_each(|t| t.speed_error = correction.error);
                 let found = spectral::exposure_observations(&[&tiles], &noise);
-                let of_points = self.of_points(frame, motion, depth, &noise, sharpening);
+                let points = self.tiles_of_points(frame, motion, depth);
                 model.motion_blur = self.follow_exposure(&found, links);
-                if self.exposure.known.is_none() {
-                    // Streaks of unknown length look like a lens's blur.
-                    tiles.retain(|t| t.speed * t.scale < spectral::STILL);
-                }
+                self.leave_streaks_out(&mut tiles);
                 let exposure = self.exposure();
-                let disks =
+                let as_disks =
                     spectral::lens_observations(&[&tiles], &noise, exposure, sharpening, spectral::lens_gain);
-                model.defocus = self.follow_lens(&OfLens { disks, ..of_points })?;
+                let of_points = self.of_points(points, &noise, sharpening);
+                model.defocus = self.follow_lens(&OfLens { as_disks, ..of_points })?;
             }
         }
         let found = matches!(geometry.flow, Some(Cow::Owned(_)));
@@ -400,7 +401,7 @@ impl Tracker {
 
     /// Takes the observations of a frame's exposure and lens that were found elsewhere, for example on a graphics device, and the unit of
     /// their inverse depth, instead of the frame itself. The observations must have been found with [`Tracker::luma_noise`] and the last
-    /// model's exposure and sharpening. The noise stays as it is until a frame is pushed again.
+    /// model's exposure and sharpening. The noise and the shape of out-of-focus points stay as they are until a frame is pushed again.
     ///
     /// # Errors
     /// If no frame was pushed before, an observation is not one of [`spectral`], or depth is in another unit than before.
@@ -422,7 +423,7 @@ impl Tracker {
         self.changes = Changes::default();
         self.begin_shot();
         model.motion_blur = self.follow_exposure(exposure, vec![]);
-        model.defocus = self.follow_lens(&OfLens { disks: lens.to_vec(), ..OfLens::default() })?;
+        model.defocus = self.follow_lens(&OfLens { as_disks: lens.to_vec(), ..OfLens::default() })?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
         model.validate()?;
@@ -578,28 +579,38 @@ impl Tracker {
         exposure
     }
 
-    /// What tiles of different blur tell of the shape of out-of-focus points, and of the lens if points are Gaussians; in some frames only.
-    fn of_points(
+    /// Leaves out the tiles that move if the exposure is unknown: streaks of unknown length look like a lens's blur.
+    fn leave_streaks_out(&self, tiles: &mut Vec<Tile>) {
+        if self.exposure.known.is_none() {
+            tiles.retain(|t| t.speed * t.scale < spectral::STILL);
+        }
+    }
+
+    /// The last known lens, and tiles that it blurs differently, if this frame is to be looked at for the shape of out-of-focus points.
+    fn tiles_of_points(
         &self,
         frame: &Encoded,
         motion: Option<&tiles::MotionOf>,
         depth: Option<&Plane>,
+    ) -> Option<(Lens, Vec<Tile>)> {
+        let (lens, look) = self.lens.wants_shape()?;
+        Some((lens, shape::tiles_of(frame, look, motion, depth?, lens, self.space)))
+    }
+
+    /// What such tiles tell of the shape of out-of-focus points, and of the lens if points are Gaussians.
+    fn of_points(
+        &self,
+        points: Option<(Lens, Vec<Tile>)>,
         noise: &LumaNoise,
         sharpening: Option<&SharpeningModel>,
     ) -> OfLens {
-        let Some(((lens, look), depth)) = self.lens.wants_shape().zip(depth) else {
-            return OfLens::default();
-        };
-        let mut tiles = shape::tiles_of(frame, look, motion, depth, lens, self.space);
-        if self.exposure.known.is_none() {
-            // Streaks of unknown length look like a lens's blur.
-            tiles.retain(|t| t.speed * t.scale < spectral::STILL);
-        }
+        let Some((lens, mut tiles)) = points else { return OfLens::default() };
+        self.leave_streaks_out(&mut tiles);
         let exposure = self.exposure();
         let shape = Some(bokeh::observations(&[&tiles], noise, exposure, sharpening, lens));
-        let gaussians =
+        let as_gaussians =
             spectral::lens_observations(&[&tiles], noise, exposure, sharpening, likelihood::gaussian_gain);
-        OfLens { shape, gaussians, ..OfLens::default() }
+        OfLens { shape, as_gaussians, ..OfLens::default() }
     }
 
     /// The lens with what another frame tells.

@@ -18,6 +18,8 @@ const LEFT_OF_LOSS: f32 = 0.33;
 const KEPT: f32 = 0.98;
 /// The relative std, per frame, of the random walk of a lens that is not seen.
 const WALK: f32 = 0.02;
+/// The std of Gaussians over that of the disks that they look like, at most, as measured (docs/accuracy.md).
+const MOST_OF_GAUSSIAN: f32 = 2.2;
 /// The number of blurs in a table.
 pub(super) const SIGMAS: usize = likelihood::SIGMAS;
 /// The length of a cell of the evidence. There is a cell for each block of the image and bin of inverse depth, with its table, the sum of
@@ -30,17 +32,17 @@ const DEPTHS: usize = 96;
 #[derive(Default)]
 pub(super) struct OfLens {
     /// The observations of the lens, if out-of-focus points are disks.
-    pub disks: Vec<LensObservation>,
-    /// The same of some of the tiles, if points are Gaussians.
-    pub gaussians: Vec<LensObservation>,
+    pub as_disks: Vec<LensObservation>,
+    /// The observations of the lens by the tiles that were looked at for the shape, if points are Gaussians.
+    pub as_gaussians: Vec<LensObservation>,
     /// The observations of the points' shape, with the lens of the frame before; `None` if the frame was not looked at for it.
     pub shape: Option<Vec<ShapeObservation>>,
 }
 
 /// The summed log-likelihood of the blur, per block and inverse depth, and the last known lens.
 pub(super) struct LensMemory {
-    disks: Memory,
-    gaussians: Memory,
+    as_disks: Memory,
+    as_gaussians: Memory,
     shape: ShapeMemory,
     known: Option<(Lens, DefocusModel)>,
     /// Why the last evidence told no lens.
@@ -49,8 +51,8 @@ pub(super) struct LensMemory {
 
 impl Default for LensMemory {
     fn default() -> Self {
-        let [disks, gaussians] = [0; 2].map(|_| Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT));
-        Self { disks, gaussians, shape: ShapeMemory::default(), known: None, unknown: None }
+        let [as_disks, as_gaussians] = [0; 2].map(|_| Memory::new(tiles::BLOCK_COUNT * DEPTHS * CELL, KEPT));
+        Self { as_disks, as_gaussians, shape: ShapeMemory::default(), known: None, unknown: None }
     }
 }
 
@@ -71,33 +73,43 @@ impl LensMemory {
         depth_kind: Option<DepthKind>,
         why: Unknown,
     ) -> Result<(Estimate<DefocusModel>, bool)> {
-        self.disks.fade();
-        self.gaussians.fade();
-        let shape = self.shape.follow(found.shape.as_deref());
-        if !found.gaussians.is_empty() {
-            self.gaussians.add(evidence_of(&found.gaussians));
+        self.as_disks.fade();
+        self.as_gaussians.fade();
+        self.shape.fade();
+        let depth_kind = depth_kind.filter(|_| !found.as_disks.is_empty());
+        if depth_kind.is_some() {
+            self.as_disks.add(evidence_of(&found.as_disks));
         }
-        let mut changed = false;
-        if let (false, Some(depth_kind)) = (found.disks.is_empty(), depth_kind) {
-            self.disks.add(evidence_of(&found.disks));
-            changed = lens_changed(&self.disks);
-            if changed {
-                self.disks.forget_old();
-                // What was seen less often is not known to be of the new lens.
-                self.gaussians.forget();
-                self.shape.forget_recent();
-                self.known = None;
+        let changed = depth_kind.is_some() && lens_changed(&self.as_disks);
+        if changed {
+            self.as_disks.forget_old();
+            // What was seen less often is not known to be of the new lens, and the shape was looked at with the old one.
+            self.as_gaussians.forget();
+            self.shape.forget_recent();
+            self.known = None;
+        } else {
+            if !found.as_gaussians.is_empty() {
+                self.as_gaussians.add(evidence_of(&found.as_gaussians));
             }
-            match agreement::lens_of(&observations_of(&self.disks.sum()), super::BOOTSTRAPS)? {
+            if let Some(shape) = &found.shape {
+                self.shape.add(shape);
+            }
+        }
+        if let Some(depth_kind) = depth_kind {
+            match agreement::lens_of(&observations_of(&self.as_disks.sum()), super::BOOTSTRAPS)? {
                 Estimate::Known(mut fit) => {
-                    fit.bokeh = shape;
-                    if shape == Some(Bokeh::Gaussian) {
-                        let seen = observations_of(&self.gaussians.sum());
-                        if let Estimate::Known(gaussian) = agreement::lens_of(&seen, super::BOOTSTRAPS)? {
-                            fit.widen(&gaussian);
+                    fit.bokeh = self.shape.told();
+                    if fit.bokeh == Some(Bokeh::Gaussian) {
+                        let seen = observations_of(&self.as_gaussians.sum());
+                        match agreement::lens_of(&seen, super::BOOTSTRAPS)? {
+                            Estimate::Known(gaussian) => fit.widen(&gaussian),
+                            Estimate::Unknown(_) => {
+                                let high = &mut fit.sigma_px_at_infinity[1];
+                                *high = high.max(MOST_OF_GAUSSIAN * fit.lens.sigma_px_at_infinity());
+                            }
                         }
                     }
-                    self.disks.age = 0;
+                    self.as_disks.age = 0;
                     let model = fit.model(fit.thin_lens(), Method::Spectral, depth_kind);
                     self.known = Some((fit.lens, model));
                 }
@@ -110,8 +122,8 @@ impl LensMemory {
         if let DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval: Some(i) } =
             &mut known.curve
         {
-            i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK * *s, self.disks.age);
-            i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK * *f, self.disks.age);
+            i.sigma_px_at_infinity = walked(i.sigma_px_at_infinity, *s, WALK * *s, self.as_disks.age);
+            i.focus_inverse_depth = walked(i.focus_inverse_depth, *f, WALK * *f, self.as_disks.age);
         }
         Ok((Estimate::Known(known), changed))
     }
@@ -123,8 +135,8 @@ impl LensMemory {
 
     /// Forgets the evidence of the last frames.
     pub fn forget_recent(&mut self) {
-        self.disks.forget_recent();
-        self.gaussians.forget_recent();
+        self.as_disks.forget_recent();
+        self.as_gaussians.forget_recent();
         self.shape.forget_recent();
     }
 }

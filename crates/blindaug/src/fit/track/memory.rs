@@ -9,6 +9,7 @@ pub(super) const AGREEING: usize = 3;
 pub(super) const SURE: f32 = 4.0;
 
 /// Sums of evidence, in which older frames count less and less. The last [`AGREEING`] frames are kept apart.
+#[derive(Clone)]
 pub(super) struct Memory {
     /// The faded sum of the evidence of all but the last frames.
     pub old: Vec<f32>,

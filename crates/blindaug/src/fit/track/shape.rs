@@ -8,7 +8,7 @@ use crate::fit::tiles::{self, BLOCK_COUNT, MotionOf, Tile};
 use crate::model::{Bokeh, Space};
 use crate::{Encoded, Plane};
 
-/// The shape is looked at in one of this many frames whose depth is known: it says the same for as long as the lens is the same.
+/// The shape is looked at in at most one of this many frames: it says the same for as long as the lens is the same.
 const STRIDE: usize = 3;
 /// The most tiles of such a frame that are looked at, at each resolution.
 const TILES: usize = 10;
@@ -42,15 +42,23 @@ impl ShapeMemory {
         (self.since + 1 >= STRIDE).then_some(self.looks)
     }
 
-    /// The shape with the observations of another frame, if it was looked at. The frames are dealt to the parts in turn.
-    pub fn follow(&mut self, found: Option<&[ShapeObservation]>) -> Option<Bokeh> {
+    /// The shape that was told last; `None` if the evidence was never enough.
+    pub fn told(&self) -> Option<Bokeh> {
+        self.told
+    }
+
+    /// Lets a frame pass.
+    pub fn fade(&mut self) {
         self.memory.fade();
         self.since += 1;
-        let Some(found) = found else { return self.told };
+    }
+
+    /// Adds the observations of the frame, if it was looked at. The looks are dealt to the parts in turn.
+    pub fn add(&mut self, found: &[ShapeObservation]) {
         let part = self.looks % PARTS;
         (self.looks, self.since) = (self.looks + 1, 0);
         if found.is_empty() {
-            return self.told;
+            return;
         }
         let mut evidence = vec![0.0; self.memory.old.len()];
         for w in found {
@@ -58,18 +66,22 @@ impl ShapeMemory {
             cell.iter_mut().zip(w.log_likelihood.as_flattened()).for_each(|(s, v)| *s += v);
         }
         self.memory.add(evidence);
-        self.told = bokeh::shape_of(&observations_of(&self.memory.sum()), super::BOOTSTRAPS).or(self.told);
-        self.told
+        self.told = self.shape().or(self.told);
     }
 
-    /// Forgets the evidence of the last frames.
+    /// Forgets the evidence of the last looks, and what it told.
     pub fn forget_recent(&mut self) {
         self.memory.forget_recent();
+        self.told = self.shape();
+    }
+
+    fn shape(&self) -> Option<Bokeh> {
+        bokeh::shape_of(&observations_of(&self.memory.sum()), super::BOOTSTRAPS)
     }
 }
 
-/// Tiles of a frame that may tell the shape, since this lens blurs them by as much, and at full resolution sharper ones, too; others in each
-/// look.
+/// Tiles of a frame that may tell the shape, since this lens blurs them by as much; at full resolution sharper ones, too, which the fit of a lens
+/// of Gaussians needs. Each look has corners of its own.
 pub(super) fn tiles_of(
     frame: &Encoded,
     look: usize,
@@ -103,4 +115,42 @@ fn observations_of(evidence: &[f32]) -> Vec<ShapeObservation> {
         part: i / BLOCK_COUNT,
     })
     .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Observations of tiles in four blocks, each of which finds one shape likelier by 4 nats at all shares.
+    fn tiles_that_tell(shape: Bokeh) -> Vec<ShapeObservation> {
+        let nats = if shape == Bokeh::Disk { [0.0, -4.0] } else { [-4.0, 0.0] };
+        let of = |block: u32| ShapeObservation { log_likelihood: nats.map(|v| [v; SCALES]), block, part: 0 };
+        (0..4).map(of).collect()
+    }
+
+    #[test]
+    fn a_shape_is_told_by_a_few_looks_and_forgotten_with_them() {
+        let mut memory = ShapeMemory::default();
+        let mut look = |shape: Bokeh, looks: usize| {
+            for _ in 0..looks {
+                assert!(memory.next_look().is_some());
+                memory.fade();
+                memory.add(&tiles_that_tell(shape));
+                assert!(memory.next_look().is_none());
+                (1..STRIDE).for_each(|_| memory.fade());
+            }
+            let told = memory.told();
+            let mut recent_forgotten =
+                ShapeMemory { memory: memory.memory.clone(), ..ShapeMemory::default() };
+            recent_forgotten.forget_recent();
+            (told, recent_forgotten.told())
+        };
+        // A look is 16 nats, which is not enough.
+        assert_eq!(look(Bokeh::Disk, 1), (None, None));
+        assert_eq!(look(Bokeh::Disk, 2), (Some(Bokeh::Disk), None));
+        assert_eq!(look(Bokeh::Disk, 3), (Some(Bokeh::Disk), Some(Bokeh::Disk)));
+        // What was told stays until the other shape is told.
+        assert_eq!(look(Bokeh::Gaussian, 4).0, Some(Bokeh::Disk));
+        assert_eq!(look(Bokeh::Gaussian, 12).0, Some(Bokeh::Gaussian));
+    }
 }
