@@ -4,7 +4,7 @@ use crate::manifest::{Channels, Input, Kind, Layout, Manifest, Order};
 use crate::runtime::{Session, Tensor};
 use crate::tiles::{Span, reflected, spans, weight};
 use blindaug::fit::noise::NoiseEvidence;
-use blindaug::model::{DepthKind, Method};
+use blindaug::model::DepthKind;
 use blindaug::synth::noise::white_band_std;
 use blindaug::{Encoded, Flow, Pixel, Plane, Raster, filter};
 use blindaug_io::{Error, Result, memory, one_line, read_file};
@@ -378,11 +378,9 @@ fn interleaved(planar: &[f32], channels: usize) -> Vec<f32> {
 
 /// The noise std of a frame at its mean luminance, averaged over the channels; the noise is taken to be white.
 fn noise_std(frame: &Encoded) -> f32 {
-    let mut evidence = NoiseEvidence::new(Method::Spatial);
-    evidence.add_single(frame);
     let luma = frame.luma();
     let mean = luma.data().iter().sum::<f32>() / luma.data().len() as f32;
-    let fit = evidence.fit();
+    let fit = NoiseEvidence::of_frame(frame).fit();
     let finest = fit.model.known().map_or([0.0; 3], |m| m.std(0, mean));
     finest.iter().sum::<f32>() / 3.0 / white_band_std()[0]
 }

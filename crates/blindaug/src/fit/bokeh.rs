@@ -63,15 +63,12 @@ pub(super) fn see(
 #[derive(Clone)]
 pub(super) struct ShapeObservation {
     /// The log-likelihoods, nats, of a disk and of a Gaussian at each share of the lens's std.
-    pub log_likelihood: Shapes,
+    pub log_likelihood: [[f32; SCALES]; 2],
     /// The block of the image.
     pub block: u32,
     /// The part of the clip.
     pub part: usize,
 }
-
-/// What each of the two shapes, a disk and a Gaussian, has at each share of the lens's std.
-pub(super) type Shapes = [[f32; SCALES]; 2];
 
 /// The observations of the shape by at most [`MOST_TILES`] of the tiles that a lens, found with this exposure, puts out of focus.
 pub(super) fn observations(

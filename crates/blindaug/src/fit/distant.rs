@@ -104,9 +104,7 @@ impl DistantPairs {
     /// after its distance.
     pub fn begin_with(&mut self, frame: &Encoded) {
         if self.pairs.is_empty() && self.alone.is_none() {
-            let mut single = NoiseEvidence::new(Method::Spatial);
-            single.add_single(frame);
-            self.alone = Some(single);
+            self.alone = Some(NoiseEvidence::of_frame(frame));
             self.found = OnceLock::new();
         }
     }
@@ -128,8 +126,7 @@ impl DistantPairs {
             return Ok(());
         }
         if is_compressed() {
-            let mut single = NoiseEvidence::new(Method::Spatial);
-            single.add_single(held);
+            let single = NoiseEvidence::of_frame(held);
             let mut distant = None;
             if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {
                 let mut pair = NoiseEvidence::of_flat_parts();

@@ -16,12 +16,12 @@ use self::curves::{Colours, Spectrum};
 use self::lines::{Bin, by_spectrum, coding_error, limit, line};
 pub(super) use self::lines::{MAX_CODING_ERROR, lost};
 use super::robust::median;
-use crate::Pixel;
 use crate::model::{
     Estimate, Method, NOISE_LEVELS, NoiseCurves, NoiseInterval, NoiseLevel, NoiseLines, NoiseModel, Reason,
 };
 use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
+use crate::{Encoded, Pixel};
 use std::ops::Range;
 
 /// The least errors of a coder, as a std of luma of full scale 1, of which the user is told.
@@ -150,6 +150,13 @@ impl NoiseEvidence {
             coloured: false,
             successive: vec![],
         }
+    }
+
+    /// The evidence of a single frame alone.
+    pub fn of_frame(frame: &Encoded) -> Self {
+        let mut evidence = Self::new(Method::Spatial);
+        evidence.add_single(frame);
+        evidence
     }
 
     /// No evidence yet of frames that lie apart in compressed footage, with their differences along the flow. A coder copies some blocks

@@ -174,6 +174,17 @@ pub(super) fn corners((w, h): (usize, usize)) -> Vec<(usize, usize)> {
     along(h).flat_map(|y| along(w).map(move |x| (x, y))).collect()
 }
 
+/// The [`corners`] in this turn: about `about` of them, spread over the frame, others in the next turn.
+pub(super) fn corners_in_turn(
+    size: (usize, usize),
+    turn: usize,
+    about: usize,
+) -> impl Iterator<Item = (usize, usize)> {
+    let all = corners(size);
+    let turns = (all.len() / about).max(1);
+    all.into_iter().skip(turn % turns).step_by(turns)
+}
+
 /// The [`corners`] of a frame at the resolution of `size`, at which `scale` px of the frame make one. In blocks of many tiles, those of
 /// least contrast are left out.
 fn searched_corners(

@@ -330,11 +330,10 @@ impl Tracker {
                 model.defocus = self.follow_lens(&OfLens::default())?;
             }
             (Some(observer), Some(noise)) => {
-                let motion =
-                    motion.zip(flow).map(|(of, flow)| Flow::from_fn(flow.width(), flow.height(), of));
+                let moved = motion.zip(flow).map(|(of, flow)| Flow::from_fn(flow.width(), flow.height(), of));
                 // Streaks of unknown length look like a lens's blur.
                 let is_moving = |x: usize, y: usize| {
-                    let [u, v] = motion.as_ref().map_or([0.0; 2], |m| m.at(x, y));
+                    let [u, v] = moved.as_ref().map_or([0.0; 2], |m| m.at(x, y));
                     u.portable_hypot(v) >= spectral::STILL
                 };
                 let still = depth.filter(|_| self.exposure.known.is_none()).map(|d| {
@@ -343,7 +342,7 @@ impl Tracker {
                 });
                 let mut found = observer.observe(&TileLook {
                     frame,
-                    motion: motion.as_ref(),
+                    motion: moved.as_ref(),
                     inverse_depth: still.as_ref().or(depth),
                     noise: &noise,
                     exposure: self.exposure(),
@@ -351,9 +350,7 @@ impl Tracker {
                 })?;
                 found.check()?;
                 found.exposure.iter_mut().for_each(|w| w.speed_error = correction.error);
-                let of = motion.as_ref().map(|m| |x: usize, y: usize| m.at(x, y));
-                let of = of.as_ref().map(|of| of as &tiles::MotionOf);
-                let points = self.tiles_of_points(frame, of, depth);
+                let points = self.tiles_of_points(frame, motion, depth);
                 model.motion_blur = self.follow_exposure(&found.exposure, links);
                 let of_points = self.of_points(points, &noise, sharpening);
                 model.defocus = self.follow_lens(&OfLens { as_disks: found.lens, ..of_points })?;
@@ -546,9 +543,7 @@ impl Tracker {
         if motion.is_none() && depth.is_none() {
             return vec![];
         }
-        let all = tiles::corners(frame.0.size());
-        let turns = (all.len() / (2 * TILES)).max(1);
-        let tried = all.into_iter().skip(self.frames % turns).step_by(turns);
+        let tried = tiles::corners_in_turn(frame.0.size(), self.frames, 2 * TILES);
         tiles::of_most_contrast(frame, tried, 1, motion, depth, TILES)
     }
 

@@ -91,9 +91,7 @@ impl NoiseFollower {
         }
         let mut fit = self.distant.complete(&near, near.fit_to(BLOCKS));
         if fit.luma.is_none() && self.known.is_none() {
-            let mut single = NoiseEvidence::new(Method::Spatial);
-            single.add_single(frame);
-            fit = single.fit();
+            fit = NoiseEvidence::of_frame(frame).fit();
         }
         self.luma = fit.luma.or(self.luma);
         let Some(fresh) = fit.model.known() else {
@@ -226,9 +224,8 @@ impl NoiseMemory {
 /// The log of the std of luma's finest level in these rows of a frame, where the frame has least texture: of noise, and what texture there is.
 /// `None` if there are too few such parts.
 fn own_std(frame: &Encoded, rows: Range<usize>) -> Option<f32> {
-    let mut single = NoiseEvidence::new(Method::Spatial);
-    single.add_single(&Encoded(frame.0.crop(0, rows.start, frame.0.width(), rows.len())));
-    single.log_ratio(&NoiseLine { slope: 0.0, intercept: 1.0 })
+    let strip = Encoded(frame.0.crop(0, rows.start, frame.0.width(), rows.len()));
+    NoiseEvidence::of_frame(&strip).log_ratio(&NoiseLine { slope: 0.0, intercept: 1.0 })
 }
 
 /// By how much the noise of a frame exceeds a model's.

@@ -23,23 +23,23 @@ const CELL: usize = 2 * SCALES;
 pub(super) struct ShapeMemory {
     memory: Memory,
     told: Option<Bokeh>,
-    /// The number of frames that were looked at.
+    /// The number of frames that were looked at; the memory's age counts from the last of them.
     looks: usize,
-    /// The number of frames since the last of them.
-    since: usize,
 }
 
 impl Default for ShapeMemory {
     fn default() -> Self {
-        let memory = Memory::new(PARTS * BLOCK_COUNT * CELL, KEPT);
-        Self { memory, told: None, looks: 0, since: STRIDE }
+        // The first frame is looked at.
+        let mut memory = Memory::new(PARTS * BLOCK_COUNT * CELL, KEPT);
+        memory.age = STRIDE;
+        Self { memory, told: None, looks: 0 }
     }
 }
 
 impl ShapeMemory {
     /// The number of the look, from 0, if the next frame is to be looked at.
     pub fn next_look(&self) -> Option<usize> {
-        (self.since + 1 >= STRIDE).then_some(self.looks)
+        (self.memory.age + 1 >= STRIDE).then_some(self.looks)
     }
 
     /// The shape that was told last; `None` if the evidence was never enough.
@@ -50,13 +50,12 @@ impl ShapeMemory {
     /// Lets a frame pass.
     pub fn fade(&mut self) {
         self.memory.fade();
-        self.since += 1;
     }
 
     /// Adds the observations of the frame, if it was looked at. The looks are dealt to the parts in turn.
     pub fn add(&mut self, found: &[ShapeObservation]) {
         let part = self.looks % PARTS;
-        (self.looks, self.since) = (self.looks + 1, 0);
+        (self.looks, self.memory.age) = (self.looks + 1, 0);
         if found.is_empty() {
             return;
         }
@@ -98,9 +97,7 @@ pub(super) fn tiles_of(
             tiles::common_depth(depth, corner, scale)
                 .is_some_and(|d| sigma(d) < telling.end && (scale == 1 || sigma(d) >= telling.start))
         };
-        let corners = tiles::corners(size);
-        let turns = (corners.len() / (4 * TILES)).max(1);
-        let tried = corners.into_iter().skip(look % turns).step_by(turns).filter(tells);
+        let tried = tiles::corners_in_turn(size, look, 4 * TILES).filter(tells);
         let chosen = tiles::of_most_contrast(frame, tried, scale, None, Some(depth), TILES);
         tiles::tiles_at(frame, &chosen, scale, motion, Some(depth), space)
     };
