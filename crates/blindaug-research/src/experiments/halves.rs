@@ -1,11 +1,13 @@
 //! Real footage across cameras: the model of one half of a clip must fit the clip's other half better than any other clip's does.
 
 use crate::run::Run;
+use crate::statistics::normal_quantile;
 use crate::table::{Cell, Table};
 use blindaug::CameraModel;
 use blindaug::model::NOISE_LEVELS;
 use blindaug_io::{Error, FrameRange, FrameSource, Result};
 use blindaug_pipeline::{Footage, Silent, estimate};
+use rand::{Rng, SeedableRng, rngs::StdRng};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -15,9 +17,10 @@ const FRAMES: u64 = 48;
 const LUMINANCES: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
 /// The std below which noise cannot be seen: a quarter of a step of 8 bits.
 const INVISIBLE: f64 = 0.25 / 255.0;
-/// Models whose distances to a clip differ by at most this do not tell the clip's camera from the other. All noise that cannot be seen
-/// is alike.
-const ALIKE: f64 = 0.02;
+/// The draws of both halves' parameters from their intervals, by which it is told whether one model is surely nearer than another.
+const DRAWS: usize = 400;
+/// The share of draws in which a model must be nearer to be surely nearer.
+const SURE: f64 = 0.95;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Case {
@@ -45,23 +48,44 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
     let names = names(&outcomes.iter().map(|(c, _)| c.clip.as_path()).collect::<Vec<_>>());
     let mut tables = vec![];
     let mut won = vec![];
-    for (what, caption, distance) in MEASURES {
-        let of = |model: usize, footage: usize| distance(&outcomes[model].1[0], &outcomes[footage].1[1]);
+    for (what, caption, measured) in MEASURES {
+        let halves: Vec<[Option<Vec<Interval>>; 2]> =
+            outcomes.iter().map(|(_, halves)| halves.each_ref().map(measured)).collect();
+        let of = |model: usize, footage: usize| {
+            let (a, b) = (halves[model][0].as_ref()?, halves[footage][1].as_ref()?);
+            Some(distance(a.iter().map(|v| v.value), b.iter().map(|v| v.value)))
+        };
         let rows = (0..names.len()).map(|model| {
             let cells = (0..names.len()).map(|footage| Cell::number(of(model, footage), 3));
             [Cell::text(&names[model])].into_iter().chain(cells).collect()
         });
-        // By how much the own half is nearer than the nearest of the others.
-        let nearer = |footage: usize| {
-            let own = of(footage, footage)?;
-            let others = (0..names.len()).filter(|m| *m != footage).filter_map(|m| of(m, footage));
-            Some(others.fold(f64::INFINITY, f64::min) - own)
+        let all: Vec<usize> = (0..names.len()).filter(|i| halves[*i].iter().all(Option::is_some)).collect();
+        let nearest = |footage: &&usize| {
+            let own = of(**footage, **footage);
+            all.iter().filter(|m| m != footage).all(|m| of(*m, **footage) > own)
         };
-        let known: Vec<f64> = (0..names.len()).filter_map(nearer).collect();
-        let wins = known.iter().filter(|n| **n > ALIKE).count();
-        let alike = known.iter().filter(|n| n.abs() <= ALIKE).count();
-        let alike = if alike > 0 { format!(" ({alike} cannot be told from another)") } else { String::new() };
-        won.push(format!("by {what} on {wins} of {}{alike}", known.len()));
+        let mut rng = StdRng::seed_from_u64(run.seed());
+        let drawn: Vec<[Vec<Vec<f64>>; 2]> = all
+            .iter()
+            .map(|i| halves[*i].each_ref().map(|half| draws(half.as_deref().unwrap_or_default(), &mut rng)))
+            .collect();
+        // The share of draws in which the own half is nearer than that of another clip.
+        let nearer = |model: usize, footage: usize| {
+            let of = |model: usize, k: usize| {
+                distance(drawn[model][0][k].iter().copied(), drawn[footage][1][k].iter().copied())
+            };
+            (0..DRAWS).filter(|k| of(footage, *k) < of(model, *k)).count() as f64 / DRAWS as f64
+        };
+        let others = |footage: usize| (0..all.len()).filter(move |m| *m != footage);
+        let surely = |footage: &usize| others(*footage).all(|m| nearer(m, *footage) >= SURE);
+        let lost = |footage: &usize| others(*footage).any(|m| nearer(m, *footage) <= 1.0 - SURE);
+        won.push(format!(
+            "by {what} on {} of {} (whatever the intervals allow: on {}; another clip's fits better whatever they allow on {})",
+            all.iter().filter(nearest).count(),
+            all.len(),
+            (0..all.len()).filter(surely).count(),
+            (0..all.len()).filter(lost).count(),
+        ));
         let of_halves = names.iter().map(|n| format!("second half of {n}"));
         tables.push(Table {
             name: format!("footage-{}", what.replace(' ', "-")),
@@ -97,28 +121,55 @@ fn names(clips: &[&Path]) -> Vec<String> {
     clips.iter().enumerate().map(name).collect()
 }
 
-/// A name, a caption and a distance between two cameras, `None` where a part is unknown.
-type Measure = (&'static str, &'static str, fn(&CameraModel, &CameraModel) -> Option<f64>);
+/// A parameter of a camera with the ends of its interval.
+struct Interval {
+    value: f64,
+    low: f64,
+    high: f64,
+}
+
+/// The root mean square of the differences of two cameras' parameters.
+fn distance(a: impl ExactSizeIterator<Item = f64>, b: impl Iterator<Item = f64>) -> f64 {
+    let count = a.len().max(1) as f64;
+    (a.zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / count).sqrt()
+}
+
+/// Parameters drawn from their intervals, [`DRAWS`] times: all of a draw lie as far above or below their values, by the scale of their
+/// intervals, since what makes them wrong is mostly common to them.
+fn draws(parameters: &[Interval], rng: &mut StdRng) -> Vec<Vec<f64>> {
+    let draw = |_| {
+        let deviation = normal_quantile(rng.random_range(1e-6..1.0 - 1e-6)) / normal_quantile(0.975);
+        let at = |v: &Interval| {
+            v.value + deviation * if deviation > 0.0 { v.high - v.value } else { v.value - v.low }
+        };
+        parameters.iter().map(at).collect()
+    };
+    (0..DRAWS).map(draw).collect()
+}
+
+/// A name, a caption and the parameters of a camera that are compared, `None` where they are unknown.
+type Measure = (&'static str, &'static str, fn(&CameraModel) -> Option<Vec<Interval>>);
 
 const MEASURES: [Measure; 2] = [
     (
         "noise",
         "Distance of the noise: the root mean square, over octaves, channels and luminances, of the logarithm of one std over the other.",
-        |a, b| {
-            let (a, b) = (a.noise.known()?, b.noise.known()?);
+        |camera| {
+            let noise = camera.noise.known()?;
             let at = |level: usize, y: f32, c: usize| {
-                let [a, b] = [a, b].map(|m| f64::from(m.std(level, y)[c]).max(INVISIBLE));
-                let ratio = a / b;
-                ratio.ln().powi(2)
+                // All noise that cannot be seen is alike.
+                let ln = |std: f32| f64::from(std).max(INVISIBLE).ln();
+                let [low, high] = noise.interval_of_std(level, c, y).map(ln);
+                Interval { value: ln(noise.std(level, y)[c]), low, high }
             };
-            let all = (0..NOISE_LEVELS)
-                .flat_map(|l| LUMINANCES.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c))));
-            Some((all.sum::<f64>() / (NOISE_LEVELS * LUMINANCES.len() * 3) as f64).sqrt())
+            let over = |l| LUMINANCES.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c)));
+            Some((0..NOISE_LEVELS).flat_map(over).collect())
         },
     ),
-    ("exposure fraction", "Difference of the exposure fractions.", |a, b| {
-        let (a, b) = (a.motion_blur.known()?, b.motion_blur.known()?);
-        Some(f64::from((a.exposure.0 - b.exposure.0).abs()))
+    ("exposure fraction", "Difference of the exposure fractions.", |camera| {
+        let exposure = camera.motion_blur.known()?;
+        let [low, high] = exposure.interval.map(f64::from);
+        Some(vec![Interval { value: exposure.exposure.0.into(), low, high }])
     }),
 ];
 
@@ -151,7 +202,6 @@ mod tests {
     use super::*;
     use crate::run::Provenance;
     use blindaug::{Encoded, Raster};
-    use rand::{Rng, SeedableRng, rngs::StdRng};
 
     #[test]
     fn clips_of_one_name_are_told_apart() {
@@ -184,7 +234,7 @@ mod tests {
         let run =
             |name: &str| Run::new(&folder.path().join(name), Provenance::here(1), false, &Silent).unwrap();
         let (tables, said) = tables(&run("out"), &clips).unwrap().unwrap();
-        assert!(said.contains("by noise on 2 of 2"), "{said}\n{}", tables[0].text());
+        assert!(said.contains("by noise on 2 of 2 (whatever the intervals allow: on 2; another clip's fits better whatever they allow on 0)"), "{said}\n{}", tables[0].text());
         assert_eq!(tables[0].rows.len(), 2);
         assert!(super::tables(&run("none"), &[]).unwrap().is_none());
         let e = super::tables(&run("short"), &[folder.path().join("weak/0.png")]).unwrap_err();
