@@ -59,32 +59,18 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
             let cells = (0..names.len()).map(|footage| Cell::number(of(model, footage), 3));
             [Cell::text(&names[model])].into_iter().chain(cells).collect()
         });
-        let all: Vec<usize> = (0..names.len()).filter(|i| halves[*i].iter().all(Option::is_some)).collect();
-        let nearest = |footage: &&usize| {
-            let own = of(**footage, **footage);
-            all.iter().filter(|m| m != footage).all(|m| of(*m, **footage) > own)
+        let Some(Tally { clips, nearest, surely, lost }) = tally(&halves, run.seed()) else {
+            won.push(format!("and of none the {what} is known in both halves"));
+            continue;
         };
-        let mut rng = StdRng::seed_from_u64(run.seed());
-        let drawn: Vec<[Vec<Vec<f64>>; 2]> = all
-            .iter()
-            .map(|i| halves[*i].each_ref().map(|half| draws(half.as_deref().unwrap_or_default(), &mut rng)))
-            .collect();
-        // The share of draws in which the own half is nearer than that of another clip.
-        let nearer = |model: usize, footage: usize| {
-            let of = |model: usize, k: usize| {
-                distance(drawn[model][0][k].iter().copied(), drawn[footage][1][k].iter().copied())
-            };
-            (0..DRAWS).filter(|k| of(footage, *k) < of(model, *k)).count() as f64 / DRAWS as f64
+        let named = |clips: &[usize]| match clips {
+            [] => "none".to_owned(),
+            clips => clips.iter().map(|i| names[*i].as_str()).collect::<Vec<_>>().join(", "),
         };
-        let others = |footage: usize| (0..all.len()).filter(move |m| *m != footage);
-        let surely = |footage: &usize| others(*footage).all(|m| nearer(m, *footage) >= SURE);
-        let lost = |footage: &usize| others(*footage).any(|m| nearer(m, *footage) <= 1.0 - SURE);
         won.push(format!(
-            "by {what} on {} of {} (whatever the intervals allow: on {}; another clip's fits better whatever they allow on {})",
-            all.iter().filter(nearest).count(),
-            all.len(),
-            (0..all.len()).filter(surely).count(),
-            (0..all.len()).filter(lost).count(),
+            "by {what} on {nearest} of {clips} (whatever the intervals allow: {}; another clip's fits better whatever they allow: {})",
+            named(&surely),
+            named(&lost)
         ));
         let of_halves = names.iter().map(|n| format!("second half of {n}"));
         tables.push(Table {
@@ -100,6 +86,51 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
         won.join(", ")
     );
     Ok(Some((tables, said)))
+}
+
+/// What the distances say of the clips whose parameters are known in both halves.
+struct Tally {
+    clips: usize,
+    /// The number of clips whose own half is the nearest.
+    nearest: usize,
+    /// The clips whose own half is nearer than each other one in the share [`SURE`] of draws.
+    surely: Vec<usize>,
+    /// The clips of which another clip's half is nearer in that share of draws.
+    lost: Vec<usize>,
+}
+
+/// Counts the clips; `None` if there are none to count.
+fn tally(halves: &[[Option<Vec<Interval>>; 2]], seed: u64) -> Option<Tally> {
+    let known: Vec<(usize, [&Vec<Interval>; 2])> =
+        halves.iter().enumerate().filter_map(|(i, [a, b])| Some((i, [a.as_ref()?, b.as_ref()?]))).collect();
+    let clips = known.len();
+    let mut rng = StdRng::seed_from_u64(seed);
+    let drawn: Vec<[Vec<Vec<f64>>; 2]> =
+        known.iter().map(|(_, halves)| halves.map(|half| draws(half, &mut rng))).collect();
+    let others = |footage: usize| (0..clips).filter(move |model| *model != footage);
+    let nearest = |footage: &usize| {
+        let of = |model: usize| {
+            let value = |half: usize, clip: usize| known[clip].1[half].iter().map(|v| v.value);
+            distance(value(0, model), value(1, *footage))
+        };
+        others(*footage).all(|model| of(*footage) < of(model))
+    };
+    // The share of draws in which the own half is nearer than that of another clip.
+    let nearer = |model: usize, footage: usize| {
+        let of = |model: usize, k: usize| {
+            distance(drawn[model][0][k].iter().copied(), drawn[footage][1][k].iter().copied())
+        };
+        (0..DRAWS).filter(|k| of(footage, *k) < of(model, *k)).count() as f64 / DRAWS as f64
+    };
+    let those = |which: &dyn Fn(&usize) -> bool| -> Vec<usize> {
+        (0..clips).filter(which).map(|i| known[i].0).collect()
+    };
+    (clips > 0).then(|| Tally {
+        clips,
+        nearest: those(&nearest).len(),
+        surely: those(&|f| others(*f).all(|model| nearer(model, *f) >= SURE)),
+        lost: those(&|f| others(*f).any(|model| nearer(model, *f) <= 1.0 - SURE)),
+    })
 }
 
 /// The clips' names in the tables: of each its file's name, with as many of the folders around it as tell it from the others, and its place
@@ -213,6 +244,23 @@ mod tests {
     }
 
     #[test]
+    fn halves_are_told_apart_as_far_as_their_intervals_allow() {
+        let half =
+            |value: f64, width: f64| Some(vec![Interval { value, low: value - width, high: value + width }]);
+        let counted = |width: f64, second: f64| {
+            let halves = [[half(0.0, width), half(0.1, width)], [half(1.0, width), half(second, width)]];
+            let Tally { clips, nearest, surely, lost } = tally(&halves, 1).unwrap();
+            assert_eq!(clips, 2);
+            (nearest, surely, lost)
+        };
+        assert_eq!(counted(0.05, 1.1), (2, vec![0, 1], vec![]));
+        assert_eq!(counted(2.0, 1.1), (2, vec![], vec![]));
+        // The second clip's second half is that of the first clip's camera.
+        assert_eq!(counted(0.05, 0.1), (1, vec![0], vec![1]));
+        assert!(tally(&[[half(1.0, 0.1), None]], 1).is_none());
+    }
+
+    #[test]
     fn a_clips_own_half_has_its_noise() {
         let folder = tempfile::tempdir().unwrap();
         let mut clips = vec![];
@@ -234,7 +282,7 @@ mod tests {
         let run =
             |name: &str| Run::new(&folder.path().join(name), Provenance::here(1), false, &Silent).unwrap();
         let (tables, said) = tables(&run("out"), &clips).unwrap().unwrap();
-        assert!(said.contains("by noise on 2 of 2 (whatever the intervals allow: on 2; another clip's fits better whatever they allow on 0)"), "{said}\n{}", tables[0].text());
+        assert!(said.contains("by noise on 2 of 2 (whatever the intervals allow: weak, strong; another clip's fits better whatever they allow: none)"), "{said}\n{}", tables[0].text());
         assert_eq!(tables[0].rows.len(), 2);
         assert!(super::tables(&run("none"), &[]).unwrap().is_none());
         let e = super::tables(&run("short"), &[folder.path().join("weak/0.png")]).unwrap_err();

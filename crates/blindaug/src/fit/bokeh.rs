@@ -1,7 +1,7 @@
 //! Whether out-of-focus points are disks or Gaussians: which of the two explains the spectra of blurred tiles better. The gain of a disk
 //! has zeros and side lobes, whose places follow from the blur, that of a Gaussian has none.
 
-use super::agreement::{BOOTSTRAPS, LensFit, lens_of, resampled};
+use super::agreement::{BOOTSTRAPS, LensFit, LensObservation, lens_of, resampled};
 use super::defocus::Lens;
 use super::likelihood::{
     CLIP, LensGain, TILE_SIGMAS, gaussian_gain, index_of_sigma, interpolate, lens_gain, prepare, sigma_of,
@@ -36,6 +36,9 @@ const SURE: f32 = 0.975;
 /// The least number of nats by which a shape must be likelier than the other.
 const LEAST_NATS: f32 = 30.0;
 
+/// The std of Gaussians over that of the disks that they look like, at most, as measured (docs/accuracy.md).
+const MOST_OF_GAUSSIAN: f32 = 2.2;
+
 /// Looks at the shape of out-of-focus points in the tiles to which a lens was fitted with this exposure, as if they were disks. Where they
 /// look like Gaussians, the interval of the lens takes in that which Gaussians would have; the lens itself stays as it is, since soft
 /// textures look the same.
@@ -52,8 +55,25 @@ pub(super) fn see(
     fit.bokeh = shape_of(&observations(frames, noise, exposure, sharpening, fit.lens), BOOTSTRAPS);
     if fit.bokeh == Some(Bokeh::Gaussian) {
         let as_gaussians = lens_observations(frames, noise, exposure, sharpening, gaussian_gain);
-        if let Estimate::Known(gaussian) = lens_of(&as_gaussians, BOOTSTRAPS)? {
-            fit.widen(&gaussian);
+        take_in_gaussians(fit, &as_gaussians, BOOTSTRAPS)?;
+    }
+    Ok(())
+}
+
+/// Widens the interval of a lens, which was fitted as if points were disks, to that which Gaussians would have.
+///
+/// # Errors
+/// The same as [`lens_of`].
+pub(super) fn take_in_gaussians(
+    fit: &mut LensFit,
+    as_gaussians: &[LensObservation],
+    bootstraps: usize,
+) -> Result<()> {
+    match lens_of(as_gaussians, bootstraps)? {
+        Estimate::Known(gaussian) => fit.widen(&gaussian),
+        Estimate::Unknown(_) => {
+            let high = &mut fit.sigma_px_at_infinity[1];
+            *high = high.max(MOST_OF_GAUSSIAN * fit.lens.sigma_px_at_infinity());
         }
     }
     Ok(())
@@ -178,5 +198,22 @@ mod tests {
             "{before:?} {after:?} {truth}"
         );
         assert_eq!(seen(0.3, Bokeh::Disk).0, None);
+    }
+
+    #[test]
+    fn gaussians_that_tell_no_lens_of_their_own_leave_room_for_the_most_that_they_may_be_blurred() {
+        let lens = Lens { slope: 4.0, focus: 0.2 };
+        let told = lens.sigma_px_at_infinity();
+        let mut fit = LensFit {
+            lens,
+            sigma_px_at_infinity: [0.9 * told, 1.1 * told],
+            focus_inverse_depth: [0.1, 0.3],
+            samples: 100,
+            points: vec![],
+            inverse_depth_seen: [0.1, 1.0],
+            bokeh: Some(Bokeh::Gaussian),
+        };
+        take_in_gaussians(&mut fit, &[], BOOTSTRAPS).unwrap();
+        assert_eq!(fit.sigma_px_at_infinity, [0.9 * told, MOST_OF_GAUSSIAN * told]);
     }
 }

@@ -4,7 +4,7 @@ use super::memory::{AGREEING, Memory, SURE, walked};
 use super::shape::ShapeMemory;
 use crate::Result;
 use crate::fit::agreement::{self, FineTables, LensObservation};
-use crate::fit::bokeh::ShapeObservation;
+use crate::fit::bokeh::{self, ShapeObservation};
 use crate::fit::defocus::{self, Lens};
 use crate::fit::{likelihood, tiles};
 use crate::model::{Bokeh, DefocusCurve, DefocusModel, DepthKind, Estimate, Method, Unknown};
@@ -18,8 +18,6 @@ const LEFT_OF_LOSS: f32 = 0.33;
 const KEPT: f32 = 0.98;
 /// The relative std, per frame, of the random walk of a lens that is not seen.
 const WALK: f32 = 0.02;
-/// The std of Gaussians over that of the disks that they look like, at most, as measured (docs/accuracy.md).
-const MOST_OF_GAUSSIAN: f32 = 2.2;
 /// The number of blurs in a table.
 pub(super) const SIGMAS: usize = likelihood::SIGMAS;
 /// The length of a cell of the evidence. There is a cell for each block of the image and bin of inverse depth, with its table, the sum of
@@ -101,13 +99,7 @@ impl LensMemory {
                     fit.bokeh = self.shape.told();
                     if fit.bokeh == Some(Bokeh::Gaussian) {
                         let seen = observations_of(&self.as_gaussians.sum());
-                        match agreement::lens_of(&seen, super::BOOTSTRAPS)? {
-                            Estimate::Known(gaussian) => fit.widen(&gaussian),
-                            Estimate::Unknown(_) => {
-                                let high = &mut fit.sigma_px_at_infinity[1];
-                                *high = high.max(MOST_OF_GAUSSIAN * fit.lens.sigma_px_at_infinity());
-                            }
-                        }
+                        bokeh::take_in_gaussians(&mut fit, &seen, super::BOOTSTRAPS)?;
                     }
                     self.as_disks.age = 0;
                     let model = fit.model(fit.thin_lens(), Method::Spectral, depth_kind);
