@@ -98,7 +98,7 @@ pub struct Tracker {
     depth_kind: Option<DepthKind>,
     /// Whether the next frame belongs to another shot.
     cut_ahead: bool,
-    why_no_depth: Unknown,
+    why_no_lens: Unknown,
     model: Option<CameraModel>,
     changes: Changes,
 }
@@ -217,7 +217,7 @@ impl Tracker {
             lens: LensMemory::default(),
             depth_kind: None,
             cut_ahead: false,
-            why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given, and nothing has moved yet"),
+            why_no_lens: Unknown::new(Reason::NoDepth, "no depth was given, and nothing has moved yet"),
             model: None,
             changes: Changes::default(),
         }
@@ -442,6 +442,12 @@ impl Tracker {
             return Err(Error::new("depth in one unit cannot follow depth in another: give all in one"));
         }
         self.depth_kind = Some(kind);
+        self.why_no_lens = if self.exposure.known.is_some() {
+            Unknown::new(Reason::Flat, "too few textured places whose depth is known")
+        } else {
+            let why = "the exposure is unknown, and its streaks may be taken for the lens's blur";
+            Unknown::new(Reason::Uncertain, why)
+        };
         Ok(())
     }
 
@@ -505,7 +511,7 @@ impl Tracker {
                 if self.depth_kind == Some(DepthKind::Relative) && evidence.inverse_depth.is_none() {
                     // Relative depth is in another unit from here on.
                     self.lens.forget();
-                    self.why_no_depth = Unknown::new(
+                    self.why_no_lens = Unknown::new(
                         Reason::NoDepth,
                         "the depth of the last frames lost its scale, and is found anew",
                     );
@@ -525,7 +531,7 @@ impl Tracker {
                 geometry.inverse_depth = Some(Cow::Owned(depth.inverse_depth));
             }
             Some(Parallax::Unknown(why)) => {
-                self.why_no_depth = no_parallax(&why);
+                self.why_no_lens = no_parallax(&why);
             }
             None => {}
         }
@@ -610,7 +616,7 @@ impl Tracker {
 
     /// The lens with what another frame tells.
     fn follow_lens(&mut self, found: &OfLens) -> Result<Estimate<DefocusModel>> {
-        let (lens, changed) = self.lens.follow(found, self.depth_kind, self.why_no_depth.clone())?;
+        let (lens, changed) = self.lens.follow(found, self.depth_kind, self.why_no_lens.clone())?;
         if changed {
             self.changes.set(Distortion::Defocus, true);
         }
