@@ -115,12 +115,13 @@ fn tally(halves: &[[Option<Vec<Interval>>; 2]], seed: u64) -> Option<Tally> {
         };
         others(*footage).all(|model| of(*footage) < of(model))
     };
-    // The share of draws in which the own half is nearer than that of another clip.
-    let nearer = |model: usize, footage: usize| {
+    // Whether one clip's model is surely nearer to the footage than another's. Models at one distance, as all whose noise cannot be seen, are
+    // not told apart.
+    let surely = |one: usize, other: usize, footage: usize| {
         let of = |model: usize, k: usize| {
             distance(drawn[model][0][k].iter().copied(), drawn[footage][1][k].iter().copied())
         };
-        (0..DRAWS).filter(|k| of(footage, *k) < of(model, *k)).count() as f64 / DRAWS as f64
+        (0..DRAWS).filter(|k| of(one, *k) < of(other, *k)).count() as f64 >= SURE * DRAWS as f64
     };
     let those = |which: &dyn Fn(&usize) -> bool| -> Vec<usize> {
         (0..clips).filter(which).map(|i| known[i].0).collect()
@@ -128,8 +129,8 @@ fn tally(halves: &[[Option<Vec<Interval>>; 2]], seed: u64) -> Option<Tally> {
     (clips > 0).then(|| Tally {
         clips,
         nearest: those(&nearest).len(),
-        surely: those(&|f| others(*f).all(|model| nearer(model, *f) >= SURE)),
-        lost: those(&|f| others(*f).any(|model| nearer(model, *f) <= 1.0 - SURE)),
+        surely: those(&|f| others(*f).all(|other| surely(*f, other, *f))),
+        lost: those(&|f| others(*f).any(|other| surely(other, *f, *f))),
     })
 }
 
@@ -257,6 +258,10 @@ mod tests {
         assert_eq!(counted(2.0, 1.1), (2, vec![], vec![]));
         // The second clip's second half is that of the first clip's camera.
         assert_eq!(counted(0.05, 0.1), (1, vec![0], vec![1]));
+        // Models that are alike.
+        let alike = [[half(0.0, 0.0), half(0.1, 0.0)], [half(0.0, 0.0), half(0.1, 0.0)]];
+        let Tally { nearest, surely, lost, .. } = tally(&alike, 1).unwrap();
+        assert_eq!((nearest, surely, lost), (0, vec![], vec![]));
         assert!(tally(&[[half(1.0, 0.1), None]], 1).is_none());
     }
 
