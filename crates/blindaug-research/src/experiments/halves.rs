@@ -49,7 +49,7 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
     let mut tables = vec![];
     let mut won = vec![];
     for (what, caption, measured) in MEASURES {
-        let halves: Vec<[Option<Vec<Interval>>; 2]> =
+        let halves: Vec<[Option<Vec<Parameter>>; 2]> =
             outcomes.iter().map(|(_, halves)| halves.each_ref().map(measured)).collect();
         let of = |model: usize, footage: usize| {
             let (a, b) = (halves[model][0].as_ref()?, halves[footage][1].as_ref()?);
@@ -100,8 +100,8 @@ struct Tally {
 }
 
 /// Counts the clips; `None` if there are none to count.
-fn tally(halves: &[[Option<Vec<Interval>>; 2]], seed: u64) -> Option<Tally> {
-    let known: Vec<(usize, [&Vec<Interval>; 2])> =
+fn tally(halves: &[[Option<Vec<Parameter>>; 2]], seed: u64) -> Option<Tally> {
+    let known: Vec<(usize, [&Vec<Parameter>; 2])> =
         halves.iter().enumerate().filter_map(|(i, [a, b])| Some((i, [a.as_ref()?, b.as_ref()?]))).collect();
     let clips = known.len();
     let mut rng = StdRng::seed_from_u64(seed);
@@ -154,7 +154,7 @@ fn names(clips: &[&Path]) -> Vec<String> {
 }
 
 /// A parameter of a camera with the ends of its interval.
-struct Interval {
+struct Parameter {
     value: f64,
     low: f64,
     high: f64,
@@ -168,10 +168,10 @@ fn distance(a: impl ExactSizeIterator<Item = f64>, b: impl Iterator<Item = f64>)
 
 /// Parameters drawn from their intervals, [`DRAWS`] times: all of a draw lie as far above or below their values, by the scale of their
 /// intervals, since what makes them wrong is mostly common to them.
-fn draws(parameters: &[Interval], rng: &mut StdRng) -> Vec<Vec<f64>> {
+fn draws(parameters: &[Parameter], rng: &mut StdRng) -> Vec<Vec<f64>> {
     let draw = |_| {
         let deviation = normal_quantile(rng.random_range(1e-6..1.0 - 1e-6)) / normal_quantile(0.975);
-        let at = |v: &Interval| {
+        let at = |v: &Parameter| {
             v.value + deviation * if deviation > 0.0 { v.high - v.value } else { v.value - v.low }
         };
         parameters.iter().map(at).collect()
@@ -180,7 +180,7 @@ fn draws(parameters: &[Interval], rng: &mut StdRng) -> Vec<Vec<f64>> {
 }
 
 /// A name, a caption and the parameters of a camera that are compared, `None` where they are unknown.
-type Measure = (&'static str, &'static str, fn(&CameraModel) -> Option<Vec<Interval>>);
+type Measure = (&'static str, &'static str, fn(&CameraModel) -> Option<Vec<Parameter>>);
 
 const MEASURES: [Measure; 2] = [
     (
@@ -192,7 +192,7 @@ const MEASURES: [Measure; 2] = [
                 // All noise that cannot be seen is alike.
                 let ln = |std: f32| f64::from(std).max(INVISIBLE).ln();
                 let [low, high] = noise.interval_of_std(level, c, y).map(ln);
-                Interval { value: ln(noise.std(level, y)[c]), low, high }
+                Parameter { value: ln(noise.std(level, y)[c]), low, high }
             };
             let over = |l| LUMINANCES.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c)));
             Some((0..NOISE_LEVELS).flat_map(over).collect())
@@ -201,7 +201,7 @@ const MEASURES: [Measure; 2] = [
     ("exposure fraction", "Difference of the exposure fractions.", |camera| {
         let exposure = camera.motion_blur.known()?;
         let [low, high] = exposure.interval.map(f64::from);
-        Some(vec![Interval { value: exposure.exposure.0.into(), low, high }])
+        Some(vec![Parameter { value: exposure.exposure.0.into(), low, high }])
     }),
 ];
 
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn halves_are_told_apart_as_far_as_their_intervals_allow() {
         let half =
-            |value: f64, width: f64| Some(vec![Interval { value, low: value - width, high: value + width }]);
+            |value: f64, width: f64| Some(vec![Parameter { value, low: value - width, high: value + width }]);
         let counted = |width: f64, second: f64| {
             let halves = [[half(0.0, width), half(0.1, width)], [half(1.0, width), half(second, width)]];
             let Tally { clips, nearest, surely, lost } = tally(&halves, 1).unwrap();
