@@ -79,7 +79,7 @@ impl Experiment {
     /// The duration on two cores of a server of 2023, minutes.
     pub fn minutes(self, quick: bool) -> f64 {
         match (self, quick) {
-            (Self::Qualitative, true) => 1.1,
+            (Self::Qualitative, true) => 1.3,
             (Self::Qualitative, false) => 30.0,
             (Self::Settings, true) => 0.9,
             (Self::Settings, false) => 50.0,
@@ -111,7 +111,7 @@ impl Experiment {
             Scale { scenes, frames, size: if quick { (320, 240) } else { (512, 384) } }
         };
         match self {
-            Self::Qualitative => qualitative::run(run, scale((all, 5), (all, 24))),
+            Self::Qualitative => qualitative::run(run, scale((all, 6), (all, 24))),
             Self::Settings => {
                 let scale = scale((1, 4), (5, 8));
                 settings::run(run, if quick { Scale { size: (256, 192), ..scale } } else { scale })
