@@ -1,18 +1,15 @@
-//! The rectangles of a scene, four of which a ray is tried on at a time.
+//! The rectangles of a scene, each of which is tried on four rays at a time.
 
 use crate::scene::{V3, cross, dot};
 use wide::f32x4;
 
 /// Rectangles in the order in which they were added.
 #[derive(Clone, Default)]
-pub(crate) struct Rectangles {
-    fours: Vec<Four>,
-    len: usize,
-}
+pub(crate) struct Rectangles(Vec<Rectangle>);
 
-/// Four rectangles, one in each lane. Lanes without one have a size that no place is within.
+/// A rectangle, with each number in all lanes.
 #[derive(Clone)]
-struct Four {
+struct Rectangle {
     corner: [f32x4; 3],
     normal: [f32x4; 3],
     /// The unit vectors along the sides.
@@ -32,55 +29,68 @@ pub(crate) struct Met {
     pub(crate) place: [f32; 2],
 }
 
+/// Four vectors as one whose components have a lane for each.
+pub(crate) fn in_lanes(vectors: [V3; 4]) -> [f32x4; 3] {
+    std::array::from_fn(|i| f32x4::from(vectors.map(|v| v[i])))
+}
+
 impl Rectangles {
     /// Adds a rectangle with unit vectors along its sides, at right angles, and lengths in m.
     pub(crate) fn add(&mut self, corner: V3, sides: [V3; 2], size: [f32; 2]) {
-        let lane = self.len % 4;
-        if lane == 0 {
-            let nothing = [f32x4::ZERO; 3];
-            let size = [f32x4::splat(-1.0); 2];
-            self.fours.push(Four { corner: nothing, normal: nothing, sides: [nothing; 2], size });
-        }
-        let four = self.fours.last_mut().expect("there is one with a free lane");
-        let put = |to: &mut [f32x4], from: &[f32]| {
-            for (to, &v) in to.iter_mut().zip(from) {
-                let mut lanes = to.to_array();
-                lanes[lane] = v;
-                *to = lanes.into();
-            }
-        };
-        put(&mut four.corner, &corner);
-        put(&mut four.normal, &cross(sides[0], sides[1]));
-        four.sides.iter_mut().zip(&sides).for_each(|(to, side)| put(to, side));
-        put(&mut four.size, &size);
-        self.len += 1;
+        let [corner, normal] = [corner, cross(sides[0], sides[1])].map(|v| v.map(f32x4::splat));
+        let sides = sides.map(|v| v.map(f32x4::splat));
+        self.0.push(Rectangle { corner, normal, sides, size: size.map(f32x4::splat) });
     }
 
-    /// The place that a ray meets first, more than 0.05 m away. The direction's part along the view axis has length 1.
-    pub(crate) fn nearest(&self, from: V3, direction: V3) -> Option<Met> {
-        let [from, direction] = [from, direction].map(|v| v.map(f32x4::splat));
+    /// The number of rectangles.
+    pub(crate) fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The corners of the rectangle of this number, one in each lane.
+    pub(crate) fn corners(&self, number: usize) -> [f32x4; 3] {
+        let of = &self.0[number];
+        let [first, second] = [[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]].map(f32x4::from);
+        std::array::from_fn(|i| {
+            of.corner[i] + of.sides[0][i] * of.size[0] * first + of.sides[1][i] * of.size[1] * second
+        })
+    }
+
+    /// The places that four rays meet first, more than 0.05 m away, among the rectangles of these numbers, which ascend. The directions'
+    /// parts along the view axis have length 1.
+    #[inline(always)]
+    pub(crate) fn nearest(
+        &self,
+        numbers: impl IntoIterator<Item = usize>,
+        from: [f32x4; 3],
+        direction: [f32x4; 3],
+    ) -> [Option<Met>; 4] {
         let mut depth = f32x4::splat(f32::INFINITY);
-        let (mut number, mut place) = (f32x4::ZERO, [f32x4::ZERO; 2]);
-        for (i, four) in self.fours.iter().enumerate() {
-            let relative: [f32x4; 3] = std::array::from_fn(|k| four.corner[k] - from[k]);
-            let t = dot(relative, four.normal) / dot(direction, four.normal);
+        let (mut rectangle, mut place) = (f32x4::ZERO, [f32x4::ZERO; 2]);
+        for number in numbers {
+            let r = &self.0[number];
+            let relative: [f32x4; 3] = std::array::from_fn(|k| r.corner[k] - from[k]);
+            let t = dot(relative, r.normal) / dot(direction, r.normal);
+            // Of rectangles in one depth, the first counts.
+            let nearer = t.simd_gt(f32x4::splat(0.05)) & t.simd_lt(depth);
+            if nearer.none() {
+                continue;
+            }
             let at: [f32x4; 3] = std::array::from_fn(|k| direction[k] * t - relative[k]);
-            let here = four.sides.map(|side| dot(at, side));
-            let inside = |k: usize| here[k].simd_ge(f32x4::ZERO) & here[k].simd_le(four.size[k]);
-            let met = t.simd_gt(f32x4::splat(0.05)) & t.simd_lt(depth) & inside(0) & inside(1);
+            let here = r.sides.map(|side| dot(at, side));
+            let inside = |k: usize| here[k].simd_ge(f32x4::ZERO) & here[k].simd_le(r.size[k]);
+            let met = nearer & inside(0) & inside(1);
             depth = met.select(t, depth);
-            number = met.select(f32x4::splat(i as f32), number);
+            rectangle = met.select(f32x4::splat(number as f32), rectangle);
             place = std::array::from_fn(|k| met.select(here[k], place[k]));
         }
-        let (depths, numbers, places) = (depth.to_array(), number.to_array(), place.map(|p| p.to_array()));
-        let of_lane = |lane: usize| 4 * numbers[lane] as usize + lane;
-        // Of rectangles in one depth, the first counts.
-        let lane =
-            (0..4).min_by(|&a, &b| depths[a].total_cmp(&depths[b]).then(of_lane(a).cmp(&of_lane(b))))?;
-        (depths[lane] < f32::INFINITY).then(|| Met {
-            rectangle: of_lane(lane),
-            depth: depths[lane],
-            place: places.map(|p| p[lane]),
+        let (depth, rectangle, place) = (depth.to_array(), rectangle.to_array(), place.map(|p| p.to_array()));
+        std::array::from_fn(|k| {
+            (depth[k] < f32::INFINITY).then(|| Met {
+                rectangle: rectangle[k] as usize,
+                depth: depth[k],
+                place: place.map(|p| p[k]),
+            })
         })
     }
 }
@@ -98,19 +108,37 @@ mod tests {
             rectangles.add([i as f32, -1.0, 10.0 - i as f32], [right, down], [2.0, 2.0]);
         }
         rectangles.add([6.0, -1.0, 4.0], [right, down], [2.0, 2.0]);
-        let at = |x: f32, from: V3| rectangles.nearest(from, [x, 0.25, 1.0]);
+        let among = |numbers: std::ops::Range<usize>, from: V3, direction: V3| {
+            let [from, direction] = [from, direction].map(|v| in_lanes([v; 4]));
+            let met = rectangles.nearest(numbers, from, direction);
+            assert!(met.iter().all(|m| *m == met[0]));
+            met[0]
+        };
+        let nearest = |from: V3, direction: V3| among(0..rectangles.len(), from, direction);
         let met = |rectangle, depth, place| Some(Met { rectangle, depth, place });
         // At a depth of 10 m, 0.05 per m is 0.5 m to the right.
-        assert_eq!(at(0.05, [0.0; 3]), None);
-        assert_eq!(rectangles.nearest([0.0; 3], [0.05, 0.0, 1.0]), met(0, 10.0, [0.5, 1.0]));
-        let straight = |x: f32| rectangles.nearest([x, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        assert_eq!(nearest([0.0; 3], [0.05, 0.25, 1.0]), None);
+        assert_eq!(nearest([0.0; 3], [0.05, 0.0, 1.0]), met(0, 10.0, [0.5, 1.0]));
+        let straight = |x: f32| nearest([x, 0.0, 0.0], [0.0, 0.0, 1.0]);
         assert_eq!(straight(1.5), met(1, 9.0, [0.5, 1.0]));
         assert_eq!(straight(5.5), met(5, 5.0, [0.5, 1.0]));
         assert_eq!(straight(6.5), met(6, 4.0, [0.5, 1.0]));
         assert_eq!(straight(-0.5), None);
+        assert_eq!(among(0..1, [1.5, 0.0, 0.0], [0.0, 0.0, 1.0]), met(0, 10.0, [1.5, 1.0]));
         // What lies behind the eye, or right before it, is not met.
-        assert_eq!(rectangles.nearest([6.5, 0.0, 3.96], [0.0, 0.0, 1.0]).map(|m| m.rectangle), Some(5));
-        assert_eq!(rectangles.nearest([6.5, 0.0, 20.0], [0.0, 0.0, 1.0]), None);
-        assert_eq!(Rectangles::default().nearest([0.0; 3], [0.0, 0.0, 1.0]), None);
+        assert_eq!(nearest([6.5, 0.0, 3.96], [0.0, 0.0, 1.0]).map(|m| m.rectangle), Some(5));
+        assert_eq!(nearest([6.5, 0.0, 20.0], [0.0, 0.0, 1.0]), None);
+        // Each ray meets what is before it.
+        let from = in_lanes([1.5, 5.5, -0.5, 6.5].map(|x| [x, 0.0, 0.0]));
+        let met = rectangles.nearest(0..rectangles.len(), from, in_lanes([[0.0, 0.0, 1.0]; 4]));
+        assert_eq!(met.map(|m| m.map(|m| m.rectangle)), [Some(1), Some(5), None, Some(6)]);
+    }
+
+    #[test]
+    fn corners_are_those_of_the_sides() {
+        let mut rectangles = Rectangles::default();
+        rectangles.add([1.0, 2.0, 3.0], [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]], [2.0, 4.0]);
+        let corners = [[1.0, 2.0, 3.0], [1.0, 2.0, 5.0], [1.0, 6.0, 3.0], [1.0, 6.0, 5.0]];
+        assert_eq!(rectangles.corners(0), in_lanes(corners));
     }
 }

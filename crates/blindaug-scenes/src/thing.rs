@@ -168,6 +168,14 @@ impl Thing {
         self.path.pose(self.rest, t)
     }
 
+    /// The largest distance, m, of a place of the thing from its pose's position.
+    pub(crate) fn reach(&self) -> f32 {
+        match self.shape {
+            Shape::Ball { radius } => radius,
+            Shape::Board { size } => 0.5 * size[0].hypot(size[1]),
+        }
+    }
+
     /// The depth along the view axis, in m, at which a ray meets the thing in this pose, if that is nearer than `nearest`, and the
     /// place in the thing's own axes. The camera must be outside of a ball.
     pub(crate) fn hit(&self, pose: &Pose, from: V3, direction: V3, nearest: f32) -> Option<(f32, V3)> {
