@@ -19,7 +19,7 @@ pub struct Reproduce {
     /// A folder for the results: index.html, reproduce.json, and a folder per experiment; a run that was stopped goes on
     #[arg(short, long, value_name = "DIR", default_value = "blindaug-reproduce")]
     output: PathBuf,
-    /// Smaller pictures and fewer scenes and settings: about ten minutes on two cores instead of hours
+    /// Smaller pictures and fewer scenes and settings: about six minutes on two cores instead of hours
     #[arg(long)]
     quick: bool,
     /// For `cameras`: a real clip, each of another camera; may be repeated. The model of one half of a clip is tried on the other halves

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 const FRAMES: u64 = 48;
 /// The luminances at which noise is compared.
 const LUMINANCES: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
-/// The std below which noise cannot be seen: a quarter of a step of 8 bits.
+/// The std of noise that cannot be seen: a quarter of a step of 8 bits.
 const INVISIBLE: f64 = 0.25 / 255.0;
 /// The draws of both halves' parameters from their intervals, by which it is told whether one model is surely nearer than another.
 const DRAWS: usize = 400;
@@ -28,8 +28,13 @@ struct Case {
     bytes: u64,
 }
 
-/// The cameras of the two halves.
-type Halves = [CameraModel; 2];
+/// What is known of the two halves of a clip.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Halves {
+    cameras: [CameraModel; 2],
+    /// Whether a cut lies within a half.
+    cut: bool,
+}
 
 /// The tables, and a sentence on what they say; nothing without clips.
 ///
@@ -46,43 +51,55 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
     }
     let outcomes: Vec<(Case, Halves)> = run.cases("cameras/footage", cases, |case| halves(&case.clip))?;
     let names = names(&outcomes.iter().map(|(c, _)| c.clip.as_path()).collect::<Vec<_>>());
+    let named = |clips: &[usize]| match clips {
+        [] => "none".to_owned(),
+        clips => clips.iter().map(|i| names[*i].as_str()).collect::<Vec<_>>().join(", "),
+    };
     let mut tables = vec![];
     let mut won = vec![];
-    for (what, caption, measured) in MEASURES {
-        let halves: Vec<[Option<Vec<Parameter>>; 2]> =
-            outcomes.iter().map(|(_, halves)| halves.each_ref().map(measured)).collect();
+    for measure in &MEASURES {
+        let Measure { what, caption, parameters, misfit } = measure;
+        let halves: Vec<[Option<Half>; 2]> = outcomes
+            .iter()
+            .map(|(_, of)| of.cameras.each_ref().map(|camera| Some((camera, parameters(camera)?))))
+            .collect();
         let of = |model: usize, footage: usize| {
-            let (a, b) = (halves[model][0].as_ref()?, halves[footage][1].as_ref()?);
-            Some(distance(a.iter().map(|v| v.value), b.iter().map(|v| v.value)))
+            let [(a, of_a), (b, of_b)] = [halves[model][0].as_ref()?, halves[footage][1].as_ref()?];
+            Some(misfit((a, &values(of_a)), (b, &values(of_b))))
         };
         let rows = (0..names.len()).map(|model| {
             let cells = (0..names.len()).map(|footage| Cell::number(of(model, footage), 3));
             [Cell::text(&names[model])].into_iter().chain(cells).collect()
         });
-        let Some(Tally { clips, nearest, surely, lost }) = tally(&halves, run.seed()) else {
+        let Some(Tally { clips, best, surely, lost }) = tally(&halves, *misfit, run.seed()) else {
             won.push(format!("and of none the {what} is known in both halves"));
             continue;
         };
-        let named = |clips: &[usize]| match clips {
-            [] => "none".to_owned(),
-            clips => clips.iter().map(|i| names[*i].as_str()).collect::<Vec<_>>().join(", "),
-        };
+        let others = (0..names.len()).filter(|i| clips.contains(i) && !best.contains(i)).collect::<Vec<_>>();
         won.push(format!(
-            "by {what} on {nearest} of {clips} (whatever the intervals allow: {}; another clip's fits better whatever they allow: {})",
+            "by {what} on {} of {} (not on: {}; whatever the intervals allow: {}; another clip's fits better whatever they allow: {})",
+            best.len(),
+            clips.len(),
+            named(&others),
             named(&surely),
             named(&lost)
         ));
         let of_halves = names.iter().map(|n| format!("second half of {n}"));
         tables.push(Table {
             name: format!("footage-{}", what.replace(' ', "-")),
-            caption: caption.into(),
+            caption: (*caption).into(),
             head: ["model of the first half of".to_owned()].into_iter().chain(of_halves).collect(),
             rows: rows.collect(),
         });
     }
+    let cut: Vec<usize> = (0..names.len()).filter(|i| outcomes[*i].1.cut).collect();
+    let cut = match cut.as_slice() {
+        [] => String::new(),
+        cut => format!(" There are cuts in {}: halves of such a clip are not of one take.", named(cut)),
+    };
     let said = format!(
         "Real footage, each clip cut into two halves whose cameras are estimated apart: the model of a clip's own first half fits its \
-         second half better than any other clip's does {}.",
+         second half better than any other clip's does {}.{cut}",
         won.join(", ")
     );
     Ok(Some((tables, said)))
@@ -90,45 +107,46 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
 
 /// What the distances say of the clips whose parameters are known in both halves.
 struct Tally {
-    clips: usize,
-    /// The number of clips whose own half is the nearest.
-    nearest: usize,
-    /// The clips whose own half is nearer than each other one in the share [`SURE`] of draws.
+    /// The clips whose parameters are known in both halves.
+    clips: Vec<usize>,
+    /// The clips which their own half's model fits best.
+    best: Vec<usize>,
+    /// The clips which their own half's model fits better than each other one in the share [`SURE`] of draws.
     surely: Vec<usize>,
-    /// The clips of which another clip's half is nearer in that share of draws.
+    /// The clips which another clip's model fits better in that share of draws.
     lost: Vec<usize>,
 }
 
-/// Counts the clips; `None` if there are none to count.
-fn tally(halves: &[[Option<Vec<Parameter>>; 2]], seed: u64) -> Option<Tally> {
-    let known: Vec<(usize, [&Vec<Parameter>; 2])> =
+/// Finds on which clips the own half's model fits best; `None` if there are none to compare.
+fn tally(halves: &[[Option<Half>; 2]], misfit: Misfit, seed: u64) -> Option<Tally> {
+    let known: Vec<(usize, [&Half; 2])> =
         halves.iter().enumerate().filter_map(|(i, [a, b])| Some((i, [a.as_ref()?, b.as_ref()?]))).collect();
-    let clips = known.len();
+    let count = known.len();
     let mut rng = StdRng::seed_from_u64(seed);
     let drawn: Vec<[Vec<Vec<f64>>; 2]> =
-        known.iter().map(|(_, halves)| halves.map(|half| draws(half, &mut rng))).collect();
-    let others = |footage: usize| (0..clips).filter(move |model| *model != footage);
-    let nearest = |footage: &usize| {
+        known.iter().map(|(_, halves)| halves.map(|(_, half)| draws(half, &mut rng))).collect();
+    let others = |footage: usize| (0..count).filter(move |model| *model != footage);
+    let best = |footage: &usize| {
         let of = |model: usize| {
-            let value = |half: usize, clip: usize| known[clip].1[half].iter().map(|v| v.value);
-            distance(value(0, model), value(1, *footage))
+            let [(a, of_a), (b, of_b)] = [known[model].1[0], known[*footage].1[1]];
+            misfit((a, &values(of_a)), (b, &values(of_b)))
         };
         others(*footage).all(|model| of(*footage) < of(model))
     };
-    // Whether one clip's model is surely nearer to the footage than another's. Models at one distance, as all whose noise cannot be seen, are
+    // Whether one clip's model surely fits the footage better than another's. Models that fit alike, as all whose noise cannot be seen, are
     // not told apart.
     let surely = |one: usize, other: usize, footage: usize| {
         let of = |model: usize, k: usize| {
-            distance(drawn[model][0][k].iter().copied(), drawn[footage][1][k].iter().copied())
+            let camera = |clip: usize, half: usize| (known[clip].1[half].0, &*drawn[clip][half][k]);
+            misfit(camera(model, 0), camera(footage, 1))
         };
         (0..DRAWS).filter(|k| of(one, *k) < of(other, *k)).count() as f64 >= SURE * DRAWS as f64
     };
-    let those = |which: &dyn Fn(&usize) -> bool| -> Vec<usize> {
-        (0..clips).filter(which).map(|i| known[i].0).collect()
-    };
-    (clips > 0).then(|| Tally {
-        clips,
-        nearest: those(&nearest).len(),
+    let those =
+        |which: &dyn Fn(&usize) -> bool| (0..count).filter(which).map(|i| known[i].0).collect::<Vec<_>>();
+    (count > 0).then(|| Tally {
+        clips: those(&|_| true),
+        best: those(&best),
         surely: those(&|f| others(*f).all(|other| surely(*f, other, *f))),
         lost: those(&|f| others(*f).any(|other| surely(other, *f, *f))),
     })
@@ -160,10 +178,11 @@ struct Parameter {
     high: f64,
 }
 
-/// The root mean square of the differences of two cameras' parameters.
-fn distance(a: impl ExactSizeIterator<Item = f64>, b: impl Iterator<Item = f64>) -> f64 {
-    let count = a.len().max(1) as f64;
-    (a.zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / count).sqrt()
+/// A camera and its parameters.
+type Half<'a> = (&'a CameraModel, Vec<Parameter>);
+
+fn values(parameters: &[Parameter]) -> Vec<f64> {
+    parameters.iter().map(|p| p.value).collect()
 }
 
 /// Parameters drawn from their intervals, [`DRAWS`] times: all of a draw lie as far above or below their values, by the scale of their
@@ -179,31 +198,94 @@ fn draws(parameters: &[Parameter], rng: &mut StdRng) -> Vec<Vec<f64>> {
     (0..DRAWS).map(draw).collect()
 }
 
-/// A name, a caption and the parameters of a camera that are compared, `None` where they are unknown.
-type Measure = (&'static str, &'static str, fn(&CameraModel) -> Option<Vec<Parameter>>);
+/// How badly a model fits footage, from the model's camera and the footage's own, each with values of its parameters; 0 if they are alike.
+type Misfit = fn((&CameraModel, &[f64]), (&CameraModel, &[f64])) -> f64;
+
+/// What of two cameras is compared.
+struct Measure {
+    what: &'static str,
+    caption: &'static str,
+    /// The parameters that have intervals; `None` where they are unknown.
+    parameters: fn(&CameraModel) -> Option<Vec<Parameter>>,
+    misfit: Misfit,
+}
 
 const MEASURES: [Measure; 2] = [
-    (
-        "noise",
-        "Distance of the noise: the root mean square, over octaves, channels and luminances, of the logarithm of one std over the other.",
-        |camera| {
-            let noise = camera.noise.known()?;
-            let at = |level: usize, y: f32, c: usize| {
-                // All noise that cannot be seen is alike.
-                let ln = |std: f32| f64::from(std).max(INVISIBLE).ln();
-                let [low, high] = noise.interval_of_std(level, c, y).map(ln);
-                Parameter { value: ln(noise.std(level, y)[c]), low, high }
-            };
-            let over = |l| LUMINANCES.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c)));
-            Some((0..NOISE_LEVELS).flat_map(over).collect())
+    Measure {
+        what: "noise",
+        caption: "The divergence (Kullback and Leibler 1951) of the footage's noise from the model's, nats per value: mean over octaves, \
+                  luminances, and the sum and the difference of successive frames. It compares the noise's std in each channel and its \
+                  correlation between channels and between frames; a quarter of a step of 8 bits, which cannot be seen, is added to both.",
+        parameters: stds,
+        misfit: divergence,
+    },
+    Measure {
+        what: "exposure fraction",
+        caption: "Difference of the exposure fractions.",
+        parameters: |camera| {
+            let exposure = camera.motion_blur.known()?;
+            let [low, high] = exposure.interval.map(f64::from);
+            Some(vec![Parameter { value: exposure.exposure.0.into(), low, high }])
         },
-    ),
-    ("exposure fraction", "Difference of the exposure fractions.", |camera| {
-        let exposure = camera.motion_blur.known()?;
-        let [low, high] = exposure.interval.map(f64::from);
-        Some(vec![Parameter { value: exposure.exposure.0.into(), low, high }])
-    }),
+        misfit: |(_, model), (_, footage)| (model[0] - footage[0]).abs(),
+    },
 ];
+
+/// The natural logarithms of the noise's std, by octave, luminance and channel.
+fn stds(camera: &CameraModel) -> Option<Vec<Parameter>> {
+    let noise = camera.noise.known()?;
+    let at = |level: usize, y: f32, c: usize| {
+        let ln = |std: f32| f64::from(std).max(0.1 * INVISIBLE).ln();
+        let [low, high] = noise.interval_of_std(level, c, y).map(ln);
+        Parameter { value: ln(noise.std(level, y)[c]), low, high }
+    };
+    let over = |l| LUMINANCES.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c)));
+    Some((0..NOISE_LEVELS).flat_map(over).collect())
+}
+
+/// The mean divergence of the footage's noise from the model's, nats per value, with these logarithms of the stds.
+fn divergence(
+    (model, of_model): (&CameraModel, &[f64]),
+    (footage, of_footage): (&CameraModel, &[f64]),
+) -> f64 {
+    // The covariance of the channels in the sum (`sign` 1) or the difference (-1) of successive frames, over the square root of 2.
+    let covariance = |camera: &CameraModel, ln_std: &[f64], level: usize, sign: f64| {
+        let curves = camera.noise.known().and_then(|n| n.curves());
+        let [rg, rb, gb] = curves.map_or([0.0; 3], |c| c.levels[level].correlation()).map(f64::from);
+        let correlation = [[1.0, rg, rb], [rg, 1.0, gb], [rb, gb, 1.0]];
+        let over_time = 1.0 + sign * curves.map_or(0.0, |c| f64::from(c.temporal_correlation));
+        let mut all = correlation;
+        for (i, row) in all.iter_mut().enumerate() {
+            for (j, v) in row.iter_mut().enumerate() {
+                *v *= over_time * (ln_std[i] + ln_std[j]).exp();
+            }
+            row[i] += INVISIBLE * INVISIBLE;
+        }
+        all
+    };
+    let mut sum = 0.0;
+    for (place, (m, f)) in of_model.chunks(3).zip(of_footage.chunks(3)).enumerate() {
+        let level = place / LUMINANCES.len();
+        for sign in [-1.0, 1.0] {
+            sum += of_gaussians(covariance(model, m, level, sign), covariance(footage, f, level, sign));
+        }
+    }
+    sum / (2 * of_model.len()) as f64
+}
+
+/// The divergence, in nats, of a normal distribution with the covariance `footage` from one with the covariance `model`.
+fn of_gaussians(model: [[f64; 3]; 3], footage: [[f64; 3]; 3]) -> f64 {
+    // The cofactors of a symmetric matrix; over its determinant they are its inverse.
+    let cofactor = |m: &[[f64; 3]; 3], i: usize, j: usize| {
+        let [a, b, c, d] = [(i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3];
+        m[a][c] * m[b][d] - m[a][d] * m[b][c]
+    };
+    let determinant = |m: &[[f64; 3]; 3]| (0..3).map(|j| m[0][j] * cofactor(m, 0, j)).sum::<f64>();
+    let (of_model, of_footage) = (determinant(&model), determinant(&footage));
+    let trace: f64 =
+        (0..9).map(|k| cofactor(&model, k / 3, k % 3) * footage[k / 3][k % 3]).sum::<f64>() / of_model;
+    0.5 * (trace - 3.0 + (of_model / of_footage).ln())
+}
 
 fn halves(clip: &Path) -> Result<Halves> {
     let source = FrameSource::open(clip, FrameRange::default())?;
@@ -223,16 +305,18 @@ fn halves(clip: &Path) -> Result<Halves> {
         let footage = Footage::new(FrameSource::open(clip, range)?);
         let fitted = estimate::estimate(&footage, estimate::Job::default(), &Silent)
             .map_err(|e| Error::new(clip, e.to_string()))?;
-        Ok(fitted.estimation.model)
+        Ok((fitted.estimation.model, fitted.shots.len() > 1))
     };
     let middle = numbers.len() / 2;
-    Ok([half(0, middle - 1)?, half(middle, numbers.len() - 1)?])
+    let [first, second] = [half(0, middle - 1)?, half(middle, numbers.len() - 1)?];
+    Ok(Halves { cut: first.1 || second.1, cameras: [first.0, second.0] })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::run::Provenance;
+    use blindaug::model::Capture;
     use blindaug::{Encoded, Raster};
 
     #[test]
@@ -246,23 +330,47 @@ mod tests {
 
     #[test]
     fn halves_are_told_apart_as_far_as_their_intervals_allow() {
-        let half =
-            |value: f64, width: f64| Some(vec![Parameter { value, low: value - width, high: value + width }]);
+        let capture = Capture { width: 64, height: 48, fps: None, frames_used: 2, pixel_aspect: 1.0 };
+        let camera = CameraModel::unknown(capture, "a test");
+        let half = |value: f64, width: f64| {
+            Some((&camera, vec![Parameter { value, low: value - width, high: value + width }]))
+        };
+        let misfit: Misfit = |(_, a), (_, b)| (a[0] - b[0]).abs();
         let counted = |width: f64, second: f64| {
             let halves = [[half(0.0, width), half(0.1, width)], [half(1.0, width), half(second, width)]];
-            let Tally { clips, nearest, surely, lost } = tally(&halves, 1).unwrap();
-            assert_eq!(clips, 2);
-            (nearest, surely, lost)
+            let Tally { clips, best, surely, lost } = tally(&halves, misfit, 1).unwrap();
+            assert_eq!(clips, [0, 1]);
+            (best, surely, lost)
         };
-        assert_eq!(counted(0.05, 1.1), (2, vec![0, 1], vec![]));
-        assert_eq!(counted(2.0, 1.1), (2, vec![], vec![]));
+        assert_eq!(counted(0.05, 1.1), (vec![0, 1], vec![0, 1], vec![]));
+        assert_eq!(counted(2.0, 1.1), (vec![0, 1], vec![], vec![]));
         // The second clip's second half is that of the first clip's camera.
-        assert_eq!(counted(0.05, 0.1), (1, vec![0], vec![1]));
+        assert_eq!(counted(0.05, 0.1), (vec![0], vec![0], vec![1]));
         // Models that are alike.
         let alike = [[half(0.0, 0.0), half(0.1, 0.0)], [half(0.0, 0.0), half(0.1, 0.0)]];
-        let Tally { nearest, surely, lost, .. } = tally(&alike, 1).unwrap();
-        assert_eq!((nearest, surely, lost), (0, vec![], vec![]));
-        assert!(tally(&[[half(1.0, 0.1), None]], 1).is_none());
+        let Tally { best, surely, lost, .. } = tally(&alike, misfit, 1).unwrap();
+        assert_eq!((best, surely, lost), (vec![], vec![], vec![]));
+        assert!(tally(&[[half(1.0, 0.1), None]], misfit, 1).is_none());
+    }
+
+    #[test]
+    fn the_divergence_is_that_of_normal_distributions() {
+        let noise = |variances: [f64; 3], correlation: f64| -> [[f64; 3]; 3] {
+            std::array::from_fn(|i| {
+                std::array::from_fn(|j| {
+                    (variances[i] * variances[j]).sqrt() * if i == j { 1.0 } else { correlation }
+                })
+            })
+        };
+        let alike = noise([1.0, 2.0, 3.0], 0.6);
+        assert!(of_gaussians(alike, alike).abs() < 1e-12);
+        // In one dimension, of which there are three here: half of r - 1 - ln r, r the variance over the model's.
+        let one = |r: f64| 0.5 * (r - 1.0 - r.ln());
+        let apart = of_gaussians(noise([1.0; 3], 0.0), noise([2.0, 0.5, 1.0], 0.0));
+        assert!((apart - one(2.0) - one(0.5)).abs() < 1e-12);
+        // Noise of three independent channels under a model whose channels are correlated: its eigenvalues are 1 + 2 c and twice 1 - c.
+        let apart = of_gaussians(noise([1.0; 3], 0.5), noise([1.0; 3], 0.0));
+        assert!((apart - one(0.5) - 2.0 * one(2.0)).abs() < 1e-12);
     }
 
     #[test]
@@ -287,7 +395,7 @@ mod tests {
         let run =
             |name: &str| Run::new(&folder.path().join(name), Provenance::here(1), false, &Silent).unwrap();
         let (tables, said) = tables(&run("out"), &clips).unwrap().unwrap();
-        assert!(said.contains("by noise on 2 of 2 (whatever the intervals allow: weak, strong; another clip's fits better whatever they allow: none)"), "{said}\n{}", tables[0].text());
+        assert!(said.contains("by noise on 2 of 2 (not on: none; whatever the intervals allow: weak, strong; another clip's fits better whatever they allow: none)"), "{said}\n{}", tables[0].text());
         assert_eq!(tables[0].rows.len(), 2);
         assert!(super::tables(&run("none"), &[]).unwrap().is_none());
         let e = super::tables(&run("short"), &[folder.path().join("weak/0.png")]).unwrap_err();

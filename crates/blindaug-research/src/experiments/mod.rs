@@ -79,17 +79,17 @@ impl Experiment {
     /// The duration on two cores of a server of 2023, minutes.
     pub fn minutes(self, quick: bool) -> f64 {
         match (self, quick) {
-            (Self::Qualitative, true) => 1.3,
-            (Self::Qualitative, false) => 30.0,
-            (Self::Settings, true) => 0.9,
-            (Self::Settings, false) => 50.0,
-            (Self::Cameras, true) => 1.6,
-            (Self::Cameras, false) => 30.0,
-            (Self::Baselines, true) => 2.0,
-            (Self::Baselines, false) => 12.0,
-            (Self::Validation, true) => 1.6,
+            (Self::Qualitative, true) => 1.7,
+            (Self::Qualitative, false) => 11.0,
+            (Self::Settings, true) => 0.5,
+            (Self::Settings, false) => 20.0,
+            (Self::Cameras, true) => 1.3,
+            (Self::Cameras, false) => 20.0,
+            (Self::Baselines, true) => 1.6,
+            (Self::Baselines, false) => 6.0,
+            (Self::Validation, true) => 0.4,
             (Self::Validation, false) => 130.0,
-            (Self::Runtime, true) => 0.3,
+            (Self::Runtime, true) => 0.4,
             (Self::Runtime, false) => 1.0,
         }
     }
