@@ -32,7 +32,7 @@ struct Case {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Halves {
     cameras: [CameraModel; 2],
-    /// Whether a cut lies within a half.
+    /// Whether frames of a half could not be followed from one to the next, as across a cut.
     cut: bool,
 }
 
@@ -95,7 +95,11 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
     let cut: Vec<usize> = (0..names.len()).filter(|i| outcomes[*i].1.cut).collect();
     let cut = match cut.as_slice() {
         [] => String::new(),
-        cut => format!(" There are cuts in {}: halves of such a clip are not of one take.", named(cut)),
+        cut => format!(
+            " Not all frames could be followed from one to the next in {}, as where a clip is cut; halves of a clip that is cut are not of \
+             one take.",
+            named(cut)
+        ),
     };
     let said = format!(
         "Real footage, each clip cut into two halves whose cameras are estimated apart: the model of a clip's own first half fits its \
