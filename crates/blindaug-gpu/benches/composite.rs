@@ -12,7 +12,8 @@ use blindaug::model::{
 use blindaug::synth::defocus::Bokeh;
 use blindaug::{CameraModel, Error, Flow, Plane, Raster, Result, filter};
 use blindaug_gpu::{
-    Area, Block, Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity, unsharpening_steps,
+    Area, Block, Compositor, Depth, Frame, Gpu, Inputs, Quality, STEPS, Timer, Velocity, layer_views,
+    unsharpening_steps,
 };
 use std::time::Instant;
 use wgpu::TextureFormat;
@@ -701,22 +702,10 @@ impl Scene {
         }
     }
 
-    fn views(&self) -> Vec<wgpu::TextureView> {
-        let view = |eye| {
-            self.target.create_view(&wgpu::TextureViewDescriptor {
-                dimension: Some(wgpu::TextureViewDimension::D2),
-                base_array_layer: eye,
-                array_layer_count: Some(1),
-                ..Default::default()
-            })
-        };
-        (0..self.target.depth_or_array_layers()).map(view).collect()
-    }
-
     /// The blocks of a frame after another one like it.
     fn blocks(&self, gpu: &Gpu, compositor: &Compositor, area: Option<Area>) -> Result<Vec<Block>> {
         let bound = compositor.bind(&gpu.device, &self.inputs(GIVEN[0]))?;
-        let views = self.views();
+        let views = layer_views(&self.target);
         for number in 0..2 {
             let mut encoder = gpu.device.create_command_encoder(&Default::default());
             let frame = Frame {
@@ -743,7 +732,7 @@ impl Scene {
             camera.sharpening = Estimate::Known(SharpeningModel::given(sharpening, MASK_RADIUS));
         }
         let bound = compositor.bind(&gpu.device, &self.inputs(given))?;
-        let views = self.views();
+        let views = layer_views(&self.target);
         // A software device's timestamps do not tell when a step ended.
         let software = gpu.info.device_type == wgpu::DeviceType::Cpu;
         let timer = Timer::new(gpu).ok().filter(|_| !software);

@@ -301,6 +301,19 @@ pub fn array_view(texture: &wgpu::Texture) -> wgpu::TextureView {
     })
 }
 
+/// A view of each array layer of a texture, as the compositor's targets are.
+pub fn layer_views(texture: &wgpu::Texture) -> Vec<wgpu::TextureView> {
+    let view = |layer| {
+        texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: layer,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    };
+    (0..texture.depth_or_array_layers()).map(view).collect()
+}
+
 /// Waits for one of wgpu's futures, which natively are done as soon as they are polled.
 fn block_on<T>(future: impl Future<Output = T>) -> T {
     let mut future = std::pin::pin!(future);

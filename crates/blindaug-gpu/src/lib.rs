@@ -93,7 +93,7 @@ mod uniforms;
 pub use blocks::Block;
 pub use bound::Bound;
 pub use composite::{Area, Compositor, Frame};
-pub use gpu::{Gpu, array_view, texture};
+pub use gpu::{Gpu, array_view, layer_views, texture};
 pub use inputs::{Depth, Inputs, Velocity};
 pub use kernel::{bind, full_screen};
 pub use quality::{Quality, rounded};

@@ -8,7 +8,7 @@ use blindaug::model::{
 use blindaug::pyramid;
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{CameraModel, Encoded, Flow, Plane, Premultiplied, Raster, Transfer};
-use blindaug_gpu::{Area, Block, Compositor, Depth, Frame, Inputs, Quality, Velocity};
+use blindaug_gpu::{Area, Block, Compositor, Depth, Frame, Inputs, Quality, Velocity, layer_views};
 use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
@@ -176,19 +176,6 @@ fn target_like(frame: &wgpu::Texture) -> wgpu::Texture {
     })
 }
 
-/// A view of each eye.
-fn views(target: &wgpu::Texture) -> Vec<wgpu::TextureView> {
-    let view = |eye| {
-        target.create_view(&wgpu::TextureViewDescriptor {
-            dimension: Some(wgpu::TextureViewDimension::D2),
-            base_array_layer: eye,
-            array_layer_count: Some(1),
-            ..Default::default()
-        })
-    };
-    (0..target.depth_or_array_layers()).map(view).collect()
-}
-
 /// The eyes' composites; the targets are made here.
 fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
     composite_by(&COMPOSITOR, inputs, frame)
@@ -197,7 +184,7 @@ fn composite_of(inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
 /// The eyes' composites by a compositor for targets of half floats.
 fn composite_by(compositor: &Compositor, inputs: &Inputs, frame: Frame) -> Vec<Raster<[f32; 3]>> {
     let target = target_like(inputs.frame);
-    let views = views(&target);
+    let views = layer_views(&target);
     let bound = compositor.bind(&GPU.device, inputs).unwrap();
     let mut encoder = GPU.device.create_command_encoder(&Default::default());
     compositor.encode(&GPU.queue, &mut encoder, &bound, &Frame { targets: &views, ..frame }).unwrap();
@@ -389,7 +376,7 @@ fn a_camera_may_begin_to_sharpen_and_stop_again() {
     let eyes = Eyes::new(&frames.each_ref(), &layers.each_ref());
     let plain = with_lens(camera(w, h), 8.0, 0.4);
     let target = target_like(&eyes.frame);
-    let views = views(&target);
+    let views = layer_views(&target);
     let bound = COMPOSITOR.bind(&GPU.device, &eyes.inputs()).unwrap();
     let composite = |model: &CameraModel| {
         let frame = Frame { targets: &views, ..of_frame(model, &CompositeOptions::default()) };
@@ -1059,7 +1046,7 @@ fn frames_before_leave_no_trace() {
     let (beside, only_crisp) = (layer_at(w, h, 68), with_sharpening(plain.clone(), 1.0, 1.0));
     let eyes = Eyes::new(&[&frame], &[&left]);
     let target = target_like(&eyes.frame);
-    let views = views(&target);
+    let views = layer_views(&target);
     let options = CompositeOptions::default();
     // A layer of which a copy is needed.
     let mut broken = left.clone();
@@ -1130,7 +1117,7 @@ fn only_blocks_near_the_object_cost_anything() {
     let eyes = Eyes::new(&[&frame(w, h)], &[&layer_at(w, h, 20)]);
     let inputs = Inputs { apart: false, ..eyes.inputs() };
     let target = target_like(&eyes.frame);
-    let views = views(&target);
+    let views = layer_views(&target);
     let counts = |model: &CameraModel| {
         let bound = COMPOSITOR.bind(&GPU.device, &inputs).unwrap();
         // The first frame of all writes everything.
@@ -1192,7 +1179,7 @@ fn what_the_caller_promises_changes_nothing_in_the_picture() {
     let over = |inputs: &Inputs, model: &CameraModel, before: &Raster<[f32; 4]>| {
         let target = target_like(&told.frame);
         GPU.write(&target, &[before, before]);
-        let views = views(&target);
+        let views = layer_views(&target);
         let bound = COMPOSITOR.bind(&GPU.device, inputs).unwrap();
         let frame = Frame { targets: &views, frame_in_targets: true, ..of_frame(model, &options) };
         let mut encoder = GPU.device.create_command_encoder(&Default::default());

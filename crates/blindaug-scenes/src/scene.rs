@@ -1079,9 +1079,9 @@ mod tests {
                 let camera = &v.instant.camera;
                 let direction = scene.direction(camera, x as f32 + px, y as f32 + py, v.tilt);
                 let [from, towards] = [camera.position, direction].map(|v| in_lanes([v; 4]));
-                for n in 0..rectangles {
+                for (n, seen) in seen[..rectangles].iter_mut().enumerate() {
                     let [met, ..] = scene.rectangles.nearest([n], from, towards);
-                    seen[n].row_mut(y)[x] |= met.is_some();
+                    seen.row_mut(y)[x] |= met.is_some();
                 }
                 for (i, (thing, pose)) in scene.things.iter().zip(&v.instant.things).enumerate() {
                     let hit = thing.hit(pose, camera.position, direction, f32::INFINITY);
