@@ -49,12 +49,14 @@ pub fn run(args: &Reproduce) -> Result<()> {
     let all = if args.experiments.is_empty() { Experiment::ALL.to_vec() } else { args.experiments.clone() };
     let minutes: f64 = all.iter().map(|e| e.minutes(args.quick)).sum();
     let time = if minutes > 100.0 {
-        format!("{:.0} hours", minutes / 60.0)
+        format!("about {:.0} hours", minutes / 60.0)
+    } else if minutes > 1.5 {
+        format!("about {minutes:.0} minutes")
     } else {
-        format!("{minutes:.0} minutes")
+        "about a minute".into()
     };
     note(format_args!(
-        "this takes about {time} on two cores, less what is done already; Ctrl-C stops it, and the same command goes on"
+        "this takes {time} on two cores, less what is done already; Ctrl-C stops it, and the same command goes on"
     ));
     let mut networks = Networks::named(&[], true, CONSOLE)?;
     let run = Run::new(&args.output, Provenance::here(args.seed), args.overwrite, CONSOLE)?;

@@ -251,8 +251,8 @@ fn why_no_video(text: &str) -> String {
     )
 }
 
-/// The times in the output of `-f framecrc`, s, ascending. It has `#tb 0: 1/12800`, then lines of stream, dts, pts, duration, size
-/// and checksum.
+/// The times in the output of `-f framecrc`, s, ascending; none if frames are without one, as B-frames in AVI are. The output has
+/// `#tb 0: 1/12800`, then lines of stream, dts, pts, duration, size and checksum.
 fn times_of(framecrc: &str) -> Vec<f64> {
     let unit = framecrc.lines().find_map(|l| {
         let (num, den) = l.strip_prefix("#tb 0:")?.trim().split_once('/')?;
@@ -262,8 +262,10 @@ fn times_of(framecrc: &str) -> Vec<f64> {
     let pts = framecrc
         .lines()
         .filter(|l| !l.starts_with('#'))
-        .filter_map(|l| l.split(',').nth(2)?.trim().parse::<f64>().ok());
-    let mut times: Vec<f64> = pts.map(|t| t * unit).collect();
+        .filter_map(|l| l.split(',').nth(2)?.trim().parse::<i64>().ok());
+    // FFmpeg's AV_NOPTS_VALUE.
+    let known = |t: i64| (t != i64::MIN).then_some(t as f64 * unit);
+    let mut times: Vec<f64> = pts.map(known).collect::<Option<_>>().unwrap_or_default();
     times.sort_by(f64::total_cmp);
     times
 }
@@ -865,6 +867,12 @@ mod tests {
         let note = uneven(&times(&[0, 33, 67, 133, 167])).unwrap();
         assert!(note.contains("33 to 66 ms") && note.contains("42 ms"), "{note}");
         assert_eq!(uneven(&times_of("garbage")), None);
+        // Frames without a time, as in AVI with B-frames.
+        let without = "#tb 0: 1/30\n0, 0, -9223372036854775808, 1, 9, 0x1\n0, 1, 1, 1, 9, 0x1\n";
+        assert!(
+            times_of(without).is_empty()
+                && times_of(&without.replace("-9223372036854775808", "0")).len() == 2
+        );
         assert_eq!(uneven(&times(&[0])), None);
     }
 

@@ -99,6 +99,26 @@ fn a_camera_that_really_moves_faster_for_a_moment_drops_no_frame() {
 }
 
 #[test]
+fn a_thing_that_crosses_the_frame_misses_no_frame_beside_copies() {
+    // Its front and its rear are in other cells of the frame before a copy than after it.
+    let crossing = |t: usize| {
+        let left = 9.0 * t as f32 - 60.0;
+        Encoded(Raster::from_fn(W, H, |x, y| {
+            let on = (0.0..60.0).contains(&(x as f32 - left)) && (40..130).contains(&y);
+            let value =
+                if on { texture(x as f32 - left + 700.0, y as f32) } else { texture(x as f32, y as f32) };
+            let noise: f32 = (0..4).map(|k| hash(x as i64, y as i64, 1000 * t as i64 + k) - 0.5).sum();
+            [value + 0.01 * noise; 3]
+        }))
+    };
+    let frames: Vec<Encoded> =
+        (0..30).flat_map(|t| vec![crossing(t); if t % 5 == 3 { 2 } else { 1 }]).collect();
+    let timing = timing(frames);
+    let of = |kind: Kind| timing.findings.iter().filter(|f| f.event.kind() == kind).count();
+    assert!(of(Kind::Doubled) >= 4 && of(Kind::Dropped) == 0, "{:?}", timing.findings);
+}
+
+#[test]
 fn where_nothing_moves_nothing_is_told() {
     let still = timing((0..12).map(|t| frame(0.0, |_| 0.0, 0.5, t)));
     assert_eq!(found(&still), []);

@@ -219,7 +219,7 @@ const MEASURES: [Measure; 2] = [
         what: "noise",
         caption: "The divergence (Kullback and Leibler 1951) of the footage's noise from the model's, nats per value: mean over octaves, \
                   luminances, and the sum and the difference of successive frames. It compares the noise's std in each channel and its \
-                  correlation between channels and between frames; a quarter of a step of 8 bits, which cannot be seen, is added to both.",
+                  correlation between channels and between frames; noise of a quarter of a step of 8 bits, which cannot be seen, is added to both.",
         parameters: stds,
         misfit: divergence,
     },
@@ -256,9 +256,8 @@ fn divergence(
     let covariance = |camera: &CameraModel, ln_std: &[f64], level: usize, sign: f64| {
         let curves = camera.noise.known().and_then(|n| n.curves());
         let [rg, rb, gb] = curves.map_or([0.0; 3], |c| c.levels[level].correlation()).map(f64::from);
-        let correlation = [[1.0, rg, rb], [rg, 1.0, gb], [rb, gb, 1.0]];
         let over_time = 1.0 + sign * curves.map_or(0.0, |c| f64::from(c.temporal_correlation));
-        let mut all = correlation;
+        let mut all = [[1.0, rg, rb], [rg, 1.0, gb], [rb, gb, 1.0]];
         for (i, row) in all.iter_mut().enumerate() {
             for (j, v) in row.iter_mut().enumerate() {
                 *v *= over_time * (ln_std[i] + ln_std[j]).exp();

@@ -18,6 +18,8 @@ const SAME: f32 = 0.05;
 const ROUNDING: f32 = 0.02;
 /// The speed, px of the halved frame per frame interval, from which on a cell tells of the motion.
 const MOVING_PX: f32 = 0.3;
+/// The least share of the larger one that the smaller one of the speeds before and after has where a cell tells of the motion.
+const EVEN: f32 = 0.5;
 /// The fewest such cells.
 const MOVING_CELLS: usize = 3;
 /// The share of the motion that must have a common direction before and after: where it turns around, nothing moves for a moment.
@@ -359,7 +361,7 @@ impl Clip<'_> {
                     _ => {}
                 }
             }
-            Some(Cadence { kind, period, of_period })
+            (of_period > 0).then_some(Cadence { kind, period, of_period })
         })
     }
 
@@ -410,14 +412,17 @@ fn coherence(pairs @ [before, after]: [&Pair; 2]) -> f32 {
     if all > 0.0 { common / all } else { 0.0 }
 }
 
-/// The motion of a pair over that of the pairs around, and how much cells differ in it; `None` if too little moves.
+/// The motion of a pair over that of the pairs around, and how much cells differ in it; `None` if too little moves. Only cells count in
+/// which something moves both before and after: a thing that enters or leaves a cell moves it twice as fast as the mean of both.
 fn ratio(pair: &Pair, around: [&Pair; 2]) -> Option<(f32, f32)> {
     let ratios: Vec<[f32; 2]> = (0..pair.flow.len())
         .filter_map(|cell| {
             let ([u, v], mean) = (pair.flow[cell], mean_motion(around, cell));
+            let [before, after] = around.map(|p| length(p.flow[cell]));
             let speed = length(mean);
             let ratio = (u * mean[0] + v * mean[1]) / (speed * speed);
-            (speed > MOVING_PX && ratio.is_finite()).then_some([ratio, speed])
+            let counts = speed > MOVING_PX && before.min(after) > EVEN * before.max(after);
+            (counts && ratio.is_finite()).then_some([ratio, speed])
         })
         .collect();
     if ratios.len() < MOVING_CELLS {
@@ -438,4 +443,25 @@ fn weighted_median(mut values: Vec<[f32; 2]>) -> f32 {
         sum >= half
     });
     middle.map_or(f32::NAN, |v| v[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_comes_back_has_a_cadence() {
+        let clip = Clip { seen: &[], shot_of: vec![] };
+        let cadence = |frames: &[u64]| {
+            let event = Event::Dropped { missing: 1, motion_ratio: 2.0, streaks: None };
+            let finding = |&frame| Finding { frame, event, log_likelihood_ratio: 9.0 };
+            clip.cadence(Kind::Dropped, &frames.iter().map(finding).collect::<Vec<_>>())
+        };
+        let every = |period, of_period| Some(Cadence { kind: Kind::Dropped, period, of_period });
+        assert_eq!(cadence(&[3, 8, 13, 18, 23]), every(5, 1));
+        assert_eq!(cadence(&[3, 4, 8, 9, 13, 14, 18, 19, 23]), every(5, 2));
+        // A few findings at any places.
+        assert_eq!(cadence(&[9, 18, 36, 45, 63, 153, 198, 207]), None);
+        assert_eq!(cadence(&[]), None);
+    }
 }
