@@ -706,8 +706,8 @@ impl Scene {
         ((1.2 * along).ceil() as usize).max(FEWEST)
     }
 
-    /// The views of a picture: those of a pixel, `each` of them. Through a lens they are any run of so many of these, which begin with
-    /// `pool` times as many that differ; then the first of them come again.
+    /// The views of a picture, of which a pixel uses `each` in a row. Through a lens there are `pool` times as many, and the first ones come
+    /// again after the last, so that a row can begin at any of them.
     fn views(&self, t: f32, exposure: Exposure, each: usize, pool: usize) -> Vec<View> {
         let n = if exposure.lens.is_some() { pool * each } else { each };
         let all = if exposure.lens.is_some() { n + each - 1 } else { n };
