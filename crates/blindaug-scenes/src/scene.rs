@@ -542,7 +542,7 @@ impl Scene {
             let part = Raster::from_fn(width, rows, |x, row| {
                 let (views, y) = (&views[row % views.len()], top + row);
                 let starts = (views.len() - each + 1) as u64;
-                let first = if starts == 1 { 0 } else { hash(seed, (y * width + x) as u64) % starts };
+                let first = hash(seed, (y * width + x) as u64) % starts;
                 let (rectangles, things): (Vec<usize>, Vec<usize>) = (0..extents.len())
                     .filter(|n| may_be_seen(extents[*n], x, y))
                     .partition(|n| *n < self.rectangles.len());
@@ -709,8 +709,7 @@ impl Scene {
     /// The views of a picture, of which a pixel uses `each` in a row. Through a lens there are `pool` times as many, and the first ones come
     /// again after the last, so that a row can begin at any of them.
     fn views(&self, t: f32, exposure: Exposure, each: usize, pool: usize) -> Vec<View> {
-        let n = if exposure.lens.is_some() { pool * each } else { each };
-        let all = if exposure.lens.is_some() { n + each - 1 } else { n };
+        let (n, again) = if exposure.lens.is_some() { (pool * each, each - 1) } else { (each, 0) };
         let view = |i: usize| {
             // This sequence fills a cube evenly (Roberts 2018), and so does any run of it.
             let [time, px, py, radius, angle] =
@@ -734,7 +733,7 @@ impl Scene {
             }
             View { instant, pixel: [px - 0.5, py - 0.5], tilt }
         };
-        (0..all).map(|i| view(i % n)).collect()
+        (0..n + again).map(|i| view(i % n)).collect()
     }
 }
 

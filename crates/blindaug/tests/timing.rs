@@ -27,6 +27,10 @@ fn texture(x: f32, y: f32) -> f32 {
     0.15 + 0.3 * octave(23.0, 1) + 0.25 * octave(7.0, 2) + 0.15 * octave(2.5, 3)
 }
 
+fn noise(x: usize, y: usize, seed: i64) -> f32 {
+    0.01 * (0..4).map(|k| hash(x as i64, y as i64, 1000 * seed + k) - 0.5).sum::<f32>()
+}
+
 /// The frame at a time: the texture moves by `place`, the shutter is open for `exposure` of the frame interval, and there is noise.
 fn frame(time: f32, place: impl Fn(f32) -> f32 + Sync, exposure: f32, seed: i64) -> Encoded {
     const TAPS: usize = 8;
@@ -35,8 +39,7 @@ fn frame(time: f32, place: impl Fn(f32) -> f32 + Sync, exposure: f32, seed: i64)
             let p = place(time + exposure * ((i as f32 + 0.5) / TAPS as f32 - 0.5));
             texture(x as f32 - p, y as f32 - 0.4 * p)
         });
-        let noise: f32 = (0..4).map(|k| hash(x as i64, y as i64, 1000 * seed + k) - 0.5).sum();
-        [taps.sum::<f32>() / TAPS as f32 + 0.01 * noise; 3]
+        [taps.sum::<f32>() / TAPS as f32 + noise(x, y, seed); 3]
     }))
 }
 
@@ -107,8 +110,7 @@ fn a_thing_that_crosses_the_frame_misses_no_frame_beside_copies() {
             let on = (0.0..60.0).contains(&(x as f32 - left)) && (40..130).contains(&y);
             let value =
                 if on { texture(x as f32 - left + 700.0, y as f32) } else { texture(x as f32, y as f32) };
-            let noise: f32 = (0..4).map(|k| hash(x as i64, y as i64, 1000 * t as i64 + k) - 0.5).sum();
-            [value + 0.01 * noise; 3]
+            [value + noise(x, y, t as i64); 3]
         }))
     };
     let frames: Vec<Encoded> =

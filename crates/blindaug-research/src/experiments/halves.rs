@@ -17,9 +17,9 @@ const FRAMES: u64 = 48;
 const LUMINANCES: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
 /// The std of noise that cannot be seen: a quarter of a step of 8 bits.
 const INVISIBLE: f64 = 0.25 / 255.0;
-/// The draws of both halves' parameters from their intervals, by which it is told whether one model is surely nearer than another.
+/// The draws of both halves' parameters from their intervals, by which it is told whether one model surely fits better than another.
 const DRAWS: usize = 400;
-/// The share of draws in which a model must be nearer to be surely nearer.
+/// The share of draws in which a model must fit better to surely do so.
 const SURE: f64 = 0.95;
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,8 +64,7 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
             .map(|(_, of)| of.cameras.each_ref().map(|camera| Some((camera, parameters(camera)?))))
             .collect();
         let of = |model: usize, footage: usize| {
-            let [(a, of_a), (b, of_b)] = [halves[model][0].as_ref()?, halves[footage][1].as_ref()?];
-            Some(misfit((a, &values(of_a)), (b, &values(of_b))))
+            Some(misfit_of(*misfit, halves[model][0].as_ref()?, halves[footage][1].as_ref()?))
         };
         let rows = (0..names.len()).map(|model| {
             let cells = (0..names.len()).map(|footage| Cell::number(of(model, footage), 3));
@@ -75,7 +74,7 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
             won.push(format!("and of none the {what} is known in both halves"));
             continue;
         };
-        let others = (0..names.len()).filter(|i| clips.contains(i) && !best.contains(i)).collect::<Vec<_>>();
+        let others: Vec<usize> = clips.iter().copied().filter(|i| !best.contains(i)).collect();
         won.push(format!(
             "by {what} on {} of {} (not on: {}; whatever the intervals allow: {}; another clip's fits better whatever they allow: {})",
             best.len(),
@@ -109,7 +108,7 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
     Ok(Some((tables, said)))
 }
 
-/// What the distances say of the clips whose parameters are known in both halves.
+/// Which clips their own half's model fits best.
 struct Tally {
     /// The clips whose parameters are known in both halves.
     clips: Vec<usize>,
@@ -131,10 +130,7 @@ fn tally(halves: &[[Option<Half>; 2]], misfit: Misfit, seed: u64) -> Option<Tall
         known.iter().map(|(_, halves)| halves.map(|(_, half)| draws(half, &mut rng))).collect();
     let others = |footage: usize| (0..count).filter(move |model| *model != footage);
     let best = |footage: &usize| {
-        let of = |model: usize| {
-            let [(a, of_a), (b, of_b)] = [known[model].1[0], known[*footage].1[1]];
-            misfit((a, &values(of_a)), (b, &values(of_b)))
-        };
+        let of = |model: usize| misfit_of(misfit, known[model].1[0], known[*footage].1[1]);
         others(*footage).all(|model| of(*footage) < of(model))
     };
     // Whether one clip's model surely fits the footage better than another's. Models that fit alike, as all whose noise cannot be seen, are
@@ -185,8 +181,10 @@ struct Parameter {
 /// A camera and its parameters.
 type Half<'a> = (&'a CameraModel, Vec<Parameter>);
 
-fn values(parameters: &[Parameter]) -> Vec<f64> {
-    parameters.iter().map(|p| p.value).collect()
+/// How badly the model of one half fits another half.
+fn misfit_of(misfit: Misfit, (model, of_model): &Half, (footage, of_footage): &Half) -> f64 {
+    let values = |parameters: &[Parameter]| parameters.iter().map(|p| p.value).collect::<Vec<_>>();
+    misfit((model, &values(of_model)), (footage, &values(of_footage)))
 }
 
 /// Parameters drawn from their intervals, [`DRAWS`] times: all of a draw lie as far above or below their values, by the scale of their
