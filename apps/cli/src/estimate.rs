@@ -188,7 +188,7 @@ pub fn run(args: &Estimate) -> Result<()> {
     let fitted = estimate::estimate(&footage, job, CONSOLE)?;
     let Estimation { model, diagnostics } = &fitted.estimation;
     if let Some(save) = &mut save {
-        save.finish(model.capture.fps)?;
+        save.finish(options.fps.or(footage.clip.fps()))?;
         tell_evidence(save);
     }
     let set = match &args.at[..] {

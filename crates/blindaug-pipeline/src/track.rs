@@ -217,7 +217,10 @@ pub fn track(
         last.camera.stopped = stopped;
     }
     following.hand_on(true)?;
-    let Following { cameras, samples, .. } = following;
+    let Following { tracker, cameras, samples, .. } = following;
+    if let Some(words) = tracker.copies_in_words() {
+        observer.note(&words);
+    }
     let track = CameraTrack::from_frames(cameras).map_err(|e| of_clip(clip, e))?;
     Ok(Tracked { track, samples: samples.kept, first, last })
 }

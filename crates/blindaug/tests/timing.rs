@@ -1,6 +1,9 @@
-//! Frames that were doubled, dropped and interpolated are found at their places, and nothing else is.
+//! Frames that were doubled, dropped and interpolated are found at their places, and nothing else is; estimates do without them.
 
+use blindaug::CameraModel;
 use blindaug::fit::timing::{Event, Kind, Timing, TimingAnalyser, WhyUntold};
+use blindaug::fit::track::Tracker;
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, FrameObservation};
 use blindaug::{Encoded, Raster};
 
 const W: usize = 224;
@@ -154,4 +157,97 @@ fn a_cut_drops_no_frame_and_one_frame_tells_nothing() {
     one.push(1, steady(0)).unwrap();
     assert!(one.push(2, Encoded(Raster::filled(9, 9, [0.0; 3]))).unwrap_err().to_string().contains("size"));
     assert!(one.finish().unwrap_err().to_string().contains("only one frame"));
+}
+
+#[test]
+fn of_three_equal_frames_two_are_doubled() {
+    // As from 10 to 30 frames a second.
+    let frames: Vec<usize> = (0..12).flat_map(|t| [t; 3]).collect();
+    let doubled = found(&timing(frames.iter().map(|&t| steady(t))));
+    let wanted: Vec<(Kind, u64)> = (4..=33).filter(|n| n % 3 != 1).map(|n| (Kind::Doubled, n)).collect();
+    assert!(wanted.iter().all(|w| doubled.contains(w)), "{doubled:?}");
+    assert!(doubled.iter().all(|&(kind, n)| kind == Kind::Doubled && n % 3 != 1), "{doubled:?}");
+}
+
+/// The frames of these times with their neighbours.
+fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
+    frames.iter().enumerate().map(|(i, frame)| FrameObservation {
+        frame,
+        next: frames.get(i + 1),
+        previous: i.checked_sub(1).map(|i| &frames[i]),
+        evidence: Evidence::default(),
+    })
+}
+
+fn estimation(times: impl IntoIterator<Item = usize>) -> Estimation {
+    let frames: Vec<Encoded> = times.into_iter().map(steady).collect();
+    let mut estimator = Estimator::new(EstimatorOptions { fps: Some(30.0), ..Default::default() });
+    for observation in observations(&frames) {
+        estimator.add(&observation).unwrap();
+    }
+    estimator.estimate().unwrap()
+}
+
+fn tracked(times: impl IntoIterator<Item = usize>) -> Vec<CameraModel> {
+    let frames: Vec<Encoded> = times.into_iter().map(steady).collect();
+    let mut tracker = Tracker::new(Default::default(), Some(30.0));
+    observations(&frames).map(|o| tracker.push(&o).unwrap().clone()).collect()
+}
+
+/// As from 24 to 30 frames a second.
+fn doubled() -> impl Iterator<Item = usize> {
+    (0..20).flat_map(|t| std::iter::repeat_n(t, if t % 4 == 3 { 2 } else { 1 }))
+}
+
+#[test]
+fn estimates_of_a_clip_with_copies_are_those_of_its_pictures() {
+    let wanted = estimation(0..20);
+    let Estimation { mut model, diagnostics } = estimation(doubled());
+    let fps = model.capture.fps.unwrap();
+    assert!((fps - 24.0).abs() < 1e-9, "{fps}");
+    assert!(
+        diagnostics.notes.iter().any(|n| n.starts_with("5 of 25 frames repeat")),
+        "{:?}",
+        diagnostics.notes
+    );
+    model.capture.fps = wanted.model.capture.fps;
+    assert_eq!(model, wanted.model);
+    assert!(wanted.model.motion_blur.known().is_some_and(|m| (m.exposure.0 - 0.5).abs() < 0.1));
+}
+
+#[test]
+fn a_frame_that_is_repeated_has_the_model_before_and_its_copy_its_own() {
+    let (wanted, found) = (tracked(0..20), tracked(doubled()));
+    for (frame, time) in doubled().enumerate() {
+        let is_repeated = doubled().nth(frame + 1) == Some(time);
+        let own = &wanted[if is_repeated { time - 1 } else { time }];
+        let mut model = found[frame].clone();
+        model.capture.fps = own.capture.fps;
+        assert_eq!(&model, own, "{frame}");
+    }
+}
+
+#[test]
+fn exposures_do_not_suffer_from_missing_frames() {
+    let whole = estimation(0..24).model;
+    // The picture of a missing frame is not there, or the one before is there in its place.
+    let missing = |t: &usize| [7, 14, 15, 19].contains(t);
+    let left_out = estimation((0..24).filter(|t| !missing(t)));
+    let replaced = estimation((0..24).map(|t| (0..=t).rev().find(|t| !missing(t)).unwrap()));
+    assert_eq!(replaced.model.capture.fps, Some(30.0));
+    for Estimation { model, .. } in [left_out, replaced] {
+        let exposure = model.motion_blur.known().unwrap();
+        let wanted = whole.motion_blur.known().unwrap();
+        assert!((exposure.exposure.0 - wanted.exposure.0).abs() < 0.03, "{exposure:?} {wanted:?}");
+    }
+}
+
+#[test]
+fn a_still_picture_that_repeats_itself_is_not_left_out() {
+    let clip = |pictures: &dyn Fn(usize) -> usize| {
+        let frames: Vec<Encoded> = (0..12).map(|t| frame(0.0, |_| 0.0, 0.5, pictures(t) as i64)).collect();
+        let mut estimator = Estimator::new(EstimatorOptions::default());
+        observations(&frames).map(|o| usize::from(estimator.add(&o).unwrap())).sum::<usize>()
+    };
+    assert_eq!(clip(&|_| 0), 12);
 }

@@ -8,6 +8,7 @@ use super::distant::DistantPairs;
 use super::geometry::{Follower, WantsParallax, check_sizes, no_parallax, parallax_of};
 use super::noise::NoiseEvidence;
 use super::observation::{EstimatorOptions, Evidence, Family, FrameObservation};
+use super::timing::{Copies, Look};
 use super::uneven::SpeedBy;
 use super::{defocus, motion_blur, removal, spectral, streaks, tiles, uneven};
 use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
@@ -27,6 +28,9 @@ pub struct Estimator {
     expected: usize,
     /// The number of frames given so far.
     given: usize,
+    /// The number of frames given so far but of those that the next one repeats.
+    pictures: usize,
+    copies: Copies,
     /// The distance between the frames that are used.
     stride: usize,
     frames: Vec<FrameEvidence>,
@@ -52,8 +56,8 @@ pub struct Estimator {
 
 /// The motion of the frame added last.
 struct LastMotion {
-    /// The frame's index among the given frames.
-    index: usize,
+    /// The number of pictures before the frame.
+    order: usize,
     /// The flow to the next frame, px.
     flow: Flow,
     /// The motion at the frame's own time, px per frame interval, if it is not the flow.
@@ -71,7 +75,10 @@ impl LastMotion {
 
 /// The evidence of one frame.
 struct FrameEvidence {
+    /// The frame's index among the given frames.
     index: usize,
+    /// The number of pictures before the frame.
+    order: usize,
     shot: usize,
     temporal: NoiseEvidence,
     spatial: NoiseEvidence,
@@ -99,15 +106,21 @@ struct FrameEvidence {
 }
 
 impl FrameEvidence {
+    /// Whether the motion of the frame, as far as it has any, is even.
+    fn is_even(&self) -> bool {
+        self.tiles.iter().all(|t| t.speed_error == 0.0)
+    }
+
     /// The exposure fraction, the std of the blur at infinity (px) and the inverse depth in focus; 0 in place of each that was not found.
     fn numbers(&self) -> [f32; 3] {
         let lens = self.lens.as_ref().map_or([0.0; 2], |l| [l.lens.sigma_px_at_infinity(), l.lens.focus]);
         [self.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
     }
 
-    fn new(index: usize, shot: usize, has_motion: bool, has_depth: bool) -> Self {
+    fn new([index, order]: [usize; 2], shot: usize, has_motion: bool, has_depth: bool) -> Self {
         Self {
             index,
+            order,
             shot,
             temporal: NoiseEvidence::new(Method::Temporal),
             spatial: NoiseEvidence::new(Method::Spatial),
@@ -177,6 +190,8 @@ impl Estimator {
             size: None,
             expected: 0,
             given: 0,
+            pictures: 0,
+            copies: Copies::default(),
             stride: 1,
             frames: vec![],
             follower: Follower::new(Self::FLOW_WIDTH, false),
@@ -205,10 +220,11 @@ impl Estimator {
     /// Whether the next frame given to [`Estimator::add`] will be used rather than thinned out. If not, the caller need not read the
     /// frame's evidence.
     pub fn wants_next(&self) -> bool {
-        self.given.is_multiple_of(self.stride)
+        self.pictures.is_multiple_of(self.stride)
     }
 
-    /// Adds the next frame in the order of time, and says whether the frame was used.
+    /// Adds the next frame in the order of time, and says whether the frame was used: frames are thinned out, and of a picture that is repeated
+    /// only the last frame is used.
     ///
     /// # Errors
     /// If a size differs from the first frame's, or the frame is not finite.
@@ -229,9 +245,17 @@ impl Estimator {
             self.follower.forget_scale();
             self.distant.begin_shot();
             self.last_motion = None;
+            self.copies.begin_shot();
         }
+        let Look::At { repeated, repeated_before, before } = self.copies.look(frame, next, previous) else {
+            return Ok(false);
+        };
+        // What a frame repeats is no neighbour.
+        let previous = if repeated > 0 { before.as_ref() } else { previous };
+        let order = self.pictures;
+        self.pictures += 1;
         self.cut_ahead = next.map_or(Ok(false), |next| cut_between(frame, next))?;
-        if !index.is_multiple_of(self.stride) {
+        if !order.is_multiple_of(self.stride) {
             return Ok(false);
         }
         if self.cut_ahead {
@@ -239,8 +263,8 @@ impl Estimator {
             evidence.flow = None;
         }
         // A frame beyond a cut is no neighbour.
-        let (next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
-        let neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
+        let (mut next, previous) = (next.filter(|_| !self.cut_ahead), previous.filter(|_| !opens));
+        let mut neighbour = next.map(|n| (n, 1.0)).or(previous.map(|p| (p, -1.0)));
         let mut parallax = None;
         let mut flow = evidence.flow.map(Cow::Borrowed);
         if let (None, Some((other, _))) = (&flow, neighbour) {
@@ -251,15 +275,23 @@ impl Estimator {
             flow = followed.flow.map(Cow::Owned);
             parallax = followed.parallax;
         }
+        if let (Some(to_next), Some(before)) = (flow.as_deref().filter(|_| next.is_some()), previous)
+            && self.goes_over_gap((order, repeated), [before, frame], to_next)?
+        {
+            (next, neighbour, evidence.flow) = (None, Some((before, -1.0)), None);
+            let followed = self.follower.follow(frame, before, None, Flow::filled(0, 0, [0.0; 2]))?;
+            flow = followed.flow.map(Cow::Owned);
+        }
         let depth = self.depth_of(&evidence, parallax)?;
-        let mut kept = FrameEvidence::new(index, self.shots.len() - 1, flow.is_some(), depth.is_some());
+        let mut kept =
+            FrameEvidence::new([index, order], self.shots.len() - 1, flow.is_some(), depth.is_some());
         // Given flow leads to the next frame.
         let mut still = false;
         let flow_given = evidence.flow.is_some() && !evidence.found_before;
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
         if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
-            still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(index))?;
-            let was_still = self.last_motion.as_ref().is_some_and(|l| l.index + 1 == index && l.still);
+            still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(order))?;
+            let was_still = self.last_motion.as_ref().is_some_and(|l| l.order + 1 == order && l.still);
             if let (true, Some(before), Some(next)) = (still && was_still, previous, next) {
                 kept.temporal.add_successive([before, frame, next]);
             }
@@ -267,8 +299,8 @@ impl Estimator {
         // A single image has no pair, so it need not be held.
         if neighbour.is_some() {
             let coded = || kept.temporal.fit().luma.is_some_and(|l| l.may_be_compressed());
-            let part = self.noise_turn(index);
-            self.distant.push((index, frame), coded, &mut self.follower, part)?;
+            let part = self.noise_turn(order);
+            self.distant.push((order, frame), coded, &mut self.follower, part)?;
         }
         if !kept.temporal.is_enough() {
             kept.spatial.add_single(frame);
@@ -279,11 +311,14 @@ impl Estimator {
             _ => flow,
         };
         // The shutter is open around the frame's own time, not on the way to the next frame.
-        let last = self.last_motion.take().filter(|l| l.index + 1 == index);
+        let last = self.last_motion.take().filter(|l| l.order + 1 == order);
         let left_out = match (&last, previous, next) {
             // Frames were left out, so that this flow was not needed before.
             (None, Some(previous), Some(_)) if self.stride > 1 && to_next.is_some() && !flow_given => {
-                self.backward.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow
+                let flow = self.backward.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow;
+                let ratio = |flow: &Flow| uneven::speed_ratio(flow, to_next.as_deref()?);
+                let copies = &mut self.copies;
+                flow.filter(|flow| !ratio(flow).is_some_and(|r| copies.gap_after(repeated_before, r)))
             }
             _ => None,
         };
@@ -336,7 +371,7 @@ impl Estimator {
         }
         self.last_depth = depth.map(|d| (index, d)).or(self.last_depth.take());
         self.last_motion = to_next.filter(|_| measured).map(|flow| LastMotion {
-            index,
+            order,
             flow: flow.into_owned(),
             at_frame,
             still,
@@ -346,15 +381,41 @@ impl Estimator {
         Ok(true)
     }
 
+    /// Whether the flow to the next frame seems to go over missing ones: after an even motion, or after the frame of this order has repeated
+    /// the one before a number of times.
+    fn goes_over_gap(
+        &mut self,
+        (order, repeated): (usize, usize),
+        [before, frame]: [&Encoded; 2],
+        to_next: &Flow,
+    ) -> Result<bool> {
+        let from_before = self.last_motion.as_ref().filter(|l| l.order + 1 == order).map(|l| &l.flow);
+        Ok(match from_before {
+            Some(flow) => {
+                let is_even = self.frames.last().is_some_and(FrameEvidence::is_even);
+                uneven::speed_ratio(to_next, flow).is_some_and(|ratio| match repeated {
+                    0 => is_even && uneven::is_sudden(ratio),
+                    _ => self.copies.gap_after(repeated, ratio),
+                })
+            }
+            None if repeated > 0 => {
+                let flow = self.backward.follow(before, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow;
+                let ratio = flow.and_then(|flow| uneven::speed_ratio(to_next, &flow));
+                ratio.is_some_and(|ratio| self.copies.gap_after(repeated, ratio))
+            }
+            None => false,
+        })
+    }
+
     /// Corrects the speeds of the last frames' tiles, where motion is uneven, by the frames around them that are known by now.
     fn correct_speeds(&mut self) {
-        let follows = |w: &&[FrameEvidence]| w[0].shot == w[1].shot && w[0].index + 1 == w[1].index;
+        let follows = |w: &&[FrameEvidence]| w[0].shot == w[1].shot && w[0].order + 1 == w[1].order;
         let pairs = self.frames.windows(2).rev().take(2 * uneven::SPLINE_REACH);
         let first = self.frames.len() - 1 - pairs.take_while(follows).count();
         let frames = &self.frames[first..];
         let flows: Vec<Option<&uneven::SampledFlow>> = frames.iter().map(|f| f.to_next.as_ref()).collect();
         let corrected = frames.len().saturating_sub(uneven::SPLINE_REACH + 1)..frames.len();
-        let uneven = |i: &usize| frames[*i].tiles.iter().any(|t| t.speed_error > 0.0);
+        let uneven = |i: &usize| !frames[*i].is_even();
         let factors: Vec<(usize, f32)> = corrected
             .filter(uneven)
             .map(|i| {
@@ -382,7 +443,7 @@ impl Estimator {
         let at = |x: usize, y: usize| motion.at(x, y);
         kept.change = to_next.and_then(|next| uneven::change_of(next.size(), &|x, y| next.at(x, y), &at));
         let near = |f: &&mut FrameEvidence| {
-            f.shot == kept.shot && f.index + uneven::NEAR * self.stride >= kept.index
+            f.shot == kept.shot && f.order + uneven::NEAR * self.stride >= kept.order
         };
         let by = |change: Option<f32>| match change {
             None => SpeedBy::OneFlow,
@@ -413,11 +474,11 @@ impl Estimator {
 
     /// Which of how many parts of a frame's rows its noise is measured in: all of a frame of at most [`NOISE_WHOLE`] px, of a larger one a
     /// part, another in each frame that is looked at, if there are enough of them that each part is seen [`NOISE_SEEN`] times.
-    fn noise_turn(&self, index: usize) -> (usize, usize) {
+    fn noise_turn(&self, order: usize) -> (usize, usize) {
         let (width, height) = self.size.unwrap_or_default();
         let turns = (height / NOISE_ROWS).min(self.expected / self.stride / NOISE_SEEN);
         let turns = if width * height > NOISE_WHOLE { turns.max(1) } else { 1 };
-        (index / self.stride % turns, turns)
+        (order / self.stride % turns, turns)
     }
 
     /// The inverse depth of a frame: the given one, else that from parallax, else `None`.
@@ -489,7 +550,7 @@ impl Estimator {
 
     /// The flow to the next frame that was used for the frame added last, px; `None` if the frame was not used or its flow is unknown.
     pub fn flow(&self) -> Option<&Flow> {
-        self.last_motion.as_ref().filter(|l| l.index + 1 == self.given).map(|l| &l.flow)
+        self.last_motion.as_ref().filter(|l| l.order + 1 == self.pictures).map(|l| &l.flow)
     }
 
     /// The inverse depth that was used for the frame added last, and its unit; `None` if the frame was not used or its depth is unknown.

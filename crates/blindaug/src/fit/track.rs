@@ -33,6 +33,7 @@ use super::noise::LumaNoise;
 use super::observation::FrameObservation;
 use super::streaks::Link;
 use super::tiles::Tile;
+use super::timing::{Copies, Look};
 use super::uneven::{self, Correction, Swings};
 use super::{bokeh, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
@@ -81,6 +82,9 @@ pub struct Tracker {
     fps: Option<f64>,
     size: Option<(usize, usize)>,
     frames: usize,
+    copies: Copies,
+    /// The flow to the next frame where that is not the motion: to a copy, and over missing frames.
+    flow_to_next: Option<Flow>,
     follower: Follower,
     /// The flow of the last frame.
     last_flow: LastFlow,
@@ -205,6 +209,8 @@ impl Tracker {
             fps,
             size: None,
             frames: 0,
+            copies: Copies::default(),
+            flow_to_next: None,
             follower: Follower::new(FLOW_WIDTH, true),
             last_flow: LastFlow::default(),
             spare: Flow::filled(0, 0, [0.0; 2]),
@@ -225,6 +231,7 @@ impl Tracker {
 
     /// Looks at a frame, and gives the model that holds for this frame. A live camera's frame is pushed when the next frame has
     /// arrived; [`FrameObservation::previous`] is used if there is no next frame, and where motion begins to be uneven, as under a shaking hand.
+    /// A frame that the next one repeats gets the last model, and its copy is looked at in its place.
     ///
     /// # Errors
     /// If a size differs from the first frame's, the frame is not finite, or depth is in another unit than before.
@@ -253,11 +260,39 @@ impl Tracker {
         check_sizes(&mut self.size, observation)?;
         let FrameObservation { frame, next, previous, .. } = *observation;
         let (width, height) = frame.0.size();
-        let capture =
-            Capture { width, height, fps: self.fps, frames_used: self.frames + 1, pixel_aspect: 1.0 };
         self.changes = Changes::default();
         self.begin_shot();
-        let geometry = self.geometry(observation)?;
+        let look = self.copies.look(frame, next, previous);
+        if matches!(look, Look::Pass)
+            && let Some(model) = self.model.take()
+        {
+            self.flow_to_next = Some(Flow::filled(width, height, [0.0; 2]));
+            return Ok(self.model.insert(model));
+        }
+        self.flow_to_next = None;
+        let (repeated, picture_before) = match look {
+            Look::At { repeated, before, .. } => (repeated, before),
+            Look::Pass => (0, None),
+        };
+        // What a frame repeats is no neighbour.
+        let previous = if repeated > 0 { picture_before.as_ref() } else { previous };
+        let mut observation = FrameObservation { previous, ..*observation };
+        let fps = self.copies.pictures_per_second(self.fps);
+        let capture = Capture { width, height, fps, frames_used: self.frames + 1, pixel_aspect: 1.0 };
+        let mut geometry = self.geometry(&observation)?;
+        if let (Some(_), Some(_), Some(to_next)) = (previous, next, &geometry.flow)
+            && let Some(before) = self.last_flow.flow.as_ref().filter(|_| self.last_flow.to_next)
+            && let Some(ratio) = uneven::speed_ratio(to_next, before)
+            && match repeated {
+                0 => self.swings.is_even() && uneven::is_sudden(ratio),
+                _ => self.copies.gap_after(repeated, ratio),
+            }
+        {
+            self.flow_to_next = geometry.flow.map(Cow::into_owned);
+            (observation.next, observation.evidence.flow) = (None, None);
+            geometry = Geometry { flow: self.geometry(&observation)?.flow, ..geometry };
+        }
+        let next = observation.next;
         let neighbour = if observation.evidence.flow.is_some() { next } else { next.or(previous) };
         let mut model = CameraModel::unknown(capture, "");
         (model.blur_space, model.transfer) = (self.space.blur, self.space.transfer);
@@ -387,6 +422,7 @@ impl Tracker {
     /// Forgets all evidence if the last frame was the last of its shot, since another shot may be another camera's.
     fn begin_shot(&mut self) {
         if std::mem::take(&mut self.cut_ahead) {
+            self.copies.begin_shot();
             (self.exposure, self.lens) = (ExposureMemory::default(), LensMemory::default());
             self.noise.forget();
             self.last_flow.flow = None;
@@ -470,7 +506,12 @@ impl Tracker {
     /// The last frame's flow to the next frame (to the previous frame if there was no next one), px, NaN where it is unknown;
     /// `None` if the flow was given, or could not be found.
     pub fn flow(&self) -> Option<&Flow> {
-        self.last_flow.flow.as_ref().filter(|_| self.last_flow.found)
+        self.flow_to_next.as_ref().or(self.last_flow.flow.as_ref()).filter(|_| self.last_flow.found)
+    }
+
+    /// A sentence for the user about the frames that repeat the one before; `None` if there are none so far.
+    pub fn copies_in_words(&self) -> Option<String> {
+        self.copies.words(self.fps)
     }
 
     /// The last relative inverse depth that parallax gave, for one of the last frames, in the unit of the models' lens.

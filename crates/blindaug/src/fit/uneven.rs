@@ -21,6 +21,10 @@ use std::ops::Range;
 /// steady cameras have less.
 const EVEN: f32 = 0.2;
 
+/// The ratio of speeds from which on a motion that was even before seems to go over missing frames: a hand moves on, while over a missing frame
+/// everything moves twice as far.
+const SUDDEN: f32 = 1.6;
+
 /// The number of frames that are looked at, before and after a frame, whose uneven motion makes the motion of that frame count as uneven.
 pub(super) const NEAR: usize = 2;
 
@@ -70,6 +74,26 @@ pub(super) fn change_of((w, h): (usize, usize), to_next: &MotionOf, motion: &Mot
         })
         .collect();
     if changes.len() < 2 * TILE / STEP { None } else { median(changes) }
+}
+
+/// The speed to the next frame over the speed from the frame before: the median over the pixels that move; `None` if too few do.
+pub(super) fn speed_ratio(to_next: &Flow, before: &Flow) -> Option<f32> {
+    const STEP: usize = 8;
+    let (w, h) = to_next.size();
+    let places = (0..h).step_by(STEP).flat_map(|y| (0..w).step_by(STEP).map(move |x| (x, y)));
+    let ratios: Vec<f32> = places
+        .filter_map(|(x, y)| {
+            let [next, before] =
+                [to_next, before].map(|flow| flow.at(x, y)).map(|[u, v]| u.portable_hypot(v));
+            (before >= SPEEDS.start && next.is_finite()).then_some(next / before)
+        })
+        .collect();
+    if ratios.len() < 2 * TILE / STEP { None } else { median(ratios) }
+}
+
+/// Whether frames seem to be missing where an even motion goes on with this [`speed_ratio`].
+pub(super) fn is_sudden(speed_ratio: f32) -> bool {
+    speed_ratio > SUDDEN
 }
 
 /// The relative std of the speed at a frame's own time if the motion changes by the share `change`; 0 if the motion is even.
@@ -288,6 +312,11 @@ impl Swings {
     /// Begins anew, since the next frame belongs to another shot, or the motion to it is not known.
     pub fn forget(&mut self) {
         *self = Self::default();
+    }
+
+    /// Whether the motion of the last frames is known, and is even.
+    pub fn is_even(&self) -> bool {
+        !self.flows.is_empty() && self.change() <= EVEN
     }
 
     /// The largest change of the last frames' motion; 0 if none is known.

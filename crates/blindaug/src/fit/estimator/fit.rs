@@ -31,13 +31,14 @@ impl Estimator {
         let capture = Capture {
             width,
             height,
-            fps: self.options.fps,
+            fps: self.copies.pictures_per_second(self.options.fps),
             frames_used: self.frames.len(),
             pixel_aspect: 1.0,
         };
         let mut model = CameraModel::unknown(capture, "not looked at");
         (model.blur_space, model.transfer) = (self.options.space.blur, self.options.space.transfer);
         let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
+        diagnostics.notes.extend(self.copies.words(self.options.fps));
         if self.frames.len() < FEW_FRAMES {
             let few = if self.frames.len() == 1 {
                 "one frame".into()
@@ -194,8 +195,21 @@ impl Estimator {
             return Ok(removal::fit_exposure(&removal_tiles(frames)));
         }
         let Some(noise) = noise else { return Ok(Estimate::Unknown(noise_unknown())) };
-        let pairs: Vec<&[spectral::Pair]> = frames.iter().map(|f| f.pairs.as_slice()).collect();
-        let by_tiles = spectral::fit_exposure(&spectral_tiles(frames), &pairs, noise)?;
+        let by_tiles_of = |counts: &dyn Fn(&FrameEvidence) -> bool| {
+            let own = |f: &&&FrameEvidence| counts(f);
+            let tiles: Vec<&[tiles::Tile]> =
+                frames.iter().map(|f| Some(f).filter(own).map_or(&[][..], |f| &f.tiles)).collect();
+            let pairs: Vec<&[spectral::Pair]> =
+                frames.iter().map(|f| Some(f).filter(own).map_or(&[][..], |f| &f.pairs)).collect();
+            spectral::fit_exposure(&tiles, &pairs, noise)
+        };
+        // A few uneven frames may be those around missing ones, whose streaks contradict the motion.
+        if 2 * frames.iter().filter(|f| f.is_even()).count() >= frames.len()
+            && let known @ Estimate::Known(_) = by_tiles_of(&FrameEvidence::is_even)?
+        {
+            return Ok(known);
+        }
+        let by_tiles = by_tiles_of(&|_| true)?;
         let width = |fit: &agreement::ExposureFit| fit.interval[1] - fit.interval[0];
         let widest = streaks::widest(by_tiles.known().map(width));
         let by_streaks = streaks::fit_exposure(&runs(frames), noise).filter(|fit| width(fit) <= widest);
@@ -397,7 +411,7 @@ fn contradiction(shots: &[Shot]) -> Option<Unknown> {
 fn runs<'a>(frames: &[&'a FrameEvidence]) -> Vec<streaks::Run<'a>> {
     let mut runs: Vec<streaks::Run> = vec![];
     for (i, frame) in frames.iter().enumerate() {
-        let before = i.checked_sub(1).filter(|&b| frames[b].index + 1 == frame.index);
+        let before = i.checked_sub(1).filter(|&b| frames[b].order + 1 == frame.order);
         if let Some(link) = &frame.from_before {
             match runs.last_mut() {
                 Some(run)

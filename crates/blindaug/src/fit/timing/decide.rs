@@ -11,7 +11,7 @@ const AROUND: usize = 24;
 /// The fewest values that have a spread.
 const ENOUGH: usize = 8;
 /// The steps of 8 bits by which pictures around must differ for a doubled frame to stand out.
-const MOVES: f32 = 0.5;
+pub(super) const MOVES: f32 = 0.5;
 /// The steps of 8 bits below which two frames are the same.
 const SAME: f32 = 0.05;
 /// The steps of 8 bits that are added to differences, so that none is 0.
@@ -36,13 +36,13 @@ const MOST_OF_STREAKS: f32 = 8.0;
 const SURE: f32 = 8.0;
 
 /// A sign: its least spread, and the value from which on it is that of a finding.
-struct Sign {
+pub(super) struct Sign {
     floor: f32,
     found: f32,
 }
 
 /// The log of a pair's difference over that of the pairs around.
-const DIFFERENCE: Sign = Sign { floor: 0.15, found: -2.3 };
+pub(super) const DIFFERENCE: Sign = Sign { floor: 0.15, found: -2.3 };
 /// The log of the difference to the mixture in place, beside that of frames around.
 const BLEND: Sign = Sign { floor: 0.15, found: -1.4 };
 /// The log of the difference to the mixture along the motion, beside the smaller one of its neighbours': the larger one may be that of a
@@ -57,9 +57,26 @@ const OF_DETAIL: Range<f32> = -2.0..5.0;
 
 impl Sign {
     /// What a value at or below 0 tells for a finding, nats.
-    fn tells(&self, value: f32, spread: f32) -> f32 {
+    pub fn tells(&self, value: f32, spread: f32) -> f32 {
         ((value.abs() - (value - self.found).max(0.0)) / spread).min(MOST)
     }
+
+    /// The scale of the Laplace distribution of those of these values that are none of a finding; `None` if they are too few. Values as far
+    /// above 0 as no other lies below it do not count for more: at the end of a shot of copies one frame alone moves.
+    pub fn spread(&self, values: impl Iterator<Item = f32>) -> Option<f32> {
+        let most = -0.5 * self.found;
+        let (mut sum, mut count) = (0.0, 0);
+        for value in values.filter(|&v| v > -most) {
+            sum += value.abs().min(most);
+            count += 1;
+        }
+        (count >= ENOUGH).then(|| (sum / count as f32).max(self.floor))
+    }
+}
+
+/// The sign of a doubled frame by its difference to the one before and the expected one, in steps of 8 bits.
+pub(super) fn difference_sign([own, expected]: [f32; 2]) -> f32 {
+    ((own + ROUNDING) / (expected + ROUNDING)).ln()
 }
 
 pub(super) fn timing(seen: &[Seen]) -> Timing {
@@ -161,8 +178,7 @@ impl Clip<'_> {
     fn doubled(&self) -> Told {
         let n = self.len();
         let differences: Vec<Option<[f32; 2]>> = (0..n).map(|i| self.differences(i)).collect();
-        let sign = |[own, expected]: [f32; 2]| ((own + ROUNDING) / (expected + ROUNDING)).ln();
-        let signs: Vec<Option<f32>> = differences.iter().map(|d| d.map(sign)).collect();
+        let signs: Vec<Option<f32>> = differences.iter().map(|d| d.map(difference_sign)).collect();
         // Pairs that hardly differ have no motion that others could be compared with.
         let alike: Vec<bool> =
             (0..n).map(|i| i > 0 && signs[i - 1].is_some_and(|s| s < 0.5 * DIFFERENCE.found)).collect();
@@ -180,7 +196,8 @@ impl Clip<'_> {
                 untold[i + 1] = Some(WhyUntold::Still);
                 continue;
             }
-            let Some(spread) = self.spread(&signs, i, DIFFERENCE.floor) else {
+            let around = DIFFERENCE.spread(self.around(i, AROUND).filter_map(|j| signs[j]));
+            let Some(spread) = around.or_else(|| DIFFERENCE.spread(signs.iter().copied().flatten())) else {
                 untold[i + 1] = Some(WhyUntold::TooShort);
                 continue;
             };

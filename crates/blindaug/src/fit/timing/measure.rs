@@ -243,7 +243,7 @@ pub(super) fn mean_of(values: &[f32], cells: &[usize]) -> f32 {
 }
 
 /// A value for each cell, row by row, by its columns and rows.
-fn of_cells<T>((w, h): (usize, usize), of: impl Fn(Range<usize>, Range<usize>) -> T) -> Vec<T> {
+pub(super) fn of_cells<T>((w, h): (usize, usize), of: impl Fn(Range<usize>, Range<usize>) -> T) -> Vec<T> {
     let range =
         |i: usize, n: usize, size: usize| i * size / n..((i + 1) * size / n).max(i * size / n + 1).min(size);
     let cells = (0..CELLS[1]).flat_map(|j| (0..CELLS[0]).map(move |i| (i, j)));

@@ -10,10 +10,12 @@
 //! A sign's own spread over the frames around, which is large where a hand shakes, says how much it tells. Errors are taken to be
 //! Laplacian, whose tails are long, and what a sign tells is a log-likelihood ratio in nats. What lies above [`FOUND`] is told.
 
+mod copies;
 mod decide;
 mod measure;
 
 use crate::{Encoded, Error, Result};
+pub(super) use copies::{Copies, Look};
 use measure::Measurer;
 use serde::Serialize;
 
