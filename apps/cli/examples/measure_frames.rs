@@ -1,12 +1,13 @@
 //! Measures `blindaug frames`: clips are damaged at known places, coded, and looked at. `cargo run --release --example measure_frames
 //! [VIDEO ..]` prints the tables of docs/frames.md: for the given videos or, without any, for scenes that are filmed by physics with known
-//! exposures. Coding needs the `ffmpeg` program.
+//! exposures. With `--exposures` it prints the exposures that are estimated from such scenes with copies and without some of their frames.
+//! Coding needs the `ffmpeg` program.
 
 use blindaug::analysis::flow::flow_with_occlusion;
 use blindaug::fit::timing::Kind;
-use blindaug::{Encoded, Raster};
+use blindaug::{CameraModel, Encoded, Raster};
 use blindaug_io::{FrameSource, VideoCoding, VideoWriter};
-use blindaug_pipeline::{Clip, MemoryClip, Silent, timing::timing};
+use blindaug_pipeline::{Clip, Footage, MemoryClip, Silent, estimate, timing::timing, track};
 use blindaug_scenes::camera::{Camera, Setting};
 use blindaug_scenes::scene::{Exposure, Scene};
 use std::collections::{BTreeMap, BTreeSet};
@@ -118,25 +119,91 @@ fn damaged(frames: &[Encoded], first: usize) -> (Vec<Encoded>, Truth) {
     (out, truth)
 }
 
+/// What `look` makes of frames after they were coded.
+fn coded<R>(frames: &[Encoded], crf: Option<u8>, look: impl FnOnce(Box<dyn Clip>) -> R) -> R {
+    let Some(crf) = crf else { return look(Box::new(MemoryClip { frames: frames.to_vec(), fps: None })) };
+    let path = std::env::temp_dir().join(format!("blindaug-frames-{}.mp4", std::process::id()));
+    let mut video = VideoWriter::create_coded(&path, frames[0].0.size(), 25.0, VideoCoding::H264 { crf })
+        .expect("a video");
+    frames.iter().for_each(|f| video.write(f).expect("a frame"));
+    video.finish().expect("a video");
+    let found = look(Box::new(FrameSource::open(&path, Default::default()).expect("a video")));
+    std::fs::remove_file(&path).expect("the video");
+    found
+}
+
 /// What is found in frames after they were coded.
 fn found(frames: &[Encoded], crf: Option<u8>) -> BTreeSet<(Kind, u64)> {
-    let path = std::env::temp_dir().join(format!("blindaug-frames-{}.mp4", std::process::id()));
-    let clip: Box<dyn Clip> = match crf {
-        None => Box::new(MemoryClip { frames: frames.to_vec(), fps: None }),
-        Some(crf) => {
-            let mut video =
-                VideoWriter::create_coded(&path, frames[0].0.size(), 25.0, VideoCoding::H264 { crf })
-                    .expect("a video");
-            frames.iter().for_each(|f| video.write(f).expect("a frame"));
-            video.finish().expect("a video");
-            Box::new(FrameSource::open(&path, Default::default()).expect("a video"))
-        }
-    };
-    let timing = timing(&*clip, &Silent).expect("frames").timing;
-    if crf.is_some() {
-        std::fs::remove_file(&path).expect("the video");
-    }
+    let timing = coded(frames, crf, |clip| timing(&*clip, &Silent).expect("frames").timing);
     timing.findings.iter().map(|f| (f.event.kind(), f.frame)).collect()
+}
+
+/// The frames of a clip of this many that are shown, in their order.
+type Shown = fn(usize) -> Vec<usize>;
+
+/// The clips whose exposures are estimated.
+const SHOWN: [(&str, Shown); 6] = [
+    ("as they are", |n| (0..n).collect()),
+    ("one of five twice (24 frames a second as 30)", |n| {
+        (0..n).flat_map(|t| std::iter::repeat_n(t, if t % 4 == 3 { 2 } else { 1 })).collect()
+    }),
+    ("each twice (15 as 30)", |n| (0..n).flat_map(|t| [t; 2]).collect()),
+    ("each three times (10 as 30)", |n| (0..n).flat_map(|t| [t; 3]).collect()),
+    ("one of seven missing", |n| (0..n).filter(|t| t * 3 % 7 != 4).collect()),
+    ("one of seven missing, the one before in its place", |n| {
+        (0..n).map(|t| t - usize::from(t * 3 % 7 == 4)).collect()
+    }),
+];
+
+/// The sum of the errors of known exposures, the number of these, and that of those whose intervals hold the truth.
+#[derive(Default)]
+struct Errors {
+    sum: f32,
+    known: usize,
+    covered: usize,
+}
+
+impl Errors {
+    fn add(&mut self, camera: &CameraModel, truth: f32) {
+        if let Some(found) = camera.motion_blur.known() {
+            self.sum += (found.exposure.0 - truth).abs();
+            self.known += 1;
+            self.covered += usize::from((found.interval[0]..=found.interval[1]).contains(&truth));
+        }
+    }
+
+    fn words(&self) -> String {
+        format!("{:.3}, {} of {}", self.sum / self.known as f32, self.covered, self.known)
+    }
+}
+
+/// Prints the exposures of scenes with copies and without some of their frames.
+fn exposures() {
+    const CLIPS: u64 = 10;
+    let exposure = |i: u64| 0.15 + 0.08 * i as f32;
+    let films: Vec<Vec<Encoded>> =
+        (0..CLIPS).map(|i| film((201 + i, "steady", exposure(i), 0.008))).collect();
+    println!(
+        "\n| {CLIPS} clips, H.264 at crf 20 | `estimate`: mean error, covered of known | the last frame of `--track` |"
+    );
+    println!("|---|---|---|");
+    for (what, shown) in SHOWN {
+        let mut errors = [Errors::default(), Errors::default()];
+        for (i, film) in films.iter().enumerate() {
+            let frames: Vec<Encoded> = shown(film.len()).into_iter().map(|t| film[t].clone()).collect();
+            let cameras = coded(&frames, Some(20), |clip| {
+                let footage = Footage { clip, ..Footage::new(MemoryClip::default()) };
+                let of_clip = estimate::estimate(&footage, Default::default(), &Silent).expect("frames");
+                let tracked =
+                    track::track(&footage, Default::default(), &Silent, &mut |_| Ok(())).expect("frames");
+                let last = tracked.track.frames().last().expect("frames");
+                [of_clip.estimation.model, last.camera.clone()]
+            });
+            let truth = exposure(i as u64);
+            errors.iter_mut().zip(&cameras).for_each(|(errors, camera)| errors.add(camera, truth));
+        }
+        println!("| {what} | {} | {} |", errors[0].words(), errors[1].words());
+    }
 }
 
 /// The scores of a coding: for each damage how many were found of how many; by kind the findings that are right and those that are not; the
@@ -216,6 +283,9 @@ fn film((number, how, exposure, noise): (u64, &str, f32, f32)) -> Vec<Encoded> {
 
 fn main() {
     let videos: Vec<String> = std::env::args().skip(1).collect();
+    if videos.first().is_some_and(|v| v == "--exposures") {
+        return exposures();
+    }
     let crfs = [None, Some(23), Some(28)];
     for group in ["steady", "shaken", "surging"] {
         if !videos.is_empty() {

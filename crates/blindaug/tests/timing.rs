@@ -251,3 +251,23 @@ fn a_still_picture_that_repeats_itself_is_not_left_out() {
     };
     assert_eq!(clip(&|_| 0), 12);
 }
+
+#[test]
+fn a_tracker_that_sees_one_of_four_frames_takes_the_motion_from_their_neighbours() {
+    // The camera turns around every six frames.
+    let place = |t: f32| 4.0 * (t.rem_euclid(12.0) - 6.0).abs();
+    let frames: Vec<Encoded> = (0..64).map(|t| frame(t as f32, place, 0.5, t)).collect();
+    let exposure = |with_previous: bool| {
+        let mut tracker = Tracker::new(Default::default(), None);
+        for observation in observations(&frames).skip(2).step_by(4) {
+            let previous = observation.previous.filter(|_| with_previous);
+            tracker.push(&FrameObservation { previous, ..observation }).unwrap();
+        }
+        tracker.model().unwrap().motion_blur.known().map(|m| (m.exposure.0, m.interval))
+    };
+    let (found, interval) = exposure(true).unwrap();
+    assert!((found - 0.5).abs() < 0.1 && (interval[0]..=interval[1]).contains(&0.5), "{found} {interval:?}");
+    // Negative control: the motion of the frame that was looked at before is another one.
+    let wrong = exposure(false);
+    assert!(wrong.is_none_or(|(found, _)| (found - 0.5).abs() > 0.1), "{wrong:?}");
+}

@@ -164,9 +164,10 @@ impl Estimator {
     /// The most bytes, approximately, that an estimator takes for `frames` frames of this size, beside the frames and their given evidence.
     /// `moving`: whether the flow of the frames is to be estimated.
     pub fn bytes(size @ (width, height): (usize, usize), frames: usize, family: Family, moving: bool) -> u64 {
-        /// The measured bytes for each pixel: of a strip, of the motion of a frame, of removal, and of the evidence kept of each frame.
+        /// The measured bytes for each pixel: of a strip, of the motion of a frame with the frame before one that is repeated, of removal, and of
+        /// the evidence kept of each frame.
         const OF_STRIP: u64 = 80;
-        const MOTION: u64 = 72;
+        const MOTION: u64 = 72 + 12;
         const REMOVAL: u64 = 120;
         const KEPT: u64 = 1;
         let pixels = (width * height) as u64;

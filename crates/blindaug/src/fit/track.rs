@@ -82,6 +82,8 @@ pub struct Tracker {
     fps: Option<f64>,
     size: Option<(usize, usize)>,
     frames: usize,
+    /// The [`fingerprint`] of the last frame.
+    last_frame: Option<u64>,
     copies: Copies,
     /// The flow to the next frame where that is not the motion: to a copy, and over missing frames.
     flow_to_next: Option<Flow>,
@@ -197,8 +199,8 @@ struct Geometry<'a> {
 impl Tracker {
     /// The most bytes, approximately, that a tracker takes for frames of this size, beside the frames and their given evidence.
     pub fn bytes((width, height): (usize, usize)) -> u64 {
-        /// The bytes for each pixel of a frame; measured.
-        const OF_PIXEL: u64 = 62;
+        /// The bytes for each pixel of a frame; measured, and those of the frame before one that is repeated.
+        const OF_PIXEL: u64 = 62 + 12;
         OF_PIXEL * (width * height) as u64
     }
 
@@ -209,6 +211,7 @@ impl Tracker {
             fps,
             size: None,
             frames: 0,
+            last_frame: None,
             copies: Copies::default(),
             flow_to_next: None,
             follower: Follower::new(FLOW_WIDTH, true),
@@ -230,8 +233,9 @@ impl Tracker {
     }
 
     /// Looks at a frame, and gives the model that holds for this frame. A live camera's frame is pushed when the next frame has
-    /// arrived; [`FrameObservation::previous`] is used if there is no next frame, and where motion begins to be uneven, as under a shaking hand.
-    /// A frame that the next one repeats gets the last model, and its copy is looked at in its place.
+    /// arrived; [`FrameObservation::previous`] is used if there is no next frame, if it was not the last one that was pushed, as on a machine that
+    /// leaves frames out, and where motion begins to be uneven, as under a shaking hand. A frame that the next one repeats gets the last model,
+    /// and its copy is looked at in its place.
     ///
     /// # Errors
     /// If a size differs from the first frame's, the frame is not finite, or depth is in another unit than before.
@@ -262,6 +266,12 @@ impl Tracker {
         let (width, height) = frame.0.size();
         self.changes = Changes::default();
         self.begin_shot();
+        let last_frame = self.last_frame.replace(fingerprint(frame));
+        let left_out = previous.filter(|p| last_frame != Some(fingerprint(p)));
+        let previous = match left_out {
+            Some(left_out) => self.begin_after_left_out(left_out, observation)?,
+            None => previous,
+        };
         let look = self.copies.look(frame, next, previous);
         if matches!(look, Look::Pass)
             && let Some(model) = self.model.take()
@@ -417,6 +427,32 @@ impl Tracker {
         self.frames += 1;
         model.validate()?;
         Ok(self.model.insert(model))
+    }
+
+    /// Finds the motion from the frame before, which was not looked at, since that of the last frame that was is another time's. Gives the frame
+    /// before, unless it shows the same picture.
+    fn begin_after_left_out<'a>(
+        &mut self,
+        previous: &'a Encoded,
+        observation: &FrameObservation,
+    ) -> Result<Option<&'a Encoded>> {
+        if let Some(noise) = &self.noise.luma {
+            self.streaks.follow(vec![], self.frames, noise);
+        }
+        self.swings.forget();
+        self.last_flow = LastFlow::default();
+        if self.copies.are_one_picture(previous, observation.frame) {
+            return Ok(None);
+        }
+        if observation.evidence.flow.is_none() {
+            let spare = std::mem::replace(&mut self.spare, Flow::filled(0, 0, [0.0; 2]));
+            let flow = self.follower.follow(previous, observation.frame, None, spare)?.flow;
+            if let Some(flow) = &flow {
+                self.swings.next(Some(flow), &|x, y| flow.at(x, y));
+            }
+            self.last_flow = LastFlow { flow, found: true, to_next: true };
+        }
+        Ok(Some(previous))
     }
 
     /// Forgets all evidence if the last frame was the last of its shot, since another shot may be another camera's.
@@ -663,4 +699,14 @@ impl Tracker {
         }
         Ok(lens)
     }
+}
+
+/// A number by which a frame is known again: a hash (FNV-1a) of some of its values.
+fn fingerprint(Encoded(frame): &Encoded) -> u64 {
+    const SAMPLES: usize = 1000;
+    let step = (frame.data().len() / SAMPLES).max(1);
+    let values = frame.data().iter().step_by(step).flatten();
+    values.fold(0xcbf2_9ce4_8422_2325, |hash, value| {
+        (hash ^ u64::from(value.to_bits())).wrapping_mul(0x100_0000_01b3)
+    })
 }

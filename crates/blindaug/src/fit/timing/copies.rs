@@ -51,11 +51,13 @@ struct Passed {
 #[derive(Default)]
 struct Found {
     count: u64,
-    /// The numbers of the first and of the last one.
-    first: u64,
+    /// The number of the last one.
     last: u64,
     /// The shortest and the longest distance of one to the next.
     distances: Option<[u64; 2]>,
+    /// The first and the last one after the longest distance, as the number of the frame and how many were passed over before it: between
+    /// them lie whole periods.
+    periods: [(u64, u64); 2],
     /// The number of pictures, of those looked at, that were repeated.
     repeated: usize,
     /// The number of these beside which frames are missing.
@@ -100,14 +102,7 @@ impl Copies {
 
     /// Whether a pair of frames with these differences shows one picture twice. The pair is one of those around the next ones.
     fn repeats(&mut self, difference: &[f32]) -> bool {
-        let cells = |values: &[f32]| 255.0 * mean_of(values, &largest(values));
-        let most = |a: Vec<f32>, b: &Vec<f32>| a.iter().zip(b).map(|(a, b)| a.max(*b)).collect();
-        let expected = self.differences.iter().fold(vec![0.0; difference.len()], most);
-        let (own, expected) = (cells(difference), cells(&expected));
-        let sign = difference_sign([own, expected]);
-        let spread = DIFFERENCE.spread(self.signs.iter().copied()).unwrap_or(USUAL_SPREAD);
-        let is_same = difference.iter().all(|&v| v == 0.0);
-        let found = expected >= MOVES && (is_same || DIFFERENCE.tells(sign, spread) >= FOUND);
+        let (found, sign) = self.told_by(difference);
         if !self.differences.is_empty() {
             self.signs.push_back(sign);
         }
@@ -115,6 +110,23 @@ impl Copies {
         self.signs.drain(..self.signs.len().saturating_sub(AROUND));
         self.differences.drain(..self.differences.len().saturating_sub(NEAR));
         found
+    }
+
+    /// Whether a pair of frames with these differences shows one picture twice, and the sign of that.
+    fn told_by(&self, difference: &[f32]) -> (bool, f32) {
+        let cells = |values: &[f32]| 255.0 * mean_of(values, &largest(values));
+        let most = |a: Vec<f32>, b: &Vec<f32>| a.iter().zip(b).map(|(a, b)| a.max(*b)).collect();
+        let expected = self.differences.iter().fold(vec![0.0; difference.len()], most);
+        let (own, expected) = (cells(difference), cells(&expected));
+        let sign = difference_sign([own, expected]);
+        let spread = DIFFERENCE.spread(self.signs.iter().copied()).unwrap_or(USUAL_SPREAD);
+        let is_same = difference.iter().all(|&v| v == 0.0);
+        (expected >= MOVES && (is_same || DIFFERENCE.tells(sign, spread) >= FOUND), sign)
+    }
+
+    /// Whether two successive frames, which need not be those looked at, show one picture.
+    pub fn are_one_picture(&self, frame: &Encoded, next: &Encoded) -> bool {
+        self.told_by(&difference(frame, next)).0
     }
 
     /// Whether frames are missing beside a picture that repeats this number of frames, since the motion to the next one is that of as many frame
@@ -138,15 +150,16 @@ impl Copies {
 
     /// The number of pictures per second of a clip of `fps` frames per second, if its copies come regularly, else `fps`.
     pub fn pictures_per_second(&self, fps: Option<f64>) -> Option<f64> {
-        let Found { count, first, last, distances, repeated, with_gap } = self.found;
+        let Found { count, last, distances, periods: [from, to], repeated, with_gap } = self.found;
         match distances {
             Some([shortest, longest])
                 if count >= FEWEST
                     && longest - shortest <= 1
                     && self.frames - last <= longest + 1
-                    && 2 * with_gap <= repeated =>
+                    && 2 * with_gap <= repeated
+                    && to.0 > from.0 =>
             {
-                Some(fps? * (1.0 - (count - 1) as f64 / (last - first) as f64))
+                Some(fps? * (1.0 - (to.1 - from.1) as f64 / (to.0 - from.0) as f64))
             }
             _ => fps,
         }
@@ -172,12 +185,21 @@ impl Copies {
 
 impl Found {
     fn add(&mut self, number: u64) {
-        if self.count == 0 {
-            self.first = number;
-        } else {
+        if self.count > 0 {
             let distance = number - self.last;
-            let [shortest, longest] = self.distances.unwrap_or([distance; 2]);
-            self.distances = Some([shortest.min(distance), longest.max(distance)]);
+            let here = (number, self.count);
+            match &mut self.distances {
+                Some([shortest, longest]) if distance <= *longest => {
+                    *shortest = distance.min(*shortest);
+                    if distance == *longest {
+                        self.periods[1] = here;
+                    }
+                }
+                distances => {
+                    *distances = Some([distances.map_or(distance, |d| d[0]), distance]);
+                    self.periods = [here; 2];
+                }
+            }
         }
         self.last = number;
         self.count += 1;

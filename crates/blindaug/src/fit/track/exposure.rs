@@ -68,6 +68,8 @@ impl ExposureMemory {
         coding_error: f32,
     ) -> Followed {
         self.memory.fade();
+        // A few uneven frames may be those around missing ones, whose streaks contradict the motion.
+        let by_streaks = by_streaks.filter(|_| !self.is_mostly_even());
         let within =
             |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
         let new_run = by_streaks.as_ref().is_some_and(|s| s.changed);
@@ -131,6 +133,13 @@ impl ExposureMemory {
         let [low, high] = walked(known.interval, known.exposure.0, WALK, self.memory.age);
         let exposure = Estimate::Known(MotionBlurModel { interval: [low, high.min(1.0)], ..known });
         Followed { exposure, changed, streaks_outdated }
+    }
+
+    /// Whether most of the tiles lie in frames of even motion, and are enough to tell the exposure.
+    fn is_mostly_even(&self) -> bool {
+        let [tiles, uneven] = [CURVES, CURVES + 3]
+            .map(|i| self.memory.old[i] + self.memory.recent.iter().map(|frame| frame[i]).sum::<f32>());
+        tiles >= agreement::FEWEST as f32 && 2.0 * uneven <= tiles
     }
 
     /// Adds the evidence of a frame, and the exposure that it tells by itself.
