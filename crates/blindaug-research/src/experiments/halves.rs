@@ -71,7 +71,7 @@ pub(crate) fn tables(run: &Run, clips: &[PathBuf]) -> Result<Option<(Vec<Table>,
             [Cell::text(&names[model])].into_iter().chain(cells).collect()
         });
         let Some(Tally { clips, best, surely, lost }) = tally(&halves, *misfit, run.seed()) else {
-            won.push(format!("and of none the {what} is known in both halves"));
+            won.push(format!("and of fewer than two clips the {what} is known in both halves"));
             continue;
         };
         let others: Vec<usize> = clips.iter().copied().filter(|i| !best.contains(i)).collect();
@@ -120,7 +120,7 @@ struct Tally {
     lost: Vec<usize>,
 }
 
-/// Finds on which clips the own half's model fits best; `None` if there are none to compare.
+/// Finds on which clips the own half's model fits best; `None` if there are fewer than two to compare.
 fn tally(halves: &[[Option<Half>; 2]], misfit: Misfit, seed: u64) -> Option<Tally> {
     let known: Vec<(usize, [&Half; 2])> =
         halves.iter().enumerate().filter_map(|(i, [a, b])| Some((i, [a.as_ref()?, b.as_ref()?]))).collect();
@@ -144,7 +144,7 @@ fn tally(halves: &[[Option<Half>; 2]], misfit: Misfit, seed: u64) -> Option<Tall
     };
     let those =
         |which: &dyn Fn(&usize) -> bool| (0..count).filter(which).map(|i| known[i].0).collect::<Vec<_>>();
-    (count > 0).then(|| Tally {
+    (count > 1).then(|| Tally {
         clips: those(&|_| true),
         best: those(&best),
         surely: those(&|f| others(*f).all(|other| surely(*f, other, *f))),
@@ -351,7 +351,8 @@ mod tests {
         let alike = [[half(0.0, 0.0), half(0.1, 0.0)], [half(0.0, 0.0), half(0.1, 0.0)]];
         let Tally { best, surely, lost, .. } = tally(&alike, misfit, 1).unwrap();
         assert_eq!((best, surely, lost), (vec![], vec![], vec![]));
-        assert!(tally(&[[half(1.0, 0.1), None]], misfit, 1).is_none());
+        let alone = [half(1.0, 0.1), half(1.1, 0.1)];
+        assert!(tally(&[alone, [half(1.0, 0.1), None]], misfit, 1).is_none());
     }
 
     #[test]

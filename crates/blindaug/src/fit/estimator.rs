@@ -151,6 +151,8 @@ const DISTANT_PAIRS: usize = 10;
 /// The most frames that are used of a clip that is longer than [`Estimator::MAX_FRAMES`]: the flow from the frame before each of them takes
 /// about the time of the frames that are left out.
 const THINNED_FRAMES: usize = 40;
+/// The number of last frames of which most must move evenly for a sudden speed to be that over missing frames.
+const RECENT: usize = 8;
 /// In how many frames each part is measured at least.
 const NOISE_SEEN: usize = 4;
 
@@ -276,19 +278,35 @@ impl Estimator {
             flow = followed.flow.map(Cow::Owned);
             parallax = followed.parallax;
         }
-        if let (Some(to_next), Some(before)) = (flow.as_deref().filter(|_| next.is_some()), previous)
-            && self.goes_over_gap((order, repeated), [before, frame], to_next)?
-        {
-            (next, neighbour, evidence.flow) = (None, Some((before, -1.0)), None);
-            let followed = self.follower.follow(frame, before, None, Flow::filled(0, 0, [0.0; 2]))?;
-            flow = followed.flow.map(Cow::Owned);
+        let flow_given = evidence.flow.is_some() && !evidence.found_before;
+        let is_next = |l: &&LastMotion| l.order + 1 == order;
+        let last = self.last_motion.as_ref().filter(is_next);
+        let mut left_out = match (previous, next) {
+            // Frames were left out, so that this flow was not needed before.
+            (Some(previous), Some(_))
+                if last.is_none() && flow.is_some() && !flow_given && (self.stride > 1 || repeated > 0) =>
+            {
+                self.backward.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow
+            }
+            _ => None,
+        };
+        let from_before = last.map(|l| &l.flow).or(left_out.as_ref());
+        let ratio = flow.as_deref().filter(|_| next.is_some()).zip(from_before);
+        let ratio = ratio.and_then(|(to_next, from_before)| uneven::speed_ratio(to_next, from_before));
+        if let (Some(ratio), Some(before)) = (ratio, previous) {
+            if self.seems_over_gap(ratio, repeated) {
+                (next, neighbour, evidence.flow) = (None, Some((before, -1.0)), None);
+                let followed = self.follower.follow(frame, before, None, Flow::filled(0, 0, [0.0; 2]))?;
+                (flow, left_out) = (followed.flow.map(Cow::Owned), None);
+            } else if left_out.is_some() && self.seems_over_gap(1.0 / ratio, repeated_before) {
+                left_out = None;
+            }
         }
         let depth = self.depth_of(&evidence, parallax)?;
         let mut kept =
             FrameEvidence::new([index, order], self.shots.len() - 1, flow.is_some(), depth.is_some());
         // Given flow leads to the next frame.
         let mut still = false;
-        let flow_given = evidence.flow.is_some() && !evidence.found_before;
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
         if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
             still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(order))?;
@@ -313,16 +331,6 @@ impl Estimator {
         };
         // The shutter is open around the frame's own time, not on the way to the next frame.
         let last = self.last_motion.take().filter(|l| l.order + 1 == order);
-        let left_out = match (&last, previous, next) {
-            // Frames were left out, so that this flow was not needed before.
-            (None, Some(previous), Some(_)) if self.stride > 1 && to_next.is_some() && !flow_given => {
-                let flow = self.backward.follow(previous, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow;
-                let ratio = |flow: &Flow| uneven::speed_ratio(flow, to_next.as_deref()?);
-                let copies = &mut self.copies;
-                flow.filter(|flow| !ratio(flow).is_some_and(|r| copies.gap_after(repeated_before, r)))
-            }
-            _ => None,
-        };
         let from_previous = last.as_ref().map(|l| &l.flow).or(left_out.as_ref());
         let at_frame = to_next.as_ref().zip(from_previous).map(|(flow, last)| motion_at_frame(flow, last));
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
@@ -382,30 +390,18 @@ impl Estimator {
         Ok(true)
     }
 
-    /// Whether the flow to the next frame seems to go over missing ones: after an even motion, or after the frame of this order has repeated
-    /// the one before a number of times.
-    fn goes_over_gap(
-        &mut self,
-        (order, repeated): (usize, usize),
-        [before, frame]: [&Encoded; 2],
-        to_next: &Flow,
-    ) -> Result<bool> {
-        let from_before = self.last_motion.as_ref().filter(|l| l.order + 1 == order).map(|l| &l.flow);
-        Ok(match from_before {
-            Some(flow) => {
-                let is_even = self.frames.last().is_some_and(FrameEvidence::is_even);
-                uneven::speed_ratio(to_next, flow).is_some_and(|ratio| match repeated {
-                    0 => is_even && uneven::is_sudden(ratio),
-                    _ => self.copies.gap_after(repeated, ratio),
-                })
-            }
-            None if repeated > 0 => {
-                let flow = self.backward.follow(before, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow;
-                let ratio = flow.and_then(|flow| uneven::speed_ratio(to_next, &flow));
-                ratio.is_some_and(|ratio| self.copies.gap_after(repeated, ratio))
-            }
-            None => false,
-        })
+    /// Whether a flow seems to go over missing frames, since its speed is so many times that of the flow on the frame's other side: beside
+    /// that number of copies, or where motion was even so far.
+    fn seems_over_gap(&mut self, speed_ratio: f32, copies: usize) -> bool {
+        if copies > 0 {
+            return self.copies.gap_after(copies, speed_ratio);
+        }
+        let shot = self.shots.len() - 1;
+        let recent = self.frames.iter().rev().take(RECENT).filter(|f| f.shot == shot);
+        let changes: Vec<f32> = recent.filter_map(|f| f.change).collect();
+        let even =
+            changes.iter().filter(|&&change| uneven::speed_error(change, SpeedBy::Mean) == 0.0).count();
+        2 * even > changes.len() && uneven::is_sudden(speed_ratio)
     }
 
     /// Corrects the speeds of the last frames' tiles, where motion is uneven, by the frames around them that are known by now.
