@@ -69,13 +69,14 @@ impl ExposureMemory {
     ) -> Followed {
         self.memory.fade();
         // A few uneven frames may be those around missing ones, whose streaks contradict the motion.
-        let by_streaks = by_streaks.filter(|_| !self.is_mostly_even());
+        let is_uneven = !self.is_mostly_even();
         let within =
             |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
-        let new_run = by_streaks.as_ref().is_some_and(|s| s.changed);
+        let new_run = is_uneven && by_streaks.as_ref().is_some_and(|s| s.changed);
         let known = self.known.as_ref().map(|m| m.exposure.0);
-        let believed =
-            |s: &ByStreaks| new_run || s.by_many || known.is_none_or(|exposure| within(s, exposure));
+        let believed = |s: &ByStreaks| {
+            is_uneven && (new_run || s.by_many || known.is_none_or(|exposure| within(s, exposure)))
+        };
         if new_run {
             // The last frames may be older than the change.
             self.memory.forget();
