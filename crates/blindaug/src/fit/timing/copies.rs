@@ -16,6 +16,8 @@ const NEAR: usize = 6;
 const AROUND: usize = 24;
 /// The spread of the sign while there are too few pairs to find it.
 const USUAL_SPREAD: f32 = 0.33;
+/// The largest difference of a copy, in steps of 8 bits: a coder leaves less, while the noise of a camera that stops is mostly more.
+const MOST: f32 = 0.3;
 /// The approximate number of pixels of a frame that are compared.
 const SAMPLES: usize = 20_000;
 /// The fewest copies that may come regularly.
@@ -121,7 +123,8 @@ impl Copies {
         let sign = difference_sign([own, expected]);
         let spread = DIFFERENCE.spread(self.signs.iter().copied()).unwrap_or(USUAL_SPREAD);
         let is_same = difference.iter().all(|&v| v == 0.0);
-        (expected >= MOVES && (is_same || DIFFERENCE.tells(sign, spread) >= FOUND), sign)
+        let is_copy = is_same || (own <= MOST && DIFFERENCE.tells(sign, spread) >= FOUND);
+        (expected >= MOVES && is_copy, sign)
     }
 
     /// Whether two successive frames, which need not be those looked at, show one picture.
