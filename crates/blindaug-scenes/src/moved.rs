@@ -372,7 +372,7 @@ pub fn table(all: &[Found]) -> String {
 mod tests {
     use super::*;
     use crate::scene::{Exposure, Scene};
-    use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation};
+    use blindaug::fit::{Estimator, EstimatorOptions, FrameObservation};
 
     /// A photograph of one bright point.
     fn point() -> Linear {
@@ -429,9 +429,7 @@ mod tests {
         let filming = Filming { exposure, frames: 6, noise: 0.006, seed: 5 };
         let frames = film(&photo, &Course::new(hand, 6, 5), &filming).expect("it is large enough");
         let mut estimator = Estimator::new(EstimatorOptions::default());
-        for (i, frame) in frames.iter().enumerate() {
-            let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
-            let observation = FrameObservation { frame, next, previous, evidence: Evidence::default() };
+        for observation in FrameObservation::of_frames(&frames) {
             estimator.add(&observation).unwrap();
         }
         let model = estimator.estimate().unwrap().model.motion_blur;

@@ -22,17 +22,9 @@ fn montage(exposures: [f32; 2]) -> Estimation {
     estimate(&[filmed(1, &first), filmed(100, &second)].concat())
 }
 
-/// Observations of the frames alone, without evidence.
-fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
-    frames.iter().enumerate().map(|(i, frame)| {
-        let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|i| &frames[i]));
-        FrameObservation { frame, next, previous, evidence: Default::default() }
-    })
-}
-
 fn estimate(frames: &[Encoded]) -> Estimation {
     let mut estimator = Estimator::new(EstimatorOptions::default());
-    observations(frames).for_each(|o| assert!(estimator.add(&o).unwrap()));
+    FrameObservation::of_frames(frames).for_each(|o| assert!(estimator.add(&o).unwrap()));
     estimator.estimate().unwrap()
 }
 
@@ -74,7 +66,7 @@ fn a_tracker_does_not_carry_over_a_cut_what_it_knows_of_the_shutter() {
     let known = |frames: &[Encoded]| -> Vec<Option<f32>> {
         let mut tracker = Tracker::new(Default::default(), None);
         let exposure = |o: FrameObservation| Some(tracker.push(&o).unwrap().motion_blur.known()?.exposure.0);
-        observations(frames).map(exposure).collect()
+        FrameObservation::of_frames(frames).map(exposure).collect()
     };
     let moving = filmed(1, &[0.5; 6]);
     // A camera that stands still says nothing of its shutter.

@@ -3,7 +3,7 @@
 use blindaug::CameraModel;
 use blindaug::fit::timing::{Event, Kind, Timing, TimingAnalyser, WhyUntold};
 use blindaug::fit::track::Tracker;
-use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, FrameObservation};
+use blindaug::fit::{Estimation, Estimator, EstimatorOptions, FrameObservation};
 use blindaug::{Encoded, Raster};
 
 const W: usize = 224;
@@ -169,20 +169,10 @@ fn of_three_equal_frames_two_are_doubled() {
     assert!(doubled.iter().all(|&(kind, n)| kind == Kind::Doubled && n % 3 != 1), "{doubled:?}");
 }
 
-/// The frames of these times with their neighbours.
-fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
-    frames.iter().enumerate().map(|(i, frame)| FrameObservation {
-        frame,
-        next: frames.get(i + 1),
-        previous: i.checked_sub(1).map(|i| &frames[i]),
-        evidence: Evidence::default(),
-    })
-}
-
 fn estimation(times: impl IntoIterator<Item = usize>) -> Estimation {
     let frames: Vec<Encoded> = times.into_iter().map(steady).collect();
     let mut estimator = Estimator::new(EstimatorOptions { fps: Some(30.0), ..Default::default() });
-    for observation in observations(&frames) {
+    for observation in FrameObservation::of_frames(&frames) {
         estimator.add(&observation).unwrap();
     }
     estimator.estimate().unwrap()
@@ -191,7 +181,7 @@ fn estimation(times: impl IntoIterator<Item = usize>) -> Estimation {
 fn tracked(times: impl IntoIterator<Item = usize>) -> Vec<CameraModel> {
     let frames: Vec<Encoded> = times.into_iter().map(steady).collect();
     let mut tracker = Tracker::new(Default::default(), Some(30.0));
-    observations(&frames).map(|o| tracker.push(&o).unwrap().clone()).collect()
+    FrameObservation::of_frames(&frames).map(|o| tracker.push(&o).unwrap().clone()).collect()
 }
 
 /// As from 24 to 30 frames a second.
@@ -247,7 +237,7 @@ fn a_still_picture_that_repeats_itself_is_not_left_out() {
     let clip = |pictures: &dyn Fn(usize) -> usize| {
         let frames: Vec<Encoded> = (0..12).map(|t| frame(0.0, |_| 0.0, 0.5, pictures(t) as i64)).collect();
         let mut estimator = Estimator::new(EstimatorOptions::default());
-        observations(&frames).map(|o| usize::from(estimator.add(&o).unwrap())).sum::<usize>()
+        FrameObservation::of_frames(&frames).map(|o| usize::from(estimator.add(&o).unwrap())).sum::<usize>()
     };
     assert_eq!(clip(&|_| 0), 12);
 }
@@ -259,7 +249,7 @@ fn a_tracker_that_sees_one_of_four_frames_takes_the_motion_from_their_neighbours
     let frames: Vec<Encoded> = (0..64).map(|t| frame(t as f32, place, 0.5, t)).collect();
     let exposure = |with_previous: bool| {
         let mut tracker = Tracker::new(Default::default(), None);
-        for observation in observations(&frames).skip(2).step_by(4) {
+        for observation in FrameObservation::of_frames(&frames).skip(2).step_by(4) {
             let previous = observation.previous.filter(|_| with_previous);
             tracker.push(&FrameObservation { previous, ..observation }).unwrap();
         }

@@ -1,6 +1,6 @@
 //! Real pixels whose exposure is known: photographs that are moved, as a whole and frame by frame, and frames of a video that are averaged.
 
-use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, track::Tracker};
+use blindaug::fit::{Estimator, EstimatorOptions, FrameObservation, track::Tracker};
 use blindaug::model::{Estimate, MotionBlurModel, Reason};
 use blindaug::{Encoded, Transfer};
 use blindaug_io::{Error, FrameRange, FrameSource, Result, read_frame};
@@ -132,23 +132,13 @@ pub fn of_film(clip: &Path, observer: &dyn Observer) -> Result<Vec<Found>> {
     Ok(all)
 }
 
-/// The observations of the frames, each with its neighbours and nothing else.
-fn observations(frames: &[Encoded]) -> impl Iterator<Item = FrameObservation<'_>> {
-    frames.iter().enumerate().map(|(i, frame)| FrameObservation {
-        frame,
-        next: frames.get(i + 1),
-        previous: i.checked_sub(1).map(|i| &frames[i]),
-        evidence: Evidence::default(),
-    })
-}
-
 /// An exposure, and those of the single frames.
 type Told = (Estimate<MotionBlurModel>, Vec<f32>);
 
 /// The exposure that is estimated from the frames alone, and by each frame alone.
 fn estimated(frames: &[Encoded], path: &Path) -> Result<Told> {
     let mut estimator = Estimator::new(EstimatorOptions::default());
-    for observation in observations(frames) {
+    for observation in FrameObservation::of_frames(frames) {
         estimator.add(&observation).map_err(|e| Error::new(path, e.to_string()))?;
     }
     let estimation = estimator.estimate().map_err(|e| Error::new(path, e.to_string()))?;
@@ -161,7 +151,7 @@ fn tracked(frames: &[Encoded], path: &Path) -> Result<Told> {
     let mut tracker = Tracker::new(Default::default(), None);
     let mut told = vec![];
     let mut last = Estimate::unknown(Reason::TooShort, "there is no frame");
-    for observation in observations(frames) {
+    for observation in FrameObservation::of_frames(frames) {
         let model = tracker.push(&observation).map_err(|e| Error::new(path, e.to_string()))?;
         told.extend(model.motion_blur.known().map(|m| m.exposure.0));
         last.clone_from(&model.motion_blur);

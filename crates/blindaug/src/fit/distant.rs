@@ -290,10 +290,8 @@ mod tests {
     /// frames.
     fn estimated(frames: &[Encoded]) -> (f32, f32, f32) {
         let mut estimator = Estimator::new(Default::default()).expecting(frames.len());
-        for (i, frame) in frames.iter().enumerate() {
-            let (next, previous) = (frames.get(i + 1), i.checked_sub(1).map(|p| &frames[p]));
-            let evidence = Default::default();
-            estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
+        for observation in FrameObservation::of_frames(frames) {
+            estimator.add(&observation).unwrap();
         }
         let model = estimator.estimate().unwrap().model;
         let noise = model.noise.known().expect("it is known").clone();

@@ -279,8 +279,7 @@ impl Estimator {
             parallax = followed.parallax;
         }
         let flow_given = evidence.flow.is_some() && !evidence.found_before;
-        let is_next = |l: &&LastMotion| l.order + 1 == order;
-        let last = self.last_motion.as_ref().filter(is_next);
+        let last = self.last_motion.take().filter(|l| l.order + 1 == order);
         let mut left_out = match (previous, next) {
             // Frames were left out, so that this flow was not needed before.
             (Some(previous), Some(_))
@@ -290,15 +289,16 @@ impl Estimator {
             }
             _ => None,
         };
-        let from_before = last.map(|l| &l.flow).or(left_out.as_ref());
+        let from_before = last.as_ref().map(|l| &l.flow).or(left_out.as_ref());
         let ratio = flow.as_deref().filter(|_| next.is_some()).zip(from_before);
         let ratio = ratio.and_then(|(to_next, from_before)| uneven::speed_ratio(to_next, from_before));
         if let (Some(ratio), Some(before)) = (ratio, previous) {
-            if self.seems_over_gap(ratio, repeated) {
+            let is_even = self.moves_evenly();
+            if self.copies.gap_beside(repeated, ratio, is_even) {
                 (next, neighbour, evidence.flow) = (None, Some((before, -1.0)), None);
                 let followed = self.follower.follow(frame, before, None, Flow::filled(0, 0, [0.0; 2]))?;
                 (flow, left_out) = (followed.flow.map(Cow::Owned), None);
-            } else if left_out.is_some() && self.seems_over_gap(1.0 / ratio, repeated_before) {
+            } else if left_out.is_some() && self.copies.gap_beside(repeated_before, 1.0 / ratio, is_even) {
                 left_out = None;
             }
         }
@@ -310,7 +310,7 @@ impl Estimator {
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
         if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
             still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(order))?;
-            let was_still = self.last_motion.as_ref().is_some_and(|l| l.order + 1 == order && l.still);
+            let was_still = last.as_ref().is_some_and(|l| l.still);
             if let (true, Some(before), Some(next)) = (still && was_still, previous, next) {
                 kept.temporal.add_successive([before, frame, next]);
             }
@@ -330,7 +330,6 @@ impl Estimator {
             _ => flow,
         };
         // The shutter is open around the frame's own time, not on the way to the next frame.
-        let last = self.last_motion.take().filter(|l| l.order + 1 == order);
         let from_previous = last.as_ref().map(|l| &l.flow).or(left_out.as_ref());
         let at_frame = to_next.as_ref().zip(from_previous).map(|(flow, last)| motion_at_frame(flow, last));
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
@@ -390,18 +389,12 @@ impl Estimator {
         Ok(true)
     }
 
-    /// Whether a flow seems to go over missing frames, since its speed is so many times that of the flow on the frame's other side: beside
-    /// that number of copies, or where motion was even so far.
-    fn seems_over_gap(&mut self, speed_ratio: f32, copies: usize) -> bool {
-        if copies > 0 {
-            return self.copies.gap_after(copies, speed_ratio);
-        }
+    /// Whether the motion of most of the shot's last frames is even.
+    fn moves_evenly(&self) -> bool {
         let shot = self.shots.len() - 1;
         let recent = self.frames.iter().rev().take(RECENT).filter(|f| f.shot == shot);
         let changes: Vec<f32> = recent.filter_map(|f| f.change).collect();
-        let even =
-            changes.iter().filter(|&&change| uneven::speed_error(change, SpeedBy::Mean) == 0.0).count();
-        2 * even > changes.len() && uneven::is_sudden(speed_ratio)
+        2 * changes.iter().filter(|&&change| uneven::is_even(change)).count() > changes.len()
     }
 
     /// Corrects the speeds of the last frames' tiles, where motion is uneven, by the frames around them that are known by now.

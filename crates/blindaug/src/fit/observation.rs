@@ -57,6 +57,18 @@ pub struct FrameObservation<'a> {
     pub evidence: Evidence<'a>,
 }
 
+impl<'a> FrameObservation<'a> {
+    /// The observations of successive frames, each with its neighbours and nothing else.
+    pub fn of_frames(frames: &'a [Encoded]) -> impl Iterator<Item = Self> {
+        frames.iter().enumerate().map(|(i, frame)| Self {
+            frame,
+            next: frames.get(i + 1),
+            previous: i.checked_sub(1).map(|i| &frames[i]),
+            evidence: Evidence::default(),
+        })
+    }
+}
+
 /// Optional knowledge of a frame beside its pixels.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Evidence<'a> {

@@ -267,10 +267,11 @@ impl Tracker {
         self.changes = Changes::default();
         self.begin_shot();
         let last_frame = self.last_frame.replace(fingerprint(frame));
-        let left_out = previous.filter(|p| last_frame != Some(fingerprint(p)));
-        let previous = match left_out {
-            Some(left_out) => self.begin_after_left_out(left_out, observation)?,
-            None => previous,
+        let previous = match previous {
+            Some(left_out) if last_frame != Some(fingerprint(left_out)) => {
+                self.begin_after_left_out(left_out, observation)?
+            }
+            _ => previous,
         };
         let look = self.copies.look(frame, next, previous);
         if matches!(look, Look::Pass)
@@ -293,10 +294,7 @@ impl Tracker {
         if let (Some(_), Some(_), Some(to_next)) = (previous, next, &geometry.flow)
             && let Some(before) = self.last_flow.flow.as_ref().filter(|_| self.last_flow.to_next)
             && let Some(ratio) = uneven::speed_ratio(to_next, before)
-            && match repeated {
-                0 => self.swings.is_even() && uneven::is_sudden(ratio),
-                _ => self.copies.gap_after(repeated, ratio),
-            }
+            && self.copies.gap_beside(repeated, ratio, self.swings.is_even())
         {
             self.flow_to_next = geometry.flow.map(Cow::into_owned);
             (observation.next, observation.evidence.flow) = (None, None);

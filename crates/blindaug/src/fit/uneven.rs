@@ -21,10 +21,6 @@ use std::ops::Range;
 /// steady cameras have less.
 const EVEN: f32 = 0.2;
 
-/// The ratio of speeds from which on a motion that was even before seems to go over missing frames: a hand moves on, while over a missing frame
-/// everything moves twice as far.
-const SUDDEN: f32 = 1.6;
-
 /// The number of frames that are looked at, before and after a frame, whose uneven motion makes the motion of that frame count as uneven.
 pub(super) const NEAR: usize = 2;
 
@@ -61,44 +57,40 @@ const ANGLES: [f32; 9] = [0.0, -0.15, 0.15, -0.3, 0.3, -0.45, 0.45, -0.6, 0.6];
 
 /// The change of the motion from one frame interval to the next over the mean speed of both: the median over the pixels whose motion is
 /// known in both. `to_next` is the flow to the next frame, `motion` that at the frame's own time, of a frame of w x h px.
-pub(super) fn change_of((w, h): (usize, usize), to_next: &MotionOf, motion: &MotionOf) -> Option<f32> {
-    const STEP: usize = 8;
-    let places = (0..h).step_by(STEP).flat_map(|y| (0..w).step_by(STEP).map(move |x| (x, y)));
-    let changes: Vec<f32> = places
-        .filter_map(|(x, y)| {
-            let (next, mean) = (to_next(x, y), motion(x, y));
-            let half = (next[0] - mean[0]).portable_hypot(next[1] - mean[1]);
-            let speed = mean[0].portable_hypot(mean[1]);
-            // Where only one of both is known, it stands for the mean.
-            (half > 0.0 && speed >= SPEEDS.start).then_some(2.0 * half / speed)
-        })
-        .collect();
-    if changes.len() < 2 * TILE / STEP { None } else { median(changes) }
+pub(super) fn change_of(size: (usize, usize), to_next: &MotionOf, motion: &MotionOf) -> Option<f32> {
+    median_of_moving(size, |x, y| {
+        let (next, mean) = (to_next(x, y), motion(x, y));
+        let half = (next[0] - mean[0]).portable_hypot(next[1] - mean[1]);
+        let speed = mean[0].portable_hypot(mean[1]);
+        // Where only one of both is known, it stands for the mean.
+        (half > 0.0 && speed >= SPEEDS.start).then_some(2.0 * half / speed)
+    })
 }
 
 /// The speed to the next frame over the speed from the frame before: the median over the pixels that move; `None` if too few do.
 pub(super) fn speed_ratio(to_next: &Flow, before: &Flow) -> Option<f32> {
-    const STEP: usize = 8;
-    let (w, h) = to_next.size();
-    let places = (0..h).step_by(STEP).flat_map(|y| (0..w).step_by(STEP).map(move |x| (x, y)));
-    let ratios: Vec<f32> = places
-        .filter_map(|(x, y)| {
-            let [next, before] =
-                [to_next, before].map(|flow| flow.at(x, y)).map(|[u, v]| u.portable_hypot(v));
-            (before >= SPEEDS.start && next.is_finite()).then_some(next / before)
-        })
-        .collect();
-    if ratios.len() < 2 * TILE / STEP { None } else { median(ratios) }
+    median_of_moving(to_next.size(), |x, y| {
+        let [next, before] = [to_next, before].map(|flow| flow.at(x, y)).map(|[u, v]| u.portable_hypot(v));
+        (before >= SPEEDS.start && next.is_finite()).then_some(next / before)
+    })
 }
 
-/// Whether frames seem to be missing where an even motion goes on with this [`speed_ratio`].
-pub(super) fn is_sudden(speed_ratio: f32) -> bool {
-    speed_ratio > SUDDEN
+/// The median of a value over a coarse grid of a frame's pixels, where something moves; `None` if too little does.
+fn median_of_moving((w, h): (usize, usize), of: impl Fn(usize, usize) -> Option<f32>) -> Option<f32> {
+    const STEP: usize = 8;
+    let places = (0..h).step_by(STEP).flat_map(|y| (0..w).step_by(STEP).map(move |x| (x, y)));
+    let values: Vec<f32> = places.filter_map(|(x, y)| of(x, y)).collect();
+    if values.len() < 2 * TILE / STEP { None } else { median(values) }
+}
+
+/// Whether a motion that changes by the share `change` is even.
+pub(super) fn is_even(change: f32) -> bool {
+    change <= EVEN
 }
 
 /// The relative std of the speed at a frame's own time if the motion changes by the share `change`; 0 if the motion is even.
 pub(super) fn speed_error(change: f32, by: SpeedBy) -> f32 {
-    if change > EVEN { by.error() * change } else { 0.0 }
+    if is_even(change) { 0.0 } else { by.error() * change }
 }
 
 /// The flow from a frame to the next at the places of a coarse grid.
@@ -316,7 +308,7 @@ impl Swings {
 
     /// Whether the motion of the last frames is known, and is even.
     pub fn is_even(&self) -> bool {
-        !self.flows.is_empty() && self.change() <= EVEN
+        !self.flows.is_empty() && is_even(self.change())
     }
 
     /// The largest change of the last frames' motion; 0 if none is known.
@@ -343,7 +335,7 @@ impl Swings {
         let factor = if error > 0.0 { speed_factor(&flows, &[&sampled]) } else { 1.0 };
         self.flows.push_front(sampled);
         self.flows.truncate(SPLINE_REACH);
-        (Correction { factor, error, begins: error > 0.0 && before <= EVEN, ..Correction::NONE }, change)
+        (Correction { factor, error, begins: error > 0.0 && is_even(before), ..Correction::NONE }, change)
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::FOUND;
 use super::decide::{DIFFERENCE, MOVES, difference_sign};
-use super::measure::{largest, mean_of, of_cells};
+use super::measure::{largest, mean_at_some, mean_of};
 use crate::{Encoded, luma};
 use std::collections::VecDeque;
 
@@ -17,9 +17,12 @@ const AROUND: usize = 24;
 /// The spread of the sign while there are too few pairs to find it.
 const USUAL_SPREAD: f32 = 0.33;
 /// The largest difference of a copy, in steps of 8 bits: a coder leaves less, while the noise of a camera that stops is mostly more.
-const MOST: f32 = 0.3;
+const LARGEST: f32 = 0.3;
 /// The approximate number of pixels of a frame that are compared.
 const SAMPLES: usize = 20_000;
+/// The ratio of speeds from which on an even motion seems to go over missing frames: a hand moves on, while over a missing frame everything
+/// moves twice as far.
+const SUDDEN: f32 = 1.6;
 /// The fewest copies that may come regularly.
 const FEWEST: u64 = 4;
 
@@ -123,7 +126,7 @@ impl Copies {
         let sign = difference_sign([own, expected]);
         let spread = DIFFERENCE.spread(self.signs.iter().copied()).unwrap_or(USUAL_SPREAD);
         let is_same = difference.iter().all(|&v| v == 0.0);
-        let is_copy = is_same || (own <= MOST && DIFFERENCE.tells(sign, spread) >= FOUND);
+        let is_copy = is_same || (own <= LARGEST && DIFFERENCE.tells(sign, spread) >= FOUND);
         (expected >= MOVES && is_copy, sign)
     }
 
@@ -132,11 +135,12 @@ impl Copies {
         self.told_by(&difference(frame, next)).0
     }
 
-    /// Whether frames are missing beside a picture that repeats this number of frames, since the motion to the next one is that of as many frame
-    /// intervals more. `speed_ratio` is that motion over the one on the picture's other side.
-    pub fn gap_after(&mut self, repeated: usize, speed_ratio: f32) -> bool {
+    /// Whether frames seem to be missing beside a picture, since the motion on that side is so many times as fast as on the other
+    /// (`speed_ratio`). Beside one that repeats a number of frames, missing ones make it the motion of as many frame intervals more; beside
+    /// others they are told only if motion was even so far (`is_even`).
+    pub fn gap_beside(&mut self, repeated: usize, speed_ratio: f32, is_even: bool) -> bool {
         if repeated == 0 {
-            return false;
+            return is_even && speed_ratio > SUDDEN;
         }
         let is_gap = speed_ratio > (repeated as f32 + 1.0).sqrt();
         self.found.repeated += 1;
@@ -211,17 +215,5 @@ impl Found {
 
 /// The mean difference of luma in each cell of two frames, encoded values, at some of the pixels.
 fn difference(Encoded(frame): &Encoded, Encoded(next): &Encoded) -> Vec<f32> {
-    let (w, h) = frame.size();
-    let step = (w * h / SAMPLES).max(1);
-    of_cells((w, h), |columns, rows| {
-        let (mut sum, mut count) = (0.0, 0);
-        for y in rows {
-            let first = columns.start + (y * 7) % step;
-            for x in (first..columns.end).step_by(step) {
-                sum += (luma(next.at(x, y)) - luma(frame.at(x, y))).abs();
-                count += 1;
-            }
-        }
-        sum / count.max(1) as f32
-    })
+    mean_at_some(frame.size(), SAMPLES, 0, |x, y| (luma(next.at(x, y)) - luma(frame.at(x, y))).abs())
 }

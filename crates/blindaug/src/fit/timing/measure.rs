@@ -243,7 +243,7 @@ pub(super) fn mean_of(values: &[f32], cells: &[usize]) -> f32 {
 }
 
 /// A value for each cell, row by row, by its columns and rows.
-pub(super) fn of_cells<T>((w, h): (usize, usize), of: impl Fn(Range<usize>, Range<usize>) -> T) -> Vec<T> {
+fn of_cells<T>((w, h): (usize, usize), of: impl Fn(Range<usize>, Range<usize>) -> T) -> Vec<T> {
     let range =
         |i: usize, n: usize, size: usize| i * size / n..((i + 1) * size / n).max(i * size / n + 1).min(size);
     let cells = (0..CELLS[1]).flat_map(|j| (0..CELLS[0]).map(move |i| (i, j)));
@@ -282,21 +282,36 @@ fn detail(Encoded(image): &Encoded) -> Vec<f32> {
     if w < 3 || h < 3 {
         return vec![0.0; CELLS[0] * CELLS[1]];
     }
-    let step = (w * h / SAMPLES).max(1);
+    let second = |x: usize, y: usize| {
+        let column = |x: usize| {
+            let at = |y: usize| luma(image.at(x, y));
+            at(y - 1) - 2.0 * at(y) + at(y + 1)
+        };
+        (column(x - 1) - 2.0 * column(x) + column(x + 1)).abs()
+    };
     let scale = std::f32::consts::FRAC_PI_2.sqrt() / 6.0;
+    mean_at_some((w, h), SAMPLES, 1, second).into_iter().map(|mean| scale * mean).collect()
+}
+
+/// The mean in each cell over some of the pixels, about `samples` in the whole frame, at least `margin` px away from the frame's edges; 0 in a
+/// cell that has none.
+pub(super) fn mean_at_some(
+    (w, h): (usize, usize),
+    samples: usize,
+    margin: usize,
+    of: impl Fn(usize, usize) -> f32,
+) -> Vec<f32> {
+    let step = (w * h / samples).max(1);
     of_cells((w, h), |columns, rows| {
         let (mut sum, mut count) = (0.0, 0);
-        for y in rows.start.max(1)..rows.end.min(h - 1) {
-            let first = columns.start.max(1) + (y * 7) % step;
-            for x in (first..columns.end.min(w - 1)).step_by(step) {
-                let column = |x: usize| {
-                    let at = |y: usize| luma(image.at(x, y));
-                    at(y - 1) - 2.0 * at(y) + at(y + 1)
-                };
-                sum += (column(x - 1) - 2.0 * column(x) + column(x + 1)).abs();
+        for y in rows.start.max(margin)..rows.end.min(h - margin) {
+            // The samples of a row lie elsewhere than those of the row above.
+            let first = columns.start.max(margin) + (y * 7) % step;
+            for x in (first..columns.end.min(w - margin)).step_by(step) {
+                sum += of(x, y);
                 count += 1;
             }
         }
-        scale * sum / count.max(1) as f32
+        sum / count.max(1) as f32
     })
 }
