@@ -93,6 +93,7 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let LayerChannels { picks, depth, flow } = file.layer()?;
     let overscan = file.overscan(&picks);
     let planes = file.read(&picks, overscan)?;
+    planes[..4].iter().try_for_each(|plane| mostly_numbers(path, plane.data().iter().copied()))?;
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);

@@ -230,6 +230,23 @@ fn a_few_values_that_are_no_numbers_are_black_and_many_are_an_error() {
     assert!(few.0.data()[..5].iter().all(|v| *v == [0.0; 3]) && few.0.at(0, 1) == [0.5; 3]);
     let error = of(6).unwrap_err().to_string();
     assert!(error.contains("plate.exr") && error.contains("NaN"), "{error}");
+    // Any channel of a virtual layer may be the one that is broken.
+    let path = dir.path().join("layer.exr");
+    for broken in ["A", "R"] {
+        let of = |missing: usize| {
+            let plane = |name| {
+                let missing = if name == broken { missing } else { 0 };
+                Plane::from_fn(5, 2, |x, y| if 5 * y + x < missing { f32::NAN } else { 0.5 })
+            };
+            write_channels(&path, (5, 2), (0, 0), &["A", "B", "G", "R"].map(|c| (c, plane(c))));
+            read_virtual_layer(&path)
+        };
+        let channel = if broken == "A" { 3 } else { 0 };
+        let few = of(5).unwrap().color.0;
+        assert!(few.at(4, 0)[channel] == 0.0 && few.at(4, 0)[1] == 0.5 && few.at(0, 1) == [0.5; 4]);
+        let error = of(6).unwrap_err().to_string();
+        assert!(error.contains("layer.exr") && error.contains("NaN"), "{error}");
+    }
 }
 
 #[test]

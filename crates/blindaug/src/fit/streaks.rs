@@ -17,7 +17,7 @@ use super::noise::LumaNoise;
 use super::robust::uniform;
 use super::spectral::{Pair, PreparedPair, streak_pairs};
 use super::tiles::MotionOf;
-use super::uneven::typical_motion;
+use super::uneven::{median_difference, typical_motion};
 use crate::model::{ExposureFraction, Space};
 use crate::portable::Portable;
 use crate::{Encoded, Flow, par};
@@ -38,15 +38,24 @@ pub(super) struct Link {
 
 impl Link {
     /// A link between two successive frames, given the flow from the first to the second, px, and the motion of each frame at its own time, px
-    /// per frame interval (NaN: unknown); `None` if nothing moves, or nothing is known of it.
+    /// per frame interval (NaN: unknown); `None` if nothing moves, nothing is known of it, or another thing is what moves in the second frame.
     pub fn new(frames: [&Encoded; 2], flow: &Flow, motions: [&MotionOf; 2], space: Space) -> Option<Self> {
         let size = flow.size();
-        let [first, second] = motions.map(|of| typical_motion(size, of));
+        let (of_flow, [first, second]) = (|x, y| flow.at(x, y), motions.map(|of| typical_motion(size, of)));
+        let (way, typical) = (typical_motion(size, &of_flow)?, [first?, second?]);
+        // Where a car enters the frame, no motion changes, but the one that is typical.
+        let same_things = motions.iter().zip(typical).all(|(of, typical)| {
+            let changed = median_difference(size, &of_flow, of).unwrap_or(0.0);
+            length([typical[0] - way[0], typical[1] - way[1]]) <= SAME_PX + SAME_SHARE * changed
+        });
+        if !same_things {
+            return None;
+        }
         let pairs = streak_pairs(frames, flow, motions, space);
         if pairs.is_empty() {
             return None;
         }
-        Some(Self { way: typical_motion(size, &|x, y| flow.at(x, y))?, typical: [first?, second?], pairs })
+        Some(Self { way, typical, pairs })
     }
 }
 
@@ -73,6 +82,11 @@ const STREAK_STD: f64 = 0.4;
 
 /// The std of the flow, px.
 const FLOW_STD: f64 = 0.1;
+
+/// The most by which the typical motions of a link's frames may differ from its way, px and as a factor of what the motion of the median place
+/// differs by: where they differ by more, other things move.
+const SAME_PX: f32 = 1.0;
+const SAME_SHARE: f32 = 2.0;
 
 /// The factor of the log-likelihoods of pairs, whose tiles overlap and err alike.
 const ALIKE: f32 = 0.1;
@@ -713,5 +727,27 @@ mod tests {
         let sharp = found(&frames(0.0));
         assert!(sharp.exposure.0 < 0.1, "{}", sharp.exposure.0);
         assert!(fit_exposure(&[], &LumaNoise::default()).is_none());
+    }
+
+    #[test]
+    fn frames_in_which_other_things_move_are_not_compared() {
+        let (w, h) = (336, 240);
+        let texture = crate::fit::noise::tests::white(w, h, 3).map(|n| [0.5 + 0.1 * n[1]; 3]);
+        let frame = Encoded(texture);
+        // Something fast fills the left part of a frame, up to this share of its width, and the rest is slow.
+        let filled = |share: f32| {
+            let fast = move |x: usize| (x as f32) < share * w as f32;
+            move |x: usize, _: usize| [if fast(x) { 24.0 } else { 3.0 }, 0.0]
+        };
+        let [most, less] = [filled(0.6), filled(0.4)];
+        let flow = Flow::from_fn(w, h, most);
+        let linked = |first: &MotionOf, second: &MotionOf| {
+            Link::new([&frame, &frame], &flow, [first, second], BlurSpace::Encoded.into()).is_some()
+        };
+        assert!(linked(&most, &most));
+        assert!(!linked(&most, &less) && !linked(&less, &most));
+        // All that is slow becomes faster, as under a hand that shakes.
+        let swings = |x: usize, y: usize| most(x, y).map(|v| 1.5 * v);
+        assert!(linked(&most, &swings));
     }
 }

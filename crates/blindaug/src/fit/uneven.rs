@@ -75,6 +75,16 @@ pub(super) fn speed_ratio(to_next: &Flow, before: &Flow) -> Option<f32> {
     })
 }
 
+/// The length of the difference of two motions, px per frame interval: the median over the pixels that move; `None` if too few do.
+pub(super) fn median_difference(size: (usize, usize), a: &MotionOf, b: &MotionOf) -> Option<f32> {
+    median_of_moving(size, |x, y| {
+        let (a, b) = (a(x, y), b(x, y));
+        let moves = [a, b].iter().any(|v| v[0].portable_hypot(v[1]) >= SPEEDS.start);
+        let difference = (a[0] - b[0]).portable_hypot(a[1] - b[1]);
+        (moves && difference.is_finite()).then_some(difference)
+    })
+}
+
 /// The median of a value over a coarse grid of a frame's pixels, where something moves; `None` if too little does.
 fn median_of_moving((w, h): (usize, usize), of: impl Fn(usize, usize) -> Option<f32>) -> Option<f32> {
     const STEP: usize = 8;
