@@ -249,7 +249,7 @@ def test_an_applied_frame_is_that_of_the_command_line(blindaug, clip, camera, tm
 
 
 def without_noise(lines):
-    """Models without their noise: the command line gives that of a shot's first frames once it has settled, a generator at once."""
+    """Models without their noise: that of the command line is a mean over the frames around each, a generator gives what it knows."""
     return [{name: part for name, part in json.loads(line).items() if name != "noise"} for line in lines]
 
 

@@ -11,8 +11,9 @@ use crate::{
 use blindaug::{
     Flow, Frame, Plane, Sample,
     fit::{Evidence, FrameObservation, track::Tracker},
-    model::{CameraTrack, DepthKind, Distortion, NoiseKind, Space, TrackedCamera},
+    model::{CameraTrack, DepthKind, Distortion, Estimate, NoiseKind, NoiseModel, Space, TrackedCamera},
 };
+use std::collections::VecDeque;
 
 /// The options of tracking a clip.
 #[derive(Default)]
@@ -52,31 +53,56 @@ struct Following<'a> {
     cameras: Vec<TrackedCamera>,
     /// The number of models that were handed on.
     handed_on: usize,
-    /// The number of models of earlier shots.
-    shot: usize,
+    /// The noises of the last frames since the last cut or change of the noise, as the tracker tells them, the last frame's last.
+    noises: VecDeque<Estimate<NoiseModel>>,
+    /// The number of models before the one whose noise was the first to be settled since then; `None`: none was.
+    settled: Option<usize>,
     samples: Samples,
 }
 
+/// The number of frames before and after a frame over which its noise is a mean: as many as the tracker measures noise in.
+const NOISE_REACH: usize = 48;
+
 impl Following<'_> {
-    /// Hands on the models that will not change any more: all of them at the end of a shot (`ends`), else all but the last one, once the
-    /// noise is settled. The first frames of a shot get the noise that has settled.
+    /// Hands on the models that will not change any more: all of them at a cut or a change of the noise (`ends`), else those whose noise is a
+    /// mean over frames that are all known. Frames before the noise was settled get the noise of those after.
     fn hand_on(&mut self, ends: bool) -> Result<()> {
-        if !ends && self.tracker.noise_settles() {
+        let known = self.cameras.len();
+        if known == 0 || (!ends && self.tracker.noise_settles()) {
             return Ok(());
         }
-        if let (true, Some(last)) = (self.handed_on == self.shot, self.cameras.last()) {
-            let noise = last.camera.noise.clone();
-            if noise.known().is_some() {
-                self.cameras[self.shot..].iter_mut().for_each(|c| c.camera.noise = noise.clone());
+        let settled = *self.settled.get_or_insert(known - 1);
+        let sure = if ends { known } else { known.saturating_sub(NOISE_REACH) };
+        let first = known - self.noises.len();
+        for i in self.handed_on..sure {
+            let around =
+                i.saturating_sub(NOISE_REACH).max(settled)..known.min(settled.max(i + NOISE_REACH) + 1);
+            let noises = self.noises.range(around.start - first..around.end - first);
+            let camera = &mut self.cameras[i];
+            if let Some(mean) = mean_noise(&self.noises[settled.max(i) - first], noises) {
+                camera.camera.noise = Estimate::Known(mean);
             }
-        }
-        let sure = self.cameras.len() - usize::from(!ends);
-        for camera in &self.cameras[self.handed_on.min(sure)..sure] {
             (self.each)(camera)?;
         }
         self.handed_on = self.handed_on.max(sure);
+        if ends {
+            self.noises.clear();
+            self.settled = None;
+        }
+        let needed = known - self.handed_on.min(known) + NOISE_REACH;
+        self.noises.drain(..self.noises.len().saturating_sub(needed));
         Ok(())
     }
+}
+
+/// The mean of those of some noises that are of the same kind as `own`; `None` if that is unknown.
+fn mean_noise<'a>(
+    own: &Estimate<NoiseModel>,
+    noises: impl Iterator<Item = &'a Estimate<NoiseModel>>,
+) -> Option<NoiseModel> {
+    let kind = |noise: &NoiseModel| (noise.method(), noise.curves().is_some());
+    let own = own.known()?;
+    NoiseModel::mean(noises.filter_map(Estimate::known).filter(|noise| kind(noise) == kind(own)))
 }
 
 impl Viewer for Following<'_> {
@@ -87,16 +113,15 @@ impl Viewer for Following<'_> {
     fn view(&mut self, number: u64, observation: &FrameObservation, _: Option<Save>) -> Result<()> {
         if self.tracker.cut_ahead() {
             self.hand_on(true)?;
-            self.shot = self.cameras.len();
         }
         let aspect = self.clip.pixel_aspect();
         let camera = tracked(&mut self.tracker, (number, observation), (self.noise_kind, aspect));
         let camera = camera.map_err(|e| of_frame(self.clip, number, e))?;
-        if camera.changed.of(Distortion::Noise) && self.handed_on == self.shot {
+        if camera.changed.of(Distortion::Noise) {
             // What came before the change has another noise.
             self.hand_on(true)?;
-            self.shot = self.cameras.len();
         }
+        self.noises.push_back(camera.camera.noise.clone());
         self.cameras.push(camera);
         self.hand_on(false)?;
         self.samples.keep(self.clip, number, observation, None)
@@ -127,7 +152,7 @@ pub struct Beside {
 }
 
 /// The estimation of a model for each frame where frames are handed over one after another, instead of being taken from a clip. The models
-/// are those of [`track`], except for the noise of the first frames of a shot, which `track` knows only once it has settled.
+/// are those of [`track`], except for the noise, which `track` takes from the frames after a frame, too.
 pub struct FrameTracker {
     tracker: Tracker,
     noise_kind: NoiseKind,
@@ -191,8 +216,8 @@ impl FrameTracker {
     }
 }
 
-/// Estimates a model for each frame of a clip, and hands each to `each`: those of the first frames of a shot once its noise has settled,
-/// the others one frame late.
+/// Estimates a model for each frame of a clip, and hands each to `each`, 48 frames late at most: a frame's noise is the mean over as many frames
+/// before and after it, up to the next cut or change of the noise.
 ///
 /// # Errors
 /// If a frame or its accompanying data cannot be used, memory does not suffice, or `each` fails.
@@ -208,9 +233,9 @@ pub fn track(
     check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
     let tracker = Tracker::new(space, fps.or(clip.fps()));
     let samples = Samples::new(clip.len_hint(), keep_samples);
-    let cameras = Vec::new();
+    let (cameras, noises) = (Vec::new(), VecDeque::new());
     let mut following =
-        Following { clip, tracker, noise_kind, each, cameras, handed_on: 0, shot: 0, samples };
+        Following { clip, tracker, noise_kind, each, cameras, handed_on: 0, noises, settled: None, samples };
     let Seen { first, last, stopped, .. } =
         show(footage, operators, None, "tracking", &mut following, observer)?;
     if let Some(last) = following.cameras.last_mut() {
@@ -271,6 +296,44 @@ mod tests {
         assert!(wanted.frames()[4].camera.noise.known().is_some());
         // Negative control: with gaps between them, the frames show no motion, and their noise is not told.
         assert_ne!(pushed(&|i| 2 * i).frames()[4].camera.noise, wanted.frames()[4].camera.noise);
+    }
+
+    #[test]
+    fn a_frame_s_noise_is_a_mean_over_the_frames_around_it() {
+        const FRAMES: usize = 110;
+        // Noise that grows slowly is no change that is told.
+        let frames: Vec<Encoded> = (0..FRAMES)
+            .map(|t| {
+                let grown = 1.0 + 0.004 * t as f32;
+                Encoded(frame(t).0.map(|[v, ..]| [0.5 + grown * (v - 0.5); 3]))
+            })
+            .collect();
+        let mut handed_on = vec![];
+        let footage = Footage::new(MemoryClip { frames: frames.clone(), fps: None });
+        let found = track(&footage, Job::default(), &Silent, &mut |camera| {
+            handed_on.push(camera.clone());
+            Ok(())
+        });
+        assert_eq!(handed_on, found.unwrap().track.frames());
+        let mut tracker = FrameTracker::new(Space::default(), NoiseKind::default(), None, None);
+        let mut told = vec![];
+        for (number, image) in (1..).zip(frames) {
+            told.extend(tracker.push(Frame { number, image }, Beside::default()).unwrap());
+        }
+        told.extend(tracker.finish().unwrap());
+        assert!(told.iter().all(|camera| !camera.changed.of(Distortion::Noise)));
+        let green = |camera: &TrackedCamera| camera.camera.noise.known().unwrap().total_std(0.5)[1];
+        let mean = |frames: std::ops::Range<usize>| {
+            let n = frames.len() as f32;
+            told[frames].iter().map(green).sum::<f32>() / n
+        };
+        // The noise has settled in the 24th frame.
+        for (t, around) in [(0, 23..49), (30, 23..79), (80, 32..110), (109, 61..110)] {
+            let (found, wanted) = (green(&handed_on[t]), mean(around));
+            assert!((found / wanted - 1.0).abs() < 0.01, "{t}: {found} for {wanted}");
+        }
+        assert!(green(&told[109]) > 1.1 * green(&told[23]));
+        assert!((green(&handed_on[109]) / green(&told[109]) - 1.0).abs() > 0.01);
     }
 }
 

@@ -132,6 +132,13 @@ impl NoiseModel {
         Self::Lines(NoiseLines { levels, interval: None, clip, method: Method::Given, samples: 0 })
     }
 
+    /// The mean of models that are all of straight lines, or all of curves; `None` if there is none.
+    pub fn mean<'a>(models: impl Iterator<Item = &'a Self>) -> Option<Self> {
+        models.zip(1..).fold(None, |mean: Option<Self>, (model, n)| {
+            Some(mean.map_or_else(|| model.clone(), |mean| mean.between(model, 1.0 / n as f32)))
+        })
+    }
+
     /// The noise as the paper's straight lines, or the straight lines that are nearest to the noise.
     pub fn lines(&self) -> &NoiseLines {
         match self {
