@@ -1,5 +1,4 @@
-// Compares two files of cameras, a JSON line each: every number may differ by 1e-4 of the larger of itself and 1. The noise is that of the last
-// frame, as `estimate --track` gives the first frames the noise that has settled.
+// Compares two files of cameras, a JSON line each: every number may differ by 1e-4 of the larger of itself and 1.
 //
 //   node test/same.mjs A B
 import assert from 'node:assert/strict';
@@ -28,7 +27,7 @@ export function apart(a, b, place = '') {
 
 const [a, b] = process.argv.slice(2).map((file) => readFileSync(file, 'utf8').trim().split('\n').map(JSON.parse));
 assert.ok(a.length > 2 && a.length === b.length, `${a.length} and ${b.length} cameras`);
-const parts = (cameras, part) => cameras.map((c, i) => (part === 'noise' && i < cameras.length - 1 ? null : c[part]));
+const parts = (cameras, part) => cameras.map((c) => c[part]);
 const worst = {};
 for (const part of ['noise', 'motion_blur', 'sharpening', 'defocus']) worst[part] = apart(parts(a, part), parts(b, part));
 // Negative control: another frame's camera is another one.

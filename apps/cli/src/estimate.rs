@@ -37,8 +37,8 @@ pub struct Estimate {
         required_unless_present = "json"
     )]
     output: Option<PathBuf>,
-    /// Print the camera model as JSON on standard output, in place of its description in words; with --track a line for each frame, as it is
-    /// found
+    /// Print the camera model as JSON on standard output, in place of its description in words; with --track a line for each frame, once the
+    /// noise of the 48 frames after it is known
     #[arg(help_heading = "Results", long)]
     json: bool,
     #[command(flatten)]

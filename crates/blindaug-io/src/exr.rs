@@ -83,7 +83,7 @@ pub fn exr_contents(path: impl AsRef<Path>) -> Result<ExrContents> {
 /// (or Blender's names for these). The frame is the display window; what the file has beyond it is read as well.
 ///
 /// # Errors
-/// If the file is missing, damaged, too large, no EXR, or lacks `R`, `G`, `B` or `A`.
+/// If the file is missing, damaged, too large, no EXR, lacks `R`, `G`, `B` or `A`, or most values of one of these are NaN.
 pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let path = path.as_ref();
     if !is_exr(path)? {
@@ -93,7 +93,13 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let LayerChannels { picks, depth, flow } = file.layer()?;
     let overscan = file.overscan(&picks);
     let planes = file.read(&picks, overscan)?;
-    planes[..4].iter().try_for_each(|plane| mostly_numbers(path, plane.data().iter().copied()))?;
+    let [colours, alpha] = [&planes[..3], &planes[3..4]];
+    // Where nothing is, colour may be 0 / 0.
+    let seen = |v: &f32, a: &f32| if *a == 0.0 { 0.0 } else { *v };
+    for plane in colours {
+        mostly_numbers(path, plane.data().iter().zip(alpha[0].data()).map(|(v, a)| seen(v, a)))?;
+    }
+    mostly_numbers(path, alpha[0].data().iter().copied())?;
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);

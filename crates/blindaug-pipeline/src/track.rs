@@ -53,56 +53,78 @@ struct Following<'a> {
     cameras: Vec<TrackedCamera>,
     /// The number of models that were handed on.
     handed_on: usize,
-    /// The noises of the last frames since the last cut or change of the noise, as the tracker tells them, the last frame's last.
-    noises: VecDeque<Estimate<NoiseModel>>,
-    /// The number of models before the one whose noise was the first to be settled since then; `None`: none was.
-    settled: Option<usize>,
+    noises: NoiseAround,
     samples: Samples,
+}
+
+impl Following<'_> {
+    /// Hands on the models that will not change any more: all of them at a cut, at a change of the noise and at the end (`ends`), else those
+    /// whose noise is a mean over frames that are all known.
+    fn hand_on(&mut self, ends: bool) -> Result<()> {
+        let settles = self.tracker.noise_settles();
+        for mean in self.noises.known(settles, ends) {
+            let camera = &mut self.cameras[self.handed_on];
+            if let Some(mean) = mean {
+                camera.camera.noise = Estimate::Known(mean);
+            }
+            (self.each)(camera)?;
+            self.handed_on += 1;
+        }
+        Ok(())
+    }
 }
 
 /// The number of frames before and after a frame over which its noise is a mean: as many as the tracker measures noise in.
 const NOISE_REACH: usize = 48;
 
-impl Following<'_> {
-    /// Hands on the models that will not change any more: all of them at a cut or a change of the noise (`ends`), else those whose noise is a
-    /// mean over frames that are all known. Frames before the noise was settled get the noise of those after.
-    fn hand_on(&mut self, ends: bool) -> Result<()> {
-        let known = self.cameras.len();
-        if known == 0 || (!ends && self.tracker.noise_settles()) {
-            return Ok(());
-        }
-        let settled = *self.settled.get_or_insert(known - 1);
-        let sure = if ends { known } else { known.saturating_sub(NOISE_REACH) };
-        let first = known - self.noises.len();
-        for i in self.handed_on..sure {
-            let around =
-                i.saturating_sub(NOISE_REACH).max(settled)..known.min(settled.max(i + NOISE_REACH) + 1);
-            let noises = self.noises.range(around.start - first..around.end - first);
-            let camera = &mut self.cameras[i];
-            if let Some(mean) = mean_noise(&self.noises[settled.max(i) - first], noises) {
-                camera.camera.noise = Estimate::Known(mean);
-            }
-            (self.each)(camera)?;
-        }
-        self.handed_on = self.handed_on.max(sure);
-        if ends {
-            self.noises.clear();
-            self.settled = None;
-        }
-        let needed = known - self.handed_on.min(known) + NOISE_REACH;
-        self.noises.drain(..self.noises.len().saturating_sub(needed));
-        Ok(())
-    }
+/// The mean of each frame's noise and that of the frames around it, between two cuts or changes of the noise.
+///
+/// The noise of a shot's first frames is not settled, and counts in no mean: these frames have that of the frames after them.
+#[derive(Default)]
+struct NoiseAround {
+    /// The noises of the last frames as the tracker tells them.
+    told: VecDeque<Estimate<NoiseModel>>,
+    /// The number of frames before those of `told`.
+    forgotten: usize,
+    /// The index of the first frame whose noise had settled; `None`: none has so far.
+    settled: Option<usize>,
+    /// The number of frames whose mean was given.
+    given: usize,
 }
 
-/// The mean of those of some noises that are of the same kind as `own`; `None` if that is unknown.
-fn mean_noise<'a>(
-    own: &Estimate<NoiseModel>,
-    noises: impl Iterator<Item = &'a Estimate<NoiseModel>>,
-) -> Option<NoiseModel> {
-    let kind = |noise: &NoiseModel| (noise.method(), noise.curves().is_some());
-    let own = own.known()?;
-    NoiseModel::mean(noises.filter_map(Estimate::known).filter(|noise| kind(noise) == kind(own)))
+impl NoiseAround {
+    fn push(&mut self, noise: Estimate<NoiseModel>) {
+        self.told.push_back(noise);
+    }
+
+    /// The means, in the order of the frames, of the frames whose mean was not given so far and will not change any more: all of them if this
+    /// is the end (`ends`), after which another stretch of frames begins; none while the noise of the last frame is still to settle
+    /// (`settles`). A mean is `None` where the noise is unknown.
+    fn known(&mut self, settles: bool, ends: bool) -> Vec<Option<NoiseModel>> {
+        let frames = self.forgotten + self.told.len();
+        if frames == 0 || (settles && !ends) {
+            return vec![];
+        }
+        let settled = *self.settled.get_or_insert(frames - 1);
+        let sure = if ends { frames } else { frames.saturating_sub(NOISE_REACH) };
+        let mean = |i: usize| {
+            let first = settled.max(i.saturating_sub(NOISE_REACH));
+            let last = settled.max(i + NOISE_REACH).min(frames - 1);
+            let around = self.told.range(first - self.forgotten..=last - self.forgotten);
+            let own = self.told[settled.max(i) - self.forgotten].known()?;
+            own.mean_of_kind(around.filter_map(Estimate::known))
+        };
+        let means = (self.given..sure).map(mean).collect();
+        if ends {
+            *self = Self::default();
+            return means;
+        }
+        self.given = self.given.max(sure);
+        let unneeded = self.given.saturating_sub(NOISE_REACH).saturating_sub(self.forgotten);
+        self.told.drain(..unneeded);
+        self.forgotten += unneeded;
+        means
+    }
 }
 
 impl Viewer for Following<'_> {
@@ -118,10 +140,10 @@ impl Viewer for Following<'_> {
         let camera = tracked(&mut self.tracker, (number, observation), (self.noise_kind, aspect));
         let camera = camera.map_err(|e| of_frame(self.clip, number, e))?;
         if camera.changed.of(Distortion::Noise) {
-            // What came before the change has another noise.
+            // The frames before have another noise, but for the few in which the change was not noticed yet.
             self.hand_on(true)?;
         }
-        self.noises.push_back(camera.camera.noise.clone());
+        self.noises.push(camera.camera.noise.clone());
         self.cameras.push(camera);
         self.hand_on(false)?;
         self.samples.keep(self.clip, number, observation, None)
@@ -216,8 +238,8 @@ impl FrameTracker {
     }
 }
 
-/// Estimates a model for each frame of a clip, and hands each to `each`, 48 frames late at most: a frame's noise is the mean over as many frames
-/// before and after it, up to the next cut or change of the noise.
+/// Estimates a model for each frame of a clip, and hands each to `each`, 48 frames late: a frame's noise is the mean over as many frames before
+/// and after it, as far as the next cut or change of the noise. The noise of a shot's first 23 pictures counts in no mean.
 ///
 /// # Errors
 /// If a frame or its accompanying data cannot be used, memory does not suffice, or `each` fails.
@@ -233,11 +255,14 @@ pub fn track(
     check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
     let tracker = Tracker::new(space, fps.or(clip.fps()));
     let samples = Samples::new(clip.len_hint(), keep_samples);
-    let (cameras, noises) = (Vec::new(), VecDeque::new());
-    let mut following =
-        Following { clip, tracker, noise_kind, each, cameras, handed_on: 0, noises, settled: None, samples };
-    let Seen { first, last, stopped, .. } =
-        show(footage, operators, None, "tracking", &mut following, observer)?;
+    let (cameras, noises) = (Vec::new(), NoiseAround::default());
+    let mut following = Following { clip, tracker, noise_kind, each, cameras, handed_on: 0, noises, samples };
+    let seen = show(footage, operators, None, "tracking", &mut following, observer);
+    if seen.is_err() {
+        // The models of the frames before the bad one are right.
+        following.hand_on(true)?;
+    }
+    let Seen { first, last, stopped, .. } = seen?;
     if let Some(last) = following.cameras.last_mut() {
         last.camera.stopped = stopped;
     }
@@ -253,7 +278,8 @@ pub fn track(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MemoryClip, Silent};
+    use crate::{MemoryClip, Silent, footage::Frames};
+    use blindaug::model::{Method, NOISE_LEVELS, NoiseLevel, Reason};
     use blindaug::{Encoded, Raster};
 
     /// A moving texture with noise.
@@ -296,6 +322,101 @@ mod tests {
         assert!(wanted.frames()[4].camera.noise.known().is_some());
         // Negative control: with gaps between them, the frames show no motion, and their noise is not told.
         assert_ne!(pushed(&|i| 2 * i).frames()[4].camera.noise, wanted.frames()[4].camera.noise);
+    }
+
+    /// Noise of one std everywhere.
+    fn noise(std: usize) -> Estimate<NoiseModel> {
+        let level = NoiseLevel { slope: [0.0; 3], intercept: [std as f32; 3] };
+        Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 0.95))
+    }
+
+    /// The stds of means; 0 where the noise is unknown.
+    fn stds(means: Vec<Option<NoiseModel>>) -> Vec<f32> {
+        means.iter().map(|m| m.as_ref().map_or(0.0, |m| m.lines().levels[0].intercept[0])).collect()
+    }
+
+    #[test]
+    fn means_of_noise_reach_as_far_as_is_known_and_end_with_a_stretch_of_frames() {
+        let mut around = NoiseAround::default();
+        // No frame at all, as before a cut in the first frame, and one frame.
+        assert!(around.known(false, true).is_empty() && around.known(true, true).is_empty());
+        around.push(noise(7));
+        assert!(around.known(true, false).is_empty());
+        assert_eq!(stds(around.known(true, true)), [7.0]);
+        // Two hundred frames, whose noise is their number, settle in the frame of index 20.
+        let mut found = vec![];
+        for i in 0..200 {
+            around.push(noise(i));
+            let known = around.known(i < 20, false);
+            assert_eq!(known.len(), usize::from(i >= 20 && i >= NOISE_REACH));
+            found.extend(stds(known));
+            assert!(around.told.len() <= 2 * NOISE_REACH + 1);
+        }
+        found.extend(stds(around.known(false, true)));
+        assert_eq!(found.len(), 200);
+        for (i, found) in found.into_iter().enumerate() {
+            let (first, last) = (i.saturating_sub(NOISE_REACH).max(20), (i + NOISE_REACH).min(199));
+            assert!((found - 0.5 * (first + last) as f32).abs() < 1e-3, "{i}: {found}");
+        }
+        // What follows has nothing of that, and ends before its noise has settled.
+        (1..4).for_each(|i| around.push(noise(i)));
+        assert!(around.known(true, false).is_empty());
+        assert_eq!(stds(around.known(true, true)), [3.0; 3]);
+    }
+
+    #[test]
+    fn means_of_noise_are_of_one_kind_and_unknown_noise_stays_unknown() {
+        let unknown = || Estimate::unknown(Reason::Flat, "everything clips");
+        let measured = |std| {
+            let Estimate::Known(mut model) = noise(std) else { unreachable!() };
+            model.lines_mut().method = Method::Temporal;
+            model.lines_mut().samples = std as u64;
+            Estimate::Known(model)
+        };
+        let mut around = NoiseAround::default();
+        for noise in [measured(2), unknown(), noise(50), measured(4)] {
+            around.push(noise);
+            assert!(around.known(false, false).is_empty());
+        }
+        let means = around.known(false, true);
+        assert_eq!(means[0].as_ref().unwrap().samples(), 2);
+        assert_eq!(stds(means), [3.0, 0.0, 50.0, 3.0]);
+        around.push(unknown());
+        assert_eq!(around.known(true, true), [None]);
+    }
+
+    #[test]
+    fn a_frame_that_cannot_be_read_does_not_take_the_models_before_it_along() {
+        /// A clip whose last frame is damaged.
+        struct Damaged(MemoryClip);
+        impl Clip for Damaged {
+            fn name(&self) -> String {
+                "damaged".into()
+            }
+            fn size(&self) -> (usize, usize) {
+                self.0.size()
+            }
+            fn fps(&self) -> Option<f64> {
+                None
+            }
+            fn len_hint(&self) -> Option<usize> {
+                None
+            }
+            fn frames_if<'a>(&'a self, wanted: Box<dyn Fn(u64) -> bool + Send + 'a>) -> Frames<'a> {
+                let error = blindaug::Error::new("its last frame is damaged");
+                let bad = crate::Error::Clip { clip: self.name(), error };
+                Box::new(self.0.frames_if(wanted).chain(std::iter::once(Err(bad))))
+            }
+        }
+        let footage = Footage::new(Damaged(MemoryClip { frames: (0..5).map(frame).collect(), fps: None }));
+        let mut handed_on = 0;
+        let failed = track(&footage, Job::default(), &Silent, &mut |_| {
+            handed_on += 1;
+            Ok(())
+        });
+        assert!(failed.unwrap_err().to_string().contains("damaged"));
+        // The fifth frame waits for its neighbour.
+        assert_eq!(handed_on, 4);
     }
 
     #[test]

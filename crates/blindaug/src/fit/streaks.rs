@@ -38,12 +38,12 @@ pub(super) struct Link {
 
 impl Link {
     /// A link between two successive frames, given the flow from the first to the second, px, and the motion of each frame at its own time, px
-    /// per frame interval (NaN: unknown); `None` if nothing moves, nothing is known of it, or another thing is what moves in the second frame.
+    /// per frame interval (NaN: unknown); `None` if nothing moves, nothing is known of it, or the typical motions of the two frames are those of different things.
     pub fn new(frames: [&Encoded; 2], flow: &Flow, motions: [&MotionOf; 2], space: Space) -> Option<Self> {
         let size = flow.size();
         let (of_flow, [first, second]) = (|x, y| flow.at(x, y), motions.map(|of| typical_motion(size, of)));
         let (way, typical) = (typical_motion(size, &of_flow)?, [first?, second?]);
-        // Where a car enters the frame, no motion changes, but the one that is typical.
+        // Where a car enters the frame, the typical motion jumps, though no thing moves otherwise than before.
         let same_things = motions.iter().zip(typical).all(|(of, typical)| {
             let changed = median_difference(size, &of_flow, of).unwrap_or(0.0);
             length([typical[0] - way[0], typical[1] - way[1]]) <= SAME_PX + SAME_SHARE * changed
@@ -83,8 +83,8 @@ const STREAK_STD: f64 = 0.4;
 /// The std of the flow, px.
 const FLOW_STD: f64 = 0.1;
 
-/// The most by which the typical motions of a link's frames may differ from its way, px and as a factor of what the motion of the median place
-/// differs by: where they differ by more, other things move.
+/// The most by which the typical motion of a link's frame may differ from its way, px, beyond [`SAME_SHARE`] times the median difference of
+/// motion and flow: where it differs by more, other things move.
 const SAME_PX: f32 = 1.0;
 const SAME_SHARE: f32 = 2.0;
 

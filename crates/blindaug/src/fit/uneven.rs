@@ -58,7 +58,7 @@ const ANGLES: [f32; 9] = [0.0, -0.15, 0.15, -0.3, 0.3, -0.45, 0.45, -0.6, 0.6];
 /// The change of the motion from one frame interval to the next over the mean speed of both: the median over the pixels whose motion is
 /// known in both. `to_next` is the flow to the next frame, `motion` that at the frame's own time, of a frame of w x h px.
 pub(super) fn change_of(size: (usize, usize), to_next: &MotionOf, motion: &MotionOf) -> Option<f32> {
-    median_of_moving(size, |x, y| {
+    median_on_grid(size, |x, y| {
         let (next, mean) = (to_next(x, y), motion(x, y));
         let half = (next[0] - mean[0]).portable_hypot(next[1] - mean[1]);
         let speed = mean[0].portable_hypot(mean[1]);
@@ -69,7 +69,7 @@ pub(super) fn change_of(size: (usize, usize), to_next: &MotionOf, motion: &Motio
 
 /// The speed to the next frame over the speed from the frame before: the median over the pixels that move; `None` if too few do.
 pub(super) fn speed_ratio(to_next: &Flow, before: &Flow) -> Option<f32> {
-    median_of_moving(to_next.size(), |x, y| {
+    median_on_grid(to_next.size(), |x, y| {
         let [next, before] = [to_next, before].map(|flow| flow.at(x, y)).map(|[u, v]| u.portable_hypot(v));
         (before >= SPEEDS.start && next.is_finite()).then_some(next / before)
     })
@@ -77,7 +77,7 @@ pub(super) fn speed_ratio(to_next: &Flow, before: &Flow) -> Option<f32> {
 
 /// The length of the difference of two motions, px per frame interval: the median over the pixels that move; `None` if too few do.
 pub(super) fn median_difference(size: (usize, usize), a: &MotionOf, b: &MotionOf) -> Option<f32> {
-    median_of_moving(size, |x, y| {
+    median_on_grid(size, |x, y| {
         let (a, b) = (a(x, y), b(x, y));
         let moves = [a, b].iter().any(|v| v[0].portable_hypot(v[1]) >= SPEEDS.start);
         let difference = (a[0] - b[0]).portable_hypot(a[1] - b[1]);
@@ -85,8 +85,8 @@ pub(super) fn median_difference(size: (usize, usize), a: &MotionOf, b: &MotionOf
     })
 }
 
-/// The median of a value over a coarse grid of a frame's pixels, where something moves; `None` if too little does.
-fn median_of_moving((w, h): (usize, usize), of: impl Fn(usize, usize) -> Option<f32>) -> Option<f32> {
+/// The median, over a coarse grid of a frame's pixels, of what `of` gives; `None` if it gives too few values.
+fn median_on_grid((w, h): (usize, usize), of: impl Fn(usize, usize) -> Option<f32>) -> Option<f32> {
     const STEP: usize = 8;
     let places = (0..h).step_by(STEP).flat_map(|y| (0..w).step_by(STEP).map(move |x| (x, y)));
     let values: Vec<f32> = places.filter_map(|(x, y)| of(x, y)).collect();

@@ -132,11 +132,16 @@ impl NoiseModel {
         Self::Lines(NoiseLines { levels, interval: None, clip, method: Method::Given, samples: 0 })
     }
 
-    /// The mean of models that are all of straight lines, or all of curves; `None` if there is none.
-    pub fn mean<'a>(models: impl Iterator<Item = &'a Self>) -> Option<Self> {
-        models.zip(1..).fold(None, |mean: Option<Self>, (model, n)| {
+    /// The mean of those of some models that are of this one's kind, by their method and by whether they have curves; `None` if none is. The
+    /// number of samples is this one's.
+    pub fn mean_of_kind<'a>(&self, models: impl Iterator<Item = &'a Self>) -> Option<Self> {
+        let kind = |model: &Self| (model.method(), model.curves().is_some());
+        let alike = models.filter(|model| kind(model) == kind(self));
+        let mut mean = alike.zip(1..).fold(None, |mean: Option<Self>, (model, n)| {
             Some(mean.map_or_else(|| model.clone(), |mean| mean.between(model, 1.0 / n as f32)))
-        })
+        })?;
+        mean.lines_mut().samples = self.samples();
+        Some(mean)
     }
 
     /// The noise as the paper's straight lines, or the straight lines that are nearest to the noise.

@@ -1,4 +1,4 @@
-//! Frames that repeat the one before, told while a clip is looked at, for the estimators.
+//! Frames that repeat the one before, and motion over missing frames, told while a clip is looked at, for the estimators.
 //!
 //! Copies come where a clip was converted to a higher frame rate, or where a camera delivers its last picture once more. Beside a copy nothing
 //! moves for a frame interval, so that motion seems uneven, streaks too short and noise too weak. Of a picture that is repeated, only the last
@@ -20,8 +20,8 @@ const USUAL_SPREAD: f32 = 0.33;
 const LARGEST: f32 = 0.3;
 /// The approximate number of pixels of a frame that are compared.
 const SAMPLES: usize = 20_000;
-/// The ratio of speeds from which on an even motion seems to go over missing frames: a hand moves on, while over a missing frame everything
-/// moves twice as far.
+/// The ratio of speeds from which on an even motion seems to go over missing frames. An even motion hardly changes from frame to frame; over
+/// one missing frame everything moves twice as far.
 const SUDDEN: f32 = 1.6;
 /// The fewest copies that may come regularly.
 const FEWEST: u64 = 4;
@@ -135,9 +135,9 @@ impl Copies {
         self.told_by(&difference(frame, next)).0
     }
 
-    /// Whether frames seem to be missing beside a picture, since the motion on that side is so many times as fast as on the other
-    /// (`speed_ratio`). Beside one that repeats a number of frames, missing ones make it the motion of as many frame intervals more; beside
-    /// others they are told only if motion was even so far (`is_even`).
+    /// Whether frames seem to be missing on one side of a picture, where the motion is `speed_ratio` times as fast as on the other. If the
+    /// picture repeats n frames, they do from a ratio of the root of n + 1 on; if it repeats none, from [`SUDDEN`] on, and only where motion
+    /// was even so far (`is_even`).
     pub fn gap_beside(&mut self, repeated: usize, speed_ratio: f32, is_even: bool) -> bool {
         if repeated == 0 {
             return is_even && speed_ratio > SUDDEN;
