@@ -38,6 +38,7 @@ pub(crate) fn shared() -> String {
         ("MIN_SPEED", &numbers::SPEEDS.start),
         ("MAX_SPEED", &numbers::SPEEDS.end),
         ("SAMPLES", &numbers::SAMPLES),
+        ("KNOWN_SAMPLES", &numbers::KNOWN_SAMPLES),
         ("EXPOSURES", &EXPOSURES),
         ("SIGMAS", &SIGMAS),
         ("TILE_SIGMAS", &TILE_SIGMAS),

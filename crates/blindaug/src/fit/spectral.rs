@@ -41,7 +41,7 @@ pub mod numbers {
         INFORMATIVE, LAMBDA_STEPS, LARGER_BLUR, LEAK, LENS_NOISE_ERROR, MAX_LAMBDA, NoiseError,
         PIXEL_RESPONSE, SHUTTER_FLOOR, STREAK_ERROR, STREAK_STEP, TEMPER,
     };
-    pub use super::super::tiles::{BLOCKS, MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
+    pub use super::super::tiles::{BLOCKS, KNOWN_SAMPLES, MIDDLE, MIN_CONTRAST, SAMPLES, SPEEDS};
 }
 
 /// The share of a coder's errors by which tiles are noise-padded for the lens, which needs the fine detail that lambda can do without.

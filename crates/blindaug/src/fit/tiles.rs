@@ -473,6 +473,10 @@ pub(super) type MotionOf<'a> = dyn Fn(usize, usize) -> [f32; 2] + Sync + 'a;
 /// The number of a tile's pixels, every second one each way, at which flow and depth are read.
 pub const SAMPLES: usize = TILE * TILE / 4;
 
+/// The fewest of a tile's [`SAMPLES`] at which its motion must be known. Where it is not, something else may come into view or go out of it,
+/// such as what stands still between the legs of a passer-by, and may have most of the tile's contrast.
+pub const KNOWN_SAMPLES: usize = SAMPLES * 31 / 32;
+
 /// The speed and the motion of a tile, and the mean deviation of its parts from that motion, in px of the tile; `None` if its parts
 /// move differently or too fast, or if their motion is unknown.
 pub(super) fn common_motion(
@@ -484,7 +488,7 @@ pub(super) fn common_motion(
         .filter(|f| f[0].is_finite() && f[1].is_finite())
         .map(|f| f.map(|v| v / scale as f32))
         .collect();
-    if known.len() < SAMPLES / 2 {
+    if known.len() < KNOWN_SAMPLES {
         return None;
     }
     let [Some(u), Some(v)] = [0, 1].map(|c| median(known.iter().map(|f| f[c]).collect())) else {
@@ -706,5 +710,22 @@ mod tests {
             let (searched, all, moved) = searched(size, scale);
             assert!(searched == all && moved == 0.0, "{size:?}: {searched} of {all}");
         }
+    }
+
+    #[test]
+    fn a_tile_in_which_something_else_comes_into_view_is_not_used() {
+        let (w, h) = (4 * TILE, 4 * TILE);
+        let frame = Encoded(crate::fit::noise::tests::white(w, h, 2).map(|n| n.map(|v| 0.5 + 0.1 * v)));
+        // The motion is unknown in some columns of each tile at the finest resolution.
+        let found = |unknown: usize| {
+            let at = |x: usize, _| if x % (TILE / 2) < unknown { [f32::NAN; 2] } else { [8.0, 0.0] };
+            let tiles = tiles(&frame, Some(&Flow::from_fn(w, h, at)), None, Space::default()).unwrap();
+            tiles.iter().filter(|t| t.scale == 1.0).count()
+        };
+        assert_eq!((found(0), found(2)), (49, 0));
+        // What a few pixels show does not count.
+        let at = |x: usize, y: usize| if x % TILE < 4 && y % TILE < 4 { [f32::NAN; 2] } else { [8.0, 0.0] };
+        let some = tiles(&frame, Some(&Flow::from_fn(w, h, at)), None, Space::default()).unwrap();
+        assert_eq!(some.iter().filter(|t| t.scale == 1.0).count(), 49);
     }
 }

@@ -184,7 +184,7 @@ fn locate(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             tile.motion = motion;
             tile.speed = speed;
             let deviation = sums.x / max(known.x, 1.0);
-            if known.x < f32(SAMPLES / 2u) || deviation > max(0.15 * speed, 0.5) || speed > MAX_SPEED {
+            if known.x < f32(KNOWN_SAMPLES) || deviation > max(0.15 * speed, 0.5) || speed > MAX_SPEED {
                 tile.flags = 0u;
             }
         }

@@ -1,0 +1,96 @@
+"""The exposure that `blindaug estimate` tells of a thing with two legs that passes before a still picture.
+
+    passing.py make OUT PHOTOGRAPH..        clips of each photograph, lossless and as H.264 at crf 20, and their true exposures
+    passing.py measure BLINDAUG OUT         a table: how many exposures are known, how many intervals hold the truth, and the mean error
+
+The thing is cut out of the next photograph, and passes by 6, 14 and 26 px a frame. What stands still behind it comes into view between its
+legs. A frame is the mean, in light, of up to 32 places per frame interval; noise has a std of 1.5 of 255. Needs numpy, pillow and ffmpeg.
+"""
+import json, os, subprocess, sys, tempfile
+import numpy as np
+from PIL import Image
+
+WIDTH, HEIGHT, SIDE, FRAMES, PLACES = 480, 320, 200, 16, 32
+SPEEDS, EXPOSURES = (6, 14, 26), (0.25, 0.5, 0.75, 0.9)
+CODERS = {"mkv": ["-c:v", "ffv1", "-pix_fmt", "bgr0"], "mp4": ["-c:v", "libx264", "-crf", "20", "-pix_fmt", "yuv420p"]}
+GAMMA = 2.2
+
+
+def light(path, width, height):
+    """A photograph of this size, in light."""
+    image = Image.open(path).convert("RGB")
+    scale = max(width / image.width, height / image.height)
+    image = image.resize((int(image.width * scale) + 1, int(image.height * scale) + 1), Image.LANCZOS).crop((0, 0, width, height))
+    return (np.asarray(image) / 255) ** GAMMA
+
+
+def shape():
+    """The alpha of a thing with two legs."""
+    y, x = np.mgrid[:SIDE, :SIDE]
+    body = ((x - 100) / 70) ** 2 + ((y - 70) / 60) ** 2 < 1
+    legs = (np.minimum(abs(x - 65), abs(x - 135)) < 18) & (y > 70)
+    return (body | legs).astype(float)[..., None]
+
+
+def with_thing(still, thing, alpha, left):
+    """The still picture with the thing before it, whose left edge is at a fraction of a px."""
+    wide = np.pad(still, ((0, 0), (SIDE + 1, SIDE + 1), (0, 0)))
+    first = int(np.floor(left))
+    share = left - first
+    rows, columns = slice(60, 60 + SIDE), slice(first + SIDE + 1, first + 2 * SIDE + 2)
+    between = lambda a: (1 - share) * np.pad(a, ((0, 0), (0, 1), (0, 0))) + share * np.pad(a, ((0, 0), (1, 0), (0, 0)))
+    if 0 <= columns.start and columns.stop <= wide.shape[1]:
+        wide[rows, columns] = wide[rows, columns] * (1 - between(alpha)) + between(thing * alpha)
+    return wide[:, SIDE + 1:SIDE + 1 + WIDTH]
+
+
+def film(still, thing, speed, places, noise):
+    start = (WIDTH - SIDE - speed * FRAMES) / 2
+    for t in range(FRAMES):
+        times = t + (np.arange(places) - (places - 1) / 2) / PLACES
+        mean = sum(with_thing(still, thing, shape(), start + speed * time) for time in times) / places
+        values = 255 * mean ** (1 / GAMMA) + noise.normal(size=mean.shape) * 1.5
+        yield np.clip(values + 0.5, 0, 255).astype(np.uint8)
+
+
+def make(out, photographs):
+    os.makedirs(out, exist_ok=True)
+    truth, noise = {}, np.random.default_rng(1)
+    for n, path in enumerate(photographs):
+        still, thing = light(path, WIDTH, HEIGHT), light(photographs[(n + 1) % len(photographs)], SIDE, SIDE)
+        for s, speed in enumerate(SPEEDS):
+            places = round(EXPOSURES[(n + s) % len(EXPOSURES)] * PLACES)
+            name = f"{os.path.splitext(os.path.basename(path))[0]}-{speed}"
+            frames = b"".join(frame.tobytes() for frame in film(still, thing, speed, places, noise))
+            for kind, coder in CODERS.items():
+                subprocess.run(["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{WIDTH}x{HEIGHT}", "-r", "30", "-i", "-",
+                                *coder, os.path.join(out, f"{name}.{kind}")], input=frames, check=True)
+            truth[name] = places / PLACES
+    with open(os.path.join(out, "truth.json"), "w") as file:
+        json.dump(truth, file, indent=1)
+
+
+def measure(blindaug, out):
+    truth = json.load(open(os.path.join(out, "truth.json")))
+    for kind in CODERS:
+        errors, covered = [], 0
+        for name, exposure in truth.items():
+            with tempfile.TemporaryDirectory() as folder:
+                camera = os.path.join(folder, "camera.json")
+                subprocess.run([blindaug, "estimate", os.path.join(out, f"{name}.{kind}"), "--network", "none", "-o", camera], check=True, capture_output=True)
+                found = json.load(open(camera))["motion_blur"]
+            if "exposure" not in found:
+                print(f"{name}.{kind}: {exposure:.2f}, unknown")
+                continue
+            # The places stand for as many steps of the exposure.
+            low, high = found["interval"][0] - 0.5 / PLACES, found["interval"][1] + 0.5 / PLACES
+            errors.append(abs(found["exposure"] - exposure))
+            covered += low <= exposure <= high
+            print(f"{name}.{kind}: {exposure:.2f}, found {found['exposure']:.2f} ({low:.2f} to {high:.2f})", flush=True)
+        print(f"{kind}: {len(errors)} of {len(truth)} are known, {covered} are covered; mean error {np.mean(errors) if errors else float('nan'):.3f}")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 4 or sys.argv[1] not in ("make", "measure"):
+        sys.exit(__doc__)
+    make(sys.argv[2], sys.argv[3:]) if sys.argv[1] == "make" else measure(sys.argv[2], sys.argv[3])
