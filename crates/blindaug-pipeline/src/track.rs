@@ -348,7 +348,7 @@ mod tests {
         for i in 0..200 {
             around.push(noise(i));
             let known = around.known(i < 20, false);
-            assert_eq!(known.len(), usize::from(i >= 20 && i >= NOISE_REACH));
+            assert_eq!(known.len(), usize::from(i >= NOISE_REACH));
             found.extend(stds(known));
             assert!(around.told.len() <= 2 * NOISE_REACH + 1);
         }

@@ -475,7 +475,7 @@ pub const SAMPLES: usize = TILE * TILE / 4;
 
 /// The fewest of a tile's [`SAMPLES`] at which its motion must be known. Where it is not, something else may come into view or go out of it,
 /// such as what stands still between the legs of a passer-by, and may have most of the tile's contrast.
-pub const KNOWN_SAMPLES: usize = SAMPLES * 31 / 32;
+pub const KNOWN_SAMPLES: usize = SAMPLES * 15 / 16;
 
 /// The speed and the motion of a tile, and the mean deviation of its parts from that motion, in px of the tile; `None` if its parts
 /// move differently or too fast, or if their motion is unknown.
