@@ -93,13 +93,13 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let LayerChannels { picks, depth, flow } = file.layer()?;
     let overscan = file.overscan(&picks);
     let planes = file.read(&picks, overscan)?;
-    let [colours, alpha] = [&planes[..3], &planes[3..4]];
-    // Where nothing is, colour may be 0 / 0.
-    let seen = |v: &f32, a: &f32| if *a == 0.0 { 0.0 } else { *v };
-    for plane in colours {
-        mostly_numbers(path, plane.data().iter().zip(alpha[0].data()).map(|(v, a)| seen(v, a)))?;
+    let alpha = planes[3].data();
+    mostly_numbers(path, alpha.iter().copied())?;
+    for colour in &planes[..3] {
+        // Where nothing is, colour may be 0 / 0.
+        let seen = |(v, a): (&f32, &f32)| if *a == 0.0 { 0.0 } else { *v };
+        mostly_numbers(path, colour.data().iter().zip(alpha).map(seen))?;
     }
-    mostly_numbers(path, alpha[0].data().iter().copied())?;
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);

@@ -138,10 +138,9 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         let noise = noise_of(&coded);
         assert!(noise.coding_error > 0.03, "{noise:?}");
         let mut estimator = Estimator::new(EstimatorOptions::default());
-        for (i, frame) in coded.iter().enumerate() {
+        for observation in FrameObservation::of_frames(&coded) {
             let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
-            let (next, previous) = (coded.get(i + 1), i.checked_sub(1).map(|i| &coded[i]));
-            estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
+            estimator.add(&FrameObservation { evidence, ..observation }).unwrap();
         }
         let found = estimator.estimate().unwrap();
         let warnings = &found.model.warnings;

@@ -250,15 +250,14 @@ fn frames_alone_are_enough() {
 /// The exposure of each frame but the last, tracked by the frames alone, and whether it was found to have changed.
 fn followed(frames: &[Encoded], with_previous: bool) -> Vec<(f32, [f32; 2], bool)> {
     let mut tracker = Tracker::new(Default::default(), None);
-    let one = |t: usize| {
-        let previous = frames.get(t.wrapping_sub(1)).filter(|_| with_previous);
-        let (frame, next, evidence) = (&frames[t], Some(&frames[t + 1]), Evidence::default());
-        let model = tracker.push(&FrameObservation { frame, next, previous, evidence }).unwrap();
+    let one = |observation: FrameObservation| {
+        let previous = observation.previous.filter(|_| with_previous);
+        let model = tracker.push(&FrameObservation { previous, ..observation }).unwrap();
         let told = model.motion_blur.known().map(|m| (m.exposure.0, m.interval));
         let (exposure, interval) = told.unwrap_or((f32::NAN, [0.0, 1.0]));
         (exposure, interval, tracker.changes().of(Distortion::MotionBlur))
     };
-    (0..frames.len() - 1).map(one).collect()
+    FrameObservation::of_frames(frames).take(frames.len() - 1).map(one).collect()
 }
 
 #[test]
@@ -302,10 +301,9 @@ fn of_a_long_clip_too_the_motion_at_a_frame_s_own_time_counts() {
     let estimated = |with_previous: bool| {
         // Every second frame is looked at.
         let mut estimator = Estimator::new(Default::default()).expecting(frames.len());
-        for (t, frame) in frames.iter().enumerate() {
-            let previous = frames.get(t.wrapping_sub(1)).filter(|_| with_previous);
-            let (next, evidence) = (frames.get(t + 1), Evidence::default());
-            estimator.add(&FrameObservation { frame, next, previous, evidence }).unwrap();
+        for observation in FrameObservation::of_frames(&frames) {
+            let previous = observation.previous.filter(|_| with_previous);
+            estimator.add(&FrameObservation { previous, ..observation }).unwrap();
         }
         estimator.estimate().unwrap()
     };

@@ -9,7 +9,7 @@ use crate::statistics::mean;
 use crate::table::{Cell, Table};
 use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::fit::{
-    Estimator, Evidence, FrameObservation, defocus, motion_blur, noise::NoiseEvidence, track::Tracker,
+    Estimator, FrameObservation, defocus, motion_blur, noise::NoiseEvidence, track::Tracker,
 };
 use blindaug::model::Method;
 use blindaug::{Encoded, Plane, Premultiplied, Raster, Transfer};
@@ -103,12 +103,7 @@ fn timed(case: &Case, seed: u64) -> blindaug::Result<Vec<Timed>> {
     let (flow, depth) = (&footage.flow[1], &footage.inverse_depth[1]);
     let (luma, sharp) = (frame.luma(), clean.luma());
     let weight = Plane::filled(SIZE.0, SIZE.1, 1.0 / 0.01f32.powi(2));
-    let observation = |i: usize| FrameObservation {
-        frame: &footage.frames[i],
-        next: footage.frames.get(i + 1),
-        previous: i.checked_sub(1).map(|i| &footage.frames[i]),
-        evidence: Evidence::default(),
-    };
+    let observations: Vec<FrameObservation> = FrameObservation::of_frames(&footage.frames).collect();
     let mut all = vec![];
     let mut time = |what: &str, paper: &str, step: &mut dyn FnMut()| {
         // The first repetition fills caches and is not counted.
@@ -134,13 +129,13 @@ fn timed(case: &Case, seed: u64) -> blindaug::Result<Vec<Timed>> {
         "at most 1.5 s, without its networks",
         &mut || {
             let mut estimator = Estimator::new(Default::default());
-            black_box(estimator.add(&observation(0)).and_then(|_| estimator.estimate()).ok());
+            black_box(estimator.add(&observations[0]).and_then(|_| estimator.estimate()).ok());
         },
     );
     let mut tracker = Tracker::new(Default::default(), None);
     let mut next = 0;
     time("live estimate, one more frame", "not measured", &mut || {
-        black_box(tracker.push(&observation(next % (frames as usize - 1))).is_ok());
+        black_box(tracker.push(&observations[next % (frames as usize - 1)]).is_ok());
         next += 1;
     });
     // A frame of the paper's headset for one eye, with a square object of a fifth of the view.

@@ -52,7 +52,7 @@ fn estimate(
     })
     .expecting(used);
     let several = footage.frames.len() > 1;
-    for (i, frame) in footage.frames.iter().enumerate().take(used) {
+    for (i, observation) in FrameObservation::of_frames(&footage.frames).enumerate().take(used) {
         // The motion in a single frame is unknown.
         let flow = (several && given <= Given::DepthAndFlowByNetworks).then(|| &footage.flow[i]);
         let depth = (given <= Given::Depth).then(|| (&footage.inverse_depth[i], DepthKind::Metric));
@@ -63,12 +63,7 @@ fn estimate(
             ..Evidence::default()
         };
         let evidence = if by_networks { networks.evidence(&numbered, i, given, observer) } else { given };
-        estimator.add(&FrameObservation {
-            frame,
-            next: footage.frames.get(i + 1),
-            previous: i.checked_sub(1).map(|i| &footage.frames[i]),
-            evidence,
-        })?;
+        estimator.add(&FrameObservation { evidence, ..observation })?;
     }
     estimator.estimate()
 }

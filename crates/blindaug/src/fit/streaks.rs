@@ -38,7 +38,8 @@ pub(super) struct Link {
 
 impl Link {
     /// A link between two successive frames, given the flow from the first to the second, px, and the motion of each frame at its own time, px
-    /// per frame interval (NaN: unknown); `None` if nothing moves, nothing is known of it, or the typical motions of the two frames are those of different things.
+    /// per frame interval (NaN: unknown); `None` if nothing moves, nothing is known of it, or the typical motions of the two frames are those of
+    /// different things.
     pub fn new(frames: [&Encoded; 2], flow: &Flow, motions: [&MotionOf; 2], space: Space) -> Option<Self> {
         let size = flow.size();
         let (of_flow, [first, second]) = (|x, y| flow.at(x, y), motions.map(|of| typical_motion(size, of)));
