@@ -83,7 +83,8 @@ pub fn exr_contents(path: impl AsRef<Path>) -> Result<ExrContents> {
 /// (or Blender's names for these). The frame is the display window; what the file has beyond it is read as well.
 ///
 /// # Errors
-/// If the file is missing, damaged, too large, no EXR, lacks `R`, `G`, `B` or `A`, or most values of one of these are NaN.
+/// If the file is missing, damaged, too large, no EXR, lacks `R`, `G`, `B` or `A`, or most values of one of these are NaN, of colour
+/// where alpha is not 0.
 pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let path = path.as_ref();
     if !is_exr(path)? {
@@ -97,8 +98,8 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     mostly_numbers(path, alpha.iter().copied())?;
     for colour in &planes[..3] {
         // Where nothing is, colour may be 0 / 0.
-        let seen = |(v, a): (&f32, &f32)| if *a == 0.0 { 0.0 } else { *v };
-        mostly_numbers(path, colour.data().iter().zip(alpha).map(seen))?;
+        let seen = colour.data().iter().zip(alpha).filter(|(_, a)| **a != 0.0);
+        mostly_numbers(path, seen.map(|(v, _)| *v))?;
     }
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {

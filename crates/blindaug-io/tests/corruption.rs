@@ -247,13 +247,17 @@ fn a_few_values_that_are_no_numbers_are_black_and_many_are_an_error() {
         let error = of(6).unwrap_err().to_string();
         assert!(error.contains("layer.exr") && error.contains("NaN"), "{error}");
     }
-    // Where a layer is transparent, its colour may be anything.
-    let beside =
-        |inside: f32, outside: f32| Plane::from_fn(5, 2, |x, _| if x == 0 { inside } else { outside });
-    let layer = ["A", "B", "G", "R"].map(|c| (c, beside(0.5, if c == "A" { 0.0 } else { f32::NAN })));
-    write_channels(&path, (5, 2), (0, 0), &layer);
-    let read = read_virtual_layer(&path).unwrap().color.0;
+    // Where a layer is transparent, its colour may be anything, and what is seen counts by itself.
+    let with_colour = |inside: f32, outside: f32| {
+        let beside = |inside, outside| Plane::from_fn(5, 2, |x, _| if x == 0 { inside } else { outside });
+        let of = |c| (c, if c == "A" { beside(0.5, 0.0) } else { beside(inside, outside) });
+        write_channels(&path, (5, 2), (0, 0), &["A", "B", "G", "R"].map(of));
+        read_virtual_layer(&path)
+    };
+    let read = with_colour(0.5, f32::NAN).unwrap().color.0;
     assert!(read.at(0, 1) == [0.5; 4] && read.at(1, 1) == [0.0; 4]);
+    let error = with_colour(f32::NAN, 0.0).unwrap_err().to_string();
+    assert!(error.contains("layer.exr") && error.contains("NaN"), "{error}");
 }
 
 #[test]

@@ -21,9 +21,9 @@ pub(crate) fn page(TrackReportInput { title, track, samples, provenance }: &Trac
         (summary(frames, metric))
         (before_and_after(track, samples))
         p.soft {
-            "Each number is what a frame and those before it tell. Where the footage says nothing of it for a while, the last value stays and its "
-            "interval (shaded, 95 %) widens; where nothing was seen of it yet, it is left out. Dashed lines: a change was noticed, which takes up to "
-            "three frames."
+            "Each number is what a frame and those before it tell; the noise is a mean over the frames before and after it. Where the footage says "
+            "nothing of a number for a while, the last value stays and its interval (shaded, 95 %) widens; where nothing was seen of it yet, it is left "
+            "out. Dashed lines: a change was noticed, which takes up to three frames."
         }
         @for distortion in Distortion::ALL {
             section {
