@@ -12,11 +12,14 @@ use blindaug::{
     Flow, Frame, Plane,
     colour_space::ColourSpace,
     fit::track::Tracker as Fit,
-    model::{NoiseKind, Space, TrackedCamera},
+    model::{NoiseKind, Space},
 };
 use blindaug_io::memory;
-use blindaug_pipeline::track::{Beside, FrameTracker};
-use pyo3::prelude::*;
+use blindaug_pipeline::{
+    Observer,
+    track::{Beside, ClipTracker, FrameTracker},
+};
+use pyo3::{exceptions::PyException, prelude::*};
 use std::{
     path::Path,
     sync::{
@@ -58,19 +61,9 @@ impl<T> Exclusive<T> {
     }
 }
 
-/// Hands a frame on to the tracker without the interpreter's lock.
-fn pushed(
-    py: Python<'_>,
-    tracker: &mut FrameTracker,
-    frame: Option<(Frame, Beside)>,
-) -> PyResult<Option<Camera>> {
-    let camera: Option<TrackedCamera> = py
-        .detach(|| match frame {
-            Some((frame, beside)) => tracker.push(frame, beside),
-            None => tracker.finish(),
-        })
-        .map_err(|e| failure::Error::new_err(e.to_string()))?;
-    camera.as_ref().map(Camera::of_frame).transpose()
+/// The exception of a frame that cannot be used.
+fn unusable(error: blindaug::Error) -> PyErr {
+    failure::Error::new_err(error.to_string())
 }
 
 /// Follows a camera by frames that are pushed one after another.
@@ -140,13 +133,17 @@ impl Tracker {
                 flow: flow.map(|f| pixels::flow(f, "flow", size)).transpose()?,
             };
             state.number = number;
-            pushed(py, &mut state.tracker, Some((Frame { number, image }, beside)))
+            let found = py.detach(|| state.tracker.push(Frame { number, image }, beside));
+            found.map_err(unusable)?.as_ref().map(Camera::of_frame).transpose()
         })
     }
 
     /// The camera of the last frame, or None if there is none that waits.
     fn finish(&self, py: Python<'_>) -> PyResult<Option<Camera>> {
-        self.state.work("Tracker", |state| pushed(py, &mut state.tracker, None))
+        self.state.work("Tracker", |state| {
+            let found = py.detach(|| state.tracker.finish());
+            found.map_err(unusable)?.as_ref().map(Camera::of_frame).transpose()
+        })
     }
 }
 
@@ -159,14 +156,16 @@ pub struct Track {
 }
 
 struct Following {
-    tracker: FrameTracker,
+    tracker: ClipTracker,
     frames: FramesSource,
     size: (usize, usize),
     depth: Option<footage::Beside<Plane>>,
     flow: Option<footage::Beside<Flow>>,
     unit: DepthUnit,
-    /// Whether there are no more frames, or one could not be had.
+    /// Whether there are no more frames, or one could not be used.
     ended: bool,
+    /// Why the frames ended early, until that is raised.
+    failure: Option<PyErr>,
 }
 
 enum FramesSource {
@@ -201,26 +200,48 @@ impl FramesSource {
 }
 
 impl Following {
-    /// The next camera; `None` at the end.
-    fn next(&mut self, py: Python<'_>) -> PyResult<Option<Camera>> {
-        while !self.ended {
+    /// The next camera; `None` at the end. What a bad frame raises comes after the cameras of the frames before it, an interrupt at once.
+    fn next(&mut self, py: Python<'_>, listener: &Listener) -> PyResult<Option<Camera>> {
+        loop {
+            if let Some(camera) = self.tracker.next() {
+                return Camera::of_frame(&camera).map(Some);
+            }
+            if self.ended {
+                return self.failure.take().map_or(Ok(None), Err);
+            }
             py.check_signals()?;
             // After an error there are no more frames.
             self.ended = true;
-            let Some(frame) = self.frames.next(py)? else { return pushed(py, &mut self.tracker, None) };
-            let number = frame.number;
-            let depth = self.depth.as_ref().map(|d| d.get(py, number, self.size)).transpose()?.flatten();
-            let beside = Beside {
-                depth: depth.map(|d| (d, self.unit.kind())),
-                flow: self.flow.as_ref().map(|f| f.get(py, number, self.size)).transpose()?.flatten(),
-            };
-            let camera = pushed(py, &mut self.tracker, Some((frame, beside)))?;
-            self.ended = false;
-            if camera.is_some() {
-                return Ok(camera);
+            match self.look(py) {
+                Ok(true) => {
+                    self.ended = false;
+                    listener.step();
+                    listener.check()?;
+                }
+                Ok(false) => {}
+                Err(failure) if failure.is_instance_of::<PyException>(py) => {
+                    self.tracker.stop();
+                    self.failure = Some(failure);
+                }
+                Err(interrupt) => return Err(interrupt),
             }
         }
-        Ok(None)
+    }
+
+    /// Hands the next frame to the tracker, or tells it that there are no more; gives whether there was one.
+    fn look(&mut self, py: Python<'_>) -> PyResult<bool> {
+        let frame = self.frames.next(py)?;
+        let tracker = &mut self.tracker;
+        let Some(frame) = frame else {
+            return py.detach(|| tracker.finish()).map_err(unusable).map(|()| false);
+        };
+        let number = frame.number;
+        let depth = self.depth.as_ref().map(|d| d.get(py, number, self.size)).transpose()?.flatten();
+        let beside = Beside {
+            depth: depth.map(|d| (d, self.unit.kind())),
+            flow: self.flow.as_ref().map(|f| f.get(py, number, self.size)).transpose()?.flatten(),
+        };
+        py.detach(|| tracker.push(frame, beside)).map_err(unusable).map(|()| true)
     }
 }
 
@@ -231,13 +252,7 @@ impl Track {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Camera>> {
-        use blindaug_pipeline::Observer;
-        let camera = self.state.work("track", |following| following.next(py))?;
-        if camera.is_some() {
-            self.listener.step();
-            self.listener.check()?;
-        }
-        Ok(camera)
+        self.state.work("track", |following| following.next(py, &self.listener))
     }
 
     fn __length_hint__(&self) -> usize {
@@ -261,7 +276,6 @@ pub fn track(
     depth_kind: &str,
     progress: Option<Bound<'_, PyAny>>,
 ) -> PyResult<Track> {
-    use blindaug_pipeline::Observer;
     let listener = Listener::new(progress)?;
     let unit = DepthUnit::named(depth_kind)?;
     let opened = Footage::open(footage, &Said { frames, colour_space, fps }, &listener)?;
@@ -272,7 +286,7 @@ pub fn track(
     memory::fits(Path::new(&clip.name()), "tracking its camera", Fit::bytes(size))
         .map_err(failure::of_file)?;
     let space = Space { transfer: opened.transfer(), ..Space::default() };
-    let tracker = FrameTracker::new(space, NoiseKind::default(), fps.or(clip.fps()), aspect);
+    let tracker = ClipTracker::new(space, NoiseKind::default(), fps.or(clip.fps()), aspect);
     let frames = match opened {
         Footage::Python(clip) => FramesSource::Python(clip, 1),
         Footage::Files(source) => {
@@ -284,6 +298,6 @@ pub fn track(
     };
     listener.begin("tracking", "frames", len);
     listener.tell(py)?;
-    let following = Following { tracker, frames, size, depth, flow, unit, ended: false };
+    let following = Following { tracker, frames, size, depth, flow, unit, ended: false, failure: None };
     Ok(Track { state: Exclusive::new(following), len, listener })
 }

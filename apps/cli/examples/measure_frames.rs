@@ -200,6 +200,16 @@ fn exposures() {
                 [of_clip.estimation.model, last.camera.clone()]
             });
             let truth = exposure(i as u64);
+            for (job, camera) in ["estimate", "--track"].into_iter().zip(&cameras) {
+                match camera.motion_blur.known() {
+                    Some(m) if !(m.interval[0]..=m.interval[1]).contains(&truth) => {
+                        let [low, high] = m.interval;
+                        let told = format!("{:.2} [{low:.2}, {high:.2}] for {truth:.2}", m.exposure.0);
+                        eprintln!("{what}, clip {i}, {job}: {told}");
+                    }
+                    _ => {}
+                }
+            }
             errors.iter_mut().zip(&cameras).for_each(|(errors, camera)| errors.add(camera, truth));
         }
         println!("| {what} | {} | {} |", errors[0].words(), errors[1].words());

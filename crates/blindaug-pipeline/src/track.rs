@@ -9,11 +9,17 @@ use crate::{
     window::{Save, Seen, Viewer, show},
 };
 use blindaug::{
-    Flow, Frame, Plane, Sample,
-    fit::{Evidence, FrameObservation, track::Tracker},
-    model::{CameraTrack, DepthKind, Distortion, Estimate, NoiseKind, NoiseModel, Space, TrackedCamera},
+    Sample,
+    fit::{FrameObservation, track::Tracker},
+    model::{CameraTrack, NoiseKind, Space, TrackedCamera},
 };
-use std::collections::VecDeque;
+use models::{ClipModels, Models};
+
+mod frames;
+mod models;
+mod noise_around;
+
+pub use frames::{Beside, ClipTracker, FrameTracker};
 
 /// The options of tracking a clip.
 #[derive(Default)]
@@ -43,87 +49,28 @@ pub struct Tracked {
     pub last: u64,
 }
 
-/// Estimates a model for each frame.
+/// Estimates a model for each frame of a clip that is shown.
 struct Following<'a> {
     clip: &'a dyn Clip,
-    tracker: Tracker,
-    noise_kind: NoiseKind,
+    models: ClipModels,
     each: &'a mut dyn FnMut(&TrackedCamera) -> Result<()>,
-    /// The models so far.
+    /// The models that were handed on.
     cameras: Vec<TrackedCamera>,
-    /// The number of models that were handed on.
-    handed_on: usize,
-    noises: NoiseAround,
+    /// Whether `each` failed: it then gets no more models.
+    refused: bool,
     samples: Samples,
 }
 
 impl Following<'_> {
-    /// Hands on the models that will not change any more: all of them at a cut, at a change of the noise and at the end (`ends`), else those
-    /// whose noise is a mean over frames that are all known.
-    fn hand_on(&mut self, ends: bool) -> Result<()> {
-        let settles = self.tracker.noise_settles();
-        for mean in self.noises.known(settles, ends) {
-            let camera = &mut self.cameras[self.handed_on];
-            if let Some(mean) = mean {
-                camera.camera.noise = Estimate::Known(mean);
-            }
-            (self.each)(camera)?;
-            self.handed_on += 1;
+    /// Hands on the models that will not change any more.
+    fn hand_on(&mut self) -> Result<()> {
+        while let Some(camera) = self.models.next().filter(|_| !self.refused) {
+            let taken = (self.each)(&camera);
+            self.refused = taken.is_err();
+            taken?;
+            self.cameras.push(camera);
         }
         Ok(())
-    }
-}
-
-/// The number of frames before and after a frame over which its noise is a mean: as many as the tracker measures noise in.
-const NOISE_REACH: usize = 48;
-
-/// The mean of each frame's noise and that of the frames around it, between two cuts or changes of the noise.
-///
-/// The noise of a shot's first frames is not settled, and counts in no mean: these frames have that of the frames after them.
-#[derive(Default)]
-struct NoiseAround {
-    /// The noises of the last frames as the tracker tells them.
-    told: VecDeque<Estimate<NoiseModel>>,
-    /// The number of frames before those of `told`.
-    forgotten: usize,
-    /// The index of the first frame whose noise had settled; `None`: none has so far.
-    settled: Option<usize>,
-    /// The number of frames whose mean was given.
-    given: usize,
-}
-
-impl NoiseAround {
-    fn push(&mut self, noise: Estimate<NoiseModel>) {
-        self.told.push_back(noise);
-    }
-
-    /// The means, in the order of the frames, of the frames whose mean was not given so far and will not change any more: all of them if this
-    /// is the end (`ends`), after which another stretch of frames begins; none while the noise of the last frame is still to settle
-    /// (`settles`). A mean is `None` where the noise is unknown.
-    fn known(&mut self, settles: bool, ends: bool) -> Vec<Option<NoiseModel>> {
-        let frames = self.forgotten + self.told.len();
-        if frames == 0 || (settles && !ends) {
-            return vec![];
-        }
-        let settled = *self.settled.get_or_insert(frames - 1);
-        let sure = if ends { frames } else { frames.saturating_sub(NOISE_REACH) };
-        let mean = |i: usize| {
-            let first = settled.max(i.saturating_sub(NOISE_REACH));
-            let last = settled.max(i + NOISE_REACH).min(frames - 1);
-            let around = self.told.range(first - self.forgotten..=last - self.forgotten);
-            let own = self.told[settled.max(i) - self.forgotten].known()?;
-            own.mean_of_kind(around.filter_map(Estimate::known))
-        };
-        let means = (self.given..sure).map(mean).collect();
-        if ends {
-            *self = Self::default();
-            return means;
-        }
-        self.given = self.given.max(sure);
-        let unneeded = self.given.saturating_sub(NOISE_REACH).saturating_sub(self.forgotten);
-        self.told.drain(..unneeded);
-        self.forgotten += unneeded;
-        means
     }
 }
 
@@ -133,108 +80,10 @@ impl Viewer for Following<'_> {
     }
 
     fn view(&mut self, number: u64, observation: &FrameObservation, _: Option<Save>) -> Result<()> {
-        if self.tracker.cut_ahead() {
-            self.hand_on(true)?;
-        }
-        let aspect = self.clip.pixel_aspect();
-        let camera = tracked(&mut self.tracker, (number, observation), (self.noise_kind, aspect));
-        let camera = camera.map_err(|e| of_frame(self.clip, number, e))?;
-        if camera.changed.of(Distortion::Noise) {
-            // The frames before have another noise, but for the few in which the change was not noticed yet.
-            self.hand_on(true)?;
-        }
-        self.noises.push(camera.camera.noise.clone());
-        self.cameras.push(camera);
-        self.hand_on(false)?;
+        let found = self.models.push(number, observation);
+        self.hand_on()?;
+        found.map_err(|e| of_frame(self.clip, number, e))?;
         self.samples.keep(self.clip, number, observation, None)
-    }
-}
-
-/// The model of the frame of this number.
-fn tracked(
-    tracker: &mut Tracker,
-    (frame, observation): (u64, &FrameObservation),
-    (noise_kind, pixel_aspect): (NoiseKind, Option<f32>),
-) -> blindaug::Result<TrackedCamera> {
-    let mut camera = tracker.push(observation)?.clone();
-    noise_kind.reduce(&mut camera.noise);
-    if let Some(aspect) = pixel_aspect {
-        camera = camera.measured_in_pixels_of(aspect);
-    }
-    Ok(TrackedCamera { frame, changed: tracker.changes(), camera })
-}
-
-/// What is given beside a frame that is handed to a [`FrameTracker`].
-#[derive(Clone, Debug, Default)]
-pub struct Beside {
-    /// Inverse depth (NaN: no reading) and its kind.
-    pub depth: Option<(Plane, DepthKind)>,
-    /// Optical flow to the next frame, px.
-    pub flow: Option<Flow>,
-}
-
-/// The estimation of a model for each frame where frames are handed over one after another, instead of being taken from a clip. The models
-/// are those of [`track`], except for the noise, which `track` takes from the frames after a frame, too.
-pub struct FrameTracker {
-    tracker: Tracker,
-    noise_kind: NoiseKind,
-    pixel_aspect: Option<f32>,
-    /// The frame before the one that waits.
-    previous: Option<Frame>,
-    /// The last frame, whose model needs the next one.
-    waiting: Option<(Frame, Beside)>,
-}
-
-impl FrameTracker {
-    /// A tracker that has seen nothing yet, of frames whose blur acts in this space. `fps` is only copied into the models; `pixel_aspect` is the
-    /// width of a pixel over its height, as the picture is shown, if that is known.
-    pub fn new(space: Space, noise_kind: NoiseKind, fps: Option<f64>, pixel_aspect: Option<f32>) -> Self {
-        Self { tracker: Tracker::new(space, fps), noise_kind, pixel_aspect, previous: None, waiting: None }
-    }
-
-    /// Takes the next frame in the order of time, and gives the model of the frame before it; `None` for the first frame. A gap in the
-    /// frames' numbers is a gap in time.
-    ///
-    /// # Errors
-    /// If the frame before, or what was given beside it, cannot be used. That frame is then left out.
-    pub fn push(&mut self, frame: Frame, beside: Beside) -> blindaug::Result<Option<TrackedCamera>> {
-        let camera = self.look(Some(&frame));
-        self.waiting = Some((frame, beside));
-        camera
-    }
-
-    /// The model of the last frame; `None` if there is none that waits. Frames that are pushed later are taken to follow after a gap.
-    ///
-    /// # Errors
-    /// The same as [`FrameTracker::push`].
-    pub fn finish(&mut self) -> blindaug::Result<Option<TrackedCamera>> {
-        let camera = self.look(None);
-        self.previous = None;
-        camera
-    }
-
-    /// The model of the frame that waits, which `next` follows.
-    fn look(&mut self, next: Option<&Frame>) -> blindaug::Result<Option<TrackedCamera>> {
-        let Some((frame, beside)) = self.waiting.take() else { return Ok(None) };
-        let number = frame.number;
-        let observation = FrameObservation {
-            frame: &frame.image,
-            next: next.filter(|n| number.checked_add(1) == Some(n.number)).map(|n| &n.image),
-            previous: self
-                .previous
-                .as_ref()
-                .filter(|p| p.number.checked_add(1) == Some(number))
-                .map(|p| &p.image),
-            evidence: Evidence {
-                flow: beside.flow.as_ref(),
-                inverse_depth: beside.depth.as_ref().map(|(depth, kind)| (depth, *kind)),
-                ..Evidence::default()
-            },
-        };
-        let shape = (self.noise_kind, self.pixel_aspect);
-        let camera = tracked(&mut self.tracker, (number, &observation), shape);
-        self.previous = Some(frame);
-        camera.map(Some)
     }
 }
 
@@ -254,21 +103,21 @@ pub fn track(
     let reach = operators.as_ref().map_or(0, |o| o.reach());
     check_memory(footage, reach, keep_samples, Tracker::bytes(clip.size()))?;
     let tracker = Tracker::new(space, fps.or(clip.fps()));
+    let models = ClipModels::new(Models { tracker, noise_kind, pixel_aspect: clip.pixel_aspect() });
     let samples = Samples::new(clip.len_hint(), keep_samples);
-    let (cameras, noises) = (Vec::new(), NoiseAround::default());
-    let mut following = Following { clip, tracker, noise_kind, each, cameras, handed_on: 0, noises, samples };
+    let mut following = Following { clip, models, each, cameras: Vec::new(), refused: false, samples };
     let seen = show(footage, operators, None, "tracking", &mut following, observer);
-    if seen.is_err() {
-        // The models of the frames before the bad one are right.
-        following.hand_on(true)?;
+    if let Ok(seen) = &seen
+        && let Some(last) = following.models.last_mut()
+    {
+        last.camera.stopped = seen.stopped;
     }
-    let Seen { first, last, stopped, .. } = seen?;
-    if let Some(last) = following.cameras.last_mut() {
-        last.camera.stopped = stopped;
-    }
-    following.hand_on(true)?;
-    let Following { tracker, cameras, samples, .. } = following;
-    if let Some(words) = tracker.copies_in_words() {
+    // The models of the frames before a bad one are right.
+    following.models.end();
+    following.hand_on()?;
+    let Seen { first, last, .. } = seen?;
+    let Following { models, cameras, samples, .. } = following;
+    if let Some(words) = models.copies_in_words() {
         observer.note(&words);
     }
     let track = CameraTrack::from_frames(cameras).map_err(|e| of_clip(clip, e))?;
@@ -279,8 +128,7 @@ pub fn track(
 mod tests {
     use super::*;
     use crate::{MemoryClip, Silent, footage::Frames};
-    use blindaug::model::{Method, NOISE_LEVELS, NoiseLevel, Reason};
-    use blindaug::{Encoded, Raster};
+    use blindaug::{Encoded, Frame, Raster, model::Distortion};
 
     /// A moving texture with noise.
     fn frame(t: usize) -> Encoded {
@@ -322,67 +170,6 @@ mod tests {
         assert!(wanted.frames()[4].camera.noise.known().is_some());
         // Negative control: with gaps between them, the frames show no motion, and their noise is not told.
         assert_ne!(pushed(&|i| 2 * i).frames()[4].camera.noise, wanted.frames()[4].camera.noise);
-    }
-
-    /// Noise of one std everywhere.
-    fn noise(std: usize) -> Estimate<NoiseModel> {
-        let level = NoiseLevel { slope: [0.0; 3], intercept: [std as f32; 3] };
-        Estimate::Known(NoiseModel::given([level; NOISE_LEVELS], 0.95))
-    }
-
-    /// The stds of means; 0 where the noise is unknown.
-    fn stds(means: Vec<Option<NoiseModel>>) -> Vec<f32> {
-        means.iter().map(|m| m.as_ref().map_or(0.0, |m| m.lines().levels[0].intercept[0])).collect()
-    }
-
-    #[test]
-    fn means_of_noise_reach_as_far_as_is_known_and_end_with_a_stretch_of_frames() {
-        let mut around = NoiseAround::default();
-        // No frame at all, as before a cut in the first frame, and one frame.
-        assert!(around.known(false, true).is_empty() && around.known(true, true).is_empty());
-        around.push(noise(7));
-        assert!(around.known(true, false).is_empty());
-        assert_eq!(stds(around.known(true, true)), [7.0]);
-        // Two hundred frames, whose noise is their number, settle in the frame of index 20.
-        let mut found = vec![];
-        for i in 0..200 {
-            around.push(noise(i));
-            let known = around.known(i < 20, false);
-            assert_eq!(known.len(), usize::from(i >= NOISE_REACH));
-            found.extend(stds(known));
-            assert!(around.told.len() <= 2 * NOISE_REACH + 1);
-        }
-        found.extend(stds(around.known(false, true)));
-        assert_eq!(found.len(), 200);
-        for (i, found) in found.into_iter().enumerate() {
-            let (first, last) = (i.saturating_sub(NOISE_REACH).max(20), (i + NOISE_REACH).min(199));
-            assert!((found - 0.5 * (first + last) as f32).abs() < 1e-3, "{i}: {found}");
-        }
-        // What follows has nothing of that, and ends before its noise has settled.
-        (1..4).for_each(|i| around.push(noise(i)));
-        assert!(around.known(true, false).is_empty());
-        assert_eq!(stds(around.known(true, true)), [3.0; 3]);
-    }
-
-    #[test]
-    fn means_of_noise_are_of_one_kind_and_unknown_noise_stays_unknown() {
-        let unknown = || Estimate::unknown(Reason::Flat, "everything clips");
-        let measured = |std| {
-            let Estimate::Known(mut model) = noise(std) else { unreachable!() };
-            model.lines_mut().method = Method::Temporal;
-            model.lines_mut().samples = std as u64;
-            Estimate::Known(model)
-        };
-        let mut around = NoiseAround::default();
-        for noise in [measured(2), unknown(), noise(50), measured(4)] {
-            around.push(noise);
-            assert!(around.known(false, false).is_empty());
-        }
-        let means = around.known(false, true);
-        assert_eq!(means[0].as_ref().unwrap().samples(), 2);
-        assert_eq!(stds(means), [3.0, 0.0, 50.0, 3.0]);
-        around.push(unknown());
-        assert_eq!(around.known(true, true), [None]);
     }
 
     #[test]
@@ -437,11 +224,20 @@ mod tests {
         });
         assert_eq!(handed_on, found.unwrap().track.frames());
         let mut tracker = FrameTracker::new(Space::default(), NoiseKind::default(), None, None);
-        let mut told = vec![];
+        let mut of_clip = ClipTracker::new(Space::default(), NoiseKind::default(), None, None);
+        let (mut told, mut means) = (vec![], vec![]);
         for (number, image) in (1..).zip(frames) {
-            told.extend(tracker.push(Frame { number, image }, Beside::default()).unwrap());
+            let frame = Frame { number, image };
+            told.extend(tracker.push(frame.clone(), Beside::default()).unwrap());
+            of_clip.push(frame, Beside::default()).unwrap();
+            means.extend(std::iter::from_fn(|| of_clip.next()));
+            // The last frame waits for its neighbour, those before it for the frames around them.
+            assert_eq!(means.len() as u64, (number - 1).saturating_sub(48));
         }
         told.extend(tracker.finish().unwrap());
+        of_clip.finish().unwrap();
+        means.extend(std::iter::from_fn(|| of_clip.next()));
+        assert_eq!(means, handed_on);
         assert!(told.iter().all(|camera| !camera.changed.of(Distortion::Noise)));
         let green = |camera: &TrackedCamera| camera.camera.noise.known().unwrap().total_std(0.5)[1];
         let mean = |frames: std::ops::Range<usize>| {
@@ -462,7 +258,10 @@ mod tests {
 mod coded {
     use super::*;
     use crate::Silent;
-    use blindaug::{Encoded, Raster, filter, luma, model::CameraModel, model::total_of_levels};
+    use blindaug::{
+        Encoded, Raster, filter, luma,
+        model::{CameraModel, Distortion, total_of_levels},
+    };
     use blindaug_io::{FrameRange, FrameSource, VideoCoding, VideoWriter};
     use rand::{Rng, SeedableRng, rngs::StdRng};
     use std::path::Path;
