@@ -51,12 +51,20 @@ impl ClipModels {
         if self.models.tracker.cut_ahead() {
             self.settle(true);
         }
-        let camera = self.models.push(frame, observation)?;
+        let mut camera = self.models.push(frame, observation)?;
+        let noise = camera.camera.noise.clone();
         if camera.changed.of(Distortion::Noise) {
             // The frames before have another noise, but for the few in which the change was not noticed yet.
+            let late = self.models.tracker.noise_changed_before().min(self.waiting.len());
+            self.noises.forget_last(late);
             self.settle(true);
+            if let Some(first) = self.waiting.front_mut() {
+                first.changed.set(Distortion::Noise, true);
+                camera.changed.set(Distortion::Noise, false);
+            }
+            self.waiting.iter().for_each(|_| self.noises.push(noise.clone()));
         }
-        self.noises.push(camera.camera.noise.clone());
+        self.noises.push(noise);
         self.waiting.push_back(camera);
         self.settle(false);
         Ok(())

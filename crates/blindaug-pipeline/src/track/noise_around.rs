@@ -26,6 +26,16 @@ impl NoiseAround {
         self.told.push_back(noise);
     }
 
+    /// Forgets the last frames, of which at most [`NOISE_REACH`] may be forgotten, since means of those before were given.
+    pub(super) fn forget_last(&mut self, frames: usize) {
+        self.told.truncate(self.told.len().saturating_sub(frames));
+        if self.told.is_empty() {
+            *self = Self::default();
+        }
+        let last = (self.forgotten + self.told.len()).saturating_sub(1);
+        self.settled = self.settled.map(|settled| settled.min(last));
+    }
+
     /// The means, in the order of the frames, of the frames whose mean was not given so far and will not change any more: all of them if this
     /// is the end (`ends`), after which another stretch of frames begins; none while the noise of the last frame is still to settle
     /// (`settles`). A mean is `None` where the noise is unknown.
@@ -99,6 +109,32 @@ mod tests {
         (1..4).for_each(|i| around.push(noise(i)));
         assert!(around.known(true, false).is_empty());
         assert_eq!(stds(around.known(true, true)), [3.0; 3]);
+    }
+
+    #[test]
+    fn forgotten_frames_count_in_no_mean() {
+        let mut around = NoiseAround::default();
+        let mut found = vec![];
+        for i in 0..100 {
+            around.push(noise(i));
+            found.extend(stds(around.known(i < 20, false)));
+        }
+        around.forget_last(12);
+        found.extend(stds(around.known(false, true)));
+        assert_eq!(found.len(), 88);
+        // Means from before had these frames.
+        assert!((found[50] - 0.5 * (20 + 98) as f32).abs() < 1e-3, "{}", found[50]);
+        assert!((found[87] - 0.5 * (39 + 87) as f32).abs() < 1e-3, "{}", found[87]);
+        // Nothing is left, or only frames from before the noise settled.
+        around.push(noise(7));
+        around.forget_last(1);
+        assert!(around.known(false, true).is_empty());
+        for i in 1..5 {
+            around.push(noise(i));
+            around.known(i < 4, false);
+        }
+        around.forget_last(2);
+        assert_eq!(stds(around.known(false, true)), [2.0; 2]);
     }
 
     #[test]

@@ -527,6 +527,12 @@ impl Tracker {
         self.noise.settles()
     }
 
+    /// The number of frames before the last one that have its noise by what was seen of them, if the noise has just changed: a change is told a
+    /// few frames late.
+    pub fn noise_changed_before(&self) -> usize {
+        if self.changes.of(Distortion::Noise) { self.noise.reach().saturating_sub(1) } else { 0 }
+    }
+
     /// Whether the next frame belongs to another shot.
     pub fn cut_ahead(&self) -> bool {
         self.cut_ahead

@@ -76,7 +76,8 @@ impl NoiseFollower {
         let coded = self.luma.is_some_and(|n| n.may_be_compressed());
         let own = if coded { own_std(frame, strips::rows_in_turn(parts / 2, parts, h)) } else { None };
         let model = self.luma.unwrap_or_default().levels[0];
-        let jumped = self.memory.push(Seen { evidence, part, own }, &model);
+        let number = self.memory.seen + 1;
+        let jumped = self.memory.push(Seen { number, evidence, part, own }, &model);
         changes.set(Distortion::Noise, jumped);
         if jumped {
             self.distant.forget();
@@ -133,6 +134,11 @@ impl NoiseFollower {
     pub fn settles(&self) -> bool {
         self.memory.seen < SETTLED
     }
+
+    /// The number of last frames whose noise is known, up to the last one: at a change, of those since it.
+    pub fn reach(&self) -> usize {
+        self.memory.frames.front().map_or(0, |first| self.memory.seen - first.number + 1)
+    }
 }
 
 /// The local variances of the last frames that gave evidence of noise.
@@ -151,6 +157,8 @@ struct NoiseMemory {
 
 /// What was seen of the noise in a frame.
 struct Seen {
+    /// The number of the frame in the shot, from 1 on.
+    number: usize,
     /// The difference between a part of the frame and the next frame.
     evidence: NoiseEvidence,
     /// The index of the part of the picture.
@@ -355,7 +363,7 @@ mod tests {
                 evidence.add_pair(&last, &next, &flow).unwrap();
                 let own = if compressed { own_std(&last, 0..h) } else { None };
                 let model = NoiseLine { slope: 0.0, intercept: 0.01 };
-                if memory.push(Seen { evidence, part: 0, own }, &model) {
+                if memory.push(Seen { number: memory.seen + 1, evidence, part: 0, own }, &model) {
                     changes.push(t - 1);
                 }
                 last = next;
