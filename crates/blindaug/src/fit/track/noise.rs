@@ -295,7 +295,9 @@ fn noise_changed(frames: &[Excess], shows: impl Fn(&Change) -> bool) -> Option<C
         let (now, usual) = (apart(&frames[first..], before), apart(before, before));
         let middle = |v: &[f32]| median(v.to_vec()).unwrap_or(0.0);
         let shift = middle(&now);
-        let change = Some(Change { since: last, shift }).filter(&shows);
+        let shown = Some(Change { since: last, shift }).filter(&shows);
+        // Of the dozen, some may be older than the change.
+        let change = shown.map(|change| Change { since: changed_since(&now, shift), ..change });
         let (early, late) = usual.split_at(usual.len() / 2);
         if (middle(late) - middle(early)).abs() > DRIFT * shift.abs() {
             return None;
@@ -313,6 +315,16 @@ fn noise_changed(frames: &[Excess], shows: impl Fn(&Change) -> bool) -> Option<C
         let same_side = now.iter().filter(|v| *v * shift > 0.0).count() as f32;
         change.filter(|_| shift.abs() > SHIFT.0.max(SHIFT.1 * error) && same_side >= SAME_SIDE * last as f32)
     })
+}
+
+/// The number of last values after which the others are nearest to 0, and these to `shift`: at least the half of all.
+fn changed_since(values: &[f32], shift: f32) -> usize {
+    let cost = |old: usize| -> f32 {
+        let (before, after) = values.split_at(old);
+        before.iter().map(|v| v.abs()).chain(after.iter().map(|v| (v - shift).abs())).sum()
+    };
+    let oldest = (0..=values.len() / 2).min_by(|a, b| cost(*a).total_cmp(&cost(*b)));
+    values.len() - oldest.unwrap_or(0)
 }
 
 fn walked_noise(noise: &NoiseModel, age: usize) -> NoiseModel {
@@ -337,6 +349,19 @@ mod tests {
     use super::*;
     use crate::fit::noise::tests::white;
     use crate::{Plane, Raster};
+
+    #[test]
+    fn a_change_lies_where_the_values_jump() {
+        let jump = |old: usize| -> Vec<f32> {
+            (0..12).map(|i| if i < old { 0.0 } else { 0.5 } + 0.06 * (i as f32).sin()).collect()
+        };
+        for old in 0..=5 {
+            assert_eq!(changed_since(&jump(old), 0.5), 12 - old);
+        }
+        // Never less than the half of all values.
+        assert_eq!(changed_since(&jump(9), 0.5), 6);
+        assert_eq!(changed_since(&[0.5, 0.4, 0.6, 0.5, 0.5], 0.5), 5);
+    }
 
     #[test]
     fn a_coder_that_renews_less_is_no_change_of_the_noise_and_less_noise_is() {
