@@ -203,7 +203,7 @@ impl Following {
     /// The next camera; `None` at the end. What a bad frame raises comes after the cameras of the frames before it, an interrupt at once.
     fn next(&mut self, py: Python<'_>, listener: &Listener) -> PyResult<Option<Camera>> {
         loop {
-            if let Some(camera) = self.tracker.next() {
+            if let Some(camera) = self.tracker.take() {
                 return Camera::of_frame(&camera).map(Some);
             }
             if self.ended {

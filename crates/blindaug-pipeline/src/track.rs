@@ -64,7 +64,7 @@ struct Following<'a> {
 impl Following<'_> {
     /// Hands on the models that will not change any more.
     fn hand_on(&mut self) -> Result<()> {
-        while let Some(camera) = self.models.next().filter(|_| !self.refused) {
+        while let Some(camera) = self.models.take().filter(|_| !self.refused) {
             let taken = (self.each)(&camera);
             self.refused = taken.is_err();
             taken?;
@@ -88,7 +88,8 @@ impl Viewer for Following<'_> {
 }
 
 /// Estimates a model for each frame of a clip, and hands each to `each`, 48 frames late: a frame's noise is the mean over as many frames before
-/// and after it, as far as the next cut or change of the noise. The noise of a shot's first 23 pictures counts in no mean.
+/// and after it, as far as the next cut or change of the noise. The noise of a shot's first 23 pictures counts in no mean. A change of the noise is that of the
+/// frame in which it was, not of the one in which it is noticed.
 ///
 /// # Errors
 /// If a frame or its accompanying data cannot be used, memory does not suffice, or `each` fails.
@@ -230,13 +231,13 @@ mod tests {
             let frame = Frame { number, image };
             told.extend(tracker.push(frame.clone(), Beside::default()).unwrap());
             of_clip.push(frame, Beside::default()).unwrap();
-            means.extend(std::iter::from_fn(|| of_clip.next()));
+            means.extend(std::iter::from_fn(|| of_clip.take()));
             // The last frame waits for its neighbour, those before it for the frames around them.
             assert_eq!(means.len() as u64, (number - 1).saturating_sub(48));
         }
         told.extend(tracker.finish().unwrap());
         of_clip.finish().unwrap();
-        means.extend(std::iter::from_fn(|| of_clip.next()));
+        means.extend(std::iter::from_fn(|| of_clip.take()));
         assert_eq!(means, handed_on);
         assert!(told.iter().all(|camera| !camera.changed.of(Distortion::Noise)));
         let green = |camera: &TrackedCamera| camera.camera.noise.known().unwrap().total_std(0.5)[1];

@@ -16,16 +16,16 @@ pub struct Beside {
     pub flow: Option<Flow>,
 }
 
-/// The frames that are needed to observe one frame with its neighbours.
+/// Frames that come one after another, each of which is observed with those next to it.
 #[derive(Default)]
-struct Neighbours {
+struct Successive {
     /// The frame before the one that waits.
     previous: Option<Frame>,
     /// The last frame, whose observation needs the next one.
     waiting: Option<(Frame, Beside)>,
 }
 
-impl Neighbours {
+impl Successive {
     /// Takes the next frame, and looks at the frame before it; `None` for the first frame. A gap in the frames' numbers is a gap in time.
     fn push<R>(
         &mut self,
@@ -74,7 +74,7 @@ impl Neighbours {
 /// too.
 pub struct FrameTracker {
     models: Models,
-    neighbours: Neighbours,
+    frames: Successive,
 }
 
 impl FrameTracker {
@@ -82,7 +82,7 @@ impl FrameTracker {
     /// width of a pixel over its height, as the picture is shown, if that is known.
     pub fn new(space: Space, noise_kind: NoiseKind, fps: Option<f64>, pixel_aspect: Option<f32>) -> Self {
         let models = Models { tracker: Tracker::new(space, fps), noise_kind, pixel_aspect };
-        Self { models, neighbours: Neighbours::default() }
+        Self { models, frames: Successive::default() }
     }
 
     /// Takes the next frame in the order of time, and gives the model of the frame before it; `None` for the first frame. A gap in the
@@ -91,7 +91,7 @@ impl FrameTracker {
     /// # Errors
     /// If the frame before, or what was given beside it, cannot be used. That frame is then left out.
     pub fn push(&mut self, frame: Frame, beside: Beside) -> Result<Option<TrackedCamera>> {
-        self.neighbours.push(frame, beside, |number, seen| self.models.push(number, seen)).transpose()
+        self.frames.push(frame, beside, |number, seen| self.models.push(number, seen)).transpose()
     }
 
     /// The model of the last frame; `None` if there is none that waits. Frames that are pushed later are taken to follow after a gap.
@@ -99,22 +99,22 @@ impl FrameTracker {
     /// # Errors
     /// The same as [`FrameTracker::push`].
     pub fn finish(&mut self) -> Result<Option<TrackedCamera>> {
-        self.neighbours.finish(|number, seen| self.models.push(number, seen)).transpose()
+        self.frames.finish(|number, seen| self.models.push(number, seen)).transpose()
     }
 }
 
 /// [`track`](super::track) where frames are handed over one after another: the models are the same to the bit, and come as late. They are
-/// taken by [`ClipTracker::next`].
+/// taken by [`ClipTracker::take`].
 pub struct ClipTracker {
     models: ClipModels,
-    neighbours: Neighbours,
+    frames: Successive,
 }
 
 impl ClipTracker {
     /// A tracker that has seen nothing yet; the arguments are those of [`FrameTracker::new`].
     pub fn new(space: Space, noise_kind: NoiseKind, fps: Option<f64>, pixel_aspect: Option<f32>) -> Self {
         let models = Models { tracker: Tracker::new(space, fps), noise_kind, pixel_aspect };
-        Self { models: ClipModels::new(models), neighbours: Neighbours::default() }
+        Self { models: ClipModels::new(models), frames: Successive::default() }
     }
 
     /// Takes the next frame in the order of time. A gap in the frames' numbers is a gap in time.
@@ -122,7 +122,7 @@ impl ClipTracker {
     /// # Errors
     /// If the frame before, or what was given beside it, cannot be used. That frame is then left out.
     pub fn push(&mut self, frame: Frame, beside: Beside) -> Result<()> {
-        self.neighbours.push(frame, beside, |number, seen| self.models.push(number, seen)).unwrap_or(Ok(()))
+        self.frames.push(frame, beside, |number, seen| self.models.push(number, seen)).unwrap_or(Ok(()))
     }
 
     /// Ends the clip: all models can be taken then.
@@ -130,20 +130,19 @@ impl ClipTracker {
     /// # Errors
     /// The same as [`ClipTracker::push`]. The models of the other frames can be taken all the same.
     pub fn finish(&mut self) -> Result<()> {
-        let last = self.neighbours.finish(|number, seen| self.models.push(number, seen));
+        let last = self.frames.finish(|number, seen| self.models.push(number, seen));
         self.models.end();
         last.unwrap_or(Ok(()))
     }
 
     /// Ends the clip before the last frame, whose neighbour cannot be had: the models of the frames before it can be taken then.
     pub fn stop(&mut self) {
-        self.neighbours = Neighbours::default();
+        self.frames = Successive::default();
         self.models.end();
     }
 
-    /// The next model that will not change any more, in the order of the frames.
-    #[allow(clippy::should_implement_trait, reason = "more models may follow after there is none")]
-    pub fn next(&mut self) -> Option<TrackedCamera> {
-        self.models.next()
+    /// Takes the next model that will not change any more, in the order of the frames; `None`: there is none yet.
+    pub fn take(&mut self) -> Option<TrackedCamera> {
+        self.models.take()
     }
 }

@@ -54,7 +54,7 @@ impl ClipModels {
         let mut camera = self.models.push(frame, observation)?;
         let noise = camera.camera.noise.clone();
         if camera.changed.of(Distortion::Noise) {
-            // The frames before have another noise, but for the few in which the change was not noticed yet.
+            // The last frames have the new noise, too: the change is noticed late. Those before have the old one.
             let late = self.models.tracker.noise_changed_before().min(self.waiting.len());
             self.noises.forget_last(late);
             self.settle(true);
@@ -70,8 +70,8 @@ impl ClipModels {
         Ok(())
     }
 
-    /// The next model that will not change any more, in the order of the frames.
-    pub(super) fn next(&mut self) -> Option<TrackedCamera> {
+    /// Takes the next model that will not change any more, in the order of the frames.
+    pub(super) fn take(&mut self) -> Option<TrackedCamera> {
         self.ready.pop_front()
     }
 
