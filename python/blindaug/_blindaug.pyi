@@ -453,7 +453,10 @@ def track(
 
 @final
 class Tracker:
-    """Follows a camera by frames that are pushed one after another, from one thread at a time."""
+    """Follows a camera by frames that are pushed one after another, from one thread at a time.
+
+    The cameras are those of `track`, but for the noise: it is what is known when the frame comes, and a change of it is told when it is noticed.
+    """
 
     def __new__(
         cls, *, fps: float | None = None, colour_space: str | None = None, depth_kind: _DepthKind = "metric"

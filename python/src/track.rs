@@ -235,13 +235,18 @@ impl Following {
         let Some(frame) = frame else {
             return py.detach(|| tracker.finish()).map_err(unusable).map(|()| false);
         };
-        let number = frame.number;
-        let depth = self.depth.as_ref().map(|d| d.get(py, number, self.size)).transpose()?.flatten();
-        let beside = Beside {
-            depth: depth.map(|d| (d, self.unit.kind())),
-            flow: self.flow.as_ref().map(|f| f.get(py, number, self.size)).transpose()?.flatten(),
+        let read = |number: u64| -> PyResult<Beside> {
+            let depth = self.depth.as_ref().map(|d| d.get(py, number, self.size)).transpose()?.flatten();
+            let flow = self.flow.as_ref().map(|f| f.get(py, number, self.size)).transpose()?.flatten();
+            Ok(Beside { depth: depth.map(|d| (d, self.unit.kind())), flow })
         };
-        py.detach(|| tracker.push(frame, beside)).map_err(unusable).map(|()| true)
+        // Without what belongs to it, this frame is still the next one of the frame before it.
+        let (beside, result) = match read(frame.number) {
+            Ok(beside) => (beside, Ok(true)),
+            Err(failure) => (Beside::default(), Err(failure)),
+        };
+        py.detach(|| tracker.push(frame, beside)).map_err(unusable)?;
+        result
     }
 }
 

@@ -88,8 +88,8 @@ impl Viewer for Following<'_> {
 }
 
 /// Estimates a model for each frame of a clip, and hands each to `each`, 48 frames late: a frame's noise is the mean over as many frames before
-/// and after it, as far as the next cut or change of the noise. The noise of a shot's first 23 pictures counts in no mean. A change of the noise is that of the
-/// frame in which it was, not of the one in which it is noticed.
+/// and after it, as far as the next cut or change of the noise. The noise of a shot's first 23 pictures counts in no mean. A change
+/// of the noise is that of the frame in which it was, not of the one in which it is noticed.
 ///
 /// # Errors
 /// If a frame or its accompanying data cannot be used, memory does not suffice, or `each` fails.
@@ -205,6 +205,25 @@ mod tests {
         assert!(failed.unwrap_err().to_string().contains("damaged"));
         // The fifth frame waits for its neighbour.
         assert_eq!(handed_on, 4);
+    }
+
+    #[test]
+    fn a_change_of_the_noise_is_told_where_it_was_also_among_copies() {
+        const PICTURES: usize = 60;
+        for copies in [1, 2] {
+            // From the middle on, all contrast grows, that of the noise too.
+            let picture = |t: usize| {
+                let grown = if t < PICTURES / 2 { 1.0 } else { 1.8 };
+                Encoded(frame(t).0.map(|[v, ..]| [0.5 + grown * (v - 0.5); 3]))
+            };
+            let frames = (0..copies * PICTURES).map(|t| picture(t / copies)).collect();
+            let footage = Footage::new(MemoryClip { frames, fps: None });
+            let found = track(&footage, Job::default(), &Silent, &mut |_| Ok(())).unwrap().track;
+            let told: Vec<u64> =
+                found.frames().iter().filter(|c| c.changed.of(Distortion::Noise)).map(|c| c.frame).collect();
+            let first = (copies * PICTURES / 2) as u64 + 1;
+            assert!(matches!(told[..], [frame] if frame.abs_diff(first) <= 2 * copies as u64), "{told:?}");
+        }
     }
 
     #[test]

@@ -494,7 +494,7 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
             m.interval = [0.2, 0.8];
         }
     });
-    assert!(html.contains("A change was noticed in frame 9."));
+    assert!(html.contains("A change in frame 9."));
     let [bands, dashes] = bands_and_dashes(&jumped[2]);
     assert!(bands == 1 && dashes > 5, "{bands} {dashes}");
     assert_eq!((&jumped[..2], &jumped[3..]), (&steady[..2], &steady[3..]));

@@ -23,7 +23,7 @@ pub(crate) fn page(TrackReportInput { title, track, samples, provenance }: &Trac
         p.soft {
             "Each number is what a frame and those before it tell; the noise is a mean over the frames before and after it. Where the footage says "
             "nothing of a number for a while, the last value stays and its interval (shaded, 95 %) widens; where nothing was seen of it yet, it is left "
-            "out. Dashed lines: a change was noticed, which takes up to three frames."
+            "out. Dashed lines: a change was noticed. That takes up to three frames; a change of the noise is drawn where it was."
         }
         @for distortion in Distortion::ALL {
             section {
@@ -196,13 +196,13 @@ fn figure<F: Fn(&CameraModel) -> Known>(
     Ok(html! { @if let Some(plot) = plot { figure { (plot) } } })
 }
 
-/// The frames in which a change was noticed, and the frames without an estimate, with the reason.
+/// The frames in which a change is told, and the frames without an estimate, with the reason.
 fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
     let changes: Vec<String> =
         frames.iter().filter(|f| f.changed.of(distortion)).map(|f| f.frame.to_string()).collect();
     let unknown = |f: &TrackedCamera| f.camera.why_unknown(distortion).is_some();
     html! {
-        @if !changes.is_empty() { p { "A change was noticed in frame " (changes.join(", ")) "." } }
+        @if !changes.is_empty() { p { "A change in frame " (changes.join(", ")) "." } }
         @for stretch in frames.chunk_by(|a, b| unknown(a) == unknown(b)) {
             @let (first, last) = (&stretch[0], &stretch[stretch.len() - 1]);
             // Of several reasons, the last one is shown: it held until the end.

@@ -49,7 +49,7 @@ impl ClipModels {
     /// If the frame or its evidence cannot be used. The models of the frames before it stay.
     pub(super) fn push(&mut self, frame: u64, observation: &FrameObservation) -> Result<()> {
         if self.models.tracker.cut_ahead() {
-            self.settle(true);
+            self.release(true);
         }
         let mut camera = self.models.push(frame, observation)?;
         let noise = camera.camera.noise.clone();
@@ -57,7 +57,7 @@ impl ClipModels {
             // The last frames have the new noise, too: the change is noticed late. Those before have the old one.
             let late = self.models.tracker.noise_changed_before().min(self.waiting.len());
             self.noises.forget_last(late);
-            self.settle(true);
+            self.release(true);
             if let Some(first) = self.waiting.front_mut() {
                 first.changed.set(Distortion::Noise, true);
                 camera.changed.set(Distortion::Noise, false);
@@ -66,7 +66,7 @@ impl ClipModels {
         }
         self.noises.push(noise);
         self.waiting.push_back(camera);
-        self.settle(false);
+        self.release(false);
         Ok(())
     }
 
@@ -77,7 +77,7 @@ impl ClipModels {
 
     /// Ends the clip: no model will change any more.
     pub(super) fn end(&mut self) {
-        self.settle(true);
+        self.release(true);
     }
 
     /// The model of the last frame, if it may still change.
@@ -92,7 +92,7 @@ impl ClipModels {
 
     /// Makes those models ready that will not change any more: all of them at a cut, at a change of the noise and at the end (`ends`), else
     /// those whose noise is a mean over frames that are all known.
-    fn settle(&mut self, ends: bool) {
+    fn release(&mut self, ends: bool) {
         let means = self.noises.known(self.models.tracker.noise_settles(), ends);
         let known = means.len();
         for (mean, mut camera) in means.into_iter().zip(self.waiting.drain(..known)) {

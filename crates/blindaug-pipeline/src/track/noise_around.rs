@@ -26,7 +26,7 @@ impl NoiseAround {
         self.told.push_back(noise);
     }
 
-    /// Forgets the last frames, of which at most [`NOISE_REACH`] may be forgotten, since means of those before were given.
+    /// Forgets the last frames, of which none may have been given its mean.
     pub(super) fn forget_last(&mut self, frames: usize) {
         self.told.truncate(self.told.len().saturating_sub(frames));
         if self.told.is_empty() {
@@ -122,7 +122,7 @@ mod tests {
         around.forget_last(12);
         found.extend(stds(around.known(false, true)));
         assert_eq!(found.len(), 88);
-        // Means from before had these frames.
+        // Means that were given before still count the forgotten frames.
         assert!((found[50] - 0.5 * (20 + 98) as f32).abs() < 1e-3, "{}", found[50]);
         assert!((found[87] - 0.5 * (39 + 87) as f32).abs() < 1e-3, "{}", found[87]);
         // Nothing is left, or only frames from before the noise settled.

@@ -278,6 +278,7 @@ impl Tracker {
             && let Some(model) = self.model.take()
         {
             self.flow_to_next = Some(Flow::filled(width, height, [0.0; 2]));
+            self.noise.pass();
             return Ok(self.model.insert(model));
         }
         self.flow_to_next = None;
@@ -527,8 +528,7 @@ impl Tracker {
         self.noise.settles()
     }
 
-    /// The number of frames before the last one that have its noise by what was seen of them, if the noise has just changed: a change is told a
-    /// few frames late.
+    /// The number of frames before the last one that already have the new noise, if a change of the noise was noticed in the last frame; else 0.
     pub fn noise_changed_before(&self) -> usize {
         if self.changes.of(Distortion::Noise) { self.noise.reach().saturating_sub(1) } else { 0 }
     }

@@ -55,7 +55,7 @@ pub struct TrackedCamera {
     pub frame: u64,
     /// The distortions that were found to have changed just before this frame.
     pub changed: Changes,
-    /// The camera, as far as this frame and earlier frames tell.
+    /// The camera, as far as this frame and earlier frames tell; the noise of a clip's frame is a mean with later ones.
     pub camera: CameraModel,
 }
 

@@ -76,7 +76,7 @@ impl NoiseFollower {
         let coded = self.luma.is_some_and(|n| n.may_be_compressed());
         let own = if coded { own_std(frame, strips::rows_in_turn(parts / 2, parts, h)) } else { None };
         let model = self.luma.unwrap_or_default().levels[0];
-        let number = self.memory.seen + 1;
+        let number = self.memory.next_number();
         let jumped = self.memory.push(Seen { number, evidence, part, own }, &model);
         changes.set(Distortion::Noise, jumped);
         if jumped {
@@ -135,9 +135,14 @@ impl NoiseFollower {
         self.memory.seen < SETTLED
     }
 
-    /// The number of last frames whose noise is known, up to the last one: at a change, of those since it.
+    /// Lets a frame pass that the next one repeats.
+    pub fn pass(&mut self) {
+        self.memory.shown += 1;
+    }
+
+    /// The number of frames, copies too, from the first one whose noise counts up to the last one: at a change, of those since it.
     pub fn reach(&self) -> usize {
-        self.memory.frames.front().map_or(0, |first| self.memory.seen - first.number + 1)
+        self.memory.frames.front().map_or(0, |first| self.memory.shown + 1 - first.number)
     }
 }
 
@@ -151,13 +156,17 @@ struct NoiseMemory {
     frames: VecDeque<Seen>,
     /// The number of frames since the last evidence.
     age: usize,
-    /// The number of frames of the shot.
+    /// The number of frames of the shot that were looked at.
     seen: usize,
+    /// The number of frames of the shot, copies too.
+    shown: usize,
+    /// The number of frames, copies too, up to the last one that was looked at.
+    looked_at: usize,
 }
 
 /// What was seen of the noise in a frame.
 struct Seen {
-    /// The number of the frame in the shot, from 1 on.
+    /// The number of the frame in the shot, copies too, from 1 on; of a frame with copies, that of the first one.
     number: usize,
     /// The difference between a part of the frame and the next frame.
     evidence: NoiseEvidence,
@@ -168,11 +177,18 @@ struct Seen {
 }
 
 impl NoiseMemory {
+    /// The number of the next frame that is looked at, or of the first of its copies.
+    fn next_number(&self) -> usize {
+        self.looked_at + 1
+    }
+
     /// Adds what was seen of the noise in a frame, and says whether the noise has changed. The frames are compared with each other by how much
     /// their noise exceeds that of `model`.
     fn push(&mut self, seen: Seen, model: &NoiseLine) -> bool {
         self.age += 1;
         self.seen += 1;
+        self.shown += 1;
+        self.looked_at = self.shown;
         if seen.evidence.log_ratio(model).is_none() {
             return false;
         }
@@ -296,7 +312,7 @@ fn noise_changed(frames: &[Excess], shows: impl Fn(&Change) -> bool) -> Option<C
         let middle = |v: &[f32]| median(v.to_vec()).unwrap_or(0.0);
         let shift = middle(&now);
         let shown = Some(Change { since: last, shift }).filter(&shows);
-        // Of the dozen, some may be older than the change.
+        // Some of these frames may be older than the change.
         let change = shown.map(|change| Change { since: changed_since(&now, shift), ..change });
         let (early, late) = usual.split_at(usual.len() / 2);
         if (middle(late) - middle(early)).abs() > DRIFT * shift.abs() {
@@ -317,7 +333,8 @@ fn noise_changed(frames: &[Excess], shows: impl Fn(&Change) -> bool) -> Option<C
     })
 }
 
-/// The number of last values after which the others are nearest to 0, and these to `shift`: at least the half of all.
+/// The number of last values that belong to the new noise: those before them are nearest to 0, and they to `shift`. They are at least half of
+/// all.
 fn changed_since(values: &[f32], shift: f32) -> usize {
     let cost = |old: usize| -> f32 {
         let (before, after) = values.split_at(old);
@@ -388,7 +405,7 @@ mod tests {
                 evidence.add_pair(&last, &next, &flow).unwrap();
                 let own = if compressed { own_std(&last, 0..h) } else { None };
                 let model = NoiseLine { slope: 0.0, intercept: 0.01 };
-                if memory.push(Seen { number: memory.seen + 1, evidence, part: 0, own }, &model) {
+                if memory.push(Seen { number: memory.next_number(), evidence, part: 0, own }, &model) {
                     changes.push(t - 1);
                 }
                 last = next;
