@@ -72,7 +72,8 @@ impl ExposureMemory {
         let is_uneven = !self.is_mostly_even();
         let within =
             |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
-        let new_run = is_uneven && by_streaks.as_ref().is_some_and(|s| s.changed);
+        // The streaks of a few uneven frames hardly differ, and are then likelier to be short than those of others.
+        let new_run = is_uneven && !self.even_frames_tell() && by_streaks.as_ref().is_some_and(|s| s.changed);
         let known = self.known.as_ref().map(|m| m.exposure.0);
         let believed = |s: &ByStreaks| {
             is_uneven && (new_run || s.by_many || known.is_none_or(|exposure| within(s, exposure)))
@@ -161,10 +162,11 @@ impl ExposureMemory {
         tiles >= agreement::FEWEST as f32 && 2.0 * uneven <= tiles
     }
 
-    /// Whether the tiles of frames of even motion alone are enough to tell the exposure, and a quarter of all tiles.
+    /// Whether there are enough frames of even motion to tell the exposure; older ones count less.
     fn even_frames_tell(&self) -> bool {
         let [tiles, uneven] = self.tile_counts();
-        tiles - uneven >= (0.25 * tiles).max(agreement::FEWEST as f32)
+        self.memory.weight * (tiles - uneven) >= AGREEING as f32 * tiles
+            && tiles - uneven >= agreement::FEWEST as f32
     }
 
     /// The number of tiles, and of those in frames of uneven motion; older ones count less.

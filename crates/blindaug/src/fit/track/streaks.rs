@@ -61,7 +61,7 @@ impl StreaksMemory {
         let mut changed = false;
         if looked {
             self.look(noise);
-            changed = self.has_changed(noise.coding_error);
+            changed = self.has_changed();
         }
         if changed {
             self.ended.clear();
@@ -95,24 +95,15 @@ impl StreaksMemory {
         self.fresh = 0;
     }
 
-    /// Whether the run that goes on and those before it contradict each other, by their likelihoods and by their intervals.
-    fn has_changed(&self, coding_error: f32) -> bool {
+    /// Whether the run that goes on and those before it contradict each other.
+    fn has_changed(&self) -> bool {
         let ended: Vec<&Told> = self.ended.iter().map(|(_, told)| told).collect();
         let (Some(now), false) = (&self.told, ended.is_empty()) else { return false };
-        let curves = [streaks::summed(&[now]), streaks::summed(&ended)];
-        let [own, others] = [&curves[0], &curves[1]].map(|curve| streaks::likeliest(curve));
+        let [now, before] = [streaks::summed(&[now]), streaks::summed(&ended)];
+        let [own, others] = [&now, &before].map(|curve| streaks::likeliest(curve));
         let at = |curve: &[f32], exposure: f32| curve[index_of_exposure(exposure)];
         let prefers = |curve: &[f32], a: f32, b: f32| at(curve, a) - at(curve, b) > SURE;
-        let excludes = |told: &[&Told], exposure: f32| {
-            streaks::agreed(told, coding_error)
-                .is_some_and(|fit| !(fit.interval[0]..=fit.interval[1]).contains(&exposure))
-        };
-        (own - others).abs() > SAME
-            && prefers(&curves[0], own, others)
-            && prefers(&curves[1], others, own)
-            // Streaks that hardly differ are likelier to be short, which the intervals allow for.
-            && excludes(&[now], others)
-            && excludes(&ended, own)
+        (own - others).abs() > SAME && prefers(&now, own, others) && prefers(&before, others, own)
     }
 
     /// Forgets everything, since the next frame belongs to another shot, or the noise is not known.
