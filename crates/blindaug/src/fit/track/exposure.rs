@@ -72,8 +72,7 @@ impl ExposureMemory {
         let is_uneven = !self.is_mostly_even();
         let within =
             |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
-        // The streaks of a few uneven frames hardly differ, and are then likelier to be short than those of others.
-        let new_run = is_uneven && !self.even_frames_tell() && by_streaks.as_ref().is_some_and(|s| s.changed);
+        let new_run = is_uneven && by_streaks.as_ref().is_some_and(|s| s.changed);
         let known = self.known.as_ref().map(|m| m.exposure.0);
         let believed = |s: &ByStreaks| {
             is_uneven && (new_run || s.by_many || known.is_none_or(|exposure| within(s, exposure)))
@@ -102,13 +101,17 @@ impl ExposureMemory {
         if changed {
             self.known = None;
         }
-        let sees_nothing = found.is_empty();
-        let by_tiles = if sees_nothing && by_streaks.is_none() { None } else { self.fit(coding_error) };
+        let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
         let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
             let interval = walked(fit.interval, fit.exposure.0, WALK, age);
             model_of(fit.exposure, interval, fit.samples as u64)
         });
-        let (best, fits) = self.of_both(by_streaks, by_tiles, sees_nothing);
+        let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];
+        let best = match (by_streaks, by_tiles) {
+            (Some(streaks), Some(tiles)) if width(&streaks) > widest(Some(width(&tiles))) => Some(tiles),
+            (streaks, tiles) => streaks.or(tiles),
+        };
+        let fits = best.as_ref().map(|m| m.interval);
         if let Some(best) = best.filter(|m| width(m) <= agreement::MAX_UNCERTAINTY) {
             self.memory.age = 0;
             self.known = Some(best);
@@ -133,46 +136,11 @@ impl ExposureMemory {
         Followed { exposure, changed, streaks_outdated }
     }
 
-    /// What is believed of an exposure by the streaks of successive frames and one by tiles, and the exposures that fit. A frame that shows
-    /// nothing (`sees_nothing`) adds nothing to the tiles.
-    fn of_both(
-        &self,
-        streaks: Option<MotionBlurModel>,
-        tiles: Option<MotionBlurModel>,
-        sees_nothing: bool,
-    ) -> (Option<MotionBlurModel>, Option<[f32; 2]>) {
-        let best = match (streaks, tiles) {
-            (Some(s), Some(t))
-                if self.even_frames_tell() && !holds(&s, t.exposure) && !holds(&t, s.exposure) =>
-            {
-                // The streaks of a few uneven frames may be wrong, or the exposure may have changed since the even ones.
-                let ([a, b], [c, d]) = (s.interval, t.interval);
-                return (None, Some([a.min(c), b.max(d)]));
-            }
-            (Some(s), Some(t)) if !sees_nothing && width(&s) > widest(Some(width(&t))) => Some(t),
-            (streaks, tiles) => streaks.or(tiles),
-        };
-        let fits = best.as_ref().map(|m| m.interval);
-        (best, fits)
-    }
-
     /// Whether most of the tiles lie in frames of even motion, and are enough to tell the exposure.
     fn is_mostly_even(&self) -> bool {
-        let [tiles, uneven] = self.tile_counts();
+        let [tiles, uneven] = [CURVES, CURVES + 3]
+            .map(|i| self.memory.old[i] + self.memory.recent.iter().map(|frame| frame[i]).sum::<f32>());
         tiles >= agreement::FEWEST as f32 && 2.0 * uneven <= tiles
-    }
-
-    /// Whether there are enough frames of even motion to tell the exposure; older ones count less.
-    fn even_frames_tell(&self) -> bool {
-        let [tiles, uneven] = self.tile_counts();
-        self.memory.weight * (tiles - uneven) >= AGREEING as f32 * tiles
-            && tiles - uneven >= agreement::FEWEST as f32
-    }
-
-    /// The number of tiles, and of those in frames of uneven motion; older ones count less.
-    fn tile_counts(&self) -> [f32; 2] {
-        [CURVES, CURVES + 3]
-            .map(|i| self.memory.old[i] + self.memory.recent.iter().map(|frame| frame[i]).sum::<f32>())
     }
 
     /// Adds the evidence of a frame, and the exposure that it tells by itself.
@@ -260,15 +228,6 @@ impl ExposureMemory {
 fn model_of(exposure: ExposureFraction, interval: [f32; 2], samples: u64) -> MotionBlurModel {
     let interval = interval.map(|v| v.clamp(0.0, 1.0));
     MotionBlurModel { interval, method: Method::Spectral, samples, ..MotionBlurModel::given(exposure) }
-}
-
-fn width(m: &MotionBlurModel) -> f32 {
-    m.interval[1] - m.interval[0]
-}
-
-/// Whether this exposure is in the model's interval.
-fn holds(m: &MotionBlurModel, exposure: ExposureFraction) -> bool {
-    (m.interval[0]..=m.interval[1]).contains(&exposure.0)
 }
 
 /// The sum of all curves.
@@ -366,33 +325,6 @@ mod tests {
         // 60 tiles of 0.2 nats are 12 nats a frame.
         assert_eq!(noticed(0.2), [false; 3]);
         assert_eq!(noticed(0.6), [false, false, true]);
-    }
-
-    #[test]
-    fn streaks_that_contradict_even_frames_do_not_take_their_place() {
-        let told_after = |even: usize, uneven: usize| {
-            let (exposure, interval) = (ExposureFraction(0.0), [0.0, 0.1]);
-            let fit =
-                agreement::ExposureFit { exposure, interval, samples: 60, curve: vec![], per_frame: vec![] };
-            let mut memory = ExposureMemory::default();
-            let mut last = None;
-            for frame in 0..even + uneven {
-                let is_even = frame < even;
-                let mut tiles = tiles_that_tell(0.6, 60, 2.0);
-                tiles.iter_mut().for_each(|t| t.speed_error = if is_even { 0.0 } else { 0.3 });
-                let streaks = ByStreaks { fit: &fit, age: 0, changed: false, by_many: true };
-                last = Some(memory.follow(&tiles, Some(streaks).filter(|_| !is_even), frame, 0.0));
-            }
-            assert!(!memory.is_mostly_even());
-            last.unwrap().exposure
-        };
-        let told = told_after(12, 12);
-        assert!(told.known().is_some_and(|m| (m.exposure.0 - 0.6).abs() < 0.02), "{told:?}");
-        // Negative control: where all motion is uneven, or was for long, the tiles may be what is wrong.
-        for even in [0, 12] {
-            let told = told_after(even, 50);
-            assert!(told.known().is_some_and(|m| m.exposure.0 == 0.0), "{told:?}");
-        }
     }
 
     #[test]
