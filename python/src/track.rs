@@ -12,7 +12,7 @@ use blindaug::{
     Flow, Frame, Plane,
     colour_space::ColourSpace,
     fit::track::Tracker as Fit,
-    model::{NoiseKind, Space},
+    model::{NoiseKind, Space, TrackedCamera},
 };
 use blindaug_io::memory;
 use blindaug_pipeline::{
@@ -64,6 +64,11 @@ impl<T> Exclusive<T> {
 /// The exception of a frame that cannot be used.
 fn unusable(error: blindaug::Error) -> PyErr {
     failure::Error::new_err(error.to_string())
+}
+
+/// What a tracker found, for Python.
+fn camera_of(found: blindaug::Result<Option<TrackedCamera>>) -> PyResult<Option<Camera>> {
+    found.map_err(unusable)?.as_ref().map(Camera::of_frame).transpose()
 }
 
 /// Follows a camera by frames that are pushed one after another.
@@ -133,17 +138,13 @@ impl Tracker {
                 flow: flow.map(|f| pixels::flow(f, "flow", size)).transpose()?,
             };
             state.number = number;
-            let found = py.detach(|| state.tracker.push(Frame { number, image }, beside));
-            found.map_err(unusable)?.as_ref().map(Camera::of_frame).transpose()
+            camera_of(py.detach(|| state.tracker.push(Frame { number, image }, beside)))
         })
     }
 
     /// The camera of the last frame, or None if there is none that waits.
     fn finish(&self, py: Python<'_>) -> PyResult<Option<Camera>> {
-        self.state.work("Tracker", |state| {
-            let found = py.detach(|| state.tracker.finish());
-            found.map_err(unusable)?.as_ref().map(Camera::of_frame).transpose()
-        })
+        self.state.work("Tracker", |state| camera_of(py.detach(|| state.tracker.finish())))
     }
 }
 

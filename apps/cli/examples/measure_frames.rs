@@ -164,11 +164,17 @@ struct Errors {
 }
 
 impl Errors {
-    fn add(&mut self, camera: &CameraModel, truth: f32) {
+    /// Adds the error of the exposure of what is called `name`, and says it if the interval does not hold the truth.
+    fn add(&mut self, camera: &CameraModel, truth: f32, name: &str) {
         if let Some(found) = camera.motion_blur.known() {
-            self.sum += (found.exposure.0 - truth).abs();
+            let (exposure, [low, high]) = (found.exposure.0, found.interval);
+            self.sum += (exposure - truth).abs();
             self.known += 1;
-            self.covered += usize::from((found.interval[0]..=found.interval[1]).contains(&truth));
+            if (low..=high).contains(&truth) {
+                self.covered += 1;
+            } else {
+                eprintln!("{name}: {exposure:.2} [{low:.2}, {high:.2}] for {truth:.2}");
+            }
         }
     }
 
@@ -200,17 +206,9 @@ fn exposures() {
                 [of_clip.estimation.model, last.camera.clone()]
             });
             let truth = exposure(i as u64);
-            for (job, camera) in ["estimate", "--track"].into_iter().zip(&cameras) {
-                match camera.motion_blur.known() {
-                    Some(m) if !(m.interval[0]..=m.interval[1]).contains(&truth) => {
-                        let [low, high] = m.interval;
-                        let told = format!("{:.2} [{low:.2}, {high:.2}] for {truth:.2}", m.exposure.0);
-                        eprintln!("{what}, clip {i}, {job}: {told}");
-                    }
-                    _ => {}
-                }
+            for ((errors, camera), job) in errors.iter_mut().zip(&cameras).zip(["estimate", "--track"]) {
+                errors.add(camera, truth, &format!("{what}, clip {i}, {job}"));
             }
-            errors.iter_mut().zip(&cameras).for_each(|(errors, camera)| errors.add(camera, truth));
         }
         println!("| {what} | {} | {} |", errors[0].words(), errors[1].words());
     }

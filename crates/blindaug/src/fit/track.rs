@@ -278,7 +278,6 @@ impl Tracker {
             && let Some(model) = self.model.take()
         {
             self.flow_to_next = Some(Flow::filled(width, height, [0.0; 2]));
-            self.noise.pass();
             return Ok(self.model.insert(model));
         }
         self.flow_to_next = None;
@@ -307,7 +306,7 @@ impl Tracker {
         (model.blur_space, model.transfer) = (self.space.blur, self.space.transfer);
         let neighbour = neighbour.zip(geometry.flow.as_deref());
         (model.noise, self.changes) =
-            self.noise.follow((self.frames, frame), neighbour, &mut self.follower)?;
+            self.noise.follow((self.frames, frame, repeated), neighbour, &mut self.follower)?;
         if self.changes.of(Distortion::Noise) {
             // The recent evidence of blur was found with the wrong noise.
             self.exposure.forget_recent();

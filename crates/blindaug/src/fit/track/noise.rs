@@ -53,14 +53,14 @@ impl Default for NoiseFollower {
 }
 
 impl NoiseFollower {
-    /// The noise with the frame of this index, and what has changed of noise and sharpening. `neighbour` is the frame next to it, with the
-    /// flow that leads there.
+    /// The noise with the frame of this index, which repeats so many frames before it (`repeated`), and what has changed of noise and
+    /// sharpening. `neighbour` is the frame next to it, with the flow that leads there.
     ///
     /// # Errors
     /// If a frame is not finite, or sizes differ.
     pub fn follow(
         &mut self,
-        (index, frame): (usize, &Encoded),
+        (index, frame, repeated): (usize, &Encoded, usize),
         neighbour: Option<(&Encoded, &Flow)>,
         follower: &mut Follower,
     ) -> Result<(Estimate<NoiseModel>, Changes)> {
@@ -76,8 +76,8 @@ impl NoiseFollower {
         let coded = self.luma.is_some_and(|n| n.may_be_compressed());
         let own = if coded { own_std(frame, strips::rows_in_turn(parts / 2, parts, h)) } else { None };
         let model = self.luma.unwrap_or_default().levels[0];
-        let number = self.memory.next_number();
-        let jumped = self.memory.push(Seen { number, evidence, part, own }, &model);
+        let seen = Seen { before: self.memory.shown, evidence, part, own };
+        let jumped = self.memory.push(seen, repeated, &model);
         changes.set(Distortion::Noise, jumped);
         if jumped {
             self.distant.forget();
@@ -135,14 +135,9 @@ impl NoiseFollower {
         self.memory.seen < SETTLED
     }
 
-    /// Lets a frame pass that the next one repeats.
-    pub fn pass(&mut self) {
-        self.memory.shown += 1;
-    }
-
     /// The number of frames, copies too, from the first one whose noise counts up to the last one: at a change, of those since it.
     pub fn reach(&self) -> usize {
-        self.memory.frames.front().map_or(0, |first| self.memory.shown + 1 - first.number)
+        self.memory.frames.front().map_or(0, |first| self.memory.shown - first.before)
     }
 }
 
@@ -158,16 +153,14 @@ struct NoiseMemory {
     age: usize,
     /// The number of frames of the shot that were looked at.
     seen: usize,
-    /// The number of frames of the shot, copies too.
+    /// The number of frames of the shot, copies too, up to the last one that was looked at.
     shown: usize,
-    /// The number of frames, copies too, up to the last one that was looked at.
-    looked_at: usize,
 }
 
 /// What was seen of the noise in a frame.
 struct Seen {
-    /// The number of the frame in the shot, copies too, from 1 on; of a frame with copies, that of the first one.
-    number: usize,
+    /// The number of frames of the shot, copies too, before this one and what it repeats.
+    before: usize,
     /// The difference between a part of the frame and the next frame.
     evidence: NoiseEvidence,
     /// The index of the part of the picture.
@@ -177,18 +170,12 @@ struct Seen {
 }
 
 impl NoiseMemory {
-    /// The number of the next frame that is looked at, or of the first of its copies.
-    fn next_number(&self) -> usize {
-        self.looked_at + 1
-    }
-
-    /// Adds what was seen of the noise in a frame, and says whether the noise has changed. The frames are compared with each other by how much
-    /// their noise exceeds that of `model`.
-    fn push(&mut self, seen: Seen, model: &NoiseLine) -> bool {
+    /// Adds what was seen of the noise in a frame, which repeats so many frames before it, and says whether the noise has changed. The frames
+    /// are compared with each other by how much their noise exceeds that of `model`.
+    fn push(&mut self, seen: Seen, repeated: usize, model: &NoiseLine) -> bool {
         self.age += 1;
         self.seen += 1;
-        self.shown += 1;
-        self.looked_at = self.shown;
+        self.shown += 1 + repeated;
         if seen.evidence.log_ratio(model).is_none() {
             return false;
         }
@@ -405,7 +392,7 @@ mod tests {
                 evidence.add_pair(&last, &next, &flow).unwrap();
                 let own = if compressed { own_std(&last, 0..h) } else { None };
                 let model = NoiseLine { slope: 0.0, intercept: 0.01 };
-                if memory.push(Seen { number: memory.next_number(), evidence, part: 0, own }, &model) {
+                if memory.push(Seen { before: memory.shown, evidence, part: 0, own }, 0, &model) {
                     changes.push(t - 1);
                 }
                 last = next;
