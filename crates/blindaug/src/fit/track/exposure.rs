@@ -24,6 +24,8 @@ const MEAN_OF: f32 = 4.0;
 const SURE_BY_TILE: f32 = 0.3;
 /// The number of exposures in a curve.
 pub(super) const EXPOSURES: usize = likelihood::EXPOSURES;
+/// The fewest tiles that tell the exposure.
+const FEWEST: f32 = agreement::FEWEST as f32;
 /// The index, in a curve, of an exposure as long as a frame interval.
 const FRAME_LONG: usize = (1.0 / likelihood::EXPOSURE_STEP + 0.5) as usize;
 /// The number of parts that frames are dealt to in turn. The bootstrap resamples them as it does blocks of the image, so that the interval
@@ -101,15 +103,21 @@ impl ExposureMemory {
         if changed {
             self.known = None;
         }
-        let by_tiles = if found.is_empty() { None } else { self.fit(coding_error) };
         let by_streaks = by_streaks.map(|ByStreaks { fit, age, .. }| {
             let interval = walked(fit.interval, fit.exposure.0, WALK, age);
             model_of(fit.exposure, interval, fit.samples as u64)
         });
+        let by_tiles = if found.is_empty() && by_streaks.is_none() { None } else { self.fit(coding_error) };
         let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];
+        let exclude = |a: &MotionBlurModel, b: &MotionBlurModel| {
+            let outside = |m: &MotionBlurModel, e: f32| e < m.interval[0] || e > m.interval[1];
+            outside(a, b.exposure.0) && outside(b, a.exposure.0)
+        };
         let best = match (by_streaks, by_tiles) {
+            // What even frames told stays until tiles and streaks agree.
+            (Some(streaks), Some(tiles)) if self.even_tiles() >= FEWEST && exclude(&streaks, &tiles) => None,
             (Some(streaks), Some(tiles)) if width(&streaks) > widest(Some(width(&tiles))) => Some(tiles),
-            (streaks, tiles) => streaks.or(tiles),
+            (streaks, tiles) => streaks.or(tiles.filter(|_| !found.is_empty())),
         };
         let fits = best.as_ref().map(|m| m.interval);
         if let Some(best) = best.filter(|m| width(m) <= agreement::MAX_UNCERTAINTY) {
@@ -136,11 +144,22 @@ impl ExposureMemory {
         Followed { exposure, changed, streaks_outdated }
     }
 
+    /// The number of tiles that count, and how many of them lie in frames of uneven motion.
+    fn tiles(&self) -> [f32; 2] {
+        [CURVES, CURVES + 3]
+            .map(|i| self.memory.old[i] + self.memory.recent.iter().map(|frame| frame[i]).sum::<f32>())
+    }
+
     /// Whether most of the tiles lie in frames of even motion, and are enough to tell the exposure.
     fn is_mostly_even(&self) -> bool {
-        let [tiles, uneven] = [CURVES, CURVES + 3]
-            .map(|i| self.memory.old[i] + self.memory.recent.iter().map(|frame| frame[i]).sum::<f32>());
-        tiles >= agreement::FEWEST as f32 && 2.0 * uneven <= tiles
+        let [tiles, uneven] = self.tiles();
+        tiles >= FEWEST && 2.0 * uneven <= tiles
+    }
+
+    /// The number of tiles that count and lie in frames of even motion.
+    fn even_tiles(&self) -> f32 {
+        let [tiles, uneven] = self.tiles();
+        tiles - uneven
     }
 
     /// Adds the evidence of a frame, and the exposure that it tells by itself.
@@ -206,7 +225,7 @@ impl ExposureMemory {
         );
         let interval = agreement::with_typical_frame(interval, self.readings.iter().copied(), even, speed);
         let possible = agreement::most_likely_exposure(&curve) <= agreement::LONGEST;
-        if tiles < agreement::FEWEST as f32 || !possible {
+        if tiles < FEWEST || !possible {
             return None;
         }
         Some(model_of(ExposureFraction(estimate.min(1.0)), interval, tiles.round() as u64))
@@ -325,6 +344,33 @@ mod tests {
         // 60 tiles of 0.2 nats are 12 nats a frame.
         assert_eq!(noticed(0.2), [false; 3]);
         assert_eq!(noticed(0.6), [false, false, true]);
+    }
+
+    #[test]
+    fn what_even_frames_told_stays_while_streaks_contradict_them() {
+        let fit = agreement::ExposureFit {
+            exposure: ExposureFraction(0.05),
+            interval: [0.0, 0.1],
+            samples: 60,
+            curve: vec![],
+            per_frame: vec![],
+        };
+        let after = |even_tiles: usize| {
+            let mut memory = ExposureMemory::default();
+            memory.follow(&tiles_that_tell(0.6, even_tiles, 2.0), None, 0, 0.0);
+            let mut last = None;
+            for frame in 1..6 {
+                let mut told = tiles_that_tell(0.6, 40, 2.0);
+                told.iter_mut().for_each(|w| w.speed_error = 0.01);
+                let streaks = ByStreaks { fit: &fit, age: 0, changed: false, by_many: true };
+                last = Some(memory.follow(&told, Some(streaks), frame, 0.0));
+            }
+            last.unwrap().exposure.known().map(|m| m.exposure.0)
+        };
+        let by_tiles = after(30);
+        assert!(by_tiles.is_some_and(|e| (e - 0.6).abs() < 0.05), "{by_tiles:?}");
+        // Five tiles of an even frame are too few to hold against streaks.
+        assert_eq!(after(5), Some(0.05));
     }
 
     #[test]
