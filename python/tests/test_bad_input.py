@@ -178,6 +178,16 @@ def test_what_python_code_raises_comes_out_as_it_is(clip):
         list(ba.track(clip.frames, progress=progress))
 
 
+def test_bad_depth_does_not_take_the_cameras_of_the_frames_before_it_along(clip):
+    depth = list(clip.depth)
+    depth[2] = depth[2][:100]
+    track = ba.track(clip.frames, depth=depth)
+    assert [next(track).frame, next(track).frame] == [1, 2]
+    with pytest.raises(ba.Error, match="depth: frame 3: has 272 x 100 pixels"):
+        next(track)
+    assert list(track) == []
+
+
 def test_a_generator_runs_in_the_caller_s_thread(clip):
     threads = set()
 
