@@ -11,7 +11,7 @@ use crate::{
 use blindaug::{
     Transfer,
     colour_space::ColourSpace,
-    composite::{CompositeOptions, VirtualLayer},
+    composite::CompositeOptions,
     model::{CameraTrack, DepthKind, KnownDistance, SceneScale},
     synth::SynthesisOptions,
 };
@@ -22,8 +22,8 @@ use blindaug_io::{
 use blindaug_pipeline::{
     BoxedSide, ByHand, ImageFiles, Made, Output,
     composite::{
-        self, DepthMaps, Fitting, LayerDepth, LayerMotion, Product, Rendered, Scene, UnknownExposure,
-        fitted_to, in_metres, naive,
+        self, DepthMaps, Fitting, FrameLayer, LayerDepth, LayerMotion, Product, Rendered, Scene,
+        UnknownExposure, fitted_to, in_metres, naive,
     },
     footage::check_match,
     matching,
@@ -465,7 +465,7 @@ impl FramesArgs {
         let unclipped = is_unclipped(&clip, &files);
         let layers = match own {
             Some(own) if own.alpha && unclipped => {
-                Some(Box::new(SideFolder::virtual_layers(input)?) as BoxedSide<VirtualLayer>)
+                Some(Box::new(SideFolder::virtual_layers(input)?) as BoxedSide<FrameLayer>)
             }
             _ => None,
         };

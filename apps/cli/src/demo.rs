@@ -332,7 +332,7 @@ fn fidelity(clip: &Path, scene: &Scene, composites: &BTreeMap<u64, Encoded>) -> 
         let (Some(truth), Some(layer)) = (truth.get(number, size)?, scene.layers.get(number, size)?) else {
             continue;
         };
-        let area = object_area(&layer.color.0.map(|p| p[3]), GROWN_BY);
+        let area = object_area(&layer.layer.color.0.map(|p| p[3]), GROWN_BY);
         sum += psnr(frame, &truth, Some(&area))
             .map_err(|e| console::failure(clip, format_args!("frame {number}: {e}")))?;
         compared += 1.0;

@@ -547,6 +547,44 @@ fn write_layer(path: &Path, layer: &DistortedLayer) {
 }
 
 #[test]
+fn pixels_that_are_no_numbers_are_warned_of_and_frames_without_the_object_are_none() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let mut layer = DistortedLayer::empty((W, W));
+    layer.color.0.data_mut()[20 * W..30 * W].fill([0.5, 0.5, 0.5, 1.0]);
+    layer.inverse_depth.data_mut()[20 * W..30 * W].fill(0.5);
+    write_layer(&d.join("whole/0001.exr"), &layer);
+    layer.color.0.data_mut()[25 * W..][..3].fill([0.5, f32::NAN, 0.5, 1.0]);
+    write_layer(&d.join("broken/0001.exr"), &layer);
+    // A frame without the object, of which the renderer says that all is infinitely far.
+    ["whole", "broken"]
+        .iter()
+        .for_each(|f| write_layer(&d.join(f).join("0002.exr"), &DistortedLayer::empty((W, W))));
+    std::fs::create_dir(d.join("plate")).unwrap();
+    for name in ["0001.png", "0002.png"] {
+        write_png(d.join("plate").join(name), &Encoded(Raster::filled(W, W, [0.5; 3]))).unwrap();
+    }
+    write_camera(d.join("c.json"), &camera(Transfer::Srgb)).unwrap();
+    let said = |command: &str| {
+        let output = run(d, command);
+        let said = text(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        said
+    };
+    let of = |layer: &str| {
+        let composite = format!("composite plate --virtual {layer} --camera c.json -o over_{layer}");
+        let apply = format!("apply {layer} --camera c.json -o applied_{layer}");
+        [composite, apply].map(|command| said(&command))
+    };
+    for said in of("broken") {
+        assert!(said.contains("frame 1: 3 pixels of its virtual layer hold no number (NaN)"), "{said}");
+    }
+    for said in of("whole") {
+        assert!(!said.contains("NaN"), "{said}");
+    }
+}
+
+#[test]
 fn a_layer_s_overscan_is_blurred_into_the_frame() {
     let dir = TempDir::new().unwrap();
     let d = dir.path();

@@ -39,7 +39,8 @@ impl Default for DepthFormat {
 /// zero, negative, infinite (from 1e9 m on) or NaN, and negative or invalid inverse depths, are no readings.
 ///
 /// # Errors
-/// If the file is missing, damaged, too large, a colour picture, an EXR without `Z`, or without a single reading.
+/// If the file is missing, damaged, too large, a colour picture, an EXR without `Z`, or without a single reading. An EXR may say that
+/// all is infinitely far, as renderers do of frames that their object has left.
 pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Plane> {
     let path = path.as_ref();
     if !(format.per_metre.is_finite() && format.per_metre > 0.0) {
@@ -52,6 +53,9 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
         (Some(max), DepthValues::RelativeInverse) => max.recip(),
         (Some(_), _) => format.per_metre.recip(),
     };
+    let all_is_far = max.is_none()
+        && format.values == DepthValues::Metric
+        && values.data().iter().all(|&v| v > 0.0 && inverse_of_metric(v).is_nan());
     let mut inverse = values;
     for v in inverse.data_mut() {
         *v = match format.values {
@@ -60,10 +64,10 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
             _ => f32::NAN,
         };
     }
-    if inverse.data().iter().all(|d| d.is_nan()) {
+    if !all_is_far && inverse.data().iter().all(|d| d.is_nan()) {
         return Err(Error::new(
             path,
-            "the depth map has no valid reading (all are zero, negative, infinite or NaN)",
+            "the depth map has no valid reading (its values are zero, negative, infinite or NaN)",
         ));
     }
     Ok(inverse)

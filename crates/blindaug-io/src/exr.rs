@@ -62,6 +62,8 @@ pub struct VirtualLayerFile {
     pub flow: Option<Flow>,
     /// How far all of these reach beyond the frame, px: the data window beyond the display window.
     pub overscan: Overscan,
+    /// The number of pixels that are seen and of which a value is NaN: 0 was taken in its place.
+    pub not_numbers: usize,
 }
 
 /// Reads from the head of an EXR file which kinds of channels it has.
@@ -101,6 +103,9 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         let seen = colour.data().iter().zip(alpha).filter(|(_, a)| **a != 0.0);
         mostly_numbers(path, seen.map(|(v, _)| *v))?;
     }
+    let color_at = |i: usize| [0, 1, 2, 3].map(|c| planes[c].data()[i]);
+    let is_bad = |[r, g, b, a]: [f32; 4]| a.is_nan() || a != 0.0 && (r.is_nan() || g.is_nan() || b.is_nan());
+    let not_numbers = (0..alpha.len()).filter(|&i| is_bad(color_at(i))).count();
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);
@@ -115,16 +120,8 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         inverse_depth: depth.map(|_| planes[4].map(inverse_of_metric)),
         flow: flow.map(|f| f.join(&rest[0], &rest[1])),
         overscan,
+        not_numbers,
     })
-}
-
-/// How far a virtual layer's file reaches beyond the frame.
-///
-/// # Errors
-/// The same as [`read_virtual_layer`].
-pub(crate) fn overscan_of_layer(path: &Path) -> Result<Overscan> {
-    let file = open(path)?;
-    Ok(file.overscan(&file.layer()?.picks))
 }
 
 /// What the head of an EXR file says beside its channels: timecode, chromaticities, pixel aspect, the place of the display window, and

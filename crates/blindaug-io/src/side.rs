@@ -9,7 +9,7 @@ use crate::{
     sequence::{frame_files, numbered_files},
 };
 use blindaug::{
-    Encoded, Flow, Overscan, Plane,
+    Encoded, Flow, Plane,
     colour_space::{ColourSpace, Primaries, conversion, converted},
 };
 use std::{
@@ -253,14 +253,6 @@ impl SideFolder<VirtualLayerFile> {
         let size_of = |v: &VirtualLayerFile| v.overscan.frame_size(v.color.0.size());
         let kind = SideKind { what: "virtual layers", accepted, size_of };
         Self::open(path.as_ref(), kind, files, Box::new(read), |_| "premultiplied, scene-linear".into())
-    }
-
-    /// How far the layer of this frame reaches beyond the frame, as the file's head says it.
-    ///
-    /// # Errors
-    /// If the file is missing, damaged, or no virtual layer.
-    pub fn overscan(&self, number: u64) -> Result<Overscan> {
-        self.file(number).map_or(Ok(Overscan::default()), exr::overscan_of_layer)
     }
 }
 

@@ -213,8 +213,16 @@ fn exr_depth_that_is_zero_negative_infinite_or_nan() {
     write_channels(&path, (6, 1), (0, 0), &[("Z", Plane::from_vec(6, 1, z.to_vec()).unwrap())]);
     let d = read_inverse_depth(&path, DepthFormat::default()).unwrap();
     assert!(d.data()[..5].iter().all(|v| v.is_nan()) && d.data()[5] == 0.25, "{:?}", d.data());
-    write_channels(&path, (6, 1), (0, 0), &[("Z", Plane::filled(6, 1, f32::INFINITY))]);
-    assert!(read_inverse_depth(&path, DepthFormat::default()).unwrap_err().to_string().contains("z.exr"));
+    let of = |far: f32, last: f32| {
+        let z = Plane::from_fn(6, 1, |x, _| if x < 5 { far } else { last });
+        write_channels(&path, (6, 1), (0, 0), &[("Z", z)]);
+        read_inverse_depth(&path, DepthFormat::default())
+    };
+    // A renderer's frame without its object.
+    assert!(of(f32::INFINITY, 1e10).unwrap().data().iter().all(|d| d.is_nan()));
+    for broken in [f32::NAN, 0.0, -1.0] {
+        assert!(of(f32::INFINITY, broken).unwrap_err().to_string().contains("z.exr"));
+    }
 }
 
 #[test]
@@ -242,7 +250,9 @@ fn a_few_values_that_are_no_numbers_are_black_and_many_are_an_error() {
             read_virtual_layer(&path)
         };
         let channel = if broken == "A" { 3 } else { 0 };
-        let few = of(5).unwrap().color.0;
+        let read = of(5).unwrap();
+        assert_eq!((read.not_numbers, of(0).unwrap().not_numbers), (5, 0));
+        let few = read.color.0;
         assert!(few.at(4, 0)[channel] == 0.0 && few.at(4, 0)[1] == 0.5 && few.at(0, 1) == [0.5; 4]);
         let error = of(6).unwrap_err().to_string();
         assert!(error.contains("layer.exr") && error.contains("NaN"), "{error}");
@@ -254,7 +264,9 @@ fn a_few_values_that_are_no_numbers_are_black_and_many_are_an_error() {
         write_channels(&path, (5, 2), (0, 0), &["A", "B", "G", "R"].map(of));
         read_virtual_layer(&path)
     };
-    let read = with_colour(0.5, f32::NAN).unwrap().color.0;
+    let read = with_colour(0.5, f32::NAN).unwrap();
+    assert_eq!(read.not_numbers, 0);
+    let read = read.color.0;
     assert!(read.at(0, 1) == [0.5; 4] && read.at(1, 1) == [0.0; 4]);
     let error = with_colour(f32::NAN, 0.0).unwrap_err().to_string();
     assert!(error.contains("layer.exr") && error.contains("NaN"), "{error}");

@@ -219,6 +219,31 @@ impl<'a> Missing<'a> {
             self.observer.warning(&format!("frame {number}: {what}, so {effect} (said once)"));
         }
     }
+
+    /// Warns of a layer some of whose pixels are no numbers.
+    fn numbers(&mut self, number: u64, FrameLayer { not_numbers, .. }: &FrameLayer) {
+        let pixels = if *not_numbers == 1 { "pixel" } else { "pixels" };
+        let what = format!("{not_numbers} {pixels} of its virtual layer hold no number (NaN)");
+        self.check(*not_numbers > 0, number, &what, "they are black: render it again to mend them");
+    }
+}
+
+/// The virtual layer of a frame.
+#[derive(Clone, Debug)]
+pub struct FrameLayer {
+    /// The layer, larger than the frame by its overscan.
+    pub layer: VirtualLayer,
+    /// How far the layer reaches beyond the frame, px.
+    pub overscan: Overscan,
+    /// The number of its pixels that its renderer left without a number (NaN) where they are seen. They are black or transparent.
+    pub not_numbers: usize,
+}
+
+impl From<VirtualLayer> for FrameLayer {
+    /// A layer as large as the frame, of numbers.
+    fn from(layer: VirtualLayer) -> Self {
+        Self { layer, overscan: Overscan::default(), not_numbers: 0 }
+    }
 }
 
 /// The parts of a composite.
@@ -226,7 +251,7 @@ pub struct Scene {
     /// The footage.
     pub footage: Box<dyn Clip>,
     /// The virtual object.
-    pub layers: BoxedSide<VirtualLayer>,
+    pub layers: BoxedSide<FrameLayer>,
     /// Real inverse depth, 1/m.
     pub depth: Option<DepthMaps>,
     /// The footage's optical flow to the next frame, px, which blurs the renders' difference.
@@ -307,7 +332,7 @@ fn places(layer: &VirtualLayer, overscan: Overscan) -> impl Iterator<Item = usiz
 
 impl Scene {
     /// Footage with a virtual object, of whose scene nothing else is known.
-    pub fn new(footage: Box<dyn Clip>, layers: BoxedSide<VirtualLayer>) -> Self {
+    pub fn new(footage: Box<dyn Clip>, layers: BoxedSide<FrameLayer>) -> Self {
         let (depth, flow, renders, holdout) = (None, None, None, None);
         Self { footage, layers, depth, flow, renders, holdout, layer_depth: None, layer_motion: None }
     }
@@ -462,14 +487,15 @@ pub fn composite(
     let finds_flow = applied.finds_flow;
     let made = for_each_frame("compositing", clip, sink, finds_flow, observer, |frame, neighbours, sink| {
         let number = frame.number;
-        let Some(mut layer) = layers.get(number, clip.size())? else {
+        let Some(read) = layers.get(number, clip.size())? else {
             without_layer += 1;
             return match product {
                 Product::Composite => sink.put(&frame.image.0),
                 Product::Layer => sink.put_layer(&DistortedLayer::empty(clip.size())),
             };
         };
-        let overscan = layers.overscan(number)?;
+        missing.numbers(number, &read);
+        let FrameLayer { mut layer, overscan, .. } = read;
         let around = scene.around(frame, neighbours, (&mut layer, overscan), &applied, &mut missing)?;
         let plate = Plate {
             overscan,
@@ -505,7 +531,7 @@ pub struct Rendered {
     /// The clip.
     pub clip: Box<dyn Clip>,
     /// The frames with their alpha, if they have it and it is to be kept: their colour is then premultiplied.
-    pub layers: Option<BoxedSide<VirtualLayer>>,
+    pub layers: Option<BoxedSide<FrameLayer>>,
     /// Inverse depth and its kind.
     pub depth: Option<(BoxedSide<Plane>, DepthKind)>,
     /// Optical flow to the next frame, px; estimated if not given.
@@ -515,7 +541,7 @@ pub struct Rendered {
 /// The application of a camera's distortions to a rendered clip, with depth and lens in one unit.
 pub struct Application {
     clip: Box<dyn Clip>,
-    layers: Option<BoxedSide<VirtualLayer>>,
+    layers: Option<BoxedSide<FrameLayer>>,
     depth: Option<DepthMaps>,
     flow: Option<BoxedSide<Flow>>,
     track: CameraTrack,
@@ -603,8 +629,9 @@ impl Application {
                 Some(layers) => layers.get(number, size)?,
                 None => None,
             };
-            if let Some((layers, own)) = layers.as_ref().zip(layer) {
-                let overscan = layers.overscan(number)?;
+            if let Some(read) = layer {
+                missing.numbers(number, &read);
+                let FrameLayer { layer: own, overscan, .. } = read;
                 let layer = VirtualLayer {
                     inverse_depth: around(inverse_depth, own.inverse_depth.filter(|_| *metric), overscan),
                     flow: around(flow, own.flow, overscan),
@@ -660,7 +687,7 @@ fn distorted_with_alpha(
 }
 
 #[cfg(feature = "files")]
-impl crate::Side<VirtualLayer> for blindaug_io::SideFolder<blindaug_io::VirtualLayerFile> {
+impl crate::Side<FrameLayer> for blindaug_io::SideFolder<blindaug_io::VirtualLayerFile> {
     fn name(&self) -> String {
         blindaug_io::Error::shown_path(self.path())
     }
@@ -669,13 +696,12 @@ impl crate::Side<VirtualLayer> for blindaug_io::SideFolder<blindaug_io::VirtualL
         self.has(number)
     }
 
-    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<VirtualLayer>> {
-        let layer = self.get(number, size)?;
-        Ok(layer.map(|l| VirtualLayer { color: l.color, inverse_depth: l.inverse_depth, flow: l.flow }))
-    }
-
-    fn overscan(&self, number: u64) -> Result<Overscan> {
-        Ok(self.overscan(number)?)
+    fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<FrameLayer>> {
+        let read = self.get(number, size)?;
+        Ok(read.map(|file| {
+            let blindaug_io::VirtualLayerFile { color, inverse_depth, flow, overscan, not_numbers } = file;
+            FrameLayer { layer: VirtualLayer { color, inverse_depth, flow }, overscan, not_numbers }
+        }))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Frames and their accompanying data, from any source.
 
 use crate::{Error, Result};
-use blindaug::{Encoded, Flow, Frame, Overscan, Plane, model::DepthKind};
+use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
 use std::{
     collections::BTreeMap,
     sync::atomic::{AtomicBool, Ordering},
@@ -135,20 +135,11 @@ pub trait Side<T>: Sync {
     /// Whether there are data for the frame of this number.
     fn has(&self, number: u64) -> bool;
 
-    /// The data of a frame of this number and size, if there are any. They are larger than the frame by their overscan.
+    /// The data of a frame of this number and size, if there are any.
     ///
     /// # Errors
     /// If the data cannot be read, or have another size.
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>>;
-
-    /// How far the data of a frame of this number reach beyond the frame. By default they end with it.
-    ///
-    /// # Errors
-    /// If the data cannot be read.
-    fn overscan(&self, number: u64) -> Result<Overscan> {
-        let _ = number;
-        Ok(Overscan::default())
-    }
 }
 
 /// Accompanying data from any source.

@@ -39,7 +39,7 @@
 //!     flow: None,
 //! };
 //! let footage = Box::new(MemoryClip { frames, fps: None });
-//! let scene = composite::Scene::new(footage, Box::new(BTreeMap::from([(2, layer)])));
+//! let scene = composite::Scene::new(footage, Box::new(BTreeMap::from([(2, layer.into())])));
 //! let mut made = MemorySink::default();
 //! let options = (&CompositeOptions::default(), Product::Composite);
 //! composite::composite(&scene, &tracked.track, options, &mut made, &Silent)?;
