@@ -109,12 +109,13 @@ impl DistantPairs {
         }
     }
 
-    /// Looks at a frame of this index. Pairs are made of compressed footage only, since elsewhere successive frames show all of the noise.
+    /// Looks at a frame of this index. Pairs are made of compressed footage only, since elsewhere successive frames show all of the noise:
+    /// `is_compressed` tells whether the frames from one of an index on may be.
     /// `part`: the part of the frame's rows that is looked at, and of how many.
     pub fn push(
         &mut self,
         (index, frame): (usize, &Encoded),
-        is_compressed: impl FnOnce() -> bool,
+        is_compressed: impl FnOnce(usize) -> bool,
         follower: &mut Follower,
         part: (usize, usize),
     ) -> Result<()> {
@@ -125,7 +126,7 @@ impl DistantPairs {
         if index < held_at + self.distance {
             return Ok(());
         }
-        if is_compressed() {
+        if is_compressed(*held_at) {
             let single = NoiseEvidence::of_frame(held);
             let mut distant = None;
             if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {
@@ -368,6 +369,32 @@ mod tests {
         assert!((std - 1.0).abs() < 0.2 && correlation < 0.1, "{std}, {correlation}");
         // What was taken along over the whole distance is not seen, so there may be more of it.
         assert!(upper > 1.1 * upper_of_new, "{upper}, {upper_of_new}");
+    }
+
+    #[test]
+    fn noise_is_found_where_a_coder_copies_nearly_all_of_a_still_picture() {
+        const GROUP: usize = 12;
+        let (w, h) = (192, 144);
+        let scene = filter::gaussian_blur(&white(w, h, 7).map(|n| n[1]), 3.0);
+        let mut noise = Plane::filled(w, h, 0.0);
+        let frames: Vec<Encoded> = (0..4 * GROUP)
+            .map(|t| {
+                // Each group begins with new noise; then a small part changes a little in each frame, and the rest is copied.
+                let new = white(w, h, t as u64);
+                let changes = |x: usize, y: usize| x / 48 + 4 * (y / 32) == t % 16;
+                noise = Raster::from_fn(w, h, |x, y| match t % GROUP {
+                    0 => new.at(x, y)[1],
+                    _ if changes(x, y) => 0.98 * noise.at(x, y) + 0.2 * new.at(x, y)[1],
+                    _ => noise.at(x, y),
+                });
+                Encoded(Raster::from_fn(w, h, |x, y| {
+                    let v = if y < h / 2 { 0.05 } else { 1.0 } * scene.at(x, y) + STD * noise.at(x, y);
+                    [0.55 + v, 0.5 + v, 0.45 + v]
+                }))
+            })
+            .collect();
+        let (std, ..) = estimated(&frames);
+        assert!((std - 1.0).abs() < 0.2, "{std}");
     }
 
     #[test]

@@ -317,7 +317,13 @@ impl Estimator {
         }
         // A single image has no pair, so it need not be held.
         if neighbour.is_some() {
-            let coded = || kept.temporal.fit().luma.is_some_and(|l| l.may_be_compressed());
+            // A single frame may be one with which a coder begins a group, or be copied for the most part.
+            let coded = |since: usize| {
+                let mut all = kept.temporal.clone();
+                let recent = self.frames.iter().rev().take_while(|f| f.order >= since);
+                recent.for_each(|f| all.merge(&f.temporal));
+                all.may_be_compressed()
+            };
             let part = self.noise_turn(order);
             self.distant.push((order, frame), coded, &mut self.follower, part)?;
         }

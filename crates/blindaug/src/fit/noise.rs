@@ -13,7 +13,7 @@ mod mismatch;
 
 use self::choose::Chosen;
 use self::curves::{Colours, Spectrum};
-use self::lines::{Bin, by_spectrum, coding_error, limit, line};
+use self::lines::{Bin, by_spectrum, coding_error, limit, line, squared_correlation};
 pub(super) use self::lines::{MAX_CODING_ERROR, lost};
 use super::robust::median;
 use crate::model::{
@@ -228,10 +228,7 @@ impl NoiseEvidence {
         let mut interval = [NoiseInterval::default(); NOISE_LEVELS];
         let mut luma = [NoiseLine::default(); NOISE_LEVELS];
         // A mismatch is common to all channels, and the finest level holds least of it.
-        let values: f32 = finest.iter().map(|b| b.values).sum();
-        let max_squared_correlation = std::array::from_fn(|c| {
-            finest.iter().map(|b| b.values * b.squared_correlation[c]).sum::<f32>() / values.max(1.0)
-        });
+        let max_squared_correlation = squared_correlation(&finest);
         for level in 0..NOISE_LEVELS {
             let mut bins =
                 if level == 0 { finest.clone() } else { self.bins(level, max_squared_correlation, false) };
@@ -288,15 +285,27 @@ impl NoiseEvidence {
             })),
             None => NoiseModel::Lines(lines),
         };
-        let coding_error = match self.method {
-            Method::Temporal if self.coloured => coding_error(&finest, max_squared_correlation),
-            // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
-            Method::Temporal | Method::Spatial => coding_error(&finest, [0.0; 3]),
-            // The difference from the clean frame includes a coder's errors, so no others are allowed for.
-            _ => 0.0,
-        };
+        let coding_error = self.coding_error_by(&finest);
         let luma = LumaNoise { levels: luma, coding_error };
         NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
+    }
+
+    /// Whether a coder may have taken away any of the noise, or has copied so much that there is too little to tell.
+    pub(super) fn may_be_compressed(&self) -> bool {
+        let finest = if self.is_enough() { self.bins(0, [1.0; 3], false) } else { vec![] };
+        finest.is_empty() || self.coding_error_by(&finest) > 0.0
+    }
+
+    /// [`LumaNoise::coding_error`], given the finest level's bins.
+    fn coding_error_by(&self, finest: &[Bin]) -> f32 {
+        match self.method {
+            _ if finest.is_empty() => 0.0,
+            Method::Temporal if self.coloured => coding_error(finest, squared_correlation(finest)),
+            // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
+            Method::Temporal | Method::Spatial => coding_error(finest, [0.0; 3]),
+            // The difference from the clean frame includes a coder's errors, so no others are allowed for.
+            _ => 0.0,
+        }
     }
 
     /// The spectrum that noise of single frames is taken to have. Coarse noise cannot be told from structure there, but whether a sensor

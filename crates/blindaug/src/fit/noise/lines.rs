@@ -157,6 +157,14 @@ pub(super) fn line(bins: &[Bin], channel: usize) -> Line {
     fit
 }
 
+/// The mean of the bins' squared correlations of R, G and B with luma.
+pub(super) fn squared_correlation(bins: &[Bin]) -> [f32; 3] {
+    let values: f32 = bins.iter().map(|b| b.values).sum();
+    std::array::from_fn(|c| {
+        bins.iter().map(|b| b.values * b.squared_correlation[c]).sum::<f32>() / values.max(1.0)
+    })
+}
+
 /// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: after a coder there is
 /// little noise, in some places none, and chroma has no noise of its own from pixel to pixel.
 pub(super) fn coding_error(finest: &[Bin], squared_correlation: [f32; 3]) -> f32 {

@@ -86,7 +86,7 @@ impl NoiseFollower {
         // Distant frames are compared seldom, so a larger part of them.
         let turns = (w * h).div_ceil(4 * PART).min((h / 64).max(1));
         let turn = index / DISTANCES.start() % turns;
-        self.distant.push((index, frame), || coded, follower, (turn, turns))?;
+        self.distant.push((index, frame), |_| coded, follower, (turn, turns))?;
         if coded {
             self.distant.begin_with(frame);
         }
