@@ -17,8 +17,8 @@ use blindaug_io::memory;
 use blindaug_pipeline::{
     BoxedSide, Clip, MemorySink, Result, Sink,
     composite::{
-        DepthMaps, Fitting, LayerDepth, LayerMotion, Product, Rendered, Scene, UnknownExposure, applying,
-        composite as job, fitted_to, in_metres, naive,
+        DepthMaps, Fitting, FrameLayer, LayerDepth, LayerMotion, Product, Rendered, Scene, UnknownExposure,
+        applying, composite as job, fitted_to, in_metres, naive,
     },
     footage::Frames,
 };
@@ -307,7 +307,7 @@ pub fn composite<'py>(
             Some(cam) => in_metres(given.fitted(cam, &fitting, &listener)?, "cam", None)?,
             None => naive(size).into(),
         };
-        let layers = given.side(layer);
+        let layers = given.side(FrameLayer::from(layer));
         let scene = Scene {
             depth: depth.map(|d| DepthMaps::as_they_are(given.side(d))),
             flow: flow.map(|f| given.side(f)),

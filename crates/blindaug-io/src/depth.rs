@@ -39,8 +39,9 @@ impl Default for DepthFormat {
 /// zero, negative, infinite (from 1e9 m on) or NaN, and negative or invalid inverse depths, are no readings.
 ///
 /// # Errors
-/// If the file is missing, damaged, too large, a colour picture, an EXR without `Z`, or without a single reading. An EXR may say that
-/// all is infinitely far, as renderers do of frames that their object has left.
+/// If the file is missing, damaged, too large, a colour picture, an EXR without `Z`, or without a single reading, or if
+/// `per_metre` is not positive. An EXR of metric depth may say that all is infinitely far, as renderers do of frames that their object has left:
+/// the map is then NaN everywhere.
 pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Plane> {
     let path = path.as_ref();
     if !(format.per_metre.is_finite() && format.per_metre > 0.0) {

@@ -62,7 +62,7 @@ pub struct VirtualLayerFile {
     pub flow: Option<Flow>,
     /// How far all of these reach beyond the frame, px: the data window beyond the display window.
     pub overscan: Overscan,
-    /// The number of pixels that are seen and of which a value is NaN: 0 was taken in its place.
+    /// The number of pixels that are seen and of which a value was NaN. 0 was taken in its place.
     pub not_numbers: usize,
 }
 

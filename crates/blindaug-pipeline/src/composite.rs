@@ -222,9 +222,13 @@ impl<'a> Missing<'a> {
 
     /// Warns of a layer some of whose pixels are no numbers.
     fn numbers(&mut self, number: u64, FrameLayer { not_numbers, .. }: &FrameLayer) {
-        let pixels = if *not_numbers == 1 { "pixel" } else { "pixels" };
-        let what = format!("{not_numbers} {pixels} of its virtual layer hold no number (NaN)");
-        self.check(*not_numbers > 0, number, &what, "they are black: render it again to mend them");
+        let hold = if *not_numbers == 1 {
+            "pixel of its virtual layer holds"
+        } else {
+            "pixels of its virtual layer hold"
+        };
+        let what = format!("{not_numbers} {hold} no number (NaN)");
+        self.check(*not_numbers > 0, number, &what, "0 is taken in its place: render it again to mend it");
     }
 }
 
@@ -235,7 +239,7 @@ pub struct FrameLayer {
     pub layer: VirtualLayer,
     /// How far the layer reaches beyond the frame, px.
     pub overscan: Overscan,
-    /// The number of its pixels that its renderer left without a number (NaN) where they are seen. They are black or transparent.
+    /// The number of pixels that are seen and of which a value was no number (NaN). 0 was taken in its place.
     pub not_numbers: usize,
 }
 
@@ -365,7 +369,9 @@ impl Scene {
             Some(maps) => maps.get(number, size)?,
             None => None,
         };
-        let no_depth = self.depth.is_some() && inverse_depth.is_none();
+        // All of a map may be infinitely far.
+        let has_depth = |d: &Plane| d.data().iter().any(|v| !v.is_nan());
+        let no_depth = self.depth.is_some() && !inverse_depth.as_ref().is_some_and(has_depth);
         missing.check(no_depth, number, "no real depth", "the object is not occluded");
         let renders = match &self.renders {
             Some([with, without]) => with.get(number, size)?.zip(without.get(number, size)?),

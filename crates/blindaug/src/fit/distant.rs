@@ -109,13 +109,12 @@ impl DistantPairs {
         }
     }
 
-    /// Looks at a frame of this index. Pairs are made of compressed footage only, since elsewhere successive frames show all of the noise:
-    /// `is_compressed` tells whether the frames from one of an index on may be.
-    /// `part`: the part of the frame's rows that is looked at, and of how many.
+    /// Looks at a frame of this index. `hides_noise` is given the index of a pair's first frame and tells whether the frames since then may be
+    /// compressed, or show too little to tell: elsewhere successive frames show all of the noise, and there is no pair. `part`: the part of the frame's rows that is looked at, and of how many.
     pub fn push(
         &mut self,
         (index, frame): (usize, &Encoded),
-        is_compressed: impl FnOnce(usize) -> bool,
+        hides_noise: impl FnOnce(usize) -> bool,
         follower: &mut Follower,
         part: (usize, usize),
     ) -> Result<()> {
@@ -126,7 +125,7 @@ impl DistantPairs {
         if index < held_at + self.distance {
             return Ok(());
         }
-        if is_compressed(*held_at) {
+        if hides_noise(*held_at) {
             let single = NoiseEvidence::of_frame(held);
             let mut distant = None;
             if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {

@@ -318,14 +318,14 @@ impl Estimator {
         // A single image has no pair, so it need not be held.
         if neighbour.is_some() {
             // A single frame may be one with which a coder begins a group, or be copied for the most part.
-            let coded = |since: usize| {
+            let hides_noise = |since: usize| {
                 let mut all = kept.temporal.clone();
                 let recent = self.frames.iter().rev().take_while(|f| f.order >= since);
                 recent.for_each(|f| all.merge(&f.temporal));
-                all.may_be_compressed()
+                all.may_hide_noise()
             };
             let part = self.noise_turn(order);
-            self.distant.push((order, frame), coded, &mut self.follower, part)?;
+            self.distant.push((order, frame), hides_noise, &mut self.follower, part)?;
         }
         if !kept.temporal.is_enough() {
             kept.spatial.add_single(frame);

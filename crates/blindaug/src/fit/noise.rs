@@ -207,7 +207,7 @@ impl NoiseEvidence {
     /// [`NoiseEvidence::fit`] with curves through at most `most` blocks of each level.
     // Long, since the lines of all levels lean on the finest one's bins, and the curves and the coder's errors on both.
     pub(super) fn fit_to(&self, most: usize) -> NoiseFit {
-        let finest = if self.is_enough() { self.bins(0, [1.0; 3], false) } else { vec![] };
+        let finest = self.finest();
         if finest.is_empty() {
             let (reason, why) = match self.method {
                 Method::Temporal => {
@@ -291,15 +291,19 @@ impl NoiseEvidence {
     }
 
     /// Whether a coder may have taken away any of the noise, or has copied so much that there is too little to tell.
-    pub(super) fn may_be_compressed(&self) -> bool {
-        let finest = if self.is_enough() { self.bins(0, [1.0; 3], false) } else { vec![] };
+    pub(super) fn may_hide_noise(&self) -> bool {
+        let finest = self.finest();
         finest.is_empty() || self.coding_error_by(&finest) > 0.0
+    }
+
+    /// The finest level's bins; none if there are too few variances.
+    fn finest(&self) -> Vec<Bin> {
+        if self.is_enough() { self.bins(0, [1.0; 3], false) } else { vec![] }
     }
 
     /// [`LumaNoise::coding_error`], given the finest level's bins.
     fn coding_error_by(&self, finest: &[Bin]) -> f32 {
         match self.method {
-            _ if finest.is_empty() => 0.0,
             Method::Temporal if self.coloured => coding_error(finest, squared_correlation(finest)),
             // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
             Method::Temporal | Method::Spatial => coding_error(finest, [0.0; 3]),

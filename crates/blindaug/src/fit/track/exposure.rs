@@ -72,8 +72,7 @@ impl ExposureMemory {
         self.memory.fade();
         // A few uneven frames may be those around missing ones, whose streaks contradict the motion.
         let is_uneven = !self.is_mostly_even();
-        let within =
-            |s: &ByStreaks, exposure: f32| (s.fit.interval[0]..=s.fit.interval[1]).contains(&exposure);
+        let within = |s: &ByStreaks, exposure: f32| holds(s.fit.interval, exposure);
         let new_run = is_uneven && by_streaks.as_ref().is_some_and(|s| s.changed);
         let known = self.known.as_ref().map(|m| m.exposure.0);
         let believed = |s: &ByStreaks| {
@@ -109,15 +108,15 @@ impl ExposureMemory {
         });
         let by_tiles = if found.is_empty() && by_streaks.is_none() { None } else { self.fit(coding_error) };
         let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];
-        let exclude = |a: &MotionBlurModel, b: &MotionBlurModel| {
-            let outside = |m: &MotionBlurModel, e: f32| e < m.interval[0] || e > m.interval[1];
-            outside(a, b.exposure.0) && outside(b, a.exposure.0)
-        };
-        let best = match (by_streaks, by_tiles) {
-            // What even frames told stays until tiles and streaks agree.
-            (Some(streaks), Some(tiles)) if self.even_tiles() >= FEWEST && exclude(&streaks, &tiles) => None,
+        let excludes = |a: &MotionBlurModel, b: &MotionBlurModel| !holds(a.interval, b.exposure.0);
+        // Where they contradict tiles of even frames, what was told stays while enough of these still count.
+        let contradictory = self.known.is_some()
+            && self.even_tiles() >= FEWEST
+            && matches!((&by_streaks, &by_tiles), (Some(s), Some(t)) if excludes(s, t) && excludes(t, s));
+        let best = match (by_streaks, by_tiles.filter(|_| !found.is_empty())) {
+            _ if contradictory => None,
             (Some(streaks), Some(tiles)) if width(&streaks) > widest(Some(width(&tiles))) => Some(tiles),
-            (streaks, tiles) => streaks.or(tiles.filter(|_| !found.is_empty())),
+            (streaks, tiles) => streaks.or(tiles),
         };
         let fits = best.as_ref().map(|m| m.interval);
         if let Some(best) = best.filter(|m| width(m) <= agreement::MAX_UNCERTAINTY) {
@@ -243,6 +242,11 @@ impl ExposureMemory {
     }
 }
 
+/// Whether an interval holds an exposure.
+fn holds([low, high]: [f32; 2], exposure: f32) -> bool {
+    (low..=high).contains(&exposure)
+}
+
 /// The model of an exposure with its interval, by so many tiles or pairs of tiles.
 fn model_of(exposure: ExposureFraction, interval: [f32; 2], samples: u64) -> MotionBlurModel {
     let interval = interval.map(|v| v.clamp(0.0, 1.0));
@@ -274,7 +278,7 @@ fn mean_exposure(curve: &[f32], frames: f32) -> f32 {
 
 /// The exposure that the last frames agree on, if it differs from that of the frames before them.
 fn changed_to(memory: &Memory) -> Option<f32> {
-    if memory.recent.len() < AGREEING || memory.old[CURVES] < 6.0 {
+    if memory.recent.len() < AGREEING || memory.old[CURVES] < FEWEST {
         return None;
     }
     let at = likelihood::index_of_exposure;
@@ -355,22 +359,26 @@ mod tests {
             curve: vec![],
             per_frame: vec![],
         };
-        let after = |even_tiles: usize| {
+        // What is told after an even frame with so many tiles and five uneven ones, and whether that was told in each of these.
+        let after = |even_tiles: usize, uneven_tiles: usize, is_new: bool| {
             let mut memory = ExposureMemory::default();
             memory.follow(&tiles_that_tell(0.6, even_tiles, 2.0), None, 0, 0.0);
             let mut last = None;
             for frame in 1..6 {
-                let mut told = tiles_that_tell(0.6, 40, 2.0);
+                let mut told = tiles_that_tell(0.6, uneven_tiles, 2.0);
                 told.iter_mut().for_each(|w| w.speed_error = 0.01);
+                if is_new {
+                    memory.known = None;
+                }
                 let streaks = ByStreaks { fit: &fit, age: 0, changed: false, by_many: true };
                 last = Some(memory.follow(&told, Some(streaks), frame, 0.0));
             }
             last.unwrap().exposure.known().map(|m| m.exposure.0)
         };
-        let by_tiles = after(30);
+        let by_tiles = after(30, 40, false);
         assert!(by_tiles.is_some_and(|e| (e - 0.6).abs() < 0.05), "{by_tiles:?}");
-        // Five tiles of an even frame are too few to hold against streaks.
-        assert_eq!(after(5), Some(0.05));
+        // Five tiles of an even frame are too few to hold against streaks, and where nothing is known, streaks tell it.
+        assert_eq!([after(5, 40, false), after(30, 40, true)], [Some(0.05); 2]);
     }
 
     #[test]
