@@ -103,9 +103,9 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
         let seen = colour.data().iter().zip(alpha).filter(|(_, a)| **a != 0.0);
         mostly_numbers(path, seen.map(|(v, _)| *v))?;
     }
-    let color_at = |i: usize| [0, 1, 2, 3].map(|c| planes[c].data()[i]);
-    let is_bad = |[r, g, b, a]: [f32; 4]| a.is_nan() || a != 0.0 && (r.is_nan() || g.is_nan() || b.is_nan());
-    let not_numbers = (0..alpha.len()).filter(|&i| is_bad(color_at(i))).count();
+    let colour_is_nan = |i: usize| planes[..3].iter().any(|p| p.data()[i].is_nan());
+    let is_bad = |(i, a): &(usize, &f32)| a.is_nan() || **a != 0.0 && colour_is_nan(*i);
+    let not_numbers = alpha.iter().enumerate().filter(is_bad).count();
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);

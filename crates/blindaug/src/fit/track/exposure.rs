@@ -106,12 +106,12 @@ impl ExposureMemory {
             let interval = walked(fit.interval, fit.exposure.0, WALK, age);
             model_of(fit.exposure, interval, fit.samples as u64)
         });
-        let by_tiles = if found.is_empty() && by_streaks.is_none() { None } else { self.fit(coding_error) };
+        let may_contradict = by_streaks.is_some() && self.known.is_some() && self.even_tiles() >= FEWEST;
+        let by_tiles = if found.is_empty() && !may_contradict { None } else { self.fit(coding_error) };
         let width = |m: &MotionBlurModel| m.interval[1] - m.interval[0];
         let excludes = |a: &MotionBlurModel, b: &MotionBlurModel| !holds(a.interval, b.exposure.0);
         // Where they contradict tiles of even frames, what was told stays while enough of these still count.
-        let contradictory = self.known.is_some()
-            && self.even_tiles() >= FEWEST
+        let contradictory = may_contradict
             && matches!((&by_streaks, &by_tiles), (Some(s), Some(t)) if excludes(s, t) && excludes(t, s));
         let best = match (by_streaks, by_tiles.filter(|_| !found.is_empty())) {
             _ if contradictory => None,
@@ -359,15 +359,15 @@ mod tests {
             curve: vec![],
             per_frame: vec![],
         };
-        // What is told after an even frame with so many tiles and five uneven ones, and whether that was told in each of these.
-        let after = |even_tiles: usize, uneven_tiles: usize, is_new: bool| {
+        // What is told after an even frame with so many tiles and five uneven ones of 40; `forgets`: before each of these nothing is known.
+        let after = |even_tiles: usize, forgets: bool| {
             let mut memory = ExposureMemory::default();
             memory.follow(&tiles_that_tell(0.6, even_tiles, 2.0), None, 0, 0.0);
             let mut last = None;
             for frame in 1..6 {
-                let mut told = tiles_that_tell(0.6, uneven_tiles, 2.0);
+                let mut told = tiles_that_tell(0.6, 40, 2.0);
                 told.iter_mut().for_each(|w| w.speed_error = 0.01);
-                if is_new {
+                if forgets {
                     memory.known = None;
                 }
                 let streaks = ByStreaks { fit: &fit, age: 0, changed: false, by_many: true };
@@ -375,10 +375,10 @@ mod tests {
             }
             last.unwrap().exposure.known().map(|m| m.exposure.0)
         };
-        let by_tiles = after(30, 40, false);
+        let by_tiles = after(30, false);
         assert!(by_tiles.is_some_and(|e| (e - 0.6).abs() < 0.05), "{by_tiles:?}");
         // Five tiles of an even frame are too few to hold against streaks, and where nothing is known, streaks tell it.
-        assert_eq!([after(5, 40, false), after(30, 40, true)], [Some(0.05); 2]);
+        assert_eq!([after(5, false), after(30, true)], [Some(0.05); 2]);
     }
 
     #[test]
