@@ -6,6 +6,9 @@ mod leaves;
 mod common;
 use common::{GPU, no_gpu};
 
+use std::thread;
+use std::time::{Duration, Instant};
+
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::track::Tracker;
 use blindaug::fit::{BlurPoint, Evidence, FrameObservation, defocus, motion_blur, spectral};
@@ -19,10 +22,18 @@ fn plane(plane: &Plane) -> Texture {
     GPU.upload(&[plane], TextureFormat::R32Float).expect("it fits")
 }
 
-/// Polls once the device is done.
+/// Polls until the device is done. The tests share the device, so that a poll in another test's thread may be what learns that this one's
+/// work is done, and it may say so only after this thread's wait.
 fn result<T>(mut poll: impl FnMut() -> blindaug::Result<Option<T>>) -> T {
     GPU.wait().expect("the device works");
-    poll().expect("the device works").expect("the device is done")
+    let waited = Instant::now();
+    loop {
+        if let Some(result) = poll().expect("the device works") {
+            return result;
+        }
+        assert!(waited.elapsed() < Duration::from_secs(60), "the device never says that it is done");
+        thread::yield_now();
+    }
 }
 
 /// An image of waves of many lengths and directions, so that it has texture at every scale.
