@@ -571,16 +571,40 @@ fn pixels_that_are_no_numbers_are_warned_of_and_frames_without_the_object_are_no
         assert!(output.status.success(), "{said}");
         said
     };
+    // Wherever such a file is used, each is counted once, though it may be read several times.
     let of = |layer: &str| {
-        let composite = format!("composite plate --virtual {layer} --camera c.json -o over_{layer}");
-        let apply = format!("apply {layer} --camera c.json -o applied_{layer}");
-        [composite, apply].map(|command| said(&command))
+        let renders = format!("--with {layer} --without whole");
+        [
+            (1, said(&format!("apply {layer} --camera c.json -o applied_{layer}"))),
+            (1, said(&format!("apply {layer} --camera c.json --format png -o flat_{layer}"))),
+            (1, said(&format!("composite plate --virtual {layer} --camera c.json -o over_{layer}"))),
+            (1, said(&format!("composite plate --virtual whole {renders} --camera c.json -o lit_{layer}"))),
+            (1, said(&format!("estimate {layer} -o of_{layer}.json"))),
+            (2, said(&format!("estimate {layer} --clean {layer} -o clean_{layer}.json"))),
+            (1, said(&format!("frames {layer}"))),
+            (1, said(&format!("match {layer} --from c.json --to c.json -o matched_{layer}"))),
+        ]
     };
-    for said in of("broken") {
-        assert!(said.contains("frame 1: 3 pixels of its virtual layer hold no number (NaN)"), "{said}");
+    for (files, said) in of("broken") {
+        let warned = said.matches("0001.exr: 3 pixels hold no number (NaN)").count();
+        assert_eq!(warned, files, "{said}");
     }
-    for said in of("whole") {
+    for (_, said) in of("whole") {
         assert!(!said.contains("NaN"), "{said}");
+    }
+    // The object's depth as that of the footage: one of two maps, or the only one, is infinitely far.
+    let estimate = |range: &str| said(&format!("estimate plate --frames {range} --depth whole -o e.json"));
+    assert!(estimate("1..2").contains("depth: 1 of 2 maps that were read have no reading"));
+    assert!(estimate("2..2").contains("warning: depth: no map that was read has a reading"));
+    // The colour of a frame may be whole where its alpha is not.
+    let mut of_alpha = layer.clone();
+    of_alpha.color.0.data_mut()[25 * W..][..3].fill([0.5, 0.5, 0.5, f32::NAN]);
+    write_layer(&d.join("alpha/0001.exr"), &of_alpha);
+    for said in [
+        said("apply alpha --camera c.json -o applied_alpha"),
+        said("composite plate --virtual whole --holdout alpha --camera c.json -o held_out"),
+    ] {
+        assert_eq!(said.matches("alpha/0001.exr: 3 pixels hold no number (NaN)").count(), 1, "{said}");
     }
 }
 

@@ -1,6 +1,6 @@
 //! The colour spaces of files, and the curve of the frames that are read from them and written to them.
 
-use crate::{IccProfile, Result, exr, image::read_values, limits::is_exr};
+use crate::{IccProfile, Result, exr, image::read_values, limits::is_exr, not_numbers::Counted};
 use blindaug::{
     Encoded, Transfer,
     colour_space::{ColourSpace, Matrix, conversion, converted},
@@ -46,13 +46,18 @@ impl Reading {
     /// # Errors
     /// The same as [`crate::read_frame`].
     pub fn read(&self, path: impl AsRef<Path>) -> Result<Encoded> {
-        let path = path.as_ref();
+        Ok(self.read_counted(path.as_ref())?.0)
+    }
+
+    /// [`Reading::read`], with the number of pixels that were not numbers (NaN) and became 0.
+    pub(crate) fn read_counted(&self, path: &Path) -> Result<Counted<Encoded>> {
         let from = if is_exr(path)? {
             self.exr.map_or(Transfer::Linear, |space| space.transfer)
         } else {
             self.integers.transfer
         };
-        Ok(recoded(read_values(path, self.below_zero)?, from, self.transfer))
+        let (values, not_numbers) = read_values(path, self.below_zero)?;
+        Ok((recoded(values, from, self.transfer), not_numbers))
     }
 }
 

@@ -6,6 +6,7 @@ use crate::{
     files::open_file,
     limits::{DEFLATE_RATIO, check_length, check_size, is_exr, pixels_in_words},
     memory,
+    not_numbers::{Counted, few},
     partial::write_atomically,
 };
 use ::exr::{
@@ -62,7 +63,7 @@ pub struct VirtualLayerFile {
     pub flow: Option<Flow>,
     /// How far all of these reach beyond the frame, px: the data window beyond the display window.
     pub overscan: Overscan,
-    /// The number of pixels that are seen and of which a value was NaN. 0 was taken in its place.
+    /// The number of pixels of which a value was NaN, where alpha is not 0. 0 was taken in its place.
     pub not_numbers: usize,
 }
 
@@ -85,8 +86,7 @@ pub fn exr_contents(path: impl AsRef<Path>) -> Result<ExrContents> {
 /// (or Blender's names for these). The frame is the display window; what the file has beyond it is read as well.
 ///
 /// # Errors
-/// If the file is missing, damaged, too large, no EXR, lacks `R`, `G`, `B` or `A`, or most values of one of these are NaN, of colour
-/// where alpha is not 0.
+/// If the file is missing, damaged, too large, no EXR, lacks `R`, `G`, `B` or `A`, or most pixels are NaN of those where alpha is not 0.
 pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let path = path.as_ref();
     if !is_exr(path)? {
@@ -96,16 +96,7 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let LayerChannels { picks, depth, flow } = file.layer()?;
     let overscan = file.overscan(&picks);
     let planes = file.read(&picks, overscan)?;
-    let alpha = planes[3].data();
-    mostly_numbers(path, alpha.iter().copied())?;
-    for colour in &planes[..3] {
-        // Where nothing is, colour may be 0 / 0.
-        let seen = colour.data().iter().zip(alpha).filter(|(_, a)| **a != 0.0);
-        mostly_numbers(path, seen.map(|(v, _)| *v))?;
-    }
-    let colour_is_nan = |i: usize| planes[..3].iter().any(|p| p.data()[i].is_nan());
-    let is_bad = |(i, a): &(usize, &f32)| a.is_nan() || **a != 0.0 && colour_is_nan(*i);
-    let not_numbers = alpha.iter().enumerate().filter(is_bad).count();
+    let not_numbers = few(path, bad_pixels(&planes[..4], Some(&planes[3])))?;
     let rest = &planes[4 + depth.iter().len()..];
     let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
         let a = planes[3].at(x, y);
@@ -174,7 +165,7 @@ impl ExrHead {
         let beyond = match overscan.is_none() {
             true => None,
             false => {
-                Some(Box::new(Beyond { values: colour_of(file, &rgb, true, overscan)?, overscan, space }))
+                Some(Box::new(Beyond { values: colour_of(file, &rgb, true, overscan)?.0, overscan, space }))
             }
         };
         Ok(Self { beyond, ..head })
@@ -311,7 +302,7 @@ pub(crate) fn size(path: &Path) -> Result<(usize, usize)> {
 }
 
 /// Reads the channels `R`, `G` and `B`. What is below 0 becomes 0, unless it is to be kept.
-pub(crate) fn read_colour(path: &Path, below_zero: bool) -> Result<Linear> {
+pub(crate) fn read_colour(path: &Path, below_zero: bool) -> Result<Counted<Linear>> {
     let file = open(path)?;
     let Some(rgb) = file.colour() else {
         return Err(file.lacks("channels R, G and B"));
@@ -319,13 +310,31 @@ pub(crate) fn read_colour(path: &Path, below_zero: bool) -> Result<Linear> {
     colour_of(file, &rgb, below_zero, Overscan::default())
 }
 
-fn colour_of(file: ExrFile, rgb: &[usize; 3], below_zero: bool, overscan: Overscan) -> Result<Linear> {
-    let path = file.path;
-    let p = file.read(rgb, overscan)?;
-    let (width, height) = p[0].size();
-    mostly_numbers(path, p.iter().flat_map(|plane| plane.data().iter().copied()))?;
+fn colour_of(
+    file: ExrFile,
+    rgb: &[usize; 3],
+    below_zero: bool,
+    overscan: Overscan,
+) -> Result<Counted<Linear>> {
+    let (path, alpha) = (file.path, file.alpha(rgb));
+    let planes = file.read(rgb, overscan)?;
+    let (width, height) = planes[0].size();
+    let is_whole = planes.iter().all(|p| p.data().iter().all(|v| !v.is_nan()));
+    let alpha = match alpha.filter(|_| !is_whole) {
+        Some(alpha) => open(path)?.read(&[alpha], overscan)?.pop(),
+        None => None,
+    };
+    let not_numbers = few(path, bad_pixels(&planes, alpha.as_ref()))?;
     let least = if below_zero { -BRIGHTEST } else { 0.0 };
-    Ok(Linear(Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(p[c].at(x, y), least)))))
+    let colour = Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(planes[c].at(x, y), least)));
+    Ok((Linear(colour), not_numbers))
+}
+
+/// For each pixel, whether one of its channels is NaN. Pixels whose alpha is 0 are left out: colour may be 0 / 0 there.
+fn bad_pixels<'a>(channels: &'a [Plane], alpha: Option<&'a Plane>) -> impl Iterator<Item = bool> + 'a {
+    let pixels = channels.first().map_or(0, |p| p.data().len());
+    let seen = (0..pixels).filter(move |&i| alpha.is_none_or(|a| a.data()[i] != 0.0));
+    seen.map(|i| channels.iter().any(|p| p.data()[i].is_nan()))
 }
 
 /// Reads the depth channel (`Z`, or the only channel) as it is stored.
@@ -347,9 +356,7 @@ pub(crate) fn read_matte(path: &Path) -> Result<Plane> {
     else {
         return Err(file.lacks("a channel A or R"));
     };
-    let plane = file.read(&[matte], Overscan::default())?.swap_remove(0);
-    mostly_numbers(path, plane.data().iter().copied())?;
-    Ok(plane)
+    Ok(file.read(&[matte], Overscan::default())?.swap_remove(0))
 }
 
 /// Reads optical flow to the next frame, px.
@@ -362,21 +369,8 @@ pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
     Ok(flow.join(&p[0], &p[1]))
 }
 
-/// Fails if more than half of a picture's values are NaN. The few that a renderer may leave become 0 elsewhere.
-pub(crate) fn mostly_numbers(path: &Path, values: impl Iterator<Item = f32>) -> Result<()> {
-    let (mut missing, mut all) = (0usize, 0usize);
-    for v in values {
-        missing += usize::from(v.is_nan());
-        all += 1;
-    }
-    if 2 * missing > all {
-        return Err(Error::new(path, "most of its values are not numbers (NaN): export it again"));
-    }
-    Ok(())
-}
-
 /// A light value, where NaN becomes 0 and all else is clamped between `least` and [`BRIGHTEST`].
-fn light(v: f32, least: f32) -> f32 {
+pub(crate) fn light(v: f32, least: f32) -> f32 {
     if v.is_nan() { 0.0 } else { v.clamp(least, BRIGHTEST) }
 }
 

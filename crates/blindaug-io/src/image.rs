@@ -7,6 +7,7 @@ use crate::{
     files::open_file,
     limits::{BYTES_PER_PIXEL, DEFLATE_RATIO, MAX_PIXELS, check_length, check_size, is_exr, pixels_in_words},
     memory,
+    not_numbers::{Counted, few},
     partial::{PartialFile, cannot_write, write_atomically},
 };
 use ::image::{
@@ -38,9 +39,10 @@ pub fn read_frame(path: impl AsRef<Path>) -> Result<Encoded> {
 
 /// Reads a frame's values as they are stored, integers mapped to [0, 1]; invalid ones become 0, and negative ones too, unless those of EXR are
 /// to be kept.
-pub(crate) fn read_values(path: &Path, below_zero: bool) -> Result<Encoded> {
+pub(crate) fn read_values(path: &Path, below_zero: bool) -> Result<Counted<Encoded>> {
     if is_exr(path)? {
-        return Ok(Encoded(exr::read_colour(path, below_zero)?.0));
+        let (Linear(values), not_numbers) = exr::read_colour(path, below_zero)?;
+        return Ok((Encoded(values), not_numbers));
     }
     let (image, orientation) = decode(path)?;
     encoded_from_image(path, image, orientation)
@@ -242,23 +244,30 @@ fn from_image_error(path: &Path, e: ImageError) -> Error {
     }
 }
 
-fn encoded_from_image(path: &Path, mut image: DynamicImage, orientation: Orientation) -> Result<Encoded> {
+fn encoded_from_image(
+    path: &Path,
+    mut image: DynamicImage,
+    orientation: Orientation,
+) -> Result<Counted<Encoded>> {
     image.apply_orientation(orientation);
     let (width, height) = (image.width() as usize, image.height() as usize);
     // Float images may hold negative or invalid values; integer ones lie in [0, 1] already.
-    let finite = |v: f32| if v.is_finite() { v.max(0.0) } else { 0.0 };
-    if matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
-        exr::mostly_numbers(path, strips(&image).flat_map(|s| s.into_rgb32f().into_raw()))?;
-    }
+    let is_float = matches!(image, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
     let mut data = Vec::with_capacity(width * height);
     if let DynamicImage::ImageRgb8(bytes) = &image {
         // RGB of 8 bits, which most frames are, is converted without copies.
         let values: Vec<f32> = (0..=255u8).map(|v| f32::from(v) / 255.0).collect();
         data.extend(bytes.pixels().map(|p| p.0.map(|v| values[usize::from(v)])));
     } else {
-        strips(&image).for_each(|s| data.extend(s.into_rgb32f().pixels().map(|p| p.0.map(finite))));
+        strips(&image).for_each(|s| data.extend(s.into_rgb32f().pixels().map(|p| p.0)));
     }
-    Raster::from_vec(width, height, data).map(Encoded).map_err(|e| Error::new(path, e.to_string()))
+    let mut values = Raster::from_vec(width, height, data).map_err(|e| Error::new(path, e.to_string()))?;
+    let mut not_numbers = 0;
+    if is_float {
+        not_numbers = few(path, values.data().iter().map(|p| p.iter().any(|v| v.is_nan())))?;
+        values = values.map(|p| p.map(|v| exr::light(v, 0.0)));
+    }
+    Ok((Encoded(values), not_numbers))
 }
 
 /// Reads a matte, 0 to 1: the alpha of an image with any transparency, else the brightness (the mean of R, G and B).

@@ -42,6 +42,7 @@ pub mod memory;
 mod mp4;
 #[cfg(feature = "openh264")]
 mod mp4_boxes;
+mod not_numbers;
 mod partial;
 mod pattern;
 #[cfg(test)]

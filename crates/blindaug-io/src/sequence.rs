@@ -7,6 +7,7 @@ use crate::{
     files::{check_regular, has_extension},
     image::{frame_size, has_colour, icc_profile},
     limits::is_exr,
+    not_numbers::NotNumbers,
     video::{Video, VideoFrames},
 };
 use blindaug::{Encoded, Frame, Transfer, colour_space::ColourSpace, text::one_line};
@@ -79,6 +80,8 @@ pub struct FrameSource {
     profile: Option<IccProfile>,
     /// Why the colour space that the files tell is not known; no frame is read then.
     unread: Option<Error>,
+    /// The images with pixels that are not numbers, of those that were read.
+    not_numbers: NotNumbers,
 }
 
 #[derive(Debug)]
@@ -191,8 +194,8 @@ impl FrameSource {
         kind: Kind,
         notes: Vec<String>,
     ) -> Self {
-        let (profile, unread) = (None, None);
-        Self { path: path.into(), range, size, format, space, reading, kind, notes, profile, unread }
+        let (path, profile, unread, not_numbers) = (path.into(), None, None, NotNumbers::default());
+        Self { path, range, size, format, space, reading, kind, notes, profile, unread, not_numbers }
     }
 
     /// Opens a camera: `name` is its number, or the name by which ffmpeg lists it (on Windows always the name). Its frames have no end.
@@ -344,6 +347,12 @@ impl FrameSource {
         &self.notes
     }
 
+    /// What is wrong with the frames that were read so far, a sentence without a full stop: some of their pixels may not be numbers (NaN), for
+    /// which 0 is taken.
+    pub fn warning(&self) -> Option<String> {
+        self.not_numbers.in_words()
+    }
+
     /// The frames from the first one on, each read when it is asked for. This can be called again for another pass.
     pub fn frames(&self) -> Frames<'_> {
         self.frames_if(|_| true)
@@ -416,8 +425,8 @@ impl Frames<'_> {
                 break (*number, path);
             }
         };
-        let read = self.source.reading.read(path);
-        Some(read.and_then(|image| self.checked(path, number, image)))
+        let read = self.source.reading.read_counted(path);
+        Some(read.and_then(|read| self.checked(path, number, self.source.not_numbers.keep(path, read))))
     }
 
     fn next_video_frame(&mut self, video: &Video, begin: u64) -> Option<Result<Frame>> {

@@ -5,7 +5,8 @@ use crate::{
     files::check_regular,
     image,
     limits::is_exr,
-    read_flow, read_frame, read_inverse_depth, read_virtual_layer,
+    not_numbers::{Counted, NotNumbers, few},
+    read_flow, read_inverse_depth, read_virtual_layer,
     sequence::{frame_files, numbered_files},
 };
 use blindaug::{
@@ -25,9 +26,16 @@ pub struct SideFolder<T> {
     files: Files,
     read: Reader<T>,
     notes: Vec<String>,
+    /// The files with pixels that are not numbers, of those that were read.
+    not_numbers: NotNumbers,
 }
 
-type Reader<T> = Box<dyn Fn(&Path) -> Result<T> + Send + Sync>;
+type Reader<T> = Box<dyn Fn(&Path) -> Result<Counted<T>> + Send + Sync>;
+
+/// A reader of data that say themselves where they are unknown.
+fn all_numbers<T>(read: impl Fn(&Path) -> Result<T> + Send + Sync + 'static) -> Reader<T> {
+    Box::new(move |path| Ok((read(path)?, 0)))
+}
 
 /// The kind of data in a side folder.
 struct SideKind<T> {
@@ -58,7 +66,7 @@ impl SideFolder<Encoded> {
     /// # Errors
     /// If there is no such folder or no frame in it, or two frames have the same number.
     pub fn frames(path: impl AsRef<Path>, what: &'static str) -> Result<Self> {
-        Self::images(path.as_ref(), what, Box::new(|p| read_frame(p)), "display-encoded")
+        Self::images(path.as_ref(), what, Box::new(|p| Reading::default().read_counted(p)), "display-encoded")
     }
 
     /// Opens frames of another kind of the views of a clip whose own frames are read like this.
@@ -67,7 +75,7 @@ impl SideFolder<Encoded> {
     /// The same as [`SideFolder::frames`].
     pub fn frames_beside(path: impl AsRef<Path>, what: &'static str, reading: Reading) -> Result<Self> {
         let unit = reading.transfer.name();
-        Self::images(path.as_ref(), what, Box::new(move |p| reading.read(p)), unit)
+        Self::images(path.as_ref(), what, Box::new(move |p| reading.read_counted(p)), unit)
     }
 
     /// Opens sharp renders of a local scene. They come out encoded as sRGB, but in these primaries, whatever their own are: those of `said`,
@@ -83,13 +91,14 @@ impl SideFolder<Encoded> {
     ) -> Result<Self> {
         let reading = Reading { exr: said, ..Reading::default() };
         let read = move |path: &Path| {
-            let Encoded(image) = reading.read(path)?;
+            let (Encoded(image), not_numbers) = reading.read_counted(path)?;
             let matrix = conversion(reading.space_of(path)?.primaries, primaries);
             let t = reading.transfer;
-            Ok(Encoded(match matrix {
+            let image = match matrix {
                 Some(m) => image.map(|p| converted(&m, p.map(|v| t.decode(v))).map(|v| t.encode(v))),
                 None => image,
-            }))
+            };
+            Ok((Encoded(image), not_numbers))
         };
         Self::images(path.as_ref(), what, Box::new(read), "sharp renders")
     }
@@ -134,7 +143,7 @@ impl SideFolder<Plane> {
         };
         let accepted = "EXR with a channel Z, PGM, PNG or TIFF";
         let kind = SideKind { what: "depth", accepted, size_of: Plane::size };
-        Self::open(path.as_ref(), kind, files, Box::new(move |p| read_inverse_depth(p, format)), unit)
+        Self::open(path.as_ref(), kind, files, all_numbers(move |p| read_inverse_depth(p, format)), unit)
     }
 
     /// Opens inverse depth that [`crate::EvidenceWriter`] wrote, in its own unit: `scale` is the inverse depth of the largest integer; 0 is
@@ -145,7 +154,7 @@ impl SideFolder<Plane> {
     pub(crate) fn saved_depth(path: impl AsRef<Path>, scale: f32) -> Result<Self> {
         let format = DepthFormat { values: DepthValues::RelativeInverse, ..DepthFormat::default() };
         let mut folder = Self::depth(path, format)?;
-        folder.read = Box::new(move |p| {
+        folder.read = all_numbers(move |p| {
             let stored = read_inverse_depth(p, format)?;
             Ok(stored.map(|d| if d > 0.0 { d * scale } else { f32::NAN }))
         });
@@ -186,8 +195,9 @@ impl SideFolder<Plane> {
         };
         let read = move |path: &Path| {
             let matte = if is_exr(path)? { exr::read_matte(path)? } else { image::read_matte(path)? };
+            let not_numbers = few(path, matte.data().iter().map(|v| v.is_nan()))?;
             let share = |v: f32| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) };
-            Ok(matte.map(|v| if side == MatteSide::Front { share(v) } else { 1.0 - share(v) }))
+            Ok((matte.map(|v| if side == MatteSide::Front { share(v) } else { 1.0 - share(v) }), not_numbers))
         };
         let kind = SideKind { what: "mattes", accepted: "EXR, PNG or TIFF", size_of: Plane::size };
         let unit = match side {
@@ -214,7 +224,7 @@ impl SideFolder<Flow> {
         let unit = |_: &Files| "px to the next frame".into();
         let accepted = ".flo, or EXR with channels forward.u and forward.v";
         let kind = SideKind { what: "flow", accepted, size_of: Flow::size };
-        Self::open(path.as_ref(), kind, files, Box::new(|p| read_flow(p)), unit)
+        Self::open(path.as_ref(), kind, files, all_numbers(|p| read_flow(p)), unit)
     }
 }
 
@@ -246,7 +256,8 @@ impl SideFolder<VirtualLayerFile> {
                     [r, g, b, a]
                 });
             }
-            Ok(layer)
+            let not_numbers = layer.not_numbers;
+            Ok((layer, not_numbers))
         };
         let files = |path: &Path, notes: &mut Vec<String>| numbered_files(path, &["exr"], notes);
         let accepted = "EXR with channels R G B A";
@@ -295,7 +306,7 @@ impl<T> SideFolder<T> {
             Files::One(_) => "one file, for every frame".into(),
         };
         notes.insert(0, format!("{what}: {said}, {}", unit(&files)));
-        Ok(Self { path: path.into(), kind, files, read, notes })
+        Ok(Self { path: path.into(), kind, files, read, notes, not_numbers: NotNumbers::default() })
     }
 
     /// The path of the folder, or of the single file.
@@ -306,6 +317,12 @@ impl<T> SideFolder<T> {
     /// Notes for the user about the files that were found, a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// What is wrong with the files that were read so far, a sentence without a full stop: some pixels of colour or mattes may not be numbers
+    /// (NaN), for which 0 is taken. Depth and flow are unknown there.
+    pub fn warning(&self) -> Option<String> {
+        self.not_numbers.in_words()
     }
 
     /// Whether there is a file for this frame.
@@ -319,7 +336,7 @@ impl<T> SideFolder<T> {
     /// If the file is damaged or of another kind, or its size is not `size`, the size of the frames, px.
     pub fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>> {
         let Some(path) = self.file(number) else { return Ok(None) };
-        let value = (self.read)(path)?;
+        let value = self.not_numbers.keep(path, (self.read)(path)?);
         let (width, height) = (self.kind.size_of)(&value);
         if (width, height) != size {
             let frames = format!("the frames are {} x {}", size.0, size.1);

@@ -3,7 +3,7 @@
 use crate::{
     ByHand, Error, Result,
     estimate::of_frame,
-    footage::{BoxedSide, Clip, check_match},
+    footage::{BoxedSide, Clip, check_match, warn_of},
     frames::{DEPTH, FLOW, FRAME, Made, Neighbours, Sink, check_memory, for_each_frame},
     observer::Observer,
 };
@@ -219,17 +219,6 @@ impl<'a> Missing<'a> {
             self.observer.warning(&format!("frame {number}: {what}, so {effect} (said once)"));
         }
     }
-
-    /// Warns of a layer some of whose pixels are no numbers.
-    fn numbers(&mut self, number: u64, FrameLayer { not_numbers, .. }: &FrameLayer) {
-        let hold = if *not_numbers == 1 {
-            "pixel of its virtual layer holds"
-        } else {
-            "pixels of its virtual layer hold"
-        };
-        let what = format!("{not_numbers} {hold} no number (NaN)");
-        self.check(*not_numbers > 0, number, &what, "0 is taken in its place: render it again to mend it");
-    }
 }
 
 /// The virtual layer of a frame.
@@ -239,14 +228,12 @@ pub struct FrameLayer {
     pub layer: VirtualLayer,
     /// How far the layer reaches beyond the frame, px.
     pub overscan: Overscan,
-    /// The number of pixels that are seen and of which a value was no number (NaN). 0 was taken in its place.
-    pub not_numbers: usize,
 }
 
 impl From<VirtualLayer> for FrameLayer {
-    /// A layer as large as the frame, of numbers.
+    /// A layer as large as the frame.
     fn from(layer: VirtualLayer) -> Self {
-        Self { layer, overscan: Overscan::default(), not_numbers: 0 }
+        Self { layer, overscan: Overscan::default() }
     }
 }
 
@@ -493,15 +480,13 @@ pub fn composite(
     let finds_flow = applied.finds_flow;
     let made = for_each_frame("compositing", clip, sink, finds_flow, observer, |frame, neighbours, sink| {
         let number = frame.number;
-        let Some(read) = layers.get(number, clip.size())? else {
+        let Some(FrameLayer { mut layer, overscan }) = layers.get(number, clip.size())? else {
             without_layer += 1;
             return match product {
                 Product::Composite => sink.put(&frame.image.0),
                 Product::Layer => sink.put_layer(&DistortedLayer::empty(clip.size())),
             };
         };
-        missing.numbers(number, &read);
-        let FrameLayer { mut layer, overscan, .. } = read;
         let around = scene.around(frame, neighbours, (&mut layer, overscan), &applied, &mut missing)?;
         let plate = Plate {
             overscan,
@@ -523,6 +508,9 @@ pub fn composite(
                 .put_layer(&composite::distorted_layer(&plate, &layer, &model, options).map_err(of_frame)?),
         }
     })?;
+    warn_of(layers, observer);
+    renders.iter().flatten().for_each(|side| warn_of(side, observer));
+    scene.holdout.iter().for_each(|side| warn_of(side, observer));
     Ok(Made { without_layer, ..made })
 }
 
@@ -616,42 +604,49 @@ impl Application {
         let (clip, moving) = (&**clip, *moving);
         let mut missing = Missing::new(observer);
         let neighbours = moving && flow.is_none();
-        for_each_frame("applying", clip, sink, neighbours, observer, |frame, neighbours, sink| {
-            let (number, size) = (frame.number, clip.size());
-            let flow = match flow {
-                Some(flow) => flow.get(number, size)?,
-                None if moving => neighbours.flow(frame)?,
-                None => None,
-            };
-            missing.check(moving && flow.is_none(), number, "no flow", "the object is not motion-blurred");
-            let inverse_depth = match depth {
-                Some(maps) => maps.get(number, size)?,
-                None => None,
-            };
-            let no_depth = depth.is_some() && inverse_depth.is_none();
-            missing.check(no_depth, number, "no depth", "the object is not defocused");
-            let model = track.at(number);
-            let layer = match layers {
-                Some(layers) => layers.get(number, size)?,
-                None => None,
-            };
-            if let Some(read) = layer {
-                missing.numbers(number, &read);
-                let FrameLayer { layer: own, overscan, .. } = read;
-                let layer = VirtualLayer {
-                    inverse_depth: around(inverse_depth, own.inverse_depth.filter(|_| *metric), overscan),
-                    flow: around(flow, own.flow, overscan),
-                    color: own.color,
+        let made =
+            for_each_frame("applying", clip, sink, neighbours, observer, |frame, neighbours, sink| {
+                let (number, size) = (frame.number, clip.size());
+                let flow = match flow {
+                    Some(flow) => flow.get(number, size)?,
+                    None if moving => neighbours.flow(frame)?,
+                    None => None,
                 };
-                check_memory(clip, 0, false, beyond_frame(&layer, size, LAYER + WITH_ALPHA))?;
-                let distorted = distorted_with_alpha(&layer, overscan, &model, (options, number));
-                let (picture, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
-                return sink.put_with_alpha(&picture, &alpha, overscan);
-            }
-            distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
-                .map_err(|e| of_frame(clip, number, e))?
-                .try_for_each(|strip| sink.put(&strip))
-        })
+                missing.check(
+                    moving && flow.is_none(),
+                    number,
+                    "no flow",
+                    "the object is not motion-blurred",
+                );
+                let inverse_depth = match depth {
+                    Some(maps) => maps.get(number, size)?,
+                    None => None,
+                };
+                let no_depth = depth.is_some() && inverse_depth.is_none();
+                missing.check(no_depth, number, "no depth", "the object is not defocused");
+                let model = track.at(number);
+                let layer = match layers {
+                    Some(layers) => layers.get(number, size)?,
+                    None => None,
+                };
+                if let Some(FrameLayer { layer: own, overscan }) = layer {
+                    let layer = VirtualLayer {
+                        inverse_depth: around(inverse_depth, own.inverse_depth.filter(|_| *metric), overscan),
+                        flow: around(flow, own.flow, overscan),
+                        color: own.color,
+                    };
+                    check_memory(clip, 0, false, beyond_frame(&layer, size, LAYER + WITH_ALPHA))?;
+                    let distorted = distorted_with_alpha(&layer, overscan, &model, (options, number));
+                    let (picture, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
+                    return sink.put_with_alpha(&picture, &alpha, overscan);
+                }
+                distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
+                    .map_err(|e| of_frame(clip, number, e))?
+                    .try_for_each(|strip| sink.put(&strip))
+            })?;
+        // The clip's warning is of the same files, but not of their alpha.
+        layers.iter().filter(|_| clip.warning().is_none()).for_each(|layers| warn_of(layers, observer));
+        Ok(made)
     }
 }
 
@@ -705,9 +700,13 @@ impl crate::Side<FrameLayer> for blindaug_io::SideFolder<blindaug_io::VirtualLay
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<FrameLayer>> {
         let read = self.get(number, size)?;
         Ok(read.map(|file| {
-            let blindaug_io::VirtualLayerFile { color, inverse_depth, flow, overscan, not_numbers } = file;
-            FrameLayer { layer: VirtualLayer { color, inverse_depth, flow }, overscan, not_numbers }
+            let blindaug_io::VirtualLayerFile { color, inverse_depth, flow, overscan, .. } = file;
+            FrameLayer { layer: VirtualLayer { color, inverse_depth, flow }, overscan }
         }))
+    }
+
+    fn warning(&self) -> Option<String> {
+        self.warning()
     }
 }
 

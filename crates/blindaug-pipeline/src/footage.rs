@@ -1,6 +1,6 @@
 //! Frames and their accompanying data, from any source.
 
-use crate::{Error, Result};
+use crate::{Error, Result, observer::Observer};
 use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
 use std::{
     collections::BTreeMap,
@@ -63,6 +63,11 @@ pub trait Clip: Sync {
     /// says no: that code then runs in the caller's thread.
     fn reads_ahead(&self) -> bool {
         true
+    }
+
+    /// What is wrong with the frames that were read so far, a sentence without a full stop. By default nothing is.
+    fn warning(&self) -> Option<String> {
+        None
     }
 
     /// Fails if `what` takes more bytes than the memory budget has. By default any number is fine.
@@ -140,6 +145,11 @@ pub trait Side<T>: Sync {
     /// # Errors
     /// If the data cannot be read, or have another size.
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>>;
+
+    /// What is wrong with the data that were read so far, a sentence without a full stop. By default nothing is.
+    fn warning(&self) -> Option<String> {
+        None
+    }
 }
 
 /// Accompanying data from any source.
@@ -241,6 +251,10 @@ impl Clip for blindaug_io::FrameSource {
         Ok(found.into_inner())
     }
 
+    fn warning(&self) -> Option<String> {
+        self.warning()
+    }
+
     fn check_memory(&self, what: &str, bytes: u64) -> Result<()> {
         Ok(blindaug_io::memory::fits(self.path(), what, bytes)?)
     }
@@ -259,6 +273,15 @@ impl<T> Side<T> for blindaug_io::SideFolder<T> {
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>> {
         Ok(self.get(number, size)?)
     }
+
+    fn warning(&self) -> Option<String> {
+        self.warning()
+    }
+}
+
+/// Warns of what is wrong with accompanying data that were read.
+pub(crate) fn warn_of<T>(side: &BoxedSide<T>, observer: &dyn Observer) {
+    side.warning().iter().for_each(|words| observer.warning(words));
 }
 
 /// Fails if there are no data for any of a clip's frames.

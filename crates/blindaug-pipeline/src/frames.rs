@@ -204,5 +204,6 @@ pub(crate) fn for_each_frame(
             break;
         }
     }
+    clip.warning().iter().for_each(|words| observer.warning(words));
     Ok(made)
 }

@@ -54,6 +54,7 @@ pub fn timing(clip: &dyn Clip, observer: &dyn Observer) -> Result<Timed> {
         Ok(())
     })?;
     drop(steps);
+    clip.warning().iter().for_each(|words| observer.warning(words));
     let timing = analyser.finish().map_err(|e| of_clip(clip, e))?;
     Ok(Timed { timing, first: first.unwrap_or(0), last, stopped })
 }

@@ -61,11 +61,13 @@ impl<'a, T> Counted<'a, T> {
         if wanted { side.get(number, size) } else { Ok(None) }
     }
 
-    /// Tells the observer if not all frames have the data.
+    /// Tells the observer if not all frames have the data, and what is wrong with these.
     fn report(&self, what: &str, frames: u64, observer: &dyn Observer) {
-        if self.side.is_some() && self.matched < frames {
+        let Some(side) = self.side else { return };
+        if self.matched < frames {
             observer.note(&format!("{what}: {} of {frames} frames have it", self.matched));
         }
+        side.warning().iter().for_each(|words| observer.warning(words));
     }
 }
 
@@ -73,6 +75,8 @@ impl<'a, T> Counted<'a, T> {
 struct Sides<'a> {
     footage: &'a Footage,
     depth: Counted<'a, Plane>,
+    /// The number of depth maps that were read, and of those among them without any reading.
+    maps: [u64; 2],
     flow: Counted<'a, Flow>,
     denoised: Counted<'a, Encoded>,
     motion_deblurred: Counted<'a, Encoded>,
@@ -97,6 +101,7 @@ impl<'a> Sides<'a> {
         Ok(Self {
             footage,
             depth: Counted::new(clip, footage.depth.as_ref().map(|d| &d.0))?,
+            maps: [0; 2],
             flow: Counted::new(clip, footage.flow.as_ref())?,
             denoised: frames(&footage.denoised)?,
             motion_deblurred: frames(&footage.motion_deblurred)?,
@@ -108,9 +113,14 @@ impl<'a> Sides<'a> {
     /// Counts a frame, and reads its accompanying data if they are wanted.
     fn get(&mut self, number: u64, wanted: bool) -> Result<Given> {
         let size = self.footage.clip.size();
+        let depth = self.depth.get(number, size, wanted)?;
+        if let Some(map) = &depth {
+            self.maps[0] += 1;
+            self.maps[1] += u64::from(map.data().iter().all(|d| d.is_nan()));
+        }
         Ok(Given {
             flow: self.flow.get(number, size, wanted)?,
-            depth: self.depth.get(number, size, wanted)?,
+            depth,
             denoised: self.denoised.get(number, size, wanted)?,
             motion_deblurred: self.motion_deblurred.get(number, size, wanted)?,
             defocus_deblurred: self.defocus_deblurred.get(number, size, wanted)?,
@@ -118,9 +128,19 @@ impl<'a> Sides<'a> {
         })
     }
 
-    /// Tells the observer which data not all frames have.
+    /// Tells the observer which data not all frames have, and what is wrong with frames and data.
     fn report(&self, frames: u64, observer: &dyn Observer) {
+        self.footage.clip.warning().iter().for_each(|words| observer.warning(words));
         self.depth.report("depth", frames, observer);
+        match self.maps {
+            [_, 0] => {}
+            [all, empty] if empty == all => observer.warning(
+                "depth: no map that was read has a reading, as if all were infinitely far, so no lens is found by depth",
+            ),
+            [all, empty] => {
+                observer.note(&format!("depth: {empty} of {all} maps that were read have no reading"));
+            }
+        }
         self.flow.report("flow", frames, observer);
         self.denoised.report("denoised frames", frames, observer);
         self.motion_deblurred.report("motion-deblurred frames", frames, observer);
