@@ -428,7 +428,7 @@ def composite(
 
 @final
 class Track(Iterator[Camera]):
-    """The cameras of the frames of some footage, found while they are asked for: each when the 48 frames after it have been looked at."""
+    """The cameras of the frames of some footage, found while they are asked for, up to 624 frames ahead."""
 
     def __iter__(self) -> Track: ...
     def __next__(self) -> Camera: ...
@@ -447,7 +447,7 @@ def track(
 ) -> Track:
     """Estimates a camera for each frame, which follows changes of light, focus and shutter. The arguments are those of `estimate`.
 
-    A frame's noise is the mean over 48 frames before and after it, so that cameras come 48 frames late; footage without an end is for
+    A frame's noise is a mean over the frames before and after it, so that cameras come up to 624 frames late; footage without an end is for
     `Tracker`.
     """
 

@@ -38,7 +38,7 @@ pub struct Estimate {
     )]
     output: Option<PathBuf>,
     /// Print the camera model as JSON on standard output, in place of its description in words; with --track a line for each frame, once the
-    /// noise of the 48 frames after it is known
+    /// noise of the frames around it is known, at most 624 frames later
     #[arg(help_heading = "Results", long)]
     json: bool,
     #[command(flatten)]

@@ -7,14 +7,12 @@ use crate::plots::{self, CHANNELS};
 use blindaug::CameraModel;
 use blindaug::Sample;
 use blindaug::fit::Diagnostics;
-use blindaug::model::{CameraTrack, Distortion, Estimate, NOISE_LEVELS, NoiseModel, total_of_levels};
+use blindaug::model::{CameraTrack, Distortion, Estimate, NoiseModel};
 use maud::{Markup, html};
 
 /// The lower ends, the values and the upper ends of the std of the whole noise of R, G and B at luminance `y`.
 pub(crate) fn total_std(m: &NoiseModel, y: f32) -> [[f32; 3]; 3] {
-    let ends: [[[f32; 2]; 3]; NOISE_LEVELS] =
-        std::array::from_fn(|level| std::array::from_fn(|c| m.interval_of_std(level, c, y)));
-    let [low, high] = [0, 1].map(|end| total_of_levels(&ends.map(|level| level.map(|i| i[end]))));
+    let [low, high] = m.interval_of_total_std(y);
     [low, m.total_std(y), high]
 }
 

@@ -51,20 +51,14 @@ impl ClipModels {
         if self.models.tracker.cut_ahead() {
             self.release(true);
         }
-        let mut camera = self.models.push(frame, observation)?;
-        let noise = camera.camera.noise.clone();
+        let camera = self.models.push(frame, observation)?;
+        let tracker = &self.models.tracker;
         if camera.changed.of(Distortion::Noise) {
-            // The last frames have the new noise, too: the change is noticed late. Those before have the old one.
-            let late = self.models.tracker.noise_changed_before().min(self.waiting.len());
-            self.noises.forget_last(late);
-            self.release(true);
-            if let Some(first) = self.waiting.front_mut() {
-                first.changed.set(Distortion::Noise, true);
-                camera.changed.set(Distortion::Noise, false);
-            }
-            self.waiting.iter().for_each(|_| self.noises.push(noise.clone()));
+            // The last frames have the new noise, too: the change is noticed late.
+            let late = tracker.noise_changed_before().min(self.waiting.len());
+            self.noises.change(late, &camera.camera.noise);
         }
-        self.noises.push(noise);
+        self.noises.push(camera.camera.noise.clone(), !tracker.noise_settles());
         self.waiting.push_back(camera);
         self.release(false);
         Ok(())
@@ -90,16 +84,16 @@ impl ClipModels {
         self.models.tracker.copies_in_words()
     }
 
-    /// Makes those models ready that will not change any more: all of them at a cut, at a change of the noise and at the end (`ends`), else
-    /// those whose noise is a mean over frames that are all known.
+    /// Makes those models ready that will not change any more: all of them at a cut and at the end (`ends`).
     fn release(&mut self, ends: bool) {
-        let means = self.noises.known(self.models.tracker.noise_settles(), ends);
-        let known = means.len();
-        for (mean, mut camera) in means.into_iter().zip(self.waiting.drain(..known)) {
-            if let Some(mean) = mean {
+        let known = self.noises.known(ends);
+        let cameras = self.waiting.drain(..known.len());
+        self.ready.extend(known.into_iter().zip(cameras).map(|(noise, mut camera)| {
+            camera.changed.set(Distortion::Noise, noise.changed);
+            if let Some(mean) = noise.mean {
                 camera.camera.noise = Estimate::Known(mean);
             }
-            self.ready.push_back(camera);
-        }
+            camera
+        }));
     }
 }

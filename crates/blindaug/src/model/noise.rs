@@ -132,14 +132,16 @@ impl NoiseModel {
         Self::Lines(NoiseLines { levels, interval: None, clip, method: Method::Given, samples: 0 })
     }
 
-    /// The mean of those of some models that are of this one's kind, by their method and by whether they have curves; `None` if none is. The
-    /// number of samples is this one's.
-    pub fn mean_of_kind<'a>(&self, models: impl Iterator<Item = &'a Self>) -> Option<Self> {
+    /// The weighted mean of those of some models that are of this one's kind, by their method and by whether they have curves; `None` if none is
+    /// that has weight. Weights are not negative. The number of samples is this one's.
+    pub fn mean_of_kind<'a>(&self, models: impl Iterator<Item = (f32, &'a Self)>) -> Option<Self> {
         let kind = |model: &Self| (model.method(), model.curves().is_some());
-        let alike = models.filter(|model| kind(model) == kind(self));
-        let mut mean = alike.zip(1..).fold(None, |mean: Option<Self>, (model, n)| {
-            Some(mean.map_or_else(|| model.clone(), |mean| mean.between(model, 1.0 / n as f32)))
-        })?;
+        let (mut mean, mut sum): (Option<Self>, f32) = (None, 0.0);
+        for (weight, model) in models.filter(|(weight, model)| *weight > 0.0 && kind(model) == kind(self)) {
+            sum += weight;
+            mean = Some(mean.map_or_else(|| model.clone(), |mean| mean.between(model, weight / sum)));
+        }
+        let mut mean = mean?;
         mean.lines_mut().samples = self.samples();
         Some(mean)
     }
@@ -240,6 +242,13 @@ impl NoiseModel {
     pub fn total_std(&self, y: f32) -> [f32; 3] {
         let std: [[f32; 3]; NOISE_LEVELS] = std::array::from_fn(|level| self.std(level, y));
         total_of_levels(&std)
+    }
+
+    /// The 95 % interval of [`NoiseModel::total_std`], the low ends and the high ends in R, G and B: the ends of all levels together.
+    pub fn interval_of_total_std(&self, y: f32) -> [[f32; 3]; 2] {
+        let ends: [[[f32; 2]; 3]; NOISE_LEVELS] =
+            std::array::from_fn(|level| std::array::from_fn(|c| self.interval_of_std(level, c, y)));
+        [0, 1].map(|end| total_of_levels(&ends.map(|level| level.map(|interval| interval[end]))))
     }
 
     /// Multiplies the std, with its intervals, by a factor, >= 0.

@@ -130,7 +130,7 @@ impl NoiseFollower {
         *self = Self { luma: self.luma, ..Self::default() };
     }
 
-    /// Whether the noise rests on so few frames of this shot that those to come will correct it.
+    /// Whether the noise rests on so few frames of this shot, or since it changed, that those to come will correct it.
     pub fn settles(&self) -> bool {
         self.memory.seen < SETTLED
     }
@@ -151,7 +151,7 @@ struct NoiseMemory {
     frames: VecDeque<Seen>,
     /// The number of frames since the last evidence.
     age: usize,
-    /// The number of frames of the shot that were looked at.
+    /// The number of frames that were looked at since the shot's begin, or since the first one after its last change.
     seen: usize,
     /// The number of frames of the shot, copies too, up to the last one that was looked at.
     shown: usize,
@@ -187,6 +187,7 @@ impl NoiseMemory {
         let changed = noise_changed(&self.excesses(model), |change| self.shows(change));
         if let Some(Change { since, .. }) = changed {
             self.frames.drain(..self.frames.len() - since);
+            self.seen = since;
         }
         changed.is_some()
     }
