@@ -14,7 +14,7 @@ use blindaug::{
     fit::track::Tracker as Fit,
     model::{NoiseKind, Space, TrackedCamera},
 };
-use blindaug_io::memory;
+use blindaug_io::{FrameSource, memory};
 use blindaug_pipeline::{
     Observer,
     track::{Beside, ClipTracker, FrameTracker},
@@ -23,7 +23,7 @@ use pyo3::{exceptions::PyException, prelude::*};
 use std::{
     path::Path,
     sync::{
-        Mutex, PoisonError,
+        Arc, Mutex, PoisonError,
         mpsc::{Receiver, RecvTimeoutError, sync_channel},
     },
     time::Duration,
@@ -171,12 +171,20 @@ struct Following {
 
 enum FramesSource {
     /// The frames of a file, which a thread of their own reads.
-    Files(Receiver<blindaug_io::Result<Frame>>),
+    Files(Receiver<blindaug_io::Result<Frame>>, Arc<FrameSource>),
     /// Frames of Python, and the number of the next one.
     Python(PythonClip, u64),
 }
 
 impl FramesSource {
+    /// What is wrong with the frames that were read so far.
+    fn warning(&self) -> Option<String> {
+        match self {
+            Self::Files(_, source) => source.warning(),
+            Self::Python(..) => None,
+        }
+    }
+
     fn next(&mut self, py: Python<'_>) -> PyResult<Option<Frame>> {
         /// How often signals are looked for while a frame is waited for.
         const PAUSE: Duration = Duration::from_millis(100);
@@ -186,7 +194,7 @@ impl FramesSource {
                 *number += 1;
                 Ok(frame)
             }
-            Self::Files(frames) => loop {
+            Self::Files(frames, _) => loop {
                 // A receiver is not shared between threads, so that it is lent as a whole.
                 let frames = &mut *frames;
                 let received = py.detach(move || frames.recv_timeout(PAUSE));
@@ -219,7 +227,10 @@ impl Following {
                     listener.step();
                     listener.check()?;
                 }
-                Ok(false) => {}
+                Ok(false) => {
+                    self.frames.warning().iter().for_each(|words| listener.warning(words));
+                    listener.tell(py)?;
+                }
                 Err(failure) if failure.is_instance_of::<PyException>(py) => {
                     self.tracker.stop();
                     self.failure = Some(failure);
@@ -297,9 +308,11 @@ pub fn track(
         Footage::Python(clip) => FramesSource::Python(clip, 1),
         Footage::Files(source) => {
             let (sender, receiver) = sync_channel(1);
+            let source: Arc<FrameSource> = Arc::from(source);
+            let read = Arc::clone(&source);
             // The thread ends when nobody takes frames any more.
-            std::thread::spawn(move || source.frames().try_for_each(|frame| sender.send(frame)).ok());
-            FramesSource::Files(receiver)
+            std::thread::spawn(move || read.frames().try_for_each(|frame| sender.send(frame)).ok());
+            FramesSource::Files(receiver, source)
         }
     };
     listener.begin("tracking", "frames", len);

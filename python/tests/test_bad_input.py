@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 
 import blindaug as ba
@@ -366,3 +367,15 @@ def test_bad_names_and_numbers(clip, camera):
     ]:
         with pytest.raises(ba.Error, match=sentence):
             ba.estimate(clip.frames[:2], **named)
+
+
+def test_a_pixel_that_is_no_number_is_warned_of(tmp_path):
+    light = 0.2 + 0.1 * np.random.default_rng(1).random((3, 48, 64, 3), np.float32)
+    light[1, 5, 7] = np.nan
+    for number, frame in enumerate(light):
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        with OpenEXR.File(header, {"RGB": frame}) as file:
+            file.write(str(tmp_path / f"{number}.exr"))
+    for look in (lambda: ba.estimate(tmp_path), lambda: list(ba.track(tmp_path))):
+        with pytest.warns(UserWarning, match=r"1\.exr: 1 pixel holds no number"):
+            look()

@@ -507,11 +507,12 @@ pub fn composite(
             Product::Layer => sink
                 .put_layer(&composite::distorted_layer(&plate, &layer, &model, options).map_err(of_frame)?),
         }
-    })?;
+    });
+    // Also after an error, since the frames before it stay.
     warn_of(layers, observer);
     renders.iter().flatten().for_each(|side| warn_of(side, observer));
     scene.holdout.iter().for_each(|side| warn_of(side, observer));
-    Ok(Made { without_layer, ..made })
+    Ok(Made { without_layer, ..made? })
 }
 
 /// The bytes that a layer takes beyond a frame of this size, where a pixel takes so many.
@@ -604,49 +605,44 @@ impl Application {
         let (clip, moving) = (&**clip, *moving);
         let mut missing = Missing::new(observer);
         let neighbours = moving && flow.is_none();
-        let made =
-            for_each_frame("applying", clip, sink, neighbours, observer, |frame, neighbours, sink| {
-                let (number, size) = (frame.number, clip.size());
-                let flow = match flow {
-                    Some(flow) => flow.get(number, size)?,
-                    None if moving => neighbours.flow(frame)?,
-                    None => None,
+        let made = for_each_frame("applying", clip, sink, neighbours, observer, |frame, neighbours, sink| {
+            let (number, size) = (frame.number, clip.size());
+            let flow = match flow {
+                Some(flow) => flow.get(number, size)?,
+                None if moving => neighbours.flow(frame)?,
+                None => None,
+            };
+            missing.check(moving && flow.is_none(), number, "no flow", "the object is not motion-blurred");
+            let inverse_depth = match depth {
+                Some(maps) => maps.get(number, size)?,
+                None => None,
+            };
+            let no_depth = depth.is_some() && inverse_depth.is_none();
+            missing.check(no_depth, number, "no depth", "the object is not defocused");
+            let model = track.at(number);
+            let layer = match layers {
+                Some(layers) => layers.get(number, size)?,
+                None => None,
+            };
+            if let Some(FrameLayer { layer: own, overscan }) = layer {
+                let layer = VirtualLayer {
+                    inverse_depth: around(inverse_depth, own.inverse_depth.filter(|_| *metric), overscan),
+                    flow: around(flow, own.flow, overscan),
+                    color: own.color,
                 };
-                missing.check(
-                    moving && flow.is_none(),
-                    number,
-                    "no flow",
-                    "the object is not motion-blurred",
-                );
-                let inverse_depth = match depth {
-                    Some(maps) => maps.get(number, size)?,
-                    None => None,
-                };
-                let no_depth = depth.is_some() && inverse_depth.is_none();
-                missing.check(no_depth, number, "no depth", "the object is not defocused");
-                let model = track.at(number);
-                let layer = match layers {
-                    Some(layers) => layers.get(number, size)?,
-                    None => None,
-                };
-                if let Some(FrameLayer { layer: own, overscan }) = layer {
-                    let layer = VirtualLayer {
-                        inverse_depth: around(inverse_depth, own.inverse_depth.filter(|_| *metric), overscan),
-                        flow: around(flow, own.flow, overscan),
-                        color: own.color,
-                    };
-                    check_memory(clip, 0, false, beyond_frame(&layer, size, LAYER + WITH_ALPHA))?;
-                    let distorted = distorted_with_alpha(&layer, overscan, &model, (options, number));
-                    let (picture, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
-                    return sink.put_with_alpha(&picture, &alpha, overscan);
-                }
-                distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
-                    .map_err(|e| of_frame(clip, number, e))?
-                    .try_for_each(|strip| sink.put(&strip))
-            })?;
+                check_memory(clip, 0, false, beyond_frame(&layer, size, LAYER + WITH_ALPHA))?;
+                let distorted = distorted_with_alpha(&layer, overscan, &model, (options, number));
+                let (picture, alpha) = distorted.map_err(|e| of_frame(clip, number, e))?;
+                return sink.put_with_alpha(&picture, &alpha, overscan);
+            }
+            distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
+                .map_err(|e| of_frame(clip, number, e))?
+                .try_for_each(|strip| sink.put(&strip))
+        });
         // The clip's warning is of the same files, but not of their alpha.
-        layers.iter().filter(|_| clip.warning().is_none()).for_each(|layers| warn_of(layers, observer));
-        Ok(made)
+        let more = layers.iter().filter(|layers| layers.warning() != clip.warning());
+        more.for_each(|layers| warn_of(layers, observer));
+        made
     }
 }
 

@@ -89,8 +89,8 @@ impl Viewer for Following<'_> {
 
 /// Estimates a model for each frame of a clip, and hands each to `each`, up to 624 frames late: a frame's noise is the mean over 48 frames
 /// before and after it, and over up to 480 more where it is the same within its intervals, as far as the next cut or change of the noise. The
-/// noise of the first 23 pictures of a shot, or since a change, counts in no mean. A change of the noise is that of the frame in which it was, not of the one
-/// in which it is noticed, and stands only if the noise differs by a fifth.
+/// noise of the first 23 pictures of a shot, or since a change, counts in no mean; where copies delay these, models come later. A change of
+/// the noise is that of the frame in which it was, not of the one in which it is noticed, and stands only if the noise differs by a fifth.
 ///
 /// # Errors
 /// If a frame or its accompanying data cannot be used, memory does not suffice, or `each` fails.

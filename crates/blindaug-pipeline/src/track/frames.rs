@@ -71,7 +71,7 @@ impl Successive {
 
 /// The estimation of a model for each frame where frames are handed over one after another, and each model is wanted as soon as the next
 /// frame is there. The models are those of [`track`](super::track), except for the noise, which `track` takes from the frames after a frame,
-/// too, and for the frame in which a change of the noise is told: here it is the one in which the change is noticed.
+/// too, and for changes of the noise: here each is told in the frame in which it is noticed, whether or not it stands.
 pub struct FrameTracker {
     models: Models,
     frames: Successive,

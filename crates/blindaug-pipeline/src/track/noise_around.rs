@@ -138,7 +138,9 @@ impl NoiseAround {
 
     /// Whether the noise before this change and after it differ as much as if it were one.
     fn stands(&self, change: usize) -> bool {
-        let end = self.told.len().min(change + AFTER);
+        // Only up to the next change.
+        let end =
+            self.changes.front().copied().unwrap_or(usize::MAX).min(change + AFTER).min(self.told.len());
         let before = change.checked_sub(1).and_then(|last| self.mean(last, 0..change));
         let after = self.mean((change + NEAR).min(end - 1), change..end);
         before.zip(after).is_none_or(|(before, after)| before.distance(&after).abs() >= CHANGE)
@@ -146,12 +148,19 @@ impl NoiseAround {
 
     /// Gives the noise of the frames before the one of index `end` that is known: of all of them if nothing after it counts (`ends`).
     fn give(&mut self, end: usize, ends: bool, known: &mut Vec<FrameNoise>) {
-        let sure = |reach: usize| if ends { end } else { end.saturating_sub(reach) };
-        while self.near.len() < sure(NEAR) {
+        // Noise settles over the pictures that are looked at, which copies delay. Once it has, it stays so up to the next change.
+        let settles = |this: &Self| {
+            let at = this.near.len();
+            let mut next = this.told.range(at.saturating_sub(NEAR)..end.min(at + NEAR + 1));
+            !this.told[end - 1].settled && next.all(|told| !told.settled)
+        };
+        let sure = if ends { end } else { end.saturating_sub(NEAR) };
+        while self.near.len() < sure && (ends || !settles(self)) {
             let mean = self.mean(self.near.len(), 0..end);
             self.near.push_back(mean);
         }
-        while self.given < sure(NEAR + FAR) {
+        let sure = if ends { end } else { self.near.len().saturating_sub(FAR) };
+        while self.given < sure {
             let (frame, mean) = (self.given, self.far(self.given));
             known.push(FrameNoise { mean, changed: frame == 0 && std::mem::take(&mut self.after_change) });
             self.given += 1;
@@ -162,10 +171,11 @@ impl NoiseAround {
     fn mean(&self, at: usize, stretch: Range<usize>) -> Option<Mean> {
         let next = at.saturating_sub(NEAR).max(stretch.start)..stretch.end.min(at + NEAR + 1);
         let settled = |i: &usize| self.told[*i].settled;
-        let own = next.clone().filter(settled).min_by_key(|i| i.abs_diff(at)).unwrap_or(next.end - 1);
-        let counting = next.filter(|i| settled(i) || *i == own);
+        let nearest = next.clone().filter(settled).min_by_key(|i| i.abs_diff(at));
+        let own = nearest.or_else(|| (next.end..stretch.end).find(settled)).unwrap_or(stretch.end - 1);
         let own = self.told[own].noise.known()?;
-        own.mean_of_kind(counting.filter_map(|i| Some((1.0, self.told[i].noise.known()?)))).map(Mean::new)
+        let settled = next.filter(settled).filter_map(|i| Some((1.0, self.told[i].noise.known()?)));
+        own.mean_of_kind(settled).or_else(|| Some(own.clone())).map(Mean::new)
     }
 
     /// The mean of the means around frame `at`, as far on each side as they are like its own. Their weights fall towards the ends of what counts, so
@@ -257,28 +267,30 @@ mod tests {
 
     #[test]
     fn a_change_stands_where_the_noise_differs() {
-        let found = |after: f32, frames: usize| {
+        let found = |after: f32, (before, frames): (usize, usize)| {
             let (mut around, mut found) = (NoiseAround::default(), vec![]);
-            for i in 0..300 + frames {
-                // It is noticed twelve frames late.
-                if i == 312 {
+            let noticed = before + 12;
+            for i in 0..before + frames {
+                if i == noticed {
                     around.change(12, &noise(after, 0.5));
                 }
-                let std = if i < 312 { 4.0 } else { after };
-                around.push(noise(std, 0.5), i >= 20 && !(312..324).contains(&i));
+                let std = if i < noticed { 4.0 } else { after };
+                around.push(noise(std, 0.5), i >= 20 && !(noticed..noticed + 12).contains(&i));
                 found.extend(around.known(false));
+                // The tracker's own frame waits for its neighbour, which makes one more.
+                assert!(i - found.len() < NEAR + FAR + AFTER);
             }
             found.extend(around.known(true));
-            assert_eq!(found.len(), 300 + frames);
+            assert_eq!(found.len(), before + frames);
             found
         };
-        for frames in [600, 100, 13] {
+        for (before, frames) in [(300, 600), (1250, 700), (300, 100), (300, 13)] {
             // The intervals overlap, but the noises differ.
-            let real = found(6.0, frames);
-            assert_eq!(changes(&real), [300]);
-            assert!(stds(&real)[..300].iter().all(|v| (v - 4.0).abs() < 1e-3));
-            assert!(stds(&real)[300..].iter().all(|v| (v - 6.0).abs() < 1e-3));
-            let none = found(4.4, frames);
+            let real = found(6.0, (before, frames));
+            assert_eq!(changes(&real), [before]);
+            assert!(stds(&real)[..before].iter().all(|v| (v - 4.0).abs() < 1e-3));
+            assert!(stds(&real)[before..].iter().all(|v| (v - 6.0).abs() < 1e-3));
+            let none = found(4.4, (before, frames));
             assert_eq!(changes(&none), [0; 0]);
             // No frame has another noise than that next to it.
             assert!(stds(&none).windows(2).all(|w| (w[0] - w[1]).abs() < 0.05));
@@ -304,9 +316,34 @@ mod tests {
         let found = around.known(true);
         assert_eq!(changes(&found), [0, 54, 102]);
         assert_eq!([0, 53, 54, 101, 102].map(|i| stds(&found)[i].round()), [4.0, 4.0, 8.0, 8.0, 12.0]);
+        // A change that is taken back soon counts for as long as it lasts.
+        for (std, frames) in [(4.0, 300), (8.0, 40), (4.0, 300)] {
+            around.change(0, &noise(std, 0.1));
+            (0..frames).for_each(|i| around.push(noise(std, 0.1), i >= 23));
+        }
+        let found = around.known(true);
+        assert_eq!(changes(&found), [0, 300, 340]);
+        assert_eq!([299, 300, 339, 340].map(|i| stds(&found)[i].round()), [4.0, 8.0, 8.0, 4.0]);
         // The next shot has nothing of that.
         (0..3).for_each(|_| around.push(noise(3.0, 0.1), false));
         assert_eq!(stds(&around.known(true)), [3.0; 3]);
+    }
+
+    #[test]
+    fn frames_before_the_noise_settles_have_that_of_those_after() {
+        // As where a clip begins with many copies of its first frame.
+        let (mut around, mut found) = (NoiseAround::default(), vec![]);
+        for i in 0..900 {
+            around.push(noise(if i < 150 { 9.0 } else { 4.0 }, 0.1), i >= 150);
+            found.extend(around.known(false));
+        }
+        assert!(!found.is_empty());
+        found.extend(around.known(true));
+        assert_eq!(stds(&found).iter().map(|v| v.round()).collect::<Vec<_>>(), [4.0; 900]);
+        // If it never settles, the last frame tells most.
+        (0..700).for_each(|i| around.push(noise(i as f32, 0.1), false));
+        assert!(around.known(false).is_empty());
+        assert_eq!(stds(&around.known(true)).iter().map(|v| v.round()).collect::<Vec<_>>(), [699.0; 700]);
     }
 
     #[test]

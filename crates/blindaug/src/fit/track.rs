@@ -521,8 +521,8 @@ impl Tracker {
         Ok(())
     }
 
-    /// Whether the noise rests on so few frames of this shot that those to come will correct it: a video coder leaves more noise in the
-    /// first frames than in those that follow.
+    /// Whether the noise rests on so few frames of this shot, or since it changed, that those to come will correct it: a video coder leaves more
+    /// noise in the first frames than in those that follow.
     pub fn noise_settles(&self) -> bool {
         self.noise.settles()
     }
