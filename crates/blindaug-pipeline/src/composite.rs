@@ -3,9 +3,9 @@
 use crate::{
     ByHand, Error, Result,
     estimate::of_frame,
-    footage::{BoxedSide, Clip, check_match, warn_of},
+    footage::{BoxedSide, Clip, check_match, has_reading},
     frames::{DEPTH, FLOW, FRAME, Made, Neighbours, Sink, check_memory, for_each_frame},
-    observer::Observer,
+    observer::{Observer, warn},
 };
 use blindaug::{
     CameraModel, Encoded, Flow, Frame, Linear, Overscan, Plane, Raster, Transfer,
@@ -356,9 +356,7 @@ impl Scene {
             Some(maps) => maps.get(number, size)?,
             None => None,
         };
-        // All of a map may be infinitely far.
-        let has_depth = |d: &Plane| d.data().iter().any(|v| !v.is_nan());
-        let no_depth = self.depth.is_some() && !inverse_depth.as_ref().is_some_and(has_depth);
+        let no_depth = self.depth.is_some() && !inverse_depth.as_ref().is_some_and(has_reading);
         missing.check(no_depth, number, "no real depth", "the object is not occluded");
         let renders = match &self.renders {
             Some([with, without]) => with.get(number, size)?.zip(without.get(number, size)?),
@@ -509,9 +507,10 @@ pub fn composite(
         }
     });
     // Also after an error, since the frames before it stay.
-    warn_of(layers, observer);
-    renders.iter().flatten().for_each(|side| warn_of(side, observer));
-    scene.holdout.iter().for_each(|side| warn_of(side, observer));
+    warn(observer, clip.warning());
+    warn(observer, layers.warning());
+    renders.iter().flatten().for_each(|side| warn(observer, side.warning()));
+    scene.holdout.iter().for_each(|side| warn(observer, side.warning()));
     Ok(Made { without_layer, ..made? })
 }
 
@@ -639,9 +638,8 @@ impl Application {
                 .map_err(|e| of_frame(clip, number, e))?
                 .try_for_each(|strip| sink.put(&strip))
         });
-        // The clip's warning is of the same files, but not of their alpha.
-        let more = layers.iter().filter(|layers| layers.warning() != clip.warning());
-        more.for_each(|layers| warn_of(layers, observer));
+        // Layers are the clip's own files, of which they know the alpha, too.
+        warn(observer, layers.as_ref().map_or_else(|| clip.warning(), |layers| layers.warning()));
         made
     }
 }

@@ -1,6 +1,6 @@
 //! Frames and their accompanying data, from any source.
 
-use crate::{Error, Result, observer::Observer};
+use crate::{Error, Result};
 use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
 use std::{
     collections::BTreeMap,
@@ -279,9 +279,9 @@ impl<T> Side<T> for blindaug_io::SideFolder<T> {
     }
 }
 
-/// Warns of what is wrong with accompanying data that were read.
-pub(crate) fn warn_of<T>(side: &BoxedSide<T>, observer: &dyn Observer) {
-    side.warning().iter().for_each(|words| observer.warning(words));
+/// Whether a map of inverse depth has a reading anywhere: all of it may be infinitely far.
+pub(crate) fn has_reading(map: &Plane) -> bool {
+    map.data().iter().any(|v| !v.is_nan())
 }
 
 /// Fails if there are no data for any of a clip's frames.

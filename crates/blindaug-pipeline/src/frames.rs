@@ -160,21 +160,6 @@ pub(crate) fn for_each_frame(
     sink: &mut dyn Sink,
     neighbours: bool,
     observer: &dyn Observer,
-    make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
-) -> Result<Made> {
-    let made = make_each(what, clip, sink, neighbours, observer, make);
-    // Also after an error, since the frames before it stay.
-    clip.warning().iter().for_each(|words| observer.warning(words));
-    made
-}
-
-/// [`for_each_frame`] without the warning of what is wrong with the clip's frames.
-fn make_each(
-    what: &'static str,
-    clip: &dyn Clip,
-    sink: &mut dyn Sink,
-    neighbours: bool,
-    observer: &dyn Observer,
     mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
 ) -> Result<Made> {
     let done = sink.done();

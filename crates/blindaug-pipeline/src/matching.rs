@@ -5,7 +5,7 @@ use crate::{
     composite::{DepthMaps, Missing, Rendered, in_metres},
     estimate::of_frame,
     frames::{DEPTH, FLOW, FRAME, Made, Sink, check_memory, for_each_frame},
-    observer::Observer,
+    observer::{Observer, warn},
 };
 use blindaug::{
     CameraModel,
@@ -121,7 +121,7 @@ impl Match {
         let neighbours = *moving && footage.flow.is_none();
         let (mut missing, mut said) = (Missing::new(observer), false);
         let seed = (!options.no_noise).then_some(options.seed);
-        for_each_frame("matching", clip, sink, neighbours, observer, |frame, neighbours, sink| {
+        let made = for_each_frame("matching", clip, sink, neighbours, observer, |frame, neighbours, sink| {
             let (number, size) = (frame.number, clip.size());
             let of_frame = |e| of_frame(clip, number, e);
             let matching = Matching::new(&from.at(number), to, size.0, options.bokeh).map_err(of_frame)?;
@@ -155,6 +155,8 @@ impl Match {
                 .apply(&frame.image, number, inverse_depth.as_ref(), flow.as_ref(), seed)
                 .map_err(of_frame)?;
             sink.put(&matched.0)
-        })
+        });
+        warn(observer, footage.clip.warning());
+        made
     }
 }

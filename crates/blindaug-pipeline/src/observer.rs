@@ -28,6 +28,13 @@ pub trait Observer {
     }
 }
 
+/// Warns an observer of what [`Clip::warning`](crate::Clip::warning) or [`Side::warning`](crate::Side::warning) say, if anything.
+pub(crate) fn warn(observer: &dyn Observer, said: Option<String>) {
+    if let Some(words) = said {
+        observer.warning(&words);
+    }
+}
+
 /// An observer that says nothing and never stops a job.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;

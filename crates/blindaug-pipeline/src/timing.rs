@@ -5,7 +5,7 @@ use crate::{
     estimate::{of_clip, of_frame},
     footage::{Clip, READ_AHEAD, all_frames, read_ahead},
     frames::FRAME,
-    observer::{Observer, Steps},
+    observer::{Observer, Steps, warn},
 };
 use blindaug::{
     fit::timing::{Timing, TimingAnalyser},
@@ -54,7 +54,7 @@ pub fn timing(clip: &dyn Clip, observer: &dyn Observer) -> Result<Timed> {
         Ok(())
     })?;
     drop(steps);
-    clip.warning().iter().for_each(|words| observer.warning(words));
+    warn(observer, clip.warning());
     let timing = analyser.finish().map_err(|e| of_clip(clip, e))?;
     Ok(Timed { timing, first: first.unwrap_or(0), last, stopped })
 }

@@ -279,7 +279,7 @@ mod coded {
     use crate::Silent;
     use blindaug::{
         Encoded, Raster, filter, luma,
-        model::{CameraModel, Distortion, total_of_levels},
+        model::{CameraModel, Distortion},
     };
     use blindaug_io::{FrameRange, FrameSource, VideoCoding, VideoWriter};
     use rand::{Rng, SeedableRng, rngs::StdRng};
@@ -314,7 +314,7 @@ mod coded {
     /// The std of the noise over a grey card, of 255.
     fn over_a_card(model: &CameraModel) -> f32 {
         let noise = model.noise.known().expect("all can be followed");
-        255.0 * luma(total_of_levels(&std::array::from_fn(|l| noise.std_over(l, [0.45; 3]))))
+        255.0 * luma(noise.total_std_over([0.45; 3]))
     }
 
     /// The first 60 frames alone, since a coder saves bits at a clip's end.

@@ -3,9 +3,10 @@
 use crate::{
     Result,
     footage::{
-        BoxedSide, Clip, Footage, Frames, Side, all_frames, all_frames_and_one, check_match, read_ahead,
+        BoxedSide, Clip, Footage, Frames, Side, all_frames, all_frames_and_one, check_match, has_reading,
+        read_ahead,
     },
-    observer::{Observer, Steps},
+    observer::{Observer, Steps, warn},
     operators::{EvidenceSink, Operators},
 };
 use blindaug::{
@@ -67,7 +68,7 @@ impl<'a, T> Counted<'a, T> {
         if self.matched < frames {
             observer.note(&format!("{what}: {} of {frames} frames have it", self.matched));
         }
-        side.warning().iter().for_each(|words| observer.warning(words));
+        warn(observer, side.warning());
     }
 }
 
@@ -116,7 +117,7 @@ impl<'a> Sides<'a> {
         let depth = self.depth.get(number, size, wanted)?;
         if let Some(map) = &depth {
             self.maps[0] += 1;
-            self.maps[1] += u64::from(map.data().iter().all(|d| d.is_nan()));
+            self.maps[1] += u64::from(!has_reading(map));
         }
         Ok(Given {
             flow: self.flow.get(number, size, wanted)?,
@@ -130,7 +131,7 @@ impl<'a> Sides<'a> {
 
     /// Tells the observer which data not all frames have, and what is wrong with frames and data.
     fn report(&self, frames: u64, observer: &dyn Observer) {
-        self.footage.clip.warning().iter().for_each(|words| observer.warning(words));
+        warn(observer, self.footage.clip.warning());
         self.depth.report("depth", frames, observer);
         match self.maps {
             [_, 0] => {}

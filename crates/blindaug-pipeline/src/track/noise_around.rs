@@ -1,8 +1,9 @@
 //! The mean noise of the frames around each frame of a clip, and which of its changes stand.
 
 use blindaug::{
+    fit::noise::UNSEEN_STD,
     luma,
-    model::{Estimate, NoiseModel, total_of_levels},
+    model::{Estimate, NoiseModel},
 };
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -21,8 +22,6 @@ const AFTER: usize = 96;
 const CHANGE: f32 = 0.2;
 /// The luminances over which noises are compared.
 const GREYS: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
-/// A std that cannot be seen: those below it are alike.
-const UNSEEN: f32 = 0.25 / 255.0;
 
 /// A weight that falls from 1 to 0 as `x` grows to 1, most of it near there.
 fn taper(x: f32) -> f32 {
@@ -39,11 +38,11 @@ struct Mean {
 
 impl Mean {
     fn new(noise: NoiseModel) -> Self {
-        let log = |std: [f32; 3]| luma(std).max(UNSEEN).ln();
+        // What cannot be seen is alike.
+        let log = |std: [f32; 3]| luma(std).max(UNSEEN_STD).ln();
         let mean = |of: &dyn Fn(f32) -> f32| GREYS.map(of).iter().sum::<f32>() / GREYS.len() as f32;
-        let over = |y: f32| total_of_levels(&std::array::from_fn(|level| noise.std_over(level, [y; 3])));
         let end = |end: usize| mean(&|y| log(noise.interval_of_total_std(y)[end]) - log(noise.total_std(y)));
-        Self { log: mean(&|y| log(over(y))), ends: [0, 1].map(end), noise }
+        Self { log: mean(&|y| log(noise.total_std_over([y; 3]))), ends: [0, 1].map(end), noise }
     }
 
     /// The log of the ratio of another noise's std to this one's.
@@ -148,14 +147,8 @@ impl NoiseAround {
 
     /// Gives the noise of the frames before the one of index `end` that is known: of all of them if nothing after it counts (`ends`).
     fn give(&mut self, end: usize, ends: bool, known: &mut Vec<FrameNoise>) {
-        // Noise settles over the pictures that are looked at, which copies delay. Once it has, it stays so up to the next change.
-        let settles = |this: &Self| {
-            let at = this.near.len();
-            let mut next = this.told.range(at.saturating_sub(NEAR)..end.min(at + NEAR + 1));
-            !this.told[end - 1].settled && next.all(|told| !told.settled)
-        };
         let sure = if ends { end } else { end.saturating_sub(NEAR) };
-        while self.near.len() < sure && (ends || !settles(self)) {
+        while self.near.len() < sure && (ends || !self.settles(self.near.len(), end)) {
             let mean = self.mean(self.near.len(), 0..end);
             self.near.push_back(mean);
         }
@@ -165,6 +158,13 @@ impl NoiseAround {
             known.push(FrameNoise { mean, changed: frame == 0 && std::mem::take(&mut self.after_change) });
             self.given += 1;
         }
+    }
+
+    /// Whether the mean next to frame `at` waits for frames that are still to come, since none before the one of index `end` tells it: noise
+    /// settles over the pictures that are looked at, which copies delay. Once it has settled, it stays so up to the next change.
+    fn settles(&self, at: usize, end: usize) -> bool {
+        let mut next = self.told.range(at.saturating_sub(NEAR)..end.min(at + NEAR + 1));
+        !self.told[end - 1].settled && next.all(|told| !told.settled)
     }
 
     /// The mean of the noise of the frames of a stretch that lie next to frame `at`; `None` if that is unknown.

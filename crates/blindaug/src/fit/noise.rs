@@ -130,7 +130,7 @@ pub struct NoiseEvidence {
 }
 
 /// The std, in encoded values, of noise that cannot be seen: a quarter of a step of 8 bits.
-pub(super) const UNSEEN_STD: f32 = 0.25 / 255.0;
+pub const UNSEEN_STD: f32 = 0.25 / 255.0;
 
 /// The largest correlation between successive frames that is believed: beyond it, next to nothing of the noise shows in a difference.
 pub(super) const MOST_CORRELATED: f32 = 0.9;

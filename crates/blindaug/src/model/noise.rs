@@ -244,6 +244,11 @@ impl NoiseModel {
         total_of_levels(&std)
     }
 
+    /// The std of R, G and B over a flat area of this encoded colour, all levels together.
+    pub fn total_std_over(&self, colour: [f32; 3]) -> [f32; 3] {
+        total_of_levels(&std::array::from_fn(|level| self.std_over(level, colour)))
+    }
+
     /// The 95 % interval of [`NoiseModel::total_std`], the low ends and the high ends in R, G and B: the ends of all levels together.
     pub fn interval_of_total_std(&self, y: f32) -> [[f32; 3]; 2] {
         let ends: [[[f32; 2]; 3]; NOISE_LEVELS] =
