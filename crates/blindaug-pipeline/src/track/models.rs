@@ -1,6 +1,6 @@
 //! The models of frames that are shown one after another.
 
-use super::noise_around::NoiseAround;
+use super::noise_around::{NoiseAround, Told};
 use blindaug::{
     Result,
     fit::{FrameObservation, track::Tracker},
@@ -53,12 +53,16 @@ impl ClipModels {
         }
         let camera = self.models.push(frame, observation)?;
         let tracker = &self.models.tracker;
+        let (noise, coding_spread) = tracker.noise_of_frames().expect("a frame was pushed");
+        let mut noise = noise.clone();
+        self.models.noise_kind.reduce(&mut noise);
+        let told = Told { noise, settled: !tracker.noise_settles(), coding_spread };
         if camera.changed.of(Distortion::Noise) {
             // The last frames have the new noise, too: the change is noticed late.
             let late = tracker.noise_changed_before().min(self.waiting.len());
-            self.noises.change(late, &camera.camera.noise);
+            self.noises.change(late, &told);
         }
-        self.noises.push(camera.camera.noise.clone(), !tracker.noise_settles());
+        self.noises.push(told);
         self.waiting.push_back(camera);
         self.release(false);
         Ok(())

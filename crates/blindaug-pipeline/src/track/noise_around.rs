@@ -31,18 +31,25 @@ fn taper(x: f32) -> f32 {
 /// A mean noise.
 struct Mean {
     noise: NoiseModel,
+    /// [`Told::coding_spread`].
+    coding_spread: f32,
     /// The mean over [`GREYS`] of the log of the std, and by how much the ends of its interval differ from that.
     log: f32,
     ends: [f32; 2],
 }
 
 impl Mean {
-    fn new(noise: NoiseModel) -> Self {
+    fn new(noise: NoiseModel, coding_spread: f32) -> Self {
         // What cannot be seen is alike.
         let log = |std: [f32; 3]| luma(std).max(UNSEEN_STD).ln();
         let mean = |of: &dyn Fn(f32) -> f32| GREYS.map(of).iter().sum::<f32>() / GREYS.len() as f32;
         let end = |end: usize| mean(&|y| log(noise.interval_of_total_std(y)[end]) - log(noise.total_std(y)));
-        Self { log: mean(&|y| log(noise.total_std_over([y; 3]))), ends: [0, 1].map(end), noise }
+        Self {
+            log: mean(&|y| log(noise.total_std_over([y; 3]))),
+            ends: [0, 1].map(end),
+            noise,
+            coding_spread,
+        }
     }
 
     /// The log of the ratio of another noise's std to this one's.
@@ -79,10 +86,13 @@ pub(super) struct NoiseAround {
 }
 
 /// What the tracker told of a frame's noise.
-struct Told {
-    noise: Estimate<NoiseModel>,
+#[derive(Clone)]
+pub(super) struct Told {
+    /// The noise, and the std of the logarithm of the factor by which that of all frames is off alike (`Tracker::noise_of_frames`).
+    pub(super) noise: Estimate<NoiseModel>,
+    pub(super) coding_spread: f32,
     /// Whether it rests on so many frames that those to come will not correct it.
-    settled: bool,
+    pub(super) settled: bool,
 }
 
 /// The noise of a frame in the end.
@@ -95,20 +105,20 @@ pub(super) struct FrameNoise {
 }
 
 impl NoiseAround {
-    /// Takes the noise of the next frame, and whether it has settled.
-    pub(super) fn push(&mut self, noise: Estimate<NoiseModel>, settled: bool) {
-        self.told.push_back(Told { noise, settled });
+    /// Takes the noise of the next frame.
+    pub(super) fn push(&mut self, told: Told) {
+        self.told.push_back(told);
     }
 
-    /// Takes note that the noise has changed, to `noise`: the next frame has it, and the `late` frames before that, of which none may have been
+    /// Takes note that the noise has changed, to `new`: the next frame has it, and the `late` frames before that, of which none may have been
     /// given its noise.
-    pub(super) fn change(&mut self, late: usize, noise: &Estimate<NoiseModel>) {
+    pub(super) fn change(&mut self, late: usize, new: &Told) {
         let first = self.told.len().saturating_sub(late);
         // A change that was noticed before, but is not older, is the same one.
         self.changes.retain(|&change| change < first);
         self.changes.push_back(first);
         self.near.truncate(first.saturating_sub(NEAR));
-        self.told.range_mut(first..).for_each(|t| *t = Told { noise: noise.clone(), settled: false });
+        self.told.range_mut(first..).for_each(|told| *told = Told { settled: false, ..new.clone() });
     }
 
     /// The noise of the frames, in their order, that was not given so far and will not change any more: of all of them if this is the end
@@ -173,9 +183,10 @@ impl NoiseAround {
         let settled = |i: &usize| self.told[*i].settled;
         let nearest = next.clone().filter(settled).min_by_key(|i| i.abs_diff(at));
         let own = nearest.or_else(|| (next.end..stretch.end).find(settled)).unwrap_or(stretch.end - 1);
-        let own = self.told[own].noise.known()?;
+        let Told { noise, coding_spread, .. } = &self.told[own];
+        let own = noise.known()?;
         let settled = next.filter(settled).filter_map(|i| Some((1.0, self.told[i].noise.known()?)));
-        own.mean_of_kind(settled).or_else(|| Some(own.clone())).map(Mean::new)
+        own.mean_of_kind(settled).or_else(|| Some(own.clone())).map(|mean| Mean::new(mean, *coding_spread))
     }
 
     /// The mean of the means around frame `at`, as far on each side as they are like its own. Their weights fall towards the ends of what counts, so
@@ -191,7 +202,10 @@ impl NoiseAround {
         // The same frames count for all frames between them.
         let before = (at.saturating_sub(FAR).div_ceil(STEP)..=at / STEP).rev().scan(1.0, weighted);
         let after = (at / STEP + 1..=(at + FAR) / STEP).scan(1.0, weighted);
-        own.noise.mean_of_kind(std::iter::once((1.0, &own.noise)).chain(before).chain(after))
+        let mut mean =
+            own.noise.mean_of_kind(std::iter::once((1.0, &own.noise)).chain(before).chain(after))?;
+        mean.allow_for(own.coding_spread);
+        Some(mean)
     }
 
     /// Forgets the first frames.
@@ -219,6 +233,11 @@ mod tests {
         Estimate::Known(model)
     }
 
+    /// What the tracker tells of a frame.
+    fn told_as(noise: Estimate<NoiseModel>, settled: bool) -> Told {
+        Told { noise, coding_spread: 0.0, settled }
+    }
+
     /// The stds of means, of 255; 0 where the noise is unknown.
     fn stds(found: &[FrameNoise]) -> Vec<f32> {
         let std = |m: &NoiseModel| 255.0 * m.lines().levels[0].intercept[0];
@@ -243,7 +262,7 @@ mod tests {
         let means = |share: f32| {
             let (mut around, mut found) = (NoiseAround::default(), vec![]);
             for i in 0..FRAMES {
-                around.push(noise(told(i), share), i >= 20);
+                around.push(told_as(noise(told(i), share), i >= 20));
                 let known = around.known(false);
                 assert_eq!(known.len(), usize::from(i >= NEAR + FAR));
                 found.extend(known);
@@ -272,10 +291,10 @@ mod tests {
             let noticed = before + 12;
             for i in 0..before + frames {
                 if i == noticed {
-                    around.change(12, &noise(after, 0.5));
+                    around.change(12, &told_as(noise(after, 0.5), false));
                 }
                 let std = if i < noticed { 4.0 } else { after };
-                around.push(noise(std, 0.5), i >= 20 && !(noticed..noticed + 12).contains(&i));
+                around.push(told_as(noise(std, 0.5), i >= 20 && !(noticed..noticed + 12).contains(&i)));
                 found.extend(around.known(false));
                 // The tracker's own frame waits for its neighbour, which makes one more.
                 assert!(i - found.len() < NEAR + FAR + AFTER);
@@ -301,31 +320,31 @@ mod tests {
     fn changes_close_together_and_at_the_begin() {
         let mut around = NoiseAround::default();
         // The shot's first frame has another noise than was told of it.
-        around.push(noise(2.0, 0.1), false);
-        around.change(1, &noise(4.0, 0.1));
+        around.push(told_as(noise(2.0, 0.1), false));
+        around.change(1, &told_as(noise(4.0, 0.1), false));
         for _ in 0..60 {
-            around.push(noise(4.0, 0.1), true);
+            around.push(told_as(noise(4.0, 0.1), true));
         }
         // The first two of these three changes are one.
-        around.change(4, &noise(8.0, 0.1));
-        around.push(noise(8.0, 0.1), false);
-        around.change(8, &noise(8.0, 0.1));
-        (0..40).for_each(|_| around.push(noise(8.0, 0.1), true));
-        around.change(0, &noise(12.0, 0.1));
-        (0..40).for_each(|_| around.push(noise(12.0, 0.1), true));
+        around.change(4, &told_as(noise(8.0, 0.1), false));
+        around.push(told_as(noise(8.0, 0.1), false));
+        around.change(8, &told_as(noise(8.0, 0.1), false));
+        (0..40).for_each(|_| around.push(told_as(noise(8.0, 0.1), true)));
+        around.change(0, &told_as(noise(12.0, 0.1), false));
+        (0..40).for_each(|_| around.push(told_as(noise(12.0, 0.1), true)));
         let found = around.known(true);
         assert_eq!(changes(&found), [0, 54, 102]);
         assert_eq!([0, 53, 54, 101, 102].map(|i| stds(&found)[i].round()), [4.0, 4.0, 8.0, 8.0, 12.0]);
         // A change that is taken back soon counts for as long as it lasts.
         for (std, frames) in [(4.0, 300), (8.0, 40), (4.0, 300)] {
-            around.change(0, &noise(std, 0.1));
-            (0..frames).for_each(|i| around.push(noise(std, 0.1), i >= 23));
+            around.change(0, &told_as(noise(std, 0.1), false));
+            (0..frames).for_each(|i| around.push(told_as(noise(std, 0.1), i >= 23)));
         }
         let found = around.known(true);
         assert_eq!(changes(&found), [0, 300, 340]);
         assert_eq!([299, 300, 339, 340].map(|i| stds(&found)[i].round()), [4.0, 8.0, 8.0, 4.0]);
         // The next shot has nothing of that.
-        (0..3).for_each(|_| around.push(noise(3.0, 0.1), false));
+        (0..3).for_each(|_| around.push(told_as(noise(3.0, 0.1), false)));
         assert_eq!(stds(&around.known(true)), [3.0; 3]);
     }
 
@@ -334,14 +353,14 @@ mod tests {
         // As where a clip begins with many copies of its first frame.
         let (mut around, mut found) = (NoiseAround::default(), vec![]);
         for i in 0..900 {
-            around.push(noise(if i < 150 { 9.0 } else { 4.0 }, 0.1), i >= 150);
+            around.push(told_as(noise(if i < 150 { 9.0 } else { 4.0 }, 0.1), i >= 150));
             found.extend(around.known(false));
         }
         assert!(!found.is_empty());
         found.extend(around.known(true));
         assert_eq!(stds(&found).iter().map(|v| v.round()).collect::<Vec<_>>(), [4.0; 900]);
         // If it never settles, the last frame tells most.
-        (0..700).for_each(|i| around.push(noise(i as f32, 0.1), false));
+        (0..700).for_each(|i| around.push(told_as(noise(i as f32, 0.1), false)));
         assert!(around.known(false).is_empty());
         assert_eq!(stds(&around.known(true)).iter().map(|v| v.round()).collect::<Vec<_>>(), [699.0; 700]);
     }
@@ -357,13 +376,13 @@ mod tests {
         };
         let mut around = NoiseAround::default();
         for noise in [measured(2.0), unknown(), noise(50.0, 0.1), measured(4.0)] {
-            around.push(noise, true);
+            around.push(told_as(noise, true));
             assert!(around.known(false).is_empty());
         }
         let found = around.known(true);
         assert_eq!(found[0].mean.as_ref().unwrap().samples(), 2);
         assert_eq!(stds(&found).iter().map(|v| v.round()).collect::<Vec<_>>(), [3.0, 0.0, 50.0, 3.0]);
-        around.push(unknown(), false);
+        around.push(told_as(unknown(), false));
         assert_eq!(around.known(true), [FrameNoise { mean: None, changed: false }]);
     }
 }

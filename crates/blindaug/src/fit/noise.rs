@@ -80,6 +80,9 @@ pub struct NoiseFit {
     pub luma: Option<LumaNoise>,
     /// The measured points that the lines go through.
     pub points: Vec<NoisePoint>,
+    /// The std of the logarithm of the factor by which the noise of compressed footage is off, which is the same in all of its frames and which the
+    /// model's interval does not hold yet ([`NoiseModel::allow_for`]). 0 without a coder.
+    pub coding_spread: f32,
 }
 
 /// The noise of luma, for estimators that work on luma.
@@ -101,6 +104,11 @@ impl LumaNoise {
     pub(super) fn may_be_compressed(&self) -> bool {
         self.coding_error > 0.0
     }
+
+    /// How surely a coder has taken away noise, in [0, 1].
+    pub(super) fn lost(&self) -> f32 {
+        (self.coding_error / MAX_CODING_ERROR).sqrt()
+    }
 }
 
 /// The std of luma's noise in one level: `slope * Y + intercept`.
@@ -118,8 +126,10 @@ pub struct NoiseEvidence {
     method: Method,
     /// Whether the variances are those of the paper's windows, which are used without a choice or a correction.
     windowed: bool,
-    /// Whether all flat parts of the picture count, rather than those that match best.
+    /// Whether all flat parts of the picture count, rather than those that match best, or that are flattest of all.
     flat: bool,
+    /// The number of blocks of [`collect::COPIED`] px that were compared between two frames and do not clip, and how many of these were the same.
+    compared: [usize; 2],
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// The histogram of the 8-bit value of each pixel's brightest channel.
     brightest: Box<[u64; 256]>,
@@ -145,6 +155,7 @@ impl NoiseEvidence {
             method,
             windowed: false,
             flat: false,
+            compared: [0; 2],
             levels: Default::default(),
             brightest: Box::new([0; 256]),
             coloured: false,
@@ -159,10 +170,11 @@ impl NoiseEvidence {
         evidence
     }
 
-    /// No evidence yet of frames that lie apart in compressed footage, with their differences along the flow. A coder copies some blocks
-    /// and renews others, and what matches best was copied: so all flat parts of the picture count.
-    pub(super) fn of_flat_parts() -> Self {
-        Self { flat: true, ..Self::new(Method::Temporal) }
+    /// No evidence yet of compressed footage. A coder copies or smooths some blocks and renews others, and those that match best, or that have
+    /// least structure, were copied or smoothed: so all flat parts of the picture count. `method` is [`Method::Temporal`], for differences of
+    /// frames that lie apart along the flow, or [`Method::Spatial`].
+    pub(super) fn of_flat_parts(method: Method) -> Self {
+        Self { flat: true, ..Self::new(method) }
     }
 
     /// The number of local variances.
@@ -189,6 +201,7 @@ impl NoiseEvidence {
     pub fn merge(&mut self, other: &Self) {
         self.windowed |= other.windowed;
         self.flat |= other.flat;
+        (0..2).for_each(|i| self.compared[i] += other.compared[i]);
         self.coloured |= other.coloured;
         self.successive.extend_from_slice(&other.successive);
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
@@ -218,7 +231,12 @@ impl NoiseEvidence {
                     "the frames are too small, clipped everywhere, or have too few parts that are about as bright",
                 ),
             };
-            return NoiseFit { model: Estimate::unknown(reason, why), luma: None, points: vec![] };
+            return NoiseFit {
+                model: Estimate::unknown(reason, why),
+                luma: None,
+                points: vec![],
+                coding_spread: 0.0,
+            };
         }
         let pure = self.is_pure();
         let single = self.single_spectrum();
@@ -287,13 +305,21 @@ impl NoiseEvidence {
         };
         let coding_error = self.coding_error_by(&finest);
         let luma = LumaNoise { levels: luma, coding_error };
-        NoiseFit { model: Estimate::Known(model), luma: Some(luma), points }
+        NoiseFit { model: Estimate::Known(model), luma: Some(luma), points, coding_spread: 0.0 }
     }
 
     /// Whether a coder may have taken away any of the noise, or has copied so much that there is too little to tell.
     pub(super) fn may_hide_noise(&self) -> bool {
         let finest = self.finest();
-        finest.is_empty() || self.coding_error_by(&finest) > 0.0
+        finest.is_empty() || self.is_copied() || self.coding_error_by(&finest) > 0.0
+    }
+
+    /// Whether so much of one frame is the same in the next one that a coder must have copied it: noise is never the same.
+    pub(super) fn is_copied(&self) -> bool {
+        /// The least share of the blocks.
+        const SHARE: f32 = 0.25;
+        let [all, same] = self.compared;
+        same as f32 > SHARE * all as f32
     }
 
     /// The finest level's bins; none if there are too few variances.

@@ -41,7 +41,7 @@ use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_pixel;
 use crate::model::{
     CameraModel, Capture, Changes, DefocusModel, DepthKind, Distortion, Estimate, ExposureFraction,
-    MotionBlurModel, Reason, SharpeningModel, Space, Unknown,
+    MotionBlurModel, NoiseModel, Reason, SharpeningModel, Space, Unknown,
 };
 use crate::portable::Portable;
 use crate::{Encoded, Error, Flow, Plane, Result, par};
@@ -98,6 +98,8 @@ pub struct Tracker {
     /// The number of the first frame in which parallax is looked for again, from 0, and whether it gave depth the last time.
     next_parallax: (usize, bool),
     noise: NoiseFollower,
+    /// The noise of the last frame with the interval within which what is told of several frames scatters.
+    scattering: Option<Estimate<NoiseModel>>,
     exposure: ExposureMemory,
     streaks: StreaksMemory,
     lens: LensMemory,
@@ -221,6 +223,7 @@ impl Tracker {
             next_parallax: (0, true),
             swings: Swings::default(),
             noise: NoiseFollower::default(),
+            scattering: None,
             exposure: ExposureMemory::default(),
             streaks: StreaksMemory::default(),
             lens: LensMemory::default(),
@@ -307,6 +310,10 @@ impl Tracker {
         let neighbour = neighbour.zip(geometry.flow.as_deref());
         (model.noise, self.changes) =
             self.noise.follow((self.frames, frame, repeated), neighbour, &mut self.follower)?;
+        self.scattering = Some(model.noise.clone());
+        if let Estimate::Known(noise) = &mut model.noise {
+            noise.allow_for(self.noise.coding_spread);
+        }
         if self.changes.of(Distortion::Noise) {
             // The recent evidence of blur was found with the wrong noise.
             self.exposure.forget_recent();
@@ -525,6 +532,13 @@ impl Tracker {
     /// noise in the first frames than in those that follow.
     pub fn noise_settles(&self) -> bool {
         self.noise.settles()
+    }
+
+    /// The noise of the last frame as in [`Tracker::model`], but with the interval within which what is told of several frames scatters; and the
+    /// std of the logarithm of the factor by which the noise of compressed footage is off in all frames alike, 0 without a coder. `None` before the
+    /// first frame.
+    pub fn noise_of_frames(&self) -> Option<(&Estimate<NoiseModel>, f32)> {
+        self.scattering.as_ref().map(|noise| (noise, self.noise.coding_spread))
     }
 
     /// The number of frames before the last one that already have the new noise, if a change of the noise was noticed in the last frame; else 0.

@@ -256,6 +256,34 @@ impl NoiseModel {
         [0, 1].map(|end| total_of_levels(&ends.map(|level| level.map(|interval| interval[end]))))
     }
 
+    /// Widens the 95 % intervals for an error that is independent of theirs, and the logarithm of whose factor on the std has the std `spread`.
+    pub fn allow_for(&mut self, spread: f32) {
+        /// The luminances at which an end may lie nearest to the std: of those that do not occur in the footage, lines tell next to nothing.
+        const GREYS: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
+        if spread <= 0.0 {
+            return;
+        }
+        let distance = |model: &Self, end: usize| {
+            let log = |std: [f32; 3]| luma(std).max(1e-9).portable_ln();
+            let at = |y: f32| (log(model.interval_of_total_std(y)[end]) - log(model.total_std(y))).abs();
+            GREYS.map(at).into_iter().fold(f32::INFINITY, f32::min)
+        };
+        // What an end must be multiplied by follows from the lines and intervals of all levels: bisection finds it.
+        let factor = |end: usize, outermost: f32| {
+            let wanted = distance(self, end).portable_hypot(1.96 * spread);
+            let (mut inner, mut outer) = (1.0, outermost);
+            for _ in 0..16 {
+                let middle = 0.5 * (inner + outer);
+                let mut widened = self.clone();
+                widened.widen(if end == 0 { middle } else { 1.0 }, if end == 1 { middle } else { 1.0 });
+                *(if distance(&widened, end) < wanted { &mut inner } else { &mut outer }) = middle;
+            }
+            outer
+        };
+        let (lower, upper) = (factor(0, 0.0), factor(1, 100.0));
+        self.widen(lower, upper);
+    }
+
     /// Multiplies the std, with its intervals, by a factor, >= 0.
     pub fn multiply(&mut self, factor: f32) {
         if let Self::Curves(curves) = self {
@@ -413,6 +441,37 @@ impl NoiseLines {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn intervals_are_widened_for_an_independent_error() {
+        // Noise that grows or falls with luminance, and noise that does not depend on it.
+        for slope in [0.004, -0.006, 0.0] {
+            let level = NoiseLevel { slope: [slope; 3], intercept: [0.01; 3] };
+            let mut model = NoiseModel::given([level; NOISE_LEVELS], 1.0);
+            let interval =
+                NoiseInterval { slope: [[slope - 0.001, slope + 0.001]; 3], intercept: [[0.008, 0.013]; 3] };
+            model.lines_mut().interval = Some([interval; NOISE_LEVELS]);
+            let ends = |model: &NoiseModel, y: f32| {
+                model.interval_of_total_std(y).map(|end| (end[1] / model.total_std(y)[1]).ln().abs())
+            };
+            for spread in [0.1, 0.45] {
+                let mut wide = model.clone();
+                wide.allow_for(spread);
+                for end in [0, 1] {
+                    // It is as wide as it should be where it was narrowest, and elsewhere about as wide.
+                    let over = [0.2, 0.35, 0.5, 0.65, 0.8]
+                        .map(|y| ends(&wide, y)[end] / ends(&model, y)[end].hypot(1.96 * spread));
+                    assert!(over.iter().all(|o| (0.8..1.5).contains(o)), "{slope} {spread} {end}: {over:?}");
+                    assert!(over.iter().any(|o| (o - 1.0).abs() < 0.02), "{slope} {spread} {end}: {over:?}");
+                }
+                assert!(wide.total_std(0.5) == model.total_std(0.5) && wide.validate().is_ok());
+            }
+            // Without an error it stays as it is.
+            let mut same = model.clone();
+            same.allow_for(0.0);
+            assert_eq!(same, model);
+        }
+    }
 
     #[test]
     fn noise_over_log_values_becomes_that_over_srgb() {

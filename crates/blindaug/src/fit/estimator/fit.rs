@@ -78,7 +78,10 @@ impl Estimator {
             Family::Removal => [&denoised, &temporal, &spatial],
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
-        let fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        let mut fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        if let Estimate::Known(model) = &mut fit.model {
+            model.allow_for(fit.coding_spread);
+        }
         if fit.model.known().is_some_and(|m| m.method() == Method::Spatial) {
             diagnostics.notes.push(
                 "noise was measured in single frames: coarse noise cannot be told from structure there; how it goes with fine noise is taken from cameras, or from white noise where neighbouring pixels are independent"

@@ -14,6 +14,9 @@ pub(super) const LOWER_HALF: [f32; NOISE_LEVELS] = [0.93, 0.84, 0.821, 0.658];
 /// Mean squares of pure noise in the next coarser band differ by less than these factors; the coarsest are means of only four values.
 const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
 
+/// The share of the blocks of a luminance that are the flat parts of the picture, and the fewest.
+const FLATTEST: (f32, usize) = (0.25, 8);
+
 /// The number of bins of luminance.
 const LUMINANCES: usize = 16;
 
@@ -49,8 +52,6 @@ impl NoiseEvidence {
     /// The blocks in which the picture has least texture, so that what differs between two frames is noise and a coder's doing, however
     /// well or badly it matches; without those that differ so much more than most that something else is seen.
     fn flat_blocks(&self, level: usize) -> Vec<&LocalVariance> {
-        /// The share of the blocks of a luminance that are taken, and the fewest.
-        const FLATTEST: (f32, usize) = (0.25, 8);
         /// The most of a block's variance, over the median.
         const MOST: f32 = 2.0;
         fn undoubted(mut blocks: Vec<&LocalVariance>) -> Vec<&LocalVariance> {
@@ -66,6 +67,26 @@ impl NoiseEvidence {
         let mut bins: [Vec<&LocalVariance>; LUMINANCES] = Default::default();
         self.sound_blocks(level).for_each(|b| bins[luminance_bin(b.y)].push(b));
         bins.into_iter().flat_map(undoubted).collect()
+    }
+
+    /// Puts the rank of each block among those of its frame that are about as bright, in [0, 1], in place of what tells its structure, so that the
+    /// same share of each frame's blocks is chosen where frames are put together. A coder leaves less of everything in some frames: all that is
+    /// chosen would be theirs.
+    pub(in crate::fit) fn rank(&mut self) {
+        type Measure = (fn(&LocalVariance) -> f32, fn(&mut LocalVariance) -> &mut f32);
+        const MEASURES: [Measure; 2] =
+            [(|b| b.structure, |b| &mut b.structure), (|b| b.coarser_power, |b| &mut b.coarser_power)];
+        for blocks in &mut self.levels {
+            let mut bins: [Vec<&mut LocalVariance>; LUMINANCES] = Default::default();
+            blocks.iter_mut().for_each(|b| bins[luminance_bin(b.y)].push(b));
+            for mut bin in bins {
+                for (of, measure) in MEASURES {
+                    bin.sort_by(|a, b| of(a).total_cmp(&of(b)));
+                    let count = bin.len() as f32;
+                    bin.iter_mut().enumerate().for_each(|(i, b)| *measure(b) = (i as f32 + 0.5) / count);
+                }
+            }
+        }
     }
 
     /// The mean variance of the finest level's luma where the picture has least texture; `None` if there are no such parts.
@@ -100,7 +121,7 @@ impl NoiseEvidence {
         /// coded footage of a camera that stands still, of leaves in the wind 2.4.
         const BY_TEXTURE: f32 = 1.8;
         if self.flat {
-            return true;
+            return self.method == Method::Temporal;
         }
         let pure = self.levels[1].iter().filter(|b| b.pure).count();
         2 * pure > self.levels[1].len()
@@ -189,6 +210,7 @@ impl NoiseEvidence {
         // variance. The windows of a denoiser's residual are all used, as in the paper.
         let (keep, fewest, lower_half) = match self.method {
             _ if self.windowed || all => (1.0, 8, false),
+            Method::Spatial if self.flat => (FLATTEST.0, FLATTEST.1, false),
             Method::Spatial => (0.1, 8, true),
             _ => (0.05, 12, true),
         };

@@ -32,7 +32,7 @@ const CLIPPED: Flaw = 1;
 pub(super) const UNUSABLE: Flaw = u8::MAX;
 
 /// The side of the blocks that video coders copy, px.
-const COPIED: usize = 8;
+pub(super) const COPIED: usize = 8;
 
 /// [`Residual::fraction`] of a residual that is no difference of two frames.
 const ONE_FRAME: Option<fn(usize, usize) -> [f32; 2]> = None;
@@ -131,7 +131,15 @@ impl NoiseEvidence {
             }
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
         };
-        let copied = copied_blocks(frame, next, rows);
+        let copied = copied_blocks(frame, next, &rows);
+        for y in 0..copied.height() {
+            for x in 0..copied.width() {
+                if !clips(frame.0.at(COPIED * x, top + COPIED * y)) {
+                    self.compared[0] += 1;
+                    self.compared[1] += usize::from(copied.at(x, y));
+                }
+            }
+        }
         let flaws = |x: usize, y: usize| {
             let [tx, ty] = target(x, y);
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
@@ -385,7 +393,7 @@ impl NoiseEvidence {
 
 /// Whether each block is the same in both frames to the last bit: a coder copies a block that seems still together with its noise, so the
 /// block says nothing of noise. If nearly all blocks are the same, they count as not copied, since there is then no noise.
-fn copied_blocks(frame: &Encoded, next: &Encoded, rows: Range<usize>) -> Raster<bool> {
+fn copied_blocks(frame: &Encoded, next: &Encoded, rows: &Range<usize>) -> Raster<bool> {
     let (w, height) = (frame.0.width(), rows.len());
     let same = Raster::from_fn(w.div_ceil(COPIED), height.div_ceil(COPIED), |bx, by| {
         let columns = bx * COPIED..((bx + 1) * COPIED).min(w);

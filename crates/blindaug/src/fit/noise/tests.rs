@@ -126,6 +126,58 @@ fn a_still_pair_gives_the_noise_back() {
 }
 
 #[test]
+fn flat_parts_are_chosen_in_each_frame() {
+    // A coder has left half of the noise in every second frame.
+    let stds = [0.02, 0.01, 0.02, 0.01];
+    let measured = |method: Method, ranked: bool| {
+        let mut all = NoiseEvidence::of_flat_parts(method);
+        for (seed, std) in (0..).zip(stds) {
+            let (frame, next) = (noisy(256, 256, seed, std), noisy(256, 256, seed + 10, std));
+            let mut own = NoiseEvidence::of_flat_parts(method);
+            match method {
+                Method::Spatial => own.add_single(&frame),
+                _ => own.add_pair(&frame, &next, &Flow::filled(256, 256, [0.0; 2])).unwrap(),
+            }
+            if ranked {
+                own.rank();
+            }
+            all.merge(&own);
+        }
+        all.fit().model.known().unwrap().std(0, 0.45)[1] / white_band_std()[0]
+    };
+    let all = (stds.iter().map(|s| s * s).sum::<f32>() / stds.len() as f32).sqrt();
+    for method in [Method::Spatial, Method::Temporal] {
+        let std = measured(method, true);
+        assert!((std / all - 1.0).abs() < 0.15, "{method:?}: {std} for {all}");
+        // Negative control: over all frames, the flattest parts are those of the frames with least noise.
+        let std = measured(method, false);
+        assert!(std < 0.75 * all, "{method:?}: {std} for {all}");
+    }
+}
+
+#[test]
+fn what_is_the_same_in_two_frames_was_copied() {
+    let copied = |share: f32| {
+        let (frame, other) = (noisy(256, 256, 1, 0.02), noisy(256, 256, 2, 0.02));
+        let next = Raster::from_fn(256, 256, |x, y| {
+            if (y as f32) < 256.0 * share { frame.0.at(x, y) } else { other.0.at(x, y) }
+        });
+        let mut evidence = NoiseEvidence::new(Method::Temporal);
+        evidence.add_pair(&frame, &Encoded(next), &Flow::filled(256, 256, [0.0; 2])).unwrap();
+        evidence.is_copied()
+    };
+    assert!(copied(0.5) && !copied(0.1) && !copied(0.0));
+    // A black border is no copy.
+    let with_border = |seed| {
+        let picture = noisy(256, 256, seed, 0.02);
+        Encoded(Raster::from_fn(256, 256, |x, y| if y < 128 { [0.0; 3] } else { picture.0.at(x, y) }))
+    };
+    let mut evidence = NoiseEvidence::new(Method::Temporal);
+    evidence.add_pair(&with_border(1), &with_border(2), &Flow::filled(256, 256, [0.0; 2])).unwrap();
+    assert!(!evidence.is_copied());
+}
+
+#[test]
 fn light_that_changes_is_no_noise() {
     // The frames have texture of all sizes, and their exposure grows from frame to frame.
     let wave = |x: usize, y: usize, f: f32| (f * x as f32).sin() * (1.1 * f * y as f32).sin();

@@ -41,6 +41,8 @@ pub(super) struct NoiseFollower {
     /// The noise of luma, which outlasts a cut: some noise is needed to look at a shot's first frames.
     pub luma: Option<LumaNoise>,
     known: Option<NoiseModel>,
+    /// The [`coding_spread`](crate::fit::noise::NoiseFit::coding_spread) of the last noise.
+    pub coding_spread: f32,
     /// The sharpening, which shows in noise between frames; `None` if none was seen in this shot.
     pub sharpening: Option<Estimate<SharpeningModel>>,
 }
@@ -48,7 +50,7 @@ pub(super) struct NoiseFollower {
 impl Default for NoiseFollower {
     fn default() -> Self {
         let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
-        Self { memory, distant, luma: None, known: None, sharpening: None }
+        Self { memory, distant, luma: None, known: None, coding_spread: 0.0, sharpening: None }
     }
 }
 
@@ -102,6 +104,7 @@ impl NoiseFollower {
             };
             return Ok((told, changes));
         };
+        self.coding_spread = fit.coding_spread;
         let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
             // Between straight lines and curves there is no mean.
