@@ -317,6 +317,31 @@ mod tests {
     }
 
     #[test]
+    fn an_error_that_all_frames_share_widens_what_is_given_and_nothing_else() {
+        // The noise changes slowly by more than its frames scatter, but by less than they may all be off.
+        let found = |coding_spread: f32| {
+            let (mut around, mut found) = (NoiseAround::default(), vec![]);
+            for i in 0..1000 {
+                let std = 4.0 + 2.0 * i as f32 / 1000.0;
+                around.push(Told { coding_spread, ..told_as(noise(std, 0.05), true) });
+                found.extend(around.known(false));
+            }
+            found.extend(around.known(true));
+            found
+        };
+        let (without, with) = (found(0.0), found(0.45));
+        assert_eq!(stds(&with), stds(&without));
+        let upper = |found: &[FrameNoise], i: usize| {
+            let noise = found[i].mean.as_ref().unwrap();
+            (noise.interval_of_total_std(0.5)[1][1] / noise.total_std(0.5)[1]).ln()
+        };
+        for i in [0, 400, 999] {
+            let wanted = upper(&without, i).hypot(1.96 * 0.45);
+            assert!((upper(&with, i) - wanted).abs() < 0.02, "{} for {wanted}", upper(&with, i));
+        }
+    }
+
+    #[test]
     fn changes_close_together_and_at_the_begin() {
         let mut around = NoiseAround::default();
         // The shot's first frame has another noise than was told of it.

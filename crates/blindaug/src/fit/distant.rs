@@ -137,7 +137,6 @@ impl DistantPairs {
                 let mut pair = NoiseEvidence::of_flat_parts(Method::Temporal);
                 let still = pair.add_pair_in_turn(held, frame, &flow, part)?;
                 let mismatch = pair.mismatch(if still { MOVED } else { 0.0 });
-                pair.rank();
                 distant = mismatch.is_some_and(|m| m <= MISMATCH).then_some(pair);
             }
             self.pairs.push_back(Pair { distant, single });
@@ -152,14 +151,16 @@ impl DistantPairs {
     }
 
     /// The fit of the noise that frames hold. `fit` is that of `near`, the evidence of successive frames. If the footage is compressed, its
-    /// model, interval and points are replaced by those of distant pairs.
+    /// model, interval and points are replaced by those of distant pairs, if there are any, and the noise of luma, too, where successive frames tell
+    /// none; and the fit says how far the noise may be off ([`NoiseFit::coding_spread`]).
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
         let lost = if near.is_copied() { 1.0 } else { fit.luma.map_or(0.0, |luma| luma.lost()) };
         if lost == 0.0 {
             return fit;
         }
-        if let (Some(new), false) = (near.flat_power(), self.pairs.is_empty() && self.alone.is_none()) {
-            self.replace(new, &mut fit);
+        if !self.pairs.is_empty() || self.alone.is_some() {
+            // Without a block that was not copied, nothing is new.
+            self.replace(near.flat_power().unwrap_or(0.0), &mut fit);
         }
         fit.coding_spread = SPREAD * lost;
         fit
@@ -225,7 +226,7 @@ impl DistantPairs {
     }
 }
 
-/// The evidence of a frame alone, all of its flat parts.
+/// What all flat parts of a frame tell of its noise.
 fn flat_parts(frame: &Encoded) -> NoiseEvidence {
     let mut evidence = NoiseEvidence::of_flat_parts(Method::Spatial);
     evidence.add_single(frame);

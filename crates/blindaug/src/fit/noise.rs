@@ -128,7 +128,7 @@ pub struct NoiseEvidence {
     windowed: bool,
     /// Whether all flat parts of the picture count, rather than those that match best, or that are flattest of all.
     flat: bool,
-    /// The number of blocks of [`collect::COPIED`] px that were compared between two frames and do not clip, and how many of these were the same.
+    /// The number of blocks of [`collect::COPIED`] px that were compared between two frames and could show noise, and how many of these were the same.
     compared: [usize; 2],
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// The histogram of the 8-bit value of each pixel's brightest channel.
@@ -314,7 +314,7 @@ impl NoiseEvidence {
         finest.is_empty() || self.is_copied() || self.coding_error_by(&finest) > 0.0
     }
 
-    /// Whether so much of one frame is the same in the next one that a coder must have copied it: noise is never the same.
+    /// Whether so much of one frame is the same in the next one that a coder must have copied it: noise that shows is never the same.
     pub(super) fn is_copied(&self) -> bool {
         /// The least share of the blocks.
         const SHARE: f32 = 0.25;

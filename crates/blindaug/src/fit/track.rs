@@ -98,7 +98,7 @@ pub struct Tracker {
     /// The number of the first frame in which parallax is looked for again, from 0, and whether it gave depth the last time.
     next_parallax: (usize, bool),
     noise: NoiseFollower,
-    /// The noise of the last frame with the interval within which what is told of several frames scatters.
+    /// The noise of the last frame; its interval does not hold the error that all frames of compressed footage share.
     scattering: Option<Estimate<NoiseModel>>,
     exposure: ExposureMemory,
     streaks: StreaksMemory,
@@ -534,9 +534,8 @@ impl Tracker {
         self.noise.settles()
     }
 
-    /// The noise of the last frame as in [`Tracker::model`], but with the interval within which what is told of several frames scatters; and the
-    /// std of the logarithm of the factor by which the noise of compressed footage is off in all frames alike, 0 without a coder. `None` before the
-    /// first frame.
+    /// The noise of the last frame as in [`Tracker::model`], but its interval does not hold the error that all frames of compressed footage share;
+    /// and that error: the std of the logarithm of the factor by which the std is off, 0 without a coder. `None` before the first frame.
     pub fn noise_of_frames(&self) -> Option<(&Estimate<NoiseModel>, f32)> {
         self.scattering.as_ref().map(|noise| (noise, self.noise.coding_spread))
     }

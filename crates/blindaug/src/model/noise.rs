@@ -458,10 +458,10 @@ mod tests {
                 let mut wide = model.clone();
                 wide.allow_for(spread);
                 for end in [0, 1] {
-                    // It is as wide as it should be where it was narrowest, and elsewhere about as wide.
+                    // It is as wide as it should be where it was narrowest, and elsewhere not much narrower.
                     let over = [0.2, 0.35, 0.5, 0.65, 0.8]
                         .map(|y| ends(&wide, y)[end] / ends(&model, y)[end].hypot(1.96 * spread));
-                    assert!(over.iter().all(|o| (0.8..1.5).contains(o)), "{slope} {spread} {end}: {over:?}");
+                    assert!(over.iter().all(|&o| o > 0.8), "{slope} {spread} {end}: {over:?}");
                     assert!(over.iter().any(|o| (o - 1.0).abs() < 0.02), "{slope} {spread} {end}: {over:?}");
                 }
                 assert!(wide.total_std(0.5) == model.total_std(0.5) && wide.validate().is_ok());

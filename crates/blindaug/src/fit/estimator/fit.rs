@@ -78,9 +78,11 @@ impl Estimator {
             Family::Removal => [&denoised, &temporal, &spatial],
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
-        let mut fit = order.iter().map(|f| f()).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        let mut spread = 0.0f32;
+        let fits = order.iter().map(|f| f()).inspect(|f| spread = spread.max(f.coding_spread));
+        let mut fit = { fits }.find(|f| f.luma.is_some()).unwrap_or_else(spatial);
         if let Estimate::Known(model) = &mut fit.model {
-            model.allow_for(fit.coding_spread);
+            model.allow_for(spread);
         }
         if fit.model.known().is_some_and(|m| m.method() == Method::Spatial) {
             diagnostics.notes.push(
@@ -93,6 +95,11 @@ impl Estimator {
                 "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
                 100.0 * coding_error
             ));
+        } else if spread > 0.0 {
+            model.warnings.push(
+                "much of the picture is the same in successive frames to the last bit, or has hardly any noise: if the footage was compressed, a flat surface in it may have less or more noise, as the interval says"
+                    .into(),
+            );
         }
         model.sharpening = sharpening::of_noise(&fit);
         if let Estimate::Known(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {

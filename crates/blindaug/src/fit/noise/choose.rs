@@ -69,22 +69,17 @@ impl NoiseEvidence {
         bins.into_iter().flat_map(undoubted).collect()
     }
 
-    /// Puts the rank of each block among those of its frame that are about as bright, in [0, 1], in place of what tells its structure, so that the
-    /// same share of each frame's blocks is chosen where frames are put together. A coder leaves less of everything in some frames: all that is
-    /// chosen would be theirs.
+    /// Puts the rank of each block among those of its frame that are about as bright, in [0, 1], in place of its structure, so that the same share
+    /// of each frame's blocks is chosen where frames are put together. A coder leaves less of everything in some frames: all that is chosen would
+    /// be theirs. The blocks must be those of one whole frame.
     pub(in crate::fit) fn rank(&mut self) {
-        type Measure = (fn(&LocalVariance) -> f32, fn(&mut LocalVariance) -> &mut f32);
-        const MEASURES: [Measure; 2] =
-            [(|b| b.structure, |b| &mut b.structure), (|b| b.coarser_power, |b| &mut b.coarser_power)];
         for blocks in &mut self.levels {
             let mut bins: [Vec<&mut LocalVariance>; LUMINANCES] = Default::default();
             blocks.iter_mut().for_each(|b| bins[luminance_bin(b.y)].push(b));
             for mut bin in bins {
-                for (of, measure) in MEASURES {
-                    bin.sort_by(|a, b| of(a).total_cmp(&of(b)));
-                    let count = bin.len() as f32;
-                    bin.iter_mut().enumerate().for_each(|(i, b)| *measure(b) = (i as f32 + 0.5) / count);
-                }
+                bin.sort_by(|a, b| a.structure.total_cmp(&b.structure));
+                let count = bin.len() as f32;
+                bin.iter_mut().enumerate().for_each(|(i, b)| b.structure = (i as f32 + 0.5) / count);
             }
         }
     }

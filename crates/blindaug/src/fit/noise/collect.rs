@@ -1,6 +1,7 @@
 //! The collection of local variances: the blocks of a residual in which they are taken, and what is wrong with a block.
 
 use super::curves::Colours;
+use super::lines::DARK;
 use super::mismatch::without_mismatch;
 use super::{LocalVariance, NoiseEvidence, PAIRS};
 use crate::analysis::brightness::{brightening, undone};
@@ -131,15 +132,13 @@ impl NoiseEvidence {
             }
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], 0.5 * (luma(a) + luma(b))]
         };
-        let copied = copied_blocks(frame, next, &rows);
-        for y in 0..copied.height() {
-            for x in 0..copied.width() {
-                if !clips(frame.0.at(COPIED * x, top + COPIED * y)) {
-                    self.compared[0] += 1;
-                    self.compared[1] += usize::from(copied.at(x, y));
-                }
+        let copied = match same_blocks(frame, next, &rows) {
+            Some(same) => {
+                self.count_copies(&same, frame, top);
+                same
             }
-        }
+            None => Raster::filled(w.div_ceil(COPIED), height.div_ceil(COPIED), false),
+        };
         let flaws = |x: usize, y: usize| {
             let [tx, ty] = target(x, y);
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
@@ -190,6 +189,20 @@ impl NoiseEvidence {
         };
         self.add_blocks(frame.0.size(), 0..frame.0.height(), &residual);
         Ok(())
+    }
+
+    /// Counts the blocks that are the same in two frames, of those that could show noise: neither clipped nor dark nor of one colour, as a border.
+    fn count_copies(&mut self, same: &Raster<bool>, frame: &Encoded, top: usize) {
+        for by in 0..same.height() {
+            for bx in 0..same.width() {
+                let row =
+                    &frame.0.row(top + COPIED * by)[COPIED * bx..frame.0.width().min(COPIED * (bx + 1))];
+                if !clips(row[0]) && luma(row[0]) >= DARK && row.iter().any(|p| *p != row[0]) {
+                    self.compared[0] += 1;
+                    self.compared[1] += usize::from(same.at(bx, by));
+                }
+            }
+        }
     }
 
     fn count_colours(&mut self, pixels: &[[f32; 3]]) {
@@ -392,8 +405,9 @@ impl NoiseEvidence {
 }
 
 /// Whether each block is the same in both frames to the last bit: a coder copies a block that seems still together with its noise, so the
-/// block says nothing of noise. If nearly all blocks are the same, they count as not copied, since there is then no noise.
-fn copied_blocks(frame: &Encoded, next: &Encoded, rows: &Range<usize>) -> Raster<bool> {
+/// block says nothing of noise. `None` if nearly all blocks are the same: there is then no noise, or the few that differ are no fair sample of
+/// the picture.
+fn same_blocks(frame: &Encoded, next: &Encoded, rows: &Range<usize>) -> Option<Raster<bool>> {
     let (w, height) = (frame.0.width(), rows.len());
     let same = Raster::from_fn(w.div_ceil(COPIED), height.div_ceil(COPIED), |bx, by| {
         let columns = bx * COPIED..((bx + 1) * COPIED).min(w);
@@ -403,8 +417,7 @@ fn copied_blocks(frame: &Encoded, next: &Encoded, rows: &Range<usize>) -> Raster
         })
     });
     let copied = same.data().iter().filter(|s| **s).count();
-    // This also holds for two frames that differ in a few blocks only, which are not a fair sample of the picture.
-    if copied * 20 > same.data().len() * 19 { same.map(|_| false) } else { same }
+    (copied * 20 <= same.data().len() * 19).then_some(same)
 }
 
 /// Fails if the sizes of the two frames differ.

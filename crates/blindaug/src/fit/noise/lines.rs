@@ -7,6 +7,9 @@ use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
 use std::ops::Range;
 
+/// The luminance below which a sensor has less noise even without a coder.
+pub(super) const DARK: f32 = 0.25;
+
 /// The errors of H.264 at a quality that is just bearable, as a std of luma of full scale 1. The quality of a coder is not known, and to
 /// allow for larger errors than there are costs little (docs/lab-log.md).
 pub(in crate::fit) const MAX_CODING_ERROR: f32 = 0.045;
@@ -168,8 +171,6 @@ pub(super) fn squared_correlation(bins: &[Bin]) -> [f32; 3] {
 /// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlation of R, G and B with luma: after a coder there is
 /// little noise, in some places none, and chroma has no noise of its own from pixel to pixel.
 pub(super) fn coding_error(finest: &[Bin], squared_correlation: [f32; 3]) -> f32 {
-    /// The luminance below which a sensor has less noise even without a coder.
-    const DARK: f32 = 0.25;
     /// The largest squared correlation with luma, beyond a channel's share of luma, that channels have by chance.
     const IN_COMMON: f32 = 0.3;
     let squares = LUMA.map(|w| w * w);

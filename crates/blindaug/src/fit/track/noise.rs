@@ -3,7 +3,7 @@
 use super::memory::walked;
 use crate::fit::distant::{DISTANCES, DistantPairs};
 use crate::fit::geometry::Follower;
-use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseLine, UNSEEN_STD};
+use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine, UNSEEN_STD};
 use crate::fit::robust::median;
 use crate::fit::sharpening;
 use crate::model::{Changes, Distortion, DistortionModel, Estimate, Method, NoiseModel, SharpeningModel};
@@ -41,8 +41,10 @@ pub(super) struct NoiseFollower {
     /// The noise of luma, which outlasts a cut: some noise is needed to look at a shot's first frames.
     pub luma: Option<LumaNoise>,
     known: Option<NoiseModel>,
-    /// The [`coding_spread`](crate::fit::noise::NoiseFit::coding_spread) of the last noise.
+    /// [`NoiseFit::coding_spread`] of the last noise.
     pub coding_spread: f32,
+    /// Whether a coder copied much of the last frames.
+    copied: bool,
     /// The sharpening, which shows in noise between frames; `None` if none was seen in this shot.
     pub sharpening: Option<Estimate<SharpeningModel>>,
 }
@@ -50,7 +52,7 @@ pub(super) struct NoiseFollower {
 impl Default for NoiseFollower {
     fn default() -> Self {
         let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
-        Self { memory, distant, luma: None, known: None, coding_spread: 0.0, sharpening: None }
+        Self { memory, distant, luma: None, known: None, coding_spread: 0.0, copied: false, sharpening: None }
     }
 }
 
@@ -75,7 +77,7 @@ impl NoiseFollower {
         if let Some((other, flow)) = neighbour {
             evidence.add_pair_rows(frame, other, flow, strips::rows_in_turn(part, parts, h))?;
         }
-        let coded = self.luma.is_some_and(|n| n.may_be_compressed());
+        let coded = self.copied || self.luma.is_some_and(|n| n.may_be_compressed());
         let own = if coded { own_std(frame, strips::rows_in_turn(parts / 2, parts, h)) } else { None };
         let model = self.luma.unwrap_or_default().levels[0];
         let seen = Seen { before: self.memory.shown, evidence, part, own };
@@ -85,6 +87,7 @@ impl NoiseFollower {
             self.distant.forget();
         }
         let near = self.memory.middle(&model);
+        self.copied = near.is_copied();
         // Distant frames are compared seldom, so a larger part of them.
         let turns = (w * h).div_ceil(4 * PART).min((h / 64).max(1));
         let turn = index / DISTANCES.start() % turns;
@@ -94,7 +97,7 @@ impl NoiseFollower {
         }
         let mut fit = self.distant.complete(&near, near.fit_to(BLOCKS));
         if fit.luma.is_none() && self.known.is_none() {
-            fit = NoiseEvidence::of_frame(frame).fit();
+            fit = NoiseFit { coding_spread: fit.coding_spread, ..NoiseEvidence::of_frame(frame).fit() };
         }
         self.luma = fit.luma.or(self.luma);
         let Some(fresh) = fit.model.known() else {
