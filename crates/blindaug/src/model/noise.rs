@@ -264,9 +264,11 @@ impl NoiseModel {
             return;
         }
         let distance = |model: &Self, end: usize| {
-            let log = |std: [f32; 3]| luma(std).max(1e-9).portable_ln();
-            let at = |y: f32| (log(model.interval_of_total_std(y)[end]) - log(model.total_std(y))).abs();
-            GREYS.map(at).into_iter().fold(f32::INFINITY, f32::min)
+            let std = |y: f32| luma(model.total_std(y));
+            let at =
+                |y: f32| (luma(model.interval_of_total_std(y)[end]) / std(y)).max(1e-6).portable_ln().abs();
+            // Where a line falls to 0, its interval has no scale.
+            GREYS.into_iter().filter(|&y| std(y) > 1e-4).map(at).fold(f32::INFINITY, f32::min)
         };
         // What an end must be multiplied by follows from the lines and intervals of all levels: bisection finds it.
         let factor = |end: usize, outermost: f32| {
@@ -445,7 +447,7 @@ mod tests {
     #[test]
     fn intervals_are_widened_for_an_independent_error() {
         // Noise that grows or falls with luminance, and noise that does not depend on it.
-        for slope in [0.004, -0.006, 0.0] {
+        for slope in [0.004, -0.006, 0.0, -0.013] {
             let level = NoiseLevel { slope: [slope; 3], intercept: [0.01; 3] };
             let mut model = NoiseModel::given([level; NOISE_LEVELS], 1.0);
             let interval =
@@ -459,8 +461,13 @@ mod tests {
                 wide.allow_for(spread);
                 for end in [0, 1] {
                     // It is as wide as it should be where it was narrowest, and elsewhere not much narrower.
-                    let over = [0.2, 0.35, 0.5, 0.65, 0.8]
-                        .map(|y| ends(&wide, y)[end] / ends(&model, y)[end].hypot(1.96 * spread));
+                    let has_scale = |y: &f32| {
+                        model.total_std(*y)[1] > 0.0 && model.interval_of_total_std(*y)[end][1] > 0.0
+                    };
+                    let seen = [0.2, 0.35, 0.5, 0.65, 0.8].into_iter().filter(has_scale);
+                    let over: Vec<f32> = seen
+                        .map(|y| ends(&wide, y)[end] / ends(&model, y)[end].hypot(1.96 * spread))
+                        .collect();
                     assert!(over.iter().all(|&o| o > 0.8), "{slope} {spread} {end}: {over:?}");
                     assert!(over.iter().any(|o| (o - 1.0).abs() < 0.02), "{slope} {spread} {end}: {over:?}");
                 }

@@ -79,8 +79,12 @@ impl Estimator {
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
         let mut spread = 0.0f32;
-        let fits = order.iter().map(|f| f()).inspect(|f| spread = spread.max(f.coding_spread));
-        let mut fit = { fits }.find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        let with_spread = |f: &&dyn Fn() -> NoiseFit| {
+            let fit = f();
+            spread = spread.max(fit.coding_spread);
+            fit
+        };
+        let mut fit = order.iter().map(with_spread).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
         if let Estimate::Known(model) = &mut fit.model {
             model.allow_for(spread);
         }
