@@ -3,7 +3,7 @@
 use blindaug::{
     fit::noise::UNSEEN_STD,
     luma,
-    model::{Estimate, NoiseModel},
+    model::{Estimate, GREYS, NoiseModel},
 };
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -20,8 +20,6 @@ const AFTER: usize = 96;
 /// The least difference of the logs of the stds before and after a change that stands. Of changes that the tracker told in coded clips, those
 /// of steady clips differed by up to 0.17, and real ones, to 1.6 times the std, by 0.22 to 1.0, but for two of twenty.
 const CHANGE: f32 = 0.2;
-/// The luminances over which noises are compared.
-const GREYS: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
 
 /// A weight that falls from 1 to 0 as `x` grows to 1, most of it near there.
 fn taper(x: f32) -> f32 {

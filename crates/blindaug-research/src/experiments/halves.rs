@@ -4,7 +4,8 @@ use crate::run::Run;
 use crate::statistics::normal_quantile;
 use crate::table::{Cell, Table};
 use blindaug::CameraModel;
-use blindaug::model::NOISE_LEVELS;
+use blindaug::fit::noise::UNSEEN_STD;
+use blindaug::model::{GREYS, NOISE_LEVELS};
 use blindaug_io::{Error, FrameRange, FrameSource, Result};
 use blindaug_pipeline::{Footage, Silent, estimate};
 use rand::{Rng, SeedableRng, rngs::StdRng};
@@ -13,10 +14,8 @@ use std::path::{Path, PathBuf};
 
 /// The most frames of a half that are looked at: the first ones.
 const FRAMES: u64 = 48;
-/// The luminances at which noise is compared.
-const LUMINANCES: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
-/// The std of noise that cannot be seen: a quarter of a step of 8 bits.
-const INVISIBLE: f64 = 0.25 / 255.0;
+/// [`UNSEEN_STD`] in double precision.
+const UNSEEN: f64 = UNSEEN_STD as f64;
 /// The draws of both halves' parameters from their intervals, by which it is told whether one model surely fits better than another.
 const DRAWS: usize = 400;
 /// The share of draws in which a model must fit better to surely do so.
@@ -237,11 +236,11 @@ const MEASURES: [Measure; 2] = [
 fn stds(camera: &CameraModel) -> Option<Vec<Parameter>> {
     let noise = camera.noise.known()?;
     let at = |level: usize, y: f32, c: usize| {
-        let ln = |std: f32| f64::from(std).max(0.1 * INVISIBLE).ln();
+        let ln = |std: f32| f64::from(std).max(0.1 * UNSEEN).ln();
         let [low, high] = noise.interval_of_std(level, c, y).map(ln);
         Parameter { value: ln(noise.std(level, y)[c]), low, high }
     };
-    let over = |l| LUMINANCES.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c)));
+    let over = |l| GREYS.into_iter().flat_map(move |y| (0..3).map(move |c| at(l, y, c)));
     Some((0..NOISE_LEVELS).flat_map(over).collect())
 }
 
@@ -260,13 +259,13 @@ fn divergence(
             for (j, v) in row.iter_mut().enumerate() {
                 *v *= over_time * (ln_std[i] + ln_std[j]).exp();
             }
-            row[i] += INVISIBLE * INVISIBLE;
+            row[i] += UNSEEN * UNSEEN;
         }
         all
     };
     let mut sum = 0.0;
     for (place, (m, f)) in of_model.chunks(3).zip(of_footage.chunks(3)).enumerate() {
-        let level = place / LUMINANCES.len();
+        let level = place / GREYS.len();
         for sign in [-1.0, 1.0] {
             sum += of_gaussians(covariance(model, m, level, sign), covariance(footage, f, level, sign));
         }

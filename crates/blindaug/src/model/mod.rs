@@ -24,7 +24,7 @@ pub use motion_blur::{ExposureFraction, MotionBlurModel, Shutter};
 #[cfg(test)]
 pub(crate) use noise::BAND_COVARIANCE;
 pub use noise::{
-    NOISE_LEVELS, NoiseInterval, NoiseKind, NoiseLevel, NoiseLines, NoiseModel, total_of_levels,
+    GREYS, NOISE_LEVELS, NoiseInterval, NoiseKind, NoiseLevel, NoiseLines, NoiseModel, total_of_levels,
 };
 pub use noise_curves::{CurveLevel, KNOTS, NOISE_KNOTS, NoiseCurves, place};
 pub use scene_depth::{KnownDistance, SceneDepth};

@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 /// The number of levels of the Laplacian pyramid in which noise is modelled, finest first. The remaining low-pass has no noise.
 pub const NOISE_LEVELS: usize = 4;
 
+/// The luminances of grey over which noises are held against each other, or against their intervals.
+pub const GREYS: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
+
 /// The noise std in one pyramid level: `slope * Y + intercept` per channel (RGB), never negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NoiseLevel {
@@ -258,8 +261,6 @@ impl NoiseModel {
 
     /// Widens the 95 % intervals for an error that is independent of theirs, and the logarithm of whose factor on the std has the std `spread`.
     pub fn allow_for(&mut self, spread: f32) {
-        /// The luminances at which an end may lie nearest to the std: of those that do not occur in the footage, lines tell next to nothing.
-        const GREYS: [f32; 5] = [0.2, 0.35, 0.5, 0.65, 0.8];
         if spread <= 0.0 {
             return;
         }
@@ -267,7 +268,8 @@ impl NoiseModel {
             let std = |y: f32| luma(model.total_std(y));
             let at =
                 |y: f32| (luma(model.interval_of_total_std(y)[end]) / std(y)).max(1e-6).portable_ln().abs();
-            // Where a line falls to 0, its interval has no scale.
+            // Where an end lies nearest to the std: of luminances that do not occur in the footage, lines tell next to nothing. Where a line falls
+            // to 0, its interval has no scale.
             GREYS.into_iter().filter(|&y| std(y) > 1e-4).map(at).fold(f32::INFINITY, f32::min)
         };
         // What an end must be multiplied by follows from the lines and intervals of all levels: bisection finds it.
@@ -464,7 +466,7 @@ mod tests {
                     let has_scale = |y: &f32| {
                         model.total_std(*y)[1] > 0.0 && model.interval_of_total_std(*y)[end][1] > 0.0
                     };
-                    let seen = [0.2, 0.35, 0.5, 0.65, 0.8].into_iter().filter(has_scale);
+                    let seen = GREYS.into_iter().filter(has_scale);
                     let over: Vec<f32> = seen
                         .map(|y| ends(&wide, y)[end] / ends(&model, y)[end].hypot(1.96 * spread))
                         .collect();
