@@ -82,14 +82,19 @@ def shot(light, camera, rng):
     return picture
 
 
+def light_of(path):
+    """The light of a photograph, at most 512 x 384 px."""
+    picture = Image.open(path).convert("RGB")
+    if picture.width > 600:
+        picture = picture.resize((384, picture.height * 384 // picture.width // 2 * 2), Image.LANCZOS)
+    picture = np.asarray(picture)[: picture.height // 2 * 2, : picture.width // 2 * 2][:384, :512]
+    return 0.9 * linear(gaussian_filter(picture / 255.0, (0.6, 0.6, 0)))
+
+
 def main(out, photographs):
     rng = np.random.default_rng(1)
     for path in photographs:
-        picture = Image.open(path).convert("RGB")
-        if picture.width > 600:
-            picture = picture.resize((384, picture.height * 384 // picture.width // 2 * 2), Image.LANCZOS)
-        picture = np.asarray(picture)[: picture.height // 2 * 2, : picture.width // 2 * 2][:384, :512]
-        light = 0.9 * linear(gaussian_filter(picture / 255.0, (0.6, 0.6, 0)))
+        light = light_of(path)
         for name, camera in CAMERAS.items():
             folder = f"{out}/{name}_{os.path.splitext(os.path.basename(path))[0]}"
             os.makedirs(f"{folder}/shots", exist_ok=True)

@@ -363,6 +363,23 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
 }
 
 /// Observations in all blocks of the image that agree on an exposure and prefer it by at most `nats` each.
+#[test]
+fn the_noise_of_one_frame_is_told_in_a_wide_interval_and_that_between_frames_in_a_narrow_one() {
+    let still = Flow::filled(N, N, [0.0; 2]);
+    let frames = [1, 2].map(|seed| noisy(&texture(1, 1), 0.02, seed));
+    let ends = |next: Option<&Encoded>| {
+        let mut e = Estimator::new(EstimatorOptions::default());
+        let evidence = Evidence { flow: next.map(|_| &still), ..Evidence::default() };
+        e.add(&FrameObservation { frame: &frames[0], next, previous: None, evidence }).unwrap();
+        let model = e.estimate().unwrap().model;
+        let noise = model.noise.known().expect("there is noise");
+        noise.interval_of_total_std(0.5).map(|end| (end[1] / noise.total_std(0.5)[1]).ln().abs())
+    };
+    let [single, pair] = [ends(None), ends(Some(&frames[1]))];
+    assert!(single.iter().all(|end| (0.35..1.2).contains(end)), "{single:?}");
+    assert!(pair.iter().all(|&end| end < 0.2), "{pair:?}");
+}
+
 fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureObservation> {
     let of_exposure = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
     let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(of_exposure).collect();

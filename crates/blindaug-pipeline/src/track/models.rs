@@ -53,10 +53,10 @@ impl ClipModels {
         }
         let camera = self.models.push(frame, observation)?;
         let tracker = &self.models.tracker;
-        let (noise, coding_spread) = tracker.noise_of_frames().expect("a frame was pushed");
+        let (noise, shared_spread) = tracker.noise_of_frames().expect("a frame was pushed");
         let mut noise = noise.clone();
         self.models.noise_kind.reduce(&mut noise);
-        let told = Told { noise, settled: !tracker.noise_settles(), coding_spread };
+        let told = Told { noise, settled: !tracker.noise_settles(), shared_spread };
         if camera.changed.of(Distortion::Noise) {
             // The last frames have the new noise, too: the change is noticed late.
             let late = tracker.noise_changed_before().min(self.waiting.len());

@@ -29,15 +29,15 @@ fn taper(x: f32) -> f32 {
 /// A mean noise.
 struct Mean {
     noise: NoiseModel,
-    /// [`Told::coding_spread`].
-    coding_spread: f32,
+    /// [`Told::shared_spread`].
+    shared_spread: f32,
     /// The mean over [`GREYS`] of the log of the std, and by how much the ends of its interval differ from that.
     log: f32,
     ends: [f32; 2],
 }
 
 impl Mean {
-    fn new(noise: NoiseModel, coding_spread: f32) -> Self {
+    fn new(noise: NoiseModel, shared_spread: f32) -> Self {
         // What cannot be seen is alike.
         let log = |std: [f32; 3]| luma(std).max(UNSEEN_STD).ln();
         let mean = |of: &dyn Fn(f32) -> f32| GREYS.map(of).iter().sum::<f32>() / GREYS.len() as f32;
@@ -46,7 +46,7 @@ impl Mean {
             log: mean(&|y| log(noise.total_std_over([y; 3]))),
             ends: [0, 1].map(end),
             noise,
-            coding_spread,
+            shared_spread,
         }
     }
 
@@ -88,7 +88,7 @@ pub(super) struct NoiseAround {
 pub(super) struct Told {
     /// The noise, and the std of the logarithm of the factor by which that of all frames is off alike (`Tracker::noise_of_frames`).
     pub(super) noise: Estimate<NoiseModel>,
-    pub(super) coding_spread: f32,
+    pub(super) shared_spread: f32,
     /// Whether it rests on so many frames that those to come will not correct it.
     pub(super) settled: bool,
 }
@@ -181,10 +181,10 @@ impl NoiseAround {
         let settled = |i: &usize| self.told[*i].settled;
         let nearest = next.clone().filter(settled).min_by_key(|i| i.abs_diff(at));
         let own = nearest.or_else(|| (next.end..stretch.end).find(settled)).unwrap_or(stretch.end - 1);
-        let Told { noise, coding_spread, .. } = &self.told[own];
+        let Told { noise, shared_spread, .. } = &self.told[own];
         let own = noise.known()?;
         let settled = next.filter(settled).filter_map(|i| Some((1.0, self.told[i].noise.known()?)));
-        own.mean_of_kind(settled).or_else(|| Some(own.clone())).map(|mean| Mean::new(mean, *coding_spread))
+        own.mean_of_kind(settled).or_else(|| Some(own.clone())).map(|mean| Mean::new(mean, *shared_spread))
     }
 
     /// The mean of the means around frame `at`, as far on each side as they are like its own. Their weights fall towards the ends of what counts, so
@@ -202,7 +202,7 @@ impl NoiseAround {
         let after = (at / STEP + 1..=(at + FAR) / STEP).scan(1.0, weighted);
         let mut mean =
             own.noise.mean_of_kind(std::iter::once((1.0, &own.noise)).chain(before).chain(after))?;
-        mean.allow_for(own.coding_spread);
+        mean.allow_for(own.shared_spread);
         Some(mean)
     }
 
@@ -233,7 +233,7 @@ mod tests {
 
     /// What the tracker tells of a frame.
     fn told_as(noise: Estimate<NoiseModel>, settled: bool) -> Told {
-        Told { noise, coding_spread: 0.0, settled }
+        Told { noise, shared_spread: 0.0, settled }
     }
 
     /// The stds of means, of 255; 0 where the noise is unknown.
@@ -317,11 +317,11 @@ mod tests {
     #[test]
     fn an_error_that_all_frames_share_widens_what_is_given_and_nothing_else() {
         // The noise changes slowly by more than its frames scatter, but by less than they may all be off.
-        let found = |coding_spread: f32| {
+        let found = |shared_spread: f32| {
             let (mut around, mut found) = (NoiseAround::default(), vec![]);
             for i in 0..1000 {
                 let std = 4.0 + 2.0 * i as f32 / 1000.0;
-                around.push(Told { coding_spread, ..told_as(noise(std, 0.05), true) });
+                around.push(Told { shared_spread, ..told_as(noise(std, 0.05), true) });
                 found.extend(around.known(false));
             }
             found.extend(around.known(true));

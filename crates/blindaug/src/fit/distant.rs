@@ -6,7 +6,9 @@
 //! found again, they differ in its texture, too: such pairs are left out.
 
 use super::geometry::Follower;
-use super::noise::{LumaNoise, MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint, UNSEEN_STD, lost};
+use super::noise::{
+    CODING_SPREAD, LumaNoise, MOST_CORRELATED, NoiseEvidence, NoiseFit, NoisePoint, UNSEEN_STD, lost,
+};
 use crate::model::{DistortionModel, Estimate, Method, NoiseLines, NoiseModel};
 use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
@@ -29,10 +31,6 @@ const MISMATCH: f32 = 0.02;
 /// The share of a picture's textured parts that may show something else where the camera stands still: people who walk by change nothing of
 /// the rest, which is compared with itself.
 const MOVED: f32 = 0.2;
-
-/// The std of the logarithm of the std on a grey card, over what is told here, in 330 clips of 15 photographs by eleven coders (docs/lab-log.md):
-/// a coder keeps noise where the picture has texture and takes it where it has none, and not every picture has flat parts.
-const SPREAD: f32 = 0.45;
 
 /// The luminances at which the noise of pairs is held against that of single frames.
 const MIDDLE: [f32; 3] = [0.3, 0.5, 0.7];
@@ -152,17 +150,15 @@ impl DistantPairs {
 
     /// The fit of the noise that frames hold. `fit` is that of `near`, the evidence of successive frames. If the footage is compressed, its
     /// model, interval and points are replaced by those of distant pairs, if there are any, and the noise of luma, too, where successive frames tell
-    /// none; and the fit says how far the noise may be off ([`NoiseFit::coding_spread`]).
+    /// none; and the fit says how far the noise may be off where much was copied, too ([`NoiseFit::coding_spread`]).
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
-        let lost = if near.is_copied() { 1.0 } else { fit.luma.map_or(0.0, |luma| luma.lost()) };
-        if lost == 0.0 {
-            return fit;
+        if near.is_copied() {
+            fit.coding_spread = CODING_SPREAD;
         }
-        if !self.pairs.is_empty() || self.alone.is_some() {
+        if fit.coding_spread > 0.0 && (!self.pairs.is_empty() || self.alone.is_some()) {
             // Without a block that was not copied, nothing is new.
             self.replace(near.flat_power().unwrap_or(0.0), &mut fit);
         }
-        fit.coding_spread = SPREAD * lost;
         fit
     }
 
@@ -322,7 +318,7 @@ mod tests {
         let noise = model.noise.known().expect("it is known").clone();
         // What a coder leaves unsure is the same in all clips.
         let upper = (noise.interval_of_std(0, 1, 0.5)[1] / noise.std(0, 0.5)[1]).portable_ln();
-        let upper = (upper * upper - (1.96 * SPREAD).powi(2)).max(0.0).sqrt().portable_exp();
+        let upper = (upper * upper - (1.96 * CODING_SPREAD).powi(2)).max(0.0).sqrt().portable_exp();
         (noise.std(0, 0.5)[1] / (STD * white_band_std()[0]), upper, noise.temporal_correlation())
     }
 

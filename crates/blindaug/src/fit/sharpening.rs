@@ -119,6 +119,7 @@ mod tests {
             luma: None,
             points: (0..NOISE_LEVELS).flat_map(|l| (1..9).map(move |i| point(l, i))).collect(),
             coding_spread: 0.0,
+            single_spread: 0.0,
         }
     }
 

@@ -312,7 +312,7 @@ impl Tracker {
             self.noise.follow((self.frames, frame, repeated), neighbour, &mut self.follower)?;
         self.scattering = Some(model.noise.clone());
         if let Estimate::Known(noise) = &mut model.noise {
-            noise.allow_for(self.noise.coding_spread);
+            noise.allow_for(self.noise.shared_spread);
         }
         if self.changes.of(Distortion::Noise) {
             // The recent evidence of blur was found with the wrong noise.
@@ -534,10 +534,10 @@ impl Tracker {
         self.noise.settles()
     }
 
-    /// The noise of the last frame as in [`Tracker::model`], but its interval does not hold the error that all frames of compressed footage share;
-    /// and that error: the std of the logarithm of the factor by which the std is off, 0 without a coder. `None` before the first frame.
+    /// The noise of the last frame as in [`Tracker::model`], but its interval does not hold the error that all frames share, as those of compressed
+    /// footage do; and that error: the std of the logarithm of the factor by which the std is off. `None` before the first frame.
     pub fn noise_of_frames(&self) -> Option<(&Estimate<NoiseModel>, f32)> {
-        self.scattering.as_ref().map(|noise| (noise, self.noise.coding_spread))
+        self.scattering.as_ref().map(|noise| (noise, self.noise.shared_spread))
     }
 
     /// The number of frames before the last one that already have the new noise, if a change of the noise was noticed in the last frame; else 0.

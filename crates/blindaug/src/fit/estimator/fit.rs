@@ -78,13 +78,15 @@ impl Estimator {
             Family::Removal => [&denoised, &temporal, &spatial],
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
-        let mut spread = 0.0f32;
+        // A coder counts even if only frames that tell no noise show it.
+        let mut coding_spread = 0.0f32;
         let with_spread = |f: &&dyn Fn() -> NoiseFit| {
             let fit = f();
-            spread = spread.max(fit.coding_spread);
-            fit
+            coding_spread = coding_spread.max(fit.coding_spread);
+            NoiseFit { coding_spread, ..fit }
         };
         let mut fit = order.iter().map(with_spread).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
+        let spread = fit.shared_spread();
         if let Estimate::Known(model) = &mut fit.model {
             model.allow_for(spread);
         }
@@ -99,9 +101,9 @@ impl Estimator {
                 "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
                 100.0 * coding_error
             ));
-        } else if spread > 0.0 {
+        } else if coding_spread > 0.0 {
             model.warnings.push(
-                "much of the picture is the same in successive frames to the last bit, or has hardly any noise: if the footage was compressed, a flat surface in it may have less or more noise, as the interval says"
+                "much of the picture has hardly any noise, or is the same in successive frames to the last bit: if it was compressed, a flat surface in it may have less or more noise, as the interval says"
                     .into(),
             );
         }

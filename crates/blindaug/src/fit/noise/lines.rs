@@ -71,12 +71,12 @@ impl NoiseEvidence {
 
 /// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance. A small frame may have no bin of
 /// that level; then the finest level's bins with this share of their variances stand for them.
-pub(super) fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32) {
+pub(super) fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32, pull: f32) {
     if bins.is_empty() {
         let of = |f: &Bin| Bin { variance: f.variance.map(|v| share * v), ..*f };
         bins.extend(finest.iter().map(of));
     }
-    let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c));
+    let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c, pull));
     for b in bins {
         for (variance, finest) in b.variance.iter_mut().zip(&finest) {
             *variance = variance.min(finest.at(b.y).powi(2) * share);
@@ -111,8 +111,9 @@ pub(super) fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
 
 /// Robust weighted least squares of std on luminance; the line is never negative at Y = 0.
 ///
-/// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line.
-pub(super) fn line(bins: &[Bin], channel: usize) -> Line {
+/// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line. `pull` is
+/// the variance of luminance that speaks for a constant std: it halves the slope of bins whose luminances have this variance.
+pub(super) fn line(bins: &[Bin], channel: usize, pull: f32) -> Line {
     let std = |b: &Bin| f64::from(b.variance[channel].sqrt());
     let total: f32 = bins.iter().map(|b| b.values).sum();
     let mean_variance = bins.iter().map(|b| b.variance[channel] * b.values).sum::<f32>() / total.max(1.0);
@@ -134,9 +135,7 @@ pub(super) fn line(bins: &[Bin], channel: usize) -> Line {
             return fit;
         }
         let (my, ms) = (sum(&|b| f64::from(b.y)) / sw, sum(&std) / sw);
-        // A weak pull towards a constant std is needed, since one bin alone says nothing about the slope.
-        let pull = sw * 1e-4;
-        let var_y = sum(&|b| (f64::from(b.y) - my).powi(2)) + pull;
+        let var_y = sum(&|b| (f64::from(b.y) - my).powi(2)) + sw * f64::from(pull);
         let mut slope = sum(&|b| (f64::from(b.y) - my) * (std(b) - ms)) / var_y;
         let mut intercept = ms - slope * my;
         if intercept < 0.0 {

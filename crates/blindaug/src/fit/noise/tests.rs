@@ -588,6 +588,29 @@ fn a_flat_single_frame_gives_the_noise_back() {
 }
 
 #[test]
+fn single_frames_say_that_their_flattest_parts_may_not_show_the_noise() {
+    let spread = |method: Method, frame: &Encoded, next: &Encoded| {
+        let mut e = NoiseEvidence::new(method);
+        match method {
+            Method::Spatial => e.add_single(frame),
+            _ => e.add_pair(frame, next, &Flow::filled(512, 384, [0.0; 2])).unwrap(),
+        }
+        e.fit().shared_spread()
+    };
+    let white = [1, 2].map(|seed| noisy(512, 384, seed, 0.02));
+    // Interpolation makes neighbouring pixels alike.
+    let interpolated = |seed: u64| filter::gaussian_blur(&self::white(512, 384, seed), 0.9);
+    let camera = [1, 2].map(|seed| Encoded(interpolated(seed).map(|n| n.map(|n| 0.5 + 0.04 * n))));
+    let single = [&white, &camera].map(|[a, b]| spread(Method::Spatial, a, b));
+    assert!((single[0] - 0.2).abs() < 0.05 && (single[1] - 0.4).abs() < 0.05, "{single:?}");
+    // Between frames there is no texture.
+    assert_eq!([&white, &camera].map(|[a, b]| spread(Method::Temporal, a, b)), [0.0; 2]);
+    // Little noise may be what a coder left.
+    let weak = noisy(512, 384, 1, 0.0015);
+    assert!(spread(Method::Spatial, &weak, &weak) > 0.25);
+}
+
+#[test]
 fn too_few_blocks_of_one_brightness_do_not_tell_a_noise_of_zero() {
     // A steep ramp of twelve blocks, no four of which are about as bright.
     let n = white(64, 48, 5);

@@ -41,8 +41,8 @@ pub(super) struct NoiseFollower {
     /// The noise of luma, which outlasts a cut: some noise is needed to look at a shot's first frames.
     pub luma: Option<LumaNoise>,
     known: Option<NoiseModel>,
-    /// [`NoiseFit::coding_spread`] of the last noise.
-    pub coding_spread: f32,
+    /// [`NoiseFit::shared_spread`] of the last noise.
+    pub shared_spread: f32,
     /// Whether a coder copied much of the last frames.
     copied: bool,
     /// The sharpening, which shows in noise between frames; `None` if none was seen in this shot.
@@ -52,7 +52,7 @@ pub(super) struct NoiseFollower {
 impl Default for NoiseFollower {
     fn default() -> Self {
         let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
-        Self { memory, distant, luma: None, known: None, coding_spread: 0.0, copied: false, sharpening: None }
+        Self { memory, distant, luma: None, known: None, shared_spread: 0.0, copied: false, sharpening: None }
     }
 }
 
@@ -97,7 +97,8 @@ impl NoiseFollower {
         }
         let mut fit = self.distant.complete(&near, near.fit_to(BLOCKS));
         if fit.luma.is_none() && self.known.is_none() {
-            fit = NoiseFit { coding_spread: fit.coding_spread, ..NoiseEvidence::of_frame(frame).fit() };
+            let single = NoiseEvidence::of_frame(frame).fit();
+            fit = NoiseFit { coding_spread: fit.coding_spread.max(single.coding_spread), ..single };
         }
         self.luma = fit.luma.or(self.luma);
         let Some(fresh) = fit.model.known() else {
@@ -107,7 +108,7 @@ impl NoiseFollower {
             };
             return Ok((told, changes));
         };
-        self.coding_spread = fit.coding_spread;
+        self.shared_spread = fit.shared_spread();
         let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
             // Between straight lines and curves there is no mean.
