@@ -313,12 +313,14 @@ pub fn exposure_per_frame(
     model: Option<&MotionBlurModel>,
     shots: &[Shot],
 ) -> Result<Option<Markup>> {
+    // Frames are counted from 1, as those of a video are everywhere else.
     let points: Vec<(f64, f64)> = frames
         .iter()
         .filter(|f| f.1.is_finite())
-        .map(|&(i, v)| (i as f64, f64::from(v).clamp(0.0, 1.0)))
+        .map(|&(i, v)| (i as f64 + 1.0, f64::from(v).clamp(0.0, 1.0)))
         .collect();
-    let ends = shots.iter().flat_map(|s| [s.frames.start as f64, s.frames.end as f64 - 1.0]);
+    let ends_of = |s: &Shot| [s.frames.start as f64 + 1.0, s.frames.end as f64];
+    let ends = shots.iter().flat_map(ends_of);
     let Some([first, last]) = extent(points.iter().map(|p| p.0).chain(ends)).filter(|_| points.len() > 1)
     else {
         return Ok(None);
@@ -327,7 +329,7 @@ pub fn exposure_per_frame(
         title: "",
         x: first - 0.5..last + 0.5,
         y: 0.0..100.0,
-        x_name: "frame, in the order of reading",
+        x_name: "frame, counted from the first one that was read",
         y_name: "exposure, %",
         x_tick: &whole,
         x_ticks: (last - first).min(11.0) as usize + 1,
@@ -336,7 +338,8 @@ pub fn exposure_per_frame(
         let mut chart = axes.chart(area)?;
         let all = model.filter(|_| shots.is_empty()).map(|m| ([axes.x.start, axes.x.end], m));
         let each = shots.iter().filter_map(|s| {
-            Some(([s.frames.start as f64 - 0.5, s.frames.end as f64 - 0.5], s.motion_blur.known()?))
+            let [first, last] = ends_of(s);
+            Some(([first - 0.5, last + 0.5], s.motion_blur.known()?))
         });
         for ([left, right], m) in all.into_iter().chain(each) {
             let ([low, high], at) =
@@ -345,7 +348,7 @@ pub fn exposure_per_frame(
             axes.line(&mut chart, [[left, at], [right, at]], ESTIMATE.stroke_width(4))?;
         }
         let said = points.iter().map(|&(i, v)| {
-            ([i, 100.0 * v], format!("frame {i} in the order of reading: {} %", tick(100.0 * v)))
+            ([i, 100.0 * v], format!("frame {i} of those that were read: {} %", tick(100.0 * v)))
         });
         axes.circles(&mut chart, (7, POINTS.mix(0.8).filled()), hover, said)
     })

@@ -494,7 +494,7 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
             m.interval = [0.2, 0.8];
         }
     });
-    assert!(html.contains("A change in frame 9."));
+    assert!(html.contains("A change was noticed in frame 9."));
     let [bands, dashes] = bands_and_dashes(&jumped[2]);
     assert!(bands == 1 && dashes > 5, "{bands} {dashes}");
     assert_eq!((&jumped[..2], &jumped[3..]), (&steady[..2], &steady[3..]));
@@ -636,7 +636,7 @@ fn plots_tell_their_values_under_the_pointer() {
     assert_eq!(html.matches("<circle").count(), html.matches("<title>").count() - 1);
     for part in [
         "<title>exposure 48 %: 0 nats</title>",
-        "<title>frame 1 in the order of reading: 50 %</title>",
+        "<title>frame 2 of those that were read: 50 %</title>",
         "px by itself</title>",
     ] {
         let told: Vec<&str> = html.split("<title>").skip(1).filter_map(|t| t.split('<').next()).collect();

@@ -202,7 +202,11 @@ fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
         frames.iter().filter(|f| f.changed.of(distortion)).map(|f| f.frame.to_string()).collect();
     let unknown = |f: &TrackedCamera| f.camera.why_unknown(distortion).is_some();
     html! {
-        @if !changes.is_empty() { p { "A change in frame " (changes.join(", ")) "." } }
+        @match &changes[..] {
+            [] => {}
+            [only] => p { "A change was noticed in frame " (only) "." }
+            [others @ .., last] => p { "Changes were noticed in frames " (others.join(", ")) " and " (last) "." }
+        }
         @for stretch in frames.chunk_by(|a, b| unknown(a) == unknown(b)) {
             @let (first, last) = (&stretch[0], &stretch[stretch.len() - 1]);
             // Of several reasons, the last one is shown: it held until the end.
