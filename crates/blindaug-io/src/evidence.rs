@@ -5,7 +5,7 @@ use crate::{
     DepthFormat, DepthValues, Error, Inputs, Result, SideFolder, check_folder, read_text,
     remove_leftovers_in, write_atomically, write_flo, write_grey16, write_png16,
 };
-use blindaug::{Encoded, Flow, Plane, fit::Evidence, model::DepthKind};
+use blindaug::{Encoded, Flow, Plane, fit::Evidence, model::DepthKind, text::why_not_json};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -44,8 +44,10 @@ impl SavedEvidence {
             return Ok(None);
         }
         let text = read_text(&path, MAX_BYTES)?;
-        let read: Self = serde_json::from_str(&text)
-            .map_err(|e| Error::new(&path, format!("it does not describe evidence ({e}); save it again")))?;
+        let read: Self = serde_json::from_str(&text).map_err(|e| {
+            let why = why_not_json(&e);
+            Error::new(&path, format!("it does not describe evidence ({why}); save it again"))
+        })?;
         let positive = |v: Option<f64>| v.is_none_or(|v| v.is_finite() && v > 0.0);
         if !positive(read.fps) || !positive(read.depth_of_largest.map(f64::from)) {
             return Err(Error::new(&path, "its numbers must be greater than 0; save the evidence again"));

@@ -44,6 +44,15 @@ pub fn cut(text: &str, most: usize) -> String {
     format!("{first} .. {}", &text[if end == 0 { text.len() } else { skip }..])
 }
 
+/// What is wrong with a text that is no JSON, or JSON of another kind: a clause.
+pub fn why_not_json(error: &serde_json::Error) -> String {
+    match error.is_eof() {
+        true if (error.line(), error.column()) == (1, 0) => "it is empty".into(),
+        true => format!("it ends in the middle, at line {}, as if it had been cut off", error.line()),
+        false => one_line(&error.to_string()),
+    }
+}
+
 /// The number of significant digits of numbers in files.
 const DIGITS: usize = 6;
 
@@ -116,6 +125,14 @@ fn shown(text: &str, hidden: impl Fn(char) -> bool) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn json_that_ends_too_early_is_told_from_wrong_json() {
+        let why = |json: &str| why_not_json(&serde_json::from_str::<Vec<u8>>(json).unwrap_err());
+        assert_eq!(why(""), "it is empty");
+        assert_eq!(why("[1,\n2"), "it ends in the middle, at line 2, as if it had been cut off");
+        assert!(why("[1, x]").contains("expected value"), "{}", why("[1, x]"));
+    }
 
     #[test]
     fn what_a_terminal_or_a_language_would_obey_is_shown_as_a_code() {

@@ -4,6 +4,7 @@ use blindaug::composite::{self, CompositeOptions, Plate, VirtualLayer};
 use blindaug::metrics::{object_area, psnr};
 use blindaug::model::{DefocusModel, Estimate, ExposureFraction, MotionBlurModel};
 use blindaug::synth::{defocus::Bokeh, noise::white_band_std};
+use blindaug::text::why_not_json;
 use blindaug::{CameraModel, Encoded, Transfer};
 use blindaug_io::{Error, Result, one_line};
 use blindaug_scenes::measure::{Footage, NoiseTruth, Truth};
@@ -51,7 +52,7 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
         let text = blindaug_io::read_text(&path, MAX_TRUTH)?;
         let json: serde_json::Map<String, serde_json::Value> =
             serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| {
-                Error::new(&path, format!("is not the truth of a clip: {}", one_line(&e.to_string())))
+                Error::new(&path, format!("is not the truth of a clip: {}", why_not_json(&e)))
             })?;
         for (name, truth) in json {
             // The name becomes that of a folder that is read and of a file that is written.

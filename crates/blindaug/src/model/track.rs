@@ -82,7 +82,7 @@ impl TrackedCamera {
             changed: Changes,
         }
         let Head { frame, changed } = serde_json::from_str(line).map_err(|e| {
-            let why = text::one_line(&e.to_string());
+            let why = text::why_not_json(&e);
             Error::new(format!("not a camera model with the number of its frame: {why}"))
         })?;
         Ok(Self { frame, changed, camera: CameraModel::from_json(line)? })
