@@ -152,7 +152,7 @@ impl ExposureMemory {
     /// Whether most of the tiles lie in frames of even motion, and are enough to tell the exposure.
     fn is_mostly_even(&self) -> bool {
         let [tiles, uneven] = self.tiles();
-        tiles >= FEWEST && 2.0 * uneven <= tiles
+        tiles >= FEWEST && are_even(tiles, uneven)
     }
 
     /// The number of tiles that count and lie in frames of even motion.
@@ -201,7 +201,7 @@ impl ExposureMemory {
         let (curves, moments) = sum.split_at(CURVES);
         let (tiles, speed) = (moments[0], agreement::typical_speed(moments[1], moments[2]));
         let mut curve = curve_of(&sum);
-        let even = 2.0 * moments[3] <= tiles;
+        let even = are_even(tiles, moments[3]);
         if !even {
             // What seems longer than a frame was faster than its flow says.
             curve[FRAME_LONG + 1..].fill(f32::MIN);
@@ -240,6 +240,11 @@ impl ExposureMemory {
         self.readings.truncate(self.readings.len().saturating_sub(self.memory.recent.len()));
         self.memory.forget_recent();
     }
+}
+
+/// Whether most of so many tiles are of even motion, given how many are not.
+fn are_even(tiles: f32, uneven: f32) -> bool {
+    2.0 * uneven <= tiles
 }
 
 /// Whether an interval holds an exposure.
