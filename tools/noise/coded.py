@@ -15,6 +15,7 @@ which the program has not seen. Needs numpy, pillow and ffmpeg.
 import json, os, subprocess, sys, tempfile
 import numpy as np
 from PIL import Image
+from compare import inspected
 
 SIZE, CARD = (320, 240), 64
 CODERS = {
@@ -122,9 +123,7 @@ def cover(blindaug, clips):
             rest, out = os.path.join(folder, "rest.mkv"), os.path.join(folder, "cameras")
             subprocess.run(["ffmpeg", "-v", "error", "-i", clip, "-vf", f"crop={w - CARD}:{h}:0:0", "-c:v", "ffv1", "-pix_fmt", "bgr0", rest], check=True)
             for i, options in enumerate([["-o", out + ".json"], ["--track", "-o", out + ".jsonl"]]):
-                subprocess.run([blindaug, "estimate", rest, *options], check=True, capture_output=True)
-                shown = subprocess.run([blindaug, "inspect", "--json", options[-1]], check=True, capture_output=True, text=True).stdout
-                models = json.loads(shown)
+                models = inspected(blindaug, rest, *options)
                 models = models if isinstance(models, list) else [models]
                 cells += of_middle(models[-1]["noise"], card, i, known, covered, errors)
         changes = [m["frame"] for m in models if "noise" in m.get("changed", [])]

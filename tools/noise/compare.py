@@ -65,6 +65,12 @@ def run(blindaug, *arguments):
     subprocess.run([blindaug, *arguments], check=True, capture_output=True)
 
 
+def inspected(blindaug, *arguments):
+    """What `inspect --json` tells of what `estimate` finds with these arguments, the last of which is the file that it writes."""
+    run(blindaug, "estimate", *arguments)
+    return json.loads(subprocess.run([blindaug, "inspect", "--json", arguments[-1]], check=True, capture_output=True, text=True).stdout)
+
+
 def synthesised(blindaug, mean, arguments, folder):
     """The noise of the camera that is estimated with these arguments, applied to the mean picture."""
     camera, out = f"{folder}/camera.json", f"{folder}/out"

@@ -3,20 +3,20 @@
     single.py BLINDAUG PHOTOGRAPH..
 
 Each photograph is taken by six cameras as those of cameras.py (which see), but with properties by chance: strong and weak noise, with and without a
-filter array, removal of noise, sharpening and JPEG. The std of the noise in G over greys near three luminances, all levels of a Laplacian pyramid
+filter array, removal of noise, sharpening and JPEG. The std of the noise in G over greys near the luminances of `inspect`, all levels of a Laplacian pyramid
 together, is known from twelve shots; the first one alone is given to blindaug. A table tells, by luminance and by how the image was made, the
 number of cases, how many of the 95 % intervals hold the truth, the median size of the std's error, the mean and the rms of its logarithm, and the
 median width of the intervals, as the logarithm of the ratio of their ends. Needs numpy, scipy and pillow.
 """
-import json, os, subprocess, sys, tempfile
+import os, sys, tempfile
 from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from PIL import Image
 from cameras import CAMERAS, light_of, shot
-from compare import LEVELS, LUMA, doubled, halved
+from compare import LEVELS, LUMA, doubled, halved, inspected
 
 SHOTS, KINDS = 12, 6
-LUMINANCES, NEAR, FEWEST = (0.1, 0.5, 0.9), 0.1, 1500
+NEAR, FEWEST = 0.1, 1500
 QUALITIES = (98, 95, 92, 90, 85, 80, 75)
 
 
@@ -45,9 +45,7 @@ def estimated(blindaug, image):
     """The noise of an image as `inspect --json` has it."""
     with tempfile.TemporaryDirectory() as work:
         Image.fromarray(image).save(f"{work}/image.png")
-        for arguments in (["estimate", f"{work}/image.png", "-o", f"{work}/camera.json"], ["inspect", "--json", f"{work}/camera.json"]):
-            done = subprocess.run([blindaug, *arguments], check=True, capture_output=True, text=True)
-    return json.loads(done.stdout)["noise"]
+        return inspected(blindaug, f"{work}/image.png", "-o", f"{work}/camera.json")["noise"]
 
 
 def cases(blindaug, path, seed):

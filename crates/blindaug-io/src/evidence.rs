@@ -45,7 +45,7 @@ impl SavedEvidence {
         }
         let text = read_text(&path, MAX_BYTES)?;
         let read: Self = serde_json::from_str(&text).map_err(|e| {
-            let why = why_not_json(&e);
+            let why = why_not_json(&text, &e);
             Error::new(&path, format!("it does not describe evidence ({why}); save it again"))
         })?;
         let positive = |v: Option<f64>| v.is_none_or(|v| v.is_finite() && v > 0.0);

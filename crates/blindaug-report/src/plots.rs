@@ -313,7 +313,6 @@ pub fn exposure_per_frame(
     model: Option<&MotionBlurModel>,
     shots: &[Shot],
 ) -> Result<Option<Markup>> {
-    // Frames are counted from 1, as those of a video are everywhere else.
     let points: Vec<(f64, f64)> = frames
         .iter()
         .filter(|f| f.1.is_finite())

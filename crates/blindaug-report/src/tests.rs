@@ -483,18 +483,20 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
     const BANDS: [usize; 5] = [1, 1, 1, 1, 3];
     let (steady, html) = tracked(|_, _, _| ());
     assert_eq!(steady.iter().map(|s| bands_and_dashes(s)).collect::<Vec<_>>(), BANDS.map(|b| [b, 0]));
-    assert!(!html.contains("change was noticed in") && !html.contains("Unknown"));
+    assert!(!html.contains("just before") && !html.contains("Unknown"));
     for part in ["&lt;clip&gt;", "173° shutter", "known in 20 of 20 frames", "left real, right synthetic"] {
         assert!(html.contains(part), "{part}");
     }
 
     let (jumped, html) = tracked(|number, camera, changed| {
         changed.set(Distortion::MotionBlur, number == 9);
+        changed.set(Distortion::Noise, number == 4 || number == 12);
         if let (5..9, Estimate::Known(m)) = (number, &mut camera.motion_blur) {
             m.interval = [0.2, 0.8];
         }
     });
-    assert!(html.contains("A change was noticed in frame 9."));
+    assert!(html.contains("A change just before frame 9."));
+    assert!(html.contains("Changes just before frames 4 and 12."));
     let [bands, dashes] = bands_and_dashes(&jumped[2]);
     assert!(bands == 1 && dashes > 5, "{bands} {dashes}");
     assert_eq!((&jumped[..2], &jumped[3..]), (&steady[..2], &steady[3..]));

@@ -204,8 +204,8 @@ fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
     html! {
         @match &changes[..] {
             [] => {}
-            [only] => p { "A change was noticed in frame " (only) "." }
-            [others @ .., last] => p { "Changes were noticed in frames " (others.join(", ")) " and " (last) "." }
+            [only] => p { "A change just before frame " (only) "." }
+            [others @ .., last] => p { "Changes just before frames " (others.join(", ")) " and " (last) "." }
         }
         @for stretch in frames.chunk_by(|a, b| unknown(a) == unknown(b)) {
             @let (first, last) = (&stretch[0], &stretch[stretch.len() - 1]);

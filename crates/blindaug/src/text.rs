@@ -45,12 +45,14 @@ pub fn cut(text: &str, most: usize) -> String {
 }
 
 /// What is wrong with a text that is no JSON, or JSON of another kind: a clause.
-pub fn why_not_json(error: &serde_json::Error) -> String {
-    match error.is_eof() {
-        true if (error.line(), error.column()) == (1, 0) => "it is empty".into(),
-        true => format!("it ends in the middle, at line {}, as if it had been cut off", error.line()),
-        false => one_line(&error.to_string()),
+pub fn why_not_json(text: &str, error: &serde_json::Error) -> String {
+    if text.trim().is_empty() {
+        return "it is empty".into();
     }
+    if error.is_eof() {
+        return "it ends in the middle, as if it had been cut off".into();
+    }
+    one_line(&error.to_string())
 }
 
 /// The number of significant digits of numbers in files.
@@ -128,9 +130,9 @@ mod tests {
 
     #[test]
     fn json_that_ends_too_early_is_told_from_wrong_json() {
-        let why = |json: &str| why_not_json(&serde_json::from_str::<Vec<u8>>(json).unwrap_err());
-        assert_eq!(why(""), "it is empty");
-        assert_eq!(why("[1,\n2"), "it ends in the middle, at line 2, as if it had been cut off");
+        let why = |json: &str| why_not_json(json, &serde_json::from_str::<Vec<u8>>(json).unwrap_err());
+        assert_eq!([why(""), why(" \n")], ["it is empty"; 2]);
+        assert_eq!(why("[1,\n2"), "it ends in the middle, as if it had been cut off");
         assert!(why("[1, x]").contains("expected value"), "{}", why("[1, x]"));
     }
 

@@ -8,7 +8,7 @@ use blindaug::model::{
 };
 use blindaug::{Transfer, model};
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 const PAGE: &str = include_str!("../../../docs/camera-json.md");
 
@@ -24,6 +24,38 @@ fn fields(value: &Value, found: &mut BTreeSet<String>) {
         Value::Array(values) => values.iter().for_each(|value| fields(value, found)),
         _ => {}
     }
+}
+
+/// The fields of lines of files, at all depths, by the heading under which the page must name them.
+fn by_heading(lines: &[Value]) -> BTreeMap<&'static str, BTreeSet<String>> {
+    let mut found: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
+    for (name, value) in lines.iter().flat_map(|line| line.as_object().unwrap()) {
+        let (heading, is_own) = match name.as_str() {
+            "capture" => ("capture", false),
+            "noise" | "motion_blur" | "defocus" | "sharpening" if value.get("unknown").is_some() => {
+                ("Unknown", false)
+            }
+            "noise" => ("noise", false),
+            "motion_blur" => ("motion_blur", false),
+            "defocus" => ("defocus", false),
+            "sharpening" => ("sharpening", false),
+            "scene_depth" => ("scene_depth", false),
+            "frame" | "changed" => ("Over time", true),
+            _ => ("", true),
+        };
+        let top = if is_own { heading } else { "" };
+        found.entry(top).or_default().insert(name.clone());
+        fields(value, found.entry(heading).or_default());
+    }
+    found
+}
+
+/// The text of the page under each heading; that before the first one has none.
+fn sections() -> BTreeMap<&'static str, &'static str> {
+    let with_heading = |text: &'static str| text.split_once('\n').unwrap();
+    let mut parts = PAGE.split("\n## ");
+    let first = parts.next().unwrap();
+    [("", first)].into_iter().chain(parts.map(with_heading)).collect()
 }
 
 /// Cameras that have, together, every field.
@@ -83,35 +115,32 @@ fn quoted(text: &str) -> impl Iterator<Item = &str> {
 }
 
 #[test]
-fn the_page_names_all_fields_and_no_others() {
-    let mut in_files = BTreeSet::new();
-    for camera in cameras() {
-        assert_eq!(CameraModel::from_json(&camera.to_json()).unwrap(), camera);
-        fields(&line(&camera), &mut in_files);
+fn the_page_names_all_fields_where_they_belong_and_no_others() {
+    let cameras = cameras();
+    for camera in &cameras {
+        assert_eq!(&CameraModel::from_json(&camera.to_json()).unwrap(), camera);
     }
-    let on_the_page: BTreeSet<&str> = quoted(PAGE).flat_map(|q| q.split(['[', ' '])).collect();
-    let missing: Vec<_> = in_files.iter().filter(|f| !on_the_page.contains(f.as_str())).collect();
-    assert!(missing.is_empty(), "the page does not name {missing:?}");
-    let first_columns = PAGE.lines().filter(|l| l.starts_with("| `")).filter_map(|l| l.split('|').nth(1));
-    let gone: Vec<_> = first_columns.flat_map(quoted).filter(|f| !in_files.contains(*f)).collect();
-    assert!(gone.is_empty(), "no file has {gone:?}");
+    let sections = sections();
+    for (heading, fields) in by_heading(&cameras.iter().map(line).collect::<Vec<_>>()) {
+        let text = sections[heading];
+        let named: BTreeSet<&str> = quoted(text).flat_map(|q| q.split('[')).collect();
+        let missing: Vec<_> = fields.iter().filter(|f| !named.contains(f.as_str())).collect();
+        assert!(missing.is_empty(), "under {heading:?} the page does not name {missing:?}");
+        let first_columns = text.lines().filter(|l| l.starts_with("| `")).filter_map(|l| l.split('|').nth(1));
+        let gone: Vec<_> = first_columns.flat_map(quoted).filter(|f| !fields.contains(*f)).collect();
+        assert!(gone.is_empty(), "under {heading:?} the page names {gone:?}, which no file has");
+    }
 }
 
-#[test]
-fn the_page_names_what_text_fields_can_say() {
-    let on_the_page: BTreeSet<&str> = quoted(PAGE).collect();
-    let name = |value: Value| match value {
-        Value::String(name) => name,
-        other => other["shape"].as_str().expect("it has a shape").into(),
-    };
-    let mut names = vec![];
-    let mut add = |value: serde_json::Result<Value>| names.push(name(value.unwrap()));
-    Transfer::ALL.iter().for_each(|v| add(serde_json::to_value(v)));
-    [BlurSpace::Linear, BlurSpace::Encoded].iter().for_each(|v| add(serde_json::to_value(v)));
-    [DepthKind::Metric, DepthKind::Relative].iter().for_each(|v| add(serde_json::to_value(v)));
+/// What the fields of text can say.
+fn names() -> BTreeSet<String> {
     use Method::{Given, Removal, Spatial, Spectral, Temporal};
-    [Temporal, Spatial, Spectral, Removal, Given].iter().for_each(|v| add(serde_json::to_value(v)));
     use Reason::*;
+    let of = |value: serde_json::Result<Value>| match value.unwrap() {
+        Value::String(name) => name,
+        shape => shape["shape"].as_str().expect("it has a shape").to_owned(),
+    };
+    let polygon = Bokeh::Polygon { blades: 3, roundness: 0.0, rotation_degrees: 0.0 };
     let reasons = [
         NotEstimated,
         TooShort,
@@ -126,11 +155,30 @@ fn the_page_names_what_text_fields_can_say() {
         Uncertain,
         NotSeen,
     ];
-    reasons.iter().for_each(|v| add(serde_json::to_value(v)));
-    let polygon = Bokeh::Polygon { blades: 3, roundness: 0.0, rotation_degrees: 0.0 };
-    [Bokeh::Gaussian, Bokeh::Disk, polygon].iter().for_each(|v| add(serde_json::to_value(v)));
+    let mut names = BTreeSet::new();
+    names.extend(Transfer::ALL.iter().map(|v| of(serde_json::to_value(v))));
+    names.extend([BlurSpace::Linear, BlurSpace::Encoded].iter().map(|v| of(serde_json::to_value(v))));
+    names.extend([DepthKind::Metric, DepthKind::Relative].iter().map(|v| of(serde_json::to_value(v))));
+    names.extend([Temporal, Spatial, Spectral, Removal, Given].iter().map(|v| of(serde_json::to_value(v))));
+    names.extend([Bokeh::Gaussian, Bokeh::Disk, polygon].iter().map(|v| of(serde_json::to_value(v))));
+    names.extend(reasons.iter().map(|v| of(serde_json::to_value(v))));
+    names
+}
+
+#[test]
+fn the_page_names_what_text_can_say_and_nothing_else() {
+    let on_the_page: BTreeSet<&str> = quoted(PAGE).collect();
+    let names = names();
     let missing: Vec<_> = names.iter().filter(|n| !on_the_page.contains(n.as_str())).collect();
     assert!(missing.is_empty(), "the page does not name {missing:?}");
-    let knots = model::KNOTS.map(|k| k.to_string());
-    assert!(knots.iter().all(|k| PAGE.contains(k)), "the page does not have the points of curves, {knots:?}");
+    let mut known = names;
+    cameras().iter().for_each(|camera| fields(&line(camera), &mut known));
+    // Two commands, and the names of curves, which are no field's but a tag's.
+    known.extend(["estimate", "inspect", "thin_lens", "quadratic"].map(String::from));
+    let is_name = |word: &&&str| word.chars().all(|c| c.is_ascii_lowercase() || c == '_');
+    let gone: Vec<_> = on_the_page.iter().filter(is_name).filter(|w| !known.contains(**w)).collect();
+    assert!(gone.is_empty(), "the page has {gone:?}, which are neither fields nor what fields say");
+    let [knots @ .., last] = model::KNOTS.map(|k| k.to_string());
+    let list = format!("{} and {last}", knots.join(", "));
+    assert!(PAGE.contains(&list), "the page does not have the points of curves: {list}");
 }

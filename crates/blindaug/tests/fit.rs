@@ -362,7 +362,6 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
     assert_eq!(filmed(0.0).why_unknown().map(|why| why.reason), Some(Reason::NotSeen));
 }
 
-/// Observations in all blocks of the image that agree on an exposure and prefer it by at most `nats` each.
 #[test]
 fn the_noise_of_one_frame_is_told_in_a_wide_interval_and_that_between_frames_in_a_narrow_one() {
     let still = Flow::filled(N, N, [0.0; 2]);
@@ -380,6 +379,7 @@ fn the_noise_of_one_frame_is_told_in_a_wide_interval_and_that_between_frames_in_
     assert!(pair.iter().all(|&end| end < 0.2), "{pair:?}");
 }
 
+/// Observations in all blocks of the image that agree on an exposure and prefer it by at most `nats` each.
 fn agreeing_tiles(tiles: u32, exposure: f32, nats: f32) -> Vec<spectral::ExposureObservation> {
     let of_exposure = |i: usize| -nats * (0.005 * i as f32 - exposure).abs().min(1.0);
     let log_likelihood: Vec<f32> = (0..spectral::EXPOSURES).map(of_exposure).collect();

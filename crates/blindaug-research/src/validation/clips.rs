@@ -52,7 +52,7 @@ pub fn conditions(folder: &Path) -> Result<Vec<Condition>> {
         let text = blindaug_io::read_text(&path, MAX_TRUTH)?;
         let json: serde_json::Map<String, serde_json::Value> =
             serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| {
-                Error::new(&path, format!("is not the truth of a clip: {}", why_not_json(&e)))
+                Error::new(&path, format!("is not the truth of a clip: {}", why_not_json(&text, &e)))
             })?;
         for (name, truth) in json {
             // The name becomes that of a folder that is read and of a file that is written.

@@ -150,7 +150,7 @@ impl DistantPairs {
 
     /// The fit of the noise that frames hold. `fit` is that of `near`, the evidence of successive frames. If the footage is compressed, its
     /// model, interval and points are replaced by those of distant pairs, if there are any, and the noise of luma, too, where successive frames tell
-    /// none; and the fit says how far the noise may be off where much was copied, too ([`NoiseFit::coding_spread`]).
+    /// none. Where a coder copied much of the picture, the fit's [`coding_spread`](NoiseFit::coding_spread) is the largest one.
     pub fn complete(&self, near: &NoiseEvidence, mut fit: NoiseFit) -> NoiseFit {
         if near.is_copied() {
             fit.coding_spread = CODING_SPREAD;

@@ -13,7 +13,7 @@ mod mismatch;
 
 use self::choose::Chosen;
 use self::curves::{Colours, Spectrum};
-use self::lines::{Bin, by_spectrum, coding_error, limit, line, squared_correlation};
+use self::lines::{Bin, PULL, by_spectrum, coding_error, limit, line, squared_correlation};
 pub(super) use self::lines::{MAX_CODING_ERROR, lost};
 use super::robust::median;
 use crate::model::{
@@ -81,10 +81,10 @@ pub struct NoiseFit {
     /// The measured points that the lines go through.
     pub points: Vec<NoisePoint>,
     /// The std of the logarithm of the factor by which the noise of compressed footage is off, which is the same in all of its frames and which the
-    /// model's interval does not hold yet. 0 without a coder.
+    /// model's interval does not hold yet. 0 where nothing tells of a coder.
     pub coding_spread: f32,
-    /// The same for noise that was measured in single frames, whose flat parts hold some texture, or less noise than the rest. 0 for noise
-    /// between frames or beside clean ones.
+    /// The std of the logarithm of another such factor, by which noise is off that was measured in single frames, whose flat parts hold some
+    /// texture, or less noise than the rest. 0 for noise between frames or beside clean ones.
     pub single_spread: f32,
 }
 
@@ -92,6 +92,12 @@ impl NoiseFit {
     /// The std of the logarithm of the factor by which the noise of all frames is off alike, for [`NoiseModel::allow_for`].
     pub fn shared_spread(&self) -> f32 {
         self.coding_spread.portable_hypot(self.single_spread)
+    }
+
+    /// The same fit with a [`coding_spread`](Self::coding_spread) of at least this.
+    pub(super) fn with_coding_spread(mut self, least: f32) -> Self {
+        self.coding_spread = self.coding_spread.max(least);
+        self
     }
 }
 
@@ -157,16 +163,12 @@ pub const UNSEEN_STD: f32 = 0.25 / 255.0;
 /// has flat parts.
 pub(super) const CODING_SPREAD: f32 = 0.45;
 
-/// The std of the logarithm of the true std over what single frames tell, in 153 images of 27 photographs by simulated cameras
-/// (docs/lab-log.md): where neighbouring pixels are independent, so that the flattest parts hold white noise and no texture, and where
-/// neighbouring pixels are alike.
+/// The std of the logarithm of the true std over what single frames tell, in images by simulated cameras (docs/lab-log.md): where neighbouring
+/// pixels are independent, so that the flattest parts hold white noise and no texture, and where neighbouring pixels are alike.
 const SINGLE_SPREAD: [f32; 2] = [0.2, 0.4];
 
-/// The pull of the lines towards a constant std ([`lines::line`]), without which one bin alone would say nothing about the slope.
-const PULL: f32 = 1e-4;
-
-/// The same for single frames, in whose bright and dark parts more or less texture is taken for noise. It lowers the rms of the error of the
-/// std's logarithm, over images of 46 photographs by simulated cameras (docs/lab-log.md), from 0.58 to 0.52.
+/// The pull towards a constant std ([`lines::line`]) of the lines of single frames, in whose bright or dark parts more texture is taken for
+/// noise. Without it, lines of images with few flat parts lead far off at other luminances (docs/lab-log.md).
 const PULL_OF_SINGLE: f32 = 3e-3;
 
 /// The largest correlation between successive frames that is believed: beyond it, next to nothing of the noise shows in a difference.
@@ -266,10 +268,7 @@ impl NoiseEvidence {
                 single_spread: 0.0,
             };
         }
-        let pull = match self.method {
-            Method::Spatial => PULL_OF_SINGLE,
-            _ => PULL,
-        };
+        let pull = if self.method == Method::Spatial && !self.flat { PULL_OF_SINGLE } else { PULL };
         let pure = self.is_pure();
         let camera_share = self.camera_share();
         let single = Spectrum::between_white_and_camera(camera_share);
@@ -287,11 +286,11 @@ impl NoiseEvidence {
             if self.method == Method::Spatial && level > 0 {
                 // For estimators that look at luma, coarse noise is at most that of white noise: to take structure for noise would blind
                 // them.
-                limit(&mut bins, &finest, (white[level] / white[0]).powi(2), pull);
+                limit(&mut bins, &finest, (white[level] / white[0]).powi(2));
             }
             let expected = if level == 0 || self.windowed { vec![] } else { by_spectrum(&bins, &finest) };
             let of_line: Vec<Bin> = bins.iter().copied().chain(expected).collect();
-            let l = line(&of_line, 3, pull);
+            let l = line(&of_line, 3, PULL);
             luma[level] = NoiseLine { slope: l.slope, intercept: l.intercept };
             // Where a residual holds nothing but noise, a choice of quiet blocks would only make the noise too weak.
             let of_line = if pure {
@@ -299,7 +298,7 @@ impl NoiseEvidence {
                 bins.clone()
             } else if self.method == Method::Spatial && level > 0 {
                 bins = measured;
-                limit(&mut bins, &finest, single.ratios[level].powi(2), pull);
+                limit(&mut bins, &finest, single.ratios[level].powi(2));
                 bins.clone()
             } else {
                 of_line

@@ -250,7 +250,9 @@ impl CameraModel {
         }
         serde_json::from_str::<Head>(json)
             .and_then(|_| serde_json::from_str::<Self>(json))
-            .map_err(|e| Error::new(format!("not a camera model of blindaug: {}", text::why_not_json(&e))))
+            .map_err(|e| {
+                Error::new(format!("not a camera model of blindaug: {}", text::why_not_json(json, &e)))
+            })
             .and_then(|m| m.validate().map(|()| m))
     }
 

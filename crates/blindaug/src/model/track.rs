@@ -82,7 +82,7 @@ impl TrackedCamera {
             changed: Changes,
         }
         let Head { frame, changed } = serde_json::from_str(line).map_err(|e| {
-            let why = text::why_not_json(&e);
+            let why = text::why_not_json(line, &e);
             Error::new(format!("not a camera model with the number of its frame: {why}"))
         })?;
         Ok(Self { frame, changed, camera: CameraModel::from_json(line)? })
@@ -245,7 +245,8 @@ mod tests {
         assert_eq!(CameraTrack::from_json(&one_line).unwrap(), one.into());
         let error = |lines: &[&str]| CameraTrack::from_json(&lines.join("\n")).unwrap_err().to_string();
         assert!(error(&[&lines[1], &lines[0]]).starts_with("line 2: frame 10 comes after frame 20"));
-        assert!(error(&[&lines[0], &lines[1][..100]]).starts_with("line 2: not a camera model"));
+        let cut = error(&[&lines[0], &lines[1][..100]]);
+        assert!(cut.starts_with("line 2: not a camera model") && cut.ends_with("cut off"), "{cut}");
         assert!(error(&[&lines[0].replace("64", "0")]).starts_with("line 1: "));
     }
 }

@@ -78,12 +78,12 @@ impl Estimator {
             Family::Removal => [&denoised, &temporal, &spatial],
             Family::Auto | Family::Spectral => [&temporal, &denoised, &spatial],
         };
-        // A coder counts even if only frames that tell no noise show it.
-        let mut coding_spread = 0.0f32;
+        // That a coder was at work is known even where the comparison that shows it tells no noise, since all was copied.
+        let mut coding_spread = 0.0;
         let with_spread = |f: &&dyn Fn() -> NoiseFit| {
-            let fit = f();
-            coding_spread = coding_spread.max(fit.coding_spread);
-            NoiseFit { coding_spread, ..fit }
+            let fit = f().with_coding_spread(coding_spread);
+            coding_spread = fit.coding_spread;
+            fit
         };
         let mut fit = order.iter().map(with_spread).find(|f| f.luma.is_some()).unwrap_or_else(spatial);
         let spread = fit.shared_spread();
@@ -102,10 +102,15 @@ impl Estimator {
                 100.0 * coding_error
             ));
         } else if coding_spread > 0.0 {
-            model.warnings.push(
-                "much of the picture has hardly any noise, or is the same in successive frames to the last bit: if it was compressed, a flat surface in it may have less or more noise, as the interval says"
-                    .into(),
-            );
+            let why = match self.frames.len() {
+                1 => "some of the picture has hardly any noise",
+                _ => {
+                    "some of the picture has hardly any noise, or much of it is the same in successive frames to the last bit"
+                }
+            };
+            model.warnings.push(format!(
+                "{why}: if it was compressed, a flat surface in it may have less or more noise, as the interval says"
+            ));
         }
         model.sharpening = sharpening::of_noise(&fit);
         if let Estimate::Known(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {

@@ -14,6 +14,9 @@ pub(super) const DARK: f32 = 0.25;
 /// allow for larger errors than there are costs little (docs/lab-log.md).
 pub(in crate::fit) const MAX_CODING_ERROR: f32 = 0.045;
 
+/// The pull of lines towards a constant std, without which one bin alone would say nothing about the slope.
+pub(super) const PULL: f32 = 1e-4;
+
 /// The mean of the chosen blocks in a bin of luminance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bin {
@@ -71,12 +74,12 @@ impl NoiseEvidence {
 
 /// Limits the variances of a coarse level's bins to this share of the finest level's at the same luminance. A small frame may have no bin of
 /// that level; then the finest level's bins with this share of their variances stand for them.
-pub(super) fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32, pull: f32) {
+pub(super) fn limit(bins: &mut Vec<Bin>, finest: &[Bin], share: f32) {
     if bins.is_empty() {
         let of = |f: &Bin| Bin { variance: f.variance.map(|v| share * v), ..*f };
         bins.extend(finest.iter().map(of));
     }
-    let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c, pull));
+    let finest: [Line; 4] = std::array::from_fn(|c| line(finest, c, PULL));
     for b in bins {
         for (variance, finest) in b.variance.iter_mut().zip(&finest) {
             *variance = variance.min(finest.at(b.y).powi(2) * share);
@@ -111,9 +114,11 @@ pub(super) fn by_spectrum(bins: &[Bin], finest: &[Bin]) -> Vec<Bin> {
 
 /// Robust weighted least squares of std on luminance; the line is never negative at Y = 0.
 ///
-/// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line. `pull` is
-/// the variance of luminance that speaks for a constant std: it halves the slope of bins whose luminances have this variance.
+/// Anything but noise (structure, bad matches) only adds to the std, so a bin loses weight the farther it lies above the line. `pull`, at least
+/// [`PULL`], draws the line towards a constant std in the end: the slope of bins whose luminances have this variance is halved.
 pub(super) fn line(bins: &[Bin], channel: usize, pull: f32) -> Line {
+    /// The number of times that the bins are weighted anew.
+    const TURNS: usize = 8;
     let std = |b: &Bin| f64::from(b.variance[channel].sqrt());
     let total: f32 = bins.iter().map(|b| b.values).sum();
     let mean_variance = bins.iter().map(|b| b.variance[channel] * b.values).sum::<f32>() / total.max(1.0);
@@ -128,18 +133,21 @@ pub(super) fn line(bins: &[Bin], channel: usize, pull: f32) -> Line {
         .collect();
     let base = weights.clone();
     let mut fit = Line::default();
-    for _ in 0..8 {
+    for turn in 1..=TURNS {
+        // A pull in between would make bins seem to lie above the line that only lie on a steep one.
+        let pull = f64::from(if turn == TURNS { pull } else { PULL });
         let sum = |f: &dyn Fn(&Bin) -> f64| bins.iter().zip(&weights).map(|(b, w)| w * f(b)).sum::<f64>();
         let sw = sum(&|_| 1.0);
         if sw <= 0.0 {
             return fit;
         }
         let (my, ms) = (sum(&|b| f64::from(b.y)) / sw, sum(&std) / sw);
-        let var_y = sum(&|b| (f64::from(b.y) - my).powi(2)) + sw * f64::from(pull);
+        let var_y = sum(&|b| (f64::from(b.y) - my).powi(2)) + sw * pull;
         let mut slope = sum(&|b| (f64::from(b.y) - my) * (std(b) - ms)) / var_y;
         let mut intercept = ms - slope * my;
         if intercept < 0.0 {
-            (slope, intercept) = (sw * my * ms / (var_y + sw * my * my), 0.0);
+            let squares = sum(&|b| f64::from(b.y).powi(2)).max(f64::MIN_POSITIVE);
+            (slope, intercept) = (sum(&|b| f64::from(b.y) * std(b)) / squares, 0.0);
         }
         let at = |b: &Bin| (slope * f64::from(b.y) + intercept).max(0.0);
         let misfit = sum(&|b| (std(b) - at(b)).powi(2));
@@ -192,4 +200,51 @@ pub(in crate::fit) fn lost(std: f32) -> f32 {
     /// The range of stds from noise that hardly survives the rounding to 8 bits to noise of a sensor.
     const SURVIVING: Range<f32> = 0.0008..0.0025;
     ((SURVIVING.end - std) / (SURVIVING.end - SURVIVING.start)).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::PULL_OF_SINGLE;
+    use super::*;
+
+    /// Bins at these luminances of noise of this std.
+    fn bins(luminances: &[f32], std: impl Fn(f32) -> f32) -> Vec<Bin> {
+        let bin = |&y: &f32| Bin {
+            index: 0,
+            y,
+            variance: [std(y).powi(2); 4],
+            squared_correlation: [0.0; 3],
+            values: 1000.0,
+            blocks: 10,
+        };
+        luminances.iter().map(bin).collect()
+    }
+
+    #[test]
+    fn steep_lines_are_given_back() {
+        let luminances = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
+        for (slope, intercept) in [(0.02, 0.001), (-0.01, 0.02), (0.05, 0.002)] {
+            let all = bins(&luminances, |y| slope * y + intercept);
+            for (pull, within) in [(PULL, 0.01), (PULL_OF_SINGLE, 0.1)] {
+                for y in [0.1, 0.5, 0.9] {
+                    let ratio = line(&all, 0, pull).at(y) / (slope * y + intercept);
+                    // In the dark, the pull makes the most of a std that is next to nothing.
+                    let floor = if slope > 0.0 && y < 0.2 { 3.0 * within } else { within };
+                    assert!((ratio - 1.0).abs() < floor, "{slope} {intercept} {pull} at {y}: {ratio}");
+                }
+            }
+        }
+        // A line that would be negative in the dark goes through 0, and is as near as such a line can be.
+        let through_zero = line(&bins(&luminances, |y| 0.02 * y - 0.0005), 0, PULL);
+        assert_eq!(through_zero.intercept, 0.0);
+        assert!((through_zero.at(0.5) / 0.0095 - 1.0).abs() < 0.05, "{through_zero:?}");
+    }
+
+    #[test]
+    fn two_luminances_of_single_frames_do_not_lead_far_off_at_others() {
+        // A little more texture at the brighter one.
+        let two = bins(&[0.3, 0.36], |y| if y < 0.33 { 0.01 } else { 0.012 });
+        let at = |pull: f32| line(&two, 0, pull).at(0.9);
+        assert!(at(PULL_OF_SINGLE) < 0.02 && at(PULL) > 0.025, "{} {}", at(PULL_OF_SINGLE), at(PULL));
+    }
 }

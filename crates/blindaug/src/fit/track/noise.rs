@@ -97,8 +97,7 @@ impl NoiseFollower {
         }
         let mut fit = self.distant.complete(&near, near.fit_to(BLOCKS));
         if fit.luma.is_none() && self.known.is_none() {
-            let single = NoiseEvidence::of_frame(frame).fit();
-            fit = NoiseFit { coding_spread: fit.coding_spread.max(single.coding_spread), ..single };
+            fit = NoiseEvidence::of_frame(frame).fit().with_coding_spread(fit.coding_spread);
         }
         self.luma = fit.luma.or(self.luma);
         let Some(fresh) = fit.model.known() else {
