@@ -3,7 +3,9 @@
 use blindaug::fit::noise::{LumaNoise, NoiseLine};
 use blindaug::fit::track::Tracker;
 use blindaug::fit::{Estimation, Estimator, EstimatorOptions, Evidence, Family, FrameObservation, spectral};
-use blindaug::model::{BlurSpace, DefocusCurve, DepthKind, ExposureFraction, Reason, SharpeningModel};
+use blindaug::model::{
+    BlurSpace, DefocusCurve, DepthKind, Estimate, ExposureFraction, NoiseModel, Reason, SharpeningModel,
+};
 use blindaug::synth::{self, defocus::Bokeh};
 use blindaug::{Encoded, Flow, Plane, Raster, filter};
 
@@ -366,17 +368,29 @@ fn a_camera_that_sharpens_is_told_by_its_noise_and_one_that_does_not_is_not() {
 fn the_noise_of_one_frame_is_told_in_a_wide_interval_and_that_between_frames_in_a_narrow_one() {
     let still = Flow::filled(N, N, [0.0; 2]);
     let frames = [1, 2].map(|seed| noisy(&texture(1, 1), 0.02, seed));
-    let ends = |next: Option<&Encoded>| {
-        let mut e = Estimator::new(EstimatorOptions::default());
-        let evidence = Evidence { flow: next.map(|_| &still), ..Evidence::default() };
-        e.add(&FrameObservation { frame: &frames[0], next, previous: None, evidence }).unwrap();
-        let model = e.estimate().unwrap().model;
-        let noise = model.noise.known().expect("there is noise");
+    let observation = |next| FrameObservation {
+        frame: &frames[0],
+        next,
+        previous: None,
+        evidence: Evidence { flow: next.map(|_: &Encoded| &still), ..Evidence::default() },
+    };
+    let ends = |noise: &Estimate<NoiseModel>| {
+        let noise = noise.known().expect("there is noise");
         noise.interval_of_total_std(0.5).map(|end| (end[1] / noise.total_std(0.5)[1]).ln().abs())
     };
-    let [single, pair] = [ends(None), ends(Some(&frames[1]))];
-    assert!(single.iter().all(|end| (0.35..1.2).contains(end)), "{single:?}");
-    assert!(pair.iter().all(|&end| end < 0.2), "{pair:?}");
+    let estimated = |next| {
+        let mut e = Estimator::new(EstimatorOptions::default());
+        e.add(&observation(next)).unwrap();
+        ends(&e.estimate().unwrap().model.noise)
+    };
+    let mut tracker = Tracker::new(Default::default(), None);
+    let tracked = ends(&tracker.push(&observation(None)).unwrap().noise);
+    let (of_frames, spread) = tracker.noise_of_frames().unwrap();
+    let (is_wide, is_narrow) = (|end: &f32| (0.35..1.2).contains(end), |end: &f32| *end < 0.25);
+    let [single, pair] = [estimated(None), estimated(Some(&frames[1]))];
+    assert!(single.iter().chain(&tracked).all(is_wide), "{single:?} {tracked:?}");
+    assert!(pair.iter().chain(&ends(of_frames)).all(is_narrow), "{pair:?} {:?}", ends(of_frames));
+    assert!((0.15..0.45).contains(&spread), "{spread}");
 }
 
 /// Observations in all blocks of the image that agree on an exposure and prefer it by at most `nats` each.

@@ -535,7 +535,7 @@ impl Tracker {
     }
 
     /// The noise of the last frame as in [`Tracker::model`], with an interval that does not hold the error that all frames share, and that error:
-    /// the std of the logarithm of the factor by which the std is off ([`NoiseFit::shared_spread`]). `None` before the first frame.
+    /// the std of the logarithm of the factor by which the std is off ([`NoiseFit::shared_spread`](crate::fit::noise::NoiseFit::shared_spread)). `None` before the first frame.
     pub fn noise_of_frames(&self) -> Option<(&Estimate<NoiseModel>, f32)> {
         self.scattering.as_ref().map(|noise| (noise, self.noise.shared_spread))
     }

@@ -3,7 +3,7 @@
 use super::memory::walked;
 use crate::fit::distant::{DISTANCES, DistantPairs};
 use crate::fit::geometry::Follower;
-use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseFit, NoiseLine, UNSEEN_STD};
+use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseLine, UNSEEN_STD};
 use crate::fit::robust::median;
 use crate::fit::sharpening;
 use crate::model::{Changes, Distortion, DistortionModel, Estimate, Method, NoiseModel, SharpeningModel};
@@ -41,7 +41,7 @@ pub(super) struct NoiseFollower {
     /// The noise of luma, which outlasts a cut: some noise is needed to look at a shot's first frames.
     pub luma: Option<LumaNoise>,
     known: Option<NoiseModel>,
-    /// [`NoiseFit::shared_spread`] of the last noise.
+    /// [`NoiseFit::shared_spread`](crate::fit::noise::NoiseFit::shared_spread) of the last noise.
     pub shared_spread: f32,
     /// Whether a coder copied much of the last frames.
     copied: bool,
