@@ -527,6 +527,8 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
         return Ok(None);
     }
     const LUMINANCES: [f32; 11] = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0];
+    /// The most of the y axis, over what lines and points take of it.
+    const MOST_OF_INTERVALS: f64 = 4.0;
     let steps = |v: f32| 255.0 * f64::from(v);
     let panel = |area: &Area, hover: &Hover, level: usize| -> Result<()> {
         let points: Vec<_> = points.iter().filter(|p| p.level == level).collect();
@@ -539,7 +541,17 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
             })
             .collect();
         let all = points.iter().flat_map(|p| p.sigma.map(steps)).chain(lines.iter().flatten().map(|p| p[1]));
-        let top = extent(all).map_or(1.0, |e| e[1]).max(0.05);
+        let of_values = extent(all).map_or(1.0, |e| e[1]).max(0.05);
+        let bands: Vec<[[f64; 3]; 11]> = model.map_or(vec![], |m| {
+            let at = |c: usize, y: f32| {
+                let [low, high] = m.interval_of_std(level, c, y).map(steps);
+                [f64::from(y), low, high]
+            };
+            (0..3).map(|c| LUMINANCES.map(|y| at(c, y))).collect()
+        });
+        // Intervals are shown whole, unless they are so wide that nothing else could be seen.
+        let of_bands = extent(bands.iter().flatten().map(|p| p[2])).map_or(0.0, |e| e[1]);
+        let top = of_values.max(of_bands.min(MOST_OF_INTERVALS * of_values));
         let title = format!("Band {}: {}", level + 1, band_name(level));
         let axes = Axes {
             title: &title,
@@ -551,14 +563,8 @@ pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option
             x_ticks: 6,
         };
         let mut chart = axes.chart(area)?;
-        if let Some(m) = model {
-            for (c, colour) in CHANNELS.into_iter().enumerate() {
-                let band = LUMINANCES.map(|y| {
-                    let [low, high] = m.interval_of_std(level, c, y).map(steps);
-                    [f64::from(y), low, high]
-                });
-                axes.band(&mut chart, &band, colour)?;
-            }
+        for (band, colour) in bands.iter().zip(CHANNELS) {
+            axes.band(&mut chart, band, colour)?;
         }
         for (line, colour) in lines.into_iter().zip(CHANNELS) {
             axes.line(&mut chart, line, colour.stroke_width(4))?;
