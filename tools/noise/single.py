@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from PIL import Image
 from cameras import CAMERAS, light_of, shot
-from compare import LEVELS, LUMA, doubled, halved, inspected
+from compare import LUMA, doubled, inspected, levels
 
 SHOTS, KINDS = 12, 6
 NEAR, FEWEST = 0.1, 1500
@@ -32,13 +32,10 @@ def by_chance(rng, kind):
 
 def without_lowpass(noise):
     """The part of a noise that lies in the levels."""
-    small, sizes = noise, []
-    for _ in range(LEVELS):
-        sizes.append(small.shape[:2])
-        small = halved(small)
-    for size in reversed(sizes):
-        small = doubled(small, *size)
-    return noise - small
+    *finer, whole = levels(noise)
+    for level in reversed(finer):
+        whole = level + doubled(whole, *level.shape[:2])
+    return whole
 
 
 def estimated(blindaug, image):

@@ -26,25 +26,19 @@ fn fields(value: &Value, found: &mut BTreeSet<String>) {
     }
 }
 
-/// The fields of lines of files, at all depths, by the heading under which the page must name them.
-fn by_heading(lines: &[Value]) -> BTreeMap<&'static str, BTreeSet<String>> {
+/// The fields of lines of files, at all depths, by the heading of [`sections`] under which the page must name them.
+fn by_heading(lines: &[Value]) -> BTreeMap<&str, BTreeSet<String>> {
+    let sections = sections();
     let mut found: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
     for (name, value) in lines.iter().flat_map(|line| line.as_object().unwrap()) {
-        let (heading, is_own) = match name.as_str() {
-            "capture" => ("capture", false),
-            "noise" | "motion_blur" | "defocus" | "sharpening" if value.get("unknown").is_some() => {
-                ("Unknown", false)
-            }
-            "noise" => ("noise", false),
-            "motion_blur" => ("motion_blur", false),
-            "defocus" => ("defocus", false),
-            "sharpening" => ("sharpening", false),
-            "scene_depth" => ("scene_depth", false),
-            "frame" | "changed" => ("Over time", true),
-            _ => ("", true),
+        let heading = match name.as_str() {
+            _ if value.get("unknown").is_some() => "Unknown",
+            "frame" | "changed" => "Over time",
+            name if sections.contains_key(name) => name,
+            _ => "",
         };
-        let top = if is_own { heading } else { "" };
-        found.entry(top).or_default().insert(name.clone());
+        let of_name = if heading == "Over time" { heading } else { "" };
+        found.entry(of_name).or_default().insert(name.clone());
         fields(value, found.entry(heading).or_default());
     }
     found
@@ -121,7 +115,10 @@ fn the_page_names_all_fields_where_they_belong_and_no_others() {
         assert_eq!(&CameraModel::from_json(&camera.to_json()).unwrap(), camera);
     }
     let sections = sections();
-    for (heading, fields) in by_heading(&cameras.iter().map(line).collect::<Vec<_>>()) {
+    let lines: Vec<Value> = cameras.iter().map(line).collect();
+    let headings = by_heading(&lines);
+    assert!(sections.keys().all(|heading| *heading == "Methods" || headings.contains_key(heading)));
+    for (heading, fields) in headings {
         let text = sections[heading];
         let named: BTreeSet<&str> = quoted(text).flat_map(|q| q.split('[')).collect();
         let missing: Vec<_> = fields.iter().filter(|f| !named.contains(f.as_str())).collect();

@@ -270,8 +270,8 @@ impl NoiseEvidence {
         }
         let pull = if self.method == Method::Spatial && !self.flat { PULL_OF_SINGLE } else { PULL };
         let pure = self.is_pure();
-        let camera_share = self.camera_share();
-        let single = Spectrum::between_white_and_camera(camera_share);
+        let camera_share = (self.method == Method::Spatial).then(|| self.camera_share());
+        let single = camera_share.map(Spectrum::between_white_and_camera);
         let white = white_band_std();
         let mut points = vec![];
         let mut levels = [NoiseLevel::default(); NOISE_LEVELS];
@@ -296,7 +296,7 @@ impl NoiseEvidence {
             let of_line = if pure {
                 bins = self.bins(level, [1.0; 3], true);
                 bins.clone()
-            } else if self.method == Method::Spatial && level > 0 {
+            } else if let (Some(single), 1..) = (&single, level) {
                 bins = measured;
                 limit(&mut bins, &finest, single.ratios[level].powi(2));
                 bins.clone()
@@ -327,8 +327,7 @@ impl NoiseEvidence {
             method: self.method,
             samples: self.len() as u64,
         };
-        let prior = (self.method == Method::Spatial).then_some(&single);
-        let model = match curves::fit(&self.blocks(pure), lines.clone(), pure, prior, most) {
+        let model = match curves::fit(&self.blocks(pure), lines.clone(), pure, single.as_ref(), most) {
             Some(curves) => NoiseModel::Curves(Box::new(NoiseCurves {
                 temporal_correlation: if pure { self.temporal_correlation() } else { 0.0 },
                 ..curves
@@ -343,10 +342,7 @@ impl NoiseEvidence {
             luma: Some(luma),
             points,
             coding_spread: CODING_SPREAD * luma.lost(),
-            single_spread: match self.method {
-                Method::Spatial => white + camera_share * (camera - white),
-                _ => 0.0,
-            },
+            single_spread: camera_share.map_or(0.0, |share| white + share * (camera - white)),
         }
     }
 

@@ -98,7 +98,7 @@ pub struct Tracker {
     /// The number of the first frame in which parallax is looked for again, from 0, and whether it gave depth the last time.
     next_parallax: (usize, bool),
     noise: NoiseFollower,
-    /// The noise of the last frame; its interval does not hold the error that all frames of compressed footage share.
+    /// The noise of the last frame; its interval does not hold the error that all frames share.
     scattering: Option<Estimate<NoiseModel>>,
     exposure: ExposureMemory,
     streaks: StreaksMemory,
@@ -535,7 +535,8 @@ impl Tracker {
     }
 
     /// The noise of the last frame as in [`Tracker::model`], with an interval that does not hold the error that all frames share, and that error:
-    /// the std of the logarithm of the factor by which the std is off ([`NoiseFit::shared_spread`](crate::fit::noise::NoiseFit::shared_spread)). `None` before the first frame.
+    /// the std of the logarithm of the factor by which the std is off, a
+    /// [`shared_spread`](crate::fit::noise::NoiseFit::shared_spread). `None` before the first frame.
     pub fn noise_of_frames(&self) -> Option<(&Estimate<NoiseModel>, f32)> {
         self.scattering.as_ref().map(|noise| (noise, self.noise.shared_spread))
     }
