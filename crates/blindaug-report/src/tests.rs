@@ -506,6 +506,13 @@ fn a_tracked_camera_is_shown_over_time_with_its_intervals_and_changes() {
     let (_, html) =
         tracked(|number, _, changed| changed.set(Distortion::Noise, [4, 7, 12].contains(&number)));
     assert!(html.contains("Changes just before frames 4, 7 and 12."));
+
+    // What makes the last frame's numbers less sure stands above the headlines; what made earlier ones so no longer holds.
+    let (_, html) = tracked(|number, camera, _| {
+        camera.warnings = vec![if number < 20 { "few frames" } else { "compressed" }.into()];
+    });
+    let at = |part: &str| html.find(part).unwrap();
+    assert!(at("Compressed.") < at("aria-label=\"In short\"") && !html.contains("Few frames"));
 }
 
 #[test]
@@ -525,10 +532,10 @@ fn what_a_track_does_not_know_is_left_out_and_said() {
         [[2, 0], [2, 0], [1, 0], [1, 0]]
     );
     for part in [
-        "Unknown in frame 1 to 2: </strong>nothing near, 2.",
+        "Unknown in frames 1 to 2: </strong>nothing near, 2.",
         "Unknown in frame 8: </strong>nothing near, 8.",
-        "Unknown in frame 6 to 20: </strong>nothing moves.",
-        "Unknown in frame 1 to 20: </strong>too &lt;dark&gt;.",
+        "Unknown in frames 6 to 20: </strong>nothing moves.",
+        "Unknown in frames 1 to 20: </strong>too &lt;dark&gt;.",
         "known in 1 of 20 frames",
     ] {
         assert!(html.contains(part), "{part}");

@@ -212,7 +212,10 @@ fn in_words(frames: &[TrackedCamera], distortion: Distortion) -> Markup {
             // Of several reasons, the last one is shown: it held until the end.
             @if let Some(why) = last.camera.why_unknown(distortion) {
                 p.unknown {
-                    strong { "Unknown in frame " (first.frame) @if first.frame < last.frame { " to " (last.frame) } ": " }
+                    strong {
+                        @if first.frame < last.frame { "Unknown in frames " (first.frame) " to " (last.frame) ": " }
+                        @else { "Unknown in frame " (first.frame) ": " }
+                    }
                     (why.sentence) "."
                 }
             }

@@ -22,13 +22,14 @@ pub fn table(track: &CameraTrack) -> String {
     let frames = track.frames();
     let TrackedCamera { camera, frame: first, .. } = &frames[0];
     let Capture { width, height, .. } = camera.capture;
-    let last = frames[frames.len() - 1].frame;
-    let stopped =
-        frames[frames.len() - 1].camera.stopped.map_or(String::new(), |stopped| format!("; {stopped}"));
+    let TrackedCamera { camera: of_last, frame: last, .. } = &frames[frames.len() - 1];
+    let stopped = of_last.stopped.map_or(String::new(), |stopped| format!("; {stopped}"));
     let mut text = format!(
-        "Camera     {width} x {height} px, tracked over {} ({first} to {last}{stopped})\n\n",
+        "Camera     {width} x {height} px, tracked over {} ({first} to {last}{stopped})\n",
         count(frames.len() as u64, "frame")
     );
+    text.extend(of_last.warnings.iter().map(|sentence| format!("Warning    {sentence}\n")));
+    text.push('\n');
     let lens = match frames.iter().find_map(|f| f.camera.defocus.known()).map(|d| d.depth_kind) {
         Some(DepthKind::Metric) => "in focus at, m",
         _ => "in focus at, relative",

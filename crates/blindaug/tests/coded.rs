@@ -1,8 +1,8 @@
 //! Tests on compressed footage, made by a small video coder that predicts along the motion and quantises 8x8 transforms.
 
 use blindaug::fit::noise::{LumaNoise, NoiseEvidence};
-use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, spectral};
-use blindaug::model::{ExposureFraction, Method};
+use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, spectral, track::Tracker};
+use blindaug::model::{ExposureFraction, Method, Space};
 use blindaug::{Encoded, Flow, Plane, Raster, Transfer, filter, synth};
 use std::f32::consts::PI;
 
@@ -145,6 +145,17 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         let found = estimator.estimate().unwrap();
         let warnings = &found.model.warnings;
         assert!(warnings.iter().any(|n| n.contains("compressed")), "{warnings:?}");
+        // The tracker says so, too, and says nothing of footage that was not coded.
+        let tracked = |frames: &[Encoded]| {
+            let mut tracker = Tracker::new(Space::default(), None);
+            for observation in FrameObservation::of_frames(frames) {
+                let evidence = Evidence { flow: Some(&flow), ..Evidence::default() };
+                tracker.push(&FrameObservation { evidence, ..observation }).unwrap();
+            }
+            tracker.model().unwrap().warnings.clone()
+        };
+        assert!(tracked(&coded).iter().any(|n| n.contains("compressed")), "{:?}", tracked(&coded));
+        assert!(tracked(&plain).iter().all(|n| !n.contains("compressed")), "{:?}", tracked(&plain));
         let found = *found.model.motion_blur.known().expect("much moves");
         println!("{exposure}: {:?} {:?}", found.exposure, found.interval);
         let error = (found.exposure.0 - exposure).abs();

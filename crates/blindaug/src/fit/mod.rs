@@ -27,6 +27,7 @@ mod tiles;
 pub mod timing;
 pub mod track;
 mod uneven;
+mod warnings;
 
 pub use defocus::BlurPoint;
 pub use estimator::Estimator;

@@ -35,6 +35,7 @@ use super::streaks::Link;
 use super::tiles::Tile;
 use super::timing::{Copies, Look};
 use super::uneven::{self, Correction, Swings};
+use super::warnings::{coding_warning, few_frames};
 use super::{bokeh, likelihood, spectral, tiles};
 use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
@@ -430,8 +431,15 @@ impl Tracker {
             self.inverse_depth = Some(depth);
         }
         self.frames += 1;
+        model.warnings = self.warnings();
         model.validate()?;
         Ok(self.model.insert(model))
+    }
+
+    /// What makes the last frame's model less sure.
+    fn warnings(&self) -> Vec<String> {
+        let coding = coding_warning(self.noise.luma.as_ref(), self.noise.coding_spread, self.frames);
+        few_frames(self.frames).into_iter().chain(coding).collect()
     }
 
     /// Finds the motion from the frame before, which was not looked at, since that of the last frame that was is another time's. Gives the frame
@@ -500,6 +508,7 @@ impl Tracker {
         model.defocus = self.follow_lens(&OfLens { as_disks: lens.to_vec(), ..OfLens::default() })?;
         self.frames += 1;
         model.capture.frames_used = self.frames;
+        model.warnings = self.warnings();
         model.validate()?;
         Ok(self.model.insert(model))
     }

@@ -4,6 +4,7 @@ use super::{Estimator, FrameEvidence};
 use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseFit};
 use crate::fit::observation::{Curve, Diagnostics, Estimation, Family, Shot};
 use crate::fit::robust::median;
+use crate::fit::warnings::{coding_warning, few_frames};
 use crate::fit::{agreement, bokeh, defocus, removal, sharpening, spectral, streaks, tiles};
 use crate::model::{
     CameraModel, Capture, DefocusCurve, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
@@ -18,8 +19,6 @@ type ExposurePerFrame = Vec<(usize, f32)>;
 
 /// The least correlation of noise between successive frames of which the user is told.
 const NOTABLE_CORRELATION: f32 = 0.1;
-/// An estimate from fewer frames comes with a warning.
-const FEW_FRAMES: usize = 5;
 
 impl Estimator {
     /// The model that the frames so far give.
@@ -39,14 +38,7 @@ impl Estimator {
         (model.blur_space, model.transfer) = (self.options.space.blur, self.options.space.transfer);
         let mut diagnostics = Diagnostics { inverse_depth: self.last_depth.clone(), ..Default::default() };
         diagnostics.notes.extend(self.copies.words(self.options.fps));
-        if self.frames.len() < FEW_FRAMES {
-            let few = if self.frames.len() == 1 {
-                "one frame".into()
-            } else {
-                format!("{} frames", self.frames.len())
-            };
-            model.warnings.push(format!("the model rests on {few} only: more frames would make it surer"));
-        }
+        model.warnings.extend(few_frames(self.frames.len()));
         if self.unfollowed > 0 {
             model.warnings.push(format!(
                 "{} could not be followed to {} (too much changed)",
@@ -96,22 +88,7 @@ impl Estimator {
                     .into(),
             );
         }
-        if let Some(LumaNoise { coding_error, .. }) = fit.luma.filter(LumaNoise::is_compressed) {
-            model.warnings.push(format!(
-                "there is less noise than a sensor has, or none of it in chroma: the footage was compressed or denoised, and detail weaker than {:.1} % of full scale is not relied on for blur",
-                100.0 * coding_error
-            ));
-        } else if coding_spread > 0.0 {
-            let why = match self.frames.len() {
-                1 => "some of the picture has hardly any noise",
-                _ => {
-                    "some of the picture has hardly any noise, or much of it is the same in successive frames to the last bit"
-                }
-            };
-            model.warnings.push(format!(
-                "{why}: if it was compressed, a flat surface in it may have less or more noise, as the interval says"
-            ));
-        }
+        model.warnings.extend(coding_warning(fit.luma.as_ref(), coding_spread, self.frames.len()));
         model.sharpening = sharpening::of_noise(&fit);
         if let Estimate::Known(SharpeningModel { amount, interval: [low, high], .. }) = model.sharpening {
             diagnostics.notes.push(format!(

@@ -43,6 +43,8 @@ pub(super) struct NoiseFollower {
     known: Option<NoiseModel>,
     /// [`NoiseFit::shared_spread`](crate::fit::noise::NoiseFit::shared_spread) of the last noise.
     pub shared_spread: f32,
+    /// The part of it that is due to a coder: [`NoiseFit::coding_spread`](crate::fit::noise::NoiseFit::coding_spread).
+    pub coding_spread: f32,
     /// Whether a coder copied much of the last frames.
     copied: bool,
     /// The sharpening, which shows in noise between frames; `None` if none was seen in this shot.
@@ -52,7 +54,16 @@ pub(super) struct NoiseFollower {
 impl Default for NoiseFollower {
     fn default() -> Self {
         let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
-        Self { memory, distant, luma: None, known: None, shared_spread: 0.0, copied: false, sharpening: None }
+        Self {
+            memory,
+            distant,
+            luma: None,
+            known: None,
+            shared_spread: 0.0,
+            coding_spread: 0.0,
+            copied: false,
+            sharpening: None,
+        }
     }
 }
 
@@ -107,7 +118,7 @@ impl NoiseFollower {
             };
             return Ok((told, changes));
         };
-        self.shared_spread = fit.shared_spread();
+        (self.shared_spread, self.coding_spread) = (fit.shared_spread(), fit.coding_spread);
         let mut told = fresh.clone();
         if fresh.method() == Method::Temporal {
             // Between straight lines and curves there is no mean.
