@@ -10,9 +10,12 @@ use crate::{
     partial::write_atomically,
 };
 use ::exr::{
-    block::{self, reader::ChunksReader},
+    block::{self, UncompressedBlock, chunk::Chunk, reader::ChunksReader, writer::ChunksWriter as _},
     compression::Compression,
-    image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, write::WritableImage as _},
+    image::{
+        AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer,
+        write::layers::{LayersWriter as _, WritableLayers as _},
+    },
     math::Vec2,
     meta::{
         BlockDescription,
@@ -27,6 +30,7 @@ use blindaug::{
     composite::DistortedLayer,
     model::{PIXEL_ASPECTS, inverse_of_metric},
 };
+use rayon::prelude::*;
 use std::{
     fs::File,
     io::{BufReader, BufWriter, Write as _},
@@ -241,12 +245,46 @@ pub(crate) fn write(
     let image = Image::new(image, layer);
     write_atomically(path, |partial| {
         let mut file = BufWriter::new(File::create(partial)?);
-        image.write().to_buffered(&mut file).map_err(|e| match e {
+        write_compressed(&image, &mut file).map_err(|e| match e {
             ::exr::error::Error::Io(e) => e,
             e => std::io::Error::other(e),
         })?;
         file.flush()
     })
+}
+
+/// Writes an image, of which several blocks are compressed at once.
+fn write_compressed(
+    image: &Image<Layer<AnyChannels<FlatSamples>>>,
+    file: &mut BufWriter<File>,
+) -> ::exr::error::UnitResult {
+    let headers = image.layer_data.infer_headers(&image.attributes);
+    let layers = image.layer_data.create_writer(&headers);
+    block::write(file, headers, true, |meta, chunks| {
+        let blocks: Vec<_> = block::enumerate_ordered_header_block_indices(&meta.headers).collect();
+        let largest = blocks.iter().map(|(_, block)| block.pixel_size.area()).max().unwrap_or(0);
+        let bytes = meta.headers.iter().map(|h| largest * h.channels.bytes_per_pixel).max().unwrap_or(0);
+        for some in blocks.chunks(at_once(bytes as u64)) {
+            let compressed: ::exr::error::Result<Vec<_>> = some
+                .par_iter()
+                .map(|&(place, index)| {
+                    let data = layers.extract_uncompressed_block(&meta.headers, index);
+                    Ok((place, UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)?))
+                })
+                .collect();
+            compressed?.into_iter().try_for_each(|(place, chunk)| chunks.write_chunk(place, chunk))?;
+        }
+        Ok(())
+    })
+}
+
+/// The number of blocks of up to so many bytes that are compressed or decompressed at once.
+fn at_once(block: u64) -> usize {
+    /// Enough for many threads.
+    const MOST: u64 = 32;
+    /// The bytes of several blocks.
+    const BYTES: u64 = 16 << 20;
+    (BYTES / block.max(1)).clamp(1, MOST) as usize
 }
 
 /// Writes a distorted layer as an EXR file for a compositing program: `R G B A` premultiplied and scene-linear, `noise.R noise.G noise.B`,
@@ -577,44 +615,63 @@ impl ExrFile<'_> {
                 largest_block = largest_block.max(check_header(path, h, length)?);
             }
         }
-        // Memory is taken for planes of f32, for the raster that they are joined to, and for a block, both stored and decompressed.
+        // Memory is taken for planes of f32, for the raster that they are joined to, and for blocks, both stored and decompressed.
         let pixels = (size.0 * size.1) as u64;
-        let bytes = 8 * pixels * picks.len() as u64 + 2 * largest_block;
+        let at_once = at_once(largest_block);
+        let bytes = 8 * pixels * picks.len() as u64 + 2 * largest_block * at_once as u64;
         memory::fits(path, &pixels_in_words(size.0 as u64, size.1 as u64), bytes)?;
         guarded(path, || {
             let mut planes = vec![Plane::filled(size.0, size.1, 0.0); picks.len()];
             let fail = |e| exr_error(path, e);
-            let chunks = reader
+            let mut chunks = reader
                 .filter_chunks(false, |_, _, block| {
                     block.level == Vec2(0, 0) && picks.iter().any(|p| p.header == block.layer)
                 })
                 .map_err(fail)?;
-            let mut blocks = chunks.sequential_decompressor(false);
-            while let Some(block) = blocks.next() {
-                let block = block.map_err(fail)?;
-                let Some(header) = blocks.meta_data().headers.get(block.index.layer) else { continue };
-                for line in block.lines(&header.channels) {
-                    for (plane, _) in planes
-                        .iter_mut()
-                        .zip(&picks)
-                        .filter(|(_, p)| p.header == line.location.layer && p.index == line.location.channel)
-                    {
-                        let sample_type = header.channels.list[line.location.channel].sample_type;
-                        let display = header.shared_attributes.display_window.position;
-                        let data = header.own_attributes.layer_position;
-                        let offset = |data: i32, display: i32, at: usize| {
-                            i64::from(data) - i64::from(display) + at as i64
-                        };
-                        let x = offset(data.x(), display.x(), line.location.position.x() + overscan.left);
-                        let y = offset(data.y(), display.y(), line.location.position.y() + overscan.top);
-                        if (0..size.1 as i64).contains(&y) {
-                            place_line(plane.row_mut(y as usize), x, sample_type, line.value);
-                        }
-                    }
+            let meta = chunks.meta_data().clone();
+            loop {
+                let some: Vec<Chunk> =
+                    chunks.by_ref().take(at_once).collect::<::exr::error::Result<_>>().map_err(fail)?;
+                if some.is_empty() {
+                    return Ok(planes);
                 }
+                let decompressed = |chunk| {
+                    guarded(path, || UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(fail))
+                };
+                let blocks: Vec<Result<UncompressedBlock>> = some.into_par_iter().map(decompressed).collect();
+                blocks.into_iter().try_for_each(|block| {
+                    place_block(&mut planes, &picks, &block?, &meta.headers, overscan);
+                    Ok(())
+                })?;
             }
-            Ok(planes)
         })
+    }
+}
+
+/// Writes the picked channels of a block into planes of the frame and the overscan around it; samples outside are left out.
+fn place_block(
+    planes: &mut [Plane],
+    picks: &[&Channel],
+    block: &UncompressedBlock,
+    headers: &[Header],
+    overscan: Overscan,
+) {
+    let Some(header) = headers.get(block.index.layer) else { return };
+    let display = header.shared_attributes.display_window.position;
+    let data = header.own_attributes.layer_position;
+    let offset = |data: i32, display: i32, at: usize| i64::from(data) - i64::from(display) + at as i64;
+    for line in block.lines(&header.channels) {
+        let at = line.location;
+        let x = offset(data.x(), display.x(), at.position.x() + overscan.left);
+        let y = offset(data.y(), display.y(), at.position.y() + overscan.top);
+        let sample_type = header.channels.list[at.channel].sample_type;
+        for (plane, _) in
+            planes.iter_mut().zip(picks).filter(|(_, p)| p.header == at.layer && p.index == at.channel)
+        {
+            if (0..plane.height() as i64).contains(&y) {
+                place_line(plane.row_mut(y as usize), x, sample_type, line.value);
+            }
+        }
     }
 }
 

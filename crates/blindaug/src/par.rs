@@ -29,6 +29,29 @@ pub(crate) fn map<R: Send>(n: usize, f: impl Fn(usize) -> R + Sync + Send) -> Ve
     (0..n).map(f).collect()
 }
 
+/// The number of bytes up to which fresh memory is written by one thread. The system clears each page at the first write to it, for which one
+/// thread would have all others wait.
+#[cfg(feature = "threads")]
+const LARGE: usize = 4 << 20;
+
+/// `n` times `value`.
+pub(crate) fn filled<T: Copy + Send + Sync>(n: usize, value: T) -> Vec<T> {
+    #[cfg(feature = "threads")]
+    if n.saturating_mul(size_of::<T>()) > LARGE {
+        return rayon::iter::repeat_n(value, n).collect();
+    }
+    vec![value; n]
+}
+
+/// A copy of `data`.
+pub(crate) fn copied<T: Copy + Send + Sync>(data: &[T]) -> Vec<T> {
+    #[cfg(feature = "threads")]
+    if size_of_val(data) > LARGE {
+        return data.par_iter().copied().collect();
+    }
+    data.to_vec()
+}
+
 /// `(a(), b())`.
 pub(crate) fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
     #[cfg(feature = "threads")]

@@ -4,11 +4,17 @@ use crate::{Error, Result, par};
 use std::ops::Range;
 
 /// A `width` x `height` rectangle of values, row by row from the top left; pixel centres are at integer coordinates.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct Raster<T> {
     width: usize,
     height: usize,
     data: Vec<T>,
+}
+
+impl<T: Copy + Send + Sync> Clone for Raster<T> {
+    fn clone(&self) -> Self {
+        Self { width: self.width, height: self.height, data: par::copied(&self.data) }
+    }
 }
 
 /// One value per pixel.
@@ -82,7 +88,7 @@ impl<T> Raster<T> {
 impl<T: Copy + Send + Sync> Raster<T> {
     /// A raster with `value` at every pixel.
     pub fn filled(width: usize, height: usize, value: T) -> Self {
-        Self { width, height, data: vec![value; width * height] }
+        Self { width, height, data: par::filled(width * height, value) }
     }
 
     /// A raster with `f(x, y)` at each pixel, computed for several rows in parallel.
@@ -90,7 +96,7 @@ impl<T: Copy + Send + Sync> Raster<T> {
     where
         T: Default,
     {
-        let mut data = vec![T::default(); width * height];
+        let mut data = par::filled(width * height, T::default());
         par::for_each_row(&mut data, width, |y, row| {
             for (x, v) in row.iter_mut().enumerate() {
                 *v = f(x, y);
@@ -124,7 +130,7 @@ impl<T: Copy + Send + Sync> Raster<T> {
         rows: Range<usize>,
         f: impl Fn(T) -> U + Sync,
     ) -> Raster<U> {
-        let mut data = vec![U::default(); self.width * rows.len()];
+        let mut data = par::filled(self.width * rows.len(), U::default());
         par::for_each_row(&mut data, self.width, |y, row| {
             for (o, &v) in row.iter_mut().zip(self.row(rows.start + y)) {
                 *o = f(v);
@@ -135,7 +141,11 @@ impl<T: Copy + Send + Sync> Raster<T> {
 
     /// The `width` x `height` rectangle whose top left corner is (x, y), which must lie inside the raster.
     pub fn crop(&self, x: usize, y: usize, width: usize, height: usize) -> Self {
-        let data = (y..y + height).flat_map(|y| self.row(y)[x..x + width].iter().copied()).collect();
+        if width == 0 || height == 0 {
+            return Self { width, height, data: vec![] };
+        }
+        let mut data = par::filled(width * height, self.at(x, y));
+        par::for_each_row(&mut data, width, |r, row| row.copy_from_slice(&self.row(y + r)[x..x + width]));
         Self { width, height, data }
     }
 }
