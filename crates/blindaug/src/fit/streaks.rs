@@ -9,7 +9,7 @@
 //! Machine Learning, chapter 2), and the streaks are integrated out by Laplace's method.
 
 use super::agreement::{
-    BOOTSTRAPS, ExposureFit, MAX_UNCERTAINTY, most_likely_exposure, typical_speed, uneven_interval,
+    BOOTSTRAPS, ExposureFit, FEWEST, MAX_UNCERTAINTY, most_likely_exposure, typical_speed, uneven_interval,
 };
 use super::likelihood::{EXPOSURE_STEP, EXPOSURES, MAX_LAMBDA, interpolate};
 use super::linear::{cholesky, solved, solved_by};
@@ -128,7 +128,7 @@ pub(super) fn widest(by_tiles: Option<f32>) -> f32 {
     by_tiles.map_or(MAX_UNCERTAINTY, |width| (PREFERRED * width).min(MAX_UNCERTAINTY))
 }
 
-/// The exposure that the streaks of all runs agree on; `None` if no two frames can be compared.
+/// The exposure that the streaks of all runs agree on; `None` if no run tells one.
 pub(super) fn fit_exposure(runs: &[Run], noise: &LumaNoise) -> Option<ExposureFit> {
     let told: Vec<Told> = runs.iter().filter_map(|run| told_by(run, None, noise)).collect();
     agreed(&told.iter().collect::<Vec<_>>(), noise.coding_error)
@@ -208,7 +208,7 @@ impl Told {
     }
 }
 
-/// What the streaks of a run tell; `None` if no two of its frames can be compared. `before` is what its first frames told: the search then
+/// What the streaks of a run tell; `None` if fewer than [`FEWEST`] pairs of tiles can be compared. `before` is what its first frames told: the search then
 /// starts from their streaks alone, and is much shorter.
 pub(super) fn told_by<'a>(run: &Run<'a>, before: Option<&Told>, noise: &LumaNoise) -> Option<Told> {
     let links = |highest: f32| -> Vec<PreparedLink<'a>> {
@@ -223,7 +223,7 @@ pub(super) fn told_by<'a>(run: &Run<'a>, before: Option<&Told>, noise: &LumaNois
     let course = Course::new(&ways).filter(|course| course.speed > 0.0)?;
     let fine = links(f32::INFINITY);
     let samples = fine.iter().map(|link| link.pairs.len()).sum();
-    if samples == 0 {
+    if samples < FEWEST {
         return None;
     }
     let search =
@@ -696,8 +696,8 @@ mod tests {
             (0..FRAMES).map(blurred).collect()
         };
         let flow = |t: usize| Flow::filled(w, h, [0, 1].map(|c| place(t + 1)[c] - place(t)[c]));
-        let found = |frames: &[Encoded]| {
-            let links: Vec<Link> = (0..frames.len() - 1)
+        let linked = |frames: &[Encoded]| -> Vec<Link> {
+            (0..frames.len() - 1)
                 .map(|t| {
                     let ways = ways(FRAMES, 3.0);
                     let mean = |t: usize| {
@@ -709,10 +709,13 @@ mod tests {
                     let pair = [&frames[t], &frames[t + 1]];
                     Link::new(pair, &flow(t), motions, BlurSpace::Encoded.into()).unwrap()
                 })
-                .collect();
-            let run = Run { links: links.iter().collect(), frames: (0..frames.len()).map(Some).collect() };
-            fit_exposure(&[run], &LumaNoise::default()).expect("it moves")
+                .collect()
         };
+        let fitted = |links: &[Link]| {
+            let run = Run { links: links.iter().collect(), frames: (0..=links.len()).map(Some).collect() };
+            fit_exposure(&[run], &LumaNoise::default())
+        };
+        let found = |frames: &[Encoded]| fitted(&linked(frames)).expect("it moves");
         for lambda in [0.4, 0.8] {
             let fit = found(&frames(lambda));
             let [low, high] = fit.interval;
@@ -728,6 +731,10 @@ mod tests {
         let sharp = found(&frames(0.0));
         assert!(sharp.exposure.0 < 0.1, "{}", sharp.exposure.0);
         assert!(fit_exposure(&[], &LumaNoise::default()).is_none());
+        // A pair of tiles for each two frames is too few: a texture that looks like a streak does so in all of them.
+        let mut links = linked(&frames(0.4));
+        links.iter_mut().for_each(|link| link.pairs.truncate(1));
+        assert!(fitted(&links).is_none());
     }
 
     #[test]
