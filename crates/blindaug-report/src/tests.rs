@@ -541,6 +541,11 @@ fn what_a_track_does_not_know_is_left_out_and_said() {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("nothing near, 1"));
+    // Nor has it a caption.
+    assert!(
+        html.contains("The inverse depth that is in focus")
+            && !html.contains("The std of the finest grain at")
+    );
 }
 
 #[test]

@@ -31,12 +31,14 @@ pub(crate) fn page(TrackReportInput { title, track, samples, provenance }: &Trac
                 @match distortion {
                     Distortion::Defocus => (defocus_figures(frames, metric)?),
                     Distortion::MotionBlur => {
-                        (figure(frames, "exposure, %", Some(100.0), &[(ESTIMATE, exposure)], distortion)?)
-                        p.soft { "The part of the time from one frame to the next in which the shutter is open." }
+                        (figure(frames, "exposure, %", Some(100.0), &[(ESTIMATE, exposure)], distortion, &html! {
+                            "The part of the time from one frame to the next in which the shutter is open."
+                        })?)
                     },
                     Distortion::Noise => {
-                        (figure(frames, "std, 8-bit steps", None, &noise_lines, distortion)?)
-                        p.soft { "The std of the finest grain at luminance " (MIDDLE) ": " (channel_key()) }
+                        (figure(frames, "std, 8-bit steps", None, &noise_lines, distortion, &html! {
+                            "The std of the finest grain at luminance " (MIDDLE) ": " (channel_key())
+                        })?)
                     },
                     other => (first_figure(frames, other)?),
                 }
@@ -53,14 +55,16 @@ fn defocus_figures(frames: &[TrackedCamera], metric: bool) -> Part {
     let sigma = |m: &CameraModel| Some(lens(m)?[0]);
     let focus = |m: &CameraModel| Some(lens(m)?[1]);
     let focus_name = if metric { "focus, 1/m" } else { "focus, relative" };
+    let of_sigma = html! {
+        "Std of the Gaussian that is equivalent to the blur of what is very far" @if !metric { " (at relative inverse depth 0)" } "."
+    };
+    let of_focus = html! {
+        "The inverse depth that is in focus"
+        @if metric { ", in 1/m." } @else { ", relative: without a unit, larger is nearer, and on another scale after a cut." }
+    };
     Ok(html! {
-        (figure(frames, "blur, px", None, &[(ESTIMATE, sigma)], Distortion::Defocus)?)
-        p.soft { "Std of the Gaussian that is equivalent to the blur of what is very far" @if !metric { " (at relative inverse depth 0)" } "." }
-        (figure(frames, focus_name, None, &[(ESTIMATE, focus)], Distortion::Defocus)?)
-        p.soft {
-            "The inverse depth that is in focus"
-            @if metric { ", in 1/m." } @else { ", relative: without a unit, larger is nearer, and on another scale after a cut." }
-        }
+        (figure(frames, "blur, px", None, &[(ESTIMATE, sigma)], Distortion::Defocus, &of_sigma)?)
+        (figure(frames, focus_name, None, &[(ESTIMATE, focus)], Distortion::Defocus, &of_focus)?)
     })
 }
 
@@ -98,10 +102,8 @@ fn first_figure(frames: &[TrackedCamera], distortion: Distortion) -> Part {
         return Ok(html! {});
     };
     let name = if p.unit.is_empty() { p.name.to_owned() } else { format!("{}, {}", p.name, p.unit) };
-    Ok(html! {
-        (figure(frames, &name, None, &[(ESTIMATE, |m: &CameraModel| first(m, distortion))], distortion)?)
-        p.soft { (p.meaning) }
-    })
+    let lines = [(ESTIMATE, |m: &CameraModel| first(m, distortion))];
+    figure(frames, &name, None, &lines, distortion, &html! { (p.meaning) })
 }
 
 /// The luminance at which the noise is reported.
@@ -174,13 +176,14 @@ fn summary(frames: &[TrackedCamera], metric: bool) -> Markup {
     })
 }
 
-/// The plot of numbers over time, with the changes that were noticed.
+/// The plot of numbers over time, with the changes that were noticed, and its caption; nothing if no number is known.
 fn figure<F: Fn(&CameraModel) -> Known>(
     frames: &[TrackedCamera],
     name: &str,
     most: Option<f64>,
     lines: &[(RGBColor, F)],
     distortion: Distortion,
+    caption: &Markup,
 ) -> Part {
     let ends = [&frames[0], &frames[frames.len() - 1]].map(|f| f.frame as f64);
     let course = |(colour, of): &(RGBColor, F)| {
@@ -193,7 +196,7 @@ fn figure<F: Fn(&CameraModel) -> Known>(
     let changes: Vec<f64> =
         frames.iter().filter(|f| f.changed.of(distortion)).map(|f| f.frame as f64).collect();
     let plot = plots::over_time(name, ends, most, &courses, &changes)?;
-    Ok(html! { @if let Some(plot) = plot { figure { (plot) } } })
+    Ok(html! { @if let Some(plot) = plot { figure { (plot) } p.soft { (caption) } } })
 }
 
 /// The frames in which a change is told, and the frames without an estimate, with the reason.
