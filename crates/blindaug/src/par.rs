@@ -32,7 +32,7 @@ pub(crate) fn map<R: Send>(n: usize, f: impl Fn(usize) -> R + Sync + Send) -> Ve
 /// The number of bytes up to which fresh memory is written by one thread. The system clears each page at the first write to it, for which one
 /// thread would have all others wait.
 #[cfg(feature = "threads")]
-const LARGE: usize = 4 << 20;
+const LARGE: usize = 1 << 20;
 
 /// `n` times `value`.
 pub(crate) fn filled<T: Copy + Send + Sync>(n: usize, value: T) -> Vec<T> {
