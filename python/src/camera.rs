@@ -26,6 +26,8 @@ pub struct Kept {
     pub diagnostics: Diagnostics,
     /// A few frames.
     pub samples: Vec<Sample>,
+    /// The numbers of all frames that were looked at.
+    pub numbers: Vec<u64>,
 }
 
 /// A camera: its noise, exposure, defocus and sharpening, each with an interval or with the reason why it is unknown.
@@ -297,6 +299,7 @@ impl Camera {
         let written = py.detach(|| -> Result<_, String> {
             let input = ReportInput {
                 samples: kept.samples.clone(),
+                numbers: kept.numbers.clone(),
                 ..ReportInput::new(&kept.title, &self.model, &kept.diagnostics)
             };
             let page = blindaug_report::page(&input).map_err(|e| e.to_string())?;

@@ -123,6 +123,6 @@ pub fn estimate(
     })?;
     let Estimation { model, diagnostics } = fitted.estimation;
     let notes = diagnostics.notes.clone();
-    let kept = samples.then_some(Kept { title, diagnostics, samples: fitted.samples });
+    let kept = samples.then_some(Kept { title, diagnostics, samples: fitted.samples, numbers: fitted.numbers });
     Ok(Camera::new(&model, notes, kept)?.of_shots(fitted.shots))
 }

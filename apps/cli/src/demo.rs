@@ -257,6 +257,7 @@ pub fn run(args: &Demo) -> Result<()> {
         samples: fitted.samples,
         comparison: rows,
         pictures,
+        numbers: fitted.numbers,
         provenance: Some(crate::provenance::of([frames.as_path()])?),
     };
     console::write_page(&out.join("report.html"), blindaug_report::page(&report))?;

@@ -222,6 +222,7 @@ pub fn run(args: &Estimate) -> Result<()> {
     if let Some(path) = &args.report {
         let input = ReportInput {
             samples: fitted.samples,
+            numbers: fitted.numbers,
             provenance: Some(args.provenance(&source)?),
             ..ReportInput::new(&report_title(&source), model, diagnostics)
         };

@@ -254,7 +254,7 @@ fn numbers_and_patterns_are_taken_as_artists_type_them() {
     assert!(again == before);
     for (arguments, says) in [
         ("composite shot/b.%04d.png --virtual fx --camera c.json -o x", "no file has a name of this pattern"),
-        ("composite plain --virtual fx --camera c.json -o x", "is a frame's"),
+        ("composite plain --virtual fx --camera c.json -o x", "(--first)"),
         (
             "composite plain --first 1001 --virtual fx --camera c.json -o x --frames 2..3",
             "its frames are 1001 to 1002",
@@ -305,6 +305,13 @@ fn mattes_hold_the_object_out() {
     assert!(!same(&open, &plate, true) && !same(&open, &plate, false), "the object is in both halves");
     // A frame without a matte is composited without.
     assert!(read("held", 3) == read("open", 3));
+    // An EXR matte whose alpha says nothing is that of its colour.
+    let exr = FrameFormat::PNG8.with(Some(FileKind::Exr), None).unwrap();
+    std::fs::create_dir(d.join("opaque")).unwrap();
+    exr.write(&d.join("opaque/0002.exr"), &matte, Some(&Plane::filled(W, W, 1.0)), None, &Coding::default())
+        .unwrap();
+    succeeds(d, &format!("{f} -o opaque_held --holdout opaque"));
+    assert!(read("opaque_held", 2) == held);
     write_png(d.join("roto/0003.png"), &Encoded(Raster::filled(9, 9, [0.0; 3]))).unwrap();
     let said = fails(d, &format!("{f} -o x --holdout roto"));
     assert!(
@@ -429,6 +436,22 @@ fn layers_without_depth_and_motion_are_given_some() {
     assert!(said.contains("--layer-depth") && said.contains("--layer-motion"), "{said}");
     let (deep, said) = made("deep", "--layer-depth 0.5");
     assert!(differ(&bare, &deep) > 0.05 && !said.contains("--layer-depth"), "{said}");
+    // A Z that is no distance tells no more than none.
+    std::fs::rename(d.join("flat"), d.join("without")).unwrap();
+    let far = DistortedLayer {
+        color: layer.color.clone(),
+        flow: Raster::filled(W, W, [f32::NAN; 2]),
+        ..DistortedLayer::empty((W, W))
+    };
+    write_layer(&d.join("flat/0003.exr"), &far);
+    let (untold, said) = made("untold", "");
+    assert!(
+        differ(&bare, &untold) == 0.0 && said.contains("the Z of its virtual layer is no distance"),
+        "{said}"
+    );
+    assert!(said.contains("the motion of its virtual layer is no number"), "{said}");
+    std::fs::remove_dir_all(d.join("flat")).unwrap();
+    std::fs::rename(d.join("without"), d.join("flat")).unwrap();
     let (moved, said) = made("moved", "--layer-motion -12,3");
     assert!(differ(&bare, &moved) > 0.05 && !said.contains("--layer-motion"), "{said}");
     let (of_plate, said) =

@@ -49,6 +49,19 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
     }
     // `values` are as stored; `max` is the largest value of an integer image's type.
     let (values, max) = if is_exr(path)? { (exr::read_depth(path)?, None) } else { integers(path)? };
+    if let (Some(max), DepthValues::Metric) = (max, format.values)
+        && max < format.per_metre
+        && max <= u8::MAX.into()
+    {
+        let farthest = max / format.per_metre;
+        return Err(Error::new(
+            path,
+            format!(
+                "8 bits per value reach as far as {farthest} m at {} units a metre: give the units a metre (--depth-scale), or depth of 16 bits",
+                format.per_metre
+            ),
+        ));
+    }
     let scale = match (max, format.values) {
         (None, _) => 1.0,
         (Some(max), DepthValues::RelativeInverse) => max.recip(),

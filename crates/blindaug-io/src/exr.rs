@@ -175,6 +175,13 @@ impl ExrHead {
         Ok(Self { beyond, ..head })
     }
 
+    /// Frames per second; `None` where the head says nothing, or what cannot be.
+    pub fn fps(&self) -> Option<f64> {
+        let (frames, seconds) = self.layer.frames_per_second?;
+        let rate = f64::from(frames) / f64::from(seconds);
+        rate.is_finite().then_some(rate).filter(|&rate| rate > 0.0)
+    }
+
     /// The width of a pixel over its height; 1 where the head says nothing, or what cannot be.
     pub fn pixel_aspect(&self) -> f32 {
         let aspect = self.image.pixel_aspect;
@@ -379,22 +386,26 @@ fn bad_pixels<'a>(channels: &'a [Plane], alpha: Option<&'a Plane>) -> impl Itera
 pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
     let file = open(path)?;
     let Some(z) = file.depth() else {
-        return Err(file.lacks("a channel Z"));
+        return Err(file.lacks("channel Z"));
     };
     let mut planes = file.read(&[z], Overscan::default())?;
     Ok(planes.swap_remove(0))
 }
 
-/// Reads a matte: the alpha channel, or the only channel, or red.
+/// Reads a matte: the alpha channel if there is any transparency, or the only channel, or red.
 pub(crate) fn read_matte(path: &Path) -> Result<Plane> {
     let file = open(path)?;
     let only = (file.channels.len() == 1).then_some([0]);
-    let Some([matte]) =
-        file.find(["A"], |_, _| Some(0)).or(only).or_else(|| file.find(["R"], |_, _| Some(0)))
-    else {
-        return Err(file.lacks("a channel A or R"));
+    let [alpha, red] = ["A", "R"].map(|name| file.find([name], |_, _| Some(0)));
+    let Some([matte]) = alpha.or(only).or(red) else {
+        return Err(file.lacks("channel A or R"));
     };
-    Ok(file.read(&[matte], Overscan::default())?.swap_remove(0))
+    let read = |file: ExrFile, matte| Ok(file.read(&[matte], Overscan::default())?.swap_remove(0));
+    let plane: Plane = read(file, matte)?;
+    match red {
+        Some([red]) if alpha.is_some() && plane.data().iter().all(|&v| v >= 1.0) => read(open(path)?, red),
+        _ => Ok(plane),
+    }
 }
 
 /// Reads optical flow to the next frame, px.
@@ -560,7 +571,7 @@ impl ExrFile<'_> {
             return Err(self.lacks("channels R, G and B"));
         };
         let Some(alpha) = self.alpha(&rgb) else {
-            return Err(self.lacks("a channel A; render the object on a transparent background"));
+            return Err(self.lacks("channel A; render the object on a transparent background"));
         };
         let (depth, flow) = (self.depth(), self.flow());
         let mut picks = rgb.to_vec();

@@ -125,8 +125,8 @@ impl Ffmpeg {
     }
 
     /// The bits of the video's own values.
-    pub(crate) fn bits(&self) -> u32 {
-        if self.pixels.converted { 8 } else { self.pixels.bits }
+    pub(crate) fn own_bits(&self) -> u32 {
+        self.pixels.own_bits
     }
 
     /// Starts to decode at the first frame.
@@ -369,6 +369,8 @@ struct Pixels {
     name: String,
     chroma_shift: (u32, u32),
     bits: u32,
+    /// The bits of the video's own values.
+    own_bits: u32,
     /// Whether the video has another pixel format, so that ffmpeg converts.
     converted: bool,
 }
@@ -381,7 +383,14 @@ impl Pixels {
             "p010le" | "p010be" => "yuv420p10le",
             name => name,
         };
-        let converted = Self { name: "yuv444p16le".into(), chroma_shift: (0, 0), bits: 16, converted: true };
+        let name_of_converted = "yuv444p16le".into();
+        let converted = Self {
+            name: name_of_converted,
+            chroma_shift: (0, 0),
+            bits: 16,
+            own_bits: bits_of_others(name),
+            converted: true,
+        };
         let Some(rest) = own.strip_prefix("yuvj").or(own.strip_prefix("yuv")) else { return converted };
         let Some((sampling, depth)) = rest.split_once('p') else { return converted };
         let chroma_shift = match sampling {
@@ -392,13 +401,28 @@ impl Pixels {
         };
         let digits = depth.trim_end_matches("le").trim_end_matches("be");
         match (digits, digits.parse()) {
-            ("", _) => Self { name: own.into(), chroma_shift, bits: 8, converted: false },
+            ("", _) => Self { name: own.into(), chroma_shift, bits: 8, own_bits: 8, converted: false },
             (_, Ok(bits @ 9..=16)) => {
-                Self { name: own.replace("be", "le"), chroma_shift, bits, converted: false }
+                Self { name: own.replace("be", "le"), chroma_shift, bits, own_bits: bits, converted: false }
             }
             _ => converted,
         }
     }
+}
+
+/// The bits of a value of a pixel format other than planar YCbCr without alpha, such as `gbrp12le`, `yuva444p12le` or `rgb48le`; at most 16.
+fn bits_of_others(name: &str) -> u32 {
+    let name = name.trim_end_matches("le").trim_end_matches("be");
+    match name {
+        "rgb48" | "bgr48" | "rgba64" | "bgra64" | "p016" | "p216" | "p416" | "ayuv64" => return 16,
+        "p012" | "p212" | "p412" | "y212" | "xv36" => return 12,
+        "x2rgb10" | "x2bgr10" | "p210" | "p410" | "y210" | "v30x" | "xv30" | "nv20" => return 10,
+        _ if name.ends_with("f16") || name.ends_with("f32") => return 16,
+        _ => {}
+    }
+    let letters = name.trim_end_matches(|c: char| c.is_ascii_digit());
+    let is_depth = ["p", "gray", "ya", "xyz"].iter().any(|end| letters.ends_with(end));
+    name[letters.len()..].parse().ok().filter(|bits| is_depth && (9..=16).contains(bits)).unwrap_or(8)
 }
 
 /// The properties of an input's first video stream, as ffmpeg prints them.
@@ -969,6 +993,28 @@ mod tests {
         ] {
             let p = Pixels::new(name);
             assert_eq!((p.name.as_str(), p.bits), (asked, bits), "{name}");
+        }
+        // The bits of the video's own values, by which those of what is written are chosen.
+        for (name, bits) in [
+            ("yuv422p10le", 10),
+            ("yuv420p", 8),
+            ("yuva444p12le", 12),
+            ("gbrp10le", 10),
+            ("gbrap16be", 16),
+            ("gbrpf32le", 16),
+            ("rgb48le", 16),
+            ("rgb24", 8),
+            ("bgr0", 8),
+            ("gbrp", 8),
+            ("gray12le", 12),
+            ("gray", 8),
+            ("nv16", 8),
+            ("pal8", 8),
+            ("yuv411p", 8),
+            ("x2rgb10le", 10),
+            ("", 8),
+        ] {
+            assert_eq!(Pixels::new(name).own_bits, bits, "{name}");
         }
     }
 }

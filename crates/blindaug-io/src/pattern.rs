@@ -22,8 +22,8 @@ impl NamePattern {
         Self { folder: folder.into(), prefix: String::new(), digits: 4, suffix: format!(".{extension}") }
     }
 
-    /// The pattern in the last part of a path: `%04d` (or `%d`) or a row of `#`, one for each digit. `None` if there is none, or a file or
-    /// folder has just that name.
+    /// The pattern in the last part of a path: `%04d` (or `%d`) or a row of `#`, one for each digit. A single `#`, as in `take #2`, is one only
+    /// between a dot, `_` or `-` and the extension. `None` if there is none, or a file or folder has just that name.
     pub fn of(path: &Path) -> Option<Self> {
         if path.exists() {
             return None;
@@ -78,8 +78,9 @@ impl NamePattern {
 fn hashes(name: &str) -> Option<(&str, usize, &str)> {
     let start = name.find('#')?;
     let digits = name[start..].bytes().take_while(|&b| b == b'#').count();
-    let suffix = &name[start + digits..];
-    (!suffix.contains('#')).then_some((&name[..start], digits, suffix))
+    let (prefix, suffix) = (&name[..start], &name[start + digits..]);
+    let is_number = digits > 1 || prefix.ends_with(['.', '_', '-']) && suffix.starts_with('.');
+    (is_number && !suffix.contains('#')).then_some((prefix, digits, suffix))
 }
 
 /// The parts before and after `%04d` or `%d`, and its number of digits.
@@ -108,6 +109,10 @@ mod tests {
             ("a/shot.%4d.exr", None),
             ("a/shot.exr", None),
             ("a/#shot#.exr", None),
+            ("a/shot.#.exr", Some("shot.7.exr")),
+            ("a/take #2", None),
+            ("a/take#2/", None),
+            ("a/take#2_%04d.exr", Some("take#2_0007.exr")),
             ("a/%03d%03d.exr", None),
         ] {
             assert_eq!(NamePattern::of(Path::new(text)).map(|p| p.name(7)).as_deref(), name, "{text}");

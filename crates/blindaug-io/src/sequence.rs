@@ -306,18 +306,23 @@ impl FrameSource {
     /// decoder of videos does not read it.)
     pub fn pixel_aspect(&self) -> Option<f32> {
         match &self.kind {
-            Kind::Images { files, .. } if self.format.is_exr() => {
-                files.first().and_then(|(_, first)| ExrHead::read(first).ok()).map(|head| head.pixel_aspect())
-            }
-            Kind::Images { .. } => None,
+            Kind::Images { .. } => self.first_head().map(|head| head.pixel_aspect()),
             Kind::Video(v, _) => v.pixel_aspect(),
         }
     }
 
-    /// Frames per second, if the input gives them; images do not.
+    /// The head of the first file if it is an EXR file.
+    fn first_head(&self) -> Option<ExrHead> {
+        match &self.kind {
+            Kind::Images { files, .. } if self.format.is_exr() => ExrHead::read(&files.first()?.1).ok(),
+            _ => None,
+        }
+    }
+
+    /// Frames per second, if the head of a video or of the first EXR file gives them; other images do not.
     pub fn fps(&self) -> Option<f64> {
         match &self.kind {
-            Kind::Images { .. } => None,
+            Kind::Images { .. } => self.first_head()?.fps(),
             Kind::Video(v, _) => v.fps(),
         }
     }

@@ -85,7 +85,7 @@ impl Video {
     /// The bits of a value.
     pub(crate) fn bits(&self) -> u32 {
         match &self.decoder {
-            Decoder::Ffmpeg(f) => f.bits(),
+            Decoder::Ffmpeg(f) => f.own_bits(),
             #[cfg(feature = "openh264")]
             Decoder::BuiltIn(_) => 8,
         }

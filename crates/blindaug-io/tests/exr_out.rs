@@ -38,6 +38,7 @@ fn the_head_of_a_frame_goes_on_with_it() {
     let own = LayerAttributes {
         owner: Some("a studio".into()),
         layer_position: Vec2(10, 20),
+        frames_per_second: Some((24000, 1001)),
         ..LayerAttributes::default()
     };
     let layer = Layer::new(size, own, Encoding::UNCOMPRESSED, AnyChannels::sort(list.into_iter().collect()));
@@ -47,6 +48,8 @@ fn the_head_of_a_frame_goes_on_with_it() {
     assert_eq!(head.pixel_aspect(), 2.0);
     let aspect = |name: &str| FrameSource::open(at(name), FrameRange::default()).unwrap().pixel_aspect();
     assert_eq!(aspect("in.exr"), Some(2.0));
+    let rate = |name: &str| FrameSource::open(at(name), FrameRange::default()).unwrap().fps();
+    assert_eq!(rate("in.exr"), Some(24000.0 / 1001.0));
     let frame = Encoded(Raster::filled(6, 4, [0.5; 3]));
     let acescg: ColourSpace = "acescg".parse().unwrap();
     let in_acescg = Coding::new(acescg, acescg);
@@ -59,7 +62,7 @@ fn the_head_of_a_frame_goes_on_with_it() {
     assert_eq!(out.layer_data.attributes.owner, Some("a studio".into()));
     assert_eq!(out.layer_data.attributes.layer_position, Vec2(10, 20));
     assert_ne!(read("plain.exr").attributes, attributes);
-    assert_eq!(aspect("plain.exr"), Some(1.0));
+    assert_eq!((aspect("plain.exr"), rate("plain.exr")), (Some(1.0), None));
     // Images of other kinds say nothing, and an aspect that cannot be counts as none.
     let png = FrameFormat::PNG8;
     png.write(&at("plain.png"), &frame, None, None, &Coding::default()).unwrap();

@@ -67,6 +67,8 @@ impl ByHand {
             }
         }
         if let Some(lens) = self.lens(&model)? {
+            // Relative depth says nothing of a lens in metres.
+            model.scene_depth = model.scene_depth.filter(|depth| depth.kind == lens.depth_kind);
             model.defocus = Estimate::Known(lens);
         }
         if let Estimate::Known(lens) = &mut model.defocus {
@@ -132,7 +134,7 @@ impl ByHand {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use blindaug::model::{Capture, NoiseLevel, NoiseModel, Reason};
+    use blindaug::model::{Capture, NoiseLevel, NoiseModel, Reason, SceneDepth};
 
     fn camera() -> CameraModel {
         let capture = Capture { width: 64, height: 48, fps: None, frames_used: 2, pixel_aspect: 1.0 };
@@ -158,6 +160,26 @@ mod tests {
         let grainy = ByHand { grain: Some(1.5), ..ByHand::default() }.applied(model.clone()).unwrap();
         let std = |m: &CameraModel| m.noise.known().unwrap().std(1, 0.4)[2];
         assert!((std(&grainy) / std(&model) - 1.5).abs() < 1e-5);
+    }
+
+    #[test]
+    fn relative_depth_does_not_stay_beside_a_lens_in_metres() {
+        let depth = |kind| SceneDepth {
+            frame: 1,
+            kind,
+            cell_px: 16.0,
+            columns: 1,
+            inverse_depth: vec![Some(0.5); 3],
+        };
+        let kept = |kind| {
+            let mut model = camera();
+            model.scene_depth = Some(depth(kind));
+            let lens = ByHand { focus_m: Some(2.0), blur_px: Some(3.0), ..ByHand::default() };
+            // The camera's own lens is in metres: without another one all stays.
+            assert!(ByHand::default().applied(model.clone()).unwrap().scene_depth.is_some());
+            lens.applied(model).unwrap().scene_depth.is_some()
+        };
+        assert!(kept(DepthKind::Metric) && !kept(DepthKind::Relative));
     }
 
     #[test]

@@ -24,6 +24,8 @@ pub struct Fitted {
     pub first: u64,
     /// The last frame's number.
     pub last: u64,
+    /// The numbers of the frames that the estimator was given, in their order.
+    pub numbers: Vec<u64>,
     /// The numbers of the first and last frame of each shot, in the order of time. A clip without a cut is one shot.
     pub shots: Vec<(u64, u64)>,
 }
@@ -229,7 +231,8 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     if shots.is_empty() {
         shots.push((first, last));
     }
-    Ok(Fitted { estimation, samples: whole.samples.kept, first, last, shots })
+    let WholeClip { numbers, samples, .. } = whole;
+    Ok(Fitted { estimation, samples: samples.kept, first, last, numbers, shots })
 }
 
 /// Whether a clip that announced so many frames has so much fewer that an estimator which left out frames by that number used too few.

@@ -84,6 +84,11 @@ impl Output {
                 "images are written as exr, png or tif: give a name with such an extension, or a folder";
             return Err(FileError::new(path, sentence).into());
         }
+        if !path.is_dir() && is_other_video(path) {
+            let sentence =
+                "videos are written as mp4, m4v, mov, mkv or avi: give a name with such an extension";
+            return Err(FileError::new(path, sentence).into());
+        }
         let pattern = NamePattern::of(path);
         let path = pattern.as_ref().map_or(path, NamePattern::folder);
         if path.exists() && !path.is_dir() {
@@ -247,8 +252,16 @@ impl Output {
 
 /// Whether a name is that of an image of a kind that is not written, by its extension.
 fn is_other_image(path: &Path) -> bool {
-    const OTHERS: [&str; 8] = ["jpg", "jpeg", "bmp", "gif", "webp", "dpx", "tga", "hdr"];
-    path.extension().is_some_and(|e| OTHERS.iter().any(|other| e.eq_ignore_ascii_case(other)))
+    has_extension(path, &["jpg", "jpeg", "bmp", "gif", "webp", "dpx", "tga", "hdr"])
+}
+
+/// Whether a name is that of a kind of video that is not written.
+fn is_other_video(path: &Path) -> bool {
+    has_extension(path, &["mxf", "webm", "mpg", "mpeg", "m2v", "wmv", "flv", "ogv", "ts", "mts", "3gp"])
+}
+
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension().is_some_and(|e| extensions.iter().any(|other| e.eq_ignore_ascii_case(other)))
 }
 
 /// Fails if a file is there already that is not to be replaced.

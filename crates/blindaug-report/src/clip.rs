@@ -12,7 +12,7 @@ use blindaug::model::{CameraTrack, Distortion};
 use maud::{Markup, html};
 
 pub(crate) fn page(input: &ReportInput) -> Part {
-    let ReportInput { title, model, diagnostics, samples, comparison, pictures, provenance } = input;
+    let ReportInput { title, model, diagnostics, samples, comparison, pictures, numbers, provenance } = input;
     let full = samples.iter().map(|s| if s.clean.is_some() { 2 } else { 1 }).sum::<usize>() + pictures.len();
     let share = pictures::share_of_budget(full);
     let track = CameraTrack::from((*model).clone());
@@ -25,7 +25,7 @@ pub(crate) fn page(input: &ReportInput) -> Part {
         @for distortion in Distortion::ALL {
             @match distortion {
                 Distortion::Defocus => (defocus_section(model, diagnostics)?),
-                Distortion::MotionBlur => (motion_blur_section(model, diagnostics)?),
+                Distortion::MotionBlur => (motion_blur_section(model, diagnostics, numbers)?),
                 Distortion::Noise => (noise_section(model, diagnostics, &track, samples)?),
                 other => (section(model, other)),
             }

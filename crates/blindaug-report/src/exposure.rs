@@ -8,10 +8,11 @@ use blindaug::fit::Diagnostics;
 use blindaug::model::{Distortion, Estimate, ExposureFraction, Method, MotionBlurModel};
 use maud::html;
 
-pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics) -> Part {
+pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics, numbers: &[u64]) -> Part {
     let known = model.motion_blur.known();
     let curve = plots::exposure(&diagnostics.exposure_curve, known)?;
-    let per_frame = plots::exposure_per_frame(&diagnostics.exposure_per_frame, known, &diagnostics.shots)?;
+    let Diagnostics { exposure_per_frame, shots, .. } = diagnostics;
+    let per_frame = plots::exposure_per_frame(exposure_per_frame, known, shots, numbers)?;
     Ok(html! {
         section {
             h2 { (heading(Distortion::MotionBlur)) }

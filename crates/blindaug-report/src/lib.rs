@@ -56,6 +56,8 @@ pub struct ReportInput<'a> {
     pub comparison: Vec<TruthRow>,
     /// More pictures, such as composites.
     pub pictures: Vec<Picture>,
+    /// The numbers of the frames that the estimator was given, in their order. Frames that are missing here are counted from 1.
+    pub numbers: Vec<u64>,
     /// Where the estimate comes from.
     pub provenance: Option<Provenance>,
 }
@@ -103,8 +105,9 @@ pub struct Picture {
 impl<'a> ReportInput<'a> {
     /// The report of a model alone, without frames, truth or pictures.
     pub fn new(title: &str, model: &'a CameraModel, diagnostics: &'a Diagnostics) -> Self {
-        let (samples, comparison, pictures) = (vec![], vec![], vec![]);
-        Self { title: title.into(), model, diagnostics, samples, comparison, pictures, provenance: None }
+        let (samples, comparison, pictures, numbers) = (vec![], vec![], vec![], vec![]);
+        let (title, provenance) = (title.into(), None);
+        Self { title, model, diagnostics, samples, comparison, pictures, numbers, provenance }
     }
 }
 

@@ -308,17 +308,20 @@ fn interpolated(points: &[[f64; 2]], x: f64) -> Option<f64> {
 }
 
 /// The plot of the exposure that each frame alone gives, with the estimate of each shot if there are several, else that of all frames.
+/// `numbers` are those of the frames, as far as they are not counted from 1.
 pub fn exposure_per_frame(
     frames: &[(usize, f32)],
     model: Option<&MotionBlurModel>,
     shots: &[Shot],
+    numbers: &[u64],
 ) -> Result<Option<Markup>> {
+    let number = |index: usize| numbers.get(index).map_or(index as f64 + 1.0, |&number| number as f64);
     let points: Vec<(f64, f64)> = frames
         .iter()
         .filter(|f| f.1.is_finite())
-        .map(|&(i, v)| (i as f64 + 1.0, f64::from(v).clamp(0.0, 1.0)))
+        .map(|&(i, v)| (number(i), f64::from(v).clamp(0.0, 1.0)))
         .collect();
-    let ends_of = |s: &Shot| [s.frames.start as f64 + 1.0, s.frames.end as f64];
+    let ends_of = |s: &Shot| [number(s.frames.start), number(s.frames.end.saturating_sub(1))];
     let ends = shots.iter().flat_map(ends_of);
     let Some([first, last]) = extent(points.iter().map(|p| p.0).chain(ends)).filter(|_| points.len() > 1)
     else {
@@ -328,7 +331,7 @@ pub fn exposure_per_frame(
         title: "",
         x: first - 0.5..last + 0.5,
         y: 0.0..100.0,
-        x_name: "frame, counted from the first one that was read",
+        x_name: "frame",
         y_name: "exposure, %",
         x_tick: &whole,
         x_ticks: (last - first).min(11.0) as usize + 1,
@@ -346,9 +349,7 @@ pub fn exposure_per_frame(
             axes.band(&mut chart, &[[left, low, high], [right, low, high]], ESTIMATE)?;
             axes.line(&mut chart, [[left, at], [right, at]], ESTIMATE.stroke_width(4))?;
         }
-        let said = points.iter().map(|&(i, v)| {
-            ([i, 100.0 * v], format!("frame {i} of those that were read: {} %", tick(100.0 * v)))
-        });
+        let said = points.iter().map(|&(i, v)| ([i, 100.0 * v], format!("frame {i}: {} %", tick(100.0 * v))));
         axes.circles(&mut chart, (7, POINTS.mix(0.8).filled()), hover, said)
     })
     .map(Some)

@@ -3,7 +3,7 @@
 use blindaug::fit::noise::{LumaNoise, NoiseEvidence};
 use blindaug::fit::{Estimator, EstimatorOptions, Evidence, FrameObservation, spectral, track::Tracker};
 use blindaug::model::{ExposureFraction, Method, Space};
-use blindaug::{Encoded, Flow, Plane, Raster, Transfer, filter, synth};
+use blindaug::{Encoded, Flow, Plane, Raster, Transfer, filter, luma, synth};
 use std::f32::consts::PI;
 
 const SIZE: (usize, usize) = (320, 240);
@@ -122,6 +122,21 @@ fn coded(clip: &[Encoded]) -> Vec<Encoded> {
     decoded
 }
 
+/// The frame with chroma of half the resolution, as 4:2:0 has it.
+fn with_half_chroma(Encoded(frame): &Encoded) -> Encoded {
+    let chroma = frame.map(|p| p.map(|v| v - luma(p)));
+    let mean = |x: usize, y: usize| -> [f32; 3] {
+        let (x, y) = (x / 2 * 2, y / 2 * 2);
+        std::array::from_fn(|c| {
+            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| chroma.at(x + i, y + j)[c]).iter().sum::<f32>()
+                / 4.0
+        })
+    };
+    Encoded(Raster::from_fn(frame.width(), frame.height(), |x, y| {
+        mean(x, y).map(|c| luma(frame.at(x, y)) + c)
+    }))
+}
+
 #[test]
 fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
     let flow = Flow::filled(SIZE.0, SIZE.1, MOTION.map(|v| v as f32));
@@ -134,6 +149,9 @@ fn coded_footage_tells_its_exposure_if_the_coder_s_errors_are_allowed_for() {
         let plain = clip(seed, exposure, 0.01);
         // A sensor's noise is not taken for a coder's.
         assert_eq!(noise_of(&plain).coding_error, 0.0);
+        // Nor is chroma of half the resolution, as ProRes and uncompressed video have it.
+        let halved: Vec<Encoded> = plain.iter().map(with_half_chroma).collect();
+        assert_eq!(noise_of(&halved).coding_error, 0.0);
         let coded = coded(&plain);
         let noise = noise_of(&coded);
         assert!(noise.coding_error > 0.03, "{noise:?}");

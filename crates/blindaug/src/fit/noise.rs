@@ -368,9 +368,12 @@ impl NoiseEvidence {
     /// [`LumaNoise::coding_error`], given the finest level's bins.
     fn coding_error_by(&self, finest: &[Bin]) -> f32 {
         match self.method {
-            Method::Temporal if self.coloured => coding_error(finest, squared_correlation(finest)),
+            Method::Temporal if self.coloured => {
+                // Chroma of half the resolution has no noise from pixel to pixel either, but coarser noise, which a coder takes away, too.
+                coding_error(finest, [finest, &self.bins(1, [1.0; 3], false)].map(squared_correlation))
+            }
             // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
-            Method::Temporal | Method::Spatial => coding_error(finest, [0.0; 3]),
+            Method::Temporal | Method::Spatial => coding_error(finest, [[0.0; 3]; 2]),
             // The difference from the clean frame includes a coder's errors, so no others are allowed for.
             _ => 0.0,
         }
