@@ -234,7 +234,7 @@ impl OutputArgs {
     fn expected(&self, source: &FrameSource) -> Expected {
         let count = source.len_hint().map(|n| n as u64);
         // Images become videos that every program plays.
-        let deep = source.fps().is_some() && source.format() != FrameFormat::PNG8;
+        let deep = source.is_video() && source.format() != FrameFormat::PNG8;
         let video_bits = self.bits.unwrap_or(if deep { 10 } else { 8 });
         Expected { size: source.size(), fps: self.fps.or(source.fps()), count, video_bits }
     }

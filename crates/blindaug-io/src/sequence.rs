@@ -311,6 +311,11 @@ impl FrameSource {
         }
     }
 
+    /// Whether the frames are those of a video or a camera rather than images.
+    pub fn is_video(&self) -> bool {
+        matches!(self.kind, Kind::Video(..))
+    }
+
     /// The head of the first file if it is an EXR file.
     fn first_head(&self) -> Option<ExrHead> {
         match &self.kind {

@@ -237,7 +237,7 @@ impl Clip for blindaug_io::FrameSource {
 
     fn any_number(&self, wanted: &(dyn Fn(u64) -> bool + Sync)) -> Result<bool> {
         // The frames of a video are slow to count.
-        if self.fps().is_some() {
+        if self.is_video() {
             let first = self.first_number();
             return Ok(self.len_hint().is_none_or(|n| (first..first + n as u64).any(wanted)));
         }
