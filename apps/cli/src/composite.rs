@@ -64,7 +64,7 @@ pub struct Composite {
     #[arg(help_heading = "Scene", long, value_enum, default_value = "front", requires = "holdout")]
     holdout_of: HoldoutArg,
     /// Blur the object as much as the footage is blurred at this place, px, whatever its depth, so that no scale is needed
-    #[arg(help_heading = "Scene", long, value_name = "X,Y", value_parser = place, conflicts_with_all = ["at", "focus", "blur"])]
+    #[arg(help_heading = "Scene", long, value_name = "X,Y", value_parser = place, conflicts_with_all = ["focus", "blur"])]
     match_at: Option<[f32; 2]>,
     /// The depth of layers that have no Z: a distance in metres, or `plate` for the median of --depth where the object is
     #[arg(help_heading = "Scene", long, value_name = "METRES|plate", value_parser = layer_depth)]
@@ -77,7 +77,7 @@ pub struct Composite {
     #[arg(help_heading = "Scene", long, value_name = "SPACE", value_parser = linear_space)]
     layer_colour_space: Option<ColourSpace>,
     /// Paste the object as it is, without noise and blur
-    #[arg(help_heading = "Look", long, conflicts_with_all = ["shutter", "shutter_phase", "focus", "blur", "grain", "match_at"])]
+    #[arg(help_heading = "Look", long, conflicts_with_all = ["shutter", "shutter_phase", "focus", "blur", "bokeh", "squeeze", "cats_eye", "grain", "match_at"])]
     naive: bool,
     /// Write, instead of the composite, what it adds to the footage, for a compositing program: EXR with the distorted R G B A
     /// (premultiplied, scene-linear), noise, holdout, Z and forward

@@ -305,13 +305,6 @@ fn mattes_hold_the_object_out() {
     assert!(!same(&open, &plate, true) && !same(&open, &plate, false), "the object is in both halves");
     // A frame without a matte is composited without.
     assert!(read("held", 3) == read("open", 3));
-    // An EXR matte whose alpha says nothing is that of its colour.
-    let exr = FrameFormat::PNG8.with(Some(FileKind::Exr), None).unwrap();
-    std::fs::create_dir(d.join("opaque")).unwrap();
-    exr.write(&d.join("opaque/0002.exr"), &matte, Some(&Plane::filled(W, W, 1.0)), None, &Coding::default())
-        .unwrap();
-    succeeds(d, &format!("{f} -o opaque_held --holdout opaque"));
-    assert!(read("opaque_held", 2) == held);
     write_png(d.join("roto/0003.png"), &Encoded(Raster::filled(9, 9, [0.0; 3]))).unwrap();
     let said = fails(d, &format!("{f} -o x --holdout roto"));
     assert!(

@@ -40,7 +40,7 @@ impl Default for DepthFormat {
 ///
 /// # Errors
 /// If the file is missing, damaged, too large, a colour picture, an EXR without `Z`, or without a single reading, or if
-/// `per_metre` is not positive. An EXR of metric depth may say that all is infinitely far, as renderers do of frames that their object has left:
+/// `per_metre` is not positive, or the default one for metric depth of 8 bits, which would end at 0.255 m. An EXR of metric depth may say that all is infinitely far, as renderers do of frames that their object has left:
 /// the map is then NaN everywhere.
 pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Plane> {
     let path = path.as_ref();
@@ -50,8 +50,8 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
     // `values` are as stored; `max` is the largest value of an integer image's type.
     let (values, max) = if is_exr(path)? { (exr::read_depth(path)?, None) } else { integers(path)? };
     if let (Some(max), DepthValues::Metric) = (max, format.values)
-        && max < format.per_metre
         && max <= u8::MAX.into()
+        && format.per_metre == DepthFormat::default().per_metre
     {
         let farthest = max / format.per_metre;
         return Err(Error::new(

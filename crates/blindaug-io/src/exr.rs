@@ -178,8 +178,10 @@ impl ExrHead {
     /// Frames per second; `None` where the head says nothing, or what cannot be.
     pub fn fps(&self) -> Option<f64> {
         let (frames, seconds) = self.layer.frames_per_second?;
+        /// The rates that cameras have, with room at both ends.
+        const RATES: std::ops::RangeInclusive<f64> = 0.01..=1e5;
         let rate = f64::from(frames) / f64::from(seconds);
-        rate.is_finite().then_some(rate).filter(|&rate| rate > 0.0)
+        Some(rate).filter(|rate| RATES.contains(rate))
     }
 
     /// The width of a pixel over its height; 1 where the head says nothing, or what cannot be.
@@ -392,20 +394,16 @@ pub(crate) fn read_depth(path: &Path) -> Result<Plane> {
     Ok(planes.swap_remove(0))
 }
 
-/// Reads a matte: the alpha channel if there is any transparency, or the only channel, or red.
+/// Reads a matte: the alpha channel, or the only channel, or red.
 pub(crate) fn read_matte(path: &Path) -> Result<Plane> {
     let file = open(path)?;
     let only = (file.channels.len() == 1).then_some([0]);
-    let [alpha, red] = ["A", "R"].map(|name| file.find([name], |_, _| Some(0)));
-    let Some([matte]) = alpha.or(only).or(red) else {
+    let Some([matte]) =
+        file.find(["A"], |_, _| Some(0)).or(only).or_else(|| file.find(["R"], |_, _| Some(0)))
+    else {
         return Err(file.lacks("channel A or R"));
     };
-    let read = |file: ExrFile, matte| Ok(file.read(&[matte], Overscan::default())?.swap_remove(0));
-    let plane: Plane = read(file, matte)?;
-    match red {
-        Some([red]) if alpha.is_some() && plane.data().iter().all(|&v| v >= 1.0) => read(open(path)?, red),
-        _ => Ok(plane),
-    }
+    Ok(file.read(&[matte], Overscan::default())?.swap_remove(0))
 }
 
 /// Reads optical flow to the next frame, px.
@@ -645,6 +643,10 @@ impl ExrFile<'_> {
                     chunks.by_ref().take(at_once).collect::<::exr::error::Result<_>>().map_err(fail)?;
                 if some.is_empty() {
                     return Ok(planes);
+                }
+                // Only the blocks of layers that were checked are known to fit into memory.
+                if some.iter().any(|chunk| picks.iter().all(|p| p.header != chunk.layer_index)) {
+                    return Err(Error::damaged(path, "its table of blocks is wrong"));
                 }
                 let decompressed = |chunk| {
                     guarded(path, || UncompressedBlock::decompress_chunk(chunk, &meta, false).map_err(fail))

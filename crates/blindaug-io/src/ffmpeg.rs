@@ -412,9 +412,10 @@ impl Pixels {
 
 /// The bits of a value of a pixel format other than planar YCbCr without alpha, such as `gbrp12le`, `yuva444p12le` or `rgb48le`; at most 16.
 fn bits_of_others(name: &str) -> u32 {
-    let name = name.trim_end_matches("le").trim_end_matches("be");
+    let name = name.trim_end_matches("le").trim_end_matches("be").trim_end_matches("msb");
     match name {
-        "rgb48" | "bgr48" | "rgba64" | "bgra64" | "p016" | "p216" | "p416" | "ayuv64" => return 16,
+        "rgb48" | "bgr48" | "rgba64" | "bgra64" | "p016" | "p216" | "p416" | "y216" | "xv48" | "ayuv64"
+        | "rgb96" | "rgba128" => return 16,
         "p012" | "p212" | "p412" | "y212" | "xv36" => return 12,
         "x2rgb10" | "x2bgr10" | "p210" | "p410" | "y210" | "v30x" | "xv30" | "nv20" => return 10,
         _ if name.ends_with("f16") || name.ends_with("f32") => return 16,
@@ -422,7 +423,8 @@ fn bits_of_others(name: &str) -> u32 {
     }
     let letters = name.trim_end_matches(|c: char| c.is_ascii_digit());
     let is_depth = ["p", "gray", "ya", "xyz"].iter().any(|end| letters.ends_with(end));
-    name[letters.len()..].parse().ok().filter(|bits| is_depth && (9..=16).contains(bits)).unwrap_or(8)
+    let bits = name[letters.len()..].parse().ok().filter(|bits| is_depth && (9..=32).contains(bits));
+    bits.map_or(8, |bits: u32| bits.min(16))
 }
 
 /// The properties of an input's first video stream, as ffmpeg prints them.
@@ -1007,6 +1009,8 @@ mod tests {
             ("bgr0", 8),
             ("gbrp", 8),
             ("gray12le", 12),
+            ("gray32le", 16),
+            ("gbrp10msbbe", 10),
             ("gray", 8),
             ("nv16", 8),
             ("pal8", 8),

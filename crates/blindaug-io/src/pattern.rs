@@ -74,13 +74,13 @@ impl NamePattern {
     }
 }
 
-/// The parts before and after a row of `#`, and its length.
+/// The parts before and after the last row of `#`, and its length.
 fn hashes(name: &str) -> Option<(&str, usize, &str)> {
-    let start = name.find('#')?;
-    let digits = name[start..].bytes().take_while(|&b| b == b'#').count();
-    let (prefix, suffix) = (&name[..start], &name[start + digits..]);
+    let (before, suffix) = name.rsplit_once('#')?;
+    let prefix = before.trim_end_matches('#');
+    let digits = before.len() - prefix.len() + 1;
     let is_number = digits > 1 || prefix.ends_with(['.', '_', '-']) && suffix.starts_with('.');
-    (is_number && !suffix.contains('#')).then_some((prefix, digits, suffix))
+    is_number.then_some((prefix, digits, suffix))
 }
 
 /// The parts before and after `%04d` or `%d`, and its number of digits.
@@ -112,6 +112,7 @@ mod tests {
             ("a/shot.#.exr", Some("shot.7.exr")),
             ("a/take #2", None),
             ("a/take#2/", None),
+            ("a/take #2.####.exr", Some("take #2.0007.exr")),
             ("a/take#2_%04d.exr", Some("take#2_0007.exr")),
             ("a/%03d%03d.exr", None),
         ] {

@@ -384,17 +384,14 @@ impl Scene {
         let no_z = "its virtual layer has no Z (--layer-depth gives it one)";
         missing.check(applied.defocused && !has_depth, number, no_z, "the object gets no defocus");
         missing.check(self.depth.is_some() && !has_depth, number, no_z, "the object is not occluded");
-        let untold = |is_told: &dyn Fn(usize) -> bool| {
-            let mut seen = (0..).zip(layer.color.0.data()).filter(|(_, p)| p[3] > 0.0).peekable();
-            seen.peek().is_some() && !seen.any(|(i, _)| is_told(i))
-        };
-        let depth_is_untold =
-            layer.inverse_depth.as_ref().is_some_and(|d| untold(&|i| d.data()[i].is_finite()));
-        let bad_z = "where the object is, the Z of its virtual layer is no distance (above 0, below 1e9 m)";
+        let is_seen = || layer.color.0.data().iter().any(|p| p[3] > 0.0);
+        let depth_is_untold = layer.inverse_depth.as_ref().is_some_and(|d| !has_reading(d)) && is_seen();
+        let bad_z = "the Z of its virtual layer is no distance anywhere (above 0, below 1e9 m)";
         missing.check(applied.defocused && depth_is_untold, number, bad_z, "the object gets no defocus");
         missing.check(self.depth.is_some() && depth_is_untold, number, bad_z, "the object is not occluded");
-        let flow_is_untold = layer.flow.as_ref().is_some_and(|f| untold(&|i| f.data()[i][0].is_finite()));
-        let bad_flow = "where the object is, the motion of its virtual layer is no number";
+        let is_known = |f: &Flow| f.data().iter().flatten().any(|v| v.is_finite());
+        let flow_is_untold = layer.flow.as_ref().is_some_and(|f| !is_known(f)) && is_seen();
+        let bad_flow = "the motion of its virtual layer is no number anywhere";
         missing.check(applied.moving && flow_is_untold, number, bad_flow, "the object gets no motion blur");
         Ok(Around { inverse_depth, flow, renders, holdout })
     }

@@ -369,7 +369,8 @@ impl NoiseEvidence {
     fn coding_error_by(&self, finest: &[Bin]) -> f32 {
         match self.method {
             Method::Temporal if self.coloured => {
-                // Chroma of half the resolution has no noise from pixel to pixel either, but coarser noise, which a coder takes away, too.
+                // Chroma of half the resolution has no noise from pixel to pixel either, but coarser noise, which a coder takes away, too. Both
+                // levels have the same blocks.
                 coding_error(finest, [finest, &self.bins(1, [1.0; 3], false)].map(squared_correlation))
             }
             // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
