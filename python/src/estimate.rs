@@ -123,6 +123,7 @@ pub fn estimate(
     })?;
     let Estimation { model, diagnostics } = fitted.estimation;
     let notes = diagnostics.notes.clone();
-    let kept = samples.then_some(Kept { title, diagnostics, samples: fitted.samples, numbers: fitted.numbers });
+    let kept =
+        samples.then_some(Kept { title, diagnostics, samples: fitted.samples, numbers: fitted.numbers });
     Ok(Camera::new(&model, notes, kept)?.of_shots(fitted.shots))
 }
