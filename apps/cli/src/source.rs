@@ -58,9 +58,7 @@ impl SourceArgs {
 
 /// Parses a colour space: a name, or the name of a file with an ICC profile.
 pub fn colour_space(text: &str) -> std::result::Result<ColourSpace, String> {
-    let is_file =
-        ["icc", "icm"].iter().any(|e| Path::new(text).extension().is_some_and(|x| x.eq_ignore_ascii_case(e)));
-    match is_file {
+    match blindaug_io::has_extension(Path::new(text), &["icc", "icm"]) {
         true => IccProfile::read(text).and_then(|profile| profile.space(text)).map_err(|e| e.to_string()),
         false => text.parse().map_err(|e: blindaug::Error| e.to_string()),
     }

@@ -10,7 +10,9 @@ use crate::{
     partial::write_atomically,
 };
 use ::exr::{
-    block::{self, UncompressedBlock, chunk::Chunk, reader::ChunksReader, writer::ChunksWriter as _},
+    block::{
+        self, BlockIndex, UncompressedBlock, chunk::Chunk, reader::ChunksReader, writer::ChunksWriter as _,
+    },
     compression::Compression,
     image::{
         AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer,
@@ -271,9 +273,10 @@ fn write_compressed(
     let layers = image.layer_data.create_writer(&headers);
     block::write(file, headers, true, |meta, chunks| {
         let blocks: Vec<_> = block::enumerate_ordered_header_block_indices(&meta.headers).collect();
-        let largest = blocks.iter().map(|(_, block)| block.pixel_size.area()).max().unwrap_or(0);
-        let bytes = meta.headers.iter().map(|h| largest * h.channels.bytes_per_pixel).max().unwrap_or(0);
-        for some in blocks.chunks(at_once(bytes as u64)) {
+        let bytes =
+            |block: &BlockIndex| block.pixel_size.area() * meta.headers[block.layer].channels.bytes_per_pixel;
+        let largest = blocks.iter().map(|(_, block)| bytes(block)).max().unwrap_or(0);
+        for some in blocks.chunks(at_once(largest as u64)) {
             let compressed: ::exr::error::Result<Vec<_>> = some
                 .par_iter()
                 .map(|&(place, index)| {

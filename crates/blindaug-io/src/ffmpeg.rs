@@ -383,9 +383,8 @@ impl Pixels {
             "p010le" | "p010be" => "yuv420p10le",
             name => name,
         };
-        let name_of_converted = "yuv444p16le".into();
         let converted = Self {
-            name: name_of_converted,
+            name: "yuv444p16le".into(),
             chroma_shift: (0, 0),
             bits: 16,
             own_bits: bits_of_others(name),

@@ -63,7 +63,7 @@ pub use exr::{
     ExrContents, ExrHead, VirtualLayerFile, exr_contents, read_virtual_layer, write_distorted_layer,
 };
 pub use ffmpeg::{VideoCoding, VideoWriter};
-pub use files::{Inputs, open_file, read_file, read_text, same_file};
+pub use files::{Inputs, has_extension, open_file, read_file, read_text, same_file};
 pub use fingerprint::{Fingerprint, fingerprint};
 pub use flow::{read_flow, write_flo};
 pub use format::{FileKind, FrameFormat};

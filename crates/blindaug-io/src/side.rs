@@ -2,7 +2,7 @@
 
 use crate::{
     DepthFormat, DepthValues, Error, NamePattern, Reading, Result, VirtualLayerFile, exr, exr_contents,
-    files::check_regular,
+    files::{check_regular, has_extension},
     image,
     limits::is_exr,
     not_numbers::{Counted, NotNumbers, few},
@@ -119,7 +119,10 @@ impl SideFolder<Plane> {
     /// If there is no such folder or no depth in it, or two files have the same number.
     pub fn depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Self> {
         // The scale is said only of integer files, since EXR has metres.
-        let unit = |files: &Files| match (format.values, files.first().is_some_and(is_exr_name)) {
+        let unit = |files: &Files| match (
+            format.values,
+            files.first().is_some_and(|path| has_extension(path, &["exr"])),
+        ) {
             (DepthValues::Metric, true) => "in metres".into(),
             (DepthValues::Metric, false) => format!("{} units a metre", format.per_metre),
             (DepthValues::Inverse, true) => "inverse depth in 1/m".into(),
@@ -160,10 +163,6 @@ impl SideFolder<Plane> {
         });
         Ok(folder)
     }
-}
-
-fn is_exr_name(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
 }
 
 /// The side of an object on which the things lie that a matte shows.

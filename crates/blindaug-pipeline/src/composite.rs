@@ -377,22 +377,24 @@ impl Scene {
         let no_matte = self.holdout.is_some() && holdout.is_none();
         missing.check(no_matte, number, "no matte", "the object is not held out");
         self.complete(layer, overscan, (inverse_depth.as_ref(), flow.as_ref()));
-        let has_depth = layer.inverse_depth.is_some();
-        let no_layer_flow = applied.moving && layer.flow.is_none();
-        let no_flow = "its virtual layer has no motion (--layer-motion gives it one)";
-        missing.check(no_layer_flow, number, no_flow, "the object gets no motion blur");
-        let no_z = "its virtual layer has no Z (--layer-depth gives it one)";
-        missing.check(applied.defocused && !has_depth, number, no_z, "the object gets no defocus");
-        missing.check(self.depth.is_some() && !has_depth, number, no_z, "the object is not occluded");
         let is_seen = || layer.color.0.data().iter().any(|p| p[3] > 0.0);
-        let depth_is_untold = layer.inverse_depth.as_ref().is_some_and(|d| !has_reading(d)) && is_seen();
-        let bad_z = "the Z of its virtual layer is no distance anywhere (above 0, below 1e9 m)";
-        missing.check(applied.defocused && depth_is_untold, number, bad_z, "the object gets no defocus");
-        missing.check(self.depth.is_some() && depth_is_untold, number, bad_z, "the object is not occluded");
-        let is_known = |f: &Flow| f.data().iter().flatten().any(|v| v.is_finite());
-        let flow_is_untold = layer.flow.as_ref().is_some_and(|f| !is_known(f)) && is_seen();
-        let bad_flow = "the motion of its virtual layer is no number anywhere";
-        missing.check(applied.moving && flow_is_untold, number, bad_flow, "the object gets no motion blur");
+        let no_flow = match &layer.flow {
+            None => Some("its virtual layer has no motion (--layer-motion gives it one)"),
+            Some(f) => (f.data().iter().flatten().all(|v| !v.is_finite()) && is_seen())
+                .then_some("the motion of its virtual layer is no number anywhere"),
+        };
+        let no_z = match &layer.inverse_depth {
+            None => Some("its virtual layer has no Z (--layer-depth gives it one)"),
+            Some(d) => (!has_reading(d) && is_seen())
+                .then_some("the Z of its virtual layer is no distance anywhere (above 0, below 1e9 m)"),
+        };
+        for (needed, lacks, effect) in [
+            (applied.moving, no_flow, "the object gets no motion blur"),
+            (applied.defocused, no_z, "the object gets no defocus"),
+            (self.depth.is_some(), no_z, "the object is not occluded"),
+        ] {
+            missing.check(needed && lacks.is_some(), number, lacks.unwrap_or_default(), effect);
+        }
         Ok(Around { inverse_depth, flow, renders, holdout })
     }
 

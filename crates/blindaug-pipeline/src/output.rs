@@ -7,7 +7,7 @@ use crate::{
 use blindaug::{Encoded, Overscan, Plane, Raster, composite::DistortedLayer};
 use blindaug_io::{
     Coding, Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, NamePattern, PngWriter, VideoWriter,
-    check_folder, is_stream, make_folder, read_text, remove_leftovers_in, write_atomically,
+    check_folder, has_extension, is_stream, make_folder, read_text, remove_leftovers_in, write_atomically,
     write_distorted_layer,
 };
 use std::{
@@ -258,10 +258,6 @@ fn is_other_image(path: &Path) -> bool {
 /// Whether a name is that of a kind of video that is not written.
 fn is_other_video(path: &Path) -> bool {
     has_extension(path, &["mxf", "webm", "mpg", "mpeg", "m2v", "wmv", "flv", "ogv", "ts", "mts", "3gp"])
-}
-
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension().is_some_and(|e| extensions.iter().any(|other| e.eq_ignore_ascii_case(other)))
 }
 
 /// Fails if a file is there already that is not to be replaced.

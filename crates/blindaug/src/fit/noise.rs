@@ -13,7 +13,7 @@ mod mismatch;
 
 use self::choose::Chosen;
 use self::curves::{Colours, Spectrum};
-use self::lines::{Bin, PULL, by_spectrum, coding_error, limit, line, squared_correlation};
+use self::lines::{Bin, PULL, by_spectrum, coding_error, in_common, limit, line, squared_correlation};
 pub(super) use self::lines::{MAX_CODING_ERROR, lost};
 use super::robust::median;
 use crate::model::{
@@ -367,14 +367,20 @@ impl NoiseEvidence {
 
     /// [`LumaNoise::coding_error`], given the finest level's bins.
     fn coding_error_by(&self, finest: &[Bin]) -> f32 {
+        /// The largest squared correlations of red and blue with luma ([`in_common`]) in the two finest levels, that they have by chance or since
+        /// chroma has half the resolution.
+        const IN_COMMON: [f32; 2] = [0.3, 0.2];
         match self.method {
-            Method::Temporal if self.coloured => {
-                // Chroma of half the resolution has no noise from pixel to pixel either, but coarser noise, which a coder takes away, too. Both
-                // levels have the same blocks.
-                coding_error(finest, [finest, &self.bins(1, [1.0; 3], false)].map(squared_correlation))
+            Method::Temporal => {
+                // In grey footage noise is common to all channels: that says nothing of a coder. Chroma of half the resolution has no noise from pixel
+                // to pixel either, but coarser noise, which a coder takes away, too. Both levels have the same blocks.
+                let has_no_chroma = self.coloured
+                    && in_common(finest) > IN_COMMON[0]
+                    && in_common(&self.bins(1, [1.0; 3], false)) > IN_COMMON[1];
+                coding_error(finest, has_no_chroma)
             }
-            // Remaining structure is common to all channels, and in grey footage so is noise: the correlation says nothing of a coder.
-            Method::Temporal | Method::Spatial => coding_error(finest, [[0.0; 3]; 2]),
+            // Remaining structure is common to all channels.
+            Method::Spatial => coding_error(finest, false),
             // The difference from the clean frame includes a coder's errors, so no others are allowed for.
             _ => 0.0,
         }

@@ -175,19 +175,20 @@ pub(super) fn squared_correlation(bins: &[Bin]) -> [f32; 3] {
     })
 }
 
-/// [`LumaNoise::coding_error`], given the finest level's bins and the squared correlations of R, G and B with luma in the finest level and in
-/// the next one: after a coder there is little noise, in some places none, and chroma has no noise of its own.
-pub(super) fn coding_error(finest: &[Bin], squared_correlations: [[f32; 3]; 2]) -> f32 {
-    /// The largest squared correlations with luma in both levels, beyond a channel's share of luma, that channels have by chance, or since chroma
-    /// has half the resolution.
-    const IN_COMMON: [f32; 2] = [0.3, 0.2];
+/// The squared correlation of the noise of red and blue with luma's beyond their share of luma, of the channel that has less; green is most of
+/// luma anyway.
+pub(super) fn in_common(bins: &[Bin]) -> f32 {
     let squares = LUMA.map(|w| w * w);
     let total: f32 = squares.iter().sum();
-    // The correlation of red and blue beyond their share of luma is tested; green is most of luma anyway.
-    let beyond =
-        |squared: &[f32; 3], c: usize| (squared[c] - squares[c] / total) / (1.0 - squares[c] / total);
-    let mut levels = squared_correlations.iter().zip(IN_COMMON);
-    if levels.all(|(squared, most)| beyond(squared, 0).min(beyond(squared, 2)) > most) {
+    let squared = squared_correlation(bins);
+    let beyond = |c: usize| (squared[c] - squares[c] / total) / (1.0 - squares[c] / total);
+    beyond(0).min(beyond(2))
+}
+
+/// [`LumaNoise::coding_error`], given the finest level's bins and whether chroma has no noise of its own: after a coder there is little noise, in
+/// some places none, and none in chroma.
+pub(super) fn coding_error(finest: &[Bin], has_no_chroma: bool) -> f32 {
+    if has_no_chroma {
         return MAX_CODING_ERROR;
     }
     let least = |lit: bool| {
