@@ -45,6 +45,7 @@ pub(crate) fn noise_section(
                     (basis(m.samples(), "local measurements of the std", m.method()))
                     p.soft {
                         @if m.clip() < 1.0 { "The sensor clips at " (steps(m.clip())) " of 255: no noise is added there." }
+                        @else if m.clip() > 1.0 { "The footage goes beyond white, up to " (steps(m.clip())) " of 255, and so does its noise." }
                         @else { "No noise is added where the picture is clipped (255 of 255)." }
                     }
                 }

@@ -149,6 +149,8 @@ pub struct NoiseEvidence {
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// The histogram of the 8-bit value of each pixel's brightest channel.
     brightest: Box<[u64; 256]>,
+    /// The encoded values at which R, G and B end: 1, or the brightest of footage that goes beyond, as scene-linear plates do.
+    white: [f32; 3],
     /// Whether any pixel is not grey.
     coloured: bool,
     /// The correlations of noise between successive frames that were measured.
@@ -187,6 +189,7 @@ impl NoiseEvidence {
             compared: [0; 2],
             levels: Default::default(),
             brightest: Box::new([0; 256]),
+            white: [1.0; 3],
             coloured: false,
             successive: vec![],
         }
@@ -232,6 +235,7 @@ impl NoiseEvidence {
         self.flat |= other.flat;
         (0..2).for_each(|i| self.compared[i] += other.compared[i]);
         self.coloured |= other.coloured;
+        (0..3).for_each(|c| self.white[c] = self.white[c].max(other.white[c]));
         self.successive.extend_from_slice(&other.successive);
         for (a, b) in self.levels.iter_mut().zip(&other.levels) {
             a.extend_from_slice(b);
@@ -436,8 +440,12 @@ impl NoiseEvidence {
         )
     }
 
-    /// The brightest encoded value that occurs, if values accumulate there; else 1.
+    /// The brightest encoded value that occurs, if values accumulate there or go beyond 1; else 1.
     fn clip_level(&self) -> f32 {
+        let white = self.white.into_iter().fold(1.0, f32::max);
+        if white > 1.0 {
+            return white;
+        }
         let total: u64 = self.brightest.iter().sum();
         let Some(top) = (0..256).rev().find(|&i| self.brightest[i] as f64 > 1e-4 * total as f64) else {
             return 1.0;

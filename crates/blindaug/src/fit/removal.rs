@@ -71,7 +71,7 @@ impl NoisyLight {
     pub fn new(frame: &Encoded, noise: &NoiseLine, space: Space) -> Self {
         let white = white_band_std()[0];
         let variance = filter::gaussian_blur(&frame.luma(), 1.5).map(|y| {
-            let slope = space.slope(y.clamp(0.02, 1.0));
+            let slope = space.slope(y.max(0.02));
             // The least std is that of rounding to 8 bits.
             let std = ((noise.slope * y + noise.intercept) / white).max(0.29 / 255.0);
             (std / slope).powi(2)

@@ -17,8 +17,9 @@ const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
 /// The share of the blocks of a luminance that are the flat parts of the picture, and the fewest.
 const FLATTEST: (f32, usize) = (0.25, 8);
 
-/// The number of bins of luminance.
-const LUMINANCES: usize = 16;
+/// The number of bins of luminance from 0 to 1, and that of all bins: those above 1 are a third of an octave wide each.
+const UP_TO_ONE: usize = 16;
+const LUMINANCES: usize = UP_TO_ONE + 4;
 
 /// Blocks of like luminance that are least likely to hold structure.
 pub(super) struct Chosen<'a> {
@@ -267,5 +268,8 @@ pub(super) fn noise_share(level: usize, variance: f32, coarser: f32, others: &[&
 
 /// The index of the bin of a luminance.
 fn luminance_bin(y: f32) -> usize {
-    ((y * LUMINANCES as f32) as usize).min(LUMINANCES - 1)
+    match y < 1.0 {
+        true => (y * UP_TO_ONE as f32) as usize,
+        false => (UP_TO_ONE + (3.0 * y.portable_log2()) as usize).min(LUMINANCES - 1),
+    }
 }

@@ -17,8 +17,15 @@ use std::{ops::Range, sync::OnceLock};
 /// structure, but a block of a coarse level needs a few values.
 const BLOCK: [usize; NOISE_LEVELS] = [16, 16, 32, 32];
 
-/// The distance from 0 or 1 within which encoded values count as clipped: they have lost a part of their noise.
+/// The distance from 0, and the share of white, within which encoded values count as clipped: they have lost a part of their noise.
 const CLIP_MARGIN: f32 = 0.02;
+
+/// The share of a frame's pixels that lie above 1 from which on its values do not end at 1: a few may come of a filter that sharpens.
+const ABOVE_ONE: f32 = 0.01;
+
+/// The share of such a frame's pixels that may be brighter than where its values are taken to end: a sensor's end is that of many pixels, the
+/// brightest of all is that of a lamp or of a renderer's firefly.
+const HIGHLIGHTS: f32 = 0.001;
 
 /// The largest share of clipped pixels in a block: if noise is strong, every dark block has a few, which cost little of the variance.
 const MAY_CLIP: f32 = 0.04;
@@ -108,7 +115,7 @@ impl NoiseEvidence {
             return Err(Error::new("the two frames and the flow between them must have one size"));
         }
         let (top, height) = (rows.start, rows.len());
-        self.count_colours(&frame.0.data()[w * top..w * rows.end]);
+        let white = self.count_colours(&frame.0.data()[w * top..w * rows.end]);
         let inside = |x: f32, y: f32| x >= 0.0 && y >= 0.0 && x <= (w - 1) as f32 && y <= (h - 1) as f32;
         // Where nothing moves, each pixel is compared with itself: nothing is interpolated, and nothing can mismatch.
         let still = is_still(flow, &rows);
@@ -142,7 +149,7 @@ impl NoiseEvidence {
         let flaws = |x: usize, y: usize| {
             let [tx, ty] = target(x, y);
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
-            if usable { flaw(frame.0.at(x, top + y)) } else { UNUSABLE }
+            if usable { flaw(frame.0.at(x, top + y), white) } else { UNUSABLE }
         };
         let fraction = Some(|x: usize, y: usize| target(x, y).map(|t| t - t.floor()));
         let colour = |x: usize, y: usize| frame.0.at(x, top + y);
@@ -152,7 +159,7 @@ impl NoiseEvidence {
 
     /// Adds the evidence of a single frame: where the frame is flat, its bands are noise.
     pub fn add_single(&mut self, frame: &Encoded) {
-        self.count_colours(frame.0.data());
+        let white = self.count_colours(frame.0.data());
         let values = |x, y| {
             let p = frame.0.at(x, y);
             [p[0], p[1], p[2], luma(p)]
@@ -160,7 +167,7 @@ impl NoiseEvidence {
         let residual = Residual {
             values,
             colour: |x, y| frame.0.at(x, y),
-            flaws: |x, y| flaw(frame.0.at(x, y)),
+            flaws: |x, y| flaw(frame.0.at(x, y), white),
             fraction: ONE_FRAME,
             pure: false,
         };
@@ -179,11 +186,11 @@ impl NoiseEvidence {
             let (a, b) = (frame.0.at(x, y), predicted.0.at(x, y));
             [a[0] - b[0], a[1] - b[1], a[2] - b[2], luma(b) - luma(sharp.0.at(x, y))]
         };
-        self.count_colours(frame.0.data());
+        let white = self.count_colours(frame.0.data());
         let residual = Residual {
             values,
             colour: |x, y| predicted.0.at(x, y),
-            flaws: |x, y| flaw(frame.0.at(x, y)),
+            flaws: |x, y| flaw(frame.0.at(x, y), white),
             fraction: ONE_FRAME,
             pure: predicted == sharp,
         };
@@ -197,7 +204,7 @@ impl NoiseEvidence {
             for bx in 0..same.width() {
                 let row =
                     &frame.0.row(top + COPIED * by)[COPIED * bx..frame.0.width().min(COPIED * (bx + 1))];
-                if !clips(row[0]) && luma(row[0]) >= DARK && row.iter().any(|p| *p != row[0]) {
+                if !clips(row[0], self.white) && luma(row[0]) >= DARK && row.iter().any(|p| *p != row[0]) {
                     self.compared[0] += 1;
                     self.compared[1] += usize::from(same.at(bx, by));
                 }
@@ -205,12 +212,26 @@ impl NoiseEvidence {
         }
     }
 
-    fn count_colours(&mut self, pixels: &[[f32; 3]]) {
+    /// Counts the colours of a frame's pixels, and gives [`NoiseEvidence::white`] with them.
+    fn count_colours(&mut self, pixels: &[[f32; 3]]) -> [f32; 3] {
+        let mut above_one = vec![];
         for p in pixels {
             let v = p[0].max(p[1]).max(p[2]);
             self.brightest[(v * 255.0 + 0.5).clamp(0.0, 255.0) as usize] += 1;
             self.coloured |= v - p[0].min(p[1]).min(p[2]) > 0.5 / 255.0;
+            if v > 1.0 {
+                above_one.push(*p);
+            }
         }
+        if above_one.len() as f32 > ABOVE_ONE * pixels.len() as f32 {
+            let highlights = (HIGHLIGHTS * pixels.len() as f32) as usize;
+            for c in 0..3 {
+                let (_, brightest, _) =
+                    above_one.select_nth_unstable_by(highlights, |a, b| b[c].total_cmp(&a[c]));
+                self.white[c] = self.white[c].max(brightest[c]);
+            }
+        }
+        self.white
     }
 
     /// Adds the variances of the blocks of the rows `own`.
@@ -327,7 +348,7 @@ impl NoiseEvidence {
     pub fn add_denoised(&mut self, frame: &Encoded, denoised: &Encoded) -> Result<()> {
         let (w, h) = frame.0.size();
         let residual = residual(frame, denoised)?;
-        self.count_colours(frame.0.data());
+        let white = self.count_colours(frame.0.data());
         self.windowed = true;
         let (bands, _) = pyramid::laplacian(&residual, NOISE_LEVELS);
         let mut y = denoised.luma();
@@ -337,7 +358,7 @@ impl NoiseEvidence {
             let (bw, bh) = band.size();
             for cy in (stride / 2..bh).step_by(stride) {
                 for cx in (stride / 2..bw).step_by(stride) {
-                    if clips(denoised.0.at((cx << level).min(w - 1), (cy << level).min(h - 1))) {
+                    if clips(denoised.0.at((cx << level).min(w - 1), (cy << level).min(h - 1)), white) {
                         continue;
                     }
                     let (mut mean, mut square) = ([0.0f32; 4], [0.0f32; 4]);
@@ -378,7 +399,7 @@ impl NoiseEvidence {
             for y in y0..y0 + SIDE {
                 for x in x0..x0 + SIDE {
                     let values = [before, frame, next].map(|f| f.0.at(x, y));
-                    if values.iter().any(|v| clips(*v)) {
+                    if values.iter().any(|v| clips(*v, self.white)) {
                         return None;
                     }
                     let [a, b, c] = values.map(luma);
@@ -542,12 +563,13 @@ fn products_of_neighbours(band: &Raster<[f32; 4]>, (x0, y0): (usize, usize), sid
     products.map(|s| s / (side * side) as f32)
 }
 
-pub(super) fn flaw(p: [f32; 3]) -> Flaw {
-    if clips(p) { CLIPPED } else { 0 }
+/// The flaw of a pixel, where values end at `white` in R, G and B.
+pub(super) fn flaw(p: [f32; 3], white: [f32; 3]) -> Flaw {
+    if clips(p, white) { CLIPPED } else { 0 }
 }
 
-fn clips(p: [f32; 3]) -> bool {
-    p.iter().any(|&v| !(CLIP_MARGIN..=1.0 - CLIP_MARGIN).contains(&v))
+fn clips(p: [f32; 3], white: [f32; 3]) -> bool {
+    (0..3).any(|c| !(CLIP_MARGIN..=white[c] * (1.0 - CLIP_MARGIN)).contains(&p[c]))
 }
 
 /// The paper's 9x9 Gaussian window at a level.

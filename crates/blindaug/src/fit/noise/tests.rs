@@ -45,7 +45,7 @@ fn strips_give_the_variances_of_the_whole_frame() {
         let p = frame.0.at(x, y);
         [p[0], p[1], p[2], luma(p)]
     };
-    let flaws = |x, y| if x < 20 && y % 300 < 9 { UNUSABLE } else { flaw(frame.0.at(x, y)) };
+    let flaws = |x, y| if x < 20 && y % 300 < 9 { UNUSABLE } else { flaw(frame.0.at(x, y), [1.0; 3]) };
     let fraction = Some(|x: usize, y: usize| [(x % 7) as f32 / 7.0, (y % 11) as f32 / 11.0]);
     let residual = Residual { values, colour: |x, y| frame.0.at(x, y), flaws, fraction, pure: false };
     for method in [Method::Temporal, Method::Spatial] {
@@ -622,6 +622,47 @@ fn too_few_blocks_of_one_brightness_do_not_tell_a_noise_of_zero() {
     let std = fit.model.known().map(|m| m.std(0, 0.5));
     assert_eq!(fit.luma.is_some(), std.is_some());
     assert!(std.is_none_or(|s| s.iter().all(|&s| s > 0.0)), "{std:?}");
+}
+
+#[test]
+fn light_above_white_shows_its_noise_up_to_where_it_ends() {
+    const STD: f32 = 0.012;
+    // A sensor that ends at 2.4, 2 and 1.6, in a tenth of the frame.
+    const ENDS: [f32; 3] = [2.4, 2.0, 1.6];
+    let frame = |seed: u64, brightest: f32| {
+        let noise = white(256, 256, seed);
+        Encoded(Raster::from_fn(256, 256, |x, y| {
+            let base = if x < 26 { 3.0 } else { brightest * (0.4 + 0.6 * y as f32 / 256.0) };
+            let n = noise.at(x, y);
+            std::array::from_fn(|c| (base + STD * n[c]).min(ENDS[c]))
+        }))
+    };
+    let flow = Flow::filled(256, 256, [1.0, 0.0]);
+    let evidence = |brightest: f32| {
+        let mut e = NoiseEvidence::new(Method::Temporal);
+        e.add_pair(&frame(1, brightest), &frame(2, brightest), &flow).unwrap();
+        e
+    };
+    let e = evidence(1.5);
+    assert_eq!(e.white, ENDS);
+    let fit = e.fit();
+    let model = fit.model.known().expect("there is evidence");
+    assert_eq!(model.clip(), ENDS[0]);
+    for y in [0.7, 1.0, 1.3] {
+        let std = model.total_std_over([y; 3]);
+        assert!(std.iter().all(|s| (s / STD - 1.0).abs() < 0.1), "at {y}: {std:?}");
+    }
+    // Negative control: of the part below white alone, which ends at 1, what is brighter would be clipped.
+    let cut = |image: Encoded| Encoded(image.0.map(|p| p.map(|v| v.min(1.0))));
+    let mut e = NoiseEvidence::new(Method::Temporal);
+    e.add_pair(&cut(frame(1, 1.5)), &cut(frame(2, 1.5)), &flow).unwrap();
+    assert_eq!((e.white, e.clip_level()), ([1.0; 3], 1.0));
+    // A few lamps are no footage that goes beyond white.
+    let mut lamps = noisy(256, 256, 3, STD);
+    lamps.0.data_mut()[..200].fill([50.0; 3]);
+    let mut e = NoiseEvidence::new(Method::Spatial);
+    e.add_single(&lamps);
+    assert_eq!(e.white, [1.0; 3]);
 }
 
 #[test]
