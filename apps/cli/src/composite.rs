@@ -226,9 +226,7 @@ impl OutputArgs {
 
     /// Opens the output for frames that are made from these.
     fn open(&self, expected: &Expected, files: ImageFiles, cameras: &[&Path]) -> Result<Output> {
-        let opened = output::open(&self.output, expected, files, cameras, self.overwrite)?;
-        output::tell_done(&self.output, &opened);
-        Ok(opened)
+        output::open(&self.output, expected, files, cameras, self.overwrite)
     }
 
     fn expected(&self, source: &FrameSource) -> Expected {

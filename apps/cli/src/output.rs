@@ -109,19 +109,6 @@ pub fn open(
     }
 }
 
-/// Prints how many frames exist already and are kept.
-pub fn tell_done(path: &Path, output: &Output) {
-    use blindaug_pipeline::Sink;
-    let done = output.done().len() as u64;
-    if done > 0 {
-        note(format_args!(
-            "{}: {} there already and left as they are (--overwrite makes them anew)",
-            path.display(),
-            count(done, "frame")
-        ));
-    }
-}
-
 /// Completes an output and prints what was written.
 ///
 /// # Errors

@@ -271,6 +271,34 @@ fn numbers_and_patterns_are_taken_as_artists_type_them() {
 }
 
 #[test]
+fn frames_whose_layer_has_changed_since_are_made_anew() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_camera(d.join("c.json"), &camera(Transfer::Srgb)).unwrap();
+    std::fs::create_dir(d.join("fx")).unwrap();
+    for n in 2..4 {
+        std::fs::copy(asset(&format!("virtual/{n:04}.exr")), d.join(format!("fx/{n:04}.exr"))).unwrap();
+    }
+    let frames = asset("frames");
+    let command = format!("composite {} --virtual fx --camera c.json -o out --frames 2..3", frames.display());
+    let said = || text(&run(d, &command).stderr);
+    assert!(said().contains("2 frames written"));
+    // Negative control: where nothing has changed, nothing is made.
+    let again = said();
+    assert!(again.contains("2 frames there already") && again.contains("0 frames written"), "{again}");
+    let later = std::time::SystemTime::now() + std::time::Duration::from_secs(60);
+    let layer = std::fs::File::options().append(true).open(d.join("fx/0003.exr")).unwrap();
+    layer.set_modified(later).unwrap();
+    let anew = said();
+    assert!(anew.contains("1 frame there already") && anew.contains("1 frame made anew"), "{anew}");
+    // An empty file of a frame's name is no frame.
+    std::fs::write(d.join("out/0002.png"), "").unwrap();
+    let whole = said();
+    assert!(whole.contains("2 frames written"), "{whole}");
+    read_frame(d.join("out/0002.png")).unwrap();
+}
+
+#[test]
 fn mattes_hold_the_object_out() {
     let dir = TempDir::new().unwrap();
     let d = dir.path();

@@ -15,6 +15,7 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     str::FromStr,
+    time::SystemTime,
 };
 
 /// Extensions of images that can be frames; an EXR file can be a frame too, if it has colour.
@@ -250,6 +251,18 @@ impl FrameSource {
         let integers =
             if self.space.transfer == Transfer::Linear { self.reading.integers } else { self.space };
         Reading { integers, ..self.reading }
+    }
+
+    /// When the file of the frame of this number was last changed; `None` if there is none, or the file system does not tell.
+    pub fn changed(&self, number: u64) -> Option<SystemTime> {
+        let path = match &self.kind {
+            Kind::Video(..) => &self.path,
+            Kind::Images { files, before, after } => {
+                let mut all = files.iter().chain(before).chain(after);
+                &all.find(|(n, _)| *n == number)?.1
+            }
+        };
+        path.metadata().ok()?.modified().ok()
     }
 
     /// The path of the file or folder, or `camera:` and the camera's name.

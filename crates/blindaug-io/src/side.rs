@@ -16,6 +16,7 @@ use blindaug::{
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 
 /// A folder of files that belong to frames, matched to the frames by the last number in the files' names. A single file in place
@@ -327,6 +328,11 @@ impl<T> SideFolder<T> {
     /// Whether there is a file for this frame.
     pub fn has(&self, number: u64) -> bool {
         self.file(number).is_some()
+    }
+
+    /// When the file for this frame was last changed; `None` if there is none, or the file system does not tell.
+    pub fn changed(&self, number: u64) -> Option<SystemTime> {
+        self.file(number)?.metadata().ok()?.modified().ok()
     }
 
     /// Reads the data of this frame; `None` if there is no file for the frame.

@@ -3,7 +3,7 @@
 use crate::{
     ByHand, Error, Result,
     estimate::of_frame,
-    footage::{BoxedSide, Clip, check_match, has_reading},
+    footage::{BoxedSide, Clip, changed, check_match, has_reading},
     frames::{DEPTH, FLOW, FRAME, Made, Neighbours, Sink, check_memory, for_each_frame},
     observer::{Observer, warn},
 };
@@ -16,7 +16,7 @@ use blindaug::{
     },
     synth::{self, SynthesisOptions, distorted_strips},
 };
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, time::SystemTime};
 
 /// Bytes per pixel of a virtual layer while it is read, and of a pair of renders with their linear light.
 const LAYER: u64 = 56;
@@ -53,6 +53,11 @@ impl DepthMaps {
             (DepthKind::Relative, Some(scale)) => Ok(Self { maps, scale: Some(scale) }),
             (DepthKind::Relative, None) => Err(Error::NoSceneScale { name: maps.name(), is_model: false }),
         }
+    }
+
+    /// When the map of this frame was last changed, if that is known.
+    pub(crate) fn changed(&self, number: u64) -> Option<SystemTime> {
+        self.maps.changed(number)
     }
 
     pub(crate) fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<Plane>> {
@@ -342,6 +347,14 @@ impl Scene {
         renders.iter().flatten().try_for_each(|r| check_match(clip, Some(&**r)))
     }
 
+    /// When the latest of what is given beside the footage for this frame was changed, if that is known.
+    fn changed_beside(&self, number: u64) -> Option<SystemTime> {
+        let renders = self.renders.iter().flatten().filter_map(|renders| renders.changed(number)).max();
+        let depth = self.depth.as_ref().and_then(|maps| maps.changed(number));
+        let others = changed(self.flow.as_ref(), number).max(changed(self.holdout.as_ref(), number));
+        self.layers.changed(number).max(renders).max(depth).max(others)
+    }
+
     /// Reads the data of a frame beside its layer, and warns about missing data.
     fn around(
         &self,
@@ -487,7 +500,8 @@ pub fn composite(
     let given = frames + LAYER + apart + shadows + mattes + if depth.is_some() { DEPTH } else { 0 };
     check_memory(clip, given, applied.finds_flow, 0)?;
     let finds_flow = applied.finds_flow;
-    let made = for_each_frame("compositing", clip, sink, finds_flow, observer, |frame, neighbours, sink| {
+    let beside = |n: u64| scene.changed_beside(n);
+    let make = |frame: &Frame, neighbours: &Neighbours, sink: &mut dyn Sink| {
         let number = frame.number;
         let Some(FrameLayer { mut layer, overscan }) = layers.get(number, clip.size())? else {
             without_layer += 1;
@@ -516,7 +530,8 @@ pub fn composite(
             Product::Layer => sink
                 .put_layer(&composite::distorted_layer(&plate, &layer, &model, options).map_err(of_frame)?),
         }
-    });
+    };
+    let made = for_each_frame("compositing", (clip, &beside), sink, finds_flow, observer, make);
     // Also after an error, since the frames before it stay.
     warn(observer, clip.warning());
     warn(observer, layers.warning());
@@ -615,7 +630,11 @@ impl Application {
         let (clip, moving) = (&**clip, *moving);
         let mut missing = Missing::new(observer);
         let neighbours = moving && flow.is_none();
-        let made = for_each_frame("applying", clip, sink, neighbours, observer, |frame, neighbours, sink| {
+        let beside = |n: u64| {
+            let depth = depth.as_ref().and_then(|maps| maps.changed(n));
+            depth.max(changed(layers.as_ref(), n)).max(changed(flow.as_ref(), n))
+        };
+        let make = |frame: &Frame, neighbours: &Neighbours, sink: &mut dyn Sink| {
             let (number, size) = (frame.number, clip.size());
             let flow = match flow {
                 Some(flow) => flow.get(number, size)?,
@@ -648,7 +667,8 @@ impl Application {
             distorted_strips(&frame.image, &model, inverse_depth.as_ref(), flow.as_ref(), options, number)
                 .map_err(|e| of_frame(clip, number, e))?
                 .try_for_each(|strip| sink.put(&strip))
-        });
+        };
+        let made = for_each_frame("applying", (clip, &beside), sink, neighbours, observer, make);
         // Layers are the clip's own files, of which they know the alpha, too.
         warn(observer, layers.as_ref().map_or_else(|| clip.warning(), |layers| layers.warning()));
         made
@@ -708,6 +728,10 @@ impl crate::Side<FrameLayer> for blindaug_io::SideFolder<blindaug_io::VirtualLay
             let blindaug_io::VirtualLayerFile { color, inverse_depth, flow, overscan, .. } = file;
             FrameLayer { layer: VirtualLayer { color, inverse_depth, flow }, overscan }
         }))
+    }
+
+    fn changed(&self, number: u64) -> Option<SystemTime> {
+        self.changed(number)
     }
 
     fn warning(&self) -> Option<String> {

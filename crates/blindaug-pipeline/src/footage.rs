@@ -5,6 +5,7 @@ use blindaug::{Encoded, Flow, Frame, Plane, model::DepthKind};
 use std::{
     collections::BTreeMap,
     sync::atomic::{AtomicBool, Ordering},
+    time::SystemTime,
 };
 
 /// Frames, one after another.
@@ -57,6 +58,12 @@ pub trait Clip: Sync {
         none.next().transpose()?;
         drop(none);
         Ok(found.into_inner())
+    }
+
+    /// When the frame of this number was last changed, if that is known. By default it is not.
+    fn changed(&self, number: u64) -> Option<SystemTime> {
+        let _ = number;
+        None
     }
 
     /// Whether frames may be read ahead in a thread of their own, as they are by default. A clip whose frames come out of the caller's own code
@@ -146,10 +153,21 @@ pub trait Side<T>: Sync {
     /// If the data cannot be read, or have another size.
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>>;
 
+    /// When the data of the frame of this number were last changed, if that is known. By default it is not.
+    fn changed(&self, number: u64) -> Option<SystemTime> {
+        let _ = number;
+        None
+    }
+
     /// What is wrong with the data that were read so far, a sentence without a full stop. By default nothing is.
     fn warning(&self) -> Option<String> {
         None
     }
+}
+
+/// When the data for the frame of this number were last changed, if there are any and that is known.
+pub(crate) fn changed<T>(side: Option<&BoxedSide<T>>, number: u64) -> Option<SystemTime> {
+    side.and_then(|side| side.changed(number))
 }
 
 /// Accompanying data from any source.
@@ -251,6 +269,10 @@ impl Clip for blindaug_io::FrameSource {
         Ok(found.into_inner())
     }
 
+    fn changed(&self, number: u64) -> Option<SystemTime> {
+        self.changed(number)
+    }
+
     fn warning(&self) -> Option<String> {
         self.warning()
     }
@@ -272,6 +294,10 @@ impl<T> Side<T> for blindaug_io::SideFolder<T> {
 
     fn get(&self, number: u64, size: (usize, usize)) -> Result<Option<T>> {
         Ok(self.get(number, size)?)
+    }
+
+    fn changed(&self, number: u64) -> Option<SystemTime> {
+        self.changed(number)
     }
 
     fn warning(&self) -> Option<String> {

@@ -7,7 +7,10 @@ use crate::{
     observer::{Observer, Steps},
 };
 use blindaug::{Encoded, Flow, Frame, Overscan, Plane, Raster, analysis, composite::DistortedLayer};
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::SystemTime,
+};
 
 /// Bytes per pixel of a frame, of flow, and of depth.
 pub(crate) const FRAME: u64 = 12;
@@ -16,9 +19,10 @@ pub(crate) const DEPTH: u64 = 4;
 
 /// The destination of frames, which takes them a few rows at a time from the top.
 pub trait Sink {
-    /// The numbers of the frames that exist already and are not to be made again.
-    fn done(&self) -> BTreeSet<u64> {
-        BTreeSet::new()
+    /// The numbers of the frames that exist already, and when each was made. They are made again only if what they are made from has changed
+    /// since. By default there are none.
+    fn made(&self) -> BTreeMap<u64, SystemTime> {
+        BTreeMap::new()
     }
 
     /// Begins a frame of this number, width and height.
@@ -151,18 +155,41 @@ impl Neighbours<'_> {
     }
 }
 
-/// Calls `make` for each frame that is not done, which puts the rows of the result into the sink. Only with `neighbours` are the frames
-/// before and after that frame at hand, those next to a part of a longer clip among them, so that a frame is the same whichever part it is made
-/// with; else one frame is in memory at a time.
+/// The frames that the sink has and that are not made again: they are no older than what they are made from.
+fn kept(
+    sink: &dyn Sink,
+    observer: &dyn Observer,
+    changed: &dyn Fn(u64) -> Option<SystemTime>,
+) -> BTreeSet<u64> {
+    let there = sink.made();
+    let current = |(&n, &made): (&u64, &SystemTime)| changed(n).is_none_or(|changed| changed <= made);
+    let kept: BTreeSet<u64> = there.iter().filter(|frame| current(*frame)).map(|(n, _)| *n).collect();
+    let counted = |n: usize| format!("{n} {}", if n == 1 { "frame" } else { "frames" });
+    if !kept.is_empty() {
+        observer.note(&format!("{} there already and left as they are", counted(kept.len())));
+    }
+    let older = there.len() - kept.len();
+    if older > 0 {
+        observer.note(&format!("{} made anew: what they are made from has changed since", counted(older)));
+    }
+    kept
+}
+
+/// Calls `make` for each frame that the sink does not have yet, which puts the rows of the result into the sink. Only with `neighbours` are the
+/// frames before and after that frame at hand, those next to a part of a longer clip among them, so that a frame is the same whichever part it
+/// is made with; else one frame is in memory at a time. `changed` tells when what is given beside a frame was last changed.
 pub(crate) fn for_each_frame(
     what: &'static str,
-    clip: &dyn Clip,
+    (clip, changed): (&dyn Clip, &dyn Fn(u64) -> Option<SystemTime>),
     sink: &mut dyn Sink,
     neighbours: bool,
     observer: &dyn Observer,
     mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
 ) -> Result<Made> {
-    let done = sink.done();
+    let done = kept(sink, observer, &|n| {
+        let around = if neighbours { n.saturating_sub(1)..=n + 1 } else { n..=n };
+        around.filter_map(|n| clip.changed(n)).max().max(changed(n))
+    });
     let is_due = |n: u64| clip.contains(n) && !done.contains(&n);
     let needed = |n: u64| {
         let beside = |n: u64| neighbours && is_due(n);

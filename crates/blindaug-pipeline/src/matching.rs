@@ -4,11 +4,12 @@ use crate::{
     Result,
     composite::{DepthMaps, Missing, Rendered, in_metres},
     estimate::of_frame,
-    frames::{DEPTH, FLOW, FRAME, Made, Sink, check_memory, for_each_frame},
+    footage::changed,
+    frames::{DEPTH, FLOW, FRAME, Made, Neighbours, Sink, check_memory, for_each_frame},
     observer::{Observer, warn},
 };
 use blindaug::{
-    CameraModel,
+    CameraModel, Frame,
     composite::CompositeOptions,
     matching::{Matching, TooBlurred},
     model::{CameraTrack, DepthKind, Distortion, Estimate, Reason, SceneScale},
@@ -121,7 +122,9 @@ impl Match {
         let neighbours = *moving && footage.flow.is_none();
         let (mut missing, mut said) = (Missing::new(observer), false);
         let seed = (!options.no_noise).then_some(options.seed);
-        let made = for_each_frame("matching", clip, sink, neighbours, observer, |frame, neighbours, sink| {
+        let beside =
+            |n: u64| depth.as_ref().and_then(|maps| maps.changed(n)).max(changed(footage.flow.as_ref(), n));
+        let make = |frame: &Frame, neighbours: &Neighbours, sink: &mut dyn Sink| {
             let (number, size) = (frame.number, clip.size());
             let of_frame = |e| of_frame(clip, number, e);
             let matching = Matching::new(&from.at(number), to, size.0, options.bokeh).map_err(of_frame)?;
@@ -155,7 +158,8 @@ impl Match {
                 .apply(&frame.image, number, inverse_depth.as_ref(), flow.as_ref(), seed)
                 .map_err(of_frame)?;
             sink.put(&matched.0)
-        });
+        };
+        let made = for_each_frame("matching", (clip, &beside), sink, neighbours, observer, make);
         warn(observer, footage.clip.warning());
         made
     }

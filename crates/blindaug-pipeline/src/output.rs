@@ -11,8 +11,10 @@ use blindaug_io::{
     write_distorted_layer,
 };
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
+    fs::DirEntry,
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 
 /// The output of a job: a folder of images, one image, or a video.
@@ -43,8 +45,8 @@ enum Kind {
     Folder {
         files: ImageFiles,
         names: NamePattern,
-        /// The numbers of the frames that exist already.
-        done: BTreeSet<u64>,
+        /// The numbers of the frames that exist already, and when each was made.
+        done: BTreeMap<u64, SystemTime>,
         /// Whether the folder was made by this run.
         is_new: bool,
         /// `None` beside frames of which nobody knows the settings.
@@ -152,12 +154,18 @@ impl Output {
     pub fn folder(path: &Path, files: ImageFiles, settings: &str, overwrite: bool) -> Result<Self> {
         let names = names(path, files.format.kind());
         let folder = names.folder();
-        let there = || -> Result<BTreeSet<u64>> {
+        let there = || -> Result<BTreeMap<u64, SystemTime>> {
             let cannot = |e| FileError::new(folder, format!("the folder cannot be read ({e})"));
-            let entries = folder.read_dir().map_err(cannot)?;
-            Ok(entries.filter_map(|e| names.number(e.ok()?.file_name().to_str()?)).collect())
+            let frame = |entry: std::io::Result<DirEntry>| {
+                let entry = entry.ok()?;
+                let number = names.number(entry.file_name().to_str()?)?;
+                // What is empty is no frame: a full disk leaves such files.
+                let about = entry.path().metadata().ok().filter(|about| about.len() > 0)?;
+                Some((number, about.modified().ok()?))
+            };
+            Ok(folder.read_dir().map_err(cannot)?.filter_map(frame).collect())
         };
-        let there = if folder.exists() { there()? } else { BTreeSet::new() };
+        let there = if folder.exists() { there()? } else { BTreeMap::new() };
         let written = read_text(&settings_file(&names), MOST_SETTINGS).ok();
         let same = written.as_deref() == Some(settings);
         if !there.is_empty() && !same && !overwrite && written.is_some() {
@@ -166,10 +174,10 @@ impl Output {
         let is_known = there.is_empty() || overwrite || written.is_some();
         let record = is_known.then(|| Record {
             settings: settings.to_owned(),
-            others: if same { BTreeSet::new() } else { there.clone() },
+            others: if same { BTreeSet::new() } else { there.keys().copied().collect() },
             written,
         });
-        let done = if overwrite { BTreeSet::new() } else { there };
+        let done = if overwrite { BTreeMap::new() } else { there };
         let path = folder.into();
         let kind = Kind::Folder { files, names, done, is_new: false, record, overwrite };
         Ok(Self { path, kind, begun: None })
@@ -269,10 +277,10 @@ fn check_new(path: &Path, overwrite: bool) -> Result<()> {
 }
 
 impl Sink for Output {
-    fn done(&self) -> BTreeSet<u64> {
+    fn made(&self) -> BTreeMap<u64, SystemTime> {
         match &self.kind {
             Kind::Folder { done, .. } => done.clone(),
-            Kind::Image(_) | Kind::Video(..) => BTreeSet::new(),
+            Kind::Image(_) | Kind::Video(..) => BTreeMap::new(),
         }
     }
 
