@@ -1126,6 +1126,7 @@ fn exports_that_cannot_be_made_end_in_a_sentence() {
         ("track.jsonl --to nuke", "without --track"),
         ("camera.json --to nuke -o missing/camera.nk", "missing"),
         ("camera.json --to nuke -o blindaug_bands.png", "another name"),
+        ("camera.json --to texture -o grain.png", "give a name that ends in .csv"),
         ("camera.json --to all -o camera.json", "camera.json"),
     ] {
         let sentence = fails(dir.path(), &format!("export {arguments}"));
