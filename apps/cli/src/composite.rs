@@ -234,7 +234,8 @@ impl OutputArgs {
         // Images become videos that every program plays.
         let deep = source.is_video() && source.format() != FrameFormat::PNG8;
         let video_bits = self.bits.unwrap_or(if deep { 10 } else { 8 });
-        Expected { size: source.size(), fps: self.fps.or(source.fps()), count, video_bits }
+        let fps = self.fps.or(source.fps());
+        Expected { size: source.size(), fps, count, video_bits, pixel_aspect: source.pixel_aspect() }
     }
 
     fn finish(&self, output: Output, made: &Made) -> Result<()> {

@@ -2,7 +2,7 @@
 
 use crate::console::{self, Result, failure, note};
 use crate::provenance;
-use blindaug_io::{Inputs, fingerprint};
+use blindaug_io::{Inputs, VideoShape, fingerprint};
 use blindaug_pipeline::{ImageFiles, Made, Output};
 use blindaug_report::words::count;
 use std::path::Path;
@@ -20,6 +20,8 @@ pub struct Expected {
     pub count: Option<u64>,
     /// The bits of a value in a video: 8 or 10.
     pub video_bits: u8,
+    /// The width of a pixel over its height, where that is known.
+    pub pixel_aspect: Option<f32>,
 }
 
 /// Checks, before anything is read, that a video, an image or a folder of this name can be written and is none of the inputs, and removes the
@@ -87,12 +89,9 @@ pub fn open(
             ));
             DEFAULT_FPS
         });
-        return Ok(Output::video(
-            path,
-            (expected.size, fps),
-            (files.coding, expected.video_bits),
-            overwrite,
-        )?);
+        let shape =
+            VideoShape { size: expected.size, fps, pixel_aspect: expected.pixel_aspect.unwrap_or(1.0) };
+        return Ok(Output::video(path, shape, (files.coding, expected.video_bits), overwrite)?);
     }
     if !Output::is_file(path) {
         return Ok(Output::folder(path, files, &settings(cameras)?, overwrite)?);

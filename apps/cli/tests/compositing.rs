@@ -494,7 +494,9 @@ fn video_of_ten_bits_stays_so() {
     write_camera(d.join("c.json"), &camera(pq.transfer)).unwrap();
     // A ramp whose steps are finer than those of 8 bits.
     let ramp = Encoded(Raster::from_fn(W, W, |x, _| [0.4 + 0.1 * x as f32 / W as f32; 3]));
-    let mut video = blindaug_io::VideoWriter::create_in(d.join("in.mov"), (W, W), 25.0, (pq, 10)).unwrap();
+    // Anamorphic: pixels are twice as wide as high.
+    let shape = blindaug_io::VideoShape { size: (W, W), fps: 25.0, pixel_aspect: 2.0 };
+    let mut video = blindaug_io::VideoWriter::create_in(d.join("in.mov"), shape, (pq, 10)).unwrap();
     for _ in 0..3 {
         video.write(&ramp).unwrap();
     }
@@ -508,6 +510,8 @@ fn video_of_ten_bits_stays_so() {
     let still = read_frame(d.join("out/0001.png")).unwrap();
     let again = text(&run(d, "estimate out.mp4 -o again.json").stderr);
     assert!(again.contains("out.mp4: in pq, as it says"), "{again}");
+    let written = blindaug_io::FrameSource::open(d.join("out.mp4"), Default::default()).unwrap();
+    assert_eq!(written.pixel_aspect(), Some(2.0));
     // A row that the object does not cover has more levels than 8 bits would have.
     let levels = |frame: &Encoded| {
         let mut values: Vec<u32> = frame.0.row(2).iter().map(|p| (p[1] * 65535.0).round() as u32).collect();

@@ -168,7 +168,8 @@ fn run(args: &Live) -> Result<()> {
     };
     // The stage is made before the output, so that no output is left if there is no device.
     let stage = scene.stage()?;
-    let expected = Expected { size: scene.source.size(), fps: scene.fps, count: Some(frames), video_bits: 8 };
+    let (size, pixel_aspect) = (scene.source.size(), scene.source.pixel_aspect());
+    let expected = Expected { size, fps: scene.fps, count: Some(frames), video_bits: 8, pixel_aspect };
     let files = ImageFiles::plain(FrameFormat::PNG8);
     let mut output = output::open(path, &expected, files, &[], args.overwrite)?;
     if output.has_frames() {

@@ -543,6 +543,24 @@ fn exact_fps(fps: f64) -> f64 {
     if (fps - ntsc).abs() < 0.006 { ntsc } else { fps }
 }
 
+/// The shape of a video's frames, and how many there are per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VideoShape {
+    /// Width and height of every frame, px.
+    pub size: (usize, usize),
+    /// Frames per second, > 0.
+    pub fps: f64,
+    /// The width of a pixel over its height, as the picture is shown.
+    pub pixel_aspect: f32,
+}
+
+impl VideoShape {
+    /// Frames of this size whose pixels are square.
+    pub fn square(size: (usize, usize), fps: f64) -> Self {
+        Self { size, fps, pixel_aspect: 1.0 }
+    }
+}
+
 /// A writer of a video by ffmpeg (4:2:0, constant quality). The file gets its name in [`VideoWriter::finish`].
 pub struct VideoWriter {
     file: PartialFile,
@@ -609,10 +627,10 @@ impl VideoWriter {
     /// # Errors
     /// If there is no ffmpeg program, or the frame rate is no positive number.
     pub fn create(path: impl AsRef<Path>, size: (usize, usize), fps: f64) -> Result<Self> {
-        Self::create_in(path, size, fps, (ColourSpace::SRGB, 8))
+        Self::create_in(path, VideoShape::square(size, fps), (ColourSpace::SRGB, 8))
     }
 
-    /// Starts a video as [`VideoWriter::create`] does, of frames of this colour space in so many bits: 8 (H.264), or 10 (HEVC). PQ, HLG and the
+    /// Starts a video as [`VideoWriter::create`] does, of frames of this shape, of this colour space in so many bits: 8 (H.264), or 10 (HEVC). PQ, HLG and the
     /// primaries of Rec. 2020 are told in the video's head; videos of all other spaces say that they are Rec. 709, since heads have no words
     /// for them.
     ///
@@ -620,8 +638,7 @@ impl VideoWriter {
     /// The same as [`VideoWriter::create`], or if there are other bits.
     pub fn create_in(
         path: impl AsRef<Path>,
-        size: (usize, usize),
-        fps: f64,
+        shape: VideoShape,
         (space, bits): (ColourSpace, u8),
     ) -> Result<Self> {
         let path = path.as_ref();
@@ -635,7 +652,7 @@ impl VideoWriter {
                 ));
             }
         };
-        Self::create_with(find(), path, size, fps, (coding, space))
+        Self::create_with(find(), path, shape, (coding, space))
     }
 
     /// Starts a video as [`VideoWriter::create`] does, but coded like this.
@@ -648,7 +665,8 @@ impl VideoWriter {
         fps: f64,
         coding: VideoCoding,
     ) -> Result<Self> {
-        Self::create_with(find(), path.as_ref(), size, fps, (coding, ColourSpace::SRGB))
+        let shape = VideoShape::square(size, fps);
+        Self::create_with(find(), path.as_ref(), shape, (coding, ColourSpace::SRGB))
     }
 
     /// The default coding, at which hardly any difference can be seen.
@@ -657,8 +675,7 @@ impl VideoWriter {
     fn create_with(
         program: Option<OsString>,
         path: &Path,
-        size: (usize, usize),
-        fps: f64,
+        VideoShape { size, fps, pixel_aspect }: VideoShape,
         (coding, space): (VideoCoding, ColourSpace),
     ) -> Result<Self> {
         if !(fps.is_finite() && fps > 0.0) {
@@ -693,7 +710,9 @@ impl VideoWriter {
                 "-i",
                 "-",
                 "-vf",
-                &format!("scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix={matrix}"),
+                &format!(
+                    "scale=flags=bicubic+accurate_rnd+full_chroma_int:out_color_matrix={matrix},setsar={pixel_aspect}:max=1000"
+                ),
             ])
             .args(coding.arguments())
             .args(["-colorspace", colorspace, "-color_primaries", primaries, "-color_trc", curve])
@@ -808,8 +827,7 @@ mod tests {
             let mut writer = VideoWriter::create_with(
                 Some(program.into()),
                 &path,
-                (SIZE, SIZE),
-                25.0,
+                VideoShape::square((SIZE, SIZE), 25.0),
                 (VideoWriter::FINE, ColourSpace::SRGB),
             )?;
             let value = |x, y| ((x * 73_856_093) ^ (y * 19_349_663)) as f32 % 251.0 / 251.0;
@@ -932,8 +950,7 @@ mod tests {
             VideoWriter::create_with(
                 program.map(Into::into),
                 &path,
-                (4, 4),
-                fps,
+                VideoShape::square((4, 4), fps),
                 (VideoWriter::FINE, ColourSpace::SRGB),
             )
             .err()

@@ -62,7 +62,7 @@ pub use evidence::{EvidenceWriter, PaperScene, SavedEvidence};
 pub use exr::{
     ExrContents, ExrHead, VirtualLayerFile, exr_contents, read_virtual_layer, write_distorted_layer,
 };
-pub use ffmpeg::{VideoCoding, VideoWriter};
+pub use ffmpeg::{VideoCoding, VideoShape, VideoWriter};
 pub use files::{Inputs, has_extension, open_file, read_file, read_text, same_file};
 pub use fingerprint::{Fingerprint, fingerprint};
 pub use flow::{read_flow, write_flo};

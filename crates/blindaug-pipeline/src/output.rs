@@ -6,9 +6,9 @@ use crate::{
 };
 use blindaug::{Encoded, Overscan, Plane, Raster, composite::DistortedLayer};
 use blindaug_io::{
-    Coding, Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, NamePattern, PngWriter, VideoWriter,
-    check_folder, has_extension, is_stream, make_folder, read_text, remove_leftovers_in, write_atomically,
-    write_distorted_layer,
+    Coding, Error as FileError, ExrHead, FileKind, FrameFormat, Inputs, NamePattern, PngWriter, VideoShape,
+    VideoWriter, check_folder, has_extension, is_stream, make_folder, read_text, remove_leftovers_in,
+    write_atomically, write_distorted_layer,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -121,18 +121,18 @@ impl Output {
             && NamePattern::of(path).is_none()
     }
 
-    /// An output into a video of `fps` frames per second and of `bits`, 8 or 10, for each value. An existing file is replaced only with `overwrite`.
+    /// An output into a video of this shape and of `bits`, 8 or 10, for each value. An existing file is replaced only with `overwrite`.
     ///
     /// # Errors
     /// [`Error::AlreadyThere`], or if the file cannot be written.
     pub fn video(
         path: &Path,
-        (size, fps): ((usize, usize), f64),
+        shape: VideoShape,
         (coding, bits): (Coding, u8),
         overwrite: bool,
     ) -> Result<Self> {
         check_new(path, overwrite)?;
-        let video = VideoWriter::create_in(path, size, fps, (coding.file(), bits))?;
+        let video = VideoWriter::create_in(path, shape, (coding.file(), bits))?;
         Ok(Self { path: path.into(), kind: Kind::Video(video, coding), begun: None })
     }
 
