@@ -16,7 +16,7 @@ use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
 use crate::model::{DepthKind, Method, Reason, Unknown};
 use crate::strips::largest_strip;
-use crate::{Encoded, Flow, Plane, Result, analysis};
+use crate::{Encoded, Flow, Plane, Result, Transfer, analysis};
 use std::borrow::Cow;
 
 /// Takes frames one after another and gives one camera model. The memory used does not grow with the length of a clip, since frames
@@ -117,14 +117,21 @@ impl FrameEvidence {
         [self.exposure.as_ref().map_or(0.0, |e| e.exposure.0), lens[0], lens[1]]
     }
 
-    fn new([index, order]: [usize; 2], shot: usize, has_motion: bool, has_depth: bool) -> Self {
+    fn new(
+        [index, order]: [usize; 2],
+        shot: usize,
+        has_motion: bool,
+        has_depth: bool,
+        transfer: Transfer,
+    ) -> Self {
+        let noise = |method| NoiseEvidence::new(method).encoded_by(transfer);
         Self {
             index,
             order,
             shot,
-            temporal: NoiseEvidence::new(Method::Temporal),
-            spatial: NoiseEvidence::new(Method::Spatial),
-            denoised: NoiseEvidence::new(Method::Removal),
+            temporal: noise(Method::Temporal),
+            spatial: noise(Method::Spatial),
+            denoised: noise(Method::Removal),
             tiles: vec![],
             pairs: vec![],
             from_before: None,
@@ -303,8 +310,13 @@ impl Estimator {
             }
         }
         let depth = self.depth_of(&evidence, parallax)?;
-        let mut kept =
-            FrameEvidence::new([index, order], self.shots.len() - 1, flow.is_some(), depth.is_some());
+        let mut kept = FrameEvidence::new(
+            [index, order],
+            self.shots.len() - 1,
+            flow.is_some(),
+            depth.is_some(),
+            self.options.space.transfer,
+        );
         // Given flow leads to the next frame.
         let mut still = false;
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());

@@ -21,7 +21,7 @@ use crate::model::{
 };
 use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Pixel};
+use crate::{Encoded, Pixel, Transfer};
 use std::ops::Range;
 
 /// The least errors of a coder, as a std of luma of full scale 1, of which the user is told.
@@ -140,6 +140,8 @@ pub struct NoiseLine {
 #[derive(Clone, Debug)]
 pub struct NoiseEvidence {
     method: Method,
+    /// The curve that encodes the frames.
+    transfer: Transfer,
     /// Whether the variances are those of the paper's windows, which are used without a choice or a correction.
     windowed: bool,
     /// Whether all flat parts of the picture count, rather than those that match best, or that are flattest of all.
@@ -184,6 +186,7 @@ impl NoiseEvidence {
     pub fn new(method: Method) -> Self {
         Self {
             method,
+            transfer: Transfer::Srgb,
             windowed: false,
             flat: false,
             compared: [0; 2],
@@ -193,6 +196,12 @@ impl NoiseEvidence {
             coloured: false,
             successive: vec![],
         }
+    }
+
+    /// The same for frames that are encoded by this curve, sRGB by default: what little noise a coder has left, and what a sensor makes, differ
+    /// between curves.
+    pub fn encoded_by(self, transfer: Transfer) -> Self {
+        Self { transfer, ..self }
     }
 
     /// The evidence of a single frame alone.
@@ -229,8 +238,9 @@ impl NoiseEvidence {
         self.levels[level].iter().filter(|b| !b.clipped)
     }
 
-    /// Adds the evidence of another collection of the same method.
+    /// Adds the evidence of another collection of the same method, whose curve it takes.
     pub fn merge(&mut self, other: &Self) {
+        self.transfer = other.transfer;
         self.windowed |= other.windowed;
         self.flat |= other.flat;
         (0..2).for_each(|i| self.compared[i] += other.compared[i]);
@@ -381,10 +391,10 @@ impl NoiseEvidence {
                 let has_no_chroma = self.coloured
                     && in_common(finest) > IN_COMMON[0]
                     && in_common(&self.bins(1, [1.0; 3], false)) > IN_COMMON[1];
-                coding_error(finest, has_no_chroma)
+                coding_error(finest, self.transfer, has_no_chroma)
             }
             // Remaining structure is common to all channels.
-            Method::Spatial => coding_error(finest, false),
+            Method::Spatial => coding_error(finest, self.transfer, false),
             // The difference from the clean frame includes a coder's errors, so no others are allowed for.
             _ => 0.0,
         }

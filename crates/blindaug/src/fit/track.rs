@@ -223,7 +223,7 @@ impl Tracker {
             inverse_depth: None,
             next_parallax: (0, true),
             swings: Swings::default(),
-            noise: NoiseFollower::default(),
+            noise: NoiseFollower::new(space.transfer),
             scattering: None,
             exposure: ExposureMemory::default(),
             streaks: StreaksMemory::default(),

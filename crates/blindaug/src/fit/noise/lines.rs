@@ -2,9 +2,9 @@
 
 use super::choose::Chosen;
 use super::{LocalVariance, NoiseEvidence};
-use crate::LUMA;
 use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
+use crate::{LUMA, Transfer};
 use std::ops::Range;
 
 /// The luminance below which a sensor has less noise even without a coder.
@@ -186,14 +186,20 @@ pub(super) fn in_common(bins: &[Bin]) -> f32 {
 }
 
 /// [`LumaNoise::coding_error`], given the finest level's bins and whether chroma has no noise of its own: after a coder there is little noise, in
-/// some places none, and none in chroma.
-pub(super) fn coding_error(finest: &[Bin], has_no_chroma: bool) -> f32 {
+/// some places none, and none in chroma. `transfer` is the curve that encodes the frames: noise counts as it would be in sRGB, since a log
+/// curve makes the noise of bright parts weaker than sRGB does.
+pub(super) fn coding_error(finest: &[Bin], transfer: Transfer, has_no_chroma: bool) -> f32 {
     if has_no_chroma {
         return MAX_CODING_ERROR;
     }
     let least = |lit: bool| {
-        let variance = finest.iter().filter(|b| !lit || b.y >= DARK).map(|b| b.variance[3]);
-        variance.min_by(f32::total_cmp).map(|v| v.sqrt() / white_band_std()[0])
+        let in_srgb = |b: &Bin| {
+            let light = transfer.decode_by(b.y, Portable::portable_powf);
+            let [own, srgb] = [transfer, Transfer::Srgb].map(|t| t.slope_by(light, Portable::portable_powf));
+            b.variance[3].sqrt() * (srgb / own)
+        };
+        let std = finest.iter().filter(|b| !lit || b.y >= DARK).map(in_srgb);
+        std.min_by(f32::total_cmp).map(|std| std / white_band_std()[0])
     };
     let Some(std) = least(true).or_else(|| least(false)) else { return 0.0 };
     MAX_CODING_ERROR * lost(std).powi(2)
@@ -250,5 +256,22 @@ mod tests {
         let two = bins(&[0.3, 0.36], |y| if y < 0.33 { 0.01 } else { 0.012 });
         let at = |pull: f32| line(&two, 0, pull).at(0.9);
         assert!(at(PULL_OF_SINGLE) < 0.02 && at(PULL) > 0.025, "{} {}", at(PULL_OF_SINGLE), at(PULL));
+    }
+
+    #[test]
+    fn a_sensor_s_noise_in_log_values_is_not_what_a_coder_left() {
+        let light_noise = |light: f32| (0.0008f32.powi(2) + 6e-5 * light).sqrt();
+        for transfer in [Transfer::LogC3, Transfer::SLog3, Transfer::VLog] {
+            let of_sensor = bins(&[0.3, 0.4, 0.5, 0.6, 0.7], |y| {
+                let light = transfer.decode(y);
+                white_band_std()[0] * light_noise(light) * transfer.slope(light)
+            });
+            assert_eq!(coding_error(&of_sensor, transfer, false), 0.0, "{transfer:?}");
+            // Negative controls: so little noise in sRGB is what a coder leaves, and so is a fifth of it in log values.
+            assert!(coding_error(&of_sensor, Transfer::Srgb, false) > 0.0, "{transfer:?}");
+            let left: Vec<Bin> =
+                of_sensor.iter().map(|b| Bin { variance: b.variance.map(|v| 0.04 * v), ..*b }).collect();
+            assert!(coding_error(&left, transfer, false) > 0.0, "{transfer:?}");
+        }
     }
 }

@@ -8,7 +8,7 @@ use crate::fit::robust::median;
 use crate::fit::sharpening;
 use crate::model::{Changes, Distortion, DistortionModel, Estimate, Method, NoiseModel, SharpeningModel};
 use crate::portable::Portable;
-use crate::{Encoded, Flow, Result, strips};
+use crate::{Encoded, Flow, Result, Transfer, strips};
 use std::collections::VecDeque;
 use std::ops::Range;
 
@@ -36,6 +36,8 @@ const SHOWN: f32 = 0.05;
 
 /// The noise's evidence, and the last known noise and sharpening.
 pub(super) struct NoiseFollower {
+    /// The curve that encodes the frames.
+    transfer: Transfer,
     memory: NoiseMemory,
     distant: DistantPairs,
     /// The noise of luma, which outlasts a cut: some noise is needed to look at a shot's first frames.
@@ -51,10 +53,12 @@ pub(super) struct NoiseFollower {
     pub sharpening: Option<Estimate<SharpeningModel>>,
 }
 
-impl Default for NoiseFollower {
-    fn default() -> Self {
+impl NoiseFollower {
+    /// Nothing seen yet of frames that are encoded by this curve.
+    pub fn new(transfer: Transfer) -> Self {
         let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
         Self {
+            transfer,
             memory,
             distant,
             luma: None,
@@ -65,9 +69,7 @@ impl Default for NoiseFollower {
             sharpening: None,
         }
     }
-}
 
-impl NoiseFollower {
     /// The noise with the frame of this index, which repeats so many frames before it (`repeated`), and what has changed of noise and
     /// sharpening. `neighbour` is the frame next to it, with the flow that leads there.
     ///
@@ -80,7 +82,7 @@ impl NoiseFollower {
         follower: &mut Follower,
     ) -> Result<(Estimate<NoiseModel>, Changes)> {
         let mut changes = Changes::default();
-        let mut evidence = NoiseEvidence::new(Method::Temporal);
+        let mut evidence = NoiseEvidence::new(Method::Temporal).encoded_by(self.transfer);
         let (w, h) = frame.0.size();
         let parts = strips::turns_of((w, h), PART);
         // Strips of the frame are used in turn.
@@ -108,7 +110,8 @@ impl NoiseFollower {
         }
         let mut fit = self.distant.complete(&near, near.fit_to(BLOCKS));
         if fit.luma.is_none() && self.known.is_none() {
-            fit = NoiseEvidence::of_frame(frame).fit().with_coding_spread(fit.coding_spread);
+            let alone = NoiseEvidence::of_frame(frame).encoded_by(self.transfer);
+            fit = alone.fit().with_coding_spread(fit.coding_spread);
         }
         self.luma = fit.luma.or(self.luma);
         let Some(fresh) = fit.model.known() else {
@@ -144,7 +147,7 @@ impl NoiseFollower {
 
     /// Forgets all but the noise of luma: another shot may be another camera's.
     pub fn forget(&mut self) {
-        *self = Self { luma: self.luma, ..Self::default() };
+        *self = Self { luma: self.luma, ..Self::new(self.transfer) };
     }
 
     /// Whether the noise rests on so few frames of this shot, or since it changed, that those to come will correct it.
