@@ -190,7 +190,7 @@ impl Noise {
         let luminance = luminance.unwrap_or(0.5f32.into_pyobject(py)?.into_any());
         mapped(&luminance, "luminance", |y| match level {
             Some(level) => noise.std(level, y),
-            None => noise.total_std(y),
+            None => noise.told_std(y)[1],
         })
     }
 
@@ -215,7 +215,7 @@ impl Noise {
     }
 
     fn __repr__(&self) -> String {
-        let std = self.0.known().map(|m| m.total_std(0.5).map(|v| format!("{:.2}", 255.0 * v)).join(", "));
+        let std = self.0.known().map(|m| m.told_std(0.5)[1].map(|v| format!("{:.2}", 255.0 * v)).join(", "));
         shown("Noise", std.map(|std| format!("std {std} (1/255) at luminance 0.5")), self.reason())
     }
 }

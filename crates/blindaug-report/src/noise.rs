@@ -10,15 +10,9 @@ use blindaug::fit::Diagnostics;
 use blindaug::model::{CameraTrack, Distortion, Estimate, NoiseModel};
 use maud::{Markup, html};
 
-/// The lower ends, the values and the upper ends of the std of the whole noise of R, G and B at luminance `y`.
-pub(crate) fn total_std(m: &NoiseModel, y: f32) -> [[f32; 3]; 3] {
-    let [low, high] = m.interval_of_total_std(y);
-    [low, m.total_std(y), high]
-}
-
 /// The noise's card.
 pub(crate) fn noise_card(m: &NoiseModel) -> Card {
-    let [low, mean, high] = total_std(m, 0.5).map(|std| std.iter().sum::<f32>() / 3.0);
+    let [low, mean, high] = m.told_std(0.5).map(|std| std.iter().sum::<f32>() / 3.0);
     Card {
         big: format!("{} of 255", steps(mean)),
         interval: m.lines().interval.is_some().then(|| format!("{} to {}", steps(low), steps(high))),
@@ -90,7 +84,7 @@ fn noise_table(m: &NoiseModel) -> Markup {
                 @for name in CHANNEL_NAMES { th scope="col" { (name) @if m.lines().interval.is_some() { " (95 % interval)" } } }
             } }
             tbody { @for (name, y) in [("Dark, Y = 0.1", 0.1), ("Middle, Y = 0.5", 0.5), ("Bright, Y = 0.9", 0.9)] {
-                @let [low, middle, high] = total_std(m, y);
+                @let [low, middle, high] = m.told_std(y);
                 tr {
                     th scope="row" { (name) }
                     @for c in 0..3 { td.number data-label=(CHANNEL_NAMES[c]) {

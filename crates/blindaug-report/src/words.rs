@@ -1,7 +1,6 @@
 //! A camera model in words and units, for a terminal, and the same numbers as JSON; per-frame models as a table.
 
 use crate::depth_map;
-use crate::noise::total_std;
 use crate::numbers::tidy;
 use crate::plots::defocus_interval;
 use blindaug::{
@@ -177,7 +176,7 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
 
 /// The lower ends, the values and the upper ends of the std of the whole noise of R, G and B at a luminance, in steps of 8 bit.
 fn noise_std(noise: &NoiseModel, y: f32) -> [[f32; 3]; 3] {
-    total_std(noise, y).map(|std| std.map(|v| 255.0 * v))
+    noise.told_std(y).map(|std| std.map(|v| 255.0 * v))
 }
 
 fn motion_blur_words(text: &mut String, model: &CameraModel) -> std::fmt::Result {
@@ -369,7 +368,7 @@ fn derived_exactly(model: &CameraModel, at_depth: &[f32]) -> Value {
     let noise = match &model.noise {
         Estimate::Known(n) => {
             let std = LUMINANCES.map(|y| {
-                let [low, std, high] = total_std(n, y);
+                let [low, std, high] = n.told_std(y);
                 let interval = n.lines().interval.map(|_| [0, 1, 2].map(|c| [low[c], high[c]]));
                 json!({ "luminance": y, "std": std, "interval": interval })
             });

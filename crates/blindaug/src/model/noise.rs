@@ -259,6 +259,25 @@ impl NoiseModel {
         [0, 1].map(|end| total_of_levels(&ends.map(|level| level.map(|interval| interval[end]))))
     }
 
+    /// What people are told of the noise over grey of this luminance: the low ends, the values and the high ends of the std of R, G and B, all
+    /// levels together. The straight lines tell it, which little noise of few blocks bends least, unless the curves lie outside the lines'
+    /// interval, as over log values, of which noise is no straight line: then the curves do, and the interval holds both.
+    pub fn told_std(&self, y: f32) -> [[f32; 3]; 3] {
+        let (lines, curves) = (self.total_std(y), self.total_std_over([y; 3]));
+        let [low, high] = self.interval_of_total_std(y);
+        let told: [[f32; 3]; 3] = std::array::from_fn(|c| {
+            let (line, curve) = (lines[c], curves[c]);
+            match (low[c]..=high[c]).contains(&curve) {
+                true => [low[c], line, high[c]],
+                false => {
+                    let moved = curve - line;
+                    [low[c].min(low[c] + moved).max(0.0), curve, high[c].max(high[c] + moved)]
+                }
+            }
+        });
+        [0, 1, 2].map(|i| told.map(|of_channel| of_channel[i]))
+    }
+
     /// Widens the 95 % intervals for an error that is independent of theirs, and the logarithm of whose factor on the std has the std `spread`.
     pub fn allow_for(&mut self, spread: f32) {
         if spread <= 0.0 {
@@ -379,8 +398,11 @@ impl DistortionModel for NoiseModel {
             interval: None,
             meaning: "The std of the grain of all sizes in encoded values, over an even grey of luminance 0.5.",
         };
-        let mut all: Vec<Parameter> =
-            ["std in R", "std in G", "std in B"].into_iter().zip(self.total_std(0.5)).map(channel).collect();
+        let mut all: Vec<Parameter> = ["std in R", "std in G", "std in B"]
+            .into_iter()
+            .zip(self.told_std(0.5)[1])
+            .map(channel)
+            .collect();
         if let Some(curves) = self.curves() {
             let correlation =
                 |name, value, meaning| Parameter { name, unit: "", value, interval: None, meaning };
@@ -445,6 +467,41 @@ impl NoiseLines {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn where_lines_contradict_the_curves_the_curves_are_told() {
+        use crate::model::CurveLevel;
+        let line = NoiseLevel { slope: [0.0; 3], intercept: [0.01; 3] };
+        let interval = NoiseInterval { slope: [[0.0; 2]; 3], intercept: [[0.009, 0.011]; 3] };
+        let NoiseModel::Lines(mut lines) = NoiseModel::given([line; NOISE_LEVELS], 1.0) else {
+            unreachable!()
+        };
+        lines.interval = Some([interval; NOISE_LEVELS]);
+        let of_curves = |std: f32| {
+            let own = |c: usize| std::array::from_fn(|k| [if k == c { std * std } else { 0.0 }; 8]);
+            let mixing = std::array::from_fn(|c| std::array::from_fn(|k| if k == c { 1.0 } else { 0.0 }));
+            let levels = [CurveLevel { variance: std::array::from_fn(own), mixing }; NOISE_LEVELS];
+            NoiseModel::Curves(Box::new(NoiseCurves {
+                lines: lines.clone(),
+                levels,
+                temporal_correlation: 0.0,
+            }))
+        };
+        let close = |a: f32, b: f32| (a / b - 1.0).abs() < 1e-3;
+        let near = of_curves(0.0105);
+        let [low, told, high] = near.told_std(0.5).map(|of| of[1]);
+        assert_eq!(
+            (told, [low, high]),
+            (near.total_std(0.5)[1], near.interval_of_total_std(0.5).map(|e| e[1]))
+        );
+        let far = of_curves(0.02);
+        let [low, told, high] = far.told_std(0.5).map(|of| of[1]);
+        let line = far.total_std(0.5)[1];
+        assert!(
+            close(told, 2.0 * line) && close(low, 0.9 * line) && close(high, 2.1 * line),
+            "{low} {told} {high}"
+        );
+    }
 
     #[test]
     fn intervals_are_widened_for_an_independent_error() {
