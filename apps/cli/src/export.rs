@@ -133,9 +133,9 @@ fn write_one(export: &Exported, output: &Path, inputs: &Inputs) -> Result<()> {
         return Err(failure(name, "a texture of this name is written beside it; give another name"));
     }
     console::check_outputs(inputs, beside.iter().chain([&target]).map(PathBuf::as_path))?;
-    let own = Path::new(&first.name).extension();
-    if target.extension().is_some_and(|given| Some(given) != own) {
-        let own = own.unwrap_or_default().display();
+    let own = Path::new(&first.name).extension().unwrap_or_default();
+    if target.extension().is_some_and(|given| !given.eq_ignore_ascii_case(own)) {
+        let own = own.display();
         return Err(failure(
             &target,
             format_args!("this target is written as {own}: give a name that ends in .{own}, or a folder"),

@@ -239,7 +239,7 @@ fn numbers_and_patterns_are_taken_as_artists_type_them() {
         )
         .stderr,
     );
-    assert!(said.contains("2 frames there already"), "{said}");
+    assert!(said.contains("left as they are: 2"), "{said}");
     succeeds(d, "composite shot/a_v02.%04d.png --virtual fx --camera c.json -o one.png --frames 1002..1002");
     let [one, of_both] = ["one.png", "out/comp.01002.png"].map(|p| std::fs::read(d.join(p)).unwrap());
     assert!(one == of_both);
@@ -285,17 +285,32 @@ fn frames_whose_layer_has_changed_since_are_made_anew() {
     assert!(said().contains("2 frames written"));
     // Negative control: where nothing has changed, nothing is made.
     let again = said();
-    assert!(again.contains("2 frames there already") && again.contains("0 frames written"), "{again}");
-    let later = std::time::SystemTime::now() + std::time::Duration::from_secs(60);
-    let layer = std::fs::File::options().append(true).open(d.join("fx/0003.exr")).unwrap();
-    layer.set_modified(later).unwrap();
+    assert!(again.contains("left as they are: 2") && again.contains("0 frames written"), "{again}");
+    let set_time = |file: &str, time| {
+        std::fs::File::options().append(true).open(d.join(file)).unwrap().set_modified(time).unwrap();
+    };
+    let now = std::time::SystemTime::now();
+    set_time("out/0003.png", now - std::time::Duration::from_secs(1_000_000_000));
     let anew = said();
-    assert!(anew.contains("1 frame there already") && anew.contains("1 frame made anew"), "{anew}");
+    assert!(anew.contains("left as they are: 1") && anew.contains("an input is newer: 1"), "{anew}");
+    assert!(said().contains("left as they are: 2"));
+    // What lies outside the range that is asked for is left alone, and a change in the future, by another clock, is none.
+    set_time("out/0003.png", now - std::time::Duration::from_secs(1_000_000_000));
+    let of_range = text(&run(d, &command.replace("2..3", "2..2")).stderr);
+    assert!(of_range.contains("left as they are: 1") && !of_range.contains("anew"), "{of_range}");
+    assert!(said().contains("an input is newer: 1"));
+    set_time("fx/0003.exr", now + std::time::Duration::from_secs(100_000));
+    assert!(said().contains("left as they are: 2"));
     // An empty file of a frame's name is no frame.
     std::fs::write(d.join("out/0002.png"), "").unwrap();
     let whole = said();
-    assert!(whole.contains("2 frames written"), "{whole}");
+    assert!(whole.contains("left as they are: 1") && whole.contains("1 frame written"), "{whole}");
     read_frame(d.join("out/0002.png")).unwrap();
+    // Frames of which nobody knows how they were made are left alone, however old they are.
+    std::fs::remove_file(d.join("out/.0000.png.settings")).unwrap();
+    set_time("out/0002.png", now - std::time::Duration::from_secs(1_000_000_000));
+    let foreign = said();
+    assert!(foreign.contains("left as they are: 2") && foreign.contains("0 frames written"), "{foreign}");
 }
 
 #[test]

@@ -6,10 +6,10 @@ use super::{
     spectra::Spectra,
     times::Times,
 };
-use blindaug::{Encoded, fit::track::TileObserver};
+use blindaug::{Encoded, colour_space::ColourSpace, fit::track::TileObserver};
 use blindaug_cli::console::{self, Failure, Result, failure, note};
 use blindaug_gpu::Gpu;
-use blindaug_io::VideoWriter;
+use blindaug_io::{VideoShape, VideoWriter};
 use blindaug_pipeline::live::{Home, LiveEstimate, LiveEstimator, LiveFrame, Pace, Player};
 use blindaug_report::words::count;
 use blindaug_stage::{Look, Stage};
@@ -189,7 +189,9 @@ impl Recording {
     fn start(scene: &Scene) -> Result<Self> {
         let name = |i: u32| PathBuf::from(format!("blindaug-live-{i}.mp4"));
         let path = (1..).map(name).find(|p| !p.exists()).unwrap_or_else(|| name(0));
-        let mut video = VideoWriter::create(&path, scene.source.size(), scene.pace())?;
+        let pixel_aspect = scene.source.pixel_aspect().unwrap_or(1.0);
+        let shape = VideoShape { size: scene.source.size(), fps: scene.pace(), pixel_aspect };
+        let mut video = VideoWriter::create_in(&path, shape, (ColourSpace::SRGB, 8))?;
         let name = path.clone();
         let (pictures, given) = sync_channel::<Encoded>(QUEUE);
         let writer = std::thread::spawn(move || {

@@ -550,7 +550,7 @@ pub struct VideoShape {
     pub size: (usize, usize),
     /// Frames per second, > 0.
     pub fps: f64,
-    /// The width of a pixel over its height, as the picture is shown.
+    /// The width of a pixel over its height, as the picture is shown, > 0.
     pub pixel_aspect: f32,
 }
 

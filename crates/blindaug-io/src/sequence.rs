@@ -258,8 +258,9 @@ impl FrameSource {
         let path = match &self.kind {
             Kind::Video(..) => &self.path,
             Kind::Images { files, before, after } => {
-                let mut all = files.iter().chain(before).chain(after);
-                &all.find(|(n, _)| *n == number)?.1
+                let own = files.binary_search_by_key(&number, |f| f.0).ok().map(|i| &files[i]);
+                let beside = || before.iter().chain(after).find(|f| f.0 == number);
+                &own.or_else(beside)?.1
             }
         };
         path.metadata().ok()?.modified().ok()

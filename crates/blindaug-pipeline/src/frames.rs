@@ -19,9 +19,9 @@ pub(crate) const DEPTH: u64 = 4;
 
 /// The destination of frames, which takes them a few rows at a time from the top.
 pub trait Sink {
-    /// The numbers of the frames that exist already, and when each was made. They are made again only if what they are made from has changed
-    /// since. By default there are none.
-    fn made(&self) -> BTreeMap<u64, SystemTime> {
+    /// The numbers of the frames that are there already, and when each was made: it is made again if what it is made from has changed since.
+    /// Without a time it is left as it is. By default there are none.
+    fn there(&self) -> BTreeMap<u64, Option<SystemTime>> {
         BTreeMap::new()
     }
 
@@ -155,22 +155,29 @@ impl Neighbours<'_> {
     }
 }
 
-/// The frames that the sink has and that are not made again: they are no older than what they are made from.
+/// The clip's frames that the sink has and that are not made again: they are no older than what they are made from. A change that lies in the
+/// future, by another machine's clock, does not count: it would lie there after the frame is made anew, too.
 fn kept(
+    clip: &dyn Clip,
     sink: &dyn Sink,
     observer: &dyn Observer,
     changed: &dyn Fn(u64) -> Option<SystemTime>,
 ) -> BTreeSet<u64> {
-    let there = sink.made();
-    let current = |(&n, &made): (&u64, &SystemTime)| changed(n).is_none_or(|changed| changed <= made);
-    let kept: BTreeSet<u64> = there.iter().filter(|frame| current(*frame)).map(|(n, _)| *n).collect();
-    let counted = |n: usize| format!("{n} {}", if n == 1 { "frame" } else { "frames" });
-    if !kept.is_empty() {
-        observer.note(&format!("{} there already and left as they are", counted(kept.len())));
+    let mut there = sink.there();
+    there.retain(|n, _| clip.contains(*n));
+    if there.is_empty() {
+        return BTreeSet::new();
     }
+    let now = SystemTime::now();
+    let is_newer = |n: u64, made: SystemTime| changed(n).is_some_and(|at| at > made && at <= now);
+    let is_kept = |n: u64, made: Option<SystemTime>| made.is_none_or(|made| !is_newer(n, made));
+    let kept: BTreeSet<u64> =
+        there.iter().filter(|(n, made)| is_kept(**n, **made)).map(|(n, _)| *n).collect();
     let older = there.len() - kept.len();
-    if older > 0 {
-        observer.note(&format!("{} made anew: what they are made from has changed since", counted(older)));
+    for (count, what) in [(kept.len(), "left as they are"), (older, "made anew, since an input is newer")] {
+        if count > 0 {
+            observer.note(&format!("frames that are there already and are {what}: {count}"));
+        }
     }
     kept
 }
@@ -186,14 +193,14 @@ pub(crate) fn for_each_frame(
     observer: &dyn Observer,
     mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
 ) -> Result<Made> {
-    let done = kept(sink, observer, &|n| {
-        let around = if neighbours { n.saturating_sub(1)..=n + 1 } else { n..=n };
+    let done = kept(clip, sink, observer, &|n| {
+        let around = if neighbours { n.saturating_sub(1)..=n.saturating_add(1) } else { n..=n };
         around.filter_map(|n| clip.changed(n)).max().max(changed(n))
     });
     let is_due = |n: u64| clip.contains(n) && !done.contains(&n);
     let needed = |n: u64| {
         let beside = |n: u64| neighbours && is_due(n);
-        is_due(n) || beside(n + 1) || beside(n.saturating_sub(1))
+        is_due(n) || beside(n.saturating_add(1)) || beside(n.saturating_sub(1))
     };
     let mut made = Made::default();
     let steps = Steps::begin(observer, what, "frames", clip.len_hint().map(|n| n.saturating_sub(done.len())));

@@ -45,8 +45,8 @@ enum Kind {
     Folder {
         files: ImageFiles,
         names: NamePattern,
-        /// The numbers of the frames that exist already, and when each was made.
-        done: BTreeMap<u64, SystemTime>,
+        /// The numbers of the frames that are there already, and when each was made if this program made it.
+        there: BTreeMap<u64, Option<SystemTime>>,
         /// Whether the folder was made by this run.
         is_new: bool,
         /// `None` beside frames of which nobody knows the settings.
@@ -146,27 +146,28 @@ impl Output {
     }
 
     /// An output into a folder of images, or into images whose names follow a pattern ([`NamePattern`]). The folder is made with the first frame if it does not exist. Frames of the same kind of file that
-    /// are in it already are kept, unless `overwrite` is set. `settings` is a text that differs where frames would come out otherwise; it is
-    /// written into a hidden file beside the frames. Frames without such a file are kept, too.
+    /// are in it already are kept unless an input is newer, or `overwrite` is set. `settings` is a text that differs where frames would come out
+    /// otherwise; it is written into a hidden file beside the frames. Frames without such a file, of which nobody knows how they were made, are
+    /// kept however old they are.
     ///
     /// # Errors
     /// If the folder cannot be read, or the frames in it are to be kept but were made with other settings.
     pub fn folder(path: &Path, files: ImageFiles, settings: &str, overwrite: bool) -> Result<Self> {
         let names = names(path, files.format.kind());
         let folder = names.folder();
-        let there = || -> Result<BTreeMap<u64, SystemTime>> {
+        let written = read_text(&settings_file(&names), MOST_SETTINGS).ok();
+        let there = || -> Result<BTreeMap<u64, Option<SystemTime>>> {
             let cannot = |e| FileError::new(folder, format!("the folder cannot be read ({e})"));
             let frame = |entry: std::io::Result<DirEntry>| {
                 let entry = entry.ok()?;
                 let number = names.number(entry.file_name().to_str()?)?;
                 // What is empty is no frame: a full disk leaves such files.
                 let about = entry.path().metadata().ok().filter(|about| about.len() > 0)?;
-                Some((number, about.modified().ok()?))
+                Some((number, about.modified().ok().filter(|_| written.is_some())))
             };
             Ok(folder.read_dir().map_err(cannot)?.filter_map(frame).collect())
         };
         let there = if folder.exists() { there()? } else { BTreeMap::new() };
-        let written = read_text(&settings_file(&names), MOST_SETTINGS).ok();
         let same = written.as_deref() == Some(settings);
         if !there.is_empty() && !same && !overwrite && written.is_some() {
             return Err(Error::OtherSettings { name: FileError::shown_path(folder) });
@@ -177,15 +178,15 @@ impl Output {
             others: if same { BTreeSet::new() } else { there.keys().copied().collect() },
             written,
         });
-        let done = if overwrite { BTreeMap::new() } else { there };
+        let there = if overwrite { BTreeMap::new() } else { there };
         let path = folder.into();
-        let kind = Kind::Folder { files, names, done, is_new: false, record, overwrite };
+        let kind = Kind::Folder { files, names, there, is_new: false, record, overwrite };
         Ok(Self { path, kind, begun: None })
     }
 
-    /// Whether the output is a folder with earlier frames that are kept.
+    /// Whether the output is a folder with earlier frames that are not all made anew.
     pub fn has_frames(&self) -> bool {
-        matches!(&self.kind, Kind::Folder { done, .. } if !done.is_empty())
+        matches!(&self.kind, Kind::Folder { there, .. } if !there.is_empty())
     }
 
     /// Whether frames that exist already are made anew, so that a run that is repeated begins with the first frame.
@@ -277,9 +278,9 @@ fn check_new(path: &Path, overwrite: bool) -> Result<()> {
 }
 
 impl Sink for Output {
-    fn made(&self) -> BTreeMap<u64, SystemTime> {
+    fn there(&self) -> BTreeMap<u64, Option<SystemTime>> {
         match &self.kind {
-            Kind::Folder { done, .. } => done.clone(),
+            Kind::Folder { there, .. } => there.clone(),
             Kind::Image(_) | Kind::Video(..) => BTreeMap::new(),
         }
     }

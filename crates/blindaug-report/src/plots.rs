@@ -522,7 +522,8 @@ pub fn defocus_interval(model: &DefocusModel, d: f64) -> Option<[f64; 2]> {
 pub fn noise(points: &[NoisePoint], model: Option<&NoiseModel>) -> Result<Option<Markup>> {
     let points: Vec<&NoisePoint> = points
         .iter()
-        .filter(|p| p.level < NOISE_LEVELS && p.y.is_finite() && p.sigma.iter().all(|s| s.is_finite()))
+        // The axis ends at white; scene-linear footage has points beyond.
+        .filter(|p| p.level < NOISE_LEVELS && p.y <= 1.0 && p.sigma.iter().all(|s| s.is_finite()))
         .collect();
     if points.is_empty() && model.is_none() {
         return Ok(None);

@@ -156,7 +156,7 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
     match noise.clip() <= 1.0 {
         true => writeln!(text, "           none from the encoded value {clip} up, where the sensor clips")?,
         false => {
-            writeln!(text, "           known up to the encoded value {clip}, the brightest of the footage")?;
+            writeln!(text, "           known up to the encoded value {clip}, where the footage ends")?;
         }
     }
     if let Some(curves) = noise.curves() {

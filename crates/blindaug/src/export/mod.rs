@@ -230,7 +230,11 @@ impl Camera {
                     ));
                     Some(NoiseModel::Lines(noise.recoded(model.transfer, Transfer::Srgb)))
                 }
-                Estimate::Known(noise) => Some(noise),
+                // Tools' values end at 1, whatever the footage's do.
+                Estimate::Known(mut noise) => {
+                    noise.lines_mut().clip = noise.clip().min(1.0);
+                    Some(noise)
+                }
                 Estimate::Unknown(_) => None,
             },
             transfer: Transfer::Srgb,

@@ -12,7 +12,7 @@ use super::noise::{
 use crate::model::{DistortionModel, Estimate, Method, NoiseLines, NoiseModel};
 use crate::portable::Portable;
 use crate::synth::noise::white_band_std;
-use crate::{Encoded, Flow, Result};
+use crate::{Encoded, Flow, Result, Transfer};
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;
 use std::sync::OnceLock;
@@ -40,6 +40,8 @@ const UNSEEN: f32 = MIDDLE.len() as f32 * UNSEEN_STD;
 
 /// Pairs of frames of one shot that lie several frame intervals apart, and what they tell of the noise.
 pub(super) struct DistantPairs {
+    /// The curve that encodes the frames.
+    transfer: Transfer,
     /// The distance between the frames of a pair.
     distance: usize,
     /// The first frame of the next pair, with its index.
@@ -80,14 +82,15 @@ struct Distant {
 }
 
 impl DistantPairs {
-    /// No pairs yet. At most the last `most` are kept, of footage of about `expected` frames (0: unknown).
-    pub fn new(most: usize, expected: usize) -> Self {
+    /// No pairs yet. At most the last `most` are kept, of footage of about `expected` frames (0: unknown), which this curve encodes.
+    pub fn new(most: usize, expected: usize, transfer: Transfer) -> Self {
         let distance = match expected {
             0 => *DISTANCES.start(),
             n if n <= 2 * DISTANCES.start() => (n / 2).max(SHORTEST),
             n => (n / most).clamp(*DISTANCES.start(), *DISTANCES.end()),
         };
-        Self { distance, held: None, pairs: VecDeque::new(), alone: None, most, found: OnceLock::new() }
+        let (held, pairs, alone, found) = (None, VecDeque::new(), None, OnceLock::new());
+        Self { transfer, distance, held, pairs, alone, most, found }
     }
 
     /// Forgets the frame of the next pair, since the next frame belongs to another shot.
@@ -107,7 +110,7 @@ impl DistantPairs {
     /// after its distance.
     pub fn begin_with(&mut self, frame: &Encoded) {
         if self.pairs.is_empty() && self.alone.is_none() {
-            self.alone = Some(flat_parts(frame));
+            self.alone = Some(flat_parts(frame, self.transfer));
             self.found = OnceLock::new();
         }
     }
@@ -129,10 +132,10 @@ impl DistantPairs {
             return Ok(());
         }
         if hides_noise(*held_at) {
-            let single = flat_parts(held);
+            let single = flat_parts(held, self.transfer);
             let mut distant = None;
             if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {
-                let mut pair = NoiseEvidence::of_flat_parts(Method::Temporal);
+                let mut pair = NoiseEvidence::of_flat_parts(Method::Temporal).encoded_by(self.transfer);
                 let still = pair.add_pair_in_turn(held, frame, &flow, part)?;
                 let mismatch = pair.mismatch(if still { MOVED } else { 0.0 });
                 distant = mismatch.is_some_and(|m| m <= MISMATCH).then_some(pair);
@@ -222,9 +225,9 @@ impl DistantPairs {
     }
 }
 
-/// What all flat parts of a frame tell of its noise.
-fn flat_parts(frame: &Encoded) -> NoiseEvidence {
-    let mut evidence = NoiseEvidence::of_flat_parts(Method::Spatial);
+/// What all flat parts of a frame, which this curve encodes, tell of its noise.
+fn flat_parts(frame: &Encoded, transfer: Transfer) -> NoiseEvidence {
+    let mut evidence = NoiseEvidence::of_flat_parts(Method::Spatial).encoded_by(transfer);
     evidence.add_single(frame);
     evidence.rank();
     evidence

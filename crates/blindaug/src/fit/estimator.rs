@@ -206,7 +206,7 @@ impl Estimator {
             frames: vec![],
             follower: Follower::new(Self::FLOW_WIDTH, false),
             backward: Follower::new(Self::FLOW_WIDTH / 2, false),
-            distant: DistantPairs::new(DISTANT_PAIRS, 0),
+            distant: DistantPairs::new(DISTANT_PAIRS, 0, options.space.transfer),
             why_no_depth: Unknown::new(Reason::NoDepth, "no depth was given and there is only one frame"),
             depth_kind: None,
             depth_given: false,
@@ -223,7 +223,7 @@ impl Estimator {
     pub fn expecting(mut self, frames: usize) -> Self {
         self.expected = frames;
         self.stride = if frames > Self::MAX_FRAMES { frames.div_ceil(THINNED_FRAMES) } else { 1 };
-        self.distant = DistantPairs::new(DISTANT_PAIRS, frames);
+        self.distant = DistantPairs::new(DISTANT_PAIRS, frames, self.options.space.transfer);
         self
     }
 

@@ -151,7 +151,7 @@ pub struct NoiseEvidence {
     levels: [Vec<LocalVariance>; NOISE_LEVELS],
     /// The histogram of the 8-bit value of each pixel's brightest channel.
     brightest: Box<[u64; 256]>,
-    /// The encoded values at which R, G and B end: 1, or the brightest of footage that goes beyond, as scene-linear plates do.
+    /// The encoded values at which R, G and B end: 1, or more in footage that goes beyond, as scene-linear plates do.
     white: [f32; 3],
     /// Whether any pixel is not grey.
     coloured: bool,

@@ -88,7 +88,7 @@ pub struct NoiseLines {
     /// The 95 % intervals of the levels' numbers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub interval: Option<[NoiseInterval; NOISE_LEVELS]>,
-    /// The encoded value at and above which the sensor clips, so that there is no noise; above 1, the brightest of footage that goes beyond white.
+    /// The encoded value at and above which the sensor clips, so that there is no noise; above 1, the end of footage that goes beyond white.
     pub clip: f32,
     /// The method of the estimate.
     pub method: Method,
@@ -352,7 +352,7 @@ impl NoiseModel {
         self
     }
 
-    /// The encoded value at and above which the sensor clips, so that there is no noise; above 1, the brightest of footage that goes beyond white.
+    /// The encoded value at and above which the sensor clips, so that there is no noise; above 1, the end of footage that goes beyond white.
     pub fn clip(&self) -> f32 {
         self.lines().clip
     }

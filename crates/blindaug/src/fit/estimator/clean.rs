@@ -130,7 +130,7 @@ impl Estimator {
     /// so the std in light is in proportion to the inverse slope of the transfer curve.
     fn noise_weight(&self, frame: &Encoded) -> Plane {
         let space = self.options.space;
-        filter::gaussian_blur(&frame.luma(), 1.5).map(|v| space.slope(v.clamp(0.02, 1.0)) * 100.0)
+        filter::gaussian_blur(&frame.luma(), 1.5).map(|v| space.slope(v.max(0.02)) * 100.0)
     }
 
     /// The weighted median of the exposure over the frames that were compared with clean frames; `None` if its interval is too wide.

@@ -17,8 +17,10 @@ const APART: [f32; NOISE_LEVELS] = [6.0, 6.0, 6.0, 12.0];
 /// The share of the blocks of a luminance that are the flat parts of the picture, and the fewest.
 const FLATTEST: (f32, usize) = (0.25, 8);
 
-/// The number of bins of luminance from 0 to 1, and that of all bins: those above 1 are a third of an octave wide each.
+/// The number of bins of luminance from 0 to 1.
 const UP_TO_ONE: usize = 16;
+
+/// The number of all bins of luminance: three from 1 to 2, a third of an octave wide each, and one for all above 2.
 const LUMINANCES: usize = UP_TO_ONE + 4;
 
 /// Blocks of like luminance that are least likely to hold structure.

@@ -20,7 +20,10 @@ const BLOCK: [usize; NOISE_LEVELS] = [16, 16, 32, 32];
 /// The distance from 0, and the share of white, within which encoded values count as clipped: they have lost a part of their noise.
 const CLIP_MARGIN: f32 = 0.02;
 
-/// The share of a frame's pixels that lie above 1 from which on its values do not end at 1: a few may come of a filter that sharpens.
+/// The encoded value above which no filter lifts values that end at 1: the overshoot of one that makes frames smaller reaches to about 1.04.
+const BEYOND_ONE: f32 = 1.1;
+
+/// The share of a frame's pixels that lie above [`BEYOND_ONE`] from which on its values do not end at 1.
 const ABOVE_ONE: f32 = 0.01;
 
 /// The share of such a frame's pixels that may be brighter than where its values are taken to end: a sensor's end is that of many pixels, the
@@ -214,16 +217,21 @@ impl NoiseEvidence {
 
     /// Counts the colours of a frame's pixels, and gives [`NoiseEvidence::white`] with them.
     fn count_colours(&mut self, pixels: &[[f32; 3]]) -> [f32; 3] {
-        let mut above_one = vec![];
+        let (mut above_one, mut beyond, mut at_one, mut just_below) = (vec![], 0, 0, 0);
         for p in pixels {
             let v = p[0].max(p[1]).max(p[2]);
             self.brightest[(v * 255.0 + 0.5).clamp(0.0, 255.0) as usize] += 1;
             self.coloured |= v - p[0].min(p[1]).min(p[2]) > 0.5 / 255.0;
+            beyond += usize::from(v > BEYOND_ONE);
+            at_one += usize::from((v - 1.0).abs() <= 0.001);
+            just_below += usize::from((0.989..0.999).contains(&v));
             if v > 1.0 {
                 above_one.push(*p);
             }
         }
-        if above_one.len() as f32 > ABOVE_ONE * pixels.len() as f32 {
+        // Five times as wide a range below 1 has no fewer pixels, unless values accumulate at 1, since the plate ends there.
+        let ends_at_one = at_one > just_below + pixels.len() / 1000;
+        if beyond as f32 > ABOVE_ONE * pixels.len() as f32 && !ends_at_one {
             let highlights = (HIGHLIGHTS * pixels.len() as f32) as usize;
             for c in 0..3 {
                 let (_, brightest, _) =

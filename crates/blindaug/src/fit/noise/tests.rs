@@ -657,6 +657,16 @@ fn light_above_white_shows_its_noise_up_to_where_it_ends() {
     let mut e = NoiseEvidence::new(Method::Temporal);
     e.add_pair(&cut(frame(1, 1.5)), &cut(frame(2, 1.5)), &flow).unwrap();
     assert_eq!((e.white, e.clip_level()), ([1.0; 3], 1.0));
+    // Nor does a plate go beyond white that ends at 1, and whose filter overshoots, though a card that was added is brighter.
+    let ends_at_one = cut(frame(1, 1.5)).0;
+    let overshooting = Encoded(Raster::from_fn(256, 256, |x, y| {
+        let v = ends_at_one.at(x, y);
+        let ringing = if (x + y) % 9 == 0 { 1.035 } else { 1.0 };
+        if y > 240 { [1.6; 3] } else { v.map(|v| if v == 1.0 { v * ringing } else { v }) }
+    }));
+    let mut e = NoiseEvidence::new(Method::Spatial);
+    e.add_single(&overshooting);
+    assert_eq!(e.white, [1.0; 3]);
     // A few lamps are no footage that goes beyond white.
     let mut lamps = noisy(256, 256, 3, STD);
     lamps.0.data_mut()[..200].fill([50.0; 3]);

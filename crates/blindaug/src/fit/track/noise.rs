@@ -56,7 +56,7 @@ pub(super) struct NoiseFollower {
 impl NoiseFollower {
     /// Nothing seen yet of frames that are encoded by this curve.
     pub fn new(transfer: Transfer) -> Self {
-        let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0));
+        let (memory, distant) = (NoiseMemory::default(), DistantPairs::new(PAIRS, 0, transfer));
         Self {
             transfer,
             memory,
