@@ -7,9 +7,10 @@
 A camera moves sideways by 6 to 15 whole px a frame, with the shutter open for a quarter of the interval up to all of it. The noise is that of a sensor
 at a low gain: a std of 0.0034 at middle grey, in light, mostly of photons. Values have 10 bits. Needs numpy, pillow and ffmpeg.
 """
-import json, os, subprocess, sys, tempfile, zlib
+import json, os, subprocess, sys, zlib
 import numpy as np
 from PIL import Image
+from measure import measure
 
 WIDTH, HEIGHT, FRAMES = 384, 288, 6
 READOUT, PHOTONS, WHITE = 0.0008, 6e-5, 1.2
@@ -55,30 +56,14 @@ def make(out, photographs):
         json.dump(truth, file, indent=1)
 
 
-def measure(blindaug, out):
+def measure_all(blindaug, out):
     truth = json.load(open(os.path.join(out, "truth.json")))
     for kind, (file, _) in KINDS.items():
-        errors, covered, compressed = [], 0, 0
-        for name, exposure in truth.items():
-            clip = os.path.join(out, name, kind, *([file] if kind == "prores" else []))
-            with tempfile.TemporaryDirectory() as folder:
-                camera = os.path.join(folder, "camera.json")
-                subprocess.run([blindaug, "estimate", clip, "--colour-space", "logc3", "-o", camera], check=True, capture_output=True)
-                found = json.load(open(camera))
-            compressed += any("compressed" in warning for warning in found.get("warnings", []))
-            motion = found["motion_blur"]
-            if "exposure" not in motion:
-                print(f"{name}, {kind}: {exposure:.2f}, unknown")
-                continue
-            low, high = motion["interval"]
-            errors.append(abs(motion["exposure"] - exposure))
-            covered += low <= exposure <= high
-            print(f"{name}, {kind}: {exposure:.2f}, found {motion['exposure']:.2f} ({low:.2f} to {high:.2f})", flush=True)
-        mean = np.mean(errors) if errors else float("nan")
-        print(f"{kind}: {len(errors)} of {len(truth)} are known, {covered} are covered; mean error {mean:.3f}; compressed: {compressed}")
+        path = lambda name: os.path.join(out, name, kind, *([] if "%" in file else [file]))
+        measure(blindaug, kind, [(name, path(name), exposure) for name, exposure in truth.items()], "--colour-space", "logc3")
 
 
 if __name__ == "__main__":
     if len(sys.argv) < 4 or sys.argv[1] not in ("make", "measure"):
         sys.exit(__doc__)
-    make(sys.argv[2], sys.argv[3:]) if sys.argv[1] == "make" else measure(sys.argv[2], sys.argv[3])
+    make(sys.argv[2], sys.argv[3:]) if sys.argv[1] == "make" else measure_all(sys.argv[2], sys.argv[3])

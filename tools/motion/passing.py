@@ -6,9 +6,10 @@
 The thing is cut out of the next photograph, and passes by 6, 14 and 26 px a frame. What stands still behind it comes into view between its
 legs. A frame is the mean, in light, of up to 32 places per frame interval; noise has a std of 1.5 of 255. Needs numpy, pillow and ffmpeg.
 """
-import json, os, subprocess, sys, tempfile
+import json, os, subprocess, sys
 import numpy as np
 from PIL import Image
+from measure import measure
 
 WIDTH, HEIGHT, SIDE, FRAMES, PLACES = 480, 320, 200, 16, 32
 SPEEDS, EXPOSURES = (6, 14, 26), (0.25, 0.5, 0.75, 0.9)
@@ -70,27 +71,15 @@ def make(out, photographs):
         json.dump(truth, file, indent=1)
 
 
-def measure(blindaug, out):
+def measure_all(blindaug, out):
     truth = json.load(open(os.path.join(out, "truth.json")))
     for kind in CODERS:
-        errors, covered = [], 0
-        for name, exposure in truth.items():
-            with tempfile.TemporaryDirectory() as folder:
-                camera = os.path.join(folder, "camera.json")
-                subprocess.run([blindaug, "estimate", os.path.join(out, f"{name}.{kind}"), "--network", "none", "-o", camera], check=True, capture_output=True)
-                found = json.load(open(camera))["motion_blur"]
-            if "exposure" not in found:
-                print(f"{name}.{kind}: {exposure:.2f}, unknown")
-                continue
-            # The places stand for as many steps of the exposure.
-            low, high = found["interval"][0] - 0.5 / PLACES, found["interval"][1] + 0.5 / PLACES
-            errors.append(abs(found["exposure"] - exposure))
-            covered += low <= exposure <= high
-            print(f"{name}.{kind}: {exposure:.2f}, found {found['exposure']:.2f} ({low:.2f} to {high:.2f})", flush=True)
-        print(f"{kind}: {len(errors)} of {len(truth)} are known, {covered} are covered; mean error {np.mean(errors) if errors else float('nan'):.3f}")
+        clips = [(name, os.path.join(out, f"{name}.{kind}"), exposure) for name, exposure in truth.items()]
+        # The places stand for as many steps of the exposure.
+        measure(blindaug, kind, clips, "--network", "none", step=1 / PLACES)
 
 
 if __name__ == "__main__":
     if len(sys.argv) < 4 or sys.argv[1] not in ("make", "measure"):
         sys.exit(__doc__)
-    make(sys.argv[2], sys.argv[3:]) if sys.argv[1] == "make" else measure(sys.argv[2], sys.argv[3])
+    make(sys.argv[2], sys.argv[3:]) if sys.argv[1] == "make" else measure_all(sys.argv[2], sys.argv[3])

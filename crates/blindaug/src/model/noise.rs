@@ -260,8 +260,8 @@ impl NoiseModel {
     }
 
     /// What people are told of the noise over grey of this luminance: the low ends, the values and the high ends of the std of R, G and B, all
-    /// levels together. The straight lines tell it, which little noise of few blocks bends least, unless the curves lie outside the lines'
-    /// interval, as over log values, of which noise is no straight line: then the curves do, and the interval holds both.
+    /// levels together. The straight lines tell it, which scatter least where there are few blocks, unless the curves lie outside the lines'
+    /// interval, as over log values, of which noise is no straight line. Then the curves tell it, and the interval holds both.
     pub fn told_std(&self, y: f32) -> [[f32; 3]; 3] {
         let (lines, curves) = (self.total_std(y), self.total_std_over([y; 3]));
         let [low, high] = self.interval_of_total_std(y);
