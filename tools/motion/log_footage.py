@@ -7,10 +7,10 @@
 A camera moves sideways by 6 to 15 whole px a frame, with the shutter open for a quarter of the interval up to all of it. The noise is that of a sensor
 at a low gain: a std of 0.0034 at middle grey, in light, mostly of photons. Values have 10 bits. Needs numpy, pillow and ffmpeg.
 """
-import json, os, subprocess, sys, zlib
+import os, sys, zlib
 import numpy as np
 from PIL import Image
-from measure import measure
+from clips import measure, read_truth, write, write_truth
 
 WIDTH, HEIGHT, FRAMES = 384, 288, 6
 READOUT, PHOTONS, WHITE = 0.0008, 6e-5, 1.2
@@ -45,19 +45,15 @@ def make(out, photographs):
         if scene.shape[0] < HEIGHT or scene.shape[1] < WIDTH + speed * (FRAMES + 1):
             print(f"{path}: too small, left out")
             continue
-        frames = b"".join(frame.tobytes() for frame in film(scene, speed, steps, rng))
+        frames = list(film(scene, speed, steps, rng))
         for kind, (file, coder) in KINDS.items():
-            folder = os.path.join(out, name, kind)
-            os.makedirs(folder, exist_ok=True)
-            subprocess.run(["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb48le", "-s", f"{WIDTH}x{HEIGHT}", "-r", "24", "-i", "-",
-                            *coder, os.path.join(folder, file)], input=frames, check=True)
+            write(os.path.join(out, name, kind, file), frames, "rgb48le", 24, coder)
         truth[name] = steps / speed
-    with open(os.path.join(out, "truth.json"), "w") as file:
-        json.dump(truth, file, indent=1)
+    write_truth(out, truth)
 
 
 def measure_all(blindaug, out):
-    truth = json.load(open(os.path.join(out, "truth.json")))
+    truth = read_truth(out)
     for kind, (file, _) in KINDS.items():
         path = lambda name: os.path.join(out, name, kind, *([] if "%" in file else [file]))
         measure(blindaug, kind, [(name, path(name), exposure) for name, exposure in truth.items()], "--colour-space", "logc3")

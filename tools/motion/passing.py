@@ -6,10 +6,10 @@
 The thing is cut out of the next photograph, and passes by 6, 14 and 26 px a frame. What stands still behind it comes into view between its
 legs. A frame is the mean, in light, of up to 32 places per frame interval; noise has a std of 1.5 of 255. Needs numpy, pillow and ffmpeg.
 """
-import json, os, subprocess, sys
+import os, sys
 import numpy as np
 from PIL import Image
-from measure import measure
+from clips import measure, read_truth, write, write_truth
 
 WIDTH, HEIGHT, SIDE, FRAMES, PLACES = 480, 320, 200, 16, 32
 SPEEDS, EXPOSURES = (6, 14, 26), (0.25, 0.5, 0.75, 0.9)
@@ -55,24 +55,21 @@ def film(still, thing, speed, places, noise):
 
 
 def make(out, photographs):
-    os.makedirs(out, exist_ok=True)
     truth, noise = {}, np.random.default_rng(1)
     for n, path in enumerate(photographs):
         still, thing = light(path, WIDTH, HEIGHT), light(photographs[(n + 1) % len(photographs)], SIDE, SIDE)
         for s, speed in enumerate(SPEEDS):
             places = round(EXPOSURES[(n + s) % len(EXPOSURES)] * PLACES)
             name = f"{os.path.splitext(os.path.basename(path))[0]}-{speed}"
-            frames = b"".join(frame.tobytes() for frame in film(still, thing, speed, places, noise))
+            frames = list(film(still, thing, speed, places, noise))
             for kind, coder in CODERS.items():
-                subprocess.run(["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{WIDTH}x{HEIGHT}", "-r", "30", "-i", "-",
-                                *coder, os.path.join(out, f"{name}.{kind}")], input=frames, check=True)
+                write(os.path.join(out, f"{name}.{kind}"), frames, "rgb24", 30, coder)
             truth[name] = places / PLACES
-    with open(os.path.join(out, "truth.json"), "w") as file:
-        json.dump(truth, file, indent=1)
+    write_truth(out, truth)
 
 
 def measure_all(blindaug, out):
-    truth = json.load(open(os.path.join(out, "truth.json")))
+    truth = read_truth(out)
     for kind in CODERS:
         clips = [(name, os.path.join(out, f"{name}.{kind}"), exposure) for name, exposure in truth.items()]
         # The places stand for as many steps of the exposure.

@@ -4,7 +4,7 @@ use crate::composite::scene_scale;
 use crate::console::{self, Failure, Progress, Result, failure, note, print};
 use blindaug::export::{Camera, Content, Export as Exported, File, Target, View};
 use blindaug::model::{DepthKind, SceneScale};
-use blindaug_io::{Inputs, read_camera_track, same_file, write_atomically, write_texture};
+use blindaug_io::{Inputs, has_extension, read_camera_track, same_file, write_atomically, write_texture};
 use blindaug_report::words::count;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::path::{Path, PathBuf};
@@ -133,9 +133,8 @@ fn write_one(export: &Exported, output: &Path, inputs: &Inputs) -> Result<()> {
         return Err(failure(name, "a texture of this name is written beside it; give another name"));
     }
     console::check_outputs(inputs, beside.iter().chain([&target]).map(PathBuf::as_path))?;
-    let own = Path::new(&first.name).extension().unwrap_or_default();
-    if target.extension().is_some_and(|given| !given.eq_ignore_ascii_case(own)) {
-        let own = own.display();
+    let own = Path::new(&first.name).extension().and_then(|e| e.to_str()).unwrap_or_default();
+    if target.extension().is_some() && !has_extension(&target, &[own]) {
         return Err(failure(
             &target,
             format_args!("this target is written as {own}: give a name that ends in .{own}, or a folder"),

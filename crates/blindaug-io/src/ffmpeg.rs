@@ -630,9 +630,9 @@ impl VideoWriter {
         Self::create_in(path, VideoShape::square(size, fps), (ColourSpace::SRGB, 8))
     }
 
-    /// Starts a video as [`VideoWriter::create`] does, of frames of this shape, of this colour space in so many bits: 8 (H.264), or 10 (HEVC). PQ, HLG and the
-    /// primaries of Rec. 2020 are told in the video's head; videos of all other spaces say that they are Rec. 709, since heads have no words
-    /// for them.
+    /// Starts a video as [`VideoWriter::create`] does, of frames of this shape and colour space in so many bits: 8 (H.264), or 10 (HEVC). PQ,
+    /// HLG and the primaries of Rec. 2020 are told in the video's head; videos of all other spaces say that they are Rec. 709, since heads have
+    /// no words for them.
     ///
     /// # Errors
     /// The same as [`VideoWriter::create`], or if there are other bits.

@@ -6,6 +6,7 @@ use std::{
     fs::{File, Metadata},
     io::{ErrorKind, Read},
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 
 /// Opens a file to be read. A pipe or a device is refused: it might never end, and opening it might wait for ever.
@@ -183,6 +184,11 @@ impl Inputs {
         }
         Ok(())
     }
+}
+
+/// When a file was last changed; `None` if there is none, or the file system does not tell.
+pub(crate) fn changed(path: &Path) -> Option<SystemTime> {
+    path.metadata().ok()?.modified().ok()
 }
 
 /// Whether the file's extension is one of these, in upper or lower case.

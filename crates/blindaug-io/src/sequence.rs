@@ -4,7 +4,7 @@ use crate::{
     Error, ExrContents, ExrHead, FrameFormat, IccProfile, NamePattern, Reading, Result,
     coding::recoded,
     exr,
-    files::{check_regular, has_extension},
+    files::{changed, check_regular, has_extension},
     image::{frame_size, has_colour, icc_profile},
     limits::is_exr,
     not_numbers::NotNumbers,
@@ -263,7 +263,7 @@ impl FrameSource {
                 &own.or_else(beside)?.1
             }
         };
-        path.metadata().ok()?.modified().ok()
+        changed(path)
     }
 
     /// The path of the file or folder, or `camera:` and the camera's name.

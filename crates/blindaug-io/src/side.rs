@@ -2,7 +2,7 @@
 
 use crate::{
     DepthFormat, DepthValues, Error, NamePattern, Reading, Result, VirtualLayerFile, exr, exr_contents,
-    files::{check_regular, has_extension},
+    files::{changed, check_regular, has_extension},
     image,
     limits::is_exr,
     not_numbers::{Counted, NotNumbers, few},
@@ -332,7 +332,7 @@ impl<T> SideFolder<T> {
 
     /// When the file for this frame was last changed; `None` if there is none, or the file system does not tell.
     pub fn changed(&self, number: u64) -> Option<SystemTime> {
-        self.file(number)?.metadata().ok()?.modified().ok()
+        changed(self.file(number)?)
     }
 
     /// Reads the data of this frame; `None` if there is no file for the frame.

@@ -217,21 +217,18 @@ impl NoiseEvidence {
 
     /// Counts the colours of a frame's pixels, and gives [`NoiseEvidence::white`] with them.
     fn count_colours(&mut self, pixels: &[[f32; 3]]) -> [f32; 3] {
-        let (mut above_one, mut beyond, mut at_one, mut just_below) = (vec![], 0, 0, 0);
+        let brightest = |p: &[f32; 3]| p[0].max(p[1]).max(p[2]);
+        let mut above_one = vec![];
         for p in pixels {
-            let v = p[0].max(p[1]).max(p[2]);
+            let v = brightest(p);
             self.brightest[(v * 255.0 + 0.5).clamp(0.0, 255.0) as usize] += 1;
             self.coloured |= v - p[0].min(p[1]).min(p[2]) > 0.5 / 255.0;
-            beyond += usize::from(v > BEYOND_ONE);
-            at_one += usize::from((v - 1.0).abs() <= 0.001);
-            just_below += usize::from((0.989..0.999).contains(&v));
             if v > 1.0 {
                 above_one.push(*p);
             }
         }
-        // Five times as wide a range below 1 has no fewer pixels, unless values accumulate at 1, since the plate ends there.
-        let ends_at_one = at_one > just_below + pixels.len() / 1000;
-        if beyond as f32 > ABOVE_ONE * pixels.len() as f32 && !ends_at_one {
+        let beyond = above_one.iter().filter(|p| brightest(p) > BEYOND_ONE).count();
+        if beyond as f32 > ABOVE_ONE * pixels.len() as f32 && !ends_at_one(pixels.iter().map(brightest)) {
             let highlights = (HIGHLIGHTS * pixels.len() as f32) as usize;
             for c in 0..3 {
                 let (_, brightest, _) =
@@ -569,6 +566,18 @@ fn products_of_neighbours(band: &Raster<[f32; 4]>, (x0, y0): (usize, usize), sid
         (0..3).for_each(|c| products[c] += 0.5 * v[c] * (right[c] + below[c]));
     }
     products.map(|s| s / (side * side) as f32)
+}
+
+/// Whether values accumulate at 1, where a plate ends: else five times as wide a range just below has no fewer of them.
+fn ends_at_one(values: impl ExactSizeIterator<Item = f32>) -> bool {
+    let fewest = values.len() / 1000;
+    let (at_one, just_below) = values.fold((0, 0), |(at_one, just_below), v| {
+        (
+            at_one + usize::from((v - 1.0).abs() <= 0.001),
+            just_below + usize::from((0.989..0.999).contains(&v)),
+        )
+    });
+    at_one > just_below + fewest
 }
 
 /// The flaw of a pixel, where values end at `white` in R, G and B.

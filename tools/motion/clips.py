@@ -1,6 +1,24 @@
-"""What `blindaug estimate` tells of clips whose exposure is known, for the other programs here."""
+"""Clips whose exposure is known, and what `blindaug estimate` tells of them, for the other programs here."""
 import json, os, subprocess, tempfile
 import numpy as np
+
+
+def write(path, frames, pixels, fps, coder):
+    """Writes frames, of a height, a width and three channels in ffmpeg's format `pixels`, as a video or as images, by these options of ffmpeg."""
+    frames = list(frames)
+    height, width = frames[0].shape[:2]
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    subprocess.run(["ffmpeg", "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", pixels, "-s", f"{width}x{height}", "-r", str(fps), "-i", "-", *coder, path],
+                   input=b"".join(frame.tobytes() for frame in frames), check=True)
+
+
+def write_truth(out, truth):
+    with open(os.path.join(out, "truth.json"), "w") as file:
+        json.dump(truth, file, indent=1)
+
+
+def read_truth(out):
+    return json.load(open(os.path.join(out, "truth.json")))
 
 
 def measure(blindaug, kind, clips, *options, step=0.0):
