@@ -17,8 +17,8 @@ const CELL: usize = 16;
 /// too.
 const TERMS: usize = 8;
 
-/// The number of products of two derivatives.
-const PRODUCTS: usize = TERMS * (TERMS + 1) / 2;
+/// The number of what is multiplied with each other in [`Sums`]: the derivatives and the difference of the frames.
+const FACTORS: usize = TERMS + 1;
 
 /// The right half of the kernel, of a std of 1 px, that smooths the picture for the derivatives of the coarser scale.
 const SMOOTHING: &[f32] = &[6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
@@ -44,10 +44,18 @@ pub(super) fn without_mismatch(
     let cells = par::map(columns * rows, |i| {
         let (x0, y0) = (i % columns * CELL, i / columns * CELL);
         let mut sums = Sums::default();
+        let mut factors = [[f32x4::ZERO; CELL]; FACTORS];
         for y in y0..(y0 + CELL).min(h) {
-            for x in (x0..(x0 + CELL).min(w)).filter(|&x| flaws.at(x, y) == 0) {
-                sums.add(&derivatives.at(x, y), f32x4::from(difference.at(x, y)));
+            derivatives.of_row(x0, y, &mut factors);
+            for i in 0..CELL.min(w - x0) {
+                if flaws.at(x0 + i, y) == 0 {
+                    factors[TERMS][i] = f32x4::from(difference.at(x0 + i, y));
+                    sums.count += 1;
+                } else {
+                    factors.iter_mut().for_each(|pixels| pixels[i] = f32x4::ZERO);
+                }
             }
+            sums.add(&factors);
         }
         sums
     });
@@ -69,17 +77,18 @@ pub(super) fn without_mismatch(
             let (above, below) = (&coefficients[corners * cell + x], &coefficients[corners * (cell + 1) + x]);
             std::array::from_fn(|i| between(above[i], below[i], share))
         };
+        let mut terms = [[f32x4::ZERO; CELL]; TERMS];
         for (cell, pixels) in row.chunks_mut(CELL).enumerate() {
             let (before, after) = (at(cell), at(cell + 1));
+            derivatives.of_row(CELL * cell, y, &mut terms);
             for (i, pixel) in pixels.iter_mut().enumerate() {
-                let (x, share) = (CELL * cell + i, f32x4::splat(i as f32 / CELL as f32));
+                let share = f32x4::splat(i as f32 / CELL as f32);
                 let [a, b]: [[f32; 4]; 2] =
                     std::array::from_fn(|i| between(before[i], after[i], share).to_array());
-                let terms = derivatives.at(x, y);
                 let sum = terms
                     .iter()
                     .zip(a.iter().chain(&b))
-                    .fold(f32x4::ZERO, |sum, (d, k)| sum + *d * f32x4::splat(*k));
+                    .fold(f32x4::ZERO, |sum, (d, k)| sum + d[i] * f32x4::splat(*k));
                 let [r, g, b, _] = (f32x4::from(*pixel) - sum).to_array();
                 [pixel[0], pixel[1], pixel[2]] = [r, g, b];
             }
@@ -108,57 +117,62 @@ impl Derivatives {
         Self { frames: [[frame, other], smooth], shares }
     }
 
-    /// The derivatives of R, G and B at a pixel.
+    /// Writes the derivatives of R, G and B at the [`CELL`] pixels of row `y` from `x0` on, or as many as the row has.
     #[inline(always)]
-    fn at(&self, x: usize, y: usize) -> [f32x4; TERMS] {
+    fn of_row(&self, x0: usize, y: usize, terms: &mut [[f32x4; CELL]]) {
         let (w, h) = self.shares.size();
-        let columns = [x.saturating_sub(1), x, (x + 1).min(w - 1)];
-        let rows = [y.saturating_sub(1), y, (y + 1).min(h - 1)];
-        let half = f32x4::splat(0.5);
-        let mut terms = [f32x4::ZERO; TERMS];
-        let shares = &SHARES[usize::from(self.shares.at(x, y))];
-        for (scale, ([first, second], share)) in self.frames.iter().zip(shares).enumerate() {
-            let (a, b) = (OfFrame::at(first, columns, rows), OfFrame::at(second, columns, rows));
-            let [across, down] = [f32x4::splat(share[0]), f32x4::splat(share[1])];
-            terms[2 + 3 * scale] = b.xx + across * (a.xx - b.xx);
-            terms[3 + 3 * scale] = b.yy + down * (a.yy - b.yy);
-            terms[4 + 3 * scale] = half * (a.xy + b.xy);
-            // The first derivatives are those of the coarser scale, which is the last.
-            terms[0] = half * (a.x + b.x);
-            terms[1] = half * (a.y + b.y);
+        let count = CELL.min(w - x0);
+        let shares = &self.shares.row(y)[x0..x0 + count];
+        for (scale, frames) in self.frames.iter().enumerate() {
+            let rows =
+                frames.each_ref().map(|f| [y.saturating_sub(1), y, (y + 1).min(h - 1)].map(|y| f.row(y)));
+            let columns: [Column; CELL + 2] = std::array::from_fn(|i| {
+                let x = (x0 + i).saturating_sub(1).min(w - 1);
+                Column::new(rows.map(|frame| frame.map(|row| row[x])))
+            });
+            let (quarter, eighth) = (f32x4::splat(0.25), f32x4::splat(0.125));
+            for (i, share) in shares.iter().enumerate() {
+                let [before, own, after] = [0, 1, 2].map(|k| &columns[i + k]);
+                let [across, down] = SHARES[usize::from(*share)][scale].map(f32x4::splat);
+                let [xx, of_second] =
+                    [0, 1].map(|f| second_derivative([before, own, after].map(|c| c.middle[f])));
+                terms[2 + 3 * scale][i] = of_second + across * (xx - of_second);
+                terms[3 + 3 * scale][i] = own.down[1] + down * (own.down[0] - own.down[1]);
+                terms[4 + 3 * scale][i] = eighth * (after.step - before.step);
+                // The first derivatives are those of the coarser scale, which is the last.
+                terms[0][i] =
+                    quarter * (after.middle[0] + after.middle[1] - (before.middle[0] + before.middle[1]));
+                terms[1][i] = quarter * own.step;
+            }
         }
-        terms
     }
 }
 
-/// The derivatives of one frame at a pixel, by its eight neighbours.
-struct OfFrame {
-    x: f32x4,
-    y: f32x4,
-    xx: f32x4,
-    yy: f32x4,
-    xy: f32x4,
+/// What the derivatives take from three pixels above each other.
+struct Column {
+    /// The middle pixel of either frame.
+    middle: [f32x4; 2],
+    /// The second derivative along y of either frame.
+    down: [f32x4; 2],
+    /// The lowest pixel minus the highest, both frames together.
+    step: f32x4,
 }
 
-impl OfFrame {
-    // Written out, since the compiler copies the nine pixels about if they come as an array.
+impl Column {
     #[inline(always)]
-    fn at(frame: &Colours, [left, x, right]: [usize; 3], [above, y, below]: [usize; 3]) -> Self {
-        let (above, own, below) = (frame.row(above), frame.row(y), frame.row(below));
-        let (half, quarter) = (f32x4::splat(0.5), f32x4::splat(0.25));
-        let (north, west, middle) = (f32x4::from(above[x]), f32x4::from(own[left]), f32x4::from(own[x]));
-        let (east, south) = (f32x4::from(own[right]), f32x4::from(below[x]));
-        let (north_west, north_east) = (f32x4::from(above[left]), f32x4::from(above[right]));
-        let (south_west, south_east) = (f32x4::from(below[left]), f32x4::from(below[right]));
-        let twice = middle + middle;
+    fn new(frames: [[[f32; 4]; 3]; 2]) -> Self {
+        let frames = frames.map(|pixels| pixels.map(f32x4::from));
         Self {
-            x: half * (east - west),
-            y: half * (south - north),
-            xx: west + east - twice,
-            yy: north + south - twice,
-            xy: quarter * (north_west + south_east - north_east - south_west),
+            middle: frames.map(|[_, middle, _]| middle),
+            down: frames.map(second_derivative),
+            step: frames[0][2] - frames[0][0] + (frames[1][2] - frames[1][0]),
         }
     }
+}
+
+#[inline(always)]
+fn second_derivative([before, own, after]: [f32x4; 3]) -> f32x4 {
+    before + after - (own + own)
 }
 
 /// The number of steps of a px by which fractions are told apart.
@@ -195,45 +209,49 @@ fn shares_at(fraction: [f32; 2]) -> [[f32; 2]; 2] {
     })
 }
 
-/// Sums over pixels, and over R, G and B, which share the coefficients.
+/// The side of the squares of products that are summed at once: their sums and factors fit in a processor's registers.
+const SQUARE: usize = 3;
+const _: () = assert!(FACTORS.is_multiple_of(SQUARE));
+
+/// Sums over pixels.
 #[derive(Clone)]
 struct Sums {
-    /// The products of derivatives, the lower triangle row by row.
-    products: [f32x4; PRODUCTS],
-    /// The products of the derivatives with the difference.
-    right: [f32x4; TERMS],
-    /// The squares of the difference.
-    squares: f32x4,
+    /// The sums of the products of two factors, for R, G and B: of the derivatives, and the difference of the frames as the last one. Only those
+    /// of a factor with an earlier one or itself are used.
+    products: [[f32x4; FACTORS]; FACTORS],
     /// The number of pixels.
-    count: f32,
+    count: usize,
 }
 
 impl Default for Sums {
     fn default() -> Self {
-        let zero = f32x4::ZERO;
-        Self { products: [zero; PRODUCTS], right: [zero; TERMS], squares: zero, count: 0.0 }
+        Self { products: [[f32x4::ZERO; FACTORS]; FACTORS], count: 0 }
     }
 }
 
 impl Sums {
-    #[inline(always)]
-    fn add(&mut self, terms: &[f32x4; TERMS], difference: f32x4) {
-        let mut next = 0;
-        for (i, a) in terms.iter().enumerate() {
-            self.right[i] += *a * difference;
-            for b in &terms[..=i] {
-                self.products[next] += *a * *b;
-                next += 1;
+    /// Adds pixels, but for their number.
+    fn add(&mut self, factors: &[[f32x4; CELL]; FACTORS]) {
+        for i in (0..FACTORS).step_by(SQUARE) {
+            for j in (0..=i).step_by(SQUARE) {
+                let mut sums = [[f32x4::ZERO; SQUARE]; SQUARE];
+                for pixel in 0..CELL {
+                    for (k, row) in sums.iter_mut().enumerate() {
+                        for (l, sum) in row.iter_mut().enumerate() {
+                            *sum += factors[i + k][pixel] * factors[j + l][pixel];
+                        }
+                    }
+                }
+                for (k, row) in sums.iter().enumerate() {
+                    self.products[i + k][j..].iter_mut().zip(row).for_each(|(a, b)| *a += *b);
+                }
             }
         }
-        self.squares += difference * difference;
-        self.count += 1.0;
     }
 
     fn merge(&mut self, other: &Self) {
-        self.products.iter_mut().zip(&other.products).for_each(|(a, b)| *a += *b);
-        self.right.iter_mut().zip(&other.right).for_each(|(a, b)| *a += *b);
-        self.squares += other.squares;
+        let pairs = self.products.as_flattened_mut().iter_mut().zip(other.products.as_flattened());
+        pairs.for_each(|(a, b)| *a += *b);
         self.count += other.count;
     }
 
@@ -241,16 +259,16 @@ impl Sums {
     /// rest of the difference is noise.
     fn coefficients(&self) -> [f32x4; 2] {
         // There are so many pixels that it does not matter that their mean square holds more than noise.
-        let noise = over_colours(self.squares) / (3.0 * f64::from(self.count.max(1.0)));
+        let noise = over_colours(self.products[TERMS][TERMS]) / (3.0 * self.count.max(1) as f64);
         let mut a = [0.0; TERMS * TERMS];
-        let mut products = self.products.iter().map(|v| over_colours(*v));
         for i in 0..TERMS {
-            for (j, v) in (0..=i).zip(&mut products) {
+            for j in 0..=i {
+                let v = over_colours(self.products[i][j]);
                 (a[TERMS * i + j], a[TERMS * j + i]) = (v, v);
             }
             a[TERMS * i + i] += noise.max(1e-9) / f64::from(EXPECTED[i] * EXPECTED[i]);
         }
-        let right = self.right.iter().map(|v| over_colours(*v)).collect();
+        let right = self.products[TERMS][..TERMS].iter().map(|v| over_colours(*v)).collect();
         let found = solved(&a, right).unwrap_or_else(|| vec![0.0; TERMS]);
         [0, 4].map(|first| f32x4::from(std::array::from_fn::<f32, 4, _>(|i| found[first + i] as f32)))
     }
