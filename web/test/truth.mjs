@@ -16,7 +16,9 @@ const server = await serve({ port: 0 });
  */
 const delivered = (page) => page.evaluate(async () => {
   const frame = new VideoFrame(window.blindaugSource().video);
-  const { codedWidth: w, codedHeight: h, format } = frame;
+  const { codedWidth: w, codedHeight: h, format, colorSpace } = frame;
+  // Browsers decide for themselves by which matrix a webcam without a word on it is coded.
+  const [kr, kb] = colorSpace.matrix === 'bt709' ? [0.2126, 0.0722] : [0.299, 0.114];
   const planes = new Uint8Array(frame.allocationSize());
   const layout = await frame.copyTo(planes);
   const shown = new Uint8Array(4 * w * h);
@@ -40,8 +42,8 @@ const delivered = (page) => page.evaluate(async () => {
       for (let x = 0; x < w; x++) {
         const luma = ((planes[y.offset + j * y.stride + x] - 16) * 255) / 219;
         const [cb, cr] = [of(0, x, j), of(1, x, j)].map((c) => (c * 255) / 224);
-        const [r, b] = [luma + 1.402 * cr, luma + 1.772 * cb];
-        const rgb = [r, (luma - 0.299 * r - 0.114 * b) / 0.587, b];
+        const [r, b] = [luma + 2 * (1 - kr) * cr, luma + 2 * (1 - kb) * cb];
+        const rgb = [r, (luma - kr * r - kb * b) / (1 - kr - kb), b];
         rgb.forEach((c, k) => (sum += (Math.min(255, Math.max(0, c)) - shown[4 * (j * w + x) + k]) ** 2));
       }
     }

@@ -17,6 +17,7 @@ use blindaug_io::{
 };
 use common::*;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 use tempfile::TempDir;
 
 const W: usize = 272;
@@ -270,6 +271,68 @@ fn numbers_and_patterns_are_taken_as_artists_type_them() {
     assert!(!d.join("x").exists());
 }
 
+fn set_time(file: &Path, time: SystemTime) {
+    std::fs::File::options().append(true).open(file).unwrap().set_modified(time).unwrap();
+}
+
+#[test]
+fn a_frame_is_made_anew_after_a_change_of_any_of_its_inputs() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    write_camera(d.join("c.json"), &camera(Transfer::Srgb)).unwrap();
+    let mut sharp = camera(Transfer::Srgb);
+    sharp.motion_blur = Estimate::Known(MotionBlurModel::given(ExposureFraction(0.0)));
+    write_camera(d.join("sharp.json"), &sharp).unwrap();
+    for folder in ["frames", "virtual", "scene", "roto"] {
+        std::fs::create_dir(d.join(folder)).unwrap();
+    }
+    let matte = Encoded(Raster::from_fn(W, W, |x, _| if x < W / 2 { [1.0; 3] } else { [0.0; 3] }));
+    for n in 2..4 {
+        for file in [format!("frames/{n:04}.png"), format!("virtual/{n:04}.exr"), format!("scene/{n:04}.exr")]
+        {
+            std::fs::copy(asset(&file), d.join(file)).unwrap();
+        }
+        write_png(d.join(format!("roto/{n:04}.png")), &matte).unwrap();
+    }
+    let hours_ago = |hours: u64| SystemTime::now() - Duration::from_secs(3600 * hours);
+    let files_of = |folder: &str| -> Vec<PathBuf> {
+        let all = std::fs::read_dir(d.join(folder)).unwrap().map(|entry| entry.unwrap().path());
+        all.filter(|path| path.extension().is_some_and(|e| e == "png" || e == "exr")).collect()
+    };
+    for (command, inputs) in [
+        (
+            "composite frames --virtual virtual --holdout roto --camera c.json -o composed",
+            vec!["frames", "virtual", "roto"],
+        ),
+        ("apply frames --depth scene --flow scene --camera c.json -o applied", vec!["frames", "scene"]),
+        ("match frames --flow scene --from sharp.json --to c.json -o matched", vec!["frames", "scene"]),
+    ] {
+        let out = command.rsplit(' ').next().unwrap();
+        let said = || text(&run(d, command).stderr);
+        assert!(said().contains("2 frames written"), "{command}");
+        for input in &inputs {
+            inputs.iter().flat_map(|i| files_of(i)).for_each(|file| set_time(&file, hours_ago(3)));
+            files_of(out).iter().for_each(|file| set_time(file, hours_ago(2)));
+            // Negative control: nothing is newer than the frames.
+            let none = said();
+            assert!(none.contains("left as they are: 2"), "{command}: {none}");
+            let changed =
+                files_of(input).into_iter().find(|file| file.to_string_lossy().contains("0003")).unwrap();
+            set_time(&changed, hours_ago(1));
+            // A change in the future of another input hides none of this one.
+            let other = inputs.iter().find(|other| *other != input).unwrap();
+            files_of(other)
+                .iter()
+                .for_each(|file| set_time(file, SystemTime::now() + Duration::from_secs(100_000)));
+            let one = said();
+            assert!(
+                one.contains("left as they are: 1") && one.contains("an input is newer: 1"),
+                "{command}, {input}: {one}"
+            );
+        }
+    }
+}
+
 #[test]
 fn frames_whose_layer_has_changed_since_are_made_anew() {
     let dir = TempDir::new().unwrap();
@@ -286,20 +349,18 @@ fn frames_whose_layer_has_changed_since_are_made_anew() {
     // Negative control: where nothing has changed, nothing is made.
     let again = said();
     assert!(again.contains("left as they are: 2") && again.contains("0 frames written"), "{again}");
-    let set_time = |file: &str, time| {
-        std::fs::File::options().append(true).open(d.join(file)).unwrap().set_modified(time).unwrap();
-    };
-    let now = std::time::SystemTime::now();
-    set_time("out/0003.png", now - std::time::Duration::from_secs(1_000_000_000));
+    let set_time = |file: &str, time| set_time(&d.join(file), time);
+    let now = SystemTime::now();
+    set_time("out/0003.png", now - Duration::from_secs(1_000_000_000));
     let anew = said();
     assert!(anew.contains("left as they are: 1") && anew.contains("an input is newer: 1"), "{anew}");
     assert!(said().contains("left as they are: 2"));
     // What lies outside the range that is asked for is left alone, and a change in the future, by another clock, is none.
-    set_time("out/0003.png", now - std::time::Duration::from_secs(1_000_000_000));
+    set_time("out/0003.png", now - Duration::from_secs(1_000_000_000));
     let of_range = text(&run(d, &command.replace("2..3", "2..2")).stderr);
     assert!(of_range.contains("left as they are: 1") && !of_range.contains("anew"), "{of_range}");
     assert!(said().contains("an input is newer: 1"));
-    set_time("fx/0003.exr", now + std::time::Duration::from_secs(100_000));
+    set_time("fx/0003.exr", now + Duration::from_secs(100_000));
     assert!(said().contains("left as they are: 2"));
     // An empty file of a frame's name is no frame.
     std::fs::write(d.join("out/0002.png"), "").unwrap();
@@ -308,7 +369,7 @@ fn frames_whose_layer_has_changed_since_are_made_anew() {
     read_frame(d.join("out/0002.png")).unwrap();
     // Frames of which nobody knows how they were made are left alone, however old they are.
     std::fs::remove_file(d.join("out/.0000.png.settings")).unwrap();
-    set_time("out/0002.png", now - std::time::Duration::from_secs(1_000_000_000));
+    set_time("out/0002.png", now - Duration::from_secs(1_000_000_000));
     let foreign = said();
     assert!(foreign.contains("left as they are: 2") && foreign.contains("0 frames written"), "{foreign}");
 }

@@ -347,12 +347,17 @@ impl Scene {
         renders.iter().flatten().try_for_each(|r| check_match(clip, Some(&**r)))
     }
 
-    /// When the latest of what is given beside the footage for this frame was changed, if that is known.
-    fn changed_beside(&self, number: u64) -> Option<SystemTime> {
-        let renders = self.renders.iter().flatten().filter_map(|renders| renders.changed(number)).max();
+    /// When what is given beside the footage for this frame was changed, as far as that is known.
+    fn changed_beside(&self, number: u64) -> Vec<SystemTime> {
+        let renders = self.renders.iter().flatten().map(|renders| renders.changed(number));
         let depth = self.depth.as_ref().and_then(|maps| maps.changed(number));
-        let others = changed(self.flow.as_ref(), number).max(changed(self.holdout.as_ref(), number));
-        self.layers.changed(number).max(renders).max(depth).max(others)
+        let others = [
+            self.layers.changed(number),
+            depth,
+            changed(self.flow.as_ref(), number),
+            changed(self.holdout.as_ref(), number),
+        ];
+        renders.chain(others).flatten().collect()
     }
 
     /// Reads the data of a frame beside its layer, and warns about missing data.
@@ -632,7 +637,7 @@ impl Application {
         let neighbours = moving && flow.is_none();
         let beside = |n: u64| {
             let depth = depth.as_ref().and_then(|maps| maps.changed(n));
-            depth.max(changed(layers.as_ref(), n)).max(changed(flow.as_ref(), n))
+            [depth, changed(layers.as_ref(), n), changed(flow.as_ref(), n)].into_iter().flatten().collect()
         };
         let make = |frame: &Frame, neighbours: &Neighbours, sink: &mut dyn Sink| {
             let (number, size) = (frame.number, clip.size());

@@ -161,7 +161,7 @@ fn kept(
     clip: &dyn Clip,
     sink: &dyn Sink,
     observer: &dyn Observer,
-    changed: &dyn Fn(u64) -> Option<SystemTime>,
+    changed: impl Fn(u64) -> Vec<SystemTime>,
 ) -> BTreeSet<u64> {
     let mut there = sink.there();
     there.retain(|n, _| clip.contains(*n));
@@ -169,7 +169,7 @@ fn kept(
         return BTreeSet::new();
     }
     let now = SystemTime::now();
-    let is_newer = |n: u64, made: SystemTime| changed(n).is_some_and(|at| at > made && at <= now);
+    let is_newer = |n: u64, made: SystemTime| changed(n).into_iter().any(|at| at > made && at <= now);
     let is_kept = |n: u64, made: Option<SystemTime>| made.is_none_or(|made| !is_newer(n, made));
     let kept: BTreeSet<u64> =
         there.iter().filter(|(n, made)| is_kept(**n, **made)).map(|(n, _)| *n).collect();
@@ -187,15 +187,15 @@ fn kept(
 /// is made with; else one frame is in memory at a time. `changed` tells when what is given beside a frame was last changed.
 pub(crate) fn for_each_frame(
     what: &'static str,
-    (clip, changed): (&dyn Clip, &dyn Fn(u64) -> Option<SystemTime>),
+    (clip, changed): (&dyn Clip, &dyn Fn(u64) -> Vec<SystemTime>),
     sink: &mut dyn Sink,
     neighbours: bool,
     observer: &dyn Observer,
     mut make: impl FnMut(&Frame, &Neighbours, &mut dyn Sink) -> Result<()>,
 ) -> Result<Made> {
-    let done = kept(clip, sink, observer, &|n| {
+    let done = kept(clip, sink, observer, |n| {
         let around = if neighbours { n.saturating_sub(1)..=n.saturating_add(1) } else { n..=n };
-        around.filter_map(|n| clip.changed(n)).max().max(changed(n))
+        around.filter_map(|n| clip.changed(n)).chain(changed(n)).collect()
     });
     let is_due = |n: u64| clip.contains(n) && !done.contains(&n);
     let needed = |n: u64| {

@@ -122,8 +122,10 @@ impl Match {
         let neighbours = *moving && footage.flow.is_none();
         let (mut missing, mut said) = (Missing::new(observer), false);
         let seed = (!options.no_noise).then_some(options.seed);
-        let beside =
-            |n: u64| depth.as_ref().and_then(|maps| maps.changed(n)).max(changed(footage.flow.as_ref(), n));
+        let beside = |n: u64| {
+            let depth = depth.as_ref().and_then(|maps| maps.changed(n));
+            depth.into_iter().chain(changed(footage.flow.as_ref(), n)).collect()
+        };
         let make = |frame: &Frame, neighbours: &Neighbours, sink: &mut dyn Sink| {
             let (number, size) = (frame.number, clip.size());
             let of_frame = |e| of_frame(clip, number, e);

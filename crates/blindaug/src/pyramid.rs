@@ -62,21 +62,43 @@ fn upsample_with<P: Pixel>(
     height: usize,
     f: impl Fn(usize, usize, P) -> P + Sync,
 ) -> Raster<P> {
+    /// The number of rows that are made at once: the rows of `src` that neighbours share are widened twice.
+    const ROWS: usize = 32;
     // Even pixels are (1 6 1) / 8 of the coarse pixels, odd ones (1 1) / 2: first along rows, then along columns.
     let mid = |a: P, b: P| P::lerp(a, b, 0.5);
     let even = |l: P, c: P, r: P| P::lerp(c, mid(l, r), 0.25);
-    let wide = Raster::from_fn(width, src.height(), |x, y| {
-        let (row, i) = (src.row(y), x / 2);
-        let next = row[(i + 1).min(src.width() - 1)];
-        if x % 2 == 1 { mid(row[i], next) } else { even(row[i.saturating_sub(1)], row[i], next) }
+    let last = src.height().saturating_sub(1);
+    let mut out = Raster::filled(width, height, P::default());
+    par::for_each_row(out.data_mut(), width * ROWS, |i, rows| {
+        let mut y = i * ROWS;
+        let widen = |y: usize| -> Vec<P> {
+            let row = src.row(y.min(last));
+            let at = |x: usize| row[x.min(row.len() - 1)];
+            let of = |x: usize| {
+                let i = x / 2;
+                if x % 2 == 1 {
+                    mid(row[i], at(i + 1))
+                } else {
+                    even(row[i.saturating_sub(1)], row[i], at(i + 1))
+                }
+            };
+            (0..width).map(of).collect()
+        };
+        let (mut above, mut this) = (widen((y / 2).saturating_sub(1)), widen(y / 2));
+        for pair in rows.chunks_mut(2 * width) {
+            let below = widen(y / 2 + 1);
+            let (first, second) = pair.split_at_mut(width);
+            for (x, out) in first.iter_mut().enumerate() {
+                *out = f(x, y, even(above[x], this[x], below[x]));
+            }
+            for (x, out) in second.iter_mut().enumerate() {
+                *out = f(x, y + 1, mid(this[x], below[x]));
+            }
+            (above, this) = (this, below);
+            y += 2;
+        }
     });
-    Raster::from_fn(width, height, |x, y| {
-        let i = y / 2;
-        let next = wide.at(x, (i + 1).min(src.height() - 1));
-        let this = wide.at(x, i);
-        let v = if y % 2 == 1 { mid(this, next) } else { even(wide.at(x, i.saturating_sub(1)), this, next) };
-        f(x, y, v)
-    })
+    out
 }
 
 /// The `levels` band-pass levels of a Laplacian pyramid, finest first, and the low-pass that is left.

@@ -3,7 +3,7 @@
 use super::curves::Colours;
 use super::lines::DARK;
 use super::mismatch::without_mismatch;
-use super::{LocalVariance, NoiseEvidence, PAIRS};
+use super::{LocalVariance, NoiseEvidence};
 use crate::analysis::brightness::{brightening, undone};
 use crate::fit::robust::median;
 use crate::model::{Method, NOISE_LEVELS};
@@ -12,6 +12,7 @@ use crate::raster::cubic_weights;
 use crate::strips::{STRIP, Strip, rows_in_turn, strips_of};
 use crate::{Encoded, Error, Flow, Pixel, Plane, Raster, Result, filter, luma, par, pyramid};
 use std::{ops::Range, sync::OnceLock};
+use wide::f32x4;
 
 /// The side of the blocks in which variances are measured, px of the full image, for each level: small blocks are more often free of
 /// structure, but a block of a coarse level needs a few values.
@@ -154,7 +155,8 @@ impl NoiseEvidence {
             let usable = inside(tx, ty) && !copied.at(x / COPIED, y / COPIED);
             if usable { flaw(frame.0.at(x, top + y), white) } else { UNUSABLE }
         };
-        let fraction = Some(|x: usize, y: usize| target(x, y).map(|t| t - t.floor()));
+        // Targets above or left of the image, whose fractions are negative, are unusable.
+        let fraction = Some(|x: usize, y: usize| target(x, y).map(|t| t - t as i32 as f32));
         let colour = |x: usize, y: usize| frame.0.at(x, top + y);
         self.add_blocks((w, height), own, &Residual { values, colour, flaws, fraction, pure: still });
         Ok(still)
@@ -497,12 +499,11 @@ fn clipped_block(flaws: &Raster<Flaw>, (x0, y0): (usize, usize), side: usize) ->
     let columns = x0.saturating_sub(4)..(x0 + side + 4).min(flaws.width());
     let mut clipped = 0;
     for y in y0.saturating_sub(4)..(y0 + side + 4).min(flaws.height()) {
-        for &flaw in &flaws.row(y)[columns.clone()] {
-            if flaw == UNUSABLE {
-                return None;
-            }
-            clipped += usize::from(flaw == CLIPPED);
+        let row = &flaws.row(y)[columns.clone()];
+        if row.contains(&UNUSABLE) {
+            return None;
         }
+        clipped += row.iter().filter(|flaw| **flaw == CLIPPED).count();
     }
     Some(clipped > most)
 }
@@ -537,23 +538,21 @@ impl Powers {
     /// The powers in the block at (x, y) of this side, both in px of the full image, of a band of this level.
     fn new(band: &Raster<[f32; 4]>, (x, y): (usize, usize), side: usize, level: usize) -> Self {
         let (x, y, side) = (x >> level, y >> level, side >> level);
-        let (mut residual, mut with_luma, mut between, mut image) = ([0.0; 4], [0.0; 3], [0.0; 3], 0.0);
+        let [mut squares, mut with_luma, mut between] = [f32x4::ZERO; 3];
         for row in y..y + side {
             for v in &band.row(row)[x..x + side] {
-                let d = [v[0], v[1], v[2], luma([v[0], v[1], v[2]])];
-                (0..4).for_each(|c| residual[c] += d[c] * d[c]);
-                (0..3).for_each(|c| with_luma[c] += d[c] * d[3]);
-                (0..3).for_each(|i| between[i] += d[PAIRS[i].0] * d[PAIRS[i].1]);
-                image += v[3] * v[3];
+                let [r, g, b, _] = *v;
+                let d = luma([r, g, b]);
+                let v = f32x4::from(*v);
+                squares += v * v;
+                with_luma += v * f32x4::splat(d);
+                between += f32x4::from([r, r, g, d]) * f32x4::from([g, b, b, d]);
             }
         }
-        let count = (side * side) as f32;
-        Self {
-            residual: residual.map(|s| s / count),
-            with_luma: with_luma.map(|s| s / count),
-            between: between.map(|s| s / count),
-            image: image / count,
-        }
+        let mean = |sums: f32x4| sums.to_array().map(|s| s / (side * side) as f32);
+        let ([r, g, b, image], [rg, rb, gb, y]) = (mean(squares), mean(between));
+        let [ry, gy, by, _] = mean(with_luma);
+        Self { residual: [r, g, b, y], with_luma: [ry, gy, by], between: [rg, rb, gb], image }
     }
 }
 
