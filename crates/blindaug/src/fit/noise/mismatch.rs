@@ -47,15 +47,16 @@ pub(super) fn without_mismatch(
         let mut factors = [[f32x4::ZERO; CELL]; FACTORS];
         for y in y0..(y0 + CELL).min(h) {
             derivatives.of_row(x0, y, &mut factors);
+            let mut sound = 0;
             for i in 0..CELL.min(w - x0) {
                 if flaws.at(x0 + i, y) == 0 {
                     factors[TERMS][i] = f32x4::from(difference.at(x0 + i, y));
-                    sums.count += 1;
+                    sound += 1;
                 } else {
                     factors.iter_mut().for_each(|pixels| pixels[i] = f32x4::ZERO);
                 }
             }
-            sums.add(&factors);
+            sums.add(&factors, sound);
         }
         sums
     });
@@ -230,8 +231,9 @@ impl Default for Sums {
 }
 
 impl Sums {
-    /// Adds pixels, but for their number.
-    fn add(&mut self, factors: &[[f32x4; CELL]; FACTORS]) {
+    /// Adds `count` pixels; the factors of all others are 0.
+    fn add(&mut self, factors: &[[f32x4; CELL]; FACTORS], count: usize) {
+        self.count += count;
         for i in (0..FACTORS).step_by(SQUARE) {
             for j in (0..=i).step_by(SQUARE) {
                 let mut sums = [[f32x4::ZERO; SQUARE]; SQUARE];
