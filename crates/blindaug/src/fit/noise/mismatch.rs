@@ -236,11 +236,12 @@ impl Sums {
         self.count += count;
         for i in (0..FACTORS).step_by(SQUARE) {
             for j in (0..=i).step_by(SQUARE) {
+                let (left, right) = (&factors[i..i + SQUARE], &factors[j..j + SQUARE]);
                 let mut sums = [[f32x4::ZERO; SQUARE]; SQUARE];
                 for pixel in 0..CELL {
-                    for (k, row) in sums.iter_mut().enumerate() {
-                        for (l, sum) in row.iter_mut().enumerate() {
-                            *sum += factors[i + k][pixel] * factors[j + l][pixel];
+                    for (row, a) in sums.iter_mut().zip(left) {
+                        for (sum, b) in row.iter_mut().zip(right) {
+                            *sum += a[pixel] * b[pixel];
                         }
                     }
                 }
