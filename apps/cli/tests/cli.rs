@@ -114,13 +114,16 @@ fn inputs_that_are_not_there_or_empty_are_named() {
     let dir = TempDir::new().unwrap();
     let d = dir.path();
     std::fs::create_dir(d.join("empty")).unwrap();
-    std::fs::write(d.join("notes.txt"), "no video").unwrap();
+    for file in ["notes.txt", "notes.exr"] {
+        std::fs::write(d.join(file), "no video").unwrap();
+    }
     write_camera(d.join("c.json"), &camera(8, 8, DepthKind::Metric)).unwrap();
     write_frames(&d.join("f"), 1..3, (8, 8));
     for (arguments, says) in [
         ("estimate none.mp4 -o c2.json", "none.mp4: there is no such file"),
         ("estimate empty -o c2.json", "empty: the folder has no images"),
         ("estimate notes.txt -o c2.json", "notes.txt: "),
+        ("estimate notes.exr -o c2.json", "notes.exr: not an image that can be read"),
         ("estimate f -o c2.json --frames 7..9", "no frame in 7..9"),
         ("estimate f -o c2.json --depth none", "none: there is no such file"),
         ("estimate f -o c2.json --depth empty", "empty: the folder has no files with depth"),

@@ -129,8 +129,9 @@ impl FrameSource {
         }
         let metadata = path.metadata().map_err(|e| Error::cannot_read(path, &e))?;
         check_regular(path, &metadata)?;
-        let is_image =
-            has_extension(path, &IMAGE_EXTENSIONS) || has_extension(path, &["pgm", "pnm"]) || is_exr(path)?;
+        let is_image = has_extension(path, &IMAGE_EXTENSIONS)
+            || has_extension(path, &["exr", "pgm", "pnm"])
+            || is_exr(path)?;
         if is_image {
             let number = number_of(path).unwrap_or(1);
             return Self::of_images(path, numbered(vec![(number, path.into())]), range, notes);
