@@ -140,10 +140,12 @@ impl Derivatives {
                 terms[2 + 3 * scale][i] = of_second + across * (xx - of_second);
                 terms[3 + 3 * scale][i] = own.down[1] + down * (own.down[0] - own.down[1]);
                 terms[4 + 3 * scale][i] = eighth * (after.step - before.step);
-                // The first derivatives are those of the coarser scale, which is the last.
-                terms[0][i] =
-                    quarter * (after.middle[0] + after.middle[1] - (before.middle[0] + before.middle[1]));
-                terms[1][i] = quarter * own.step;
+                // The first derivatives are those of the coarser scale.
+                if scale == 1 {
+                    terms[0][i] =
+                        quarter * (after.middle[0] + after.middle[1] - (before.middle[0] + before.middle[1]));
+                    terms[1][i] = quarter * own.step;
+                }
             }
         }
     }
