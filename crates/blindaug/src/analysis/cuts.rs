@@ -1,5 +1,6 @@
 //! Cuts between the shots of a clip.
 
+use super::active_area::ActiveArea;
 use super::flow;
 use crate::{Encoded, Plane, Result, pyramid};
 use std::ops::Range;
@@ -13,8 +14,6 @@ const SAMPLES: usize = 16;
 /// The value of 1 minus the correlation of two thumbnails at and above which there may be a cut between them. On a montage, cuts gave
 /// 0.7 to 1.3, a bus that drives past close to the camera 0.4, and all other pairs less than 0.2.
 const SUSPICIOUS: f32 = 0.25;
-/// The encoded value below which pixels, in both frames, belong to black bars beside the picture.
-const BLACK: f32 = 0.02;
 /// The std of a thumbnail below which a frame counts as even.
 const EVEN: f32 = 1e-3;
 /// The largest length, in px, of the longer side of the pictures whose flow decides on a cut.
@@ -50,25 +49,12 @@ enum Look {
     OneIsEven,
 }
 
-/// The part of two frames without black bars, which would make any two frames look alike.
-struct Picture {
-    columns: Range<usize>,
-    rows: Range<usize>,
-}
+/// The active area of two frames. Bars would make any two frames look alike.
+struct Picture(ActiveArea);
 
 impl Picture {
-    fn of(Encoded(frame): &Encoded, Encoded(next): &Encoded) -> Self {
-        let (w, h) = frame.size();
-        let lit = |x: usize, y: usize| [frame, next].iter().any(|f| f.at(x, y).iter().any(|&v| v >= BLACK));
-        let within = |n: usize, lit: &dyn Fn(usize) -> bool| {
-            let first = (0..n).find(|&i| lit(i));
-            first.map_or(0..n, |first| first..(first..n).rfind(|&i| lit(i)).map_or(n, |last| last + 1))
-        };
-        let step = |n: usize| n.div_ceil(CELLS[0] * SAMPLES);
-        Self {
-            columns: within(w, &|x| (0..h).step_by(step(h)).any(|y| lit(x, y))),
-            rows: within(h, &|y| (0..w).step_by(step(w)).any(|x| lit(x, y))),
-        }
+    fn of(frame: &Encoded, next: &Encoded) -> Self {
+        Self(ActiveArea::of(frame).and(&ActiveArea::of(next)))
     }
 
     /// The mean R, G and B of each cell, row by row.
@@ -82,8 +68,8 @@ impl Picture {
         for row in 0..CELLS[1] {
             for column in 0..CELLS[0] {
                 let (mut sum, mut count) = ([0.0f32; 3], 0);
-                for y in places(row, CELLS[1], &self.rows) {
-                    for x in places(column, CELLS[0], &self.columns) {
+                for y in places(row, CELLS[1], &self.0.rows) {
+                    for x in places(column, CELLS[0], &self.0.columns) {
                         let p = frame.at(x, y);
                         (0..3).for_each(|c| sum[c] += p[c]);
                         count += 1;
@@ -119,7 +105,7 @@ impl Picture {
 
     /// Luma of the picture, halved to a size at which flow is quick.
     fn small(&self, frame: &Encoded) -> Plane {
-        let (columns, rows) = (&self.columns, &self.rows);
+        let ActiveArea { columns, rows } = &self.0;
         let picture = frame.0.crop(columns.start, rows.start, columns.len(), rows.len());
         pyramid::halved_luma(&picture, |w, h| w.max(h) > SIDE)
     }

@@ -1,5 +1,6 @@
 //! Analysis of the scene from the frames themselves: optical flow, relative inverse depth from parallax, and cuts.
 
+pub(crate) mod active_area;
 pub(crate) mod brightness;
 pub mod cuts;
 pub mod depth;

@@ -11,6 +11,7 @@ use super::observation::{EstimatorOptions, Evidence, Family, FrameObservation};
 use super::timing::{Copies, Look};
 use super::uneven::SpeedBy;
 use super::{defocus, motion_blur, removal, spectral, streaks, tiles, uneven};
+use crate::analysis::active_area::ActiveArea;
 use crate::analysis::cuts::{MIN_CONFIRMED, cut_between};
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_frame;
@@ -246,6 +247,9 @@ impl Estimator {
             // Flow that was saved with a part of a clip may lead to the frame after it, which an estimate of the part alone does not look at.
             evidence.flow = None;
         }
+        let active = ActiveArea::of(frame);
+        let within_bars = evidence.flow.and_then(|flow| active.motion(flow.size(), |x, y| flow.at(x, y)));
+        evidence.flow = within_bars.as_ref().or(evidence.flow);
         let index = self.given;
         self.given += 1;
         self.by_network |= evidence.by_network;
@@ -376,7 +380,9 @@ impl Estimator {
         let mean = at_frame.as_ref().or(to_next.as_deref());
         let motion = turned.as_ref().or(mean);
         if self.options.family != Family::Removal {
-            kept.tiles = tiles::tiles(frame, motion, depth.as_ref(), self.options.space)?;
+            // The edge of a bar is as sharp without a lens.
+            let still = motion.is_none().then(|| active.motion(frame.0.size(), |_, _| [0.0; 2])).flatten();
+            kept.tiles = tiles::tiles(frame, motion.or(still.as_ref()), depth.as_ref(), self.options.space)?;
             kept.tiles.iter_mut().for_each(|t| t.speed_error = speed_error);
             if let (true, Some(before), Some(last), Some(own)) =
                 (measured && speed_error == 0.0, previous, &last, mean)

@@ -5,6 +5,7 @@
 //! the parameters of [`Follower::follow`] make these differences.
 
 use super::observation::FrameObservation;
+use crate::analysis::active_area::ActiveArea;
 use crate::analysis::cuts::MIN_CONFIRMED;
 use crate::analysis::depth::{Parallax, ParallaxTracker, inverse_depth_from_flow};
 use crate::analysis::flow::{FlowEstimator, FlowPair};
@@ -67,12 +68,13 @@ impl Follower {
         let size = frame.0.size();
         let small = |image: &Encoded| pyramid::halved_luma(&image.0, |w, _| w > self.width);
         let (from, to) = (small(frame), small(other));
-        let pair = self.flow.flow_with_occlusion(&from, &to)?;
+        let mut pair = self.flow.flow_with_occlusion(&from, &to)?;
+        let active = [frame, other].map(ActiveArea::of);
+        let confirmed = leave_bars_out(&mut pair, &active, size);
         // The tracker, which searches near the last direction, keeps to the limit of whole px: it reduces its frames far more.
         if !self.near_the_last {
             self.parallax.of_reduced(factor_of(pair.forward.width(), size));
         }
-        let confirmed = pair.confirmed();
         let mut parallax = match wants.filter(|w| confirmed >= w.confirmed) {
             Some(WantsParallax { stride, .. }) => Some(self.parallax.push(&pair, stride)?),
             None => None,
@@ -85,6 +87,30 @@ impl Follower {
         let flow = (confirmed >= MIN_CONFIRMED).then(|| enlarged(known_flow(&pair, &from, &to), size, spare));
         Ok(Followed { flow, confirmed, parallax })
     }
+}
+
+/// Counts as occluded what lies, or goes, outside the active areas of two frames of this size, whose halved frames have this flow. Gives the
+/// share of the first active area whose match is confirmed, in [0, 1].
+fn leave_bars_out(pair: &mut FlowPair, active: &[ActiveArea; 2], size: (usize, usize)) -> f32 {
+    if active.iter().all(|area| area.is_all_of(size)) {
+        return pair.confirmed();
+    }
+    let factor = factor_of(pair.forward.width(), size);
+    let holds = |area: &ActiveArea, x: usize, y: usize| area.holds((factor * x, factor * y), factor);
+    let (mut inside, mut confirmed) = (0, 0);
+    for y in 0..pair.forward.height() {
+        for x in 0..pair.forward.width() {
+            let [u, v] = pair.forward.at(x, y);
+            let (tx, ty) = ((x as f32 + u).round(), (y as f32 + v).round());
+            let occluded = &mut pair.occluded.row_mut(y)[x];
+            let stays = holds(&active[0], x, y);
+            // A negative place, which counts as 0, is occluded already.
+            *occluded |= !stays || !holds(&active[1], tx as usize, ty as usize);
+            inside += usize::from(stays);
+            confirmed += usize::from(!*occluded);
+        }
+    }
+    confirmed as f32 / inside.max(1) as f32
 }
 
 /// The depth by parallax of a frame whose flow was given.

@@ -468,4 +468,4 @@ impl NoiseEvidence {
 }
 
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;

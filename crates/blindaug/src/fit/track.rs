@@ -37,6 +37,7 @@ use super::timing::{Copies, Look};
 use super::uneven::{self, Correction, Swings};
 use super::warnings::{coding_warning, few_frames};
 use super::{bokeh, likelihood, spectral, tiles};
+use crate::analysis::active_area::ActiveArea;
 use crate::analysis::cuts::look_different;
 use crate::analysis::depth::Parallax;
 use crate::analysis::flow::motion_at_pixel;
@@ -266,14 +267,19 @@ impl Tracker {
         observer: Option<&mut dyn TileObserver>,
     ) -> Result<&CameraModel> {
         check_sizes(&mut self.size, observation)?;
-        let FrameObservation { frame, next, previous, .. } = *observation;
+        let mut observation = *observation;
+        let given = observation.evidence.flow;
+        let active = ActiveArea::of(observation.frame);
+        let within_bars = given.and_then(|flow| active.motion(flow.size(), |x, y| flow.at(x, y)));
+        observation.evidence.flow = within_bars.as_ref().or(given);
+        let FrameObservation { frame, next, previous, .. } = observation;
         let (width, height) = frame.0.size();
         self.changes = Changes::default();
         self.begin_shot();
         let last_frame = self.last_frame.replace(fingerprint(frame));
         let previous = match previous {
             Some(left_out) if last_frame != Some(fingerprint(left_out)) => {
-                self.begin_after_left_out(left_out, observation)?
+                self.begin_after_left_out(left_out, &observation)?
             }
             _ => previous,
         };
@@ -291,7 +297,7 @@ impl Tracker {
         };
         // What a frame repeats is no neighbour.
         let previous = if repeated > 0 { picture_before.as_ref() } else { previous };
-        let mut observation = FrameObservation { previous, ..*observation };
+        observation.previous = previous;
         let fps = self.copies.pictures_per_second(self.fps);
         let capture = Capture { width, height, fps, frames_used: self.frames + 1, pixel_aspect: 1.0 };
         let mut geometry = self.geometry(&observation)?;

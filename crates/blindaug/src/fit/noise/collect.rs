@@ -4,6 +4,7 @@ use super::curves::Colours;
 use super::lines::DARK;
 use super::mismatch::without_mismatch;
 use super::{LocalVariance, NoiseEvidence};
+use crate::analysis::active_area::ActiveArea;
 use crate::analysis::brightness::{brightening, undone};
 use crate::fit::robust::median;
 use crate::model::{Method, NOISE_LEVELS};
@@ -162,8 +163,9 @@ impl NoiseEvidence {
         Ok(still)
     }
 
-    /// Adds the evidence of a single frame: where the frame is flat, its bands are noise.
+    /// Adds the evidence of a single frame: where the frame is flat, its bands are noise. Bars of one colour at its edges are left out.
     pub fn add_single(&mut self, frame: &Encoded) {
+        let active = ActiveArea::of(frame);
         let white = self.count_colours(frame.0.data());
         let values = |x, y| {
             let p = frame.0.at(x, y);
@@ -172,7 +174,7 @@ impl NoiseEvidence {
         let residual = Residual {
             values,
             colour: |x, y| frame.0.at(x, y),
-            flaws: |x, y| flaw(frame.0.at(x, y), white),
+            flaws: |x, y| if active.holds((x, y), 1) { flaw(frame.0.at(x, y), white) } else { UNUSABLE },
             fraction: ONE_FRAME,
             pure: false,
         };
