@@ -453,7 +453,7 @@ impl Estimator {
     }
 
     /// Finds out whether the motion of a frame is uneven. If so, it is turned to the direction of the frame's streaks, and that is given
-    /// with the relative std of its speed. `to_next` is the flow to the next frame, if there is one.
+    /// with the relative std of its speed; so is that of stabilised footage. `to_next` is the flow to the next frame, if there is one.
     fn uneven(
         &mut self,
         kept: &mut FrameEvidence,
@@ -512,13 +512,16 @@ impl Estimator {
         motion: &tiles::MotionOf,
         change: f32,
     ) -> Option<uneven::Correction> {
+        let own = |f: &&FrameEvidence| f.shot == kept.shot;
+        let before = || self.frames.iter().filter(own).filter_map(|f| f.streak_angles.as_ref());
+        let is_new = !self.is_stabilised();
+        if is_new && before().count() >= uneven::STABILISED_LOOKS {
+            return None;
+        }
         let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma)?;
         let corners = uneven::every_second_corner(frame.0.size());
         kept.streak_angles =
             uneven::StreakAngles::of(frame, change, &corners, motion, &noise, self.options.space);
-        let own = |f: &&FrameEvidence| f.shot == kept.shot;
-        let before = || self.frames.iter().filter(own).filter_map(|f| f.streak_angles.as_ref());
-        let is_new = !self.is_stabilised();
         if is_new
             && (kept.streak_angles.is_none()
                 || !self.moves_evenly()

@@ -301,6 +301,9 @@ const STABILISED_CHANGE: f32 = 0.15;
 /// The fewest frames that tell it.
 const STABILISED_FRAMES: usize = 3;
 
+/// The number of a shot's frames after which it is no longer looked for.
+pub(super) const STABILISED_LOOKS: usize = 12;
+
 /// The nats by which frames, on average, must find the angles of their own streaks likelier than any angle in common. What the texture or a
 /// coder makes of the direction is the same in all frames: coded clips have up to 5 nats, stabilised ones mostly more than 20.
 const STABILISED: f32 = 8.0;
