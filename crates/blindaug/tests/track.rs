@@ -11,7 +11,7 @@ use blindaug::fit::{
 use blindaug::model::{Bokeh, CameraModel, Changes, DefocusCurve, DepthKind, Distortion, Reason};
 use blindaug::{Encoded, synth};
 use leaves::{CAMERA, Camera, Scene, Shot};
-use shaken::{filmed, shaken};
+use shaken::shaken;
 
 const SIZE: (usize, usize) = (256, 192);
 
@@ -291,41 +291,6 @@ fn a_shutter_that_changes_under_a_shaking_hand_is_found() {
             frames.iter().all(|(e, [low, high], _)| (e - truth).abs() < 0.1 && (low..=high).contains(&&truth))
         };
         assert!(near(&told[5..AT], before) && near(&told[AT + 6..], after));
-    }
-}
-
-/// Frames that move evenly to the right by 6 px, since they were stabilised: the camera shook by this many px in both directions.
-fn stabilised((width, height): (usize, usize), frames: usize, exposure: f32, shake: f32) -> Vec<Encoded> {
-    /// The px that the stabilisation cuts off at each side.
-    const MARGIN: usize = 12;
-    let swing = move |t: f32| [shake * (1.3 * t).sin(), shake * (1.1 * t + 0.6).sin()];
-    let path = move |t: f32| [6.0 * t + swing(t)[0], swing(t)[1]];
-    let larger = (width + 2 * MARGIN, height + 2 * MARGIN);
-    let cut = |(t, Encoded(frame)): (usize, Encoded)| {
-        let [x, y] = swing(t as f32 + 0.5).map(|v| (MARGIN as f32 - v.round()) as usize);
-        Encoded(frame.crop(x, y, width, height))
-    };
-    filmed(larger, [MARGIN; 2], frames, |_| exposure, path).into_iter().enumerate().map(cut).collect()
-}
-
-#[test]
-fn of_stabilised_footage_the_mean_streak_counts() {
-    let estimated = |frames: &[Encoded]| {
-        let mut estimator = Estimator::new(Default::default());
-        FrameObservation::of_frames(frames).for_each(|o| assert!(estimator.add(&o).unwrap()));
-        estimator.estimate().unwrap().model
-    };
-    let is_told = |model: &CameraModel| model.warnings.iter().any(|w| w.contains("stabilised"));
-    for truth in [0.4, 0.8] {
-        let model = estimated(&stabilised((400, 300), 16, truth, 3.0));
-        println!("{truth}: {:?} {:?}", model.motion_blur, model.warnings);
-        let found = model.motion_blur.known().expect("the shake is weaker than the motion");
-        let [low, high] = found.interval;
-        assert!(is_told(&model) && (low..=high).contains(&truth), "{truth}: {found:?}");
-        // Negative control: what a hand or a steady camera moves is not stabilised.
-        for frames in [shaken(SIZE, 16, |_| truth, 3.0), stabilised((400, 300), 16, truth, 0.0)] {
-            assert!(!is_told(&estimated(&frames)), "{truth}");
-        }
     }
 }
 

@@ -49,8 +49,6 @@ pub struct Estimator {
     unfollowed: usize,
     /// The index of the first frame of each shot.
     shots: Vec<usize>,
-    /// The numbers of the shots that were stabilised.
-    stabilised: Vec<usize>,
     /// Whether the next frame belongs to another shot.
     cut_ahead: bool,
     /// Whether a network made any of the given images.
@@ -97,8 +95,6 @@ struct FrameEvidence {
     has_motion: bool,
     /// The change of the frame's motion as a share of its speed ([`uneven::change_of`]); `None` where it is not known.
     change: Option<f32>,
-    /// Which way the streaks lie, where motion is even.
-    streak_angles: Option<uneven::StreakAngles>,
     /// The flow to the next frame, where it was estimated.
     to_next: Option<uneven::SampledFlow>,
     /// The [`uneven::speed_factor`] by which the speeds of the tiles were multiplied.
@@ -144,7 +140,6 @@ impl FrameEvidence {
             removal: vec![],
             has_motion,
             change: None,
-            streak_angles: None,
             to_next: None,
             speed_factor: 1.0,
             has_depth,
@@ -220,7 +215,6 @@ impl Estimator {
             last_motion: None,
             unfollowed: 0,
             shots: vec![0],
-            stabilised: vec![],
             cut_ahead: false,
             by_network: false,
         }
@@ -367,8 +361,7 @@ impl Estimator {
             kept.to_next = measured.then(|| uneven::SampledFlow::new(to_next));
             let mean = at_frame.as_ref().unwrap_or(to_next);
             (speed_error, turned) = self.uneven(&mut kept, frame, measured.then_some(&**to_next), mean);
-            // In stabilised footage the motions of two frames do not say how much longer the streaks of one of them are.
-            if speed_error > 0.0 && !self.is_stabilised() {
+            if speed_error > 0.0 {
                 let space = self.options.space;
                 let link = |frames, flow: &Flow, [first, second]: [&Flow; 2]| {
                     let motions: [&tiles::MotionOf; 2] = [&|x, y| first.at(x, y), &|x, y| second.at(x, y)];
@@ -453,7 +446,7 @@ impl Estimator {
     }
 
     /// Finds out whether the motion of a frame is uneven. If so, it is turned to the direction of the frame's streaks, and that is given
-    /// with the relative std of its speed; so is that of stabilised footage. `to_next` is the flow to the next frame, if there is one.
+    /// with the relative std of its speed. `to_next` is the flow to the next frame, if there is one.
     fn uneven(
         &mut self,
         kept: &mut FrameEvidence,
@@ -484,11 +477,6 @@ impl Estimator {
         }
         let Some(change) = largest else { return (0.0, None) };
         let error = uneven::speed_error(change, by(kept.change));
-        if (error == 0.0 || self.is_stabilised())
-            && let Some(correction) = self.stabilisation(kept, frame, &at, change)
-        {
-            return (correction.error, Some(motion.map(|v| correction.of(v))));
-        }
         let turned = (error > 0.0).then(|| {
             let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma)?;
             let corners = uneven::every_second_corner(frame.0.size());
@@ -496,55 +484,6 @@ impl Estimator {
             Some(uneven::turned_by(motion, angle))
         });
         (error, turned.flatten())
-    }
-
-    /// Whether the present shot was stabilised, as far as its frames tell by now.
-    fn is_stabilised(&self) -> bool {
-        self.stabilised.last() == Some(&(self.shots.len() - 1))
-    }
-
-    /// The correction of the motion of a frame whose shot was stabilised; `None` if it was not, or nothing tells. That it was shows only after some
-    /// frames, whose tiles then allow for it.
-    fn stabilisation(
-        &mut self,
-        kept: &mut FrameEvidence,
-        frame: &Encoded,
-        motion: &tiles::MotionOf,
-        change: f32,
-    ) -> Option<uneven::Correction> {
-        let own = |f: &&FrameEvidence| f.shot == kept.shot;
-        let before = || self.frames.iter().filter(own).filter_map(|f| f.streak_angles.as_ref());
-        let is_new = !self.is_stabilised();
-        if is_new && before().count() >= uneven::STABILISED_LOOKS {
-            return None;
-        }
-        let noise = kept.temporal.fit().luma.or_else(|| kept.spatial.fit().luma)?;
-        let corners = uneven::every_second_corner(frame.0.size());
-        kept.streak_angles =
-            uneven::StreakAngles::of(frame, change, &corners, motion, &noise, self.options.space);
-        if is_new
-            && (kept.streak_angles.is_none()
-                || !self.moves_evenly()
-                || !uneven::StreakAngles::show_stabilisation(before().chain(&kept.streak_angles)))
-        {
-            return None;
-        }
-        let of_others = before().map(uneven::StreakAngles::likeliest);
-        let correction =
-            uneven::of_stabilised(frame, &corners, motion, of_others, &noise, self.options.space);
-        if is_new {
-            self.stabilised.push(kept.shot);
-            for before in self.frames.iter_mut().filter(|f| f.shot == kept.shot) {
-                let turned = before.streak_angles.as_ref().is_none_or(|a| a.likeliest() != 0.0);
-                for tile in &mut before.tiles {
-                    tile.speed_error = tile.speed_error.max(correction.error);
-                    tile.of_exposure &= !turned;
-                }
-                (before.from_before, before.to_next_frame) = (None, None);
-                before.pairs.clear();
-            }
-        }
-        Some(correction)
     }
 
     /// Which of how many parts of a frame's rows its noise is measured in: all of a frame of at most [`NOISE_WHOLE`] px, of a larger one a

@@ -245,23 +245,7 @@ pub(super) fn turn(
     noise: &LumaNoise,
     space: Space,
 ) -> f32 {
-    let found = over_angles(frame, corners, motion, &ANGLES, noise, space);
-    let prior = |angle: f32| 0.5 * ALIKE * (angle / (DIRECTION_ERROR * change)).powi(2);
-    let posterior: Vec<f32> = found.iter().zip(ANGLES).map(|(found, angle)| found - prior(angle)).collect();
-    ANGLES[index_of_largest(&posterior)]
-}
-
-/// The log-likelihood, in nats, of each of these angles, in radians, between the motion while the shutter was open and `motion`, for the
-/// likeliest length of the streaks in the tiles at these [`corners`].
-fn over_angles(
-    frame: &Encoded,
-    corners: &[(usize, usize)],
-    motion: &MotionOf,
-    angles: &[f32],
-    noise: &LumaNoise,
-    space: Space,
-) -> Vec<f32> {
-    let tiles = turned_tiles(frame, corners, motion, angles, space);
+    let tiles = turned_tiles(frame, corners, motion, &ANGLES, space);
     // A table for each tile: its log-likelihood in nats over the angle and over the length of the streaks.
     const LENGTHS: usize = 32;
     let tables = par::map(tiles.len(), |i| {
@@ -273,116 +257,24 @@ fn over_angles(
         });
         turned.collect::<Option<Vec<Vec<f32>>>>()
     });
-    let mut sums = vec![[0.0f32; LENGTHS]; angles.len()];
+    let mut sums = vec![[0.0f32; LENGTHS]; ANGLES.len()];
     for table in tables.iter().flatten() {
         let most = table.iter().flatten().copied().fold(f32::MIN, f32::max);
         for (sum, of) in sums.iter_mut().zip(table) {
             sum.iter_mut().zip(of).for_each(|(s, v)| *s += (v - most).max(-CLIP));
         }
     }
-    sums.into_iter().map(|sum| sum.into_iter().fold(f32::MIN, f32::max)).collect()
+    let posterior = |i: usize| {
+        let most = sums[i].iter().copied().fold(f32::MIN, f32::max);
+        most - 0.5 * ALIKE * (ANGLES[i] / (DIRECTION_ERROR * change)).powi(2)
+    };
+    let best = (0..ANGLES.len()).max_by(|&a, &b| posterior(a).total_cmp(&posterior(b))).unwrap_or(0);
+    ANGLES[best]
 }
 
 /// A motion turned by an angle in radians.
 pub(super) fn turned_by(motion: &Flow, angle: f32) -> Flow {
     motion.map(|v| turned(v, angle))
-}
-
-/// The angles, in radians, between streaks and the motion by which it is told whether footage was stabilised.
-const STABILISED_ANGLES: [f32; 5] = [0.0, -0.2, 0.2, -0.5, 0.5];
-
-/// The most tiles of a frame that tell it.
-const STABILISED_TILES: usize = 40;
-
-/// The most that the motion changes, as a share of the speed, in a frame that tells it: where it changes more, streaks lie in another direction
-/// without stabilisation, too.
-const STABILISED_CHANGE: f32 = 0.15;
-
-/// The fewest frames that tell it.
-const STABILISED_FRAMES: usize = 3;
-
-/// The number of a shot's frames after which it is no longer looked for.
-pub(super) const STABILISED_LOOKS: usize = 12;
-
-/// The nats by which frames, on average, must find the angles of their own streaks likelier than any angle in common. What the texture or a
-/// coder makes of the direction is the same in all frames: coded clips have up to 5 nats, stabilised ones mostly more than 20.
-const STABILISED: f32 = 8.0;
-
-/// The angles at which the streaks of a stabilised frame may lie, in radians.
-const WIDE_ANGLES: [f32; 13] = [0.0, -0.15, 0.15, -0.3, 0.3, -0.45, 0.45, -0.6, 0.6, -0.8, 0.8, -1.0, 1.0];
-
-/// The least and the largest relative std of the speed in stabilised footage.
-const STABILISED_ERRORS: (f32, f32) = (0.1, 0.5);
-
-/// The log-likelihoods, in nats, of the angles between the streaks of a frame and its motion, which is even.
-///
-/// Footage that a phone or an editor stabilised moves evenly, but while the shutter was open the camera shook: the streaks lie in other directions
-/// than the motion, and in each frame in another. What was taken away has a mean of zero over time, so the streaks are as long as the motion says
-/// on average.
-#[derive(Clone, Debug)]
-pub(super) struct StreakAngles(Vec<f32>);
-
-impl StreakAngles {
-    /// The angles in a frame whose motion changes by the share `change`, from a few of the tiles at these [`corners`]; `None` if it changes too
-    /// much to tell.
-    pub fn of(
-        frame: &Encoded,
-        change: f32,
-        corners: &[(usize, usize)],
-        motion: &MotionOf,
-        noise: &LumaNoise,
-        space: Space,
-    ) -> Option<Self> {
-        if change > STABILISED_CHANGE {
-            return None;
-        }
-        let step = corners.len().div_ceil(STABILISED_TILES).max(1);
-        let some: Vec<_> = corners.iter().copied().step_by(step).collect();
-        Some(Self(over_angles(frame, &some, motion, &STABILISED_ANGLES, noise, space)))
-    }
-
-    /// The likeliest angle in the frame, in radians.
-    pub fn likeliest(&self) -> f32 {
-        STABILISED_ANGLES[index_of_largest(&self.0)]
-    }
-
-    /// Whether the frames of a shot were stabilised.
-    pub fn show_stabilisation<'a>(frames: impl Iterator<Item = &'a Self>) -> bool {
-        let (mut own, mut common, mut count) = (0.0, [0.0; STABILISED_ANGLES.len()], 0);
-        for Self(angles) in frames {
-            own += angles[index_of_largest(angles)];
-            common.iter_mut().zip(angles).for_each(|(sum, v)| *sum += v);
-            count += 1;
-        }
-        count >= STABILISED_FRAMES && own - common[index_of_largest(&common)] > STABILISED * count as f32
-    }
-}
-
-/// The correction of the motion of a stabilised frame; `before` are the angles, in radians, of the streaks of frames around.
-pub(super) fn of_stabilised(
-    frame: &Encoded,
-    corners: &[(usize, usize)],
-    motion: &MotionOf,
-    before: impl Iterator<Item = f32>,
-    noise: &LumaNoise,
-    space: Space,
-) -> Correction {
-    let angle =
-        WIDE_ANGLES[index_of_largest(&over_angles(frame, corners, motion, &WIDE_ANGLES, noise, space))];
-    // The camera is taken to shake as much along the motion as across it.
-    let tangent = |angle: f32| {
-        let (sin, cos) = angle.portable_sin_cos();
-        sin / cos
-    };
-    let across: Vec<f32> = before.chain([angle]).map(|a| tangent(a).powi(2)).collect();
-    let error = (across.iter().sum::<f32>() / across.len() as f32).sqrt();
-    let error = error.clamp(STABILISED_ERRORS.0, STABILISED_ERRORS.1);
-    // A streak that is as long as the motion in the motion's direction is longer in its own.
-    Correction { angle, factor: angle.portable_sin_cos().1.recip(), error, begins: false }
-}
-
-fn index_of_largest(values: &[f32]) -> usize {
-    (0..values.len()).max_by(|&a, &b| values[a].total_cmp(&values[b])).unwrap_or(0)
 }
 
 /// What follows from uneven motion for one frame: the motion while the shutter was open is the mean of the flows around it, turned and

@@ -14,12 +14,6 @@ pub(super) fn few_frames(frames: usize) -> Option<String> {
     Some(format!("the model rests on {few} only: more frames would make it surer"))
 }
 
-/// The footage was stabilised.
-pub(super) fn stabilised_warning() -> String {
-    "streaks do not lie along the motion: the footage was stabilised, so that the exposure is that of the mean streak, and motion blur along the motion differs from the real one from frame to frame"
-        .into()
-}
-
 /// The footage was compressed or denoised, if its noise says so. `coding_spread` is that of
 /// [`NoiseFit`](super::noise::NoiseFit::coding_spread), `frames` the number of frames that were looked at.
 pub(super) fn coding_warning(luma: Option<&LumaNoise>, coding_spread: f32, frames: usize) -> Option<String> {

@@ -6,41 +6,27 @@ use blindaug::{Encoded, Linear, Raster, Transfer, synth};
 /// Frames of a photograph that a shaking hand moves by whole px: its speed swings by 50 % with this period, in
 /// frames.
 pub fn shaken(
-    size: (usize, usize),
+    (width, height): (usize, usize),
     frames: usize,
     exposure: impl Fn(usize) -> f32,
     period: f32,
 ) -> Vec<Encoded> {
-    let turn = std::f32::consts::TAU / period;
-    let swing = move |t: f32| 6.0 * 0.5 / turn * (turn * t + 0.7).sin();
-    filmed(size, [8, 0], frames, exposure, move |t| [6.0 * t + swing(t), 0.0])
-}
-
-/// Frames of a photograph along a path, px from its corner at `start`, which is rounded.
-pub fn filmed(
-    (width, height): (usize, usize),
-    start: [usize; 2],
-    frames: usize,
-    exposure: impl Fn(usize) -> f32,
-    path: impl Fn(f32) -> [f32; 2],
-) -> Vec<Encoded> {
     /// The number of views of a frame interval.
     const VIEWS: usize = 64;
     let sharp = Camera { exposure: 0.0, sigma_at_infinity: 0.0, noise: 0.0, moves: false, ..CAMERA };
-    let photo =
-        Scene::new(1, (width + 7 * frames + start[0] + 12, height + 2 * start[1])).seen(0, &sharp, 0).frame;
+    let photo = Scene::new(1, (width + 7 * frames + 20, height)).seen(0, &sharp, 0).frame;
     let photo = photo.to_linear(Transfer::Srgb).0;
     let place = |t: f32| {
-        let [x, y] = path(t);
-        [x + start[0] as f32, y + start[1] as f32].map(|v| v.round() as usize)
+        let turn = std::f32::consts::TAU / period;
+        (6.0 * t + 6.0 * 0.5 / turn * (turn * t + 0.7).sin() + 8.0).round() as usize
     };
     let frame = |t: usize| {
         let views = (exposure(t) * VIEWS as f32) as usize;
         let at = |v: usize| place(t as f32 + 0.5 + (v as f32 + 0.5 - 0.5 * views as f32) / VIEWS as f32);
-        let ways: Vec<[usize; 2]> = (0..views).map(at).collect();
+        let ways: Vec<usize> = (0..views).map(at).collect();
         let light = Raster::from_fn(width, height, |x, y| {
             let mut sum = [0.0; 3];
-            ways.iter().for_each(|[u, v]| (0..3).for_each(|c| sum[c] += photo.at(x + u, y + v)[c]));
+            ways.iter().for_each(|way| (0..3).for_each(|c| sum[c] += photo.at(x + way, y)[c]));
             sum.map(|v: f32| v / views as f32)
         });
         let noise =

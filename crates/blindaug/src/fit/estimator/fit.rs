@@ -4,7 +4,7 @@ use super::{Estimator, FrameEvidence};
 use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseFit};
 use crate::fit::observation::{Curve, Diagnostics, Estimation, Family, Shot};
 use crate::fit::robust::median;
-use crate::fit::warnings::{coding_warning, few_frames, stabilised_warning};
+use crate::fit::warnings::{coding_warning, few_frames};
 use crate::fit::{agreement, bokeh, defocus, removal, sharpening, spectral, streaks, tiles};
 use crate::model::{
     CameraModel, Capture, DefocusCurve, DepthKind, Estimate, ExposureFraction, Method, MotionBlurModel,
@@ -46,7 +46,6 @@ impl Estimator {
                 if self.unfollowed == 1 { "its neighbour" } else { "their neighbours" }
             ));
         }
-        model.warnings.extend((!self.stabilised.is_empty()).then(stabilised_warning));
         let luma_noise = self.fit_noise(&mut model, &mut diagnostics);
         self.fit_exposure(&mut model, &mut diagnostics, luma_noise.as_ref())?;
         self.fit_defocus(&mut model, &mut diagnostics, luma_noise.as_ref())?;
