@@ -44,6 +44,11 @@ impl ActiveArea {
         (self.columns.clone(), self.rows.clone()) == (0..width, 0..height)
     }
 
+    /// A flow that was given, NaN outside the area; `None` if there is none or all of the frame is active.
+    pub fn flow_within(&self, flow: Option<&Flow>) -> Option<Flow> {
+        flow.and_then(|flow| self.motion(flow.size(), |x, y| flow.at(x, y)))
+    }
+
     /// The motion of a frame of this size, px, which is `of` within the area and NaN outside; `None` if all of the frame is active.
     pub fn motion(&self, size: (usize, usize), of: impl Fn(usize, usize) -> [f32; 2] + Sync) -> Option<Flow> {
         let at = |x, y| if self.holds((x, y), 1) { of(x, y) } else { [f32::NAN; 2] };

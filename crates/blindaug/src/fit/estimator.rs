@@ -248,7 +248,7 @@ impl Estimator {
             evidence.flow = None;
         }
         let active = ActiveArea::of(frame);
-        let within_bars = evidence.flow.and_then(|flow| active.motion(flow.size(), |x, y| flow.at(x, y)));
+        let within_bars = active.flow_within(evidence.flow);
         evidence.flow = within_bars.as_ref().or(evidence.flow);
         let index = self.given;
         self.given += 1;

@@ -269,8 +269,7 @@ impl Tracker {
         check_sizes(&mut self.size, observation)?;
         let mut observation = *observation;
         let given = observation.evidence.flow;
-        let active = ActiveArea::of(observation.frame);
-        let within_bars = given.and_then(|flow| active.motion(flow.size(), |x, y| flow.at(x, y)));
+        let within_bars = ActiveArea::of(observation.frame).flow_within(given);
         observation.evidence.flow = within_bars.as_ref().or(given);
         let FrameObservation { frame, next, previous, .. } = observation;
         let (width, height) = frame.0.size();
