@@ -8,6 +8,9 @@ use std::ops::Range;
 /// noisier along a whole row or column.
 const ALIKE: f32 = 2.5 / 255.0;
 
+/// The encoded value below which all is black, however noisy: the bars of an analogue recording are.
+const BLACK: f32 = 0.02;
+
 /// The rows and columns of a frame, px, that lie within its bars.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ActiveArea {
@@ -19,7 +22,10 @@ impl ActiveArea {
     /// The active area of a frame. A frame that is of one colour everywhere has no bars, but is its own active area.
     pub fn of(Encoded(frame): &Encoded) -> Self {
         let (w, h) = frame.size();
-        let alike = |a: [f32; 3], b: [f32; 3]| (0..3).all(|c| (a[c] - b[c]).abs() <= ALIKE);
+        let is_black = |p: [f32; 3]| p.iter().all(|&v| v < BLACK);
+        let alike = |a: [f32; 3], b: [f32; 3]| {
+            (0..3).all(|c| (a[c] - b[c]).abs() <= ALIKE) || is_black(a) && is_black(b)
+        };
         let rows = within(h, |edge, y| {
             let colour = frame.at(0, edge);
             frame.row(y).iter().all(|p| alike(*p, colour))
@@ -98,6 +104,15 @@ mod tests {
         let coded = barred(&both, [0.0; 3]).0;
         let coded = Raster::from_fn(96, 64, |x, y| coded.at(x, y).map(|v| v + ((x + y) % 3) as f32 / 255.0));
         assert_eq!(ActiveArea::of(&Encoded(coded)), both);
+        let noisy = barred(&both, [0.0; 3]).0;
+        let noisy = |peak: f32| {
+            let at =
+                |x: usize, y: usize| noisy.at(x, y).map(|v| v + peak * ((7 * x + 5 * y) % 11) as f32 / 10.0);
+            ActiveArea::of(&Encoded(Raster::from_fn(96, 64, at)))
+        };
+        assert_eq!(noisy(0.019), both);
+        // Negative control: noise that is brighter than black is a picture.
+        assert_eq!(noisy(0.03), all);
         assert_eq!(letterbox.and(&pillarbox), all);
         let motion = both.motion((96, 64), |_, _| [3.0, 0.0]).unwrap();
         assert!(motion.at(6, 30)[0].is_nan() && motion.at(7, 54) == [3.0, 0.0]);
