@@ -2,7 +2,7 @@
 
 use crate::{
     Error, IccProfile, Reading, Result,
-    error::guarded,
+    error::{guarded, one_line},
     exr,
     files::open_file,
     limits::{BYTES_PER_PIXEL, DEFLATE_RATIO, MAX_PIXELS, check_length, check_size, is_exr, pixels_in_words},
@@ -237,6 +237,8 @@ fn jpeg_is_whole(path: &Path) -> Result<bool> {
 fn from_image_error(path: &Path, e: ImageError) -> Error {
     match e {
         ImageError::Unsupported(e) => {
+            // The library lists the bits of each sample of a pixel, of which a damaged file may have thousands.
+            let e = one_line(&e.to_string());
             Error::new(path, format!("this variant of the format cannot be read ({e}); save it as PNG"))
         }
         ImageError::Limits(e) => Error::new(path, format!("the image is too large ({e})")),

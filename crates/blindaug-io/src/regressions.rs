@@ -49,6 +49,7 @@ fn files_of_before_are_read_or_end_in_a_sentence() {
             if let Err(e) = ended.unwrap_or_else(|_| panic!("{}: no end, or a panic", path.display())) {
                 let e = e.sentence();
                 assert!(!e.contains(char::is_control) && !e.ends_with('.'), "{}: {e}", path.display());
+                assert!(e.len() < 2000, "{}: a sentence of {} bytes", path.display(), e.len());
             }
         }
     }
