@@ -440,10 +440,12 @@ mod tests {
     #[test]
     fn a_shaking_hand_leaves_the_exposure_less_sure_but_covered() {
         let width = |v: &Value| v.interval[1] - v.interval[0];
-        let [steady, shaking] = [Hand::Steady, Hand::Shaking].map(|hand| estimated(hand, 0.5));
-        assert!(steady.covers(0.5) && shaking.covers(0.5), "{steady:?} {shaking:?}");
-        assert!((steady.estimate - 0.5).abs() < 0.06 && width(&steady) < 0.25, "{steady:?}");
-        assert!(width(&shaking) > 1.3 * width(&steady), "{steady:?} {shaking:?}");
+        // Streaks of about 4 px, whose zeros are seen: the texture could imitate shorter ones, so that they are unsure without shaking, too.
+        const TRUTH: f32 = 0.8;
+        let [steady, shaking] = [Hand::Steady, Hand::Shaking].map(|hand| estimated(hand, TRUTH));
+        assert!(steady.covers(TRUTH) && shaking.covers(TRUTH), "{steady:?} {shaking:?}");
+        assert!((steady.estimate - TRUTH).abs() < 0.04 && width(&steady) < 0.2, "{steady:?}");
+        assert!(width(&shaking) > 1.8 * width(&steady), "{steady:?} {shaking:?}");
     }
 
     #[test]

@@ -24,8 +24,13 @@ pub(super) const LONGEST: f32 = 1.15;
 /// The width of the interval, as an exposure fraction, above which an exposure is unknown.
 pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
 
-/// The length of a streak, px, that texture can hide or imitate.
-const HIDDEN_STREAK: f32 = 1.2;
+/// The lengths of a streak, px, that the picture's own softness can hide or imitate: where the zeros of the streak's spectrum are out of sight,
+/// and where they are seen. Only streaks have such zeros. Without them a streak is less power along the motion than across it, and the
+/// filters of cameras and scalers leave that, too, by up to the first of these lengths (docs/lab-log.md, "Short streaks").
+const HIDDEN_STREAK: (f32, f32) = (2.1, 1.2);
+
+/// The lengths of streaks, px, between which the first zero of their spectrum comes into sight.
+const ZERO_IN_SIGHT: (f32, f32) = (3.0, 4.5);
 
 /// The std of the exposure fraction that stands for errors of the models.
 pub(super) const EXPOSURE_FLOOR: f32 = 0.025;
@@ -204,11 +209,18 @@ fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
     within_a_frame(estimate, [likely().fold(f32::MAX, f32::min), likely().fold(0.0, f32::max)])
 }
 
-/// Widens an interval for streaks that texture hides or imitates: a streak adds to the variance that the texture has along it, so the
-/// squares of the lengths differ by the square of [`HIDDEN_STREAK`].
+/// Widens an interval for streaks that the picture's own softness hides or imitates: both blur along the motion, and their variances add, so
+/// the squares of the lengths differ by the square of a [`hidden_streak`].
 fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
-    let squared_error = (HIDDEN_STREAK / speed).powi(2);
-    [(low * low - squared_error).max(0.0).sqrt(), (high * high + squared_error).sqrt().min(1.0)]
+    let squared_error = |exposure: f32| (hidden_streak(exposure * speed) / speed).powi(2);
+    [(low * low - squared_error(low)).max(0.0).sqrt(), (high * high + squared_error(high)).sqrt().min(1.0)]
+}
+
+/// The length, px, of a streak that may be hidden in one of this length, px, or imitated by it ([`HIDDEN_STREAK`]).
+fn hidden_streak(length: f32) -> f32 {
+    let (begin, end) = ZERO_IN_SIGHT;
+    let in_sight = ((length - begin) / (end - begin)).clamp(0.0, 1.0);
+    HIDDEN_STREAK.0 + in_sight * (HIDDEN_STREAK.1 - HIDDEN_STREAK.0)
 }
 
 /// Raises the upper end of an interval for what a coder of this [`LumaNoise::coding_error`] does to streaks. It takes away fine detail, so that
