@@ -174,7 +174,8 @@ pub(super) fn exposure_interval(
 ) -> [f32; 2] {
     let bootstrapped = bootstrapped_exposure(estimate, parts, bootstraps, exposure_floor(coding_error));
     let likely = likely(estimate, sum, CLIP);
-    with_what_hides_streaks(bootstrapped, likely, coding_error, speed, even)
+    let interval = with_hidden_streak(hull(bootstrapped, likely), speed, even);
+    with_coded_streak(interval, coding_error, speed, even)
 }
 
 /// The std of the exposure fraction that stands for errors of the models and for those of a coder of this [`LumaNoise::coding_error`].
@@ -182,24 +183,24 @@ fn exposure_floor(coding_error: f32) -> f32 {
     EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR)
 }
 
-/// The hull of both intervals, with the exposures of streaks that texture or a coder hides.
-fn with_what_hides_streaks(a: [f32; 2], b: [f32; 2], coding_error: f32, speed: f32, even: bool) -> [f32; 2] {
-    let interval = with_hidden_streak([a[0].min(b[0]), a[1].max(b[1])], speed);
-    with_coded_streak(interval, coding_error, speed, even)
+fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
 }
 
 /// The 95 % interval of an exposure where motion is uneven, from the summed curve and the exposures of a bootstrap's replicas, by
-/// [`LumaNoise::coding_error`] and the [`typical_speed`].
+/// [`LumaNoise::coding_error`], the [`typical_speed`], and whether the flow shows that motion is uneven.
 pub(super) fn uneven_interval(
     estimate: f32,
     sum: &[f32],
     replicas: &[f32],
     coding_error: f32,
     speed: f32,
+    seen: bool,
 ) -> [f32; 2] {
     let bootstrapped = within_a_frame(estimate, interval(estimate, replicas, exposure_floor(coding_error)));
     let likely = likely(estimate, sum, UNEVEN_CLIP);
-    with_what_hides_streaks(bootstrapped, likely, coding_error, speed, false)
+    let interval = with_hidden_streak(hull(bootstrapped, likely), speed, !seen);
+    with_coded_streak(interval, coding_error, speed, false)
 }
 
 /// The least and the largest exposure that a curve finds less likely than the likeliest one by at most so many nats.
@@ -211,15 +212,16 @@ fn likely(estimate: f32, sum: &[f32], nats: f32) -> [f32; 2] {
 
 /// Widens an interval for streaks that the picture's own softness hides or imitates: both blur along the motion, and their variances add, so
 /// the squares of the lengths differ by the square of a [`hidden_streak`].
-fn with_hidden_streak([low, high]: [f32; 2], speed: f32) -> [f32; 2] {
-    let squared_error = |exposure: f32| (hidden_streak(exposure * speed) / speed).powi(2);
+fn with_hidden_streak([low, high]: [f32; 2], speed: f32, even: bool) -> [f32; 2] {
+    let squared_error = |exposure: f32| (hidden_streak(exposure * speed, even) / speed).powi(2);
     [(low * low - squared_error(low)).max(0.0).sqrt(), (high * high + squared_error(high)).sqrt().min(1.0)]
 }
 
-/// The length, px, of a streak that may be hidden in one of this length, px, or imitated by it ([`HIDDEN_STREAK`]).
-fn hidden_streak(length: f32) -> f32 {
+/// The length, px, of a streak that may be hidden in one of this length, px, or imitated by it ([`HIDDEN_STREAK`]). Where motion is uneven,
+/// streaks differ from frame to frame, which the picture's own softness does not.
+fn hidden_streak(length: f32, even: bool) -> f32 {
     let (begin, end) = ZERO_IN_SIGHT;
-    let in_sight = ((length - begin) / (end - begin)).clamp(0.0, 1.0);
+    let in_sight = if even { ((length - begin) / (end - begin)).clamp(0.0, 1.0) } else { 1.0 };
     HIDDEN_STREAK.0 + in_sight * (HIDDEN_STREAK.1 - HIDDEN_STREAK.0)
 }
 
@@ -249,7 +251,7 @@ pub(super) fn with_typical_frame(
     if of_frames.len() < fewest {
         return [low, high];
     }
-    let [l, h] = with_hidden_streak(interval_of_median(of_frames), speed);
+    let [l, h] = with_hidden_streak(interval_of_median(of_frames), speed, even);
     [low.min(l), high.max(h)]
 }
 
@@ -460,7 +462,7 @@ impl Uneven {
 
     fn interval(&self, estimate: f32, sum: &[f32], coding_error: f32, speed: f32) -> [f32; 2] {
         let replicas = par::map(UNEVEN_BOOTSTRAPS, |r| most_likely_exposure(&self.sum(Some(r))));
-        uneven_interval(estimate, sum, &replicas, coding_error, speed)
+        uneven_interval(estimate, sum, &replicas, coding_error, speed, self.seen)
     }
 }
 

@@ -155,7 +155,7 @@ pub(super) fn agreed(told: &[&Told], coding_error: f32) -> Option<ExposureFit> {
     per_frame.dedup_by_key(|f| f.0);
     Some(ExposureFit {
         exposure: ExposureFraction(estimate),
-        interval: uneven_interval(estimate, &sum, &replicas, coding_error, speed),
+        interval: uneven_interval(estimate, &sum, &replicas, coding_error, speed, true),
         samples: told.iter().map(|t| t.samples).sum(),
         curve: sum.iter().enumerate().map(|(i, v)| [i as f32 * EXPOSURE_STEP, v - most]).collect(),
         per_frame,
