@@ -1,6 +1,6 @@
 """The exposure that `blindaug estimate` tells where streaks are short.
 
-    short_streaks.py make OUT PHOTOGRAPH..        clips of each photograph, and their true exposures
+    short_streaks.py make OUT PHOTOGRAPH..        images of each photograph, moved, and their true exposures
     short_streaks.py measure BLINDAUG OUT         for each length of streak: how many exposures are known, how many intervals hold the truth, the mean error
 
 A photograph moves sideways or upwards by 6 whole px a frame; a frame is the mean, in light, over the first 1 to 5 of these places, with noise of a std of 2 of 255.
@@ -14,7 +14,6 @@ from clips import measure, read_truth, write, write_truth
 WIDTH, HEIGHT, FRAMES, SPEED, STREAKS = 360, 260, 6, 6, range(1, 6)
 DIRECTIONS = {"sideways": (1, 0), "upwards": (0, 1)}
 SCALES = {"native": 1, "enlarged": 1.4}
-LOSSLESS = ["-c:v", "ffv1", "-pix_fmt", "bgr0"]
 
 
 def light(path, scale):
@@ -53,7 +52,7 @@ def make(out, photographs):
                 for streak in STREAKS:
                     name = f"{os.path.splitext(os.path.basename(path))[0]}-{towards}-{kind}-{streak}"
                     if frames := film(scene, streak, direction, np.random.default_rng(5)):
-                        write(os.path.join(out, name + ".mkv"), frames, "rgb24", 24, LOSSLESS)
+                        write(os.path.join(out, name, "%04d.png"), frames, "rgb24", 24, [])
                         truth[name] = streak / SPEED
     write_truth(out, truth)
 
@@ -63,7 +62,7 @@ def measure_all(blindaug, out):
     for kind in SCALES:
         for streak in STREAKS:
             of = f"-{kind}-{streak}"
-            measure(blindaug, f"{kind}, {streak} px", [(name, os.path.join(out, name + ".mkv"), truth[name]) for name in truth if name.endswith(of)])
+            measure(blindaug, f"{kind}, {streak} px", [(name, os.path.join(out, name), truth[name]) for name in truth if name.endswith(of)])
 
 
 if __name__ == "__main__":
