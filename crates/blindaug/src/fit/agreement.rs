@@ -122,9 +122,8 @@ impl LensFit {
 
     /// Takes the intervals of a fit that may be as right into its own.
     pub(super) fn widen(&mut self, other: &Self) {
-        let hull = |own: &mut [f32; 2], other: [f32; 2]| *own = [own[0].min(other[0]), own[1].max(other[1])];
-        hull(&mut self.sigma_px_at_infinity, other.sigma_px_at_infinity);
-        hull(&mut self.focus_inverse_depth, other.focus_inverse_depth);
+        self.sigma_px_at_infinity = hull(self.sigma_px_at_infinity, other.sigma_px_at_infinity);
+        self.focus_inverse_depth = hull(self.focus_inverse_depth, other.focus_inverse_depth);
     }
 }
 
@@ -183,6 +182,7 @@ fn exposure_floor(coding_error: f32) -> f32 {
     EXPOSURE_FLOOR.portable_hypot(CODING_FLOOR * coding_error / MAX_CODING_ERROR)
 }
 
+/// The least interval that holds both.
 fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
@@ -241,7 +241,7 @@ fn with_coded_streak([low, high]: [f32; 2], coding_error: f32, speed: f32, even:
 /// contradict each other are less sure than their sum. A few frames show it only if motion is even; where it is not, they differ anyway, and
 /// the interval has room for that.
 pub(super) fn with_typical_frame(
-    [low, high]: [f32; 2],
+    interval: [f32; 2],
     of_frames: impl Iterator<Item = f32>,
     even: bool,
     speed: f32,
@@ -249,10 +249,9 @@ pub(super) fn with_typical_frame(
     let of_frames: Vec<f32> = of_frames.filter(|v| v.is_finite()).collect();
     let fewest = if even { 3 } else { 8 };
     if of_frames.len() < fewest {
-        return [low, high];
+        return interval;
     }
-    let [l, h] = with_hidden_streak(interval_of_median(of_frames), speed, even);
-    [low.min(l), high.max(h)]
+    hull(interval, with_hidden_streak(interval_of_median(of_frames), speed, even))
 }
 
 /// The typical speed of the observations, px per frame interval, from the sum of their [`ExposureObservation::speed`] and the sum of its
