@@ -3,6 +3,16 @@ import json, os, subprocess, tempfile
 import numpy as np
 
 
+def light_of_srgb(values):
+    """Light of encoded values in [0, 1]."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_of_light(light):
+    """Encoded values of light, which is not negative."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
 def write(path, frames, pixels, fps, coder):
     """Writes frames, of a height, a width and three channels in ffmpeg's format `pixels`, as a video or as images, by these options of ffmpeg."""
     frames = list(frames)

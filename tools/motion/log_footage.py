@@ -10,7 +10,7 @@ at a low gain: a std of 0.0034 at middle grey, in light, mostly of photons. Valu
 import os, sys, zlib
 import numpy as np
 from PIL import Image
-from clips import measure, read_truth, write, write_truth
+from clips import light_of_srgb, measure, read_truth, write, write_truth
 
 WIDTH, HEIGHT, FRAMES = 384, 288, 6
 READOUT, PHOTONS, WHITE = 0.0008, 6e-5, 1.2
@@ -18,8 +18,7 @@ KINDS = {"images": ("%04d.png", ["-pix_fmt", "rgb48be"]), "prores": ("clip.mov",
 
 
 def light(path):
-    values = np.asarray(Image.open(path).convert("RGB")) / 255
-    return WHITE * np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+    return WHITE * light_of_srgb(np.asarray(Image.open(path).convert("RGB")) / 255)
 
 
 def log_c3(light):

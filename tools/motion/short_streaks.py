@@ -9,7 +9,7 @@ A photograph moves sideways or upwards by 6 whole px a frame; a frame is the mea
 import os, sys
 import numpy as np
 from PIL import Image
-from clips import measure, read_truth, write, write_truth
+from clips import light_of_srgb, measure, read_truth, srgb_of_light, write, write_truth
 
 WIDTH, HEIGHT, FRAMES, SPEED, STREAKS = 360, 260, 6, 6, range(1, 6)
 DIRECTIONS = {"sideways": (1, 0), "upwards": (0, 1)}
@@ -22,25 +22,21 @@ def light(path, scale):
         image = image.resize((image.width // 2, image.height // 2), Image.BOX)
     if scale != 1:
         image = image.resize((int(scale * image.width), int(scale * image.height)), Image.BICUBIC)
-    values = np.asarray(image) / 255
-    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+    return light_of_srgb(np.asarray(image) / 255)
 
 
-def encoded(light):
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+def margins(scene, direction):
+    """What the photograph is larger than the frames and the way, px, to the right and down."""
+    return [side - frame - towards * SPEED * FRAMES for side, frame, towards in zip(scene.shape[1::-1], (WIDTH, HEIGHT), direction)]
 
 
-def film(scene, streak, direction, noise):
-    """The frames; `None` if the photograph is too small."""
-    right, down = direction
-    way = SPEED * FRAMES
-    left, top = (scene.shape[1] - WIDTH - right * way) // 2, (scene.shape[0] - HEIGHT - down * way) // 2
-    if left < 0 or top < 0:
-        return None
+def film(scene, streak, direction):
+    (left, top), (right, down), noise = [margin // 2 for margin in margins(scene, direction)], direction, np.random.default_rng(5)
     view = lambda at: scene[top + down * at:, left + right * at:][:HEIGHT, :WIDTH]
-    means = [sum(view(SPEED * frame + place) for place in range(streak)) / streak for frame in range(FRAMES)]
-    noisy = [encoded(mean) + noise.normal(size=mean.shape) * 2 / 255 for mean in means]
-    return [(np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8) for values in noisy]
+    for frame in range(FRAMES):
+        mean = sum(view(SPEED * frame + place) for place in range(streak)) / streak
+        noisy = srgb_of_light(mean) + noise.normal(size=mean.shape) * 2 / 255
+        yield (np.clip(noisy, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def make(out, photographs):
@@ -49,11 +45,13 @@ def make(out, photographs):
         for kind, scale in SCALES.items():
             scene = light(path, scale)
             for towards, direction in DIRECTIONS.items():
+                if min(margins(scene, direction)) < 0:
+                    print(f"{path}, {kind}, {towards}: too small, left out")
+                    continue
                 for streak in STREAKS:
                     name = f"{os.path.splitext(os.path.basename(path))[0]}-{towards}-{kind}-{streak}"
-                    if frames := film(scene, streak, direction, np.random.default_rng(5)):
-                        write(os.path.join(out, name, "%04d.png"), frames, "rgb24", 24, [])
-                        truth[name] = streak / SPEED
+                    write(os.path.join(out, name, "%04d.png"), film(scene, streak, direction), "rgb24", 24, [])
+                    truth[name] = streak / SPEED
     write_truth(out, truth)
 
 

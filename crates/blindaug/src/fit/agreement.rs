@@ -25,7 +25,7 @@ pub(super) const LONGEST: f32 = 1.15;
 pub(super) const MAX_UNCERTAINTY: f32 = 0.7;
 
 /// The lengths of a streak, px, that the picture's own softness can hide or imitate: where the zeros of the streak's spectrum are out of sight,
-/// and where they are seen. Only streaks have such zeros. Without them a streak is less power along the motion than across it, and the
+/// and where they are seen. Little else has such zeros. Without them a streak is less power along the motion than across it, and the
 /// filters of cameras and scalers leave that, too, by up to the first of these lengths (docs/lab-log.md, "Short streaks").
 const HIDDEN_STREAK: (f32, f32) = (2.1, 1.2);
 
