@@ -213,8 +213,7 @@ pub fn depth(value: &Bound<'_, PyAny>, name: &str, size: (usize, usize), unit: D
     let known = |d: f32| if d.is_finite() { d } else { f32::NAN };
     Ok(plane.map(|v| match unit {
         DepthUnit::Metres => inverse_of_metric(v),
-        DepthUnit::Inverse => known(if v >= 0.0 { v } else { f32::NAN }),
-        DepthUnit::RelativeInverse => known(v),
+        DepthUnit::Inverse | DepthUnit::RelativeInverse => known(if v >= 0.0 { v } else { f32::NAN }),
     }))
 }
 
@@ -289,7 +288,7 @@ pub fn layer(
             *p = [r, g, b, p[3]];
         }
     }
-    Ok(Premultiplied(raster(size, name, pixels)?))
+    Ok(Premultiplied::from_render(raster(size, name, pixels)?))
 }
 
 /// A sharp render of the local scene, as sRGB in the primaries of the plate: integers are sRGB, floats are light of `space`.

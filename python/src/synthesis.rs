@@ -305,7 +305,7 @@ pub fn composite<'py>(
     let (frames, layers) = listener.run(py, || {
         let track = match cam {
             Some(cam) => in_metres(given.fitted(cam, &fitting, &listener)?, "cam", None)?,
-            None => naive(size).into(),
+            None => naive(size, transfer).into(),
         };
         let layers = given.side(FrameLayer::from(layer));
         let scene = Scene {

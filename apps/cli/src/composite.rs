@@ -9,18 +9,18 @@ use crate::{
     source::{SourceArgs, linear_space},
 };
 use blindaug::{
-    Transfer,
+    Flow, Transfer,
     colour_space::ColourSpace,
     composite::CompositeOptions,
     model::{CameraTrack, DepthKind, KnownDistance, SceneScale},
     synth::SynthesisOptions,
 };
 use blindaug_io::{
-    Coding, DepthFormat, Error, FileKind, FrameFormat, FrameSource, Inputs, MatteSide, NamePattern,
-    SideFolder, read_camera_track,
+    Coding, Error, FileKind, FrameFormat, FrameSource, Inputs, MatteSide, NamePattern, SideFolder,
+    VirtualLayerFile, read_camera_track,
 };
 use blindaug_pipeline::{
-    BoxedSide, ByHand, ImageFiles, Made, Output,
+    BoxedSide, ImageFiles, Made, Output,
     composite::{
         self, DepthMaps, Fitting, FrameLayer, LayerDepth, LayerMotion, Product, Rendered, Scene,
         UnknownExposure, fitted_to, in_metres, naive,
@@ -284,23 +284,21 @@ impl Look {
         clip: &dyn blindaug_pipeline::Clip,
         match_at: Option<[f32; 2]>,
     ) -> Result<(CameraTrack, Option<SceneScale>)> {
-        self.fitted_with(track, path, clip, (self.by_hand.parts(), match_at))
+        let fitting = Fitting { match_at, by_hand: self.by_hand.parts(), ..self.of_scene() };
+        Ok(fitted_to(track, &shown(path), clip, &fitting, CONSOLE)?)
     }
 
-    fn fitted_with(
-        &self,
-        track: CameraTrack,
-        path: &Path,
-        clip: &dyn blindaug_pipeline::Clip,
-        (by_hand, match_at): (ByHand, Option<[f32; 2]>),
-    ) -> Result<(CameraTrack, Option<SceneScale>)> {
-        let unknown = match self.unknown {
+    /// What brings a model of the clip's own camera to metres.
+    fn of_scene(&self) -> Fitting {
+        let known = self.at.clone();
+        Fitting { scale: self.scene_scale, known, unknown: self.unknown(), ..Fitting::default() }
+    }
+
+    fn unknown(&self) -> UnknownExposure {
+        match self.unknown {
             UnknownArg::Leave => UnknownExposure::Left,
             UnknownArg::Middle => UnknownExposure::Middle,
-        };
-        let (scale, known) = (self.scene_scale, self.at.clone());
-        let fitting = Fitting { scale, known, match_at, by_hand, unknown };
-        Ok(fitted_to(track, &shown(path), clip, &fitting, CONSOLE)?)
+        }
     }
 }
 
@@ -354,7 +352,8 @@ pub fn run(args: &Composite) -> Result<()> {
         HoldoutArg::Behind => MatteSide::Behind,
     };
     let holdout = args.holdout.as_ref().map(|path| SideFolder::mattes(path, side)).transpose()?.map(boxed);
-    let (size, expected) = (footage.size(), args.output.expected(&footage));
+    let (size, transfer, expected) =
+        (footage.size(), footage.space().transfer, args.output.expected(&footage));
     let files = args.output.files(&footage, args.layer)?;
     // The frames' surroundings go on into composites. A layer has its own.
     let files = match args.layer {
@@ -369,7 +368,7 @@ pub fn run(args: &Composite) -> Result<()> {
             let (track, scale) = args.look.fitted(track, path, &*footage, args.match_at)?;
             (in_metres(track, &shown(path), scale)?, scale)
         }
-        None => (naive(size).into(), args.look.scene_scale),
+        None => (naive(size, transfer).into(), args.look.scene_scale),
     };
     let depth = depth.map(|(maps, kind)| DepthMaps::in_metres(Box::new(maps), kind, scale)).transpose()?;
     let layer_depth = args.layer_depth.or(args.match_at.map(|_| LayerDepth::any(depth.is_some())));
@@ -444,30 +443,19 @@ impl FramesArgs {
     /// Opens a clip with the depth and the flow that are given beside it. EXR frames may have their own.
     fn clip(&self, input: &Path, camera: (&CameraTrack, &Path)) -> Result<Clip> {
         let clip = encoded_for(self.output.source.open(input)?, Some(camera));
-        let own = clip.exr_contents();
         let flow = match (&self.flow, self.depth.folder()) {
             (Some(path), _) => Some(opened(SideFolder::flow(path)?)),
             (None, Some(depth)) => SideFolder::flow(depth).ok().map(opened),
-            (None, None) if own.is_some_and(|own| own.flow) => Some(opened(SideFolder::flow(input)?)),
-            (None, None) => None,
+            (None, None) => SideFolder::<Flow>::of_frames(&clip).map(opened),
         };
-        let depth = match self.depth.open()? {
-            None if own.is_some_and(|own| own.depth) => {
-                let maps = SideFolder::depth(input, DepthFormat::default())?;
-                Some((opened(maps), DepthKind::Metric))
-            }
-            given => given,
-        };
+        let own_depth = || Some((opened(SideFolder::depth_of_frames(&clip)?), DepthKind::Metric));
+        let depth = self.depth.open()?.or_else(own_depth);
         check_match(&clip, depth.as_ref().map(|d| &d.0 as _))?;
         check_match(&clip, flow.as_ref().map(|f| f as _))?;
         let (expected, files) = (self.output.expected(&clip), self.output.files(&clip, false)?);
         let unclipped = is_unclipped(&clip, &files);
-        let layers = match own {
-            Some(own) if own.alpha && unclipped => {
-                Some(Box::new(SideFolder::virtual_layers(input)?) as BoxedSide<FrameLayer>)
-            }
-            _ => None,
-        };
+        let own_layers = || SideFolder::<VirtualLayerFile>::of_frames(&clip);
+        let layers = unclipped.then(own_layers).flatten().map(|own| Box::new(own) as BoxedSide<FrameLayer>);
         let rendered = Rendered {
             clip: Box::new(clip),
             layers,
@@ -497,9 +485,10 @@ pub fn run_match(args: &Match) -> Result<()> {
             ),
         ));
     }
-    let (source, scale) = look.fitted_with(track, from, &*footage.clip, (ByHand::default(), None))?;
-    // What is set by hand is the look that is wanted.
-    let (target, _) = look.fitted(wanted, to, &*footage.clip, None)?;
+    let (source, scale) = fitted_to(track, &shown(from), &*footage.clip, &look.of_scene(), CONSOLE)?;
+    // What is set by hand is the look that is wanted. The places whose distance is known, and the scale, are those of the footage.
+    let fitting = Fitting { by_hand: look.by_hand.parts(), unknown: look.unknown(), ..Fitting::default() };
+    let (target, _) = fitted_to(wanted, &shown(to), &*footage.clip, &fitting, CONSOLE)?;
     let [target] = target.frames() else {
         return Err(failure(
             to,

@@ -207,7 +207,7 @@ pub fn run(args: &Demo) -> Result<()> {
         stop_if_interrupted(out)?;
         Ok::<_, Failure>(made.frames)
     };
-    let naive = made(&composite::naive(size), false)?;
+    let naive = made(&composite::naive(size, blind.transfer), false)?;
     let composites = made(&blind, true)?;
     for (name, frames) in [("naive", &naive), ("composite", &composites)] {
         let folder = out.join(name);

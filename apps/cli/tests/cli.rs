@@ -981,6 +981,33 @@ fn apply_takes_the_depth_and_the_motion_of_exr_frames() {
     assert!((sum(&soft) / sum(&sharp) - 1.0).abs() < 0.1, "{} and {}", sum(&soft), sum(&sharp));
     assert!(soft.color.0.data().iter().all(|p| p[3] > 0.0 || p[..3] == [0.0; 3]));
     assert!(differs(&own, &read_linear(asset("virtual/0002.exr")).unwrap()) > 0.1, "it is blurred");
+    // Counted from another number on, or in other primaries, each frame still has its own depth, motion and alpha.
+    succeeds(d, &format!("apply {rendered} --camera c.json -o counted --first 11 --frames 12..12"));
+    succeeds(
+        d,
+        &format!("apply {rendered} --camera c.json -o wide --frames 2..2 --colour-space acescg"),
+    );
+    assert_eq!(read_linear(d.join("counted/0012.exr")).unwrap(), own);
+    assert_eq!(read_linear(d.join("wide/0002.exr")).unwrap(), own);
+}
+
+#[test]
+fn an_object_is_pasted_on_in_the_encoding_of_the_frames() {
+    let dir = TempDir::new().unwrap();
+    let d = dir.path();
+    let mut nothing = camera(272, 272, DepthKind::Metric);
+    nothing.transfer = Transfer::SLog3;
+    nothing.noise = Estimate::unknown(Reason::Flat, "");
+    nothing.motion_blur = Estimate::unknown(Reason::NoMotion, "");
+    nothing.defocus = Estimate::unknown(Reason::NoDepth, "");
+    write_camera(d.join("c.json"), &nothing).unwrap();
+    let f = format!("composite {} --frames 2..2 --colour-space s-log3", demo_arguments());
+    succeeds(d, &format!("{f} --naive -o pasted"));
+    succeeds(d, &format!("{f} --camera c.json -o nothing"));
+    succeeds(d, &format!("composite {} --frames 2..2 --naive -o srgb", demo_arguments()));
+    let read = |folder: &str| read_frame(d.join(folder).join("0002.png")).unwrap();
+    assert_eq!(read("pasted"), read("nothing"));
+    assert_ne!(read("pasted"), read("srgb"));
 }
 
 #[test]

@@ -27,9 +27,10 @@ use ::exr::{
     prelude::f16,
 };
 use blindaug::{
-    Flow, Linear, Overscan, Plane, Premultiplied, Raster,
+    BRIGHTEST, Flow, Linear, Overscan, Plane, Premultiplied, Raster,
     colour_space::{ColourSpace, Primaries},
     composite::DistortedLayer,
+    finite_light,
     model::{PIXEL_ASPECTS, inverse_of_metric},
 };
 use rayon::prelude::*;
@@ -38,9 +39,6 @@ use std::{
     io::{BufReader, BufWriter, Write as _},
     path::Path,
 };
-
-/// The largest finite 16-bit float. Brighter values are clamped to it, so that sums over a renderer's fireflies stay finite.
-const BRIGHTEST: f32 = 65_504.0;
 
 /// The depth, m, that is written where there is nothing, as renderers do.
 const NOTHING: f32 = 1e10;
@@ -104,16 +102,10 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let planes = file.read(&picks, overscan)?;
     let not_numbers = few(path, bad_pixels(&planes[..4], Some(&planes[3])))?;
     let rest = &planes[4 + depth.iter().len()..];
-    let color = Raster::from_fn(planes[0].width(), planes[0].height(), |x, y| {
-        let a = planes[3].at(x, y);
-        [0, 1, 2, 3].map(|c| match c {
-            3 if a.is_nan() => 0.0,
-            3 => a.clamp(0.0, 1.0),
-            c => light(planes[c].at(x, y), 0.0),
-        })
-    });
+    let (width, height) = planes[0].size();
+    let color = Raster::from_fn(width, height, |x, y| [0, 1, 2, 3].map(|c| planes[c].at(x, y)));
     Ok(VirtualLayerFile {
-        color: Premultiplied(color),
+        color: Premultiplied::from_render(color),
         inverse_depth: depth.map(|_| planes[4].map(inverse_of_metric)),
         flow: flow.map(|f| f.join(&rest[0], &rest[1])),
         overscan,
@@ -376,7 +368,8 @@ fn colour_of(
     };
     let not_numbers = few(path, bad_pixels(&planes, alpha.as_ref()))?;
     let least = if below_zero { -BRIGHTEST } else { 0.0 };
-    let colour = Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| light(planes[c].at(x, y), least)));
+    let colour =
+        Raster::from_fn(width, height, |x, y| [0, 1, 2].map(|c| finite_light(planes[c].at(x, y), least)));
     Ok((Linear(colour), not_numbers))
 }
 
@@ -417,11 +410,6 @@ pub(crate) fn read_flow(path: &Path) -> Result<Flow> {
     };
     let p = file.read(&flow.channels, Overscan::default())?;
     Ok(flow.join(&p[0], &p[1]))
-}
-
-/// A light value, where NaN becomes 0 and all else is clamped between `least` and [`BRIGHTEST`].
-pub(crate) fn light(v: f32, least: f32) -> f32 {
-    if v.is_nan() { 0.0 } else { v.clamp(least, BRIGHTEST) }
 }
 
 /// A channel: the index of its header, its index in that header, and its name with the layer's name in front.

@@ -19,7 +19,9 @@ use ::image::{
     },
     metadata::Orientation,
 };
-use blindaug::{Encoded, Linear, Plane, Raster, Transfer, byte_from_encoded, word_from_encoded};
+use blindaug::{
+    Encoded, Linear, Plane, Raster, Transfer, byte_from_encoded, finite_light, word_from_encoded,
+};
 use std::{
     cell::RefCell,
     fs::File,
@@ -267,7 +269,7 @@ fn encoded_from_image(
     let mut not_numbers = 0;
     if is_float {
         not_numbers = few(path, values.data().iter().map(|p| p.iter().any(|v| v.is_nan())))?;
-        values = values.map(|p| p.map(|v| exr::light(v, 0.0)));
+        values = values.map(|p| p.map(|v| finite_light(v, 0.0)));
     }
     Ok((Encoded(values), not_numbers))
 }

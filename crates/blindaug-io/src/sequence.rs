@@ -8,6 +8,7 @@ use crate::{
     image::{frame_size, has_colour, icc_profile},
     limits::is_exr,
     not_numbers::NotNumbers,
+    side::Files,
     video::{Video, VideoFrames},
 };
 use blindaug::{Encoded, Frame, Transfer, colour_space::ColourSpace, text::one_line};
@@ -309,12 +310,24 @@ impl FrameSource {
     where
         R: Fn(&Path) -> Result<ExrHead> + Send,
     {
-        let files: BTreeMap<u64, PathBuf> = match &self.kind {
-            Kind::Images { files, .. } if self.format.is_exr() => files.iter().cloned().collect(),
-            _ => BTreeMap::new(),
-        };
+        let files = self.exr_images().unwrap_or_default();
         // A file without a head that can be read is no frame, which is said when it is read as one.
         move |number| read(files.get(&number)?).ok()
+    }
+
+    /// The images of the range, and those next to it, by their numbers; `None` if they are no EXR files.
+    fn exr_images(&self) -> Option<BTreeMap<u64, PathBuf>> {
+        match &self.kind {
+            Kind::Images { files, before, after } if self.format.is_exr() => {
+                Some(before.iter().chain(files).chain(after).cloned().collect())
+            }
+            _ => None,
+        }
+    }
+
+    /// The EXR files of the frames, for what they hold beside the frames; `None` unless the first of them holds it.
+    pub(crate) fn exr_files(&self, holds: impl FnOnce(ExrContents) -> bool) -> Option<Files> {
+        holds(self.exr_contents()?).then(|| self.exr_images().map(Files::Numbered))?
     }
 
     /// The width of a pixel over its height, as the picture is shown, if the head of the first EXR file or of a video tells it. (The built-in

@@ -1,7 +1,8 @@
 //! Side folders: depth, flow and other data of frames, matched to the frames by number.
 
 use crate::{
-    DepthFormat, DepthValues, Error, NamePattern, Reading, Result, VirtualLayerFile, exr, exr_contents,
+    DepthFormat, DepthValues, Error, FrameSource, NamePattern, Reading, Result, VirtualLayerFile, exr,
+    exr_contents,
     files::{changed, check_regular, has_extension},
     image,
     limits::is_exr,
@@ -47,7 +48,8 @@ struct SideKind<T> {
     size_of: fn(&T) -> (usize, usize),
 }
 
-enum Files {
+/// The files of a side folder.
+pub(crate) enum Files {
     Numbered(BTreeMap<u64, PathBuf>),
     One(PathBuf),
 }
@@ -119,17 +121,7 @@ impl SideFolder<Plane> {
     /// # Errors
     /// If there is no such folder or no depth in it, or two files have the same number.
     pub fn depth(path: impl AsRef<Path>, format: DepthFormat) -> Result<Self> {
-        // The scale is said only of integer files, since EXR has metres.
-        let unit = |files: &Files| match (
-            format.values,
-            files.first().is_some_and(|path| has_extension(path, &["exr"])),
-        ) {
-            (DepthValues::Metric, true) => "in metres".into(),
-            (DepthValues::Metric, false) => format!("{} units a metre", format.per_metre),
-            (DepthValues::Inverse, true) => "inverse depth in 1/m".into(),
-            (DepthValues::Inverse, false) => format!("inverse depth, {} units for 1/m", format.per_metre),
-            (DepthValues::RelativeInverse, _) => "relative inverse depth".into(),
-        };
+        let unit = |files: &Files| Self::depth_unit(files, format);
         let files = |path: &Path, notes: &mut Vec<String>| {
             let exr = numbered_files(path, &["exr"], notes)?;
             let has_z = match exr.values().next() {
@@ -145,9 +137,32 @@ impl SideFolder<Plane> {
             }
             Ok(files)
         };
-        let accepted = "EXR with a channel Z, PGM, PNG or TIFF";
-        let kind = SideKind { what: "depth", accepted, size_of: Plane::size };
-        Self::open(path.as_ref(), kind, files, all_numbers(move |p| read_inverse_depth(p, format)), unit)
+        let read = all_numbers(move |p| read_inverse_depth(p, format));
+        Self::open(path.as_ref(), Self::DEPTH, files, read, unit)
+    }
+
+    /// The depth in the files of these frames, in metres there; `None` unless the first of them is an EXR file with `Z`.
+    pub fn depth_of_frames(frames: &FrameSource) -> Option<Self> {
+        let format = DepthFormat::default();
+        let (files, read) =
+            (frames.exr_files(|has| has.depth)?, all_numbers(move |p| read_inverse_depth(p, format)));
+        let unit = |files: &Files| Self::depth_unit(files, format);
+        Some(Self::new(frames.path(), Self::DEPTH, files, read, vec![], unit))
+    }
+
+    const DEPTH: SideKind<Plane> =
+        SideKind { what: "depth", accepted: "EXR with a channel Z, PGM, PNG or TIFF", size_of: Plane::size };
+
+    fn depth_unit(files: &Files, format: DepthFormat) -> String {
+        // The scale is said only of integer files, since EXR has metres.
+        let is_exr = files.first().is_some_and(|path| has_extension(path, &["exr"]));
+        match (format.values, is_exr) {
+            (DepthValues::Metric, true) => "in metres".into(),
+            (DepthValues::Metric, false) => format!("{} units a metre", format.per_metre),
+            (DepthValues::Inverse, true) => "inverse depth in 1/m".into(),
+            (DepthValues::Inverse, false) => format!("inverse depth, {} units for 1/m", format.per_metre),
+            (DepthValues::RelativeInverse, _) => "relative inverse depth".into(),
+        }
     }
 
     /// Opens inverse depth that [`crate::EvidenceWriter`] wrote, in its own unit: `scale` is the inverse depth of the largest integer; 0 is
@@ -221,10 +236,23 @@ impl SideFolder<Flow> {
                 _ => numbered_files(path, &["flo"], notes),
             }
         };
-        let unit = |_: &Files| "px to the next frame".into();
-        let accepted = ".flo, or EXR with channels forward.u and forward.v";
-        let kind = SideKind { what: "flow", accepted, size_of: Flow::size };
-        Self::open(path.as_ref(), kind, files, all_numbers(|p| read_flow(p)), unit)
+        Self::open(path.as_ref(), Self::KIND, files, all_numbers(|p| read_flow(p)), Self::unit)
+    }
+
+    /// The optical flow in the files of these frames; `None` unless the first of them is an EXR file with flow.
+    pub fn of_frames(frames: &FrameSource) -> Option<Self> {
+        let files = frames.exr_files(|has| has.flow)?;
+        Some(Self::new(frames.path(), Self::KIND, files, all_numbers(|p| read_flow(p)), vec![], Self::unit))
+    }
+
+    const KIND: SideKind<Flow> = SideKind {
+        what: "flow",
+        accepted: ".flo, or EXR with channels forward.u and forward.v",
+        size_of: Flow::size,
+    };
+
+    fn unit(_: &Files) -> String {
+        "px to the next frame".into()
     }
 }
 
@@ -247,7 +275,30 @@ impl SideFolder<VirtualLayerFile> {
         said: Option<ColourSpace>,
         primaries: Primaries,
     ) -> Result<Self> {
-        let read = move |path: &Path| {
+        let files = |path: &Path, notes: &mut Vec<String>| numbered_files(path, &["exr"], notes);
+        Self::open(path.as_ref(), Self::KIND, files, Self::reader(said, primaries), Self::unit)
+    }
+
+    /// The frames themselves, as layers whose light is in the primaries of the frames; `None` unless the first of them is an EXR file with
+    /// alpha.
+    pub fn of_frames(frames: &FrameSource) -> Option<Self> {
+        let files = frames.exr_files(|has| has.alpha)?;
+        let read = Self::reader(frames.reading().exr, frames.space().primaries);
+        Some(Self::new(frames.path(), Self::KIND, files, read, vec![], Self::unit))
+    }
+
+    const KIND: SideKind<VirtualLayerFile> = SideKind {
+        what: "virtual layers",
+        accepted: "EXR with channels R G B A",
+        size_of: |v| v.overscan.frame_size(v.color.0.size()),
+    };
+
+    fn unit(_: &Files) -> String {
+        "premultiplied, scene-linear".into()
+    }
+
+    fn reader(said: Option<ColourSpace>, primaries: Primaries) -> Reader<VirtualLayerFile> {
+        Box::new(move |path| {
             let mut layer = read_virtual_layer(path)?;
             let own = Reading { exr: said, ..Reading::default() }.space_of(path)?.primaries;
             if let Some(m) = conversion(own, primaries) {
@@ -258,12 +309,7 @@ impl SideFolder<VirtualLayerFile> {
             }
             let not_numbers = layer.not_numbers;
             Ok((layer, not_numbers))
-        };
-        let files = |path: &Path, notes: &mut Vec<String>| numbered_files(path, &["exr"], notes);
-        let accepted = "EXR with channels R G B A";
-        let size_of = |v: &VirtualLayerFile| v.overscan.frame_size(v.color.0.size());
-        let kind = SideKind { what: "virtual layers", accepted, size_of };
-        Self::open(path.as_ref(), kind, files, Box::new(read), |_| "premultiplied, scene-linear".into())
+        })
     }
 }
 
@@ -275,7 +321,6 @@ impl<T> SideFolder<T> {
         read: Reader<T>,
         unit: impl FnOnce(&Files) -> String,
     ) -> Result<Self> {
-        let what = kind.what;
         let mut notes = Vec::new();
         let files = if let Some(pattern) = NamePattern::of(path) {
             Files::Numbered(pattern.files()?)
@@ -284,7 +329,7 @@ impl<T> SideFolder<T> {
             if files.is_empty() {
                 return Err(Error::new(
                     path,
-                    format!("the folder has no files with {what} ({})", kind.accepted),
+                    format!("the folder has no files with {} ({})", kind.what, kind.accepted),
                 ));
             }
             Files::Numbered(files)
@@ -292,6 +337,17 @@ impl<T> SideFolder<T> {
             check_regular(path, &path.metadata().map_err(|e| Error::cannot_read(path, &e))?)?;
             Files::One(path.into())
         };
+        Ok(Self::new(path, kind, files, read, notes, unit))
+    }
+
+    fn new(
+        path: &Path,
+        kind: SideKind<T>,
+        files: Files,
+        read: Reader<T>,
+        mut notes: Vec<String>,
+        unit: impl FnOnce(&Files) -> String,
+    ) -> Self {
         let said = match &files {
             Files::Numbered(files) => {
                 let extension =
@@ -305,8 +361,8 @@ impl<T> SideFolder<T> {
             }
             Files::One(_) => "one file, for every frame".into(),
         };
-        notes.insert(0, format!("{what}: {said}, {}", unit(&files)));
-        Ok(Self { path: path.into(), kind, files, read, notes, not_numbers: NotNumbers::default() })
+        notes.insert(0, format!("{}: {said}, {}", kind.what, unit(&files)));
+        Self { path: path.into(), kind, files, read, notes, not_numbers: NotNumbers::default() }
     }
 
     /// The path of the folder, or of the single file.

@@ -26,9 +26,36 @@ const DISTORTED_LAYER: u64 = 88;
 /// Bytes per pixel of a frame with alpha while it is distorted, which may change all of it, beside the layer that comes out.
 const WITH_ALPHA: u64 = 324 + DISTORTED_LAYER;
 
-/// A camera that distorts nothing.
-pub fn naive((width, height): (usize, usize)) -> CameraModel {
-    CameraModel::unknown(Capture { width, height, fps: None, frames_used: 0, pixel_aspect: 1.0 }, "naive")
+/// The share of a virtual layer with light but without alpha, above which its alpha may be straight rather than premultiplied.
+const MUCH_LIGHT_ALONE: f32 = 0.02;
+
+/// A camera that distorts nothing, for frames of this width and height, px, encoded like this.
+pub fn naive((width, height): (usize, usize), transfer: Transfer) -> CameraModel {
+    let capture = Capture { width, height, fps: None, frames_used: 0, pixel_aspect: 1.0 };
+    let mut model = CameraModel::unknown(capture, "naive");
+    model.transfer = transfer;
+    model
+}
+
+/// A model for a clip's frames of this width and height, px, and with pixels of this width over height, if it is known. A model of frames of
+/// the same size with square pixels says nothing of its pixels' shape, which is then taken to be that of the clip.
+pub fn sized_to(
+    model: &CameraModel,
+    (width, height): (usize, usize),
+    pixel_aspect: Option<f32>,
+) -> CameraModel {
+    let as_if_square = says_nothing_of_pixels(&model.capture, (width, height));
+    let own = model.capture.pixel_aspect;
+    let scaled = model.scaled_to(width, height);
+    match pixel_aspect.filter(|&aspect| aspect != own) {
+        None => scaled,
+        Some(aspect) if as_if_square => scaled.measured_in_pixels_of(aspect),
+        Some(aspect) => scaled.with_pixel_aspect(aspect),
+    }
+}
+
+fn says_nothing_of_pixels(capture: &Capture, size: (usize, usize)) -> bool {
+    (capture.width, capture.height) == size && capture.pixel_aspect == 1.0
 }
 
 /// Real inverse depth, converted to the unit in which it is needed.
@@ -134,18 +161,13 @@ pub fn fitted_to(
             );
         }
     }
-    let mut track = track.map(|m| m.scaled_to(width, height));
     if let Some(aspect) = clip.pixel_aspect().filter(|&aspect| aspect != pixel_aspect) {
-        let as_if_square = (w, h) == (width, height) && pixel_aspect == 1.0;
-        observer.note(&match as_if_square {
+        observer.note(&match says_nothing_of_pixels(&track.frames()[0].camera.capture, clip.size()) {
             true => format!("{name}: says nothing of its pixels' shape, which is taken to be that of these frames, {aspect} to 1"),
             false => format!("{name}: for pixels of {pixel_aspect} to 1; its blur is scaled to pixels of {aspect} to 1"),
         });
-        track = track.map(|m| match as_if_square {
-            true => m.measured_in_pixels_of(aspect),
-            false => m.with_pixel_aspect(aspect),
-        });
     }
+    let mut track = track.map(|m| sized_to(&m, clip.size(), clip.pixel_aspect()));
     let scale = match &fitting.known[..] {
         [] => fitting.scale,
         known => {
@@ -394,6 +416,13 @@ impl Scene {
         };
         let no_matte = self.holdout.is_some() && holdout.is_none();
         missing.check(no_matte, number, "no matte", "the object is not held out");
+        let alone = layer.color.share_of_light_alone();
+        missing.check(
+            alone > MUCH_LIGHT_ALONE,
+            number,
+            &format!("{:.0} % of its virtual layer is light where alpha is 0", 100.0 * alone),
+            "that is added, as the light of fire is; if the layer's alpha is straight, premultiply it",
+        );
         self.complete(layer, overscan, (inverse_depth.as_ref(), flow.as_ref()));
         let is_seen = || layer.color.0.data().iter().any(|p| p[3] > 0.0);
         let no_flow = match &layer.flow {

@@ -14,6 +14,41 @@ pub struct Linear(pub Raster<[f32; 3]>);
 #[derive(Clone, Debug, PartialEq)]
 pub struct Premultiplied(pub Raster<[f32; 4]>);
 
+impl Premultiplied {
+    /// The alpha of light that covers nothing, such as that of fire, flares and glows. Where alpha is 0 there is no layer.
+    pub const LIGHT_ALONE: f32 = 1e-4;
+
+    /// A layer from premultiplied R, G, B and A in linear light as renderers give them: light becomes [`finite_light`] of at least 0, and
+    /// alpha is clamped to [0, 1], where NaN becomes 0. Light that covers nothing is kept: it gets an alpha of
+    /// [`LIGHT_ALONE`](Self::LIGHT_ALONE).
+    pub fn from_render(render: Raster<[f32; 4]>) -> Self {
+        /// A quarter of the least 8-bit step; renderers leave less where there is nothing.
+        const LEAST_LIGHT: f32 = 8e-5;
+        let share = |a: f32| if a.is_nan() { 0.0 } else { a.clamp(0.0, 1.0) };
+        Self(render.map(|[r, g, b, a]| {
+            let [r, g, b] = [r, g, b].map(|v| finite_light(v, 0.0));
+            match share(a) {
+                0.0 if r.max(g).max(b) > LEAST_LIGHT => [r, g, b, Self::LIGHT_ALONE],
+                a => [r, g, b, a],
+            }
+        }))
+    }
+
+    /// The share of the pixels with light that covers nothing, in [0, 1].
+    pub fn share_of_light_alone(&self) -> f32 {
+        let pixels = self.0.data();
+        pixels.iter().filter(|p| p[3] == Self::LIGHT_ALONE).count() as f32 / pixels.len().max(1) as f32
+    }
+}
+
+/// The largest light that is worked on: the largest finite 16-bit float, so that sums over a renderer's fireflies stay finite.
+pub const BRIGHTEST: f32 = 65_504.0;
+
+/// Light of which sums stay finite: NaN becomes 0, and all else is clamped between `least` and [`BRIGHTEST`].
+pub fn finite_light(v: f32, least: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(least, BRIGHTEST) }
+}
+
 /// The 8-bit value nearest to an encoded value, as files, canvases and textures hold it.
 pub fn byte_from_encoded(v: f32) -> u8 {
     // The cast saturates, and maps NaN to 0.

@@ -84,7 +84,8 @@ pub mod text;
 mod transfer;
 
 pub use colour::{
-    ByteRows, Encoded, LUMA, Linear, Premultiplied, byte_from_encoded, luma, word_from_encoded,
+    BRIGHTEST, ByteRows, Encoded, LUMA, Linear, Premultiplied, byte_from_encoded, finite_light, luma,
+    word_from_encoded,
 };
 pub use error::{Error, Result};
 pub use frame::{Frame, Sample};

@@ -456,6 +456,11 @@ fn tiles_that_agree_but_hardly_object_to_anything_else_tell_no_exposure() {
     let why = spectral::exposure_of(&agreeing_tiles(50, 1.0, 0.05), 1, 0.03).unwrap();
     let why = why.why_unknown().unwrap();
     assert!(why.sentence.contains("compression"), "{why}");
+    // However sure slow tiles are, softness may be what they show.
+    let mut slow = agreeing_tiles(400, 0.5, 8.0);
+    slow.iter_mut().for_each(|w| w.speed = 2.0);
+    let why = spectral::exposure_of(&slow, 1, 0.0).unwrap();
+    assert!(why.why_unknown().unwrap().sentence.contains("about 2.0 px a frame, too slowly"), "{why:?}");
     let width = |tiles: u32| {
         let [low, high] = spectral::exposure_of(&agreeing_tiles(tiles, 0.5, 8.0), 1, 0.0)
             .unwrap()

@@ -225,6 +225,16 @@ fn hidden_streak(length: f32, even: bool) -> f32 {
     HIDDEN_STREAK.0 + in_sight * (HIDDEN_STREAK.1 - HIDDEN_STREAK.0)
 }
 
+/// Says how slow the motion is, if that alone makes an exposure uncertain by half of [`MAX_UNCERTAINTY`] or more; `None` if it does not.
+pub(super) fn slow_motion(estimate: f32, speed: f32, even: bool) -> Option<String> {
+    let [low, high] = with_hidden_streak([estimate; 2], speed, even);
+    (high - low >= 0.5 * MAX_UNCERTAINTY).then(|| {
+        format!(
+            "what moves does so by about {speed:.1} px a frame, too slowly to tell short streaks from the picture's own softness"
+        )
+    })
+}
+
 /// Raises the upper end of an interval for what a coder of this [`LumaNoise::coding_error`] does to streaks. It takes away fine detail, so that
 /// the picture looks as blurred across the motion as along it; and it predicts each frame from others, so that where motion is uneven
 /// frames with long streaks look like those with short ones. Both make exposures seem short.
@@ -341,6 +351,7 @@ pub fn exposure_of(
     let interval = with_typical_frame([low, high], per_frame.iter().map(|f| f.1), uneven.is_none(), speed);
     if interval[1] - interval[0] > MAX_UNCERTAINTY {
         let contradicting = high - low <= MAX_UNCERTAINTY;
+        let slow = slow_motion(estimate, speed, uneven.is_none());
         let uneven = uneven.is_some_and(|u| u.seen);
         let coded = coding_error >= NOTABLE_CODING_ERROR;
         let why = if uneven && coded {
@@ -349,6 +360,8 @@ pub fn exposure_of(
             "the motion is uneven, as under a shaking hand, so its speed while the shutter was open is known too badly to tell"
         } else if contradicting {
             "the frames contradict each other, as those of different shots or of strongly compressed video may"
+        } else if let Some(slow) = &slow {
+            slow
         } else if coded {
             "too little in the frames moves, or too little of it stands out of what compression has taken, to tell"
         } else {

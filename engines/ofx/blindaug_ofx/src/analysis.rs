@@ -6,7 +6,7 @@ use crate::{
     pixels,
     shot::Colour,
 };
-use blindaug::{CameraModel, Encoded, Frame, Raster, Transfer};
+use blindaug::{CameraModel, Encoded, Frame, Raster, Transfer, finite_light};
 use blindaug_pipeline::{Error, Footage, Observer, Result, estimate, footage};
 use openfx::sys::image_effect_v1::image_effect::*;
 use std::cell::Cell;
@@ -22,6 +22,7 @@ struct Plate {
     frames: usize,
     /// The place of a frame.
     frame: Pixels,
+    pixel_aspect: Option<f32>,
     fps: Option<f64>,
     colour: Colour,
 }
@@ -39,8 +40,8 @@ impl Plate {
             Colour::Linear => Transfer::Srgb.encode(v),
             Colour::Srgb => v,
         };
-        // As when a file is read, light is never below 0, and what is no number becomes 0.
-        let value = |v: f32| if v.is_nan() { 0.0 } else { encode(v.max(0.0)) };
+        // As when a file is read.
+        let value = |v: f32| encode(finite_light(v, 0.0));
         let image: Raster<[f32; 3]> = pixels.map(|[r, g, b, _]| [r, g, b].map(value));
         Ok(Frame { number, image: Encoded(image) })
     }
@@ -65,6 +66,10 @@ impl footage::Clip for Plate {
 
     fn size(&self) -> (usize, usize) {
         (self.frame.width(), self.frame.height())
+    }
+
+    fn pixel_aspect(&self) -> Option<f32> {
+        self.pixel_aspect
     }
 
     fn fps(&self) -> Option<f64> {
@@ -126,10 +131,11 @@ pub fn estimated(effect: &Effect, colour: Colour) -> std::result::Result<Option<
             "the plate's frames are {first} to {last}, which cannot be analysed: give it a first and a last frame"
         )));
     }
-    let frame = effect::FrameRegion::of(effect, first)?.pixels([1.0; 2])?;
+    let region = effect::FrameRegion::of(effect, first)?;
+    let (frame, pixel_aspect) = (region.pixels([1.0; 2])?, region.pixel_aspect());
     let fps = clip.properties().double(kOfxImageEffectPropFrameRate, 0).filter(|fps| *fps > 0.0);
     let frames = frames as usize;
-    let plate = Plate { clip, first, frames, frame, fps, colour };
+    let plate = Plate { clip, first, frames, frame, pixel_aspect, fps, colour };
     let progress = Progress { effect, frames, done: Cell::new(0), cancelled: Cell::new(false) };
     effect.progress_begin(c"Analysing the plate");
     let fitted: Result<_> = estimate::estimate(&Footage::new(plate), estimate::Job::default(), &progress);

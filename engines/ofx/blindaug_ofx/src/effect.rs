@@ -6,7 +6,7 @@ use crate::{
     knobs, pixels,
     shot::Shot,
 };
-use blindaug::{Raster, model::CameraTrack};
+use blindaug::{Raster, model::{CameraTrack, PIXEL_ASPECTS}};
 use blindaug_report::words;
 use openfx::sys::{generic::core::*, image_effect_v1::image_effect::*};
 use std::{
@@ -315,6 +315,11 @@ impl FrameRegion {
             .ok_or_else(|| sentence("the host does not say how large a frame is: connect the plate"))
     }
 
+    /// The width of a pixel over its height; `None` if it is one that no camera model can have.
+    pub fn pixel_aspect(self) -> Option<f32> {
+        Some(self.pixel_aspect as f32).filter(|aspect| PIXEL_ASPECTS.contains(aspect))
+    }
+
     fn checked(self) -> Option<Self> {
         let Self { region: [x1, y1, x2, y2], pixel_aspect } = self;
         let fits = |v: f64| v.is_finite() && v.abs() <= f64::from(MAX_SIDE);
@@ -443,7 +448,8 @@ fn render(effect: &Effect, instance: &Instance, arguments: &Properties) -> Resul
             "there is no camera: name a camera file, press Analyse plate, or set the shutter, or focus and blur",
         ));
     }
-    let frame = FrameRegion::of(effect, time)?.pixels(scale)?;
+    let region = FrameRegion::of(effect, time)?;
+    let frame = region.pixels(scale)?;
     let fetched = |name: &CStr, called: &str, outside: [f32; 4]| {
         let Some(clip) = connected(effect, name) else { return Ok(None) };
         let Some(image) = clip.image(time, called)? else { return Ok(None) };
@@ -462,6 +468,7 @@ fn render(effect: &Effect, instance: &Instance, arguments: &Properties) -> Resul
     let shot = Shot {
         size: (frame.width(), frame.height()),
         proxy: scale.map(|s| s as f32),
+        pixel_aspect: region.pixel_aspect(),
         number: settings.frame_number(time),
         layer: fetched(LAYER, "layer", nothing)?,
         depth: fetched(DEPTH, "depth", [f32::NAN; 4])?,

@@ -1,11 +1,11 @@
 //! One frame: what blindaug makes of a layer, a plate and a camera.
 
 use blindaug::{
-    CameraModel, Encoded, Flow, Linear, Plane, Premultiplied, Raster,
+    CameraModel, Encoded, Flow, Linear, Plane, Premultiplied, Raster, Transfer,
     composite::{CompositeOptions, Plate, VirtualLayer, composite, distorted_layer},
     model::{CameraTrack, Estimate, Reason, SceneScale, inverse_of_metric},
 };
-use blindaug_pipeline::{ByHand, Error, composite::in_metres, composite::naive};
+use blindaug_pipeline::{ByHand, Error, composite::{in_metres, naive, sized_to}};
 
 /// What is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,6 +61,8 @@ pub struct Shot<'a> {
     pub size: (usize, usize),
     /// The px of this frame per px of a frame of full size, across and down: 1, or less in a proxy.
     pub proxy: [f32; 2],
+    /// The width of a pixel over its height, if it is known.
+    pub pixel_aspect: Option<f32>,
     /// The number of the footage's frame.
     pub number: u64,
     /// The rendered object, premultiplied R, G, B and A; `None`: there is nothing.
@@ -105,7 +107,10 @@ impl Shot<'_> {
         };
         let layer = match self.layer {
             Some(color) => VirtualLayer {
-                color: if linear { Premultiplied(color) } else { Premultiplied::from_encoded(&color, t) },
+                color: Premultiplied::from_render(match linear {
+                    true => color,
+                    false => Premultiplied::from_encoded(&color, t).0,
+                }),
                 inverse_depth: self.depth.map(|z| -> Plane { z.map(|z| inverse_of_metric(z[0])) }),
                 flow: self.motion.map(|motion| -> Flow {
                     let down = if settings.motion_up { -1.0 } else { 1.0 };
@@ -146,10 +151,13 @@ impl Shot<'_> {
 
     /// The camera of this frame at this size, with what is set by hand.
     fn fitted(&self) -> Result<CameraModel, String> {
-        let Self { size: (width, height), number, proxy, settings, .. } = self;
+        let Self { size: (width, height), number, proxy, pixel_aspect, settings, .. } = self;
+        // A camera is that of the frame of full size.
+        let full = [*width, *height].iter().zip(proxy).map(|(&px, scale)| (px as f32 / scale).round() as usize);
+        let full = full.collect::<Vec<_>>();
         let (mut model, name) = match self.camera {
-            Some((track, name)) => (track.at(*number).into_owned(), name),
-            None => (naive(self.size), "the camera"),
+            Some((track, name)) => (sized_to(&track.at(*number), (full[0], full[1]), *pixel_aspect), name),
+            None => (naive(self.size, Transfer::Srgb), "the camera"),
         };
         if let Some(scale) = settings.scale {
             model = model.to_metric(scale);

@@ -118,18 +118,22 @@ impl ExposureMemory {
             (Some(streaks), Some(tiles)) if width(&streaks) > widest(Some(width(&tiles))) => Some(tiles),
             (streaks, tiles) => streaks.or(tiles),
         };
-        let fits = best.as_ref().map(|m| m.interval);
+        let fits = best.as_ref().map(|m| (m.exposure.0, m.interval));
         if let Some(best) = best.filter(|m| width(m) <= agreement::MAX_UNCERTAINTY) {
             self.memory.age = 0;
             self.known = Some(best);
         }
         let Some(known) = self.known else {
             let unknown = match fits {
-                Some([low, high]) => Unknown::new(
-                    Reason::Uncertain,
-                    format!("exposures from {low:.2} to {high:.2} fit all that was seen in this shot, or since the exposure changed"),
-                )
-                .with_fits([low, high]),
+                Some((exposure, [low, high])) => {
+                    let mut why = format!(
+                        "exposures from {low:.2} to {high:.2} fit all that was seen in this shot, or since the exposure changed"
+                    );
+                    if let Some(slow) = self.slow_motion(exposure) {
+                        why = format!("{slow}: {why}");
+                    }
+                    Unknown::new(Reason::Uncertain, why).with_fits([low, high])
+                }
                 None => Unknown::new(
                     Reason::NoMotion,
                     "in this shot so far, or since the exposure changed, too little has moved, or what moved has too little texture",
@@ -228,6 +232,16 @@ impl ExposureMemory {
             return None;
         }
         Some(model_of(ExposureFraction(estimate.min(1.0)), interval, tiles.round() as u64))
+    }
+
+    /// [`agreement::slow_motion`] of the tiles that count.
+    fn slow_motion(&self, exposure: f32) -> Option<String> {
+        let sum = self.memory.sum();
+        let [tiles, speeds, squares, uneven] = [0, 1, 2, 3].map(|i| sum[CURVES + i]);
+        if tiles < FEWEST {
+            return None;
+        }
+        agreement::slow_motion(exposure, agreement::typical_speed(speeds, squares), are_even(tiles, uneven))
     }
 
     fn forget_old(&mut self) {
