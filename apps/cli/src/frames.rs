@@ -27,7 +27,7 @@ pub fn run(args: &Frames) -> Result<()> {
     let output = args.output.as_deref();
     console::check_outputs(&Inputs::of([&args.input]), output)?;
     let source = args.source.open(&args.input)?;
-    let Timed { timing, first, last, stopped } = timing::timing(&source, CONSOLE)?;
+    let Timed { timing, first, last, stopped } = timing::timing(&source, source.space().transfer, CONSOLE)?;
     let name = Error::shown_path(&args.input);
     let table = table(&name, &timing);
     match output {

@@ -5,7 +5,7 @@ mod harm;
 mod networks;
 
 use blindaug::{
-    CameraModel, Linear, Raster, Transfer,
+    CameraModel, Linear, Plane, Raster, Transfer,
     colour_space::ColourSpace,
     export::Target,
     model::{
@@ -14,7 +14,9 @@ use blindaug::{
         ThinLensInterval, TrackedCamera, Unknown,
     },
 };
-use blindaug_io::{Coding, FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera};
+use blindaug_io::{
+    Coding, FileKind, FrameFormat, read_frame, read_linear, read_virtual_layer, write_camera, write_grey16,
+};
 use common::*;
 use std::{
     io::{BufRead, BufReader, Read},
@@ -701,6 +703,13 @@ fn footage_is_matched_to_another_camera_and_nothing_is_taken_away() {
     let said = fails(d, "match f --from less.json --to track.jsonl -o none");
     assert!(said.contains("track.jsonl: it holds a model for each frame"), "{said}");
     succeeds(d, "match f --from track.jsonl --to more.json -o tracked");
+    // The scale of the footage's scene says nothing of a lens that was found over the relative depth of another.
+    write_camera(d.join("relative.json"), &camera(96, 64, DepthKind::Relative)).unwrap();
+    write_grey16(d.join("depth.png"), &Plane::filled(96, 64, 0.03)).unwrap();
+    let scaled =
+        "match f --from relative.json --to relative.json --depth depth.png --scene-scale 1 -o scaled";
+    let said = text(&run(d, scaled).stderr);
+    assert!(said.contains("means nothing in another scene"), "{said}");
 }
 
 #[cfg(unix)]
@@ -983,10 +992,7 @@ fn apply_takes_the_depth_and_the_motion_of_exr_frames() {
     assert!(differs(&own, &read_linear(asset("virtual/0002.exr")).unwrap()) > 0.1, "it is blurred");
     // Counted from another number on, or in other primaries, each frame still has its own depth, motion and alpha.
     succeeds(d, &format!("apply {rendered} --camera c.json -o counted --first 11 --frames 12..12"));
-    succeeds(
-        d,
-        &format!("apply {rendered} --camera c.json -o wide --frames 2..2 --colour-space acescg"),
-    );
+    succeeds(d, &format!("apply {rendered} --camera c.json -o wide --frames 2..2 --colour-space acescg"));
     assert_eq!(read_linear(d.join("counted/0012.exr")).unwrap(), own);
     assert_eq!(read_linear(d.join("wide/0002.exr")).unwrap(), own);
 }

@@ -8,6 +8,7 @@ use crate::{
     observer::{Observer, Steps, warn},
 };
 use blindaug::{
+    Transfer,
     fit::timing::{Timing, TimingAnalyser},
     model::Stopped,
 };
@@ -25,17 +26,17 @@ pub struct Timed {
     pub stopped: Option<Stopped>,
 }
 
-/// Looks for frames that were not taken at their time. A gap in the frames' numbers counts as a cut.
+/// Looks for frames, encoded by this curve, that were not taken at their time. A gap in the frames' numbers counts as a cut.
 ///
 /// # Errors
 /// If a frame cannot be used, there is only one, or memory does not suffice.
-pub fn timing(clip: &dyn Clip, observer: &dyn Observer) -> Result<Timed> {
+pub fn timing(clip: &dyn Clip, transfer: Transfer, observer: &dyn Observer) -> Result<Timed> {
     let (width, height) = clip.size();
     let per_pixel = TimingAnalyser::BYTES_PER_PIXEL + FRAME * (READ_AHEAD as u64 + 1);
     let kept = TimingAnalyser::BYTES_PER_FRAME * clip.len_hint().unwrap_or(0) as u64;
     let what = format!("a comparison of frames of {width} x {height} pixels");
     clip.check_memory(&what, per_pixel * (width * height) as u64 + kept)?;
-    let mut analyser = TimingAnalyser::default();
+    let mut analyser = TimingAnalyser::new(transfer);
     let (mut first, mut last, mut seen, mut stopped) = (None, 0, 0, None);
     let steps = Steps::begin(observer, "comparing", "frames", clip.len_hint());
     read_ahead(clip, all_frames, |frames| -> Result<()> {

@@ -6,7 +6,7 @@
 
 use crate::model::{CameraModel, NOISE_LEVELS, NoiseModel, Space};
 use crate::synth::{Blur, defocus::Bokeh, noise};
-use crate::{Encoded, Flow, Plane, Raster, Result, filter};
+use crate::{Encoded, Error, Flow, Plane, Raster, Result, filter};
 use std::{f32::consts::PI, sync::OnceLock};
 
 /// The square of the length, px, of the streak that blurs as much as linear interpolation at random places between pixels: 12 times its
@@ -36,7 +36,7 @@ impl Matching {
     /// The difference of two cameras, for frames of `width` px. What is unknown of either camera is not matched.
     ///
     /// # Errors
-    /// If a model is for another width, or its defocus is in relative inverse depth.
+    /// If a model is for another width, its defocus is in relative inverse depth, or the models' noises are over different encodings.
     pub fn new(
         from: &CameraModel,
         to: &CameraModel,
@@ -44,6 +44,13 @@ impl Matching {
         bokeh: impl Into<Option<Bokeh>>,
     ) -> Result<Self> {
         let bokeh = bokeh.into();
+        if from.transfer != to.transfer {
+            return Err(Error::new(format!(
+                "one camera's noise is that of {} values, the other's of {}: estimate both from footage of one encoding",
+                from.transfer.name(),
+                to.transfer.name()
+            )));
+        }
         let noise = from.noise.known().zip(to.noise.known());
         Ok(Self {
             blur: Blur::missing(from, to, width, bokeh)?,
@@ -89,6 +96,14 @@ impl Matching {
         flow: Option<&Flow>,
         seed: Option<u64>,
     ) -> Result<Encoded> {
+        let size = frame.0.size();
+        let others = [inverse_depth.map(Plane::size), flow.map(Flow::size)];
+        if let Some((w, h)) = others.into_iter().flatten().find(|other| *other != size) {
+            return Err(Error::new(format!(
+                "depth or flow has {w} x {h} pixels but the frame {} x {}; bring both to one size",
+                size.0, size.1
+            )));
+        }
         let flow = flow.filter(|_| self.moves());
         // The taps of the streak are linear between pixels, which blurs by itself: that much less of the streak is needed.
         let shorter = |f: [f32; 2]| {

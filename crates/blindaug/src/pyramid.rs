@@ -133,8 +133,15 @@ pub fn collapse<P: Pixel>(bands: Vec<Raster<P>>, low: Raster<P>) -> Raster<P> {
 pub fn pull_push<P: Pixel>(values: &Raster<P>, weight: &Plane) -> Raster<P> {
     let (w, h) = values.size();
     // Pull: weighted means at half the size, until everything is covered.
-    if weight.data().iter().all(|&a| a >= 1.0) || w * h <= 1 {
+    if weight.data().iter().all(|&a| a >= 1.0) {
         return values.clone();
+    }
+    if w * h <= 1 {
+        return Raster::from_fn(
+            w,
+            h,
+            |x, y| if weight.at(x, y) > 0.0 { values.at(x, y) } else { P::default() },
+        );
     }
     // The product of `v` and `a`, where a value of weight 0 may be NaN and counts as 0.
     let times = |v: P, a: f32| {

@@ -30,7 +30,7 @@ impl<T> Raster<T> {
     /// # Errors
     /// If the number of values is not `width * height`.
     pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Result<Self> {
-        if data.len() != width * height {
+        if width.checked_mul(height) != Some(data.len()) {
             return Err(Error::new(format!("{} values do not fill {width} x {height} pixels", data.len())));
         }
         Ok(Self { width, height, data })

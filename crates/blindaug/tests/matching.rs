@@ -6,7 +6,7 @@ use blindaug::model::{
     NoiseModel,
 };
 use blindaug::synth::{defocus::Bokeh, noise};
-use blindaug::{CameraModel, Encoded, Flow, Plane, Raster, filter, pyramid};
+use blindaug::{CameraModel, Encoded, Flow, Plane, Raster, Transfer, filter, pyramid};
 
 const W: usize = 256;
 const H: usize = 192;
@@ -114,4 +114,17 @@ fn the_blur_that_is_added_makes_that_of_the_other_camera() {
     assert!(worst(&out.0, &by_to) < 2e-3 && worst(&by_from, &by_to) > 0.05, "{}", worst(&out.0, &by_to));
     // What is in focus for both, and what does not move, stays.
     assert!(matched(&Encoded(by_from.clone()), [&from, &to], 1.0, [0.0; 2], None).0 == by_from);
+}
+
+#[test]
+fn depth_of_another_size_and_models_over_other_encodings_are_refused() {
+    let (from, mut to) = (camera(0.5, 0.0, [0.0; 2]), camera(0.5, 0.0, [0.01, 0.01]));
+    let frame = Encoded(Raster::filled(W, H, [0.5; 3]));
+    let matching = Matching::new(&from, &to, W, Bokeh::Gaussian).unwrap();
+    let small = Plane::filled(W / 2, H, 1.0);
+    let said = matching.apply(&frame, 1, Some(&small), None, Some(0)).unwrap_err().to_string();
+    assert!(said.contains("bring both to one size"), "{said}");
+    to.transfer = Transfer::SLog3;
+    let said = Matching::new(&from, &to, W, Bokeh::Gaussian).err().expect("an error").to_string();
+    assert!(said.contains("one encoding"), "{said}");
 }

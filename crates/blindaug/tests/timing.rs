@@ -4,7 +4,7 @@ use blindaug::CameraModel;
 use blindaug::fit::timing::{Event, Kind, Timing, TimingAnalyser, WhyUntold};
 use blindaug::fit::track::Tracker;
 use blindaug::fit::{Estimation, Estimator, EstimatorOptions, FrameObservation};
-use blindaug::{Encoded, Raster};
+use blindaug::{Encoded, Raster, Transfer};
 
 const W: usize = 224;
 const H: usize = 176;
@@ -53,7 +53,7 @@ fn steady(t: usize) -> Encoded {
 }
 
 fn timing(frames: impl IntoIterator<Item = Encoded>) -> Timing {
-    let mut analyser = TimingAnalyser::default();
+    let mut analyser = TimingAnalyser::new(Transfer::Srgb);
     for (number, frame) in (1..).zip(frames) {
         analyser.push(number, frame).unwrap();
     }
@@ -153,7 +153,7 @@ fn a_cut_drops_no_frame_and_one_frame_tells_nothing() {
     };
     let cut = timing((0..14).map(steady).chain((40..54).map(other)));
     assert_eq!((found(&cut), cut.shots), (vec![], 2));
-    let mut one = TimingAnalyser::default();
+    let mut one = TimingAnalyser::new(Transfer::Srgb);
     one.push(1, steady(0)).unwrap();
     assert!(one.push(2, Encoded(Raster::filled(9, 9, [0.0; 3]))).unwrap_err().to_string().contains("size"));
     assert!(one.finish().unwrap_err().to_string().contains("only one frame"));
@@ -203,6 +203,15 @@ fn estimates_of_a_clip_with_copies_are_those_of_its_pictures() {
     model.capture.fps = wanted.model.capture.fps;
     assert_eq!(model, wanted.model);
     assert!(wanted.model.motion_blur.known().is_some_and(|m| (m.exposure.0 - 0.5).abs() < 0.1));
+}
+
+#[test]
+fn a_picture_that_freezes_for_some_frames_leaves_the_frame_rate() {
+    let frozen = || (0..12).chain([11; 5]);
+    let Estimation { model, diagnostics } = estimation(frozen());
+    assert_eq!(model.capture.fps, Some(30.0));
+    assert!(diagnostics.notes.iter().any(|n| n.starts_with("5 of 17 frames repeat")), "{diagnostics:?}");
+    assert!(tracked(frozen().chain(12..16)).iter().all(|m| m.capture.fps == Some(30.0)));
 }
 
 #[test]

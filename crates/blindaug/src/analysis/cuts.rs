@@ -25,6 +25,7 @@ const SIDE: usize = 256;
 /// # Errors
 /// The same as [`flow::flow_with_occlusion`].
 pub fn cut_between(frame: &Encoded, next: &Encoded) -> Result<bool> {
+    flow::check(frame.0.size(), next.0.size())?;
     let picture = Picture::of(frame, next);
     Ok(match picture.look(frame, next) {
         Look::Alike => false,

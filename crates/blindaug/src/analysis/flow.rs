@@ -93,7 +93,7 @@ impl FlowEstimator {
     /// # Errors
     /// The same as [`flow`].
     pub fn flow(&mut self, from: &Plane, to: &Plane) -> Result<Flow> {
-        check(from, to)?;
+        check(from.size(), to.size())?;
         Ok(par::within(|| solve_alike(&mut self.refiner, (from, &pyramid_of(from)), (to, &pyramid_of(to)))))
     }
 
@@ -102,7 +102,7 @@ impl FlowEstimator {
     /// # Errors
     /// The same as [`flow_with_occlusion`].
     pub fn flow_with_occlusion(&mut self, a: &Plane, b: &Plane) -> Result<FlowPair> {
-        check(a, b)?;
+        check(a.size(), b.size())?;
         Ok(par::within(|| {
             let (pa, pb) = (pyramid_of(a), pyramid_of(b));
             let (first, second) = ((a, pa.as_slice()), (b, pb.as_slice()));
@@ -181,8 +181,7 @@ fn inside(x: f32, y: f32, (w, h): (usize, usize)) -> bool {
     x >= 0.0 && y >= 0.0 && x <= (w as f32 - 1.0) && y <= (h as f32 - 1.0)
 }
 
-fn check(from: &Plane, to: &Plane) -> Result<()> {
-    let ((w, h), (tw, th)) = (from.size(), to.size());
+pub(super) fn check((w, h): (usize, usize), (tw, th): (usize, usize)) -> Result<()> {
     if (w, h) != (tw, th) {
         return Err(Error::new(format!(
             "optical flow needs two images of one size, not {w} x {h} and {tw} x {th}: scale or crop one of them"

@@ -8,8 +8,13 @@ pub mod flow;
 mod padded;
 mod variational;
 
-/// The value below which a share `q` of the values lies. There must be at least one value.
-fn quantile<T: Copy + PartialOrd>(values: &mut [T], q: f64) -> &T {
+/// The value below which a share `q` of the values lies; NaN counts as the largest. There must be at least one value.
+fn quantile<T: Copy + Into<f64>>(values: &mut [T], q: f64) -> &T {
     let k = ((values.len() - 1) as f64 * q) as usize;
-    values.select_nth_unstable_by(k, |a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal)).1
+    // A NaN with a sign, as 0 / 0 gives, would count as the least value.
+    let key = |v: &T| -> f64 {
+        let v = (*v).into();
+        if v.is_nan() { f64::NAN } else { v }
+    };
+    values.select_nth_unstable_by(k, |a, b| key(a).total_cmp(&key(b))).1
 }

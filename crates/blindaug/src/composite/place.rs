@@ -29,7 +29,8 @@ impl Place {
     /// The place with `margin` px around it, as far as the frame reaches.
     pub fn grown(self, margin: usize, (w, h): (usize, usize)) -> Self {
         let (x, y) = (self.x.saturating_sub(margin), self.y.saturating_sub(margin));
-        let (right, bottom) = ((self.x + self.w + margin).min(w), (self.y + self.h + margin).min(h));
+        let end = |last: usize, size: usize| last.saturating_add(margin).min(size);
+        let (right, bottom) = (end(self.x + self.w, w), end(self.y + self.h, h));
         Self { x, y, w: right - x, h: bottom - y }
     }
 

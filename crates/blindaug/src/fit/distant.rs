@@ -52,6 +52,8 @@ pub(super) struct DistantPairs {
     alone: Option<NoiseEvidence>,
     /// The most pairs that are kept.
     most: usize,
+    /// The number of pairs that were compared.
+    compared: usize,
     /// What the pairs tell, once it was asked for: they are the same for many frames.
     found: OnceLock<Found>,
 }
@@ -90,7 +92,7 @@ impl DistantPairs {
             n => (n / most).clamp(*DISTANCES.start(), *DISTANCES.end()),
         };
         let (held, pairs, alone, found) = (None, VecDeque::new(), None, OnceLock::new());
-        Self { transfer, distance, held, pairs, alone, most, found }
+        Self { transfer, distance, held, pairs, alone, most, compared: 0, found }
     }
 
     /// Forgets the frame of the next pair, since the next frame belongs to another shot.
@@ -116,13 +118,14 @@ impl DistantPairs {
     }
 
     /// Looks at a frame of this index. `hides_noise` is given the index of a pair's first frame and tells whether the frames since then may be
-    /// compressed, or show too little to tell: elsewhere successive frames show all of the noise, and there is no pair. `part`: the part of the frame's rows that is looked at, and of how many.
+    /// compressed, or show too little to tell: elsewhere successive frames show all of the noise, and there is no pair. Each pair shows one of so
+    /// many `turns` of the frame's rows.
     pub fn push(
         &mut self,
         (index, frame): (usize, &Encoded),
         hides_noise: impl FnOnce(usize) -> bool,
         follower: &mut Follower,
-        part: (usize, usize),
+        turns: usize,
     ) -> Result<()> {
         let Some((held_at, held)) = &self.held else {
             self.held = Some((index, frame.clone()));
@@ -136,7 +139,8 @@ impl DistantPairs {
             let mut distant = None;
             if let Some(flow) = follower.follow(held, frame, None, Flow::filled(0, 0, [0.0; 2]))?.flow {
                 let mut pair = NoiseEvidence::of_flat_parts(Method::Temporal).encoded_by(self.transfer);
-                let still = pair.add_pair_in_turn(held, frame, &flow, part)?;
+                let still = pair.add_pair_in_turn(held, frame, &flow, (self.compared % turns, turns))?;
+                self.compared += 1;
                 let mismatch = pair.mismatch(if still { MOVED } else { 0.0 });
                 distant = mismatch.is_some_and(|m| m <= MISMATCH).then_some(pair);
             }

@@ -340,8 +340,8 @@ impl Estimator {
                 recent.for_each(|f| all.merge(&f.temporal));
                 all.may_hide_noise()
             };
-            let part = self.noise_turn(order);
-            self.distant.push((order, frame), hides_noise, &mut self.follower, part)?;
+            let (_, turns) = self.noise_turn(order);
+            self.distant.push((order, frame), hides_noise, &mut self.follower, turns)?;
         }
         if !kept.temporal.is_enough() {
             kept.spatial.add_single(frame);
@@ -355,7 +355,7 @@ impl Estimator {
         let from_previous = last.as_ref().map(|l| &l.flow).or(left_out.as_ref());
         let at_frame = to_next.as_ref().zip(from_previous).map(|(flow, last)| motion_at_frame(flow, last));
         // A motion that is only taken to continue says nothing of a difference between the motions of two frames.
-        let measured = next.is_some() || flow_given;
+        let measured = next.is_some() || (flow_given && evidence.flow.is_some());
         let (mut speed_error, mut turned) = (0.0, None);
         if let (Some(to_next), true) = (&to_next, self.options.family != Family::Removal && !flow_given) {
             kept.to_next = measured.then(|| uneven::SampledFlow::new(to_next));

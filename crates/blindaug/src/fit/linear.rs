@@ -1,6 +1,7 @@
 //! Small dense systems of linear equations, of double precision.
 
-/// The lower triangular factor of a covariance of `n` values, both row by row; `None` if it is not positive.
+/// The lower triangular factor of a covariance of `n` values, both row by row; `None` if it holds a value that is no finite number. Where a
+/// value has no variance of its own, it gets a millionth of its variance.
 pub(super) fn cholesky(a: &[f64], n: usize) -> Option<Vec<f64>> {
     let mut factor = vec![0.0; n * n];
     for i in 0..n {
@@ -20,7 +21,7 @@ pub(super) fn cholesky(a: &[f64], n: usize) -> Option<Vec<f64>> {
     factor.iter().all(|v| v.is_finite()).then_some(factor)
 }
 
-/// The solution of A x = b for a positive matrix, row by row.
+/// The solution of A x = b for a covariance A, row by row; `None` if it is no finite number.
 pub(super) fn solved(a: &[f64], b: Vec<f64>) -> Option<Vec<f64>> {
     let x = solved_by(&cholesky(a, b.len())?, b);
     x.iter().all(|v| v.is_finite()).then_some(x)

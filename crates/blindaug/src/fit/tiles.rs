@@ -198,10 +198,11 @@ fn searched_corners(
     for (i, corner) in all.iter().enumerate() {
         of_block[block_of(*corner, size) as usize].push(i);
     }
+    let decoder = Decoder::new(space.transfer);
     let contrast = |i: usize| match (space.blur, space.transfer) {
         // The square is nearly the light.
         (BlurSpace::Linear, Transfer::Srgb) => contrast(frame, all[i], scale, |v| v * v),
-        (BlurSpace::Linear, transfer) => contrast(frame, all[i], scale, |v| transfer.decode(v)),
+        (BlurSpace::Linear, _) => contrast(frame, all[i], scale, |v| decoder.look_up(v, 0)),
         (BlurSpace::Encoded, _) => contrast(frame, all[i], scale, |v| v),
     };
     let chosen = par::map(BLOCK_COUNT, |block| {

@@ -1,6 +1,6 @@
 use super::bokeh::Aperture;
 use super::distortion::DistortionModel;
-use super::{DepthKind, Method, Parameter, check, lerp, lerp_all};
+use super::{DepthKind, Method, Parameter, check, lerp, lerp_all, rise};
 use crate::Result;
 use serde::{Deserialize, Serialize};
 
@@ -206,9 +206,13 @@ impl DistortionModel for DefocusModel {
             "defocus.inverse_depth_seen must be two rising numbers",
         )?;
         match self.curve {
-            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, .. } => {
+            DefocusCurve::ThinLens { sigma_px_at_infinity: s, focus_inverse_depth: f, interval } => {
                 check(s.is_finite() && s >= 0.0, "defocus.sigma_px_at_infinity must be a number >= 0")?;
-                check(f.is_finite() && f > 0.0, "defocus.focus_inverse_depth must be a number > 0")
+                check(f.is_finite() && f > 0.0, "defocus.focus_inverse_depth must be a number > 0")?;
+                check(
+                    interval.is_none_or(|i| rise(i.sigma_px_at_infinity) && rise(i.focus_inverse_depth)),
+                    "defocus.interval must hold two rising numbers each",
+                )
             }
             DefocusCurve::Quadratic { a, b, c, inverse_depth_range: [lo, hi] } => {
                 check([a, b, c].iter().all(|v| v.is_finite()), "defocus.a, b and c must be finite numbers")?;

@@ -328,6 +328,11 @@ impl CameraModel {
     }
 }
 
+/// Whether an interval is two finite numbers that do not fall.
+fn rise([low, high]: [f32; 2]) -> bool {
+    low.is_finite() && high.is_finite() && low <= high
+}
+
 fn check(holds: bool, sentence: &str) -> Result<()> {
     if holds { Ok(()) } else { Err(Error::new(sentence)) }
 }

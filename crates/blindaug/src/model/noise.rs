@@ -1,6 +1,6 @@
 use super::distortion::DistortionModel;
 use super::noise_curves::NoiseCurves;
-use super::{Estimate, Method, Parameter, check, lerp, lerp_all};
+use super::{Estimate, Method, Parameter, check, lerp, lerp_all, rise};
 use crate::portable::Portable;
 use crate::{Result, Transfer, luma};
 use serde::{Deserialize, Serialize};
@@ -459,6 +459,13 @@ impl NoiseLines {
         check(
             self.levels.iter().all(|l| l.intercept.iter().all(|&v| v >= 0.0)),
             "noise.levels' intercept must not be negative",
+        )?;
+        let rises = |level: &NoiseInterval| {
+            level.slope.iter().chain(&level.intercept).all(|&interval| rise(interval))
+        };
+        check(
+            self.interval.iter().flatten().all(rises),
+            "noise.interval must hold two rising numbers for each slope and intercept",
         )?;
         check(self.clip.is_finite() && self.clip > 0.0, "noise.clip must be a positive number")
     }

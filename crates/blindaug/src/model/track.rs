@@ -96,6 +96,12 @@ pub struct CameraTrack {
     frames: Vec<TrackedCamera>,
 }
 
+/// Whether two models are for frames of one size, with pixels of one shape, whose values have one meaning.
+fn are_of_one_clip(a: &CameraModel, b: &CameraModel) -> bool {
+    let of = |m: &CameraModel| (m.capture.width, m.capture.height, m.capture.pixel_aspect, m.space());
+    of(a) == of(b)
+}
+
 impl From<CameraModel> for CameraTrack {
     /// The same camera in all frames.
     fn from(camera: CameraModel) -> Self {
@@ -107,7 +113,8 @@ impl CameraTrack {
     /// Reads one camera.json, or JSON lines with the number of a frame each.
     ///
     /// # Errors
-    /// The same as [`CameraModel::from_json`], with the number of the line; also if the numbers of the frames do not rise.
+    /// The same as [`CameraModel::from_json`], with the number of the line; also if the numbers of the frames do not rise, or the models are for
+    /// frames of different sizes or encodings.
     pub fn from_json(json: &str) -> Result<Self> {
         // Some editors put a byte order mark before the text.
         let json = json.strip_prefix('\u{feff}').unwrap_or(json);
@@ -129,6 +136,13 @@ impl CameraTrack {
                     read.frame, last.frame
                 )));
             }
+            if let Some(first) = frames.first().filter(|first| !are_of_one_clip(&first.camera, &read.camera))
+            {
+                return Err(of_line(format!(
+                    "the model of frame {} is for frames of another size or encoding than that of frame {}; all must be for one clip",
+                    read.frame, first.frame
+                )));
+            }
             frames.push(read);
         }
         Ok(Self { frames })
@@ -137,12 +151,15 @@ impl CameraTrack {
     /// A track of the cameras of some frames, which must be in the order of their numbers.
     ///
     /// # Errors
-    /// If there is no camera, or the numbers of the frames do not rise.
+    /// If there is no camera, the numbers of the frames do not rise, or the cameras are for frames of different sizes or encodings.
     pub fn from_frames(frames: Vec<TrackedCamera>) -> Result<Self> {
         if frames.is_empty() || !frames.is_sorted_by(|a, b| a.frame < b.frame) {
             return Err(Error::new(
                 "a camera over time needs at least one frame, and frames in the order of their numbers",
             ));
+        }
+        if frames.iter().any(|f| !are_of_one_clip(&frames[0].camera, &f.camera)) {
+            return Err(Error::new("the cameras over time must be for frames of one size and encoding"));
         }
         Ok(Self { frames })
     }
@@ -248,5 +265,16 @@ mod tests {
         let cut = error(&[&lines[0], &lines[1][..100]]);
         assert!(cut.starts_with("line 2: not a camera model") && cut.ends_with("cut off"), "{cut}");
         assert!(error(&[&lines[0].replace("64", "0")]).starts_with("line 1: "));
+    }
+
+    #[test]
+    fn models_over_time_are_all_for_one_clip() {
+        let (first, mut other) = (camera(1, None, 0.5), camera(2, None, 0.5));
+        let lines = |other: &TrackedCamera| format!("{}\n{}\n", first.to_json_line(), other.to_json_line());
+        assert!(CameraTrack::from_json(&lines(&other)).is_ok());
+        other.camera.capture.width = 128;
+        let said = CameraTrack::from_json(&lines(&other)).unwrap_err().to_string();
+        assert!(said.starts_with("line 2: the model of frame 2 is for frames of another size"), "{said}");
+        assert!(CameraTrack::from_frames(vec![first, other]).is_err());
     }
 }

@@ -591,7 +591,8 @@ impl Counts {
     /// Left, top, right and bottom of the square of pixels at most `reach` px from (x, y), within the image.
     fn square(&self, x: usize, y: usize, reach: usize) -> [usize; 4] {
         let (w, h) = (self.0.width() - 1, self.0.height() - 1);
-        [x.saturating_sub(reach), y.saturating_sub(reach), (x + reach + 1).min(w), (y + reach + 1).min(h)]
+        let end = |at: usize, size: usize| (at + 1).saturating_add(reach).min(size);
+        [x.saturating_sub(reach), y.saturating_sub(reach), end(x, w), end(y, h)]
     }
 
     /// The number of pixels of the square that have the property.

@@ -59,7 +59,7 @@ pub(super) fn reach_px(flow: &Flow, shutter: Shutter, rows: Range<usize>) -> usi
     let (w, reach) = (flow.width(), |v: f32| if v.is_finite() { v.abs() } else { 0.0 });
     let longest = flow.data()[rows.start * w..rows.end * w].iter().map(|f| reach(f[1])).fold(0.0, f32::max);
     // The two rows more are for interpolation at the path's ends and for rounding.
-    (shutter.reach() * longest).ceil() as usize + 2
+    ((shutter.reach() * longest).ceil() as usize).saturating_add(2)
 }
 
 /// The motion-blurred value of pixel (x, y) of a non-empty image, if it moves by `[u, v]` px per frame interval.

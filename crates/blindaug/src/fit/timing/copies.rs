@@ -164,7 +164,8 @@ impl Copies {
                     && longest - shortest <= 1
                     && self.frames - last <= longest + 1
                     && 2 * with_gap <= repeated
-                    && to.0 > from.0 =>
+                    // While one picture stays, there are no others to count.
+                    && ((to.1 - from.1) as u64) < to.0 - from.0 =>
             {
                 Some(fps? * (1.0 - (to.1 - from.1) as f64 / (to.0 - from.0) as f64))
             }

@@ -7,7 +7,7 @@ use crate::fit::noise::{LumaNoise, NoiseEvidence};
 use crate::fit::robust::median;
 use crate::fit::{likelihood, spectral, tiles};
 use crate::model::{Method, Space};
-use crate::{Encoded, Error, Flow, Plane, Result, luma, pyramid, strips};
+use crate::{Encoded, Error, Flow, Plane, Result, Transfer, luma, pyramid, strips};
 use std::ops::Range;
 
 /// The number of cells of a frame, across and down.
@@ -82,8 +82,8 @@ struct Kept {
 }
 
 /// Measures frame after frame.
-#[derive(Default)]
 pub(super) struct Measurer {
+    space: Space,
     /// The frame before the last one, and the last one, as far as they are of the present shot.
     kept: Vec<Kept>,
     flow: FlowEstimator,
@@ -95,6 +95,13 @@ pub(super) struct Measurer {
 }
 
 impl Measurer {
+    /// A measurer of frames that this curve encodes.
+    pub fn new(transfer: Transfer) -> Self {
+        let space = Space { transfer, ..Space::default() };
+        let (kept, flow, seen) = (vec![], FlowEstimator::default(), vec![]);
+        Self { space, kept, flow, evidence: None, pairs: 0, noise: None, seen }
+    }
+
     /// Takes the next frame; a frame whose number does not follow the last one's begins a new shot.
     pub fn push(&mut self, number: u64, image: Encoded) -> Result<()> {
         let size = image.0.size();
@@ -157,8 +164,12 @@ impl Measurer {
             return Ok(());
         }
         let size = frame.0.size();
-        let rows = strips::rows_in_turn(self.pairs, strips::turns_of(size, NOISE_PART), size.1);
-        let evidence = self.evidence.get_or_insert_with(|| NoiseEvidence::new(Method::Temporal));
+        // Of more turns than there are pairs, some are left out evenly.
+        let turns = strips::turns_of(size, NOISE_PART);
+        let rows = strips::rows_in_turn(self.pairs * turns.max(NOISE_PAIRS) / NOISE_PAIRS, turns, size.1);
+        let transfer = self.space.transfer;
+        let new = || NoiseEvidence::new(Method::Temporal).encoded_by(transfer);
+        let evidence = self.evidence.get_or_insert_with(new);
         evidence.add_pair_rows(frame, next, flow, rows)?;
         self.pairs += 1;
         self.noise = evidence.fit().luma.or(self.noise);
@@ -209,7 +220,7 @@ impl Measurer {
         let of = |x: usize, y: usize| motion.at(x, y);
         let corners = tiles::corners(kept.image.0.size()).into_iter();
         let chosen = tiles::of_most_contrast(&kept.image, corners, 1, Some(&of), None, TILES);
-        let tiles = tiles::tiles_at(&kept.image, &chosen, 1, Some(&of), None, Space::default());
+        let tiles = tiles::tiles_at(&kept.image, &chosen, 1, Some(&of), None, self.space);
         let found = spectral::exposure_observations(&[&tiles], noise);
         if found.len() < FEWEST_STREAKS {
             return;

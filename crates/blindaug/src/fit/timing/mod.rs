@@ -14,7 +14,7 @@ mod copies;
 mod decide;
 mod measure;
 
-use crate::{Encoded, Error, Result};
+use crate::{Encoded, Error, Result, Transfer};
 pub(super) use copies::{Copies, Look};
 use measure::Measurer;
 use serde::Serialize;
@@ -23,12 +23,16 @@ use serde::Serialize;
 pub const FOUND: f32 = 6.9;
 
 /// Takes the frames of a clip one after another, and tells which were not taken at their time.
-#[derive(Default)]
 pub struct TimingAnalyser {
     measurer: Measurer,
 }
 
 impl TimingAnalyser {
+    /// An analyser of frames that this curve encodes.
+    pub fn new(transfer: Transfer) -> Self {
+        Self { measurer: Measurer::new(transfer) }
+    }
+
     /// The most bytes, approximately, for each pixel of a frame, beside the frame that is given.
     pub const BYTES_PER_PIXEL: u64 = 200;
     /// The bytes, approximately, that are kept of each frame.

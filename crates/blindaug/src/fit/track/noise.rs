@@ -1,7 +1,7 @@
 //! The noise from frame to frame.
 
 use super::memory::walked;
-use crate::fit::distant::{DISTANCES, DistantPairs};
+use crate::fit::distant::DistantPairs;
 use crate::fit::geometry::Follower;
 use crate::fit::noise::{LumaNoise, NoiseEvidence, NoiseLine, UNSEEN_STD};
 use crate::fit::robust::median;
@@ -103,8 +103,7 @@ impl NoiseFollower {
         self.copied = near.is_copied();
         // Distant frames are compared seldom, so a larger part of them.
         let turns = (w * h).div_ceil(4 * PART).min((h / 64).max(1));
-        let turn = index / DISTANCES.start() % turns;
-        self.distant.push((index, frame), |_| coded, follower, (turn, turns))?;
+        self.distant.push((index, frame), |_| coded, follower, turns)?;
         if coded {
             self.distant.begin_with(frame);
         }

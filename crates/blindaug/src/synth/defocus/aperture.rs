@@ -255,11 +255,13 @@ impl Apertures {
         self.of(sigma).map_or(NONE, |kernel| &kernel.spans[usize::from(sigma > 0.0)])
     }
 
-    /// The cut of the shape at a position from the picture's centre, in halves of its diagonal; `None` without a cat's eye.
+    /// The cut of the shape at a position from the picture's centre, in halves of its diagonal; `None` without a cat's eye. Beyond the
+    /// picture's corners the cut is that of the corners: farther out nothing would be left of the shape.
     pub fn cut(&self, field: [f32; 2], sigma: f32) -> Option<Cut<'_>> {
         let kernel = self.of(sigma).filter(|_| self.cats_eye > 0.0)?;
         let side = if sigma > 0.0 { -1.0 } else { 1.0 };
-        let [x, y] = field.map(|f| side * self.cats_eye * f * kernel.radius as f32);
+        let inwards = field[0].hypot(field[1]).max(1.0).recip();
+        let [x, y] = field.map(|f| side * self.cats_eye * inwards * f * kernel.radius as f32);
         let [[along, right], [down, below]] = kernel.placed.map(|p| p.map(|v| v as f32));
         let radius = kernel.radius as f32;
         Some(Cut {
@@ -304,6 +306,20 @@ mod tests {
 
     const N: usize = 121;
     const MIDDLE: f64 = 60.0;
+
+    #[test]
+    fn beyond_the_picture_a_cat_s_eye_is_that_of_its_corners() {
+        let aperture = Aperture { bokeh: Bokeh::Disk, squeeze: 1.0, cats_eye: 1.0 };
+        let apertures = super::Apertures::new(&aperture, [1.0; 2], &Plane::filled(1, 1, 4.0));
+        let area = |field: [f32; 2]| -> f32 {
+            let cut = apertures.cut(field, 4.0).expect("it is cut");
+            let rows = apertures.kernel(4.0).rows.iter().filter_map(|&row| cut.of(row));
+            rows.map(|row| row.right - row.left).sum()
+        };
+        let corner = area([0.8, 0.6]);
+        assert!(corner > 0.0 && area([0.0; 2]) > corner);
+        assert!((area([8.0, 6.0]) - corner).abs() < 1e-3);
+    }
 
     fn polygon(blades: u8, roundness: f32, rotation_degrees: f32) -> Bokeh {
         Bokeh::Polygon { blades, roundness, rotation_degrees }
