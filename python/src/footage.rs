@@ -8,6 +8,7 @@ use crate::{
 use blindaug::{
     Encoded, Frame, Transfer,
     colour_space::{ColourSpace, doubts},
+    model::FRAME_RATES,
 };
 use blindaug_io::{FrameRange, FrameSource, Reading, SideFolder, memory};
 use blindaug_pipeline::{BoxedSide, Clip, Observer, Result, Side, footage::Frames};
@@ -45,13 +46,19 @@ pub enum Footage {
     Python(PythonClip),
 }
 
+/// Fails if this is no frame rate.
+pub fn check_fps(fps: Option<f64>) -> PyResult<()> {
+    match fps.is_none_or(|fps| FRAME_RATES.contains(&fps)) {
+        true => Ok(()),
+        false => Err(of("fps", "must be a number from 0.01 to 100000")),
+    }
+}
+
 impl Footage {
     /// Opens what was handed in.
     pub fn open(value: &Bound<'_, PyAny>, said: &Said, listener: &Listener) -> PyResult<Self> {
         let space = said.colour_space.map(|name| pixels::colour_space(name, "colour_space")).transpose()?;
-        if said.fps.is_some_and(|fps| !(fps.is_finite() && fps > 0.0)) {
-            return Err(of("fps", "must be a positive number"));
-        }
+        check_fps(said.fps)?;
         let Some(path) = path(value) else {
             if said.frames.is_some() {
                 return Err(of("frames", "is for files and folders: hand in the frames that are wanted"));

@@ -4,7 +4,7 @@ use crate::{
     camera::Camera,
     estimate::{open_depth, open_flow},
     failure::{self, of},
-    footage::{self, Footage, PythonClip, Said},
+    footage::{self, Footage, PythonClip, Said, check_fps},
     listener::{Listener, check_process},
     pixels::{self, DepthUnit},
 };
@@ -92,9 +92,7 @@ impl Tracker {
     #[new]
     #[pyo3(signature = (*, fps = None, colour_space = None, depth_kind = "metric"))]
     fn new(fps: Option<f64>, colour_space: Option<&str>, depth_kind: &str) -> PyResult<Self> {
-        if fps.is_some_and(|fps| !(fps.is_finite() && fps > 0.0)) {
-            return Err(of("fps", "must be a positive number"));
-        }
+        check_fps(fps)?;
         let space =
             colour_space.map_or(Ok(ColourSpace::SRGB), |name| pixels::colour_space(name, "colour_space"))?;
         let blur = Space { transfer: space.transfer.worked_on(), ..Space::default() };

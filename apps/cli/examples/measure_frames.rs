@@ -3,6 +3,7 @@
 //! exposures. With `--exposures` it prints the exposures that are estimated from such scenes with copies and without some of their frames.
 //! Coding needs the `ffmpeg` program.
 
+use blindaug::Transfer;
 use blindaug::analysis::flow::flow_with_occlusion;
 use blindaug::fit::timing::Kind;
 use blindaug::{CameraModel, Encoded, Raster};
@@ -134,7 +135,7 @@ fn coded<R>(frames: &[Encoded], crf: Option<u8>, look: impl FnOnce(Box<dyn Clip>
 
 /// What is found in frames after they were coded.
 fn found(frames: &[Encoded], crf: Option<u8>) -> BTreeSet<(Kind, u64)> {
-    let timing = coded(frames, crf, |clip| timing(&*clip, &Silent).expect("frames").timing);
+    let timing = coded(frames, crf, |clip| timing(&*clip, Transfer::Srgb, &Silent).expect("frames").timing);
     timing.findings.iter().map(|f| (f.event.kind(), f.frame)).collect()
 }
 

@@ -2,7 +2,7 @@
 
 use blindaug::{
     composite::CompositeOptions,
-    model::{BLADES, Bokeh, ExposureFraction, KnownDistance},
+    model::{BLADES, Bokeh, ExposureFraction, FRAME_RATES, KnownDistance},
 };
 use blindaug_pipeline::{
     ByHand,
@@ -203,8 +203,8 @@ pub fn positive(text: &str) -> Result<f32, String> {
 /// Parses a frame rate.
 pub fn frame_rate(text: &str) -> Result<f64, String> {
     match text.trim().parse::<f64>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err("frames per second must be a number greater than 0".into()),
+        Ok(v) if FRAME_RATES.contains(&v) => Ok(v),
+        _ => Err("frames per second must be a number from 0.01 to 100000".into()),
     }
 }
 

@@ -93,6 +93,12 @@ fn integers(path: &Path) -> Result<(Plane, Option<f32>)> {
     let (image, _) = decode(path)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let color = image.color();
+    if color.bytes_per_pixel() > 2 * color.channel_count() {
+        return Err(Error::new(
+            path,
+            "depth as floats is read from EXR files: save it as EXR with a channel Z",
+        ));
+    }
     let max: u16 = if color.bytes_per_pixel() > color.channel_count() { u16::MAX } else { u8::MAX.into() };
     let mut data = Vec::with_capacity(width * height);
     for strip in strips(&image) {

@@ -7,7 +7,10 @@ use crate::{
 };
 use blindaug::{Encoded, Flow, Plane, fit::Evidence, model::DepthKind, text::why_not_json};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::{
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
 
 /// What is to be known of evidence beside its images, so that an estimate from it is that of the run that saved it. It lies beside the
 /// folders of the kinds of evidence, as `SCENE.evidence.json`; the paper's data have no such file.
@@ -128,6 +131,13 @@ pub struct EvidenceWriter {
     saved: SavedEvidence,
 }
 
+/// The name of a scene after the input: that of the folder or file, however its path is written.
+fn scene_of(input: &Path) -> String {
+    let named = |path: &Path| Some(path.file_stem()?.to_string_lossy().into_owned());
+    let whole = || named(&input.canonicalize().ok()?);
+    named(input).or_else(whole).unwrap_or_else(|| "frames".into())
+}
+
 impl EvidenceWriter {
     /// A writer to a folder, which is made with the first file; the scene is named after the input.
     ///
@@ -135,7 +145,7 @@ impl EvidenceWriter {
     /// If the folder cannot be made or written to, or one of its subfolders is an input.
     pub fn new(folder: &Path, input: &Path, inputs: &Inputs) -> Result<Self> {
         check_folder(folder)?;
-        let scene = input.file_stem().unwrap_or(input.as_os_str()).to_string_lossy().into_owned();
+        let scene = scene_of(input);
         for kind in PaperScene::KINDS {
             let files = folder.join(kind).join(&scene);
             inputs.check_output_folder(&files, |_| true)?;
@@ -143,9 +153,11 @@ impl EvidenceWriter {
         }
         // A file of an earlier run would speak of other images.
         let path = SavedEvidence::path(folder, &scene);
-        if path.exists() {
-            std::fs::remove_file(&path)
-                .map_err(|e| Error::new(&path, format!("it cannot be replaced ({e})")))?;
+        match std::fs::remove_file(&path) {
+            Err(e) if e.kind() != ErrorKind::NotFound => {
+                return Err(Error::new(&path, format!("it cannot be replaced ({e})")));
+            }
+            _ => {}
         }
         let saved = SavedEvidence {
             fps: None,

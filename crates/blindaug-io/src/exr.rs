@@ -31,7 +31,7 @@ use blindaug::{
     colour_space::{ColourSpace, Primaries},
     composite::DistortedLayer,
     finite_light,
-    model::{PIXEL_ASPECTS, inverse_of_metric},
+    model::{FRAME_RATES, PIXEL_ASPECTS, inverse_of_metric},
 };
 use rayon::prelude::*;
 use std::{
@@ -172,10 +172,8 @@ impl ExrHead {
     /// Frames per second; `None` where the head says nothing, or what cannot be.
     pub fn fps(&self) -> Option<f64> {
         let (frames, seconds) = self.layer.frames_per_second?;
-        /// The rates that cameras have, with room at both ends.
-        const RATES: std::ops::RangeInclusive<f64> = 0.01..=1e5;
         let rate = f64::from(frames) / f64::from(seconds);
-        Some(rate).filter(|rate| RATES.contains(rate))
+        Some(rate).filter(|rate| FRAME_RATES.contains(rate))
     }
 
     /// The width of a pixel over its height; 1 where the head says nothing, or what cannot be.

@@ -22,8 +22,12 @@ pub enum FileKind {
 impl FileKind {
     /// The kind by a file's extension; `None` if it is none of these.
     pub fn of_name(path: &Path) -> Option<Self> {
-        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        match extension.as_str() {
+        Self::of_extension(path.extension()?.to_str()?)
+    }
+
+    /// The kind by an extension without its dot, in upper or lower case.
+    fn of_extension(extension: &str) -> Option<Self> {
+        match extension.to_ascii_lowercase().as_str() {
             "png" => Some(Self::Png),
             "tif" | "tiff" => Some(Self::Tiff),
             "exr" => Some(Self::Exr),
@@ -80,7 +84,7 @@ impl FrameFormat {
     ///
     /// # Errors
     /// If the file is missing, damaged or no image.
-    pub(crate) fn of_file(path: &Path) -> Result<Self> {
+    pub fn of_file(path: &Path) -> Result<Self> {
         if is_exr(path)? {
             let bits = if exr::colour_is_half(path)? { 16 } else { 32 };
             return Ok(Self { kind: FileKind::Exr, bits });
@@ -183,7 +187,7 @@ impl std::str::FromStr for FileKind {
     type Err = blindaug::Error;
 
     fn from_str(text: &str) -> std::result::Result<Self, Self::Err> {
-        Self::of_name(&Path::new("x").with_extension(text))
+        Self::of_extension(text)
             .ok_or_else(|| blindaug::Error::new(format!("\"{text}\" is no format: exr, png or tiff")))
     }
 }

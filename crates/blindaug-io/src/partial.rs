@@ -346,8 +346,16 @@ pub fn check_folder(folder: &Path) -> Result<()> {
         let file = Error::shown_path(there);
         return Err(Error::new(folder, format!("the folder cannot be made: {file} is a file")));
     }
-    let probe = there.join(format!(".blindaug-{}", std::process::id()));
-    std::fs::File::create(&probe).and_then(|_| std::fs::remove_file(&probe)).map_err(|e| {
+    // Each check has a file of its own, since others of this process and of others may be under way.
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let probe = there.join(format!(".blindaug-{}-{count}", std::process::id()));
+    let made = File::create(&probe).and_then(|_| match std::fs::remove_file(&probe) {
+        // A process of the same number on another machine has removed it.
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        removed => removed,
+    });
+    made.map_err(|e| {
         Error::new(folder, format!("no file can be written to this folder ({e}); choose another"))
     })
 }

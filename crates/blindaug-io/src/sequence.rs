@@ -138,9 +138,20 @@ impl FrameSource {
             return Self::of_images(path, numbered(vec![(number, path.into())]), range, notes);
         }
         let video = Video::open(path)?;
+        let begin = first.unwrap_or(1);
+        if range.last.is_some_and(|last| last < begin) {
+            return Err(Error::new(
+                path,
+                format!("no frame in {range} (the video's first frame is {begin})"),
+            ));
+        }
+        let end = video.len_hint().map(|n| begin.saturating_add(n as u64) - 1);
+        if let Some(end) = end.filter(|&end| range.last.is_some_and(|last| last > end)) {
+            notes.push(format!("{range} reaches beyond its frames, which are about {begin} to {end}"));
+        }
         notes.extend(video.notes().iter().cloned());
         let (size, format, space) = (video.size(), FrameFormat::of_video(video.bits()), video.space());
-        let kind = Kind::Video(Box::new(video), first.unwrap_or(1));
+        let kind = Kind::Video(Box::new(video), begin);
         let reading = Reading { transfer: space.transfer.worked_on(), ..Reading::default() };
         Ok(Self::new(path, (range, size, format), (space, reading), kind, notes))
     }

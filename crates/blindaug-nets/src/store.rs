@@ -184,8 +184,7 @@ impl Store {
     fn manifests(&self) -> Vec<PathBuf> {
         let Ok(folders) = std::fs::read_dir(&self.folder) else { return vec![] };
         let manifest = |folder: PathBuf| {
-            let name = folder.file_name()?.to_owned();
-            let path = folder.join(name).with_extension("toml");
+            let path = self.manifest_path(folder.file_name()?.to_str()?);
             path.is_file().then_some(path)
         };
         folders.filter_map(|f| manifest(f.ok()?.path())).collect()

@@ -168,6 +168,15 @@ impl Output {
             Ok(folder.read_dir().map_err(cannot)?.filter_map(frame).collect())
         };
         let there = if folder.exists() { there()? } else { BTreeMap::new() };
+        if written.is_none() && !overwrite {
+            for path in there.keys().map(|&number| names.path(number)) {
+                FrameFormat::of_file(&path).map_err(|_| {
+                    let sentence =
+                        "this is no image, but has the name of a frame: move it, or give another folder";
+                    FileError::new(&path, sentence)
+                })?;
+            }
+        }
         let same = written.as_deref() == Some(settings);
         if !there.is_empty() && !same && !overwrite && written.is_some() {
             return Err(Error::OtherSettings { name: FileError::shown_path(folder) });

@@ -59,8 +59,9 @@ impl Player {
         let shared = Arc::new(Shared::default());
         let of_thread = shared.clone();
         std::thread::spawn(move || {
+            // Nobody waits for a thread that has ended, even by a panic.
+            let _ended = Ended(&of_thread);
             read(&*clip, pace, &of_thread, &tell);
-            of_thread.ended.store(true, Ordering::Release);
         });
         Self { shared }
     }
@@ -101,6 +102,15 @@ impl Drop for Player {
     fn drop(&mut self) {
         self.shared.slot().closed = true;
         self.shared.changed.notify_all();
+    }
+}
+
+/// Says, when it is dropped, that reading has ended.
+struct Ended<'a>(&'a Shared);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.ended.store(true, Ordering::Release);
     }
 }
 

@@ -1,5 +1,6 @@
 //! The source of the footage: a file, a folder, or a camera by its name.
 
+use blindaug::Transfer;
 use blindaug_io::{FrameSource, Result};
 use std::path::Path;
 
@@ -11,14 +12,15 @@ pub fn names_camera(input: &Path) -> bool {
     input.to_str().is_some_and(|i| i.starts_with(CAMERA))
 }
 
-/// Opens a video, a folder of images, or by `camera:0` a camera (on Windows `camera:NAME`).
+/// Opens a video, a folder of images, or by `camera:0` a camera (on Windows `camera:NAME`). The frames come encoded as sRGB, as windows show them,
+/// whatever their files are encoded by.
 ///
 /// # Errors
 /// If there is none, or it cannot be read.
 pub fn open(input: &Path) -> Result<FrameSource> {
     match input.to_str().and_then(|i| i.strip_prefix(CAMERA)) {
         Some(name) => FrameSource::camera(name),
-        None => FrameSource::open(input, Default::default()),
+        None => FrameSource::open(input, Default::default()).map(|source| source.encoded_as(Transfer::Srgb)),
     }
 }
 

@@ -282,7 +282,8 @@ impl NoiseEvidence {
                 single_spread: 0.0,
             };
         }
-        let pull = if self.method == Method::Spatial && !self.flat { PULL_OF_SINGLE } else { PULL };
+        let of_single_frames = self.method == Method::Spatial && !self.flat;
+        let pull = if of_single_frames { PULL_OF_SINGLE } else { PULL };
         let pure = self.is_pure();
         let camera_share = (self.method == Method::Spatial).then(|| self.camera_share());
         let single = camera_share.map(Spectrum::between_white_and_camera);
@@ -341,13 +342,16 @@ impl NoiseEvidence {
             method: self.method,
             samples: self.len() as u64,
         };
-        let model = match curves::fit(&self.blocks(pure), lines.clone(), pure, single.as_ref(), most) {
+        let kind = curves::Evidence { pure, of_single_frames, prior: single.as_ref() };
+        let model = match curves::fit(&self.blocks(pure), lines.clone(), kind, most) {
             Some(curves) => NoiseModel::Curves(Box::new(NoiseCurves {
                 temporal_correlation: if pure { self.temporal_correlation() } else { 0.0 },
                 ..curves
             })),
             None => NoiseModel::Lines(lines),
         };
+        // The flattest blocks of single frames, through which their lines go, hold least noise.
+        let model = if of_single_frames { model.with_agreeing_lines() } else { model };
         let coding_error = self.coding_error_by(&finest);
         let luma = LumaNoise { levels: luma, coding_error };
         let [white, camera] = SINGLE_SPREAD;

@@ -110,6 +110,9 @@ pub struct Capture {
     pub pixel_aspect: f32,
 }
 
+/// The frames per second that cameras and renderers have, with room at both ends.
+pub const FRAME_RATES: std::ops::RangeInclusive<f64> = 0.01..=1e5;
+
 /// The pixel aspects that a capture may have.
 pub const PIXEL_ASPECTS: std::ops::RangeInclusive<f32> = 0.1..=10.0;
 

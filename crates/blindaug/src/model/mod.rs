@@ -15,7 +15,7 @@ mod track;
 mod units;
 
 pub use bokeh::{Aperture, BLADES, Bokeh, MOST_SQUEEZE};
-pub use capture::{BlurSpace, Capture, Method, PIXEL_ASPECTS, Space, Stopped};
+pub use capture::{BlurSpace, Capture, FRAME_RATES, Method, PIXEL_ASPECTS, Space, Stopped};
 pub use defocus::{DefocusCurve, DefocusModel, ThinLensInterval};
 pub use distortion::Parameter;
 pub use estimate::{Estimate, Reason, Unknown};

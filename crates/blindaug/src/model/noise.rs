@@ -167,26 +167,36 @@ impl NoiseModel {
                 let light = to.decode(y);
                 (y, l.sigma(from.encode(light)).map(|std| std * to.slope(light) / from.slope(light)))
             });
-            let n = PLACES.len() as f32;
-            let mean_y = PLACES.iter().sum::<f32>() / n;
-            let spread: f32 = PLACES.iter().map(|y| (y - mean_y).powi(2)).sum();
-            let line = |c: usize| {
-                let mean = points.iter().map(|p| p.1[c]).sum::<f32>() / n;
-                let slope =
-                    points.iter().map(|(y, std)| (y - mean_y) * (std[c] - mean)).sum::<f32>() / spread;
-                match mean - slope * mean_y {
-                    intercept if intercept >= 0.0 => (slope, intercept),
-                    // A std is never negative: the line then goes through 0.
-                    _ => {
-                        let squares = spread + n * mean_y * mean_y;
-                        (points.iter().map(|(y, std)| y * std[c]).sum::<f32>() / squares, 0.0)
-                    }
-                }
-            };
-            let lines = [0, 1, 2].map(line);
+            let lines = [0, 1, 2].map(|c| line_through(&points.map(|(y, std)| (y, std[c]))));
             NoiseLevel { slope: lines.map(|l| l.0), intercept: lines.map(|l| l.1) }
         };
         NoiseLines { levels: lines.levels.each_ref().map(level), interval: None, clip: 1.0, ..lines.clone() }
+    }
+
+    /// The same noise, with lines that do not contradict its curves: those of a channel whose curves lie outside the lines' 95 % interval over
+    /// some grey are laid through the curves' std over grey, and the interval holds both.
+    pub(crate) fn with_agreeing_lines(mut self) -> Self {
+        let Self::Curves(curves) = &self else { return self };
+        let contradicted: [bool; 3] = std::array::from_fn(|c| {
+            GREYS.into_iter().any(|y| {
+                let [low, high] = self.interval_of_total_std(y).map(|end| end[c]);
+                !(low..=high).contains(&self.total_std_over([y; 3])[c])
+            })
+        });
+        let levels = curves.levels;
+        let lines = self.lines_mut();
+        for (l, level) in levels.iter().enumerate() {
+            for c in (0..3).filter(|&c| contradicted[c]) {
+                let own = (lines.levels[l].slope[c], lines.levels[l].intercept[c]);
+                let (slope, intercept) = line_through(&GREYS.map(|y| (y, level.std([y; 3])[c])));
+                (lines.levels[l].slope[c], lines.levels[l].intercept[c]) = (slope, intercept);
+                let Some(interval) = &mut lines.interval else { continue };
+                let both = |[low, high]: [f32; 2], moved: f32| [low + moved.min(0.0), high + moved.max(0.0)];
+                interval[l].slope[c] = both(interval[l].slope[c], slope - own.0);
+                interval[l].intercept[c] = both(interval[l].intercept[c], intercept - own.1);
+            }
+        }
+        self
     }
 
     /// [`NoiseModel::lines`], to be changed.
@@ -422,6 +432,23 @@ impl DistortionModel for NoiseModel {
 
     fn basis(&self) -> (Method, u64) {
         (self.method(), self.samples())
+    }
+}
+
+/// The slope and the intercept, >= 0, of the line that is nearest to these stds at these luminances.
+fn line_through(points: &[(f32, f32)]) -> (f32, f32) {
+    let n = points.len() as f32;
+    let [mean_y, mean] =
+        [points.iter().map(|p| p.0).sum::<f32>() / n, points.iter().map(|p| p.1).sum::<f32>() / n];
+    let spread: f32 = points.iter().map(|(y, _)| (y - mean_y).powi(2)).sum();
+    let slope = points.iter().map(|(y, std)| (y - mean_y) * (std - mean)).sum::<f32>() / spread;
+    match mean - slope * mean_y {
+        intercept if intercept >= 0.0 => (slope, intercept),
+        // A std is never negative: the line then goes through 0.
+        _ => {
+            let squares = spread + n * mean_y * mean_y;
+            (points.iter().map(|(y, std)| y * std).sum::<f32>() / squares, 0.0)
+        }
     }
 }
 

@@ -2,8 +2,11 @@
 //! independent noises that gives the channels their correlation.
 
 use super::PAIRS;
+use crate::LUMA;
 use crate::fit::linear::{cholesky, solved};
-use crate::model::{CurveLevel, NOISE_KNOTS, NOISE_LEVELS, NoiseCurves, NoiseLines, place};
+use crate::model::{
+    CurveLevel, KNOTS, NOISE_KNOTS, NOISE_LEVELS, NoiseCurves, NoiseLevel, NoiseLines, place,
+};
 use crate::portable::Portable;
 use wide::f32x4;
 
@@ -38,6 +41,16 @@ impl Colours {
     /// The shares, which may sum to a little more or less than 1 by rounding.
     fn shares(&self) -> impl Iterator<Item = f32> + '_ {
         self.0.as_flattened().iter().map(|&s| f32::from(s) / 255.0)
+    }
+
+    /// The mean variances of R, G and B over the block, if they are these over the greys of [`KNOTS`] and each channel counts as much as in luma.
+    fn over_luma(&self, over_grey: &[[f32; 3]; NOISE_KNOTS]) -> [f32; 3] {
+        let mut mean = [0.0; 3];
+        for (i, share) in self.shares().enumerate() {
+            let (weight, variance) = (LUMA[i / NOISE_KNOTS] * share, over_grey[i % NOISE_KNOTS]);
+            (0..3).for_each(|c| mean[c] += weight * variance[c]);
+        }
+        mean
     }
 
     /// The mean variances of R, G and B over the block.
@@ -93,14 +106,22 @@ impl Spectrum {
 /// The number of blocks of a level beyond which more tell hardly more, and take time.
 pub(super) const ENOUGH: usize = 6000;
 
-/// The curves through at most `most` blocks of each level; `None` if a level has fewer than eight blocks. `pure`: the residuals hold nothing but
-/// noise. `prior`: the coarse levels follow from the finest one by this spectrum where their blocks show more, so that only the finest
-/// level needs blocks.
+/// What is known of the blocks through which curves are laid.
+#[derive(Clone, Copy)]
+pub(super) struct Evidence<'a> {
+    /// Whether the residuals hold nothing but noise.
+    pub pure: bool,
+    /// Whether they are the flattest blocks of single frames that no coder made.
+    pub of_single_frames: bool,
+    /// The spectrum by which coarse levels follow from the finest one where their blocks show more, so that only the finest level needs blocks.
+    pub prior: Option<&'a Spectrum>,
+}
+
+/// The curves through at most `most` blocks of each level; `None` if a level has fewer than eight blocks.
 pub(super) fn fit(
     levels: &[Vec<Block>; NOISE_LEVELS],
     lines: NoiseLines,
-    pure: bool,
-    prior: Option<&Spectrum>,
+    Evidence { pure, of_single_frames, prior }: Evidence,
     most: usize,
 ) -> Option<NoiseCurves> {
     let measured = if prior.is_some() { 1 } else { NOISE_LEVELS };
@@ -126,7 +147,8 @@ pub(super) fn fit(
             continue;
         }
         let rows = Rows::of(blocks, most);
-        for (curves, points) in fitted[l].variance.iter_mut().zip(curves_of(&rows, pure)) {
+        let over_grey = OverGrey::new(&lines.levels[l], &rows, of_single_frames);
+        for (curves, points) in fitted[l].variance.iter_mut().zip(curves_of(&rows, &over_grey, pure)) {
             for (curve, points) in curves.iter_mut().zip(points.chunks_exact(NOISE_KNOTS)) {
                 curve.copy_from_slice(points);
             }
@@ -203,9 +225,41 @@ impl<'a> Rows<'a> {
     }
 }
 
+/// The variance that curves should have over grey. Blocks tell the noise over the picture's own colours; what they leave open, such as the noise
+/// over grey in a picture without grey, the lines over luminance tell (docs/lab-log.md, "Noise over colours that are not there").
+struct OverGrey {
+    /// The variances of R, G and B over the grey of each of [`KNOTS`].
+    variance: [[f32; 3]; NOISE_KNOTS],
+    /// The weight of each grey, as a share of the mean weight of a curve's point.
+    weight: f64,
+}
+
+impl OverGrey {
+    /// The weights of lines of single frames and of pairs.
+    const WEIGHTS: (f64, f64) = (0.2, 0.02);
+
+    /// Of a level whose lines are these. Those of single frames go through the flattest blocks alone, and tell only how the noise depends on the
+    /// luminance: their std is scaled to the mean std of the blocks.
+    fn new(lines: &NoiseLevel, rows: &Rows, single: bool) -> Self {
+        let mut variance = KNOTS.map(|y| lines.sigma(y).map(|std| std * std));
+        let (of_single, of_pairs) = Self::WEIGHTS;
+        if !single {
+            return Self { variance, weight: of_pairs };
+        }
+        let mut ratios = [0.0f32; 3];
+        for b in &rows.blocks {
+            let of_grey = b.colours.over_luma(&variance);
+            (0..3).for_each(|c| ratios[c] += (b.covariance[c].max(0.0) / of_grey[c].max(1e-8)).sqrt());
+        }
+        let scale = ratios.map(|sum| (sum / rows.blocks.len() as f32).powi(2));
+        variance = variance.map(|v| std::array::from_fn(|c| scale[c] * v[c]));
+        Self { variance, weight: of_single }
+    }
+}
+
 /// For each channel, the points of the three curves whose sum is its variance: weighted non-negative least squares, with weights from the
-/// variance that the curves themselves predict. The channels are fitted side by side, since they have the same coefficients.
-fn curves_of(rows: &Rows, pure: bool) -> [[f32; POINTS]; 3] {
+/// variance that the curves themselves predict, drawn towards the variance over grey. The channels are fitted side by side, since they have the same coefficients.
+fn curves_of(rows: &Rows, over_grey: &OverGrey, pure: bool) -> [[f32; POINTS]; 3] {
     /// A curve's successive points are pulled together by this share of the mean weight of a point, so that points without blocks follow
     /// their neighbours.
     const SMOOTH: f64 = 2e-3;
@@ -267,13 +321,23 @@ fn curves_of(rows: &Rows, pure: bool) -> [[f32; POINTS]; 3] {
                 normal[UNKNOWNS * j + i] = normal[UNKNOWNS * i + j];
             }
             let diagonal = normal.iter().step_by(UNKNOWNS + 1).take(POINTS);
-            let weight = SMOOTH * diagonal.sum::<f64>() / POINTS as f64;
+            let of_point = diagonal.sum::<f64>() / POINTS as f64;
+            let weight = SMOOTH * of_point;
             for i in (0..POINTS).filter(|i| (i + 1) % NOISE_KNOTS != 0) {
                 for (a, b, sign) in [(i, i, 1.0), (i + 1, i + 1, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0)] {
                     normal[UNKNOWNS * a + b] += sign * weight;
                 }
             }
-            let next = non_negative(&normal, &right.iter().map(of).collect::<Vec<f64>>(), *x);
+            let weight = over_grey.weight * of_point;
+            let mut right: Vec<f64> = right.iter().map(of).collect();
+            for (i, grey) in over_grey.variance.iter().enumerate() {
+                let points = [0, 1, 2].map(|k| NOISE_KNOTS * k + i);
+                for a in points {
+                    points.iter().for_each(|b| normal[UNKNOWNS * a + b] += weight);
+                    right[a] += weight * f64::from(scale[c] * grey[c]);
+                }
+            }
+            let next = non_negative(&normal, &right, *x);
             same &= next.iter().zip(&*x).all(|(next, x)| (next - x).abs() <= SAME);
             *x = next;
         }
@@ -604,7 +668,8 @@ mod tests {
                 .map(|i| block(i, mismatch))
                 .map(|b| if told { b } else { Block { texture: 0.0, ..b } })
                 .collect();
-            let points = curves_of(&Rows::of(&blocks, ENOUGH), !told && mismatch == 0.0);
+            let unknown = OverGrey { variance: [[0.0; 3]; NOISE_KNOTS], weight: 0.0 };
+            let points = curves_of(&Rows::of(&blocks, ENOUGH), &unknown, !told && mismatch == 0.0);
             let mut level = CurveLevel::default();
             level.variance[0].as_flattened_mut().copy_from_slice(&points[0]);
             [[0.2; 3], [0.5; 3], [0.8; 3], [0.8, 0.3, 0.2], [0.2, 0.4, 0.8]]
@@ -616,5 +681,35 @@ mod tests {
         assert!(worst(0.02, true) < 0.15, "{}", worst(0.02, true));
         // Negative control: the texture is taken for noise.
         assert!(worst(0.02, false) > 0.2, "{}", worst(0.02, false));
+    }
+
+    #[test]
+    fn over_greys_that_the_picture_does_not_have_the_lines_tell_the_noise() {
+        // Noise of std 0.01 everywhere, in a picture of reds: some blocks hold texture, as those of bright reds.
+        let block = |i: usize| {
+            let uniform = |k: u64| crate::fit::uniform(k, i as u64);
+            let red = 0.2 + 0.7 * uniform(1);
+            let v = 1e-4 * (1.0 + 0.4 * (uniform(2) - 0.5)) * if red > 0.8 { 3.0 } else { 1.0 };
+            let colour = [red, 0.4 * red, 0.3 * red];
+            let colours = Colours::of(std::iter::once(colour));
+            Block { colours, covariance: [v, v, v, 0.0, 0.0, 0.0], texture: 0.0, count: 64.0 }
+        };
+        let blocks: Vec<Block> = (0..2000).map(block).collect();
+        let rows = Rows::of(&blocks, ENOUGH);
+        let lines = NoiseLevel { slope: [0.0; 3], intercept: [0.01; 3] };
+        let over = |grey: &OverGrey, colour: [f32; 3]| {
+            let mut level = CurveLevel::default();
+            let points = curves_of(&rows, grey, true);
+            level.variance[0].as_flattened_mut().copy_from_slice(&points[0]);
+            level.std(colour)[0] / 0.01
+        };
+        let unknown = OverGrey { variance: [[0.0; 3]; NOISE_KNOTS], weight: 0.0 };
+        for single in [true, false] {
+            let told = OverGrey::new(&lines, &rows, single);
+            let (white, red) = (over(&told, [0.95; 3]), over(&told, [0.5, 0.2, 0.15]));
+            assert!((0.8..1.4).contains(&white) && (red - 1.0).abs() < 0.15, "{single}: {white} {red}");
+        }
+        // Negative control: from reds alone the noise over white is taken for three times as strong in all channels.
+        assert!(over(&unknown, [0.95; 3]) > 1.5, "{}", over(&unknown, [0.95; 3]));
     }
 }
