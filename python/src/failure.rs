@@ -1,5 +1,6 @@
 //! The exceptions of the package.
 
+use crate::listener::in_python;
 use pyo3::{PyErr, PyResult, create_exception, exceptions::PyValueError};
 
 create_exception!(
@@ -38,7 +39,7 @@ pub fn one_of<T: Copy>(argument: &str, name: &str, values: &[(&str, T)]) -> PyRe
 pub fn of_file(e: blindaug_io::Error) -> PyErr {
     match e.is_over_budget() {
         true => Error::new_err(format!("{e} (blindaug.set_memory_budget(BYTES) raises it)")),
-        false => FileError::new_err(e.to_string()),
+        false => FileError::new_err(in_python(&e.to_string())),
     }
 }
 
@@ -51,6 +52,6 @@ pub fn of_job(e: blindaug_pipeline::Error) -> PyErr {
             "{e}: cam.to_metric(at=[(X, Y, METRES)]) brings it to metres by a place whose distance is known, cam.to_metric(S) by the scene's scale; \
              composite(.., match_at=(X, Y)) blurs the object like what is seen at a place"
         )),
-        e => Error::new_err(e.to_string()),
+        e => Error::new_err(in_python(&e.to_string())),
     }
 }

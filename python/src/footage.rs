@@ -313,6 +313,16 @@ pub enum Beside<T> {
     Python(PythonSide<T>),
 }
 
+impl<T> Beside<T> {
+    /// The files, if these are such.
+    pub fn files(&self) -> Option<&dyn Side<T>> {
+        match self {
+            Self::Files(files) => Some(files),
+            Self::Python(_) => None,
+        }
+    }
+}
+
 /// Arrays that belong to frames.
 pub struct PythonSide<T> {
     name: &'static str,

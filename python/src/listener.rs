@@ -80,9 +80,10 @@ impl Listener {
     ) -> PyResult<T> {
         let result = py.detach(job);
         self.check()?;
+        // What was said before a failure may explain it.
+        let told = self.tell(py);
         let result = result.map_err(failure::of_job)?;
-        self.tell(py)?;
-        Ok(result)
+        told.map(|()| result)
     }
 
     /// Fails if Python raised an exception.
@@ -107,7 +108,7 @@ impl Listener {
 }
 
 /// A sentence with the options of the command line as the arguments of the same names.
-fn in_python(sentence: &str) -> String {
+pub fn in_python(sentence: &str) -> String {
     let mut parts = sentence.split("--");
     let mut text = parts.next().unwrap_or_default().to_owned();
     for part in parts {

@@ -17,6 +17,7 @@ use blindaug::{
 use blindaug_io::{FrameSource, memory};
 use blindaug_pipeline::{
     Observer,
+    footage::check_match,
     track::{Beside, ClipTracker, FrameTracker},
 };
 use pyo3::{exceptions::PyException, prelude::*};
@@ -297,6 +298,8 @@ pub fn track(
     let depth = open_depth(depth, unit, &opened, &listener)?;
     let flow = open_flow(flow, &opened, &listener)?;
     let clip = opened.clip();
+    check_match(clip, depth.as_ref().and_then(footage::Beside::files)).map_err(failure::of_job)?;
+    check_match(clip, flow.as_ref().and_then(footage::Beside::files)).map_err(failure::of_job)?;
     let (size, len, aspect) = (clip.size(), clip.len_hint(), clip.pixel_aspect());
     memory::fits(Path::new(&clip.name()), "tracking its camera", Fit::bytes(size))
         .map_err(failure::of_file)?;

@@ -28,7 +28,6 @@ use blindaug_pipeline::{
     footage::check_match,
     matching,
 };
-use blindaug_report::words::count;
 use clap::ValueEnum;
 use std::path::{Path, PathBuf};
 
@@ -239,12 +238,6 @@ impl OutputArgs {
     }
 
     fn finish(&self, output: Output, made: &Made) -> Result<()> {
-        if made.without_layer > 0 {
-            note(format_args!(
-                "{} without a virtual layer left as they are",
-                count(made.without_layer, "frame")
-            ));
-        }
         output::finish(&self.output, output, made)
     }
 }

@@ -41,6 +41,7 @@ impl From<blindaug_pipeline::Error> for Failure {
             E::NoSceneScale { .. } => {
                 Self(format!("{e}: give --scene-scale S[,O], where relative inverse depth is S / Z + O"))
             }
+            E::NoMatch { .. } => Self(format!("{e} (--first N, --frames A..B)")),
             E::AlreadyThere { name } => {
                 Self(format!("{name}: this is there already; add --overwrite, or give another name"))
             }

@@ -1,6 +1,6 @@
 //! `blindaug inspect`: a camera model in words and units, or per-frame models in a table.
 
-use crate::console::{Result, print, print_words};
+use crate::console::{Result, failure, print, print_words};
 use blindaug::model::TrackedCamera;
 use blindaug_report::words::{derived, table, words};
 use serde_json::{Value, json};
@@ -25,6 +25,10 @@ pub fn run(args: &Inspect) -> Result<()> {
     let track = blindaug_io::read_camera_track(&args.camera)?;
     match (track.frames(), args.json) {
         ([one], false) => print_words(&words(&one.camera, &args.at_depth)),
+        (_, false) if !args.at_depth.is_empty() => Err(failure(
+            &args.camera,
+            "it holds a model for each frame, and their table has no blur at depths; with --json each frame tells it",
+        )),
         (_, false) => print(&table(&track)),
         (frames, true) => {
             let values: Vec<Value> = frames.iter().map(|f| derived(&f.camera, &args.at_depth)).collect();

@@ -57,7 +57,7 @@ pub fn read_inverse_depth(path: impl AsRef<Path>, format: DepthFormat) -> Result
         return Err(Error::new(
             path,
             format!(
-                "8 bits per value reach as far as {farthest} m at {} units a metre: give the units a metre (--depth-scale), or depth of 16 bits",
+                "8 bits per value reach as far as {farthest} m at {} units a metre: give the depth scale (units a metre), or depth of 16 bits",
                 format.per_metre
             ),
         ));

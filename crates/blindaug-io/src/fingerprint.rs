@@ -1,12 +1,13 @@
 //! What an input was: its SHA-256, which anybody can compute again.
 
-use crate::{Error, Result};
+use crate::{Error, NamePattern, Result};
 use sha2::{Digest, Sha256};
 use std::{
+    ffi::OsString,
     fmt::Write,
     fs::File,
     io::{Read, Seek, SeekFrom},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 /// The largest number of bytes that are read for a fingerprint: half a second's work.
@@ -23,9 +24,9 @@ pub struct Fingerprint {
     pub of: String,
 }
 
-/// The fingerprint of a file, or of the files of a folder; `None` if there is nothing to hash, as of a live camera.
+/// The fingerprint of a file, of the files of a folder, or of those of a name pattern; `None` if there is nothing to hash, as of a live camera.
 ///
-/// That of a file is what `sha256sum FILE` prints; that of a folder is what `sha256sum * | sha256sum` prints in it: over the files' hashes
+/// That of a file is what `sha256sum FILE` prints; that of a folder, or of a pattern's files in their folder, is what `sha256sum * | sha256sum` prints in it: over the files' hashes
 /// and names, in the order of the names' bytes, hidden files and folders left out. Of a file of more than 256 MiB, or of the files of a
 /// folder that have more together, only the first and the last 8 MiB are hashed, after the size in bytes as text.
 ///
@@ -33,6 +34,13 @@ pub struct Fingerprint {
 /// If a file cannot be read.
 pub fn fingerprint(path: impl AsRef<Path>) -> Result<Option<Fingerprint>> {
     let path = path.as_ref();
+    if let Some(pattern) = NamePattern::of(path) {
+        let of_file = |file: PathBuf| {
+            let size = file.metadata().map_err(|e| Error::cannot_read(&file, &e))?.len();
+            Ok((file.file_name().unwrap_or_default().to_owned(), file, size))
+        };
+        return of_files(pattern.files()?.into_values().map(of_file).collect::<Result<_>>()?).map(Some);
+    }
     let Ok(metadata) = path.metadata() else { return Ok(None) };
     if metadata.is_file() {
         let whole = metadata.len() <= MOST;
@@ -53,6 +61,11 @@ pub fn fingerprint(path: impl AsRef<Path>) -> Result<Option<Fingerprint>> {
             files.push((name, file, metadata.len()));
         }
     }
+    of_files(files).map(Some)
+}
+
+/// The fingerprint of files, each with its name and its size in bytes.
+fn of_files(mut files: Vec<(OsString, PathBuf, u64)>) -> Result<Fingerprint> {
     files.sort();
     let whole = files.iter().map(|f| f.2).sum::<u64>() <= MOST;
     let mut lines = Sha256::new();
@@ -62,7 +75,7 @@ pub fn fingerprint(path: impl AsRef<Path>) -> Result<Option<Fingerprint>> {
         lines.update("\n");
     }
     let what = if whole { "their names and contents" } else { "their names, sizes and first and last 8 MiB" };
-    Ok(Some(Fingerprint { sha256: hex(lines), of: format!("{} files, {what}", files.len()) }))
+    Ok(Fingerprint { sha256: hex(lines), of: format!("{} files, {what}", files.len()) })
 }
 
 /// The hash of a file of this size: of all of it, or of its size and its ends.
@@ -104,6 +117,21 @@ fn hex(hash: Sha256) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_files_of_a_pattern_have_the_fingerprint_of_a_folder_that_holds_them_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        for folder in ["alone", "among"] {
+            std::fs::create_dir(dir.path().join(folder)).unwrap();
+            (1..4).for_each(|i| {
+                std::fs::write(dir.path().join(folder).join(format!("f.{i:04}.png")), [i]).unwrap()
+            });
+        }
+        std::fs::write(dir.path().join("among/other.txt"), "").unwrap();
+        let of = |name: &str| fingerprint(dir.path().join(name)).unwrap().unwrap();
+        assert_eq!(of("among/f.####.png"), of("alone"));
+        assert_ne!(of("among"), of("alone"));
+    }
 
     #[test]
     fn a_file_s_fingerprint_is_its_sha256_and_a_folder_s_covers_names_and_contents() {

@@ -13,7 +13,7 @@ use std::{path::Path, sync::Arc};
 const MAX_PROFILE: u64 = 4 << 20;
 
 /// What can be done about a profile that cannot be believed.
-const WHAT_TO_DO: &str = "convert the image to sRGB, Display P3 or Adobe RGB in the program that made it, or say what it is by --colour-space";
+const WHAT_TO_DO: &str = "convert the image to sRGB, Display P3 or Adobe RGB in the program that made it, or say which colour space it is in";
 
 /// The ICC profile of an image, as it is stored.
 #[derive(Clone, Debug, PartialEq)]

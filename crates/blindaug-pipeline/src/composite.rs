@@ -16,7 +16,7 @@ use blindaug::{
     },
     synth::{self, SynthesisOptions, distorted_strips},
 };
-use std::{collections::BTreeSet, time::SystemTime};
+use std::{collections::BTreeMap, time::SystemTime};
 
 /// Bytes per pixel of a virtual layer while it is read, and of a pair of renders with their linear light.
 const LAYER: u64 = 56;
@@ -230,22 +230,51 @@ fn with_middle_exposure(track: CameraTrack, observer: &dyn Observer) -> CameraTr
     })
 }
 
-/// Warns once of each effect of missing data.
+/// Warns of each effect of missing data in the first frame that it concerns, and in the end of all frames.
 pub(crate) struct Missing<'a> {
     observer: &'a dyn Observer,
-    said: BTreeSet<&'static str>,
+    /// The numbers of the frames of each effect.
+    frames: BTreeMap<&'static str, Vec<u64>>,
 }
 
 impl<'a> Missing<'a> {
     pub(crate) fn new(observer: &'a dyn Observer) -> Self {
-        Self { observer, said: BTreeSet::new() }
+        Self { observer, frames: BTreeMap::new() }
     }
 
     pub(crate) fn check(&mut self, is_missing: bool, number: u64, what: &str, effect: &'static str) {
-        if is_missing && self.said.insert(effect) {
-            self.observer.warning(&format!("frame {number}: {what}, so {effect} (said once)"));
+        if !is_missing {
+            return;
+        }
+        let frames = self.frames.entry(effect).or_default();
+        if frames.is_empty() {
+            self.observer.warning(&format!("frame {number}: {what}, so {effect}"));
+        }
+        frames.push(number);
+    }
+}
+
+impl Drop for Missing<'_> {
+    fn drop(&mut self) {
+        for (effect, frames) in self.frames.iter().filter(|(_, frames)| frames.len() > 1) {
+            self.observer.warning(&format!("frames {}: {effect}", in_words(frames)));
         }
     }
+}
+
+/// Rising numbers of frames in words: the first few runs, and how many numbers there are.
+fn in_words(numbers: &[u64]) -> String {
+    const RUNS: usize = 5;
+    let runs: Vec<String> = numbers
+        .chunk_by(|a, b| *b == a + 1)
+        .map(|run| match run {
+            [one] => one.to_string(),
+            [first, .., last] => format!("{first} to {last}"),
+            [] => String::new(),
+        })
+        .collect();
+    let more = if runs.len() > RUNS { format!(", ... ({} in all)", numbers.len()) } else { String::new() };
+    format!("{}{more}", runs[..runs.len().min(RUNS)].join(", "))
 }
 
 /// The virtual layer of a frame.
@@ -525,7 +554,7 @@ pub fn composite(
             && (renders.is_some() || scene.layer_motion == Some(LayerMotion::OfFootage)),
     };
     let mut missing = Missing::new(observer);
-    let mut without_layer = 0;
+    let mut without_layer = vec![];
     // The result is in memory beside the frames that are read.
     let frames = if applied.finds_flow { 4 * FRAME } else { 2 * FRAME };
     let shadows = if renders.is_some() { RENDERS + FLOW } else { 0 };
@@ -538,7 +567,7 @@ pub fn composite(
     let make = |frame: &Frame, neighbours: &Neighbours, sink: &mut dyn Sink| {
         let number = frame.number;
         let Some(FrameLayer { mut layer, overscan }) = layers.get(number, clip.size())? else {
-            without_layer += 1;
+            without_layer.push(number);
             return match product {
                 Product::Composite => sink.put(&frame.image.0),
                 Product::Layer => sink.put_layer(&DistortedLayer::empty(clip.size())),
@@ -571,7 +600,14 @@ pub fn composite(
     warn(observer, layers.warning());
     renders.iter().flatten().for_each(|side| warn(observer, side.warning()));
     scene.holdout.iter().for_each(|side| warn(observer, side.warning()));
-    Ok(Made { without_layer, ..made? })
+    let made = made?;
+    match &without_layer[..] {
+        [] => {}
+        [one] => observer.warning(&format!("frame {one} has no virtual layer and is left as it is")),
+        some => observer
+            .warning(&format!("frames {} have no virtual layer and are left as they are", in_words(some))),
+    }
+    Ok(made)
 }
 
 /// The bytes that a layer takes beyond a frame of this size, where a pixel takes so many.

@@ -74,7 +74,7 @@ impl fmt::Display for Error {
             Self::Clip { clip, error } => write!(f, "{clip}: {error}"),
             Self::NoMatch { side, clip } => write!(
                 f,
-                "{side}: none of the numbers in its files' names is that of a frame of {clip}: give the number of the first frame (--first), other frames (--frames), or rename the files"
+                "{side}: none of the numbers in its files' names is that of a frame of {clip}: give the number of the first frame, other frames, or rename the files"
             ),
             Self::NoSceneScale { name, is_model: false } => {
                 write!(f, "{name}: relative depth must be brought to metres by the scene's scale")

@@ -209,10 +209,12 @@ pub fn estimate(footage: &Footage, job: Job, observer: &dyn Observer) -> Result<
     estimation.model.stopped = stopped;
     if let Some(aspect) = clip.pixel_aspect().filter(|&aspect| aspect != 1.0) {
         estimation.model = estimation.model.measured_in_pixels_of(aspect);
-        estimation.diagnostics.notes.push(format!(
-            "the pixels are {aspect} times as wide as high: the lens was fitted as if its blur in px were round, then converted, so that its \
-             interval is too narrow"
-        ));
+        if estimation.model.defocus.known().is_some() {
+            estimation.diagnostics.notes.push(format!(
+                "the pixels are {aspect:.3} times as wide as high: the lens was fitted as if its blur in px were round, then converted, so that \
+                 its interval is too narrow"
+            ));
+        }
     }
     // Only the lens relates the depth to anything.
     if let (Some(lens), Some((index, depth))) =

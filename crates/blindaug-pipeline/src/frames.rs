@@ -118,8 +118,6 @@ pub struct Made {
     pub frames: u64,
     /// If the observer stopped the job: the numbers of the last frame that was made and of the next one.
     pub stopped: Option<(u64, u64)>,
-    /// The number of frames that had no virtual layer and were left as they are.
-    pub without_layer: u64,
 }
 
 /// Fails if frames of a clip with their accompanying data, `per_pixel` bytes per pixel, and the work on one of them, `work` bytes, do not

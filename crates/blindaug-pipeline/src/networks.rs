@@ -70,7 +70,7 @@ impl Networks {
         let given = footage.has_removed();
         let networks = Self::named(names, family == Family::Removal && !given, observer)?;
         if networks.remove() && (given || family == Family::Spectral) {
-            let why = if given { "such frames are given" } else { "--method spectral removes nothing" };
+            let why = if given { "such frames are given" } else { "the spectral method removes nothing" };
             return Err(Error::Networks(format!("{why}: name only networks of flow and depth")));
         }
         if !networks.is_empty() {

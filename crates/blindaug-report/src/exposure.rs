@@ -23,9 +23,10 @@ pub(crate) fn motion_blur_section(model: &CameraModel, diagnostics: &Diagnostics
                 }
                 Estimate::Unknown(why) => {
                     (unknown(Distortion::MotionBlur, why))
-                    @if let Some(m) = MotionBlurModel::middle(why) { p.soft {
+                    // The middle of all exposures is no better than another one.
+                    @if let Some(m) = MotionBlurModel::middle(why).filter(|m| m.interval[1] - m.interval[0] < 0.95) { p.soft {
                         "A composite that shall have motion blur nevertheless can take the middle of the exposures that fit, "
-                        (number(m.exposure.0.into())) " of the frame interval."
+                        (number(m.exposure.0.into())) " of the frame interval (" code { "composite --unknown middle" } ")."
                     } }
                 },
             }
@@ -107,6 +108,21 @@ pub(crate) fn shutter_card(m: &MotionBlurModel, fps: Option<f64>) -> Card {
         None => format!("open for {} % of each frame", number(100.0 * f64::from(m.exposure.0))),
     };
     let estimated = m.method != Method::Given;
+    // No shutter is open for no time: what may be that short is known from above.
+    if estimated && angles[0] < 0.5 && m.exposure.0 < 0.02 {
+        let most = ExposureFraction(m.interval[1]);
+        return Card {
+            big: format!("below {}° shutter", number(angles[1].ceil())),
+            interval: None,
+            more: match fps {
+                Some(fps) => format!("open for less than {} of each frame", seconds(most.seconds(fps))),
+                None => format!(
+                    "open for less than {} % of each frame",
+                    number((100.0 * f64::from(most.0)).ceil())
+                ),
+            },
+        };
+    }
     Card {
         big: format!("{}° shutter", number(m.exposure.shutter_angle().into())),
         interval: estimated.then(|| interval(angles, "°")),

@@ -28,11 +28,12 @@ pub(crate) fn noise_section(
     track: &CameraTrack,
     samples: &[Sample],
 ) -> Part {
-    let plot = plots::noise(&diagnostics.noise_points, model.noise.known())?;
+    let noise = model.noise.clone().map(NoiseModel::with_agreeing_lines);
+    let plot = plots::noise(&diagnostics.noise_points, noise.known())?;
     Ok(html! {
         section {
             h2 { (heading(Distortion::Noise)) }
-            @match &model.noise {
+            @match &noise {
                 Estimate::Known(m) => {
                     p { "The std of the noise, in steps of an 8-bit image (1/255 of full range), all bands together. Luminance Y runs from 0 (black) to 1 (white)." }
                     (noise_table(m))
@@ -50,12 +51,12 @@ pub(crate) fn noise_section(
                     (channel_key())
                     "· dots: measured"
                     @if diagnostics.noise_points.is_empty() { " (none were kept)" }
-                    @if model.noise.known().is_some() { ", lines: the model, shaded: its 95 % interval" }
+                    @if noise.known().is_some() { ", lines: the model, shaded: its 95 % interval" }
                     ". Each panel has its own scale."
                 } },
                 None => {}
             }
-            @if let Some(m) = model.noise.known() {
+            @if let Some(m) = noise.known() {
                 @if let Some(curves) = m.curves() { p.soft {
                     @let [rg, rb, gb] = curves.levels[0].correlation();
                     "The channels share the finest grain: its correlation is " (number(rg.into())) " of red and green, " (number(rb.into()))

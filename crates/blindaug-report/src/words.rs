@@ -153,11 +153,10 @@ fn noise_words(text: &mut String, noise: &Estimate<NoiseModel>) -> std::fmt::Res
         writeln!(text, "             at luminance {y}: {}, {}, {}", of(0), of(1), of(2))?;
     }
     let clip = short(noise.clip().into());
-    match noise.clip() <= 1.0 {
-        true => writeln!(text, "           none from the encoded value {clip} up, where the sensor clips")?,
-        false => {
-            writeln!(text, "           known up to the encoded value {clip}, where the footage ends")?;
-        }
+    if noise.clip() > 1.0 {
+        writeln!(text, "           known up to the encoded value {clip}, where the footage ends")?;
+    } else if noise.clip() < 0.9995 {
+        writeln!(text, "           none from the encoded value {clip} up, where the sensor clips")?;
     }
     if let Some(curves) = noise.curves() {
         let [rg, rb, gb] = curves.levels[0].correlation();

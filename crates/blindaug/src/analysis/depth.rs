@@ -612,7 +612,10 @@ fn depth_of(
         |of: &dyn Fn(&Sample) -> bool| flat.iter().filter(|s| of(s)).count() as f64 / flat.len() as f64;
     let still = share(&|s| f * length(s.u, s.v) < STILL_PX);
     if still > 0.9 {
-        return Err(Unknown::new(Reason::NoMotion, "nothing moves between the frames"));
+        return Err(Unknown::new(
+            Reason::NoMotion,
+            "less than a tenth of the picture moves between the frames",
+        ));
     }
     if still > STILL {
         return Err(Unknown::new(

@@ -220,7 +220,8 @@ impl Camera {
             lens,
             defocus: defocus.filter(|_| lens.is_some()),
             aperture,
-            noise: match model.noise {
+            // Tools know the lines alone, which must be those of the noise that composites have.
+            noise: match model.noise.map(NoiseModel::with_agreeing_lines) {
                 // Tools add noise to values that are encoded as sRGB.
                 Estimate::Known(noise) if model.transfer != Transfer::Srgb => {
                     left.push(format!(

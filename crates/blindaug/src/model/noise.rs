@@ -175,7 +175,7 @@ impl NoiseModel {
 
     /// The same noise, with lines that do not contradict its curves: those of a channel whose curves lie outside the lines' 95 % interval over
     /// some grey are laid through the curves' std over grey, and the interval holds both.
-    pub(crate) fn with_agreeing_lines(mut self) -> Self {
+    pub fn with_agreeing_lines(mut self) -> Self {
         let Self::Curves(curves) = &self else { return self };
         let contradicted: [bool; 3] = std::array::from_fn(|c| {
             GREYS.into_iter().any(|y| {

@@ -167,8 +167,8 @@ impl CameraModel {
     /// # Errors
     /// If the model holds no depth of its scene, or none at this place.
     pub fn depth_at(&self, place: [f32; 2]) -> Result<f32> {
-        let none = "it holds no depth of its scene, since it was estimated from frames in which nothing told the depth, or with \
-            --track, or by an older version";
+        let none = "it holds no depth of its scene, since it was estimated from frames in which nothing told the depth, or \
+            frame by frame, or by an older version";
         self.scene_depth.as_ref().ok_or_else(|| Error::new(none))?.at(place)
     }
 

@@ -6,7 +6,10 @@ use crate::{
     knobs, pixels,
     shot::Shot,
 };
-use blindaug::{Raster, model::{CameraTrack, PIXEL_ASPECTS}};
+use blindaug::{
+    Raster,
+    model::{CameraTrack, PIXEL_ASPECTS},
+};
 use blindaug_report::words;
 use openfx::sys::{generic::core::*, image_effect_v1::image_effect::*};
 use std::{

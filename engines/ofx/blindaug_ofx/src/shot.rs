@@ -5,7 +5,10 @@ use blindaug::{
     composite::{CompositeOptions, Plate, VirtualLayer, composite, distorted_layer},
     model::{CameraTrack, Estimate, Reason, SceneScale, inverse_of_metric},
 };
-use blindaug_pipeline::{ByHand, Error, composite::{in_metres, naive, sized_to}};
+use blindaug_pipeline::{
+    ByHand, Error,
+    composite::{in_metres, naive, sized_to},
+};
 
 /// What is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -153,10 +156,10 @@ impl Shot<'_> {
     fn fitted(&self) -> Result<CameraModel, String> {
         let Self { size: (width, height), number, proxy, pixel_aspect, settings, .. } = self;
         // A camera is that of the frame of full size.
-        let full = [*width, *height].iter().zip(proxy).map(|(&px, scale)| (px as f32 / scale).round() as usize);
-        let full = full.collect::<Vec<_>>();
+        let [across, down] = proxy.map(f64::from);
+        let full = ((*width as f64 / across).round() as usize, (*height as f64 / down).round() as usize);
         let (mut model, name) = match self.camera {
-            Some((track, name)) => (sized_to(&track.at(*number), (full[0], full[1]), *pixel_aspect), name),
+            Some((track, name)) => (sized_to(&track.at(*number), full, *pixel_aspect), name),
             None => (naive(self.size, Transfer::Srgb), "the camera"),
         };
         if let Some(scale) = settings.scale {
