@@ -129,6 +129,8 @@ pub struct EvidenceWriter {
     folder: PathBuf,
     scene: String,
     saved: SavedEvidence,
+    /// What an earlier run saved there, perhaps of other frames of the same clip.
+    earlier: Option<SavedEvidence>,
 }
 
 /// The name of a scene after the input: that of the folder or file, however its path is written.
@@ -153,6 +155,7 @@ impl EvidenceWriter {
         }
         // A file of an earlier run would speak of other images.
         let path = SavedEvidence::path(folder, &scene);
+        let earlier = SavedEvidence::read(folder, &scene).ok().flatten();
         match std::fs::remove_file(&path) {
             Err(e) if e.kind() != ErrorKind::NotFound => {
                 return Err(Error::new(&path, format!("it cannot be replaced ({e})")));
@@ -167,14 +170,24 @@ impl EvidenceWriter {
             clean: false,
             by_network: false,
         };
-        Ok(Self { folder: folder.into(), scene, saved })
+        Ok(Self { folder: folder.into(), scene, saved, earlier })
     }
 
-    fn path(&self, kind: &str, number: u64, extension: &str) -> Result<PathBuf> {
+    /// The file of a kind of evidence of a frame, in a folder that is made if it `is_there`; else what an earlier run left of it is removed.
+    fn path(&self, kind: &str, number: u64, extension: &str, is_there: bool) -> Result<Option<PathBuf>> {
         let folder = self.folder.join(kind).join(&self.scene);
-        std::fs::create_dir_all(&folder)
-            .map_err(|e| Error::new(&folder, format!("the folder cannot be made ({e})")))?;
-        Ok(folder.join(format!("{number:04}.{extension}")))
+        let path = folder.join(format!("{number:04}.{extension}"));
+        if is_there {
+            std::fs::create_dir_all(&folder)
+                .map_err(|e| Error::new(&folder, format!("the folder cannot be made ({e})")))?;
+            return Ok(Some(path));
+        }
+        match std::fs::remove_file(&path) {
+            Err(e) if ![ErrorKind::NotFound, ErrorKind::NotADirectory].contains(&e.kind()) => {
+                Err(Error::new(&path, format!("it is of an earlier run, and cannot be removed ({e})")))
+            }
+            _ => Ok(None),
+        }
     }
 
     /// Writes a frame, and the frames made from it by removal of noise and blur.
@@ -192,8 +205,8 @@ impl EvidenceWriter {
             ("de_focus_blurred", evidence.clean.or(evidence.defocus_deblurred)),
         ];
         for (kind, image) in images {
-            if let Some(image) = image {
-                write_png16(self.path(kind, number, "png")?, image)?;
+            if let (Some(path), Some(image)) = (self.path(kind, number, "png", image.is_some())?, image) {
+                write_png16(path, image)?;
             }
         }
         Ok(())
@@ -209,17 +222,26 @@ impl EvidenceWriter {
         flow: Option<&Flow>,
         inverse_depth: Option<(&Plane, DepthKind)>,
     ) -> Result<()> {
-        if let Some(flow) = flow {
-            write_flo(self.path("flow", number, "flo")?, flow)?;
+        if let (Some(path), Some(flow)) = (self.path("flow", number, "flo", flow.is_some())?, flow) {
+            write_flo(path, flow)?;
         }
-        if let Some((depth, kind)) = inverse_depth {
-            // The divisor is twice the largest value, since other frames may show nearer objects.
-            let most = || 2.0 * depth.data().iter().copied().filter(|d| d.is_finite()).fold(1e-6, f32::max);
-            let scale = *self.saved.depth_of_largest.get_or_insert_with(most);
+        let path = self.path("depth", number, "png", inverse_depth.is_some())?;
+        if let (Some(path), Some((depth, kind))) = (path, inverse_depth) {
+            let earlier =
+                self.earlier.filter(|e| e.depth_kind == Some(kind)).and_then(|e| e.depth_of_largest);
+            // The divisor is that of frames which an earlier run wrote, or a power of two of at least twice the largest value, since other
+            // frames may show nearer objects.
+            let divisor = || {
+                let largest = depth.data().iter().copied().filter(|d| d.is_finite()).fold(1e-6, f32::max);
+                earlier
+                    .filter(|scale| *scale >= largest)
+                    .unwrap_or_else(|| (2.0 * largest).log2().ceil().exp2())
+            };
+            let scale = *self.saved.depth_of_largest.get_or_insert_with(divisor);
             self.saved.depth_kind = Some(kind);
             // What is infinitely far is the smallest integer that is a reading.
             let stored = |d: f32| if d.is_finite() { (d / scale).max(1.0 / 65535.0) } else { f32::NAN };
-            write_grey16(self.path("depth", number, "png")?, &depth.map(stored))?;
+            write_grey16(path, &depth.map(stored))?;
         }
         Ok(())
     }
@@ -249,5 +271,46 @@ impl EvidenceWriter {
     /// The divisor of the inverse depth that was written; `None` if there was no depth.
     pub fn depth_scale(&self) -> Option<f32> {
         self.saved.depth_of_largest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use blindaug::Raster;
+
+    #[test]
+    fn what_an_earlier_run_left_of_a_frame_is_gone_and_its_unit_of_depth_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let frame = Encoded(Raster::filled(16, 12, [0.5; 3]));
+        let write = |number: u64, clean: bool, nearest: f32| {
+            let mut writer =
+                EvidenceWriter::new(dir.path(), Path::new("clip.mp4"), &Inputs::default()).unwrap();
+            let evidence = Evidence { clean: clean.then_some(&frame), ..Evidence::default() };
+            writer.images(number, &frame, &evidence).unwrap();
+            let depth = Plane::filled(16, 12, nearest);
+            writer.geometry(number, None, Some((&depth, DepthKind::Metric))).unwrap();
+            writer.finish(None).unwrap();
+            writer.depth_scale().unwrap()
+        };
+        let clean = |number: u64| dir.path().join(format!("de_focus_blurred/clip/{number:04}.png")).exists();
+        assert_eq!((write(1, true, 0.3), clean(1)), (1.0, true));
+        // Another part of the clip.
+        assert_eq!((write(2, true, 0.9), clean(1), clean(2)), (1.0, true, true));
+        // The first part anew, without clean frames.
+        assert_eq!((write(1, false, 0.3), clean(1), clean(2)), (1.0, false, true));
+        // What is nearer than any depth in that unit.
+        assert_eq!(write(1, false, 1.1), 4.0);
+    }
+
+    #[test]
+    fn a_scene_has_the_name_of_its_folder_however_it_is_written() {
+        let dir = tempfile::tempdir().unwrap();
+        let shot = dir.path().join("shot");
+        std::fs::create_dir_all(shot.join("a")).unwrap();
+        for path in [shot.clone(), shot.join("a/.."), shot.join("."), dir.path().join("shot.mp4")] {
+            assert_eq!(scene_of(&path), "shot", "{}", path.display());
+        }
+        assert_eq!(scene_of(Path::new("/")), "frames");
     }
 }
