@@ -233,7 +233,7 @@ pub fn run(args: &Estimate) -> Result<()> {
         model,
         args.output.as_deref().unwrap_or(&source),
         format_args!(
-            "stopped: the model rests on frames {} to {}; for the others, run it again with --frames {}..",
+            "stopped: the model rests on frames {} to {}; run it again for all, or with --frames {}.. and another -o for the others",
             fitted.first,
             fitted.last,
             fitted.last + 1

@@ -132,7 +132,7 @@ fn write_one(export: &Exported, output: &Path, inputs: &Inputs) -> Result<()> {
     if let Some(name) = beside.iter().find(|b| same_file(b, &target)) {
         return Err(failure(name, "a texture of this name is written beside it; give another name"));
     }
-    console::check_outputs(inputs, beside.iter().chain([&target]).map(PathBuf::as_path))?;
+    console::check_outputs(inputs, [&target].into_iter().chain(&beside).map(PathBuf::as_path))?;
     let own = Path::new(&first.name).extension().and_then(|e| e.to_str()).unwrap_or_default();
     if target.extension().is_some() && !has_extension(&target, &[own]) {
         return Err(failure(
