@@ -816,6 +816,13 @@ mod tests {
     use blindaug::model::DefocusModel;
 
     #[test]
+    fn numbers_of_frames_are_told_in_runs() {
+        assert_eq!(in_words(&[3]), "3");
+        assert_eq!(in_words(&[3, 4, 5, 9]), "3 to 5, 9");
+        assert_eq!(in_words(&[1, 3, 5, 7, 9, 11, 12]), "1, 3, 5, 7, 9, ... (7 in all)");
+    }
+
+    #[test]
     fn a_camera_takes_the_shape_of_the_plate_s_pixels() {
         let clip = |width, aspect| {
             let frames = vec![Encoded(Raster::filled(width, 48, [0.5; 3]))];

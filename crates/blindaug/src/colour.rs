@@ -24,13 +24,14 @@ impl Premultiplied {
     pub fn from_render(render: Raster<[f32; 4]>) -> Self {
         /// A quarter of the least 8-bit step; renderers leave less where there is nothing.
         const LEAST_LIGHT: f32 = 8e-5;
-        let share = |a: f32| if a.is_nan() { 0.0 } else { a.clamp(0.0, 1.0) };
         Self(render.map(|[r, g, b, a]| {
             let [r, g, b] = [r, g, b].map(|v| finite_light(v, 0.0));
-            match share(a) {
-                0.0 if r.max(g).max(b) > LEAST_LIGHT => [r, g, b, Self::LIGHT_ALONE],
-                a => [r, g, b, a],
-            }
+            let alpha = match a {
+                a if a.is_nan() => 0.0,
+                a if a <= 0.0 && r.max(g).max(b) > LEAST_LIGHT => Self::LIGHT_ALONE,
+                a => a.clamp(0.0, 1.0),
+            };
+            [r, g, b, alpha]
         }))
     }
 
@@ -182,6 +183,16 @@ pub fn luma([r, g, b]: [f32; 3]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_renderers_write_becomes_a_layer() {
+        let of = |pixel: [f32; 4]| Premultiplied::from_render(Raster::filled(1, 1, pixel)).0.at(0, 0);
+        assert_eq!(of([0.5, f32::NAN, -1.0, 1.5]), [0.5, 0.0, 0.0, 1.0]);
+        assert_eq!(of([f32::INFINITY, 0.0, 0.0, 0.5]), [BRIGHTEST, 0.0, 0.0, 0.5]);
+        assert_eq!(of([0.5, 0.0, 0.0, 0.0]), [0.5, 0.0, 0.0, Premultiplied::LIGHT_ALONE]);
+        // What a renderer leaves where there is nothing, and what is no number, is no layer.
+        assert_eq!((of([1e-5, 0.0, 0.0, 0.0])[3], of([0.5, 0.0, 0.0, f32::NAN])[3]), (0.0, 0.0));
+    }
 
     #[test]
     fn bytes_of_colours_and_of_video_become_frames() {

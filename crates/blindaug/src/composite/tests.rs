@@ -74,6 +74,28 @@ fn without_blur_and_noise_it_is_plain_over() {
 }
 
 #[test]
+fn light_without_alpha_is_added_whether_blurred_or_not() {
+    let frame = background();
+    let mut layer = square([0.3, 0.2, 0.1], 1.0, 1.0, [0.0; 2]);
+    let bare = layer.color.0.map(|[r, g, b, _]| [r, g, b, 0.0]);
+    // Negative control: where alpha is 0 there is no layer.
+    layer.color = Premultiplied(bare.clone());
+    let options = CompositeOptions { no_noise: true, ..CompositeOptions::default() };
+    assert_eq!(composite(&plate(&frame), &layer, &camera(), &options).unwrap(), frame);
+    layer.color = Premultiplied::from_render(bare);
+    assert!((layer.color.share_of_light_alone() - 50.0 * 40.0 / (W * H) as f32).abs() < 1e-6);
+    let added = |flow: [f32; 2]| {
+        let layer = VirtualLayer { flow: Some(Flow::filled(W, H, flow)), ..layer.clone() };
+        let out = composite(&plate(&frame), &layer, &camera(), &options).unwrap();
+        let light = |image: &Encoded| image.to_linear(Transfer::Srgb);
+        let (with, without) = (light(&out), light(&frame));
+        with.0.data().iter().zip(without.0.data()).map(|(a, b)| a[0] - b[0]).sum::<f32>()
+    };
+    let whole = 0.3 * 50.0 * 40.0;
+    assert!((added([0.0; 2]) / whole - 1.0).abs() < 0.01 && (added([20.0, 0.0]) / whole - 1.0).abs() < 0.01);
+}
+
+#[test]
 fn the_frame_is_untouched_bit_by_bit_where_nothing_virtual_is_seen() {
     let frame = background();
     let model = with_noise(camera(), 0.05, 0.02, 1.0);

@@ -236,7 +236,7 @@ struct OverGrey {
 
 impl OverGrey {
     /// The weights of lines of single frames and of pairs.
-    const WEIGHTS: (f64, f64) = (0.2, 0.02);
+    const WEIGHTS: (f64, f64) = (0.03, 0.01);
 
     /// Of a level whose lines are these. Those of single frames go through the flattest blocks alone, and tell only how the noise depends on the
     /// luminance: their std is scaled to the mean std of the blocks.
