@@ -238,8 +238,8 @@ impl OverGrey {
     /// The weights of lines of single frames and of pairs.
     const WEIGHTS: (f64, f64) = (0.03, 0.01);
 
-    /// Of a level whose lines are these. Those of single frames go through the flattest blocks alone, and tell only how the noise depends on the
-    /// luminance: their std is scaled to the mean std of the blocks.
+    /// The variance over grey that a level's lines tell. Lines of single frames go through the flattest blocks alone, and tell only how the noise
+    /// depends on the luminance: their std is scaled to the mean std of the blocks.
     fn new(lines: &NoiseLevel, rows: &Rows, single: bool) -> Self {
         let mut variance = KNOTS.map(|y| lines.sigma(y).map(|std| std * std));
         let (of_single, of_pairs) = Self::WEIGHTS;
@@ -709,7 +709,7 @@ mod tests {
             let (white, red) = (over(&told, [0.95; 3]), over(&told, [0.5, 0.2, 0.15]));
             assert!((0.8..1.4).contains(&white) && (red - 1.0).abs() < 0.15, "{single}: {white} {red}");
         }
-        // Negative control: from reds alone the noise over white is taken for three times as strong in all channels.
+        // Negative control: from reds alone, the texture of the bright ones is taken for noise over white.
         assert!(over(&unknown, [0.95; 3]) > 1.5, "{}", over(&unknown, [0.95; 3]));
     }
 }

@@ -165,7 +165,7 @@ impl Copies {
                     && self.frames - last <= longest + 1
                     && 2 * with_gap <= repeated
                     // While one picture stays, there are no others to count.
-                    && ((to.1 - from.1) as u64) < to.0 - from.0 =>
+                    && to.1 - from.1 < to.0 - from.0 =>
             {
                 Some(fps? * (1.0 - (to.1 - from.1) as f64 / (to.0 - from.0) as f64))
             }
