@@ -450,7 +450,7 @@ impl Scene {
             alone > MUCH_LIGHT_ALONE,
             number,
             &format!("{:.0} % of its virtual layer is light where alpha is 0", 100.0 * alone),
-            "that is added, as the light of fire is; if the layer's alpha is straight, premultiply it",
+            "light without alpha is added, as that of fire is (if the layer's alpha is straight, premultiply it)",
         );
         self.complete(layer, overscan, (inverse_depth.as_ref(), flow.as_ref()));
         let is_seen = || layer.color.0.data().iter().any(|p| p[3] > 0.0);

@@ -112,14 +112,11 @@ pub(crate) fn shutter_card(m: &MotionBlurModel, fps: Option<f64>) -> Card {
     if estimated && angles[0] < 0.5 && m.exposure.0 < 0.02 {
         let most = ExposureFraction(m.interval[1]);
         return Card {
-            big: format!("below {}° shutter", number(angles[1].ceil())),
+            big: format!("below {:.0}° shutter", angles[1].ceil()),
             interval: None,
             more: match fps {
                 Some(fps) => format!("open for less than {} of each frame", seconds(most.seconds(fps))),
-                None => format!(
-                    "open for less than {} % of each frame",
-                    number((100.0 * f64::from(most.0)).ceil())
-                ),
+                None => format!("open for less than {:.0} % of each frame", (100.0 * most.0).ceil()),
             },
         };
     }
