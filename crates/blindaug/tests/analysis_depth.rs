@@ -152,7 +152,9 @@ fn a_camera_that_only_turns_tells_no_depth() {
 
 #[test]
 fn nothing_moves() {
-    assert!(reason(&Flow::filled(SIZE.0, SIZE.1, [0.0; 2])).contains("less than a tenth of the picture moves"));
+    assert!(
+        reason(&Flow::filled(SIZE.0, SIZE.1, [0.0; 2])).contains("less than a tenth of the picture moves")
+    );
     assert!(reason(&seen([0.0; 3], [0.0; 3], 0.03)).contains("less than a tenth of the picture moves"));
 }
 
