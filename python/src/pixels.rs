@@ -288,7 +288,7 @@ pub fn layer(
             *p = [r, g, b, p[3]];
         }
     }
-    Ok(Premultiplied::from_render(raster(size, name, pixels)?))
+    Ok(Premultiplied::from_render(&raster(size, name, pixels)?))
 }
 
 /// A sharp render of the local scene, as sRGB in the primaries of the plate: integers are sRGB, floats are light of `space`.

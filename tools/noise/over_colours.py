@@ -8,12 +8,12 @@ photograph, near five luminances, and from eight shots of a grey ramp. A table t
 was found, the number of stds, the median size of their error, and the mean and the rms of its logarithm: over the picture's own colours,
 over greys of a luminance that the picture has, and over others. Needs numpy, scipy and pillow.
 """
-import json, os, subprocess, sys, tempfile
+import json, os, sys, tempfile
 from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from PIL import Image
 from cameras import light_of, shot
-from compare import LUMA
+from compare import LUMA, run
 from single import FEWEST, NEAR, by_chance, without_lowpass
 
 KINDS, SHOTS, RAMPS, GIVEN = 3, 10, 8, 6
@@ -53,7 +53,7 @@ def estimated(blindaug, shots):
         os.mkdir(f"{work}/shots")
         for i, image in enumerate(shots):
             Image.fromarray(image).save(f"{work}/shots/{i + 1:04}.png")
-        subprocess.run([blindaug, "estimate", f"{work}/shots", "-o", f"{work}/camera.json"], check=True, capture_output=True)
+        run(blindaug, "estimate", f"{work}/shots", "-o", f"{work}/camera.json")
         with open(f"{work}/camera.json") as file:
             return json.load(file)["noise"]
 

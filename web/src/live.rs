@@ -255,7 +255,7 @@ fn layer(
     };
     let known = |d: f32| if d > 0.0 { d } else { f32::NAN };
     Ok(VirtualLayer {
-        color: Premultiplied::from_render(raster(color)),
+        color: Premultiplied::from_render(&raster(color)),
         inverse_depth: inverse_depth.map(|d| Plane::from_fn(width, height, |x, y| known(d[y * width + x]))),
         flow: flow.map(|f| {
             Flow::from_fn(width, height, |x, y| {

@@ -103,9 +103,10 @@ pub fn read_virtual_layer(path: impl AsRef<Path>) -> Result<VirtualLayerFile> {
     let not_numbers = few(path, bad_pixels(&planes[..4], Some(&planes[3])))?;
     let rest = &planes[4 + depth.iter().len()..];
     let (width, height) = planes[0].size();
-    let color = Raster::from_fn(width, height, |x, y| [0, 1, 2, 3].map(|c| planes[c].at(x, y)));
+    let pixel = |x: usize, y: usize| [0, 1, 2, 3].map(|c| planes[c].at(x, y));
+    let color = Raster::from_fn(width, height, |x, y| Premultiplied::of_rendered(pixel(x, y)));
     Ok(VirtualLayerFile {
-        color: Premultiplied::from_render(color),
+        color: Premultiplied(color),
         inverse_depth: depth.map(|_| planes[4].map(inverse_of_metric)),
         flow: flow.map(|f| f.join(&rest[0], &rest[1])),
         overscan,

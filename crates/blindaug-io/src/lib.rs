@@ -71,8 +71,8 @@ pub use icc::IccProfile;
 pub use image::{PngWriter, read_frame, read_linear, write_grey16, write_png, write_png16, write_texture};
 pub use limits::{MAX_PIXELS, MAX_SIDE};
 pub use partial::{
-    check_folder, check_writable, is_stream, make_folder, remove_incomplete_files, remove_leftovers_in,
-    write_atomically,
+    cannot_write, check_folder, check_writable, is_stream, make_folder, remove_incomplete_files,
+    remove_leftovers_in, write_atomically,
 };
 pub use pattern::NamePattern;
 pub use sequence::{FrameRange, FrameSource, Frames};

@@ -207,7 +207,7 @@ pub fn remove_incomplete_files() {
 }
 
 /// The error of a file that cannot be written.
-pub(crate) fn cannot_write(path: &Path, e: &std::io::Error) -> Error {
+pub fn cannot_write(path: &Path, e: &std::io::Error) -> Error {
     use std::io::ErrorKind;
     let sentence = match e.kind() {
         ErrorKind::FileTooLarge => {

@@ -11,7 +11,11 @@ use crate::{
     side::Files,
     video::{Video, VideoFrames},
 };
-use blindaug::{Encoded, Frame, Transfer, colour_space::ColourSpace, text::one_line};
+use blindaug::{
+    Encoded, Frame, Transfer,
+    colour_space::ColourSpace,
+    text::{one_line, ranges_in_words},
+};
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -296,7 +300,7 @@ impl FrameSource {
     }
 
     /// The kinds of channels in the first frame's file, if that is an EXR file.
-    pub fn exr_contents(&self) -> Option<ExrContents> {
+    fn exr_contents(&self) -> Option<ExrContents> {
         match &self.kind {
             Kind::Images { files, .. } if self.format.is_exr() => {
                 files.first().and_then(|(_, first)| crate::exr_contents(first).ok())
@@ -693,25 +697,17 @@ fn without_grey_kinds(files: Vec<PathBuf>, notes: &mut Vec<String>) -> Result<Ve
 
 /// A note for the user about the gaps in ascending numbers, if there are any.
 fn missing_numbers(numbers: impl Iterator<Item = u64>) -> Option<String> {
-    const LISTED: usize = 5;
-    let (mut gaps, mut missing, mut last) = (Vec::new(), 0, None::<u64>);
+    let (mut gaps, mut last) = (Vec::new(), None::<u64>);
     for n in numbers {
         if let Some(l) = last.filter(|l| n - l > 1) {
             gaps.push((l + 1, n - 1));
-            missing += n - l - 1;
         }
         last = Some(n);
     }
-    let listed: Vec<String> = gaps
-        .iter()
-        .take(LISTED)
-        .map(|(a, b)| if a == b { a.to_string() } else { format!("{a} to {b}") })
-        .collect();
-    let more = if gaps.len() > LISTED { format!(", ... ({missing} in all)") } else { String::new() };
-    match missing {
-        0 => None,
-        1 => Some(format!("frame {} is missing", listed[0])),
-        _ => Some(format!("frames {}{more} are missing", listed.join(", "))),
+    match gaps[..] {
+        [] => None,
+        [(first, last)] if first == last => Some(format!("frame {first} is missing")),
+        _ => Some(format!("frames {} are missing", ranges_in_words(&gaps))),
     }
 }
 

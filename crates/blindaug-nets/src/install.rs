@@ -5,7 +5,7 @@
 use crate::manifest::{Install, Manifest};
 use crate::network::{MOST_BYTES, Network, sha256};
 use crate::store::Store;
-use blindaug_io::{Error, Result, one_line, read_file, write_atomically};
+use blindaug_io::{Error, Result, cannot_write, one_line, read_file, write_atomically};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -114,13 +114,6 @@ pub fn install(store: &Store, name: &str, from: Option<&Path>, say: &dyn Fn(&str
 fn make_folder(folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)
         .map_err(|e| Error::new(folder, format!("the folder cannot be made ({e})")))
-}
-
-fn cannot_write(path: &Path, error: &std::io::Error) -> Error {
-    Error::new(
-        path,
-        format!("cannot be written ({error}); check the disk's free space and the folder's permissions"),
-    )
 }
 
 fn fetch(install: &Install, sum: Option<&str>, file: &Path, work: &Path, say: &dyn Fn(&str)) -> Result<()> {

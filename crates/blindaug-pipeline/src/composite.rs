@@ -15,6 +15,7 @@ use blindaug::{
         MotionBlurModel, Reason, SceneScale, TrackedCamera,
     },
     synth::{self, SynthesisOptions, distorted_strips},
+    text::ranges_in_words,
 };
 use std::{collections::BTreeMap, time::SystemTime};
 
@@ -262,19 +263,10 @@ impl Drop for Missing<'_> {
     }
 }
 
-/// Rising numbers of frames in words: the first few runs, and how many numbers there are.
+/// Rising numbers of frames in words.
 fn in_words(numbers: &[u64]) -> String {
-    const RUNS: usize = 5;
-    let runs: Vec<String> = numbers
-        .chunk_by(|a, b| *b == a + 1)
-        .map(|run| match run {
-            [one] => one.to_string(),
-            [first, .., last] => format!("{first} to {last}"),
-            [] => String::new(),
-        })
-        .collect();
-    let more = if runs.len() > RUNS { format!(", ... ({} in all)", numbers.len()) } else { String::new() };
-    format!("{}{more}", runs[..runs.len().min(RUNS)].join(", "))
+    let runs = numbers.chunk_by(|a, b| *b == a + 1);
+    ranges_in_words(&runs.map(|run| (run[0], run[run.len() - 1])).collect::<Vec<_>>())
 }
 
 /// The virtual layer of a frame.

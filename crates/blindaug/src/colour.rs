@@ -18,21 +18,24 @@ impl Premultiplied {
     /// The alpha of light that covers nothing, such as that of fire, flares and glows. Where alpha is 0 there is no layer.
     pub const LIGHT_ALONE: f32 = 1e-4;
 
-    /// A layer from premultiplied R, G, B and A in linear light as renderers give them: light becomes [`finite_light`] of at least 0, and
-    /// alpha is clamped to [0, 1], where NaN becomes 0. Light that covers nothing is kept: it gets an alpha of
+    /// A layer from what renderers give ([`Premultiplied::of_rendered`]).
+    pub fn from_render(render: &Raster<[f32; 4]>) -> Self {
+        Self(render.map(Self::of_rendered))
+    }
+
+    /// A pixel of a layer from premultiplied R, G, B and A in linear light as renderers give them: light becomes [`finite_light`] of at least 0,
+    /// and alpha is clamped to [0, 1], where NaN becomes 0. Light that covers nothing is kept: it gets an alpha of
     /// [`LIGHT_ALONE`](Self::LIGHT_ALONE).
-    pub fn from_render(render: Raster<[f32; 4]>) -> Self {
+    pub fn of_rendered([r, g, b, a]: [f32; 4]) -> [f32; 4] {
         /// A quarter of the least 8-bit step; renderers leave less where there is nothing.
         const LEAST_LIGHT: f32 = 8e-5;
-        Self(render.map(|[r, g, b, a]| {
-            let [r, g, b] = [r, g, b].map(|v| finite_light(v, 0.0));
-            let alpha = match a {
-                a if a.is_nan() => 0.0,
-                a if a <= 0.0 && r.max(g).max(b) > LEAST_LIGHT => Self::LIGHT_ALONE,
-                a => a.clamp(0.0, 1.0),
-            };
-            [r, g, b, alpha]
-        }))
+        let [r, g, b] = [r, g, b].map(|v| finite_light(v, 0.0));
+        let alpha = match a {
+            a if a.is_nan() => 0.0,
+            a if a <= 0.0 && r.max(g).max(b) > LEAST_LIGHT => Self::LIGHT_ALONE,
+            a => a.clamp(0.0, 1.0),
+        };
+        [r, g, b, alpha]
     }
 
     /// The share of the pixels with light that covers nothing, in [0, 1].
@@ -186,7 +189,7 @@ mod tests {
 
     #[test]
     fn what_renderers_write_becomes_a_layer() {
-        let of = |pixel: [f32; 4]| Premultiplied::from_render(Raster::filled(1, 1, pixel)).0.at(0, 0);
+        let of = |pixel: [f32; 4]| Premultiplied::from_render(&Raster::filled(1, 1, pixel)).0.at(0, 0);
         assert_eq!(of([0.5, f32::NAN, -1.0, 1.5]), [0.5, 0.0, 0.0, 1.0]);
         assert_eq!(of([f32::INFINITY, 0.0, 0.0, 0.5]), [BRIGHTEST, 0.0, 0.0, 0.5]);
         assert_eq!(of([0.5, 0.0, 0.0, 0.0]), [0.5, 0.0, 0.0, Premultiplied::LIGHT_ALONE]);

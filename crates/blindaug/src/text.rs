@@ -58,6 +58,20 @@ pub fn why_not_json(text: &str, error: &serde_json::Error) -> String {
 /// The number of significant digits of numbers in files.
 const DIGITS: usize = 6;
 
+/// Ranges of whole numbers, both ends included, such as `3 to 5, 9`. Of many ranges the first few stand for all, and how many numbers these are is
+/// told.
+pub fn ranges_in_words(ranges: &[(u64, u64)]) -> String {
+    const LISTED: usize = 5;
+    let listed: Vec<String> = ranges
+        .iter()
+        .take(LISTED)
+        .map(|(a, b)| if a == b { a.to_string() } else { format!("{a} to {b}") })
+        .collect();
+    let all: u64 = ranges.iter().map(|(a, b)| b - a + 1).sum();
+    let more = if ranges.len() > LISTED { format!(", ... ({all} in all)") } else { String::new() };
+    format!("{}{more}", listed.join(", "))
+}
+
 /// The number with six significant digits: beyond those lie the errors of arithmetic with f32, which make 0.48 a 0.47999998.
 pub fn rounded(v: f32) -> f32 {
     format!("{v:.*e}", DIGITS - 1).parse().unwrap_or(v)

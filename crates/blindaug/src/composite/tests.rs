@@ -82,7 +82,7 @@ fn light_without_alpha_is_added_whether_blurred_or_not() {
     layer.color = Premultiplied(bare.clone());
     let options = CompositeOptions { no_noise: true, ..CompositeOptions::default() };
     assert_eq!(composite(&plate(&frame), &layer, &camera(), &options).unwrap(), frame);
-    layer.color = Premultiplied::from_render(bare);
+    layer.color = Premultiplied::from_render(&bare);
     assert!((layer.color.share_of_light_alone() - 50.0 * 40.0 / (W * H) as f32).abs() < 1e-6);
     let added = |flow: [f32; 2]| {
         let layer = VirtualLayer { flow: Some(Flow::filled(W, H, flow)), ..layer.clone() };

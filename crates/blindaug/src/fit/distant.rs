@@ -19,7 +19,7 @@ use std::sync::OnceLock;
 
 /// The distance between the two frames of a pair, in frame intervals. Coders renew most of the noise within it, and most of the picture can
 /// still be found again.
-pub(super) const DISTANCES: RangeInclusive<usize> = 12..=24;
+const DISTANCES: RangeInclusive<usize> = 12..=24;
 
 /// The least distance that short footage is content with.
 const SHORTEST: usize = 4;

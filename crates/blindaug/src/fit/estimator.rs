@@ -325,7 +325,9 @@ impl Estimator {
         let mut still = false;
         let to_neighbour = flow.as_deref().filter(|_| evidence.flow.is_none() || next.is_some());
         if let (Some(flow), Some((other, _))) = (to_neighbour, neighbour) {
-            still = kept.temporal.add_pair_in_turn(frame, other, flow, self.noise_turn(order))?;
+            let turns = self.noise_turns();
+            let turn = (order / self.stride % turns, turns);
+            still = kept.temporal.add_pair_in_turn(frame, other, flow, turn)?;
             let was_still = last.as_ref().is_some_and(|l| l.still);
             if let (true, Some(before), Some(next)) = (still && was_still, previous, next) {
                 kept.temporal.add_successive([before, frame, next]);
@@ -340,7 +342,7 @@ impl Estimator {
                 recent.for_each(|f| all.merge(&f.temporal));
                 all.may_hide_noise()
             };
-            let (_, turns) = self.noise_turn(order);
+            let turns = self.noise_turns();
             self.distant.push((order, frame), hides_noise, &mut self.follower, turns)?;
         }
         if !kept.temporal.is_enough() {
@@ -486,13 +488,12 @@ impl Estimator {
         (error, turned.flatten())
     }
 
-    /// Which of how many parts of a frame's rows its noise is measured in: all of a frame of at most [`NOISE_WHOLE`] px, of a larger one a
-    /// part, another in each frame that is looked at, if there are enough of them that each part is seen [`NOISE_SEEN`] times.
-    fn noise_turn(&self, order: usize) -> (usize, usize) {
+    /// The number of parts of a frame's rows, in one of which its noise is measured: 1 for a frame of at most [`NOISE_WHOLE`] px, more for a
+    /// larger one, if so many frames are looked at that each part is seen [`NOISE_SEEN`] times.
+    fn noise_turns(&self) -> usize {
         let (width, height) = self.size.unwrap_or_default();
         let turns = (height / NOISE_ROWS).min(self.expected / self.stride / NOISE_SEEN);
-        let turns = if width * height > NOISE_WHOLE { turns.max(1) } else { 1 };
-        (order / self.stride % turns, turns)
+        if width * height > NOISE_WHOLE { turns.max(1) } else { 1 }
     }
 
     /// The inverse depth of a frame: the given one, else that from parallax, else `None`.

@@ -342,7 +342,7 @@ impl NoiseEvidence {
             method: self.method,
             samples: self.len() as u64,
         };
-        let kind = curves::Evidence { pure, of_single_frames, prior: single.as_ref() };
+        let kind = curves::BlockKind { pure, of_single_frames, prior: single.as_ref() };
         let model = match curves::fit(&self.blocks(pure), lines.clone(), kind, most) {
             Some(curves) => NoiseModel::Curves(Box::new(NoiseCurves {
                 temporal_correlation: if pure { self.temporal_correlation() } else { 0.0 },

@@ -110,10 +110,10 @@ impl Shot<'_> {
         };
         let layer = match self.layer {
             Some(color) => VirtualLayer {
-                color: Premultiplied::from_render(match linear {
-                    true => color,
-                    false => Premultiplied::from_encoded(&color, t).0,
-                }),
+                color: match linear {
+                    true => Premultiplied::from_render(&color),
+                    false => Premultiplied::from_render(&Premultiplied::from_encoded(&color, t).0),
+                },
                 inverse_depth: self.depth.map(|z| -> Plane { z.map(|z| inverse_of_metric(z[0])) }),
                 flow: self.motion.map(|motion| -> Flow {
                     let down = if settings.motion_up { -1.0 } else { 1.0 };

@@ -108,7 +108,7 @@ pub(super) const ENOUGH: usize = 6000;
 
 /// What is known of the blocks through which curves are laid.
 #[derive(Clone, Copy)]
-pub(super) struct Evidence<'a> {
+pub(super) struct BlockKind<'a> {
     /// Whether the residuals hold nothing but noise.
     pub pure: bool,
     /// Whether they are the flattest blocks of single frames that no coder made.
@@ -121,7 +121,7 @@ pub(super) struct Evidence<'a> {
 pub(super) fn fit(
     levels: &[Vec<Block>; NOISE_LEVELS],
     lines: NoiseLines,
-    Evidence { pure, of_single_frames, prior }: Evidence,
+    BlockKind { pure, of_single_frames, prior }: BlockKind,
     most: usize,
 ) -> Option<NoiseCurves> {
     let measured = if prior.is_some() { 1 } else { NOISE_LEVELS };
